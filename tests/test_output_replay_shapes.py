@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose
 
 from signid.output.replay.poses import axis, movers
 from signid.output.replay.shapes import look
-from signid.output.replay.simplify import share, simplify
-from signid.output.replay.solids import Triangles, between, box, capsule, cylinder
+from signid.output.replay.solids import Triangles, between, box, capsule, cylinder, share, simplify
 from signid.robot import load_robot
 
 

@@ -59,11 +59,8 @@ def fixed_note(robot: Robot, consequence: str) -> list[str]:
         for name, joint in list(zip(robot.model.names, robot.model.joints, strict=True))[1:]
         if not driven[joint.idx_v : joint.idx_v + joint.nv].any()
     ]
-    return (
-        [f"{shorten(names)} {'is' if len(names) == 1 else 'are'} held fixed in the model: {consequence}"]
-        if names
-        else []
-    )
+    be = "is" if len(names) == 1 else "are"
+    return [f"{shorten(names)} {be} held fixed in the model: {consequence}"] if names else []
 
 
 def remarks(lines: Iterable[str]) -> str:

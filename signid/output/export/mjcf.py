@@ -4,21 +4,49 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ...model import Model
+from ...robot import configuration
+from ...robot.configuration import is_plain
 from ...robot.dynamics import joint_of_row, own_row
-from ...types import Law, Robot
+from ...types import Array, Law, Robot
 from .beyond import BODIES, Exported, commented, fixed_note, held, lacking, summed
-from .inertial import LEAST, Principal
-from .places import AxisPlace, Follower, followers, places
-from .possible import PossibleBodies, possible_bodies
-from .shapes import Shapes, quaternion, read_shapes, words
+from .bodies import LEAST, PossibleBodies, Principal, possible_bodies, quaternion
+from .shapes import Shapes, read_shapes, words
 
 _NUMBERS = {"damping": "viscous_friction", "frictionloss": "coulomb_friction", "armature": "armature"}
 _DENSITY = 2700.0  # density at which a payload is drawn [kg/m3]
+
+
+class _AxisPlace(NamedTuple):
+    """A joint axis: its row in the model, and its pose in the body."""
+
+    row: int
+    name: str
+    slide: bool
+    at: Array  # (3,) [m]
+    direction: Array  # (3,) [1]
+
+
+class _Place(NamedTuple):
+    """A body: parent joint of the model, pose in the parent at zero, and axes."""
+
+    parent: int
+    pose: Any  # pin.SE3
+    axes: tuple[_AxisPlace, ...]
+
+
+class _Follower(NamedTuple):
+    """A mimic joint: position = offset + scale * position of the leader."""
+
+    name: str
+    leader: str
+    offset: float
+    scale: float
 
 
 def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exported:
@@ -26,16 +54,12 @@ def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exporte
 
     Mimic joints become equality constraints. Shapes are visual only: mass comes from inertials, and nothing collides.
 
-    Args:
-        model: rigid bodies and laws.
-        package_dirs: folders to search for meshes.
-
     Raises:
         RobotError: no physically consistent bodies, as MuJoCo requires, give the torque of the model.
     """
     from lxml import etree
 
-    robot, bodies, follow = model.robot, possible_bodies(model), followers(model.robot)
+    robot, bodies, follow = model.robot, possible_bodies(model), _followers(model.robot)
     shapes = read_shapes(robot, package_dirs)
     root = etree.Element("mujoco", model=robot.name)
     etree.SubElement(root, "compiler", angle="radian", autolimits="true")
@@ -76,7 +100,7 @@ def _tree(world: Any, model: Model, shapes: Shapes, bodies: PossibleBodies) -> N
 
     robot, nodes = model.robot, [world]
     _each_shape(world, shapes, 0)
-    for i, (place, link, body) in enumerate(zip(places(robot), robot.links, bodies.links, strict=True), 1):
+    for i, (place, link, body) in enumerate(zip(_places(robot), robot.links, bodies.links, strict=True), 1):
         pose = {"pos": words(place.pose.translation), "quat": words(quaternion(place.pose.rotation))}
         node = etree.SubElement(nodes[place.parent], "body", name=link, **pose)
         etree.SubElement(node, "inertial", _inertial(body))
@@ -108,7 +132,7 @@ def _inertial(body: Principal) -> dict[str, str]:
     return {**pose, "mass": repr(body.mass), "diaginertia": words(body.moments)}
 
 
-def _joint(model: Model, axis: AxisPlace) -> dict[str, str]:
+def _joint(model: Model, axis: _AxisPlace) -> dict[str, str]:
     robot = model.robot
     stated = {"name": axis.name, "type": "slide" if axis.slide else "hinge", "axis": words(axis.direction)}
     if np.any(axis.at):
@@ -152,16 +176,15 @@ def _motors(model: Model) -> list[dict[str, str]]:
     ]
 
 
-def _notes(model: Model, follow: Sequence[Follower], bodies: PossibleBodies) -> list[str]:
+def _notes(model: Model, follow: Sequence[_Follower], bodies: PossibleBodies) -> list[str]:
     robot = model.robot
     notes = fixed_note(robot, "they are rigid in the MJCF")
     if beyond := lacking(robot, model.laws, mjcf_laws(model)):
         notes.append(f"an MJCF cannot hold {beyond}")
     if np.isfinite(robot.velocity_limit).any():
         notes.append("an MJCF cannot hold velocity limits")
-    if half := [
-        x for x, *ends in zip(robot.joints, robot.lower, robot.upper, strict=True) if np.isfinite(ends).sum() == 1
-    ]:
+    ends = zip(robot.joints, np.isfinite(robot.lower), np.isfinite(robot.upper), strict=True)
+    if half := [joint for joint, low, high in ends if low != high]:
         notes.append(f"an MJCF cannot hold a range with one end: {', '.join(half)}")
     if follow:
         each = ", ".join(f"{f.name} of {f.leader}" for f in follow)
@@ -170,3 +193,49 @@ def _notes(model: Model, follow: Sequence[Follower], bodies: PossibleBodies) -> 
     if empty := [link for link, body in zip(robot.links, bodies.links, strict=True) if body.mass <= LEAST]:
         notes.append(f"massless links get {LEAST:g} kg, since MuJoCo rejects zero mass: {', '.join(empty)}")
     return notes
+
+
+def _places(robot: Robot) -> list[_Place]:
+    """List the bodies of the model; held joints are part of the pose of their body."""
+    at_zero = configuration(robot, np.zeros(len(robot.joints)))
+    leaders = {own_row(robot, j): name for j, name in enumerate(robot.joints)}
+    found = []
+    for i in range(1, robot.model.njoints):
+        pose, frames = robot.model.jointPlacements[i], []
+        for joint, before in _parts(robot.model.joints[i]):
+            pose = pose * before
+            state = joint.createData()
+            joint.calc(state, at_zero)
+            if robot.drive[joint.idx_v : joint.idx_v + joint.nv].any():
+                frames.append((joint.idx_v, pose, np.asarray(state.S, float).reshape(6, -1)[:, 0]))
+            else:
+                pose = pose * state.M
+        name = str(robot.model.names[i])
+        axes = [_axis(leaders.get(row, name), row, pose.actInv(frame), axis) for row, frame, axis in frames]
+        found.append(_Place(int(robot.model.parents[i]), pose, tuple(axes)))
+    return found
+
+
+def _followers(robot: Robot) -> list[_Follower]:
+    """List the mimic joints."""
+    own = {own_row(robot, j) for j in range(len(robot.joints))}
+    return [
+        _Follower(axis.name, robot.joints[j], float(robot.rest[axis.row]), float(robot.drive[axis.row, j]))
+        for place in _places(robot)
+        for axis in place.axes
+        if axis.row not in own
+        for j in np.flatnonzero(robot.drive[axis.row])[:1]
+    ]
+
+
+def _parts(joint: Any) -> list[tuple[Any, Any]]:
+    """Parts of a composite joint with their relative placements, or the joint itself."""
+    if joint.shortname() != "JointModelComposite" or not is_plain(joint):
+        return [(joint, pin.SE3.Identity())]
+    whole = joint.extract()
+    return list(zip(whole.joints, whole.jointPlacements, strict=True))
+
+
+def _axis(name: str, row: int, frame: Any, motion: Array) -> _AxisPlace:
+    slide = bool(np.any(motion[:3]))
+    return _AxisPlace(row, name, slide, frame.translation, frame.rotation @ (motion[:3] if slide else motion[3:]))

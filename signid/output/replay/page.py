@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from html import escape
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 
 from ...errors import OptionError
 from ...types import Array, Frozen, Robot
+from ..report.results.documents import position_units, torque_units
 from .marks import Mark
 from .shapes import Look
 from .track import Track
@@ -46,8 +47,23 @@ class Replay(Frozen):
     notes: tuple[str, ...]
 
     def page(self) -> str:
-        """Render a self-contained HTML file, reproducible to the byte."""
-        return replay_page(self)
+        """Render a self-contained HTML file, reproducible to the byte.
+
+        Raises:
+            OptionError: the package meshcat is not installed.
+        """
+        blob = _Blob()
+        content = _content(self, blob)
+        filled = {
+            "TITLE": escape(self.title),
+            "STYLE": (HERE / "page.css").read_text(encoding="utf-8"),
+            "MESHCAT": _viewer(),
+            "CONTENT": json.dumps(content, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c"),
+            "BLOB": blob.text(),
+            "PLAYER": "\n".join((HERE / name).read_text(encoding="utf-8") for name in PARTS),
+        }
+        pieces = (HERE / "page.html").read_text(encoding="utf-8").split("%%")
+        return "".join(filled.get(piece, piece) for piece in pieces)
 
     def document(self) -> dict[str, Any]:
         """Residual torque and position error of the original and the extended simulation, as JSON."""
@@ -57,8 +73,8 @@ class Replay(Frozen):
             "schema": "signid.replay/1",
             "robot": self.robot.name,
             "joints": list(self.robot.joints),
-            "unit": ["m" if slides else "rad" for slides in self.robot.prismatic],
-            "torque_unit": ["N" if slides else "N.m" for slides in self.robot.prismatic],
+            "unit": position_units(self.robot),
+            "torque_unit": torque_units(self.robot),
             "start": float(track.t[0]),
             "end": float(track.t[-1]),
             "frames": len(track.t),
@@ -66,7 +82,7 @@ class Replay(Frozen):
             "residual_rms": [_rms(residual).tolist() for residual in track.residual],
             "strayed_rms": [_rms(error).tolist() for error in strayed],
             "apart": track.apart.mean(axis=1).tolist(),
-            "marks": [mark.document() for mark in self.marks],
+            "marks": [asdict(mark) for mark in self.marks],
             "notes": list(self.notes),
         }
 
@@ -77,48 +93,21 @@ class Replay(Frozen):
         return Live(self.page())
 
 
-def replay_page(replay: Replay) -> str:
-    """Render a self-contained page, reproducible to the byte.
-
-    Args:
-        replay: replay.
-
-    Raises:
-        OptionError: the package meshcat is not installed.
-    """
-    blob = _Blob()
-    content = _content(replay, blob)
-    scripts = "\n".join((HERE / name).read_text(encoding="utf-8") for name in PARTS)
-    filled = {
-        "TITLE": escape(replay.title),
-        "STYLE": (HERE / "page.css").read_text(encoding="utf-8"),
-        "MESHCAT": _viewer(),
-        "CONTENT": json.dumps(content, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c"),
-        "BLOB": blob.text(),
-        "PLAYER": scripts,
-    }
-    pieces = (HERE / "page.html").read_text(encoding="utf-8").split("%%")
-    return "".join(filled.get(piece, piece) for piece in pieces)
-
-
 class _Blob:
     """Concatenated arrays, each aligned to four bytes."""
 
     def __init__(self) -> None:
-        self.parts: list[bytes] = []
-        self.size = 0
+        self.data = bytearray()
 
     def put(self, values: Any, kind: str) -> dict[str, Any]:
         """Append an array as f4, u4 or i2, little-endian; return its place."""
         data = np.ascontiguousarray(values, dtype=f"<{kind}").tobytes()
-        place = {"at": self.size, "count": int(np.size(values)), "kind": kind}
-        data += b"\0" * (-len(data) % 4)
-        self.parts.append(data)
-        self.size += len(data)
+        place = {"at": len(self.data), "count": int(np.size(values)), "kind": kind}
+        self.data += data + b"\0" * (-len(data) % 4)
         return place
 
     def text(self) -> str:
-        return b64encode(b"".join(self.parts)).decode("ascii")
+        return b64encode(self.data).decode("ascii")
 
 
 def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
@@ -136,8 +125,8 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "frames": len(track.t),
         "simulations": len(replay.simulated),
         "joints": [
-            {"name": name, "unit": "N" if slides else "N.m", "torque": rms if np.isfinite(rms) else None}
-            for name, slides, rms in zip(robot.joints, robot.prismatic.tolist(), track.torque.tolist(), strict=True)
+            {"name": name, "unit": unit, "torque": rms if np.isfinite(rms) else None}
+            for name, unit, rms in zip(robot.joints, torque_units(robot), track.torque.tolist(), strict=True)
         ],
         "scale": _scale(replay),
         "bodies": [_body(replay, k, blob) for k in range(len(replay.bodies))],
@@ -146,7 +135,7 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "window": blob.put(track.window, "i2" if track.window.max(initial=0) < 2**15 else "u4"),
         "residual": [blob.put(residual, "f4") for residual in track.residual],
         "apart": [blob.put(flags, "i2") for flags in track.apart],
-        "marks": [mark.document() for mark in replay.marks],
+        "marks": [asdict(mark) for mark in replay.marks],
     }
 
 
@@ -187,7 +176,7 @@ def _rotated(quaternion: Any, points: Any) -> Any:
 def _scale(replay: Replay) -> dict[str, float]:
     """Rounded ends of the colour scale, per torque unit and for the share of each joint's torque."""
     size = np.abs(replay.track.residual[0])
-    units = np.array(["N" if slides else "N.m" for slides in replay.robot.prismatic])
+    units = np.array(torque_units(replay.robot))
     found = {unit: _round(size[:, units == unit]) for unit in dict.fromkeys(units.tolist())}
     return {**found, "share": _round(size / replay.track.torque)}
 

@@ -16,10 +16,7 @@ from ...types import Array, Robot
 def poses(robot: Robot, q: Array, bodies: Sequence[int]) -> Array:
     """Compute position [m] and quaternion x, y, z, w [1] of bodies in the world, (F, len(bodies), 7).
 
-    Args:
-        robot: robot.
-        q: (F, n) [rad or m]; NaN gives NaN.
-        bodies: joints of the model that carry the bodies.
+    The positions q: (F, n) [rad or m] may be NaN; bodies are named by the joints of the model that carry them.
     """
     model, data = robot.model, robot.model.createData()
     out = np.full((len(q), len(bodies), 7), np.nan)

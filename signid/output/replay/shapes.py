@@ -12,9 +12,9 @@ from ...errors import shorten
 from ...robot.description.document import children, parse
 from ...robot.meshes import find_mesh
 from ...types import Array, Robot
+from ..geometry import origin, vector
 from .poses import own_axis
-from .simplify import share, simplify
-from .solids import Triangles, between, box, capsule, cylinder, joined
+from .solids import Triangles, between, box, capsule, cylinder, joined, share, simplify
 
 MOST = 300_000  # maximum number of triangles per robot
 THICK, TAPER = 0.055, 0.93  # radius of the first generated link over the reach; radius of each link over the previous
@@ -30,12 +30,7 @@ class Look(NamedTuple):
 
 
 def look(robot: Robot, package_dirs: Sequence[str | Path] = ()) -> Look:
-    """Collect visual shapes, or collision shapes, or generated capsules if neither can be read.
-
-    Args:
-        robot: robot whose description is read.
-        package_dirs: folders that hold packages with meshes.
-    """
+    """Collect visual shapes, or collision shapes, or generated capsules if neither can be read."""
     parts: dict[int, list[Triangles]] = {}
     missing: dict[int, list[str]] = {}
     if robot.kind == "urdf":
@@ -44,9 +39,7 @@ def look(robot: Robot, package_dirs: Sequence[str | Path] = ()) -> Look:
             missing.setdefault(body, []).extend(lost)
     known = {body: joined(some) for body, some in parts.items() if some}
     bare = {body: shape for body, shape in _generated(robot).items() if body not in known}
-    plain = {
-        body: shape for body, shape in bare.items() if not known or missing.get(body)
-    }  # others have none on purpose
+    plain = {body: shape for body, shape in bare.items() if not known or missing.get(body)}  # others: none on purpose
     lost = list(dict.fromkeys(name for names in missing.values() for name in names))
     notes = [f"meshes missing or unreadable: {shorten(lost, 4)}"] if lost else []
     drawn = [str(robot.model.names[body]) for body in plain if body]
@@ -62,10 +55,8 @@ def reach(robot: Robot) -> float:
     for joint in range(1, model.njoints):
         step = float(np.linalg.norm(model.jointPlacements[joint].translation))
         far[joint] = far[model.parents[joint]] + step
-        lever = float(np.linalg.norm(model.inertias[joint].lever)) if model.inertias[joint].mass > 0 else 0.0
-        far[joint] = (
-            max(far[joint], far[model.parents[joint]] + step + 2 * lever) if _leaf(model, joint) else far[joint]
-        )
+        if _leaf(model, joint) and model.inertias[joint].mass > 0:
+            far[joint] += 2 * float(np.linalg.norm(model.inertias[joint].lever))
     return float(far.max()) or 1.0
 
 
@@ -87,20 +78,11 @@ def _stated(robot: Robot, package_dirs: Sequence[str | Path]) -> Iterator[tuple[
             for element in children(link, kind):
                 shape = _shape(element, robot, package_dirs, lost)
                 if shape is not None:
-                    put = frame.placement * _origin(element)
+                    put = frame.placement * origin(element)
                     found.append(shape.moved(put.rotation, put.translation))
             if found:
                 break
         yield frame.parentJoint, found, lost
-
-
-def _origin(element: Any) -> Any:
-    import pinocchio as pin
-
-    for origin in children(element, "origin"):
-        turn = pin.rpy.rpyToMatrix(_vector(origin.get("rpy"), np.zeros(3)))
-        return pin.SE3(turn, _vector(origin.get("xyz"), np.zeros(3)))
-    return pin.SE3.Identity()
 
 
 def _shape(element: Any, robot: Robot, package_dirs: Sequence[str | Path], lost: list[str]) -> Triangles | None:
@@ -109,26 +91,17 @@ def _shape(element: Any, robot: Robot, package_dirs: Sequence[str | Path], lost:
             if item.tag == "mesh":
                 name = item.get("filename") or ""
                 path = find_mesh(name, robot.path, package_dirs)
-                mesh = None if path is None else read_mesh(path, _vector(item.get("scale"), np.ones(3)))
+                mesh = None if path is None else _read_mesh(path, vector(item.get("scale"), 3, 1.0))
                 lost += [Path(name).name] if mesh is None else []
                 return mesh
-            radius, length = (_vector(item.get(key), np.zeros(1))[0] for key in ("radius", "length"))
+            radius, length = (vector(item.get(key), 1)[0] for key in ("radius", "length"))
             if item.tag == "box":
-                return box(_vector(item.get("size"), np.zeros(3)))
+                return box(vector(item.get("size"), 3))
             if item.tag == "cylinder":
                 return cylinder(radius, length)
             if item.tag in ("sphere", "capsule"):
                 return capsule(radius, length)
     return None
-
-
-def _vector(text: str | None, default: Array) -> Array:
-    """Parse the numbers of an attribute, (k,) [unit of the attribute]; the default if missing or invalid."""
-    try:
-        found = np.array([float(word) for word in (text or "").split()])
-    except ValueError:
-        return default
-    return found if len(found) == len(default) and np.isfinite(found).all() else default
 
 
 def _generated(robot: Robot) -> dict[int, Triangles]:
@@ -151,13 +124,8 @@ def _generated(robot: Robot) -> dict[int, Triangles]:
     return {body: joined(some) for body, some in sorted(parts.items())}
 
 
-def read_mesh(path: Path, scale: Array) -> Triangles | None:
-    """Read the triangles of an STL, OBJ, Collada or other mesh file with merged vertices; None if unreadable.
-
-    Args:
-        path: mesh file.
-        scale: (3,) [1], negative for mirrored axes.
-    """
+def _read_mesh(path: Path, scale: Array) -> Triangles | None:
+    """Triangles of an STL, OBJ, Collada or other mesh file with merged vertices; None if unreadable."""
     import coal
 
     try:

@@ -1,4 +1,4 @@
-"""Triangle meshes of boxes, cylinders, spheres and capsules, centred and along z."""
+"""Triangle meshes: boxes, cylinders, spheres and capsules, centred and along z; simplification."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 from ...types import Array, Indices
 
 ROUND = 24  # number of sides of round solids
+HALVINGS = 12  # number of bisections of the cell size of a simplification
+FINEST = 1e-3  # smallest cell size, relative to the mesh
 
 
 class Triangles(NamedTuple):
@@ -43,14 +45,7 @@ def capsule(radius: float, length: float) -> Triangles:
 
 
 def between(start: Array, end: Array, radius: float, round_ends: bool = True) -> Triangles:
-    """Capsule or cylinder from one point to another.
-
-    Args:
-        start: (3,) [m].
-        end: (3,) [m].
-        radius: radius [m].
-        round_ends: capsule instead of cylinder.
-    """
+    """Capsule or cylinder between two points; start: (3,) [m], end: (3,) [m]."""
     start, end = np.asarray(start, float), np.asarray(end, float)
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length if length > 0 else np.array([0.0, 0.0, 1.0])
@@ -70,9 +65,8 @@ def joined(parts: list[Triangles]) -> Triangles:
 def _turned(r: Array, z: Array) -> Triangles:
     """Surface of revolution of a profile r (k,), z (k,) [m] about z, from pole to pole."""
     angle = 2 * np.pi * np.arange(ROUND) / ROUND
-    rings = [
-        np.column_stack([a * np.cos(angle), a * np.sin(angle), np.full(ROUND, h)]) for a, h in zip(r, z, strict=True)
-    ]
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    rings = [np.column_stack([a * circle, np.full(ROUND, h)]) for a, h in zip(r, z, strict=True)]
     i, after = np.arange(ROUND), (np.arange(ROUND) + 1) % ROUND
     faces = []
     for k in range(len(r) - 1):
@@ -82,3 +76,44 @@ def _turned(r: Array, z: Array) -> Triangles:
         if r[k] == 0:
             faces[-1] = np.column_stack([low + i, high + after, high + i])
     return Triangles(np.concatenate(rings), np.concatenate(faces))
+
+
+def simplify(mesh: Triangles, most: int) -> Triangles:
+    """Simplify a mesh to a maximum number of triangles, by vertex clustering on a grid.
+
+    Source: Rossignac, Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
+    """
+    if len(mesh.faces) <= most:
+        return mesh
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    fine, coarse = np.log(FINEST * size), np.log(size)
+    best = _clustered(mesh, size)
+    for _ in range(HALVINGS):
+        middle = (fine + coarse) / 2
+        found = _clustered(mesh, float(np.exp(middle)))
+        if len(found.faces) > most:
+            fine = middle
+        else:
+            coarse, best = middle, found
+    return best
+
+
+def share(counts: list[int], most: int) -> list[int]:
+    """Distribute a maximum number of triangles over meshes; the largest are reduced first."""
+    left, keep = most, [0] * len(counts)
+    for rank, k in enumerate(sorted(range(len(counts)), key=lambda k: counts[k])):
+        keep[k] = min(counts[k], left // (len(counts) - rank))
+        left -= keep[k]
+    return keep
+
+
+def _clustered(mesh: Triangles, cell: float) -> Triangles:
+    place = np.floor((mesh.vertices - mesh.vertices.min(axis=0)) / cell).astype(np.int64)
+    _, group = np.unique(place @ np.array([1, 1 << 20, 1 << 40]), return_inverse=True)
+    count = np.bincount(group)
+    centres: Array = np.column_stack([np.bincount(group, x) / count for x in mesh.vertices.T])
+    faces = group[mesh.faces]
+    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    faces = faces[whole]
+    turn = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3  # canonical order, to find duplicates
+    return Triangles(centres, np.unique(np.take_along_axis(faces, turn, axis=1), axis=0))

@@ -39,58 +39,50 @@ class _Read(NamedTuple):
     recording: Recording
     sampling: Sampling
     band: Band
-
-
-class _Strayed(NamedTuple):
-    """Roll-outs of a model: simulated - recorded position (F, n) [rad or m], and divergence (F,)."""
-
-    error: Array
-    apart: Mask
-    window: Indices  # (F,)
+    measured: Mask  # (n,) whether torque was recorded
 
 
 def follow(models: Sequence[Model], recording: Recording, window: float, rate: float) -> Track:
     """Compute the motion of a recording and of roll-outs of one or two models.
 
-    Consecutive windows cover the recording; in each the simulated robots start from the measured state.
-
-    Args:
-        models: models with the joints of the recording.
-        recording: recording with signed torque.
-        window: length of a roll-out [s].
-        rate: frame rate [Hz].
+    Consecutive windows [s] cover the recording; in each the simulated robots start from the measured state.
 
     Raises:
         RecordingError: the recording cannot be used, or is shorter than a window.
     """
     sampling = survey(recording, models[0].robot)
-    read = _Read(recording, sampling, choose_band([longest_piece((recording, sampling))], 1 / sampling.period))
+    band = choose_band([longest_piece((recording, sampling))], 1 / sampling.period)
+    measured = np.array([bool(column) for column in recording.columns["tau"]])
+    read = _Read(recording, sampling, band, measured)
     known = [samples(recording, sampling, span, 0, sampling.length(span)) for span in sampling.spans]
     times, q = np.concatenate([x.t for x in known]), np.concatenate([x.q for x in known])
     t = times[0] + np.arange(int((times[-1] - times[0]) * rate * (1 + 1e-9)) + 1) / rate
     recorded = _at(t, times, q)
     strayed = [_strayed(read, models[k], models[k - 1], window, t) for k in range(len(models))]
+    error, apart, windows = zip(*strayed, strict=True)
     torque = np.concatenate([x.tau for x in known])
-    measured = np.array([bool(column) for column in recording.columns["tau"]])
     return Track(
         t=t,
         recorded=recorded,
-        simulated=np.stack([recorded + x.error for x in strayed]),
-        apart=np.stack([x.apart for x in strayed]),
-        window=strayed[0].window,
+        simulated=recorded + np.stack(error),
+        apart=np.stack(apart),
+        window=windows[0],
         residual=np.stack([_residual(read, model, t, rate) for model in models]),
         torque=np.where(measured, np.sqrt(np.mean(np.where(measured, torque, 0.0) ** 2, axis=0)), np.nan),
     )
 
 
-def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -> _Strayed:
-    """Consecutive roll-outs; a diverged joint keeps its last position unless all joints diverged."""
+def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -> tuple[Array, Mask, Indices]:
+    """Simulated - recorded position (F, n), divergence (F,) and number (F,) of consecutive roll-outs.
+
+    A diverged joint keeps its last position unless all joints diverged.
+    """
     count = int(np.ceil(read.sampling.duration / window))  # enough that roll-outs do not leave gaps
     found = roll_out(model, read.recording, (window,), windows=count, band=read.band, step=STEP, beside=other)
     which = np.searchsorted(found.start, t, side="right") - 1
     age = t - found.start[which]
     which = np.where((which >= 0) & (age <= found.t[-1] + read.sampling.period), which, -1)
-    measured = np.array([bool(column) for column in read.recording.columns["tau"]])
+    measured = read.measured
     error, apart = np.full((len(t), len(measured)), np.nan), np.zeros(len(t), dtype=bool)
     ages = np.concatenate([[0.0], found.t])
     for w in np.unique(which[which >= 0]):
@@ -102,12 +94,14 @@ def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -
         held[lost[:, measured].all(axis=1)] = np.nan
         error[frames] = _at(age[frames], ages, held)
         apart[frames] = np.interp(age[frames], ages, lost.any(axis=1)) > 0
-    return _Strayed(error, apart, which)
+    return error, apart, which
 
 
 def _residual(read: _Read, model: Model, t: Array, rate: float) -> Array:
     """Measured - predicted torque, low-passed for display, (F, n) [N.m or N]."""
-    recording, sampling, band = read
+    from scipy.ndimage import convolve1d
+
+    recording, sampling, band, _ = read
     taps = lowpass(1 / sampling.period, min(band.cutoff, SHOWN * rate))
     slow = np.maximum(STANDSTILL * band.velocity_noise, 1e-12)
     out = np.full((len(t), len(model.robot.joints)), np.nan)
@@ -117,17 +111,11 @@ def _residual(read: _Read, model: Model, t: Array, rate: float) -> Array:
         piece = samples(recording, sampling, span, 0, sampling.length(span))
         motion = build_motion(model.robot, piece, band, sampling.period, slow=slow)
         assert motion.recorded is not None, "a recording has torque"
-        left = _smooth(motion.recorded - model.inverse(motion), taps)
+        left = motion.recorded - model.inverse(motion)
+        left = convolve1d(left, taps, axis=0, mode="mirror") if len(taps) > 1 else left
         inside = (t >= motion.t[0]) & (t <= motion.t[-1])
         out[inside] = _at(t[inside], motion.t, left)
     return out
-
-
-def _smooth(signal: Array, taps: Array) -> Array:
-    """Filter a signal (N, n) [any unit], mirrored at the ends."""
-    from scipy.ndimage import convolve1d
-
-    return np.asarray(convolve1d(signal, taps, axis=0, mode="mirror")) if len(taps) > 1 else signal
 
 
 def _at(t: Array, known: Array, values: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Physically consistent bodies of a model, as MuJoCo requires."""
+"""Physically consistent bodies of a model in principal axes, as MuJoCo requires."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ...errors import RobotError, shorten
 from ...estimation.feasible import fit_consistent
@@ -13,9 +14,55 @@ from ...model import Model, stated_inertials
 from ...regression.base_parameters import build_base
 from ...regression.projection import least_squares
 from ...types import Array, Estimate, Law, Parameters
-from .inertial import LEAST, Principal, principal
 
+LEAST = 1e-12  # minimum mass [kg] and moment [kg.m2] of a moving body; MuJoCo rejects zero
+_ROUNDING = 1e-9  # tolerance, relative to the largest principal moment
 _SURE = 1e8  # size of a base parameter over its standard deviation
+
+
+class Principal(NamedTuple):
+    """A body about its centre of mass."""
+
+    mass: float  # [kg]
+    centre: Array  # (3,) [m]
+    moments: Array  # (3,) [kg.m2]
+    quaternion: Array  # (4,) w x y z [1]
+
+
+def about_centre(parameters: Array) -> tuple[float, Array, Array] | None:
+    """Mass, centre (3,) [m] and inertia (3, 3) [kg.m2] about it; None unless finite, with a mass if there is a moment.
+
+    Args:
+        parameters: (10,) in Pinocchio's order [kg, kg.m, kg.m2].
+    """
+    mass, first = float(parameters[0]), parameters[1:4]
+    if not np.isfinite(parameters).all() or (mass == 0 and np.any(first)):
+        return None
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    centre = first / mass if mass else np.zeros(3)
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return mass, centre, inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+
+
+def _principal(parameters: Array) -> Principal | None:
+    """A body in its principal axes, with a minimum mass; None if it is not physically consistent."""
+    body = about_centre(parameters)
+    if body is None or body[0] < 0:
+        return None
+    mass, centre, inertia = body
+    moments, axes = np.linalg.eigh(inertia)
+    small = _ROUNDING * abs(moments[2])
+    if moments[0] < -small or moments[0] + moments[1] < moments[2] - small:
+        return None
+    moments = np.maximum(moments, LEAST)
+    moments[:2] += max(0.0, moments[2] * (1 + 1e-15) - moments[0] - moments[1])  # corrects rounding errors
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    return Principal(max(mass, LEAST), centre, moments, quaternion(axes))
+
+
+def quaternion(rotation: Array) -> Array:
+    """Convert a rotation: (3, 3) [1] to a quaternion w x y z, (4,) [1]."""
+    return np.roll(pin.Quaternion(rotation).normalized().coeffs(), 1)
 
 
 class PossibleBodies(NamedTuple):
@@ -29,21 +76,18 @@ class PossibleBodies(NamedTuple):
 def possible_bodies(model: Model) -> PossibleBodies:
     """Return the bodies of a model; if some are inconsistent, replace all by consistent ones with the same torque.
 
-    Args:
-        model: rigid bodies and laws.
-
     Raises:
         RobotError: no physically consistent bodies give this torque.
     """
     loads = _loads(model)
     apart = {id(law) for law, _ in loads}
     bare = replace(model, laws=tuple(law for law in model.laws if id(law) not in apart))
-    links = [principal(x) for x in bare.whole_inertials()]
+    links = [_principal(x) for x in bare.whole_inertials()]
     odd = [name for name, body in zip(model.robot.links, links, strict=True) if body is None]
     if not odd:
         return PossibleBodies([body for body in links if body], loads, [])
     changed = _exchanged(model)
-    bodies = [] if changed is None else [body for body in map(principal, changed) if body]
+    bodies = [] if changed is None else [body for body in map(_principal, changed) if body]
     if len(bodies) < len(links):
         raise RobotError(
             f"the inertials of {shorten(odd)} are not physically consistent, as MuJoCo requires, and no "
@@ -58,7 +102,7 @@ def _loads(model: Model) -> list[tuple[Law, Principal]]:
     found = []
     for law in model.laws:
         if law.effect.name == "payload" and law.parameters["mass"] > LEAST:
-            body = principal(np.array(law.effect.coefficients(law.parameters)))
+            body = _principal(np.array(law.effect.coefficients(law.parameters)))
             found += [(law, body)] if body else []
     return found
 
@@ -77,6 +121,6 @@ def _exchanged(model: Model) -> Array | None:
     if not found.feasible_without_moving:
         return None
     near = found.parameters.values
-    rest = value - base.combination @ near
-    exact = Parameters(base.labels, near + least_squares(base.combination, rest))
+    step = least_squares(base.combination, value - base.combination @ near)
+    exact = Parameters(base.labels, near + step)
     return exact.bodies() if exact.is_feasible() else None
