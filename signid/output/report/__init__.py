@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     )
     from .results.diagnosis import diagnosis_document as diagnosis_document, diagnosis_tables as diagnosis_tables
     from .results.documents import to_json as to_json
-    from .results.effects import effects_document as effects_document, effects_tables as effects_tables
     from .results.fleet import fleet_tables as fleet_tables
     from .results.identification import (
         identification_document as identification_document,
         identification_tables as identification_tables,
+        payload_document as payload_document,
+        payload_tables as payload_tables,
     )
     from .results.inspection import (
         check_document as check_document,
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
         inspection_document as inspection_document,
         inspection_tables as inspection_tables,
     )
-    from .results.payload import payload_document as payload_document, payload_tables as payload_tables
+    from .results.laws import effects_document as effects_document, effects_tables as effects_tables
     from .results.recordings import (
         conversion_document as conversion_document,
         conversion_tables as conversion_tables,

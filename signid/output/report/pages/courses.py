@@ -9,7 +9,7 @@ import numpy as np
 
 from ....estimation.fit_quality import Course, Fit
 from ....types import Array, Indices
-from ..numbers import determination, figure
+from ..layout import determination, figure
 from .frame import AFTER, BEFORE, FAINT, INK, Plot, axis, curve, packed, thinned
 
 if TYPE_CHECKING:

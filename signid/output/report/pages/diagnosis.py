@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..numbers import determination, figure, share
+from ..layout import determination, figure, share
 from ..results.diagnosis import diagnosis_notes
 from ..results.laws import law_words, number_cells
 from ..results.sentences import (

@@ -9,8 +9,7 @@ from typing import Any
 from urllib.parse import quote
 
 from ....types import TWO_SIDED
-from ..layout import plural
-from ..numbers import figure, share
+from ..layout import figure, plural, share
 from ..results.fleet import (
     FLAGGED,
     UNDONE,

@@ -12,7 +12,7 @@ import numpy as np
 
 from ....types import Array, Indices, Input, Robot
 from ....version import __version__
-from ..numbers import determination, figure, share, with_interval
+from ..layout import determination, figure, share, with_interval
 from ..results.documents import description, once
 from ..results.signs import confidence
 

@@ -16,8 +16,7 @@ from ....model import Model, stated_inertials, stated_laws
 from ....recording.sampling import split
 from ....regression.session import Part, Session
 from ....types import TWO_SIDED, Array, Input, pseudo_inertia
-from ..layout import plural
-from ..numbers import determination, figure, share, with_interval
+from ..layout import determination, figure, plural, share, with_interval
 from ..results.documents import torque_units
 from ..results.identification import LawNumber, consistent_words, excited_words, identified_numbers
 from ..results.signs import proof_sentence

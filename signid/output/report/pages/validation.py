@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ....types import Input
-from ..numbers import determination, figure
+from ..layout import determination, figure
 from ..results.validation import joints_of, rollout_rows, torque_rows, validation_title
 from .courses import FEWEST, OPEN, POINTS, JointPlots, Line, clock, rollout_plots, torque_plot, worst
 from .frame import AFTER, BEFORE, FLOOR, INK, Card, render, shared

@@ -12,8 +12,7 @@ from rich.text import Text
 
 from ....effects.naming import law_place
 from ....types import Input, Robot
-from ..layout import heading, new_table, note_lines, paragraph, plural
-from ..numbers import determination, figure
+from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural
 from .documents import Document, description, fit_with_errors, provenance
 from .laws import changed_link, finding_numbers, law_words
 from .sentences import (

@@ -8,8 +8,7 @@ from typing import Any
 from rich.console import RenderableType
 
 from ....types import TWO_SIDED
-from ..layout import heading, new_table, paragraph, plural
-from ..numbers import figure, share, with_interval
+from ..layout import figure, heading, new_table, paragraph, plural, share, with_interval
 
 UNDONE, FLAGGED = "not done", "flagged"  # states of a session in fleet.json
 SHOWN, FEW = 20, 4  # maximum number of rows per table and of parameters per cause

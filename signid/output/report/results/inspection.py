@@ -12,8 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ....types import TWO_SIDED, Input, Robot
-from ..layout import heading, new_table, note_lines, paragraph, plural
-from ..numbers import figure, share
+from ..layout import figure, heading, new_table, note_lines, paragraph, plural, share
 from .documents import (
     Document,
     base_documents,

@@ -16,8 +16,7 @@ from ....recording.gallery import DataSet, is_complete
 from ....recording.mapping import split
 from ....types import Input
 from ....version import __version__
-from ..layout import heading, new_table, note_lines, paragraph, plural
-from ..numbers import figure
+from ..layout import figure, heading, new_table, note_lines, paragraph, plural
 from .documents import Document, provenance
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from ....errors import shorten
-from ..numbers import figure, share
+from ..layout import figure, share
 from .laws import law_words, number_lines, stated_words
 from .signs import confidence
 

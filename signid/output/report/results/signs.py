@@ -12,8 +12,7 @@ from rich.console import RenderableType
 
 from ....signs import Signs, SignSegment
 from ....types import Array, Recording
-from ..layout import heading, new_table, paragraph, plural
-from ..numbers import figure, share, with_interval
+from ..layout import figure, heading, new_table, paragraph, plural, share, with_interval
 
 CHUNK = 65_536  # rows written at once
 CERTAIN = 0.999  # confidence from which a sign is considered certain

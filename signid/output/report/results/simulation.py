@@ -12,8 +12,7 @@ from rich.console import RenderableType
 
 from ....errors import shorten
 from ....types import Array, Input, Law, Robot
-from ..layout import heading, new_table, note_lines, paragraph, plural
-from ..numbers import figure, share
+from ..layout import figure, heading, new_table, note_lines, paragraph, plural, share
 from .documents import Document, description, position_units, provenance, torque_units
 from .laws import law_document
 

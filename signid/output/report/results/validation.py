@@ -9,8 +9,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from ....types import Input
-from ..layout import heading, new_table, note_lines, paragraph, plural
-from ..numbers import determination, figure
+from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural
 from .documents import Document, description, fit_document, provenance
 from .identification import cutoff_words
 
