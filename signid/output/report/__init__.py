@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 from ...registry import inner_package as _package, public_names as _names
 
 if TYPE_CHECKING:
-    from .layout import Screen as Screen
-    from .numbers import figure as figure, with_interval as with_interval
+    from .layout import Screen as Screen, figure as figure, with_interval as with_interval
     from .pages import (
         diagnosis_page as diagnosis_page,
         fleet_page as fleet_page,

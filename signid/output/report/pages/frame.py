@@ -75,15 +75,9 @@ def render(template: str, **content: Any) -> str:
 
 
 def shared(result: Any, robots: Iterable[Robot], inputs: Sequence[Input], command: str) -> dict[str, Any]:
-    """Content of every page: flags, cut-off, input files (by default the descriptions of the robots), command, seed."""
-    return {
-        "flags": result.flags,
-        "cutoff": result.cutoff,
-        "files": once([*result.inputs, *(inputs or map(description, robots))]),
-        "command": command,
-        "seed": result.seed,
-        "version": __version__,
-    }
+    """Content of every page: result, input files (by default the descriptions of the robots), command, version."""
+    files = once([*result.inputs, *(inputs or map(description, robots))])
+    return {"result": result, "files": files, "command": command, "seed": result.seed, "version": __version__}
 
 
 def curve(name: str, x: Any, y: Any, line: dict[str, Any], **hover: str) -> dict[str, Any]:

@@ -39,7 +39,6 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
     return render(
         "identification.html",
         title=f"{result.robot.name}: {plural(base.rank, 'base parameter')}",
-        robot=result.robot.name,
         sentence=_sentence(result),
         cards=list(_cards(result, order[0])),
         fit=list(_fit_rows(result, before)),
@@ -54,7 +53,6 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
         excited=excited_words(result.excitation),
         excitation=_excitation_plot(result),
         signs=_signs(result),
-        notes=result.notes,
         method=f"{result.estimate.method}, {result.method}",
         **shared(result, [result.robot], inputs, command),
     )

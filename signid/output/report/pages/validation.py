@@ -33,10 +33,8 @@ def validation_page(result: Validation, inputs: Sequence[Input] = (), command: s
         cards=list(_cards(models)),
         torque=torque_rows(result),
         joints=list(_joints(result)),
-        horizon=result.horizon,
         errors=rollout_rows(result) if rolled else None,
         rolled=rollout_plots(rolled),
-        notes=result.notes,
         **shared(result, (one.model.robot for one in models), inputs, command),
     )
 

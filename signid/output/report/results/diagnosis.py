@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rich.console import RenderableType
 from rich.padding import Padding
@@ -11,22 +11,11 @@ from rich.table import Table
 from rich.text import Text
 
 from ....effects.naming import law_place
-from ....types import Input, Robot
+from ....types import Array, Input, Robot
 from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural
-from .documents import Document, description, fit_with_errors, provenance
+from . import sentences as words
+from .documents import Document, description, fit_with_errors, picked, provenance
 from .laws import changed_link, finding_numbers, law_words
-from .sentences import (
-    WORSE,
-    FindingWords,
-    alternative_words,
-    finding_words,
-    place_words,
-    role_words,
-    secondary_words,
-    trust_words,
-    unexplained_words,
-    verdict_words,
-)
 from .signs import signs_document, signs_tables
 
 if TYPE_CHECKING:
@@ -60,14 +49,8 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
             for left in result.unexplained
         ],
         "located": [
-            {
-                "joint": robot.joints[place.joint],
-                "depends_on": place.variable,
-                "region": place.region,
-                "share": place.share,
-                "explained": place.explained,
-            }
-            for place in result.located
+            {"joint": robot.joints[x.joint], "depends_on": x.variable, **picked(x, "region share explained")}
+            for x in result.located
         ],
         "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
         "rollout": None if before is None or after is None else after.document(before),
@@ -93,41 +76,30 @@ def _finding(robot: Robot, finding: Finding) -> Document:
         "effect": finding.law.effect.name,
         "joint": law_place(finding.law, robot)[0],
         "link": changed_link(robot, finding.law),
-        "role": finding.role,
-        "in_model": finding.in_model,
-        "probability": finding.probability,
+        **picked(finding, "role in_model probability"),
         "parameters": finding_numbers(robot, finding),
         "meaning": finding.law.effect.meaning(finding.law.parameters),
         "torque_share": {name: share for name, share in shares if share > 0},
-        "where": {
-            "joint": robot.joints[where.joint],
-            "variable": where.variable,
-            "region": where.region,
-            "share": where.share,
-        },
-        "evidence": {
-            "statistic": finding.statistic,
-            "threshold": finding.threshold,
-            "held_out_gain": finding.held_out_gain,
-        },
+        "where": {"joint": robot.joints[where.joint], **picked(where, "variable region share")},
+        "evidence": picked(finding, "statistic threshold held_out_gain"),
         "alternatives": [_alternative(robot, rival) for rival in finding.alternatives],
     }
 
 
 def _alternative(robot: Robot, rival: Alternative) -> Document:
     place = {"effect": rival.law.effect.name, "joint": law_place(rival.law, robot)[0]}
-    return {**place, "probability": rival.probability, "separating_motion": rival.separating_motion}
+    return {**place, **picked(rival, "probability separating_motion")}
 
 
 def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
     """Verdict, location of the residual, findings, alternatives, unexplained residual and held-out validation."""
-    left = unexplained_words(result)
+    left = words.unexplained_words(result)
     return [
-        Text(f"{result.robot.name}: {verdict_words(result)}", COLOURS[result.verdict]),
+        Text(f"{result.robot.name}: {words.verdict_words(result)}", COLOURS[result.verdict]),
         heading("Residual of the simulation"),
-        *map(paragraph, place_words(result)),
+        *map(paragraph, words.place_words(result)),
         *_findings(result),
-        *map(paragraph, trust_words(result)),
+        *map(paragraph, words.trust_words(result)),
         *_alternatives(result),
         *([heading("Unexplained residual"), *map(paragraph, left)] if left else []),
         *([] if result.signs is None else signs_tables(result.signs)),
@@ -140,31 +112,31 @@ def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
 
 def _findings(result: Diagnosis) -> Iterator[RenderableType]:
     """The largest causes with their parameters, the largest corrections, and the number of others."""
-    robot, titles = result.robot, role_words(result)
+    robot, titles = result.robot, words.role_words(result)
     small = [finding for finding in result.findings if finding.role == "secondary"]
     if result.causes:
         yield heading(titles["cause"])
-        yield from _causes([finding_words(robot, finding) for finding in result.causes[:CAUSES]])
+        yield from _causes([words.finding_words(robot, finding) for finding in result.causes[:CAUSES]])
         yield from _more(len(result.causes) - CAUSES)
     if small:
         yield heading(titles["secondary"])
-        lines = (secondary_words(robot, finding) for finding in small[:CORRECTIONS])
+        lines = (words.secondary_words(robot, finding) for finding in small[:CORRECTIONS])
         yield from (Text(line, no_wrap=True, overflow="ellipsis") for line in lines)
         yield from _more(len(small) - CORRECTIONS)
 
 
-def _causes(causes: Sequence[FindingWords]) -> Iterator[RenderableType]:
+def _causes(causes: Sequence[words.FindingWords]) -> Iterator[RenderableType]:
     """A row per cause, with its parameters below."""
     heads = ("law and its parameters, ± 95 %", "probability>", "of torque", "mostly")
-    rows = [(words.law, words.probability, words.torque, words.where) for words in causes]
+    rows = [(cells.law, cells.probability, cells.torque, cells.where) for cells in causes]
     width = [max(map(len, [head.removesuffix(">"), *cells])) for head, *cells in zip(heads, *rows, strict=True)]
-    for k, words in enumerate(causes):
+    for k, cells in enumerate(causes):
         table = new_table(*heads, rows=[rows[k]])
         table.show_header = k == 0
         for column, wide in zip(table.columns[:3], width, strict=False):
             column.no_wrap, column.min_width = True, wide
         yield table
-        yield from map(_indented, words.numbers)
+        yield from map(_indented, cells.numbers)
 
 
 def _indented(line: str) -> RenderableType:
@@ -176,13 +148,13 @@ def _more(number: int) -> list[RenderableType]:
 
 
 def _alternatives(result: Diagnosis) -> Iterator[RenderableType]:
-    rivals = [(finding, alternative_words(result.robot, finding)) for finding in result.causes[:CAUSES]]
-    if any(words for _, words in rivals):
+    rivals = [(finding, words.alternative_words(result.robot, finding)) for finding in result.causes[:CAUSES]]
+    if any(cells for _, cells in rivals):
         yield heading("Alternatives that explain the recordings equally well, or nearly")
-    for finding, words in rivals:
-        if words:
+    for finding, cells in rivals:
+        if cells:
             yield paragraph(law_words(result.robot, finding.law))
-            yield from map(_indented, words)
+            yield from map(_indented, cells)
 
 
 def _fit(result: Diagnosis) -> Table:
@@ -196,17 +168,32 @@ def _fit(result: Diagnosis) -> Table:
 
 
 def _rolled(result: Diagnosis) -> Iterator[RenderableType]:
+    if errors := rollout_errors(result):
+        yield heading(f"Roll-outs of {errors.horizon:g} s from measured states: rms position error at the end")
+        columns = (errors.joints, errors.unit, errors.before.tolist(), errors.after.tolist())
+        rows = ((joint, *change(*rms), unit) for joint, unit, *rms in zip(*columns, strict=True))
+        yield new_table("joint", "before>", "after>", "unit", rows=rows)
+
+
+class RollOutErrors(NamedTuple):
+    """Rms position errors at the end of the longest roll-outs."""
+
+    horizon: float  # [s]
+    joints: tuple[str, ...]
+    unit: tuple[str, ...]
+    before: Array  # (n,) [rad or m]
+    after: Array  # (n,) [rad or m]
+
+
+def rollout_errors(result: Diagnosis) -> RollOutErrors | None:
+    """Errors of the original and the extended simulation, if there are roll-outs."""
     before, after = result.rollout_before, result.rollout_after
     if before is None or after is None:
-        return
+        return None
     horizon = max(before.horizons)
-    table = new_table("joint", "before>", "after>", "unit")
-    for joint, unit, *rms in zip(before.joints, before.unit, before.rms(horizon), after.rms(horizon), strict=True):
-        table.add_row(joint, *change(*map(float, rms)), unit)
-    yield heading(f"Roll-outs of {horizon:g} s from measured states: rms position error at the end")
-    yield table
+    return RollOutErrors(horizon, before.joints, before.unit, before.rms(horizon), after.rms(horizon))
 
 
 def change(before: float, after: float) -> tuple[Text, Text]:
     """An error before and after the extension; after in red if clearly larger."""
-    return Text(figure(before)), Text(figure(after), "red" if after > WORSE * before else "")
+    return Text(figure(before)), Text(figure(after), "red" if after > words.WORSE * before else "")

@@ -57,8 +57,8 @@ def excitation_verdict(found: ExcitationVerdict) -> Document:
 
 def fit_document(fit: Fit) -> Document:
     """Quality of the torque prediction, per joint."""
-    sizes = {key: getattr(fit, key).tolist() for key in ("train_rms", "held_out_rms", "noise_floor", "held_out_r2")}
-    return {"joints": list(fit.joints), "unit": list(fit.unit), **sizes}
+    sizes = picked(fit, "train_rms held_out_rms noise_floor held_out_r2")
+    return {"joints": list(fit.joints), "unit": list(fit.unit), **{key: x.tolist() for key, x in sizes.items()}}
 
 
 def fit_with_errors(fit: Fit) -> Document:
@@ -90,3 +90,13 @@ def provenance(recordings: Iterable[Input], others: Iterable[Input], seed: int) 
     """Input files without repetitions, seed and version of a result."""
     files = [file._asdict() for file in once([*recordings, *others])]
     return {"inputs": files, "seed": seed, "version": __version__}
+
+
+def ending(found: Any, recordings: Iterable[Input], others: Iterable[Input], seed: int) -> Document:
+    """Flags and notes of a result, and its provenance."""
+    return {"flags": list(found.flags), "notes": list(found.notes), **provenance(recordings, others, seed)}
+
+
+def picked(found: object, names: str) -> Document:
+    """Some attributes of an object, by name."""
+    return {name: getattr(found, name) for name in names.split()}

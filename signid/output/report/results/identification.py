@@ -14,7 +14,7 @@ from ....estimation.excitation import ENOUGH
 from ....model import standard_parameters
 from ....types import INERTIAL, BaseMap, Input, Law
 from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
-from .documents import Document, base_documents, description, excitation_verdict, fit_document, provenance
+from .documents import Document, base_documents, description, ending, excitation_verdict, fit_document
 from .laws import law_units
 from .signs import signs_document, signs_tables
 
@@ -110,9 +110,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "method": result.method,
         "estimator": result.estimate.method,
         "cutoff": {"torque": result.cutoff, "position": result.position_cutoff, "unit": "Hz"},
-        "flags": list(result.flags),
-        "notes": list(result.notes),
-        **provenance(result.inputs, inputs or [description(robot)], result.seed),
+        **ending(result, result.inputs, inputs or [description(robot)], result.seed),
     }
 
 
@@ -220,9 +218,7 @@ def payload_document(found: Payload, inputs: Sequence[Input] = ()) -> Document:
         "moved": found.moved,
         "misfit": found.misfit,
         "cutoff": {"torque": found.cutoff, "unit": "Hz"},
-        "flags": list(found.flags),
-        "notes": list(found.notes),
-        **provenance(found.inputs, inputs or [description(found.robot)], found.seed),
+        **ending(found, found.inputs, inputs or [description(found.robot)], found.seed),
     }
 
 

@@ -17,7 +17,9 @@ from .documents import (
     Document,
     base_documents,
     description,
+    ending,
     excitation_verdict,
+    picked,
     position_units,
     provenance,
     torque_units,
@@ -43,8 +45,7 @@ def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: i
         "joints": _joints(robot),
         "links": list(robot.links),
         "base_parameters": base_documents(found.base),
-        "invisible": list(found.invisible),
-        "combined": list(found.combined),
+        **picked(found, "invisible combined"),
         "notes": list(robot.notes),
         **provenance((), inputs or [description(robot)], seed),
     }
@@ -132,22 +133,13 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         "excitation": excitation_verdict(found.excitation),
         "gross": _faults_document(found.faults),
         "advice": list(found.advice),
-        "flags": list(found.flags),
-        "notes": list(found.notes),
-        **provenance(read, inputs or [description(robot)], seed),
+        **ending(found, read, inputs or [description(robot)], seed),
     }
 
 
 def _sampling_document(found: Sampling) -> Document:
-    return {
-        "rate": 1 / found.period,
-        "duration": found.duration,
-        "samples": found.rows,
-        "spans": [list(span) for span in found.spans],
-        "duplicates": found.duplicates,
-        "uniform": found.uniform,
-        "spacing": list(found.jitter),
-    }
+    size = {"rate": 1 / found.period, "duration": found.duration, "samples": found.rows}
+    return {**size, **picked(found, "spans duplicates uniform"), "spacing": list(found.jitter)}
 
 
 def _faults_document(found: RecordingFaults) -> Document:
@@ -158,11 +150,7 @@ def _faults_document(found: RecordingFaults) -> Document:
         "joints": [dict(zip(keys, joint, strict=True)) for joint in joints],
         "findings": [
             {
-                "kind": finding.kind,
-                "joints": list(finding.joints),
-                "severity": finding.severity,
-                "measures": dict(finding.measures),
-                "sentence": finding.sentence,
+                **picked(finding, "kind joints severity measures sentence"),
                 "alternatives": [{"kind": kind, "joints": list(joints)} for kind, joints in finding.alternatives],
             }
             for finding in found.findings

@@ -15,7 +15,7 @@ from ....robot.dynamics import own_body
 from ....types import TWO_SIDED, Coefficient, Law, Robot
 from ....version import __version__
 from ..layout import UNKNOWN, figure, heading, new_table, paragraph, plural, with_interval
-from .documents import Document
+from .documents import Document, picked
 
 if TYPE_CHECKING:
     from ....diagnose import Finding
@@ -162,15 +162,12 @@ def _card(effect: Effect) -> dict[str, Any]:
         "name": effect.name,
         "summary": getdoc(type(effect)),
         "acts_on": next(name for kind, name in KINDS.items() if isinstance(effect, kind)),
-        "scope": effect.scope,
-        "equation": effect.equation,
+        **picked(effect, "scope equation"),
         "parameters": {
             key: {"unit": kind.unit, "linear": isinstance(kind, Coefficient), "usual": effect.example[key]}
             for key, kind in effect.parameters.items()
         },
-        "typical": effect.typical,
-        "source": effect.source,
-        "twins": list(effect.twins),
+        **picked(effect, "typical source twins"),
         "inject": law_syntax(effect),
     }
 

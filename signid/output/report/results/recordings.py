@@ -17,7 +17,7 @@ from ....recording.mapping import split
 from ....types import Input
 from ....version import __version__
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural
-from .documents import Document, provenance
+from .documents import Document, ending, picked
 
 if TYPE_CHECKING:
     from ....recording.convert import Conversion, Pace
@@ -36,26 +36,16 @@ def conversion_document(found: Conversion, inputs: Sequence[Input] = ()) -> Docu
         "units": dict(found.units),
         "time": None if found.pace is None else _time(found.pace, found.about.clock),
         "topics": [
-            {
-                "name": topic.name,
-                "type": topic.kind,
-                "messages": topic.messages,
-                "rate": topic.rate if np.isfinite(topic.rate) else None,
-                "joints": list(topic.joints),
-                "read": topic.read,
-            }
+            {"name": topic.name, "type": topic.kind, **picked(topic, "messages rate joints read")}
             for topic in found.about.topics
         ],
         "suggested_columns": list(found.suggested),
-        "flags": list(found.flags),
-        "notes": list(found.notes),
-        **provenance([found.source], inputs, 0),
+        **ending(found, [found.source], inputs, 0),
     }
 
 
 def _time(pace: Pace, clock: str) -> Document:
-    known = {"duration": pace.duration, "rate": pace.rate, "gaps": pace.gaps}
-    return {**known, "longest_gap": pace.longest, "clock": clock or None}
+    return {**picked(pace, "duration rate gaps"), "longest_gap": pace.longest, "clock": clock or None}
 
 
 def conversion_tables(found: Conversion) -> list[RenderableType]:
@@ -134,13 +124,12 @@ def data_card(wanted: DataSet, folder: Path, base: str) -> list[RenderableType]:
 
 
 def _entry(one: DataSet, folder: Path) -> dict[str, Any]:
-    stated = ("repository", "commit", "base", "licence", "cite", "megabytes")
     files = [{"name": x.name, "sha256": x.sha256, "sources": list(x.sources)} for x in one.products]
     return {
         "name": one.name,
         "title": one.title,
         "duration": one.seconds,
-        **{key: getattr(one, key) for key in stated},
+        **picked(one, "repository commit base licence cite megabytes"),
         "folder": str(folder / one.folder),
         "here": is_complete(one, folder / one.folder),
         "files": files,

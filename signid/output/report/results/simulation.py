@@ -13,7 +13,7 @@ from rich.console import RenderableType
 from ....errors import shorten
 from ....types import Array, Input, Law, Robot
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural, share
-from .documents import Document, description, position_units, provenance, torque_units
+from .documents import Document, description, ending, picked, position_units, provenance, torque_units
 from .laws import law_document
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ....simulation.plant.control import Drive
 
 FAR = 0.005, 0.05  # rms tracking error from which a joint is noted, prismatic [m] and revolute [rad]
-LIMITS = ("position", "velocity", "acceleration", "torque")
+LIMITS = "position velocity acceleration torque"
 SHOWN = 8  # number of least identifiable base parameters listed
 UNIDENTIFIABLE = 1.0  # relative standard deviation from which a parameter is not distinguishable from zero
 
@@ -128,8 +128,7 @@ def _drive(drive: Drive) -> Document:
 
     if not isinstance(drive, Tracking):
         return {"kind": "open loop"}
-    gains = {"stiffness": drive.stiffness, "damping": drive.damping, "feed_forward": drive.feed_forward}
-    return {"kind": "closed loop", **gains}
+    return {"kind": "closed loop", **picked(drive, "stiffness damping feed_forward")}
 
 
 def excitation_document(
@@ -148,11 +147,9 @@ def excitation_document(
         **own,
         "noise": found.noise,
         "torque_unit": torque_units(robot),
-        "use": {name: getattr(found.use, name) for name in LIMITS},
+        "use": picked(found.use, LIMITS),
         "smallest_distance": found.distance,
-        "flags": list(found.flags),
-        "notes": list(found.notes),
-        **provenance((), inputs or [description(robot)], seed),
+        **ending(found, (), inputs or [description(robot)], seed),
     }
 
 
@@ -160,8 +157,8 @@ def excitation_tables(robot: Robot, found: Excitation | Separation) -> list[Rend
     """Use of the limits, and identifiability or distance of laws along the motion."""
     from ....simulation.excite import Separation
 
-    limits = new_table("share of limit", *(f"{name}>" for name in LIMITS))
-    for joint, *used in zip(robot.joints, *(getattr(found.use, name) for name in LIMITS), strict=True):
+    limits = new_table("share of limit", *(f"{name}>" for name in LIMITS.split()))
+    for joint, *used in zip(robot.joints, *picked(found.use, LIMITS).values(), strict=True):
         limits.add_row(joint, *(share(float(x)) for x in used))
     near = [] if found.distance is None else [f"Smallest distance between links: {figure(1e3 * found.distance)} mm."]
     gained = _discrimination(robot, found) if isinstance(found, Separation) else _identifiability(found)
@@ -174,11 +171,7 @@ def _excitation(found: Excitation) -> dict[str, Any]:
     rows = zip(found.expressions, found.std, found.relative_std, strict=True)
     return {
         "purpose": "excite",
-        "kind": found.kind,
-        "criterion": found.criterion,
-        "value": found.value,
-        "log_det": found.log_det,
-        "condition": found.condition,
+        **picked(found, "kind criterion value log_det condition"),
         "base_parameters": [{"expression": e, "std": s, "relative_std": r} for e, s, r in rows],
         "evaluations": found.evaluations,
     }
@@ -188,11 +181,7 @@ def _separation(robot: Robot, found: Separation) -> dict[str, Any]:
     return {
         "purpose": "separate",
         "laws": [law_document(robot, law) for law in found.laws],
-        "distances": list(found.distances),
-        "shares": list(found.shares),
-        "median": found.median,
-        "structural": found.structural,
-        "enough": found.enough,
+        **picked(found, "distances shares median structural enough"),
     }
 
 

@@ -10,7 +10,7 @@ from rich.console import RenderableType
 
 from ....types import Input
 from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural
-from .documents import Document, description, fit_document, provenance
+from .documents import Document, description, ending, fit_document
 from .identification import cutoff_words
 
 if TYPE_CHECKING:
@@ -32,9 +32,7 @@ def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Doc
             for one in result.models
         ],
         "cutoff": {"torque": result.cutoff, "position": result.position_cutoff, "unit": "Hz"},
-        "flags": list(result.flags),
-        "notes": list(result.notes),
-        **provenance(result.inputs, inputs or [description(one.model.robot) for one in result.models], result.seed),
+        **ending(result, result.inputs, inputs or [description(one.model.robot) for one in result.models], result.seed),
     }
 
 
