@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection
 from dataclasses import fields
 from typing import Any
 
@@ -13,7 +12,7 @@ import pinocchio as pin
 
 from ...model import Model
 from ...types import Actuators, Array
-from .beyond import BODIES, Exported, fixed_note, held, lacking, remarks, summed
+from .beyond import BODIES, Exported, beyond, fixed_note, remarks, summed
 
 _UNITS = {
     "armature": "kg.m2",
@@ -47,28 +46,23 @@ def write_actuators(model: Model) -> Exported:
 
     Values that the description states and the model lacks are zero, since the file overrides the description.
     """
-    drives, beyond = _driven(model)
-    notes = tuple(f"an actuators file cannot hold {laws}" for laws in beyond)
+    notes = beyond("an actuators file", model, FIELDS, ("torque_offset",))
     head = f"Actuators of {model.robot.name}; prismatic joints: N for N.m, m for rad, kg for kg.m2"
     lines = remarks([head, *notes]).splitlines()
-    for joint, stated in drives.items():
+    for joint, stated in _driven(model).items():
         if stated:
             lines += ["", f"[joint.{joint if _BARE.fullmatch(joint) else json.dumps(joint, ensure_ascii=False)}]"]
             lines += [f"{key} = {value!r}  # {_UNITS[key]}" for key, value in stated.items()]
-    return Exported("\n".join(lines) + "\n", notes)
+    return Exported("\n".join(lines) + "\n", tuple(notes))
 
 
-def _driven(model: Model, but: Collection[str] = ()) -> tuple[dict[str, dict[str, float]], list[str]]:
-    """Actuator parameters by joint and key, and the laws that they omit, in words, except those of some effects."""
-    robot = model.robot
+def _driven(model: Model) -> dict[str, dict[str, float]]:
+    """Actuator parameters by joint and key."""
     values = {item.name: _values(model, item.name) for item in fields(Actuators)}
-    kept = [law for law in model.laws if law.effect.name in ("torque_offset", *but)]
-    beyond = lacking(robot, model.laws, [*held(model, ("armature", "viscous_friction", "coulomb_friction")), *kept])
-    stated = {
+    return {
         joint: {key: float(value[j]) for key, value in values.items() if np.isfinite(value[j])}
-        for j, joint in enumerate(robot.joints)
+        for j, joint in enumerate(model.robot.joints)
     }
-    return stated, [beyond] if beyond else []
 
 
 def _values(model: Model, key: str) -> Array:
@@ -86,16 +80,13 @@ def write_ros(model: Model) -> Exported:
     """Write a parameter file (YAML) with actuator parameters per joint and inertials per link."""
     from yaml import safe_dump
 
-    drives, notes = _driven(model, BODIES)
-    robot = model.robot
+    robot, bodies = model.robot, list(model.bodies().inertias)[1:]
     parameters = {
         "joints": list(robot.joints),
-        "joint": {joint: stated for joint, stated in drives.items() if stated},
-        "link": {
-            link: _inertial(body) for link, body in zip(robot.links, list(model.bodies().inertias)[1:], strict=True)
-        },
+        "joint": {joint: stated for joint, stated in _driven(model).items() if stated},
+        "link": {link: _inertial(body) for link, body in zip(robot.links, bodies, strict=True)},
     }
-    lacks = [f"a ROS parameter file cannot hold {beyond}" for beyond in notes]
+    lacks = beyond("a ROS parameter file", model, FIELDS, ("torque_offset", *BODIES))
     lacks += fixed_note(robot, "their links are listed nevertheless")
     text = safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)
     return Exported(HEAD.format(name=" ".join(robot.name.split())) + remarks(lacks) + text, tuple(lacks))
@@ -111,9 +102,7 @@ def write_isaaclab(model: Model) -> Exported:
     """Write a Python file with armature, viscous and dry friction of each joint."""
     robot = model.robot
     names = [re.escape(joint) for joint in robot.joints]
-    carried = [*held(model, FIELDS), *(law for law in model.laws if law.effect.name in BODIES)]
-    beyond = lacking(robot, model.laws, carried)
-    notes = [f"an actuator group of Isaac Lab cannot hold {beyond}"] if beyond else []
+    notes = beyond("an actuator group of Isaac Lab", model, FIELDS)
     lines = [f"joint_names_expr={names!r}", "stiffness=None", "damping=None"]
     for effect, field in FIELDS.items():
         value = np.maximum(0.0, np.nan_to_num(summed(model, effect)))

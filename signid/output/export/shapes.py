@@ -40,7 +40,7 @@ def read_shapes(robot: Robot, package_dirs: Sequence[str | Path]) -> Shapes:
     for frame in (x for x in robot.model.frames if x.type == pin.FrameType.BODY and x.name in links):
         here = found.at.setdefault(int(frame.parentJoint), [])
         if frame.parentJoint and frame.name not in robot.links:
-            here.append(("site", {"name": str(frame.name), **_pose(frame.placement)}))
+            here.append(("site", {"name": str(frame.name), **pose_words(frame.placement)}))
         here += [("geom", geom) for geom in reader.geoms(links[frame.name], frame.placement)]
     if reader.missing:
         missing = shorten(reader.missing)
@@ -66,7 +66,7 @@ class _Reader:
 
     def _geom(self, element: Any, placement: Any) -> dict[str, str]:
         """Geom of an element; empty if MuJoCo has none for it."""
-        pose = _pose(placement * origin(element))
+        pose = pose_words(placement * origin(element))
         for shape in (x for g in children(element, "geometry") for x in g if isinstance(x.tag, str)):
             if size := self._shape(shape):
                 return {**size, **pose, **self._colour(element)}
@@ -105,7 +105,8 @@ def words(numbers: ArrayLike) -> str:
     return " ".join(repr(float(x) + 0.0) for x in np.asarray(numbers, float))
 
 
-def _pose(placement: Any) -> dict[str, str]:
+def pose_words(placement: Any) -> dict[str, str]:
+    """Position and orientation (pin.SE3) as attributes."""
     return {"pos": words(placement.translation), "quat": words(quaternion(placement.rotation))}
 
 

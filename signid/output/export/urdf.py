@@ -14,7 +14,7 @@ from ...errors import RobotError
 from ...model import Model, stated_inertials
 from ...robot.description.document import without_declaration
 from ...types import Array, Robot
-from .beyond import BODIES, Exported, commented, fixed_note, held, lacking, summed
+from .beyond import Exported, beyond, commented, fixed_note, summed
 from .bodies import about_centre
 
 FRICTION = ("viscous_friction", "coulomb_friction")
@@ -54,10 +54,7 @@ def write_urdf(model: Model) -> Exported:
     same = np.all(np.isclose(bodies, stated_inertials(robot), rtol=1e-12, atol=1e-15), axis=1, keepdims=True)
     friction = (np.maximum(0.0, np.nan_to_num(summed(model, name))) for name in FRICTION)
     text = urdf_with(robot, np.where(same, np.nan, bodies), *friction)
-    carried = [*held(model, FRICTION), *(law for law in model.laws if law.effect.name in BODIES)]
-    notes = fixed_note(robot, "they move in the URDF")
-    if beyond := lacking(robot, model.laws, carried):
-        notes.append(f"a URDF cannot hold {beyond}")
+    notes = [*fixed_note(robot, "they move in the URDF"), *beyond("a URDF", model, FRICTION)]
     if any(law.effect.name == "base_tilt" for law in model.laws):
         gravity = " ".join(repr(float(x)) for x in model.bodies().gravity.linear)
         notes.append(f"the gravity of the model is {gravity} m/s2")
@@ -128,16 +125,14 @@ def _elements(text: str) -> list[_Element]:
     """Links and joints of the robot with their children and character positions."""
     data = without_declaration(text).encode()
     character = np.cumsum(np.frombuffer(data, np.uint8) & 0xC0 != 0x80) - 1  # index of the character of each byte
-    stack: list[_Element] = []
-    found: list[_Element] = []
+    stack, found = list[_Element](), list[_Element]()
     parser = expat.ParserCreate("utf-8")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         at = int(character[parser.CurrentByteIndex])
         opening = _TAG.match(text, at)
         assert opening is not None, "expat reports the start of a tag"
-        element = _Element(tag, attributes.get("name", ""), at, opening.end(), 0, attributes, [])
-        stack.append(element)
+        stack.append(_Element(tag, attributes.get("name", ""), at, opening.end(), 0, attributes, []))
 
     def end(_: str) -> None:
         element = stack.pop()
