@@ -19,14 +19,15 @@ from .urdf import urdf_with, write_urdf
 
 __all__ = ["KINDS", "Exported", "export", "urdf_with"]
 
-_WRITERS: dict[str, Callable[[Model], Exported]] = {
+_WRITERS: dict[str, Callable[..., Exported]] = {
     "urdf": write_urdf,
+    "mjcf": write_mjcf,
     "actuators": write_actuators,
     "function": write_function,
     "ros": write_ros,
     "isaaclab": write_isaaclab,
 }
-KINDS = ("urdf", "mjcf", "actuators", "function", "ros", "isaaclab")
+KINDS = tuple(_WRITERS)
 
 
 def export(model: Model, kind: str, package_dirs: Sequence[str | Path] = ()) -> Exported:

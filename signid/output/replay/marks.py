@@ -20,7 +20,7 @@ from ...robot.dynamics import joint_of_row, own_row
 from ...toml_json import read_json
 from ...types import TWO_SIDED, Array, Law, Robot
 from ..report.results.laws import law_units
-from .poses import axis
+from .track import axis
 
 SCHEMA, MODEL = "signid.diagnosis/1", "model.json"
 DENSITY = 3000.0  # density at which a payload is drawn [kg/m3]

@@ -7,6 +7,7 @@ from base64 import b64encode
 from dataclasses import asdict, dataclass
 from html import escape
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from ...errors import OptionError
 from ...types import Array, Frozen, Robot
-from ..report.results.documents import position_units, torque_units
+from ..report.results.documents import position_units, rms, torque_units
 from .marks import Mark
 from .shapes import Look
 from .track import Track
@@ -79,8 +80,8 @@ class Replay(Frozen):
             "end": float(track.t[-1]),
             "frames": len(track.t),
             "horizon": self.horizon,
-            "residual_rms": [_rms(residual).tolist() for residual in track.residual],
-            "strayed_rms": [_rms(error).tolist() for error in strayed],
+            "residual_rms": [rms(residual).tolist() for residual in track.residual],
+            "strayed_rms": [rms(error).tolist() for error in strayed],
             "apart": track.apart.mean(axis=1).tolist(),
             "marks": [asdict(mark) for mark in self.marks],
             "notes": list(self.notes),
@@ -125,8 +126,8 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "frames": len(track.t),
         "simulations": len(replay.simulated),
         "joints": [
-            {"name": name, "unit": unit, "torque": rms if np.isfinite(rms) else None}
-            for name, unit, rms in zip(robot.joints, torque_units(robot), track.torque.tolist(), strict=True)
+            {"name": name, "unit": unit, "torque": size if np.isfinite(size) else None}
+            for name, unit, size in zip(robot.joints, torque_units(robot), track.torque.tolist(), strict=True)
         ],
         "scale": _scale(replay),
         "bodies": [_body(replay, k, blob) for k in range(len(replay.bodies))],
@@ -143,20 +144,15 @@ def _body(replay: Replay, k: int, blob: _Blob) -> dict[str, Any]:
     body = replay.bodies[k]
     shape = replay.look.bodies.get(body)
     entry: dict[str, Any] = {"body": body, "joint": replay.movers[k], "name": str(replay.robot.model.names[body])}
-    if shape is None:
-        return entry
-    return {**entry, "vertices": blob.put(shape.vertices, "f4"), "faces": blob.put(shape.faces, "u4")}
+    return entry | ({"vertices": blob.put(shape.vertices, "f4"), "faces": blob.put(shape.faces, "u4")} if shape else {})
 
 
 def _outline(replay: Replay) -> Any:
     """Outermost points of the recorded robot, (k, 3) [m], for the choice of the view."""
     corners = []
-    for k, body in enumerate(replay.bodies):
-        shape = replay.look.bodies.get(body)
-        if shape is None:
-            continue
-        low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
-        box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    for body, shape in replay.look.bodies.items():
+        k = replay.bodies.index(body)
+        box = np.array(list(product(*zip(shape.vertices.min(axis=0), shape.vertices.max(axis=0), strict=True))))
         place = replay.recorded[:: max(1, len(replay.recorded) // INSTANTS), k]
         corners.append((_rotated(place[:, None, 3:], box) + place[:, None, :3]).reshape(-1, 3))
     points = np.concatenate(corners)
@@ -196,10 +192,3 @@ def _viewer() -> str:
     if path is None or not path.is_file():
         raise OptionError("the package meshcat, whose viewer the page contains, is not installed; pip install meshcat")
     return path.read_text(encoding="utf-8").replace("</script", "<\\/script")
-
-
-def _rms(values: Array) -> Array:
-    """Root mean square of values (F, n) [any] over finite frames, (n,); NaN if there are none."""
-    known = np.isfinite(values)
-    total = np.sum(np.where(known, values, 0.0) ** 2, axis=0)
-    return np.asarray(np.sqrt(np.where(known.any(axis=0), total / np.maximum(1, known.sum(axis=0)), np.nan)))

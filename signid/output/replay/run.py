@@ -16,9 +16,8 @@ from ...simulation.rollout.joints import restrict_joints
 from ...types import Array, Recording, Robot, Table
 from .marks import ReplayFindings, marks, read_found
 from .page import Replay
-from .poses import movers, poses
 from .shapes import look, reach
-from .track import follow
+from .track import follow, movers, poses
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis

@@ -13,7 +13,7 @@ from ...robot.description.document import children, parse
 from ...robot.meshes import find_mesh
 from ...types import Array, Indices, Robot
 from ..geometry import origin, vector
-from .poses import own_axis
+from .track import own_axis
 
 MOST = 300_000  # maximum number of triangles per robot
 THICK, TAPER = 0.055, 0.93  # radius of the first generated link over the reach; radius of each link over the previous

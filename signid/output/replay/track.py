@@ -1,12 +1,13 @@
-"""Motion of the recorded and the simulated robots, and residual torque of each simulation."""
+"""Motion of the recorded and the simulated robots, poses of their bodies, and residual torque of each simulation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ...model import Model
 from ...recording.sampling import Sampling, samples, survey
@@ -14,8 +15,10 @@ from ...regression.bandwidth import Band, choose_band
 from ...regression.filters import lowpass
 from ...regression.motion import build_motion, margin
 from ...regression.session import longest_piece
+from ...robot import configuration
+from ...robot.dynamics import joint_of_row, own_row
 from ...simulation.rollout import roll_out
-from ...types import Array, Frozen, Indices, Mask, Recording
+from ...types import Array, Frozen, Indices, Mask, Recording, Robot
 
 STEP = 2e-3  # maximum time step of the simulation [s]
 SHOWN = 0.4  # cut-off of the displayed residual, relative to the frame rate
@@ -121,3 +124,48 @@ def _residual(read: _Read, model: Model, t: Array, rate: float) -> Array:
 def _at(t: Array, known: Array, values: Array) -> Array:
     """Interpolate values (N, n) [any unit] at times (N,) [s] linearly to times (F,) [s]."""
     return np.column_stack([np.interp(t, known, x) for x in values.T])
+
+
+def poses(robot: Robot, q: Array, bodies: Sequence[int]) -> Array:
+    """Compute position [m] and quaternion x, y, z, w [1] of bodies in the world, (F, len(bodies), 7).
+
+    The positions q: (F, n) [rad or m] may be NaN; bodies are named by the joints of the model that carry them.
+    """
+    model, data = robot.model, robot.model.createData()
+    out = np.full((len(q), len(bodies), 7), np.nan)
+    known = np.isfinite(q).all(axis=1)
+    for frame, where in zip(np.flatnonzero(known), configuration(robot, q[known]), strict=True):
+        pin.forwardKinematics(model, data, where)
+        out[frame] = [pin.SE3ToXYZQUAT(data.oMi[body]) for body in bodies]
+    return out
+
+
+def movers(robot: Robot, bodies: Sequence[int]) -> list[int]:
+    """Index of the joint that moves each body, or its parent if the body's joint is held; -1: base."""
+    model, found = robot.model, [-1] * robot.model.njoints
+    for joint in range(1, model.njoints):
+        item = model.joints[joint]
+        felt = np.abs(robot.drive[item.idx_v : item.idx_v + item.nv]).max(axis=0)
+        found[joint] = int(np.argmax(felt)) if felt.any() else found[model.parents[joint]]
+    return [found[body] for body in bodies]
+
+
+def axis(robot: Robot, joint: int) -> tuple[int, Array, bool]:
+    """The body that a joint moves, its axis in the body frame, (3,) [1], and whether it is prismatic."""
+    row = own_row(robot, joint)
+    body = joint_of_row(robot.model, row)
+    return body, *_along(robot.model, body, row)
+
+
+def own_axis(robot: Robot, body: int) -> tuple[Array, bool]:
+    """The axis of a joint of the model in its frame, (3,) [1], and whether it is prismatic."""
+    return _along(robot.model, body, robot.model.joints[body].idx_v)
+
+
+def _along(model: Any, body: int, row: int) -> tuple[Array, bool]:
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    column = np.reshape(pin.getJointJacobian(model, data, body, pin.LOCAL), (6, model.nv))[:, row]
+    slides = not column[3:].any()
+    along = column[:3] if slides else column[3:]
+    return along / np.linalg.norm(along), slides

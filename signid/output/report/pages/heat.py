@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from ....estimation.fit_quality import Course
+from ....types import Array
 from .courses import clock
 from .frame import Plot, axis, packed
-
-if TYPE_CHECKING:
-    from ....estimation.fit_quality import Course
-    from ....types import Array
 
 BINS, FEWEST = 10, 3  # regions per variable, and minimum number of rows per region
 HOT = [[0, "rgba(209,80,14,0)"], [1, "rgba(209,80,14,1)"]]
@@ -70,11 +68,12 @@ def _rms(over: Array, variable: Variable) -> Array:
     low, width = edges[:, 0], np.maximum((edges[:, -1] - edges[:, 0]) / BINS, 1e-300)
     place = np.clip(np.nan_to_num((variable.values - low) / width, nan=0.0), 0, BINS - 1).astype(int)
     table = np.full((over.shape[1], BINS), np.nan)
-    for j, (size, region) in enumerate(zip(over.T, place.T, strict=True)):
+    for row, size, region in zip(table, over.T, place.T, strict=True):
         known = np.isfinite(size)
         rows = np.bincount(region[known], minlength=BINS)
         squares = np.bincount(region[known], size[known] ** 2, minlength=BINS)
-        table[j, rows >= FEWEST] = np.sqrt(squares[rows >= FEWEST] / rows[rows >= FEWEST])
+        enough = rows >= FEWEST
+        row[enough] = np.sqrt(squares[enough] / rows[enough])
     return table
 
 

@@ -10,15 +10,15 @@ import numpy as np
 
 from ....diagnose.extend.holdout import course_of, residual_rows
 from ....estimation.excitation import ENOUGH
-from ....estimation.fit_quality import Course, Fit
+from ....estimation.fit_quality import Course
 from ....identify import Identification
 from ....model import Model, stated_inertials, stated_laws
 from ....recording.sampling import split
 from ....regression.session import Part, Session
 from ....types import TWO_SIDED, Array, Input, pseudo_inertia
 from ..layout import determination, figure, plural, share, with_interval
-from ..results.documents import torque_units
-from ..results.identification import LawNumber, consistent_words, excited_words, identified_numbers
+from ..results.documents import rms, torque_units
+from ..results.identification import LawNumber, consistent_words, excited_words, fit_rows, identified_numbers
 from ..results.signs import proof_sentence
 from .courses import joint_plots, worst
 from .frame import AFTER, FLOOR, Card, Plot, axis, packed, render, shared
@@ -35,13 +35,13 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
     session, base = result.session, result.base
     course, whole = _course(session, result.model) if session.held_out else (None, True)
     order = worst(result.fit)
-    before = None if course is None else replace(result.fit, held_out_rms=_rms(course.before))
+    before = None if course is None else replace(result.fit, held_out_rms=rms(course.before))
     return render(
         "identification.html",
         title=f"{result.robot.name}: {plural(base.rank, 'base parameter')}",
         sentence=_sentence(result),
         cards=list(_cards(result, order[0])),
-        fit=list(_fit_rows(result, before)),
+        fit=list(fit_rows(result.fit, *([] if before is None else [before.held_out_rms]))),
         joints=[] if course is None or before is None else joint_plots(course, before, result.fit, order),
         whole=whole,
         bounds=list(_bounds(result)),
@@ -93,30 +93,14 @@ def _sentence(result: Identification) -> str:
 
 def _cards(result: Identification, j: int) -> Iterator[Card]:
     fit = result.fit
-    rms, floor = (float(x[j]) for x in (fit.held_out_rms, fit.noise_floor))
-    beside = f"worst joint; noise floor {figure(floor, 2)} {fit.unit[j]}"
-    yield Card(f"residual torque of {fit.joints[j]}, held out", f"{figure(rms)} {fit.unit[j]}", beside)
+    beside = f"worst joint; noise floor {figure(fit.noise_floor[j], 2)} {fit.unit[j]}"
+    size = f"{figure(fit.held_out_rms[j])} {fit.unit[j]}"
+    yield Card(f"residual torque of {fit.joints[j]}, held out", size, beside)
     shares = result.excitation.shares
     least = share(max(float(shares[0]), 0.0)) if len(shares) else "-"
     yield Card("excitation, weakest direction", least, f"{share(ENOUGH)} of the information of random motion needed")
     verdict = "consistent" if result.physically_consistent else "inconsistent"
     yield Card("physical consistency", verdict, f"changed by at most {result.moved:.1f} standard deviations")
-
-
-def _rms(rest: Array) -> Array:
-    known = np.isfinite(rest)
-    mean = np.sum(np.where(known, rest, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)
-    return np.where(known.any(axis=0), np.sqrt(mean), np.nan)
-
-
-def _fit_rows(result: Identification, before: Fit | None) -> Iterator[tuple[str, ...]]:
-    """Joint, rms of the description (if there are samples), training and held-out rms, noise floor, unit, R2."""
-    fit = result.fit
-    rms = (*([] if before is None else [before.held_out_rms]), fit.train_rms, fit.held_out_rms)
-    for j, joint in enumerate(fit.joints):
-        sizes = (figure(float(x[j])) for x in rms)
-        floor, r2 = figure(float(fit.noise_floor[j]), 2), determination(float(fit.held_out_r2[j]))
-        yield joint, *sizes, floor, fit.unit[j], r2
 
 
 def _bounds(result: Identification) -> Iterator[dict[str, Any]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....types import BaseMap, Input, Robot
+from ....types import Array, BaseMap, Input, Robot
 from ....version import __version__
 
 if TYPE_CHECKING:
@@ -74,6 +74,13 @@ def torque_units(robot: Robot) -> list[str]:
 def position_units(robot: Robot) -> list[str]:
     """Unit of the position of each joint."""
     return ["m" if prismatic else "rad" for prismatic in robot.prismatic]
+
+
+def rms(values: Array) -> Array:
+    """Root mean square of values: (N, n) [any unit] over finite rows, (n,) [any unit]; NaN if there are none."""
+    known = np.isfinite(values)
+    mean = np.sum(np.where(known, values, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)
+    return np.asarray(np.where(known.any(axis=0), np.sqrt(mean), np.nan))
 
 
 def description(robot: Robot) -> Input:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from math import nan
 from typing import Any
 
 from rich.console import RenderableType
@@ -53,9 +54,8 @@ def fleet_tables(document: Mapping[str, Any]) -> list[RenderableType]:
     robots = document["robots"]
     table = new_table("robot", "mismatch>", "joint", "after>", "explained>", "lacks")
     for robot in robots[:SHOWN]:
-        mismatch, left, explained = (_number(robot[key]) for key in ("mismatch", "left", "explained"))
-        joint = robot["joint"] or "-"
-        table.add_row(robot["name"], figure(mismatch), joint, figure(left), share(explained), lacking(robot))
+        mismatch, *after = mismatch_cells(robot)
+        table.add_row(robot["name"], mismatch, robot["joint"] or "-", *after, lacking(robot))
     legend = "Mismatch, after: held-out rms over the noise floor, before and after the extension (last session)."
     shown = [paragraph(fleet_sentence(document)), table, *_more(len(robots)), paragraph(legend)]
     if document["causes"]:
@@ -104,8 +104,10 @@ def _more(count: int) -> list[RenderableType]:
     return [paragraph(f"and {count - SHOWN} more in index.html")] if count > SHOWN else []
 
 
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)
+def mismatch_cells(robot: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Mismatch before and after the extension, and the explained share."""
+    before, after, explained = (nan if x is None else x for x in map(robot.get, ("mismatch", "left", "explained")))
+    return figure(before), figure(after), share(explained)
 
 
 def _do(count: int, one: str, many: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from rich.table import Table
 from ....effects.base import Effect
 from ....estimation.excitation import ENOUGH
 from ....model import standard_parameters
-from ....types import INERTIAL, BaseMap, Input, Law
+from ....types import INERTIAL, Array, BaseMap, Input, Law
 from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
 from .documents import Document, base_documents, description, ending, excitation_verdict, fit_document
 from .laws import law_units
@@ -121,13 +121,14 @@ def identification_tables(result: Identification) -> list[RenderableType]:
         interval = with_interval(float(result.base_value[row]), float(result.estimate.std[row]))
         base.add_row(result.base.expressions[row], *interval, result.base.units[row])
     counted = f"{plural(result.base.rank, 'base parameter')}, {plural(len(result.robot.joints), 'joint')}"
+    heads = ("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
     return [
         heading(f"{result.robot.name}: {counted}", below=False),
         base,
         *_laws([number for numbers in identified_numbers(result) for number in numbers]),
         *([] if result.signs is None else signs_tables(result.signs)),
         heading("Fit: rms of the residual torque"),
-        _fit(result.fit),
+        new_table(*heads, rows=fit_rows(result.fit)),
         paragraph(excited_words(result.excitation)),
         paragraph(consistent_words(result)),
         paragraph(f"{cutoff_words(result.cutoff, result.position_cutoff)}; {result.estimate.method}."),
@@ -169,12 +170,13 @@ def _law_cell(number: LawNumber | None) -> str:
     return " ± ".join(text for text in with_interval(number.value, number.std) if text != "-")
 
 
-def _fit(fit: Fit) -> Table:
-    table = new_table("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
-    columns = (fit.joints, fit.train_rms, fit.held_out_rms, fit.noise_floor, fit.unit, fit.held_out_r2)
-    for joint, train, held_out, floor, unit, r2 in zip(*columns, strict=True):
-        table.add_row(joint, figure(train), figure(held_out), figure(floor, 2), unit, determination(r2))
-    return table
+def fit_rows(fit: Fit, *before: Array) -> Iterator[tuple[str, ...]]:
+    """Joint, rms of other models (before: (n,) [N.m or N]), training and held-out rms, noise floor, unit, R2."""
+    columns = zip(*before, fit.train_rms, fit.held_out_rms, strict=True)
+    for joint, sizes, floor, unit, r2 in zip(
+        fit.joints, columns, fit.noise_floor, fit.unit, fit.held_out_r2, strict=True
+    ):
+        yield joint, *map(figure, sizes), figure(floor, 2), unit, determination(r2)
 
 
 def excited_words(found: ExcitationVerdict) -> str:
