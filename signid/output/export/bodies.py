@@ -99,12 +99,9 @@ def possible_bodies(model: Model) -> PossibleBodies:
 
 def _loads(model: Model) -> list[tuple[Law, Principal]]:
     """Payloads that are consistent bodies by themselves; others are added to the inertial of their link."""
-    found = []
-    for law in model.laws:
-        if law.effect.name == "payload" and law.parameters["mass"] > LEAST:
-            body = _principal(np.array(law.effect.coefficients(law.parameters)))
-            found += [(law, body)] if body else []
-    return found
+    payloads = [law for law in model.laws if law.effect.name == "payload" and law.parameters["mass"] > LEAST]
+    bodies = ((law, _principal(np.array(law.effect.coefficients(law.parameters)))) for law in payloads)
+    return [(law, body) for law, body in bodies if body]
 
 
 def _exchanged(model: Model) -> Array | None:
@@ -112,8 +109,7 @@ def _exchanged(model: Model) -> Array | None:
 
     They have the same base parameters and are otherwise close to the description.
     """
-    robot = replace(model.robot, model=model.bodies())
-    base = build_base(robot)
+    base = build_base(replace(model.robot, model=model.bodies()))
     value = base.combination @ model.whole_inertials().ravel()
     size = np.maximum(np.abs(value), 1e-3 * np.abs(value).max(initial=1e-9))
     known = Estimate(value, np.diag((size / _SURE) ** 2), np.diag((_SURE / size) ** 2), np.zeros(0), ())
@@ -121,6 +117,5 @@ def _exchanged(model: Model) -> Array | None:
     if not found.feasible_without_moving:
         return None
     near = found.parameters.values
-    step = least_squares(base.combination, value - base.combination @ near)
-    exact = Parameters(base.labels, near + step)
+    exact = Parameters(base.labels, near + least_squares(base.combination, value - base.combination @ near))
     return exact.bodies() if exact.is_feasible() else None

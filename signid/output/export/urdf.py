@@ -23,6 +23,9 @@ _TAG = re.compile(r"""<[^"'>]*(?:"[^"]*"[^"'>]*|'[^']*'[^"'>]*)*>""")
 _MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 
 
+_Friction = tuple[float, float]  # damping [N.m.s/rad or N.s/m] and friction [N.m or N] of a joint; NaN: unchanged
+
+
 class _Element(NamedTuple):
     """A link or joint of the robot, or a direct child of one, at characters start..stop."""
 
@@ -65,7 +68,7 @@ def _with_comment(text: str, notes: list[str]) -> str:
     """Insert the notes as a comment before the root element."""
     if not notes:
         return text
-    newline = "\r\n" if "\r\n" in text else "\n"
+    newline = _newline(text)
     comment = f"<!-- {newline.join(commented(notes).splitlines())} -->"
     declared = _DECLARATION.match(text)
     if declared is None:
@@ -100,16 +103,15 @@ def urdf_with(
     if (bodies.shape, viscous.shape, coulomb.shape) != expected:
         raise RobotError(f"export of {robot.name} needs arrays of shapes {expected} for bodies and friction")
     text, elements = robot.document, _elements(robot.document)
-    newline = "\r\n" if "\r\n" in text else "\n"
     inertials = dict(zip(robot.links, bodies, strict=True))
     friction = _friction(robot, viscous, coulomb)
-    edits = [*_inertial_edits(text, elements, inertials, newline), *_friction_edits(text, elements, friction, newline)]
+    edits = [*_inertial_edits(text, elements, inertials), *_friction_edits(text, elements, friction)]
     for edit in sorted(edits, reverse=True):
         text = text[: edit.start] + edit.text + text[edit.stop :]
     return text
 
 
-def _friction(robot: Robot, viscous: Array, coulomb: Array) -> dict[str, tuple[float, float]]:
+def _friction(robot: Robot, viscous: Array, coulomb: Array) -> dict[str, _Friction]:
     """Damping and friction per joint of the model; zero for mimic joints, whose leader includes theirs."""
     found = {}
     for name, joint in list(zip(robot.model.names, robot.model.joints, strict=True))[1:]:
@@ -148,9 +150,7 @@ def _elements(text: str) -> list[_Element]:
     return [element for element in found if element.tag in ("link", "joint")]
 
 
-def _inertial_edits(
-    text: str, elements: list[_Element], inertials: Mapping[str, Array], newline: str
-) -> Iterator[_Edit]:
+def _inertial_edits(text: str, elements: list[_Element], inertials: Mapping[str, Array]) -> Iterator[_Edit]:
     carrier = _carriers(elements)
     for link in (element for element in elements if element.tag == "link"):
         name = carrier.get(link.name, "")
@@ -158,15 +158,13 @@ def _inertial_edits(
             continue
         stated = [child for child in link.children if child.tag == "inertial"]
         if name == link.name:
-            yield _put(text, link, stated[0] if stated else None, _inertial(name, inertials[name]), newline)
+            yield _put(text, link, stated[0] if stated else None, _inertial(name, inertials[name]))
         else:
             remark = f"<!-- inertial included in that of {re.sub('-(?=-)', '- ', name)} -->"
             yield from (_Edit(child.start, child.stop, remark) for child in stated[:1])
 
 
-def _friction_edits(
-    text: str, elements: list[_Element], friction: Mapping[str, tuple[float, float]], newline: str
-) -> Iterator[_Edit]:
+def _friction_edits(text: str, elements: list[_Element], friction: Mapping[str, _Friction]) -> Iterator[_Edit]:
     for joint in (element for element in elements if element.tag == "joint"):
         viscous, coulomb = friction.get(joint.name, (np.nan, np.nan))
         given = {key: x for key, x in (("damping", viscous), ("friction", coulomb)) if not np.isnan(x)}
@@ -175,7 +173,7 @@ def _friction_edits(
         stated = next((child for child in joint.children if child.tag == "dynamics"), None)
         if stated is None and any(given.values()):
             tag = f"<dynamics {' '.join(f'{key}={_quoted(x)}' for key, x in given.items())}/>"
-            yield _put(text, joint, None, [tag], newline)
+            yield _put(text, joint, None, [tag])
         elif stated is not None:
             yield _Edit(stated.start, stated.inside, _with(text[stated.start : stated.inside], given))
 
@@ -193,9 +191,9 @@ def _with(tag: str, values: Mapping[str, float]) -> str:
     return tag
 
 
-def _put(text: str, parent: _Element, stated: _Element | None, lines: list[str], newline: str) -> _Edit:
+def _put(text: str, parent: _Element, stated: _Element | None, lines: list[str]) -> _Edit:
     """Replace an element by lines, or insert them as first child of its parent, indented accordingly."""
-    margin = _margin(text, parent.start)
+    margin, newline = _margin(text, parent.start), _newline(text)
     inside = [stated] if stated else parent.children
     inner = next((_margin(text, child.start) for child in inside), margin + "  ")
     block = (newline + inner).join(lines)
@@ -205,6 +203,10 @@ def _put(text: str, parent: _Element, stated: _Element | None, lines: list[str],
         opening = text[parent.start : parent.inside - 2].rstrip() + ">"
         return _Edit(parent.start, parent.stop, f"{opening}{newline}{inner}{block}{newline}{margin}</{parent.tag}>")
     return _Edit(parent.inside, parent.inside, f"{newline}{inner}{block}")
+
+
+def _newline(text: str) -> str:
+    return "\r\n" if "\r\n" in text else "\n"
 
 
 def _margin(text: str, at: int) -> str:

@@ -7,14 +7,12 @@ from ...registry import inner_package as _package, public_names as _names
 
 if TYPE_CHECKING:
     from .layout import Screen as Screen, figure as figure, with_interval as with_interval
-    from .pages import (
-        diagnosis_page as diagnosis_page,
-        fleet_page as fleet_page,
-        identification_page as identification_page,
-        report as report,
-        signs_page as signs_page,
-        validation_page as validation_page,
-    )
+    from .pages import report as report
+    from .pages.diagnosis import diagnosis_page as diagnosis_page
+    from .pages.fleet import fleet_page as fleet_page
+    from .pages.identification import identification_page as identification_page
+    from .pages.signs import signs_page as signs_page
+    from .pages.validation import validation_page as validation_page
     from .results.diagnosis import diagnosis_document as diagnosis_document, diagnosis_tables as diagnosis_tables
     from .results.documents import to_json as to_json
     from .results.fleet import fleet_tables as fleet_tables

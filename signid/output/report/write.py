@@ -49,7 +49,7 @@ def write_files(folder: str | Path, contents: Mapping[str, Content], option: str
         OutputError: a file cannot be written; no incomplete file remains.
     """
     place = Path(folder)
-    new = _missing(place)
+    new = [folder for folder in (place, *place.parents) if not folder.exists()]  # the innermost first
     waiting: list[tuple[Path, Path]] = []
     try:
         place.mkdir(parents=True, exist_ok=True)
@@ -71,11 +71,6 @@ def write_files(folder: str | Path, contents: Mapping[str, Content], option: str
             raise _refusal(folder, place, error, option) from None
         raise
     return [target for _, target in waiting]
-
-
-def _missing(place: Path) -> list[Path]:
-    """Missing folders of a path, the innermost first."""
-    return [folder for folder in (place, *place.parents) if not folder.exists()]
 
 
 def _clear(place: Path, ours: Sequence[Path]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -135,10 +135,10 @@ def clock(t: Array, recording: Indices) -> Array:
     return np.concatenate([part - part[0] + start for part, start in zip(parts, starts, strict=True)])
 
 
-def worst(before: Fit, size: Callable[[Array], Array] = np.asarray) -> list[int]:
+def worst(before: Fit) -> list[int]:
     """Joints in descending order of held-out residual over what no model could predict."""
     over = np.nan_to_num(before.held_out_rms / np.maximum(before.irreducible_rms, 1e-300), posinf=0.0)
-    return [int(j) for j in np.argsort(-size(over), kind="stable")]
+    return [int(j) for j in np.argsort(-over, kind="stable")]
 
 
 def rollout_plots(rolled: Sequence[tuple[str, RollOut, str, str]]) -> list[Plot]:

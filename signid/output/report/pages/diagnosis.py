@@ -37,7 +37,6 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
     return render(
         "diagnosis.html",
         title=f"{result.robot.name}: {words.verdict_words(result)}",
-        sentence=words.verdict_words(result),
         cards=list(_cards(result, order[0])),
         places=words.place_words(result),
         heat_before=heat_maps(learned, before, top),
@@ -48,8 +47,6 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
         trust=words.trust_words(result),
         rivals=list(_alternatives(result)),
         left=words.unexplained_words(result),
-        before=result.before,
-        after=result.after,
         worse=words.WORSE,
         joints=joint_plots(result.held_out, result.before, result.after, chosen or order[:1]),
         rolled=rolled,

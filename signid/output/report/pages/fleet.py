@@ -28,7 +28,6 @@ def fleet_page(document: Mapping[str, Any], command: str = "") -> str:
     return render(
         "fleet.html",
         title=fleet.fleet_sentence(document),
-        sentence=fleet.fleet_sentence(document),
         cards=list(_cards(document)),
         undone=[(one["session"], one["said"]) for one in document["sessions"] if one["state"] == fleet.UNDONE],
         flagged=plural(flagged, "session") if flagged else "",
@@ -39,10 +38,8 @@ def fleet_page(document: Mapping[str, Any], command: str = "") -> str:
         drifts=[_drift_row(drift) for drift in drifts[:LISTED]],
         looked=len(drifts),
         sessions=[(one, _link(one)) for one in document["sessions"]],
-        files=document["inputs"],
+        document=document,
         command=command,
-        seed=document["seed"],
-        version=document["version"],
     )
 
 

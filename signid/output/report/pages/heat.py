@@ -15,6 +15,7 @@ from .frame import Plot, axis, packed
 
 BINS, FEWEST = 10, 3  # regions per variable, and minimum number of rows per region
 HOT = [[0, "rgba(209,80,14,0)"], [1, "rgba(209,80,14,1)"]]
+TIED = 0.95  # absolute correlation from which parameters are listed
 MOST = 160  # maximum number of correlated parameters drawn
 SCALE = [[0, "rgba(209,112,14,1)"], [0.5, "rgba(128,128,128,0)"], [1, "rgba(47,127,193,1)"]]
 ROW, ROOM = 26, 62  # height of a row, and of the axis below [pixels]
@@ -134,9 +135,9 @@ def _correlations(covariance: Array) -> Array:
         return np.asarray(np.where(np.isfinite(covariance), covariance / np.outer(std, std), np.nan))
 
 
-def tied(covariance: Array, least: float = 0.95) -> list[tuple[int, int, float]]:
+def tied(covariance: Array) -> list[tuple[int, int, float]]:
     """List pairs of parameters with strongly correlated errors, the strongest first; covariance: (b, b) [any unit]."""
     found = np.triu(np.nan_to_num(_correlations(covariance)), 1)
-    rows, columns = np.nonzero(np.abs(found) >= least)
+    rows, columns = np.nonzero(np.abs(found) >= TIED)
     pairs = [(int(i), int(k), float(found[i, k])) for i, k in zip(rows, columns, strict=True)]
     return sorted(pairs, key=lambda pair: -abs(pair[2]))

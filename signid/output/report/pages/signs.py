@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,33 +19,17 @@ MODEL, UNCERTAIN, PLUS = "#c2689a", "#e3c21c", "#2f7fc1"
 SHADES = (("+", "sign +", PLUS), ("−", "sign −", BEFORE), ("?", f"confidence below {CERTAIN}", UNCERTAIN))
 
 
-class Part(NamedTuple):
-    """Plots of a recording."""
-
-    name: str
-    plots: list[Plot]
-
-
 def signs_page(signs: Signs, units: Sequence[str] = ()) -> str:
     """Render signs.html: absolute torque, segments and signed torque, in the unit of each joint if given."""
-    return render(
-        "signs.html",
-        title="Torque signs",
-        joints=[signs.joints[j] for j in signs.hidden],
-        method=signs.method,
-        proof=proof_sentence(signs),
-        flags=signs.flags,
-        notes=signs.notes,
-        parts=sign_plots(signs, units),
-        seed=signs.seed,
-    )
+    parts, proof = sign_plots(signs, units), proof_sentence(signs)
+    return render("signs.html", title="Torque signs", signs=signs, parts=parts, proof=proof)
 
 
-def sign_plots(signs: Signs, units: Sequence[str] = ()) -> list[Part]:
+def sign_plots(signs: Signs, units: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Plot each joint without recorded signs, per recording."""
     named = units or ["N.m or N"] * len(signs.joints)
     return [
-        Part(part_name(signs, part), [_plot(signs, part, j, named[j]) for j in signs.hidden])
+        {"name": part_name(signs, part), "plots": [_plot(signs, part, j, named[j]) for j in signs.hidden]}
         for part in range(len(signs.traces) if signs.hidden else 0)
     ]
 

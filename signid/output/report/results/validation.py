@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import RenderableType
 
 from ....types import Input
@@ -98,8 +97,7 @@ def _rolled(result: Validation) -> Iterator[RenderableType]:
 def _rollout(found: RollOut | None, horizon: float) -> Document | None:
     if found is None:
         return None
-    rms = [float(x) if np.isfinite(x) else None for x in found.rms(horizon)]
-    return {"horizon": horizon, "rms": rms, "unit": list(found.unit)}
+    return {"horizon": horizon, "rms": found.rms(horizon).tolist(), "unit": list(found.unit)}
 
 
 def _marks(models: Sequence[ValidatedModel]) -> list[str]:
