@@ -79,7 +79,9 @@ def possible_bodies(model: Model) -> PossibleBodies:
     Raises:
         RobotError: no physically consistent bodies give this torque.
     """
-    loads = _loads(model)
+    payloads = [law for law in model.laws if law.effect.name == "payload" and law.parameters["mass"] > LEAST]
+    alone = ((law, _principal(np.array(law.effect.coefficients(law.parameters)))) for law in payloads)
+    loads = [(law, body) for law, body in alone if body]  # others are added to the inertial of their link
     apart = {id(law) for law, _ in loads}
     bare = replace(model, laws=tuple(law for law in model.laws if id(law) not in apart))
     links = [_principal(x) for x in bare.whole_inertials()]
@@ -95,13 +97,6 @@ def possible_bodies(model: Model) -> PossibleBodies:
         )
     note = f"inertials are replaced by consistent ones with the same torque, since {shorten(odd)} had inconsistent ones"
     return PossibleBodies(bodies, [], [note])
-
-
-def _loads(model: Model) -> list[tuple[Law, Principal]]:
-    """Payloads that are consistent bodies by themselves; others are added to the inertial of their link."""
-    payloads = [law for law in model.laws if law.effect.name == "payload" and law.parameters["mass"] > LEAST]
-    bodies = ((law, _principal(np.array(law.effect.coefficients(law.parameters)))) for law in payloads)
-    return [(law, body) for law, body in bodies if body]
 
 
 def _exchanged(model: Model) -> Array | None:

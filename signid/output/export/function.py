@@ -120,7 +120,9 @@ def _notes(model: Model, written: list[Law]) -> list[str]:
     reasons: dict[str, list[Law]] = {}
     for law in left:
         if not among(law, (*bodies, *inside)):
-            reasons.setdefault(_why_not(law), []).append(law)
+            other = "has a memory" if law.effect.memory else "needs the rigid bodies"
+            why = next((text for kind, text in _REASONS.items() if isinstance(law.effect, kind)), other)
+            reasons.setdefault(why, []).append(law)
     lead = "not in this file, since not a function of time and motion"
     return [*notes, *(f"{lead}: {lacking(robot, laws, ())}, which {why}" for why, laws in reasons.items())]
 
@@ -157,12 +159,6 @@ def _code_of(law: Law) -> _Code | None:
     if effect.scope not in ("joint", "pair", "robot") or not code.known:
         return None
     return _Code(name, tuple(s for s in _SIGNALS if s in code.used), numbers, expression)
-
-
-def _why_not(law: Law) -> str:
-    """Reason why a law is not a function of time and motion."""
-    other = "has a memory" if law.effect.memory else "needs the rigid bodies"
-    return next((text for kind, text in _REASONS.items() if isinstance(law.effect, kind)), other)
 
 
 def _empirical(numbers: dict[str, float]) -> tuple[str, dict[str, Any], dict[str, str]]:

@@ -18,7 +18,7 @@ from ....regression.session import Part, Session
 from ....types import TWO_SIDED, Array, Input, pseudo_inertia
 from ..layout import determination, figure, plural, share, with_interval
 from ..results.documents import rms, torque_units
-from ..results.identification import LawNumber, consistent_words, excited_words, fit_rows, identified_numbers
+from ..results.identification import consistent_words, excited_words, fit_rows, identified_numbers
 from ..results.signs import proof_sentence
 from .courses import joint_plots, worst
 from .frame import AFTER, FLOOR, Card, Plot, axis, packed, render, shared
@@ -34,12 +34,13 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
     """Render report.html of an identification; `inputs` besides the recordings default to the description."""
     session, base = result.session, result.base
     course, whole = _course(session, result.model) if session.held_out else (None, True)
-    order = worst(result.fit)
+    order, r2 = worst(result.fit), result.fit.held_out_r2[np.isfinite(result.fit.held_out_r2)]
+    quality = f"; held-out R2 at least {determination(r2.min())}" if len(r2) else ""
     before = None if course is None else replace(result.fit, held_out_rms=rms(course.before))
     return render(
         "identification.html",
         title=f"{result.robot.name}: {plural(base.rank, 'base parameter')}",
-        sentence=_sentence(result),
+        sentence=f"{plural(base.rank, 'base parameter')} of {plural(len(result.robot.joints), 'joint')}{quality}",
         cards=list(_cards(result, order[0])),
         fit=list(fit_rows(result.fit, *([] if before is None else [before.held_out_rms]))),
         joints=[] if course is None or before is None else joint_plots(course, before, result.fit, order),
@@ -47,12 +48,13 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
         bounds=list(_bounds(result)),
         correlation=correlation_plot(result.estimate.covariance),
         tied=[(base.expressions[i], base.expressions[k], x) for i, k, x in tied(result.estimate.covariance)[:LISTED]],
-        laws=[_law(number) for numbers in identified_numbers(result) for number in numbers],
+        laws=[(n.place, *n.words, *n.interval, n.unit) for numbers in identified_numbers(result) for n in numbers],
         links=list(_links(result)),
         consistent=consistent_words(result),
         excited=excited_words(result.excitation),
         excitation=_excitation_plot(result),
-        signs=_signs(result),
+        proof=result.signs and proof_sentence(result.signs),
+        parts=result.signs and sign_plots(result.signs, torque_units(result.robot)),
         method=f"{result.estimate.method}, {result.method}",
         **shared(result, [result.robot], inputs, command),
     )
@@ -84,13 +86,6 @@ def _samples(parts: Sequence[Part]) -> int:
     return sum(sampling.length(span) for _, sampling in parts for span in sampling.spans)
 
 
-def _sentence(result: Identification) -> str:
-    r2 = result.fit.held_out_r2[np.isfinite(result.fit.held_out_r2)]
-    quality = f"; held-out R2 at least {determination(float(r2.min()))}" if len(r2) else ""
-    count = plural(len(result.robot.joints), "joint")
-    return f"{plural(result.base.rank, 'base parameter')} of {count}{quality}"
-
-
 def _cards(result: Identification, j: int) -> Iterator[Card]:
     fit = result.fit
     beside = f"worst joint; noise floor {figure(fit.noise_floor[j], 2)} {fit.unit[j]}"
@@ -110,11 +105,6 @@ def _bounds(result: Identification) -> Iterator[dict[str, Any]]:
         shown, half = with_interval(value, std)
         percent = 100 * TWO_SIDED * std / abs(value) if value and np.isfinite(std) else None
         yield {"number": number, "name": name, "value": shown, "half": half, "unit": unit, "percent": percent}
-
-
-def _law(n: LawNumber) -> tuple[str, ...]:
-    cells = (figure(n.value), "in combination") if n.std is None else with_interval(n.value, n.std)
-    return n.place, *n.words, *cells, n.unit
 
 
 def _links(result: Identification) -> Iterator[tuple[str, ...]]:
@@ -152,10 +142,3 @@ def _excitation_plot(result: Identification) -> Plot:
     dashed = {**line, "line": {"color": FLOOR, "dash": "dash", "width": 2}}
     title = "Directions in parameter space: information relative to random motion; dashed: required"
     return Plot(title, [bars, dashed], layout, 260, wide=True)
-
-
-def _signs(result: Identification) -> dict[str, Any] | None:
-    if result.signs is None:
-        return None
-    parts = sign_plots(result.signs, torque_units(result.robot))
-    return {"proof": proof_sentence(result.signs), "parts": parts}

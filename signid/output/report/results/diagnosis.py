@@ -19,7 +19,7 @@ from .laws import changed_link, finding_numbers, law_words
 from .signs import signs_document, signs_tables
 
 if TYPE_CHECKING:
-    from ....diagnose import Alternative, Diagnosis, Finding
+    from ....diagnose import Diagnosis, Finding
 
 INFORMED = "The covariance of the simulation is used as prior for its inertials and laws"
 FURTHER = "their errors appear about {:g} times larger, which makes alternatives harder to distinguish"
@@ -82,13 +82,12 @@ def _finding(robot: Robot, finding: Finding) -> Document:
         "torque_share": {name: share for name, share in shares if share > 0},
         "where": {"joint": robot.joints[where.joint], **picked(where, "variable region share")},
         "evidence": picked(finding, "statistic threshold held_out_gain"),
-        "alternatives": [_alternative(robot, rival) for rival in finding.alternatives],
+        "alternatives": [
+            {"effect": rival.law.effect.name, "joint": law_place(rival.law, robot)[0]}
+            | picked(rival, "probability separating_motion")
+            for rival in finding.alternatives
+        ],
     }
-
-
-def _alternative(robot: Robot, rival: Alternative) -> Document:
-    place = {"effect": rival.law.effect.name, "joint": law_place(rival.law, robot)[0]}
-    return {**place, **picked(rival, "probability separating_motion")}
 
 
 def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:

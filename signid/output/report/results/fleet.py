@@ -76,7 +76,8 @@ def lacking(robot: Mapping[str, Any]) -> str:
 
 def number_ranges(cause: Mapping[str, Any]) -> list[str]:
     """Ranges of a cause's parameters over the robots; parameters consistent with zero are only counted."""
-    shown = [number for number in cause["numbers"] if _largest(number) >= TWO_SIDED * number["std"]]
+    sizes = [(max(abs(number["least"]), abs(number["most"])), number) for number in cause["numbers"]]
+    shown = [number for size, number in sizes if size >= TWO_SIDED * number["std"]]
     ranges = [_range(number, many=len(cause["robots"]) > 2) for number in shown]
     hidden = len(cause["numbers"]) - len(shown)
     return [*ranges, f"{plural(hidden, 'more parameter')} could be zero"] if shown and hidden else ranges
@@ -86,10 +87,6 @@ def _range(number: Mapping[str, Any], many: bool) -> str:
     ends = list(dict.fromkeys(figure(number[key]) for key in ("least", "most")))
     middle = f", median {figure(number['median'])}" if many else ""
     return f"{number['key'].replace('_', ' ')} {' to '.join(ends)}{middle} {number['unit']}".rstrip()
-
-
-def _largest(number: Mapping[str, Any]) -> float:
-    return max(abs(float(number["least"])), abs(float(number["most"])))
 
 
 def _causes(causes: list[Mapping[str, Any]]) -> Iterator[str]:

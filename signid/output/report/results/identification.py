@@ -43,6 +43,11 @@ class LawNumber(NamedTuple):
         return self.joint or "(robot)"
 
     @property
+    def interval(self) -> tuple[str, str]:
+        """Value, and the half-width of its interval."""
+        return (figure(self.value), "in combination") if self.std is None else with_interval(self.value, self.std)
+
+    @property
     def words(self) -> tuple[str, str]:
         """Effect and key without underscores."""
         return self.effect.replace("_", " "), self.key.replace("_", " ")
@@ -167,7 +172,7 @@ def _law_cell(number: LawNumber | None) -> str:
         return ""
     if number.std is None:
         return f"({figure(number.value)})"
-    return " ± ".join(text for text in with_interval(number.value, number.std) if text != "-")
+    return " ± ".join(text for text in number.interval if text != "-")
 
 
 def fit_rows(fit: Fit, *before: Array) -> Iterator[tuple[str, ...]]:

@@ -80,11 +80,12 @@ def inspection_tables(found: Inspection) -> list[RenderableType]:
 
 def _joints(robot: Robot) -> list[Document]:
     """Actuated joints; limits in `unit`, `unit`/s and N.m or N, infinite if not stated."""
+    bounded = np.isfinite(robot.upper - robot.lower)
     return [
         {
             "name": name,
             "number": robot.numbers[j],
-            "type": _kind(robot, j),
+            "type": "prismatic" if robot.prismatic[j] else "revolute" if bounded[j] else "continuous",
             "link": _link(robot, j),
             "lower": float(robot.lower[j]),
             "upper": float(robot.upper[j]),
@@ -94,12 +95,6 @@ def _joints(robot: Robot) -> list[Document]:
         }
         for j, (name, unit) in enumerate(zip(robot.joints, position_units(robot), strict=True))
     ]
-
-
-def _kind(robot: Robot, j: int) -> str:
-    if robot.prismatic[j]:
-        return "prismatic"
-    return "revolute" if np.isfinite(robot.upper[j] - robot.lower[j]) else "continuous"
 
 
 def _link(robot: Robot, j: int) -> str:
@@ -125,8 +120,9 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         "robot": robot.name,
         "joints": [dict(zip(("name", "cutoff", "used", "noise_floor"), joint, strict=True)) for joint in joints],
         "recordings": [
-            {"path": recording.path, **_sampling_document(sampling)}
-            for recording, sampling in zip(found.recordings, found.samplings, strict=True)
+            {"path": recording.path, "rate": 1 / s.period, "duration": s.duration, "samples": s.rows}
+            | {**picked(s, "spans duplicates uniform"), "spacing": list(s.jitter)}
+            for recording, s in zip(found.recordings, found.samplings, strict=True)
         ],
         "cutoff": {"torque": band.cutoff, "position": band.position_cutoff, "unit": "Hz"},
         "base_parameters": [{**base, "std": float(std), "verdict": verdict} for base, std, verdict in verdicts],
@@ -135,11 +131,6 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         "advice": list(found.advice),
         **ending(found, read, inputs or [description(robot)], seed),
     }
-
-
-def _sampling_document(found: Sampling) -> Document:
-    size = {"rate": 1 / found.period, "duration": found.duration, "samples": found.rows}
-    return {**size, **picked(found, "spans duplicates uniform"), "spacing": list(found.jitter)}
 
 
 def _faults_document(found: RecordingFaults) -> Document:
@@ -162,7 +153,9 @@ def check_tables(found: Check) -> list[RenderableType]:
     """Sampling, cut-offs, and identifiability of the base parameters."""
     robot, band = found.robot, found.band
     sampling = new_table("recording", "rate [Hz]>", "duration [s]>", "samples>", "gaps>", "step [ms]>")
-    for name, s in zip(_short([r.path for r in found.recordings]), found.samplings, strict=True):
+    paths = [recording.path for recording in found.recordings]
+    names = [Path(path).name or "(arrays)" for path in paths]
+    for name, s in zip(names if len(set(names)) == len(names) else paths, found.samplings, strict=True):
         sampling.add_row(name, *_sampling_cells(s))
     joints = new_table("joint", "highest cut-off [Hz]>", "rows used>", "torque noise>", "unit")
     columns = (robot.joints, band.per_joint, found.used, band.torque_floor, torque_units(robot))
@@ -188,12 +181,6 @@ def check_tables(found: Check) -> list[RenderableType]:
         *(paragraph(f"advice: {sentence}") for sentence in found.advice),
         *note_lines(found.notes),
     ]
-
-
-def _short(paths: Sequence[str]) -> Sequence[str]:
-    """File names, or paths if two files have the same name."""
-    names = [Path(path).name or "(arrays)" for path in paths]
-    return names if len(set(names)) == len(names) else paths
 
 
 def _sampling_cells(found: Sampling) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import compress
 from typing import TYPE_CHECKING, NamedTuple
 
 from ....errors import shorten
@@ -11,7 +12,7 @@ from .laws import law_words, number_lines, stated_words
 from .signs import confidence
 
 if TYPE_CHECKING:
-    from ....diagnose import Alternative, Diagnosis, Finding
+    from ....diagnose import Diagnosis, Finding
     from ....diagnose.data.locate import Location
     from ....types import Robot
 
@@ -113,7 +114,8 @@ def alternative_words(robot: Robot, finding: Finding, most: int | None = RIVALS)
 
     At most `most` probable ones are listed; None: all, even improbable ones.
     """
-    rivals = [rival for rival in finding.alternatives if most is None or _is_near(rival)][:most]
+    near = [x.probability >= NEGLIGIBLE or x.separating_motion.startswith("no motion") for x in finding.alternatives]
+    rivals = list(finding.alternatives if most is None else compress(finding.alternatives, near))[:most]
     said = list[str]()
     for rival in rivals:
         sure = confidence(rival.probability) if rival.probability >= NEGLIGIBLE else f"<{NEGLIGIBLE}"
@@ -146,11 +148,6 @@ def _follows(place: Location) -> str:
     if place.explained < LITTLE:
         return "no single variable explains it"
     return f"{place.variable} explains {share(place.explained)}"
-
-
-def _is_near(rival: Alternative) -> bool:
-    """Whether an alternative is probable or indistinguishable by any motion."""
-    return rival.probability >= NEGLIGIBLE or rival.separating_motion.startswith("no motion")
 
 
 def _together(robot: Robot, findings: Sequence[Finding]) -> str:

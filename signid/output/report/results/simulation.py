@@ -135,16 +135,13 @@ def excitation_document(
     robot: Robot, found: Excitation | Separation, inputs: Sequence[Input] = (), seed: int = 0
 ) -> Document:
     """Build the output of `signid excite --json`; `inputs` defaults to the robot description."""
-    from ....simulation.excite import Separation
-
-    own = _separation(robot, found) if isinstance(found, Separation) else _excitation(found)
     return {
         "schema": "signid.excitation/1",
         "robot": robot.name,
         "joints": list(robot.joints),
         "duration": float(found.trajectory.t[-1]),
         "rows": len(found.trajectory.t),
-        **own,
+        **_own(robot, found),
         "noise": found.noise,
         "torque_unit": torque_units(robot),
         "use": picked(found.use, LIMITS),
@@ -167,21 +164,18 @@ def excitation_tables(robot: Robot, found: Excitation | Separation) -> list[Rend
     return [title, limits, *map(paragraph, near), *gained, *note_lines(found.notes)]
 
 
-def _excitation(found: Excitation) -> dict[str, Any]:
+def _own(robot: Robot, found: Excitation | Separation) -> dict[str, Any]:
+    from ....simulation.excite import Separation
+
+    if isinstance(found, Separation):
+        laws = [law_document(robot, law) for law in found.laws]
+        return {"purpose": "separate", "laws": laws, **picked(found, "distances shares median structural enough")}
     rows = zip(found.expressions, found.std, found.relative_std, strict=True)
     return {
         "purpose": "excite",
         **picked(found, "kind criterion value log_det condition"),
         "base_parameters": [{"expression": e, "std": s, "relative_std": r} for e, s, r in rows],
         "evaluations": found.evaluations,
-    }
-
-
-def _separation(robot: Robot, found: Separation) -> dict[str, Any]:
-    return {
-        "purpose": "separate",
-        "laws": [law_document(robot, law) for law in found.laws],
-        **picked(found, "distances shares median structural enough"),
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
@@ -13,12 +13,12 @@ from .documents import Document, description, ending, fit_document
 from .identification import cutoff_words
 
 if TYPE_CHECKING:
-    from ....simulation.rollout import RollOut
     from ....validate import ValidatedModel, Validation
 
 
 def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Document:
     """Build the content of validation.json; `inputs` besides the recordings default to the models' descriptions."""
+    at = {"horizon": result.horizon}
     return {
         "schema": "signid.validation/1",
         "models": [
@@ -26,7 +26,7 @@ def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Doc
                 "path": one.name,
                 "robot": one.model.robot.name,
                 "fit": {**fit_document(one.fit), "train_rms": None},
-                "rollout": _rollout(one.rollout, result.horizon),
+                "rollout": one.rollout and {**at, "rms": one.rollout.rms(at["horizon"]), "unit": one.rollout.unit},
             }
             for one in result.models
         ],
@@ -38,14 +38,16 @@ def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Doc
 def validation_tables(result: Validation) -> list[RenderableType]:
     """Rms, noise floor, R2 and roll-out errors of every model, per joint."""
     listed = [f"{number}  {one.name}" for number, one in enumerate(result.models, 1)]
-    heads, rows = torque_rows(result)
+    (heads, rows), (ends, errors) = torque_rows(result), rollout_rows(result)
+    title = f"Roll-outs of {result.horizon:g} s from measured states: rms position error at the end"
+    rolled = [heading(title), new_table(*ends, rows=errors)]
     cutoff = cutoff_words(result.cutoff, result.position_cutoff)
     return [
         heading(validation_title(result), below=False),
         *map(paragraph, listed if len(listed) > 1 else []),
         heading("Torque: rms of measured - predicted"),
         new_table(*heads, rows=rows),
-        *_rolled(result),
+        *(rolled if any(one.rollout is not None for one in result.models) else []),
         paragraph(f"{cutoff}; rows where a joint is at rest are excluded. Nothing was fitted."),
         *note_lines(result.notes),
     ]
@@ -85,19 +87,6 @@ def rollout_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
 def joints_of(models: Sequence[ValidatedModel]) -> list[str]:
     """Joints of all models, without repetitions."""
     return list(dict.fromkeys(joint for one in models for joint in one.fit.joints))
-
-
-def _rolled(result: Validation) -> Iterator[RenderableType]:
-    if any(one.rollout is not None for one in result.models):
-        yield heading(f"Roll-outs of {result.horizon:g} s from measured states: rms position error at the end")
-        heads, rows = rollout_rows(result)
-        yield new_table(*heads, rows=rows)
-
-
-def _rollout(found: RollOut | None, horizon: float) -> Document | None:
-    if found is None:
-        return None
-    return {"horizon": horizon, "rms": found.rms(horizon).tolist(), "unit": list(found.unit)}
 
 
 def _marks(models: Sequence[ValidatedModel]) -> list[str]:
