@@ -30,10 +30,9 @@ class Principal(NamedTuple):
 
 
 def about_centre(parameters: Array) -> tuple[float, Array, Array] | None:
-    """Mass, centre (3,) [m] and inertia (3, 3) [kg.m2] about it; None unless finite, with a mass if there is a moment.
+    """Mass, centre (3,) [m] and inertia (3, 3) [kg.m2] about it; parameters: (10,) [kg, kg.m, kg.m2] of Pinocchio.
 
-    Args:
-        parameters: (10,) in Pinocchio's order [kg, kg.m, kg.m2].
+    None unless the parameters are finite, with a mass if there is a first moment.
     """
     mass, first = float(parameters[0]), parameters[1:4]
     if not np.isfinite(parameters).all() or (mass == 0 and np.any(first)):

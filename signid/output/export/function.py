@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from ...effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TorqueLaw, TransmissionLaw
 from ...model import Model
 from ...types import Law
-from ..report.results.documents import torque_units
+from ..report.layout import torque_units
 from .beyond import BODIES, Exported, among, lacking
 from .mjcf import mjcf_laws
 

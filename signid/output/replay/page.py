@@ -15,7 +15,8 @@ import numpy as np
 
 from ...errors import OptionError
 from ...types import Array, Frozen, Robot
-from ..report.results.documents import position_units, rms, torque_units
+from ..report.layout import position_units, torque_units
+from ..report.results.documents import rms
 from .marks import Mark
 from .shapes import Look
 from .track import Track

@@ -11,7 +11,7 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ...types import TWO_SIDED
+from ...types import TWO_SIDED, Robot
 
 MOST = 9  # maximum number of significant digits
 UNKNOWN = "not identifiable"  # text in place of a value without finite interval
@@ -146,3 +146,13 @@ def determination(r2: float) -> str:
 
 def _power(value: float) -> int:
     return floor(log10(value)) if value > 0 else -300
+
+
+def torque_units(robot: Robot) -> list[str]:
+    """Unit of the torque of each joint."""
+    return ["N" if prismatic else "N.m" for prismatic in robot.prismatic]
+
+
+def position_units(robot: Robot) -> list[str]:
+    """Unit of the position of each joint."""
+    return ["m" if prismatic else "rad" for prismatic in robot.prismatic]

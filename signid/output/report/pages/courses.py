@@ -14,6 +14,7 @@ from .frame import AFTER, BEFORE, FAINT, INK, Plot, axis, curve, packed, thinned
 
 if TYPE_CHECKING:
     from ....simulation.rollout import RollOut
+    from ....validate import ValidatedModel
 
 POINTS, DOTS = 16_000, 9_000  # total number of points of lines and of scatter plots
 FEWEST = 150  # minimum number of points per line
@@ -55,14 +56,6 @@ def joint_plots(course: Course, before: Fit, after: Fit, chosen: Sequence[int]) 
 
 def _plots(course: Course, j: int) -> Iterator[Plot]:
     unit, length = course.unit[j], "m" if course.prismatic[j] else "rad"
-    yield _over_time(course, j, unit)
-    yield _against(course, j, f"velocity [{length}/s]", course.v[:, j], unit)
-    yield _against(course, j, f"position [{length}]", course.q[:, j], unit)
-    load = course.torque[:, j] - course.before[:, j]
-    yield _against(course, j, f"load: predicted torque [{unit}]", load, unit)
-
-
-def _over_time(course: Course, j: int, unit: str) -> Plot:
     measured, left = course.torque[:, j], (course.before[:, j], course.after[:, j])
     lines = (
         Line("measured", "y", INK, {"width": 1.6}, measured),
@@ -71,13 +64,15 @@ def _over_time(course: Course, j: int, unit: str) -> Plot:
         Line("residual before", "y2", BEFORE, {"width": 1.2, "dash": "dot"}, left[0]),
         Line("residual after", "y2", AFTER, {"width": 1.2}, left[1]),
     )
-    most = max(FEWEST, POINTS // len(course.joints))
-    return torque_plot(course.joints[j], clock(course.t, course.recording), course.stretch, unit, lines, most)
+    yield torque_plot(course.joints[j], course, unit, lines, max(FEWEST, POINTS // len(course.joints)))
+    yield _against(course, j, f"velocity [{length}/s]", course.v[:, j], unit)
+    yield _against(course, j, f"position [{length}]", course.q[:, j], unit)
+    yield _against(course, j, f"load: predicted torque [{unit}]", measured - left[0], unit)
 
 
-def torque_plot(joint: str, t: Array, stretch: Indices, unit: str, lines: Sequence[Line], most: int) -> Plot:
-    """Plot torque over time, with residuals below; t: (M,) [s], stretch: (M,) number of the part without gaps."""
-    first = np.flatnonzero(np.diff(stretch, prepend=stretch[:1] - 1))
+def torque_plot(joint: str, rows: Course | ValidatedModel, unit: str, lines: Sequence[Line], most: int) -> Plot:
+    """Plot torque over the time of some rows, with residuals below."""
+    t, first = clock(rows.t, rows.recording), np.flatnonzero(np.diff(rows.stretch, prepend=rows.stretch[:1] - 1))
     t, values = thinned(t, np.column_stack([line.values for line in lines]), first, most)
     data = [
         {

@@ -88,13 +88,7 @@ def curve(name: str, x: Any, y: Any, line: dict[str, Any], **hover: str) -> dict
 def thinned(t: Array, lines: Array, first: Indices, most: int) -> tuple[Array, Array]:
     """Decimate lines over a common time; keep the extremes of each stretch.
 
-    Lines are interrupted (NaN) at the start of each span.
-
-    Args:
-        t: (N,) [s].
-        lines: (N, k) [any unit].
-        first: index of the first sample of each span.
-        most: maximum number of points per line.
+    Lines are interrupted (NaN) where a span starts; t: (N,) [s], lines: (N, k) [any unit], first: (s,) first samples.
     """
     breaks = first[1:] if 6 * len(first) <= most else first[:0]
     if len(t) + len(breaks) > most:

@@ -32,13 +32,7 @@ class Variable(NamedTuple):
 
 
 def heat_maps(course: Course, over: Array, top: float) -> list[Plot]:
-    """Plot a residual, joint by region of its state and time.
-
-    Args:
-        course: rows.
-        over: (M, n) residual over the rms of what no model could predict [1].
-        top: ratio at which the colour saturates [1].
-    """
+    """Plot ratios over: (M, n) [1], joint by region of state and time; the colour saturates at `top` [1]."""
     return [_map(course.joints, variable, over, top) for variable in _variables(course)]
 
 

@@ -16,8 +16,8 @@ from ....model import Model, stated_inertials, stated_laws
 from ....recording.sampling import split
 from ....regression.session import Part, Session
 from ....types import TWO_SIDED, Array, Input, pseudo_inertia
-from ..layout import determination, figure, plural, share, with_interval
-from ..results.documents import rms, torque_units
+from ..layout import determination, figure, plural, share, torque_units, with_interval
+from ..results.documents import rms
 from ..results.identification import consistent_words, excited_words, fit_rows, identified_numbers
 from ..results.signs import proof_sentence
 from .courses import joint_plots, worst

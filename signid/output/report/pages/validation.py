@@ -10,7 +10,7 @@ import numpy as np
 from ....types import Input
 from ..layout import determination, figure
 from ..results.validation import joints_of, rollout_rows, torque_rows, validation_title
-from .courses import FEWEST, OPEN, POINTS, JointPlots, Line, clock, rollout_plots, torque_plot, worst
+from .courses import FEWEST, OPEN, POINTS, JointPlots, Line, rollout_plots, torque_plot, worst
 from .frame import AFTER, BEFORE, FLOOR, INK, Card, render, shared
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def _plots(result: Validation, joint: str, unit: str, moving: Sequence[tuple[int
         lines.append(Line(f"predicted{name}", "y", colour, style, measured - one.residual[:, j]))
         lines.append(Line(f"residual{name}", "y2", colour, style, one.residual[:, j]))
     most = max(FEWEST, 3 * POINTS // (len(result.models[0].fit.joints) * (1 + len(lines))))
-    return (torque_plot(joint, clock(first.t, first.recording), first.stretch, unit, lines, most),)
+    return (torque_plot(joint, first, unit, lines, most),)
 
 
 def _style(k: int) -> tuple[str, str]:

@@ -66,16 +66,6 @@ def fit_with_errors(fit: Fit) -> Document:
     return {**fit_document(fit), "irreducible_rms": fit.irreducible_rms.tolist()}
 
 
-def torque_units(robot: Robot) -> list[str]:
-    """Unit of the torque of each joint."""
-    return ["N" if prismatic else "N.m" for prismatic in robot.prismatic]
-
-
-def position_units(robot: Robot) -> list[str]:
-    """Unit of the position of each joint."""
-    return ["m" if prismatic else "rad" for prismatic in robot.prismatic]
-
-
 def rms(values: Array) -> Array:
     """Root mean square of values: (N, n) [any unit] over finite rows, (n,) [any unit]; NaN if there are none."""
     known = np.isfinite(values)

@@ -12,18 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from ....types import TWO_SIDED, Input, Robot
-from ..layout import figure, heading, new_table, note_lines, paragraph, plural, share
-from .documents import (
-    Document,
-    base_documents,
-    description,
-    ending,
-    excitation_verdict,
-    picked,
-    position_units,
-    provenance,
-    torque_units,
-)
+from ..layout import figure, heading, new_table, note_lines, paragraph, plural, position_units, share, torque_units
+from .documents import Document, base_documents, description, ending, excitation_verdict, picked, provenance
 from .identification import cutoff_words, excited_words
 
 if TYPE_CHECKING:

@@ -98,7 +98,8 @@ def number_cells(robot: Robot, finding: Finding) -> list[NumberCells]:
     """Parameters of a finding; optional ones consistent with zero are only counted."""
     numbers = finding_numbers(robot, finding)
     optional = [key for key in numbers if key in finding.law.effect.optional and key not in finding.stated]
-    hidden = [key for key in optional if _could_be_zero(**numbers[key])]
+    sizes = {key: (abs(numbers[key]["value"]), numbers[key]["std"]) for key in optional}
+    hidden = [key for key, (size, std) in sizes.items() if std is not None and size < TWO_SIDED * std]
     cells = [_cells(key, **number) for key, number in numbers.items() if key not in (*hidden, "partner")]
     if hidden:
         cells.append(NumberCells(f"{plural(len(hidden), 'more parameter')}: could be zero", "", "", "", ""))
@@ -120,10 +121,6 @@ def stated_words(robot: Robot, finding: Finding) -> str:
     """
     cells = number_cells(robot, finding)
     return f"{law_words(robot, finding.law)}: {cells[0].compared}" if len(cells) == 1 and cells[0].stated else ""
-
-
-def _could_be_zero(value: float, std: float | None, unit: str) -> bool:
-    return std is not None and abs(value) < TWO_SIDED * std
 
 
 def _cells(key: str, value: float, std: float | None, unit: str, stated: float | None = None) -> NumberCells:

@@ -28,14 +28,14 @@ SHOWN = 4  # number of joints listed per topic
 
 def conversion_document(found: Conversion, inputs: Sequence[Input] = ()) -> Document:
     """Build the output of `signid convert --json`; `inputs` are files read besides the source."""
-    clock = {"clock": found.about.clock or None}
+    pace, clock = found.pace, found.about.clock or None
     return {
         "schema": "signid.conversion/1",
         "rows": _rows(found),
         "columns": list(found.columns),
         "joints": [{"name": joint, "columns": kinds} for joint, kinds in found.joints.items()],
         "units": dict(found.units),
-        "time": found.pace and {**picked(found.pace, "duration rate gaps"), "longest_gap": found.pace.longest, **clock},
+        "time": pace and {**picked(pace, "duration rate gaps"), "longest_gap": pace.longest, "clock": clock},
         "topics": [
             {"name": topic.name, "type": topic.kind, **picked(topic, "messages rate joints read")}
             for topic in found.about.topics

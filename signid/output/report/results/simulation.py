@@ -12,8 +12,8 @@ from rich.console import RenderableType
 
 from ....errors import shorten
 from ....types import Array, Input, Law, Robot
-from ..layout import figure, heading, new_table, note_lines, paragraph, plural, share
-from .documents import Document, description, ending, picked, position_units, provenance, torque_units
+from ..layout import figure, heading, new_table, note_lines, paragraph, plural, position_units, share, torque_units
+from .documents import Document, description, ending, picked, provenance
 from .laws import law_document
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Document:
     """Build the content of validation.json; `inputs` besides the recordings default to the models' descriptions."""
-    at = {"horizon": result.horizon}
+    horizon = result.horizon
     return {
         "schema": "signid.validation/1",
         "models": [
@@ -26,7 +26,8 @@ def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Doc
                 "path": one.name,
                 "robot": one.model.robot.name,
                 "fit": {**fit_document(one.fit), "train_rms": None},
-                "rollout": one.rollout and {**at, "rms": one.rollout.rms(at["horizon"]), "unit": one.rollout.unit},
+                "rollout": one.rollout
+                and {"horizon": horizon, "rms": one.rollout.rms(horizon), "unit": one.rollout.unit},
             }
             for one in result.models
         ],
