@@ -14,7 +14,7 @@ from ....effects.naming import law_place
 from ....types import Array, Input, Robot
 from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural
 from . import sentences as words
-from .documents import Document, description, fit_with_errors, picked, provenance
+from .documents import Document, description, fit_with_errors, opening, picked, provenance
 from .laws import changed_link, finding_numbers, law_words
 from .signs import signs_document, signs_tables
 
@@ -31,9 +31,7 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
     """Build the content of diagnosis.json; `inputs` besides the recordings default to the robot description."""
     robot, before, after = result.robot, result.rollout_before, result.rollout_after
     return {
-        "schema": "signid.diagnosis/1",
-        "robot": robot.name,
-        "joints": list(robot.joints),
+        **opening("signid.diagnosis/1", robot),
         "verdict": result.verdict,
         "tolerance": result.tolerance,
         "findings": [_finding(robot, finding) for finding in result.findings],

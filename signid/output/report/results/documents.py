@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....types import Array, BaseMap, Input, Robot
+from ....types import Array, Input, Robot
 from ....version import __version__
 
 if TYPE_CHECKING:
@@ -35,12 +35,6 @@ def _strict(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return _strict(value.tolist())
     return None if isinstance(value, float) and not isfinite(value) else value
-
-
-def base_documents(base: BaseMap) -> list[Document]:
-    """Formula and unit of each base parameter."""
-    units = (unit.replace("m2", "m^2") for unit in base.units)
-    return [{"expression": e, "unit": unit} for e, unit in zip(base.expressions, units, strict=True)]
 
 
 def excitation_verdict(found: ExcitationVerdict) -> Document:
@@ -87,6 +81,11 @@ def provenance(recordings: Iterable[Input], others: Iterable[Input], seed: int) 
     """Input files without repetitions, seed and version of a result."""
     files = [file._asdict() for file in once([*recordings, *others])]
     return {"inputs": files, "seed": seed, "version": __version__}
+
+
+def opening(schema: str, robot: Robot) -> Document:
+    """Schema of a document, and names of the robot and its joints."""
+    return {"schema": schema, "robot": robot.name, "joints": list(robot.joints)}
 
 
 def ending(found: Any, recordings: Iterable[Input], others: Iterable[Input], seed: int) -> Document:

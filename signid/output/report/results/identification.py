@@ -14,7 +14,7 @@ from ....estimation.excitation import ENOUGH
 from ....model import standard_parameters
 from ....types import INERTIAL, Array, BaseMap, Input, Law
 from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
-from .documents import Document, base_documents, description, ending, excitation_verdict, fit_document
+from .documents import Document, description, ending, excitation_verdict, fit_document, opening
 from .laws import law_units
 from .signs import signs_document, signs_tables
 
@@ -87,13 +87,17 @@ def _numbers(result: Identification, law: Law, known: Sequence[float | None]) ->
     return [LawNumber(law.effect.name, joint, key, float(x), std.get(key), units[key]) for key, x in values]
 
 
+def base_documents(base: BaseMap) -> list[Document]:
+    """Formula and unit of each base parameter."""
+    units = (unit.replace("m2", "m^2") for unit in base.units)
+    return [{"expression": e, "unit": unit} for e, unit in zip(base.expressions, units, strict=True)]
+
+
 def identification_document(result: Identification, inputs: Sequence[Input] = ()) -> Document:
     """Build the content of identification.json; `inputs` besides the recordings default to the robot description."""
     robot, values = result.robot, zip(result.base_value, result.estimate.std, result.estimate.value, strict=True)
     return {
-        "schema": "signid.identification/1",
-        "robot": robot.name,
-        "joints": list(robot.joints),
+        **opening("signid.identification/1", robot),
         "base_parameters": [
             {**combination, "value": float(value), "std": float(std), "estimate": float(estimate)}
             for combination, (value, std, estimate) in zip(base_documents(result.base), values, strict=True)

@@ -13,8 +13,8 @@ from rich.text import Text
 
 from ....types import TWO_SIDED, Input, Robot
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural, position_units, share, torque_units
-from .documents import Document, base_documents, description, ending, excitation_verdict, picked, provenance
-from .identification import cutoff_words, excited_words
+from .documents import Document, description, ending, excitation_verdict, picked, provenance
+from .identification import base_documents, cutoff_words, excited_words
 
 if TYPE_CHECKING:
     from ....check import Check

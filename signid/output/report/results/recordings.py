@@ -17,7 +17,7 @@ from ....recording.mapping import split
 from ....types import Input
 from ....version import __version__
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural
-from .documents import Document, ending, picked
+from .documents import Document, ending, opening, picked
 
 if TYPE_CHECKING:
     from ....recording.convert import Conversion, Pace
@@ -138,9 +138,7 @@ def factors_document(found: Reduced, size: int) -> Document:
     band = found.task.band
     train, held_out = (sum(node.factors.rows for node in nodes) for nodes in (found.train, found.held_out))
     return {
-        "schema": "signid.reduction/1",
-        "robot": found.robot.name,
-        "joints": list(found.robot.joints),
+        **opening("signid.reduction/1", found.robot),
         "effects": list(dict.fromkeys(law.effect.name for law in found.task.laws)),
         "base_parameters": found.task.base.rank,
         "rows": {"learned_from": train, "held_out": held_out},

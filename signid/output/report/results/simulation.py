@@ -13,7 +13,7 @@ from rich.console import RenderableType
 from ....errors import shorten
 from ....types import Array, Input, Law, Robot
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural, position_units, share, torque_units
-from .documents import Document, description, ending, picked, provenance
+from .documents import Document, description, ending, opening, picked, provenance
 from .laws import law_document
 
 if TYPE_CHECKING:
@@ -75,9 +75,7 @@ def simulation_document(run: SimulationRun, inputs: Sequence[Input] = (), seed: 
     """Build the output of `signid simulate --json`; `inputs` defaults to the robot description."""
     robot, s = run.model.robot, run.simulation
     return {
-        "schema": "signid.simulation/1",
-        "robot": robot.name,
-        "joints": list(robot.joints),
+        **opening("signid.simulation/1", robot),
         "effects": [
             {**law_document(robot, law), "injected": any(law is other for other in run.injected)}
             for law in run.model.laws
@@ -136,9 +134,7 @@ def excitation_document(
 ) -> Document:
     """Build the output of `signid excite --json`; `inputs` defaults to the robot description."""
     return {
-        "schema": "signid.excitation/1",
-        "robot": robot.name,
-        "joints": list(robot.joints),
+        **opening("signid.excitation/1", robot),
         "duration": float(found.trajectory.t[-1]),
         "rows": len(found.trajectory.t),
         **_own(robot, found),
