@@ -14,7 +14,7 @@ from ....estimation.excitation import ENOUGH
 from ....model import standard_parameters
 from ....types import INERTIAL, Array, BaseMap, Input, Law
 from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
-from .documents import Document, description, ending, excitation_verdict, fit_document, opening
+from .documents import Document, description, ending, excitation_verdict, fit_document, opening, picked
 from .laws import law_units
 from .signs import signs_document, signs_tables
 
@@ -82,8 +82,7 @@ def _numbers(result: Identification, law: Law, known: Sequence[float | None]) ->
     plain = type(law.effect).physical is Effect.physical  # the parameters are the coefficients
     joint = result.robot.joints[law.joints[0]] if len(law.joints) == 1 else None
     std = {key: known[linear.index(key)] for key in law.parameters if plain and key in linear}
-    units = law_units(result.robot, law)
-    values = law.parameters.items()
+    units, values = law_units(result.robot, law), law.parameters.items()
     return [LawNumber(law.effect.name, joint, key, float(x), std.get(key), units[key]) for key, x in values]
 
 
@@ -127,7 +126,7 @@ def identification_tables(result: Identification) -> list[RenderableType]:
     """Base parameters and laws with their intervals, fit, excitation and physical consistency."""
     base = new_table("base parameter", "value>", "± (95 %)>", "unit")
     for row in _rigid_rows(result.base):
-        interval = with_interval(float(result.base_value[row]), float(result.estimate.std[row]))
+        interval = with_interval(result.base_value[row], result.estimate.std[row])
         base.add_row(result.base.expressions[row], *interval, result.base.units[row])
     counted = f"{plural(result.base.rank, 'base parameter')}, {plural(len(result.robot.joints), 'joint')}"
     heads = ("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
@@ -226,8 +225,7 @@ def payload_document(found: Payload, inputs: Sequence[Input] = ()) -> Document:
         **{key: {"value": value, "std": std, "unit": unit} for key, ((value, std), unit) in parts.items()},
         "effect": {"effect": found.law.effect.name, "parameters": dict(found.law.parameters)},
         "physically_consistent": True,
-        "moved": found.moved,
-        "misfit": found.misfit,
+        **picked(found, "moved misfit"),
         "cutoff": {"torque": found.cutoff, "unit": "Hz"},
         **ending(found, found.inputs, inputs or [description(found.robot)], found.seed),
     }
