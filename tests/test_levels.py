@@ -14,8 +14,8 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "validate output cli __main__ __init__",
     "cli": "app terminal interrupt options arguments output drive files fleet demo commands run worker __init__",
     "diagnose": "data evidence result extend search findings preparation run __init__",
-    "output": "__init__ replay export report",
-    "output/report": "numbers quantities joints layout write results diagnosis pages __init__",
+    "output": "__init__ geometry report replay export",
+    "output/report": "layout write results pages __init__",
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
     "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "
     "factors session prepare reduced",

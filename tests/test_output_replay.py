@@ -21,7 +21,7 @@ import signid
 from signid.cli import run
 from signid.errors import OptionError, RecordingError
 from signid.output.replay import Replay
-from signid.output.replay.part import part
+from signid.output.replay.run import part
 from signid.robot import load_robot
 from signid.simulation.rollout import RollOut
 from signid.types import Recording

@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.testing import assert_allclose
 
-from signid.output.replay.poses import axis, movers
-from signid.output.replay.shapes import look
-from signid.output.replay.simplify import share, simplify
-from signid.output.replay.solids import Triangles, between, box, capsule, cylinder
+from signid.output.replay.shapes import Triangles, between, box, capsule, cylinder, look, share, simplify
+from signid.output.replay.track import axis, movers
 from signid.robot import load_robot
 
 

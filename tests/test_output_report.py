@@ -27,7 +27,7 @@ from signid.output.report import (
     identification_tables,
     inspection_document,
     inspection_tables,
-    numbers,
+    layout,
     probe_folder,
     to_json,
     with_interval,
@@ -51,8 +51,8 @@ def shown(renderables: list[RenderableType], width: int = 100) -> str:
 
 
 def test_examples_of_numbers() -> None:
-    assert doctest.testmod(numbers) == (0, doctest.testmod(numbers).attempted)
-    assert doctest.testmod(numbers).attempted >= 4
+    assert doctest.testmod(layout) == (0, doctest.testmod(layout).attempted)
+    assert doctest.testmod(layout).attempted >= 4
 
 
 @given(

@@ -74,7 +74,7 @@ def test_the_diagnosis_of_a_robot_in_mujoco_finds_the_direction(delay: float) ->
     from diagnosed import fault, look, named
 
     from signid.output.report import diagnosis_document
-    from signid.output.report.diagnosis.words import finding_words
+    from signid.output.report.results.sentences import finding_words
 
     found = look("3r", fault("time_delay", delay=delay))
     assert named(found) == [("time_delay", ALL)] and len(found.findings) == 1

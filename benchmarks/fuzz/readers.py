@@ -17,7 +17,7 @@ import signid
 from signid.cli.fleet import read_manifest
 from signid.errors import SignidError
 from signid.estimation.pbrp.bounds import Bounds, read_bounds
-from signid.output.replay.found import read_found
+from signid.output.replay.marks import read_found
 from signid.recording import read_recording
 from signid.recording.formats import find_format
 from signid.recording.mapping import ColumnMap

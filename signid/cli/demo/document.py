@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from ...effects.naming import law_name, law_place
-from ...output.report.diagnosis.document import law_numbers
 from ...output.report.results.documents import fit_with_errors, provenance
+from ...output.report.results.laws import law_numbers
 from ...types import Input
 from .outcome import LawOutcome
 from .run import BITS, DURATION, NOISE, RATE, Story

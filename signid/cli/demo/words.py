@@ -15,10 +15,10 @@ from ...diagnose import Diagnosis
 from ...diagnose.findings.thresholds import UNSURE
 from ...effects.naming import law_name
 from ...output.report import figure, with_interval
-from ...output.report.diagnosis.document import law_numbers
-from ...output.report.diagnosis.tables import change
-from ...output.report.diagnosis.words import alternative_words, unexplained_words, verdict_words
 from ...output.report.layout import heading, new_table, note_lines, paragraph, plural
+from ...output.report.results.diagnosis import change
+from ...output.report.results.laws import law_numbers
+from ...output.report.results.sentences import alternative_words, unexplained_words, verdict_words
 from ...output.report.results.signs import confidence
 from ...types import TWO_SIDED
 from .outcome import FOUND, MINOR, MISSED, RIVAL, LawOutcome, misses

@@ -4,7 +4,48 @@
 laws that neither URDF nor MJCF can express, and needs only NumPy.
 """
 
-from .edit import urdf_with
-from .run import KINDS, Exported, export
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ...errors import OptionError
+from ...model import Model
+from .actuators import write_actuators, write_isaaclab, write_ros
+from .beyond import Exported
+from .function import write_function
+from .mjcf import write_mjcf
+from .urdf import urdf_with, write_urdf
 
 __all__ = ["KINDS", "Exported", "export", "urdf_with"]
+
+_WRITERS: dict[str, Callable[..., Exported]] = {
+    "urdf": write_urdf,
+    "mjcf": write_mjcf,
+    "actuators": write_actuators,
+    "function": write_function,
+    "ros": write_ros,
+    "isaaclab": write_isaaclab,
+}
+KINDS = tuple(_WRITERS)
+
+
+def export(model: Model, kind: str, package_dirs: Sequence[str | Path] = ()) -> Exported:
+    """Export a model; return the text of the file and notes on the content that the format cannot hold.
+
+    Args:
+        model: rigid bodies and laws.
+        kind: "urdf" (the robot's URDF with inertials, damping and friction), "mjcf" (for MuJoCo), "actuators" (TOML
+            file for use with a URDF), "function" (laws as Python code that needs only NumPy), "ros" (parameters of a
+            ROS 2 node) or "isaaclab" (actuator group).
+        package_dirs: folders to search for meshes of an MJCF, besides those of example-robot-data.
+
+    Raises:
+        OptionError: the kind is unknown.
+        RobotError: the format cannot hold the bodies of the model, or the robot has no URDF.
+    """
+    if kind == "mjcf":
+        return write_mjcf(model, package_dirs)
+    if kind not in _WRITERS:
+        raise OptionError(f"there is no export to {kind!r}; choose from {', '.join(KINDS)}")
+    return _WRITERS[kind](model)

@@ -1,17 +1,18 @@
-"""Export of a model's actuators as actuators.toml."""
+"""Export of a model's actuators: actuators.toml, parameters of a ROS 2 node, actuator group of Isaac Lab."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from ...model import Model
 from ...types import Actuators, Array
-from .beyond import Exported, held, lacking, remarks, summed
+from .beyond import BODIES, Exported, beyond, fixed_note, remarks, summed
 
 _UNITS = {
     "armature": "kg.m2",
@@ -21,6 +22,23 @@ _UNITS = {
     "torque_constant": "N.m/A",
 }
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
+HEAD = """\
+# Dynamics of {name} as parameters of a ROS 2 node: ros2 param load NODE FILE, or parameters=[FILE] in a launch file.
+# kg, m, s, rad, N, N.m; prismatic joints: N for N.m, m for rad, kg for kg.m2. Recorded torque = rigid bodies + armature
+# * acceleration + viscous_friction * velocity + coulomb_friction * sign(velocity) + torque_offset. Inertia is about the
+# centre of mass, along the axes of the link's joint frame.
+"""
+FIELDS = {"armature": "armature", "viscous_friction": "viscous_friction", "coulomb_friction": "friction"}
+ISAAC_HEAD = '''\
+"""Actuators of {name} for Isaac Lab 2.2 or newer on Isaac Sim 5: ArticulationCfg(actuators=ACTUATORS, ...).
+
+kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. Friction is an effort (PhysX 5.6, PxJointFrictionParams),
+static and dynamic alike. Set stiffness and damping to the gains of your controller.
+"""
+
+from isaaclab.actuators import ImplicitActuatorCfg
+
+'''
 
 
 def write_actuators(model: Model) -> Exported:
@@ -28,33 +46,23 @@ def write_actuators(model: Model) -> Exported:
 
     Values that the description states and the model lacks are zero, since the file overrides the description.
     """
-    drives, beyond = driven(model)
-    notes = tuple(f"an actuators file cannot hold {laws}" for laws in beyond)
+    notes = beyond("an actuators file", model, FIELDS, ("torque_offset",))
     head = f"Actuators of {model.robot.name}; prismatic joints: N for N.m, m for rad, kg for kg.m2"
     lines = remarks([head, *notes]).splitlines()
-    for joint, stated in drives.items():
+    for joint, stated in _driven(model).items():
         if stated:
             lines += ["", f"[joint.{joint if _BARE.fullmatch(joint) else json.dumps(joint, ensure_ascii=False)}]"]
             lines += [f"{key} = {value!r}  # {_UNITS[key]}" for key, value in stated.items()]
-    return Exported("\n".join(lines) + "\n", notes)
+    return Exported("\n".join(lines) + "\n", tuple(notes))
 
 
-def driven(model: Model, but: Collection[str] = ()) -> tuple[dict[str, dict[str, float]], list[str]]:
-    """Return actuator parameters by joint and key, and the laws of the model that they omit, in words.
-
-    Args:
-        model: rigid bodies and laws.
-        but: effects whose omission is not reported.
-    """
-    robot = model.robot
+def _driven(model: Model) -> dict[str, dict[str, float]]:
+    """Actuator parameters by joint and key."""
     values = {item.name: _values(model, item.name) for item in fields(Actuators)}
-    kept = [law for law in model.laws if law.effect.name in ("torque_offset", *but)]
-    beyond = lacking(robot, model.laws, [*held(model, ("armature", "viscous_friction", "coulomb_friction")), *kept])
-    stated = {
+    return {
         joint: {key: float(value[j]) for key, value in values.items() if np.isfinite(value[j])}
-        for j, joint in enumerate(robot.joints)
+        for j, joint in enumerate(model.robot.joints)
     }
-    return stated, [beyond] if beyond else []
 
 
 def _values(model: Model, key: str) -> Array:
@@ -66,3 +74,41 @@ def _values(model: Model, key: str) -> Array:
     if key != "torque_offset":
         total = np.where(total < 0, np.nan, total)
     return np.where(np.isnan(total) & np.isfinite(stated), 0.0, total)
+
+
+def write_ros(model: Model) -> Exported:
+    """Write a parameter file (YAML) with actuator parameters per joint and inertials per link."""
+    from yaml import safe_dump
+
+    robot, bodies = model.robot, list(model.bodies().inertias)[1:]
+    parameters = {
+        "joints": list(robot.joints),
+        "joint": {joint: stated for joint, stated in _driven(model).items() if stated},
+        "link": {link: _inertial(body) for link, body in zip(robot.links, bodies, strict=True)},
+    }
+    lacks = beyond("a ROS parameter file", model, FIELDS, ("torque_offset", *BODIES))
+    lacks += fixed_note(robot, "their links are listed nevertheless")
+    text = safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)
+    return Exported(HEAD.format(name=" ".join(robot.name.split())) + remarks(lacks) + text, tuple(lacks))
+
+
+def _inertial(body: pin.Inertia) -> dict[str, Any]:
+    xx, xy, xz, _, yy, yz, *_, zz = np.asarray(body.inertia).ravel().tolist()
+    moments = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
+    return {"mass": float(body.mass), "centre_of_mass": np.asarray(body.lever).tolist(), "inertia": moments}
+
+
+def write_isaaclab(model: Model) -> Exported:
+    """Write a Python file with armature, viscous and dry friction of each joint."""
+    robot = model.robot
+    names = [re.escape(joint) for joint in robot.joints]
+    notes = beyond("an actuator group of Isaac Lab", model, FIELDS)
+    lines = [f"joint_names_expr={names!r}", "stiffness=None", "damping=None"]
+    for effect, field in FIELDS.items():
+        value = np.maximum(0.0, np.nan_to_num(summed(model, effect)))
+        table = repr(dict(zip(names, value.tolist(), strict=True)))
+        lines += [f"{name}={table}" for name in ([field, "dynamic_friction"] if field == "friction" else [field])]
+    body = "".join(f"        {line},\n" for line in lines)
+    head = ISAAC_HEAD.format(name=" ".join(robot.name.split()).replace('"', "'").replace("\\", "/"))
+    group = f'ACTUATORS = {{\n    "all": ImplicitActuatorCfg(\n{body}    )\n}}\n'
+    return Exported(head + remarks(notes) + group, tuple(notes))

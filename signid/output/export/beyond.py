@@ -39,11 +39,23 @@ def held(model: Model, effects: Iterable[str]) -> list[Law]:
     return [law for law in model.laws if law.effect.name in sums and sums[law.effect.name][law.joints[0]] >= 0]
 
 
+def among(law: Law, laws: Iterable[Law]) -> bool:
+    """Whether a law itself, not an equal one, is among some laws."""
+    return any(law is other for other in laws)
+
+
+def beyond(subject: str, model: Model, effects: Iterable[str], whole: Collection[str] = BODIES) -> list[str]:
+    """Note on the laws that a format lacks, if it holds some effects unless negative, and others as they are."""
+    carried = [*held(model, effects), *(law for law in model.laws if law.effect.name in whole)]
+    words = lacking(model.robot, model.laws, carried)
+    return [f"{subject} cannot hold {words}"] if words else []
+
+
 def lacking(robot: Robot, laws: Iterable[Law], carried: Collection[Law]) -> str:
     """Laws that are not among those carried, in words: `torque_offset of joint_1, joint_2; backlash of joint_3`."""
     where: dict[str, list[str]] = {}
     for law in laws:
-        if not any(law is other for other in carried):
+        if not among(law, carried):
             every = law.effect.scope in ("robot", "any") and len(law.joints) == len(robot.joints)
             said = law.effect.meaning(law.parameters)
             name = f"{law.effect.name} ({said})" if said else law.effect.name
@@ -59,11 +71,8 @@ def fixed_note(robot: Robot, consequence: str) -> list[str]:
         for name, joint in list(zip(robot.model.names, robot.model.joints, strict=True))[1:]
         if not driven[joint.idx_v : joint.idx_v + joint.nv].any()
     ]
-    return (
-        [f"{shorten(names)} {'is' if len(names) == 1 else 'are'} held fixed in the model: {consequence}"]
-        if names
-        else []
-    )
+    be = "is" if len(names) == 1 else "are"
+    return [f"{shorten(names)} {be} held fixed in the model: {consequence}"] if names else []
 
 
 def remarks(lines: Iterable[str]) -> str:

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ...model import Model
+from ...robot import configuration
 from ...robot.dynamics import joint_of_row, own_row
-from ...types import Law, Robot
+from ...robot.joints import is_plain
+from ...types import Array, Law, Robot
 from .beyond import BODIES, Exported, commented, fixed_note, held, lacking, summed
-from .inertial import LEAST, Principal
-from .places import AxisPlace, Follower, followers, places
-from .possible import PossibleBodies, possible_bodies
-from .shapes import Shapes, quaternion, read_shapes, words
+from .bodies import LEAST, PossibleBodies, Principal, possible_bodies
+from .shapes import Shapes, pose_words, read_shapes, words
 
 _NUMBERS = {"damping": "viscous_friction", "frictionloss": "coulomb_friction", "armature": "armature"}
 _DENSITY = 2700.0  # density at which a payload is drawn [kg/m3]
+
+
+class _Place(NamedTuple):
+    """A body: parent joint of the model, pose in the parent at zero, and its joints as in MJCF by their rows."""
+
+    parent: int
+    pose: Any  # pin.SE3
+    joints: dict[int, dict[str, str]]
 
 
 def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exported:
@@ -26,29 +36,23 @@ def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exporte
 
     Mimic joints become equality constraints. Shapes are visual only: mass comes from inertials, and nothing collides.
 
-    Args:
-        model: rigid bodies and laws.
-        package_dirs: folders to search for meshes.
-
     Raises:
         RobotError: no physically consistent bodies, as MuJoCo requires, give the torque of the model.
     """
     from lxml import etree
 
-    robot, bodies, follow = model.robot, possible_bodies(model), followers(model.robot)
-    shapes = read_shapes(robot, package_dirs)
+    robot, bodies = model.robot, possible_bodies(model)
+    shapes, placed = read_shapes(robot, package_dirs), _places(robot)
+    ties = _ties(robot, placed)
     root = etree.Element("mujoco", model=robot.name)
-    etree.SubElement(root, "compiler", angle="radian", autolimits="true")
-    gravity = words(model.bodies().gravity.linear)
-    etree.SubElement(root, "option", gravity=gravity, integrator="implicitfast")
-    default = etree.SubElement(root, "default")
-    etree.SubElement(default, "geom", contype="0", conaffinity="0", group="2")
-    _each(etree.SubElement(root, "asset"), "mesh", shapes.meshes)
-    _tree(etree.SubElement(root, "worldbody"), model, shapes, bodies)
-    ties = [{"joint1": f.name, "joint2": f.leader, "polycoef": words([f.offset, f.scale, 0, 0, 0])} for f in follow]
-    _each(etree.SubElement(root, "equality"), "joint", ties)
-    _each(etree.SubElement(root, "actuator"), "motor", _motors(model))
-    notes = [*_notes(model, follow, bodies), *shapes.notes]
+    _add(root, "compiler", {"angle": "radian", "autolimits": "true"})
+    _add(root, "option", {"gravity": words(model.bodies().gravity.linear), "integrator": "implicitfast"})
+    _add(_add(root, "default"), "geom", {"contype": "0", "conaffinity": "0", "group": "2"})
+    _group(root, "asset", "mesh", shapes.meshes)
+    _tree(_add(root, "worldbody"), model, shapes, bodies, placed)
+    _group(root, "equality", "joint", ties)
+    _group(root, "actuator", "motor", _motors(model))
+    notes = [*_notes(model, ties, bodies), *shapes.notes]
     if notes:
         root.insert(0, etree.Comment("\n    " + "\n    ".join(commented(notes).splitlines()) + "\n  "))
     etree.indent(root)
@@ -61,42 +65,40 @@ def mjcf_laws(model: Model) -> list[Law]:
     return [*held(model, _NUMBERS.values()), *(law for law in _springs(model) if _stiffness(model, law)[0] > 0), *whole]
 
 
-def _each(parent: Any, tag: str, entries: Sequence[dict[str, str]]) -> None:
-    """Add elements to a parent, or remove the parent if there are none."""
+def _add(parent: Any, tag: str, attributes: Mapping[str, str] = MappingProxyType({})) -> Any:
     from lxml import etree
 
+    return etree.SubElement(parent, tag, dict(attributes))
+
+
+def _group(root: Any, name: str, tag: str, entries: Sequence[Mapping[str, str]]) -> None:
+    """Add an element with the entries, if there are any."""
+    group = _add(root, name) if entries else None
     for entry in entries:
-        etree.SubElement(parent, tag, entry)
-    if not entries:
-        parent.getparent().remove(parent)
+        _add(group, tag, entry)
 
 
-def _tree(world: Any, model: Model, shapes: Shapes, bodies: PossibleBodies) -> None:
-    from lxml import etree
+def _add_shapes(node: Any, shapes: Shapes, joint: int) -> None:
+    for tag, entry in shapes.at.get(joint, ()):
+        _add(node, tag, entry)
 
+
+def _tree(world: Any, model: Model, shapes: Shapes, bodies: PossibleBodies, placed: Sequence[_Place]) -> None:
     robot, nodes = model.robot, [world]
-    _each_shape(world, shapes, 0)
-    for i, (place, link, body) in enumerate(zip(places(robot), robot.links, bodies.links, strict=True), 1):
-        pose = {"pos": words(place.pose.translation), "quat": words(quaternion(place.pose.rotation))}
-        node = etree.SubElement(nodes[place.parent], "body", name=link, **pose)
-        etree.SubElement(node, "inertial", _inertial(body))
-        for axis in place.axes:
-            etree.SubElement(node, "joint", _joint(model, axis))
-        _each_shape(node, shapes, i)
+    _add_shapes(world, shapes, 0)
+    for place, link, body in zip(placed, robot.links, bodies.links, strict=True):
+        node = _add(nodes[place.parent], "body", {"name": link, **pose_words(place.pose)})
+        _add(node, "inertial", _inertial(body))
+        for joint in place.joints.values():
+            _add(node, "joint", {**joint, **_joint(model, joint["name"])})
+        _add_shapes(node, shapes, len(nodes))
         nodes.append(node)
     for k, (law, body) in enumerate(bodies.loads):
         at = nodes[joint_of_row(robot.model, own_row(robot, law.joints[0]))]
-        node = etree.SubElement(at, "body", name=_free_name(robot, "payload" if k == 0 else f"payload_{k + 1}"))
-        etree.SubElement(node, "inertial", _inertial(body))
-        radius = (3 * body.mass / (4 * np.pi * _DENSITY)) ** (1 / 3)
-        etree.SubElement(node, "geom", type="sphere", size=words([radius]), pos=words(body.centre), rgba="0.9 0.6 0 1")
-
-
-def _each_shape(node: Any, shapes: Shapes, joint: int) -> None:
-    from lxml import etree
-
-    for tag, entry in shapes.at.get(joint, ()):
-        etree.SubElement(node, tag, entry)
+        node = _add(at, "body", {"name": _free_name(robot, "payload" if k == 0 else f"payload_{k + 1}")})
+        _add(node, "inertial", _inertial(body))
+        size = words([(3 * body.mass / (4 * np.pi * _DENSITY)) ** (1 / 3)])
+        _add(node, "geom", {"type": "sphere", "size": size, "pos": words(body.centre), "rgba": "0.9 0.6 0 1"})
 
 
 def _free_name(robot: Robot, name: str) -> str:
@@ -108,25 +110,19 @@ def _inertial(body: Principal) -> dict[str, str]:
     return {**pose, "mass": repr(body.mass), "diaginertia": words(body.moments)}
 
 
-def _joint(model: Model, axis: AxisPlace) -> dict[str, str]:
-    robot = model.robot
-    stated = {"name": axis.name, "type": "slide" if axis.slide else "hinge", "axis": words(axis.direction)}
-    if np.any(axis.at):
-        stated["pos"] = words(axis.at)
-    if axis.name not in robot.joints:
+def _joint(model: Model, name: str) -> dict[str, str]:
+    """Range, friction, armature and spring of a joint; nothing for mimic joints."""
+    robot, stated = model.robot, dict[str, str]()
+    if name not in robot.joints:
         return stated
-    j = robot.index(axis.name)
+    j = robot.index(name)
     ends = robot.lower[j], robot.upper[j]
     if np.isfinite(ends).all():
         stated["range"] = words(ends)
-    for key, effect in _NUMBERS.items():
-        value = summed(model, effect)[j]
-        if value > 0:
-            stated[key] = repr(float(value))
+    sums = {key: float(summed(model, effect)[j]) for key, effect in _NUMBERS.items()}
+    stated |= {key: repr(value) for key, value in sums.items() if value > 0}
     stiffness, rest = next((_stiffness(model, law) for law in _springs(model) if law.joints == (j,)), (0.0, 0.0))
-    if stiffness > 0:
-        stated |= {"stiffness": repr(stiffness), "springref": repr(rest)}
-    return stated
+    return stated | ({"stiffness": repr(stiffness), "springref": repr(rest)} if stiffness > 0 else {})
 
 
 def _springs(model: Model) -> list[Law]:
@@ -152,21 +148,66 @@ def _motors(model: Model) -> list[dict[str, str]]:
     ]
 
 
-def _notes(model: Model, follow: Sequence[Follower], bodies: PossibleBodies) -> list[str]:
+def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodies) -> list[str]:
     robot = model.robot
     notes = fixed_note(robot, "they are rigid in the MJCF")
     if beyond := lacking(robot, model.laws, mjcf_laws(model)):
         notes.append(f"an MJCF cannot hold {beyond}")
     if np.isfinite(robot.velocity_limit).any():
         notes.append("an MJCF cannot hold velocity limits")
-    if half := [
-        x for x, *ends in zip(robot.joints, robot.lower, robot.upper, strict=True) if np.isfinite(ends).sum() == 1
-    ]:
+    ends = zip(robot.joints, np.isfinite(robot.lower), np.isfinite(robot.upper), strict=True)
+    if half := [joint for joint, low, high in ends if low != high]:
         notes.append(f"an MJCF cannot hold a range with one end: {', '.join(half)}")
-    if follow:
-        each = ", ".join(f"{f.name} of {f.leader}" for f in follow)
+    if ties:
+        each = ", ".join(f"{tie['joint1']} of {tie['joint2']}" for tie in ties)
         notes.append(f"mimic joints are equality constraints, which are slightly compliant in MuJoCo: {each}")
     notes += bodies.notes
     if empty := [link for link, body in zip(robot.links, bodies.links, strict=True) if body.mass <= LEAST]:
         notes.append(f"massless links get {LEAST:g} kg, since MuJoCo rejects zero mass: {', '.join(empty)}")
     return notes
+
+
+def _places(robot: Robot) -> list[_Place]:
+    """List the bodies of the model; held joints are part of the pose of their body."""
+    at_zero = configuration(robot, np.zeros(len(robot.joints)))
+    leaders = {own_row(robot, j): name for j, name in enumerate(robot.joints)}
+    found = []
+    for i in range(1, robot.model.njoints):
+        pose, frames = robot.model.jointPlacements[i], []
+        for joint, before in _parts(robot.model.joints[i]):
+            pose = pose * before
+            state = joint.createData()
+            joint.calc(state, at_zero)
+            if robot.drive[joint.idx_v : joint.idx_v + joint.nv].any():
+                frames.append((joint.idx_v, pose, np.asarray(state.S, float).reshape(6, -1)[:, 0]))
+            else:
+                pose = pose * state.M
+        name = str(robot.model.names[i])
+        joints = {row: _axis(leaders.get(row, name), pose.actInv(frame), axis) for row, frame, axis in frames}
+        found.append(_Place(int(robot.model.parents[i]), pose, joints))
+    return found
+
+
+def _axis(name: str, frame: Any, motion: Array) -> dict[str, str]:
+    slide = bool(np.any(motion[:3]))
+    axis = words(frame.rotation @ (motion[:3] if slide else motion[3:]))
+    stated = {"name": name, "type": "slide" if slide else "hinge", "axis": axis}
+    return stated | ({"pos": words(frame.translation)} if np.any(frame.translation) else {})
+
+
+def _ties(robot: Robot, placed: Sequence[_Place]) -> list[dict[str, str]]:
+    """Equality constraints of mimic joints: position = offset + scale * position of the leader."""
+    own, ties = {own_row(robot, j) for j in range(len(robot.joints))}, []
+    for row, joint in ((row, joint) for place in placed for row, joint in place.joints.items() if row not in own):
+        for j in np.flatnonzero(robot.drive[row])[:1]:
+            polynomial = words([robot.rest[row], robot.drive[row, j], 0, 0, 0])
+            ties.append({"joint1": joint["name"], "joint2": robot.joints[j], "polycoef": polynomial})
+    return ties
+
+
+def _parts(joint: Any) -> list[tuple[Any, Any]]:
+    """Parts of a composite joint with their relative placements, or the joint itself."""
+    if joint.shortname() != "JointModelComposite" or not is_plain(joint):
+        return [(joint, pin.SE3.Identity())]
+    whole = joint.extract()
+    return list(zip(whole.joints, whole.jointPlacements, strict=True))

@@ -15,6 +15,8 @@ from ...errors import shorten
 from ...robot.description.document import children, parse
 from ...robot.locate import find_mesh
 from ...types import Array, Robot
+from ..geometry import origin, vector
+from .bodies import quaternion
 
 _FACES, _HEADER, _FACE = 200_000, 84, 50  # STL limits of MuJoCo: faces; size of header and of a face [bytes]
 
@@ -29,12 +31,7 @@ class Shapes:
 
 
 def read_shapes(robot: Robot, package_dirs: Sequence[str | Path]) -> Shapes:
-    """Read the visual shapes of the URDF, or the collision shapes if MuJoCo cannot read the former.
-
-    Args:
-        robot: robot whose URDF is read.
-        package_dirs: folders to search for meshes, besides those above the URDF and of example-robot-data.
-    """
+    """Read the visual shapes of the URDF, or the collision shapes if MuJoCo cannot read the former."""
     if robot.kind != "urdf":
         return Shapes(notes=["shapes, actuators and sensors of the original MJCF are left out"])
     found, root = Shapes(), parse(robot.document)
@@ -43,12 +40,11 @@ def read_shapes(robot: Robot, package_dirs: Sequence[str | Path]) -> Shapes:
     for frame in (x for x in robot.model.frames if x.type == pin.FrameType.BODY and x.name in links):
         here = found.at.setdefault(int(frame.parentJoint), [])
         if frame.parentJoint and frame.name not in robot.links:
-            here.append(("site", {"name": str(frame.name), **_pose(frame.placement)}))
+            here.append(("site", {"name": str(frame.name), **pose_words(frame.placement)}))
         here += [("geom", geom) for geom in reader.geoms(links[frame.name], frame.placement)]
     if reader.missing:
-        found.notes.append(
-            f"no shapes for {shorten(reader.missing)}: their meshes are missing or not readable by MuJoCo"
-        )
+        missing = shorten(reader.missing)
+        found.notes.append(f"no shapes for {missing}: their meshes are missing or not readable by MuJoCo")
     return found
 
 
@@ -70,9 +66,7 @@ class _Reader:
 
     def _geom(self, element: Any, placement: Any) -> dict[str, str]:
         """Geom of an element; empty if MuJoCo has none for it."""
-        origin = next(iter(children(element, "origin")), None)
-        xyz, rpy = (_vector(origin.get(key) if origin is not None else None, 3, 0.0) for key in ("xyz", "rpy"))
-        pose = _pose(placement * pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz))
+        pose = pose_words(placement * origin(element))
         for shape in (x for g in children(element, "geometry") for x in g if isinstance(x.tag, str)):
             if size := self._shape(shape):
                 return {**size, **pose, **self._colour(element)}
@@ -83,15 +77,15 @@ class _Reader:
         if kind == "mesh":
             return self._mesh(shape)
         if kind == "box":
-            return _solid(kind, _vector(shape.get("size"), 3, 0.0) / 2)
-        radius, length = _vector(shape.get("radius"), 1, 0.0), _vector(shape.get("length"), 1, 0.0)
+            return _solid(kind, vector(shape.get("size"), 3) / 2)
+        radius, length = vector(shape.get("radius"), 1), vector(shape.get("length"), 1)
         return _solid(kind, {"sphere": radius}.get(kind, np.append(radius, length / 2)))
 
     def _mesh(self, shape: Any) -> dict[str, str]:
         path = find_mesh(shape.get("filename") or "", self.path, self.package_dirs)
         if path is None or not _readable(path):
             return {}
-        scale = words(_vector(shape.get("scale"), 3, 1.0))
+        scale = words(vector(shape.get("scale"), 3, 1.0))
         entry = {"file": path.resolve().as_posix(), "scale": scale, "inertia": "shell"}
         names = {tuple(known[key] for key in entry): known["name"] for known in self.meshes}
         if tuple(entry.values()) not in names:
@@ -102,44 +96,23 @@ class _Reader:
         for material in children(element, "material"):
             for stated in (material, self.colours.get(material.get("name"))):
                 for colour in children(stated, "color") if stated is not None else ():
-                    return {"rgba": words(np.clip(_vector(colour.get("rgba"), 4, 1.0), 0, 1))}
+                    return {"rgba": words(np.clip(vector(colour.get("rgba"), 4, 1.0), 0, 1))}
         return {}
 
 
 def words(numbers: ArrayLike) -> str:
-    """Format numbers as an attribute, with all digits.
-
-    Args:
-        numbers: (n,) [any unit].
-    """
+    """Format numbers as an attribute, with all digits."""
     return " ".join(repr(float(x) + 0.0) for x in np.asarray(numbers, float))
 
 
-def quaternion(rotation: Array) -> Array:
-    """Convert a rotation to a quaternion w x y z, (4,) [1].
-
-    Args:
-        rotation: (3, 3) [1].
-    """
-    return np.roll(pin.Quaternion(rotation).normalized().coeffs(), 1)
-
-
-def _pose(placement: Any) -> dict[str, str]:
+def pose_words(placement: Any) -> dict[str, str]:
+    """Position and orientation (pin.SE3) as attributes."""
     return {"pos": words(placement.translation), "quat": words(quaternion(placement.rotation))}
 
 
 def _solid(kind: str, size: Array) -> dict[str, str]:
     known = kind in ("box", "sphere", "cylinder", "capsule") and (size > 0).all()
     return {"type": kind, "size": words(size)} if known else {}
-
-
-def _vector(text: str | None, count: int, default: float) -> Array:
-    """Parse the numbers of an attribute, (count,); the default if it is missing or invalid."""
-    try:
-        values = np.array([float(word) for word in (text or "").split()])
-    except ValueError:
-        values = np.empty(0)
-    return values if len(values) == count and np.isfinite(values).all() else np.full(count, default)
 
 
 def _readable(path: Path) -> bool:

@@ -1,26 +1,53 @@
-"""Export of a model as the robot's URDF."""
+"""Export of a model as the robot's URDF: inertials and friction are replaced, every other byte is unchanged."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ...errors import RobotError
 from ...model import Model, stated_inertials
-from .beyond import BODIES, Exported, commented, fixed_note, held, lacking, summed
-from .edit import urdf_with
+from ...robot.description.document import without_declaration
+from ...types import Array, Robot
+from .beyond import Exported, beyond, commented, fixed_note, summed
+from .bodies import about_centre
 
 FRICTION = ("viscous_friction", "coulomb_friction")
 _DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
+_TAG = re.compile(r"""<[^"'>]*(?:"[^"]*"[^"'>]*|'[^']*'[^"'>]*)*>""")
+_MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
+
+
+_Friction = tuple[float, float]  # damping [N.m.s/rad or N.s/m] and friction [N.m or N] of a joint; NaN: unchanged
+
+
+class _Element(NamedTuple):
+    """A link or joint of the robot, or a direct child of one, at characters start..stop."""
+
+    tag: str
+    name: str
+    start: int
+    inside: int  # end of the opening tag
+    stop: int
+    attributes: Mapping[str, str]
+    children: list[_Element]
+
+
+class _Edit(NamedTuple):
+    start: int
+    stop: int
+    text: str
 
 
 def write_urdf(model: Model) -> Exported:
     """Write the robot's URDF with the model's inertials, damping and friction; a comment lists what it cannot hold.
 
     Unchanged links are kept byte for byte. Friction that the model lacks is removed.
-
-    Args:
-        model: rigid bodies and laws.
 
     Raises:
         RobotError: the robot was not loaded from a URDF, or a body cannot be written.
@@ -30,14 +57,10 @@ def write_urdf(model: Model) -> Exported:
     same = np.all(np.isclose(bodies, stated_inertials(robot), rtol=1e-12, atol=1e-15), axis=1, keepdims=True)
     friction = (np.maximum(0.0, np.nan_to_num(summed(model, name))) for name in FRICTION)
     text = urdf_with(robot, np.where(same, np.nan, bodies), *friction)
-    carried = [*held(model, FRICTION), *(law for law in model.laws if law.effect.name in BODIES)]
-    notes = fixed_note(robot, "they move in the URDF")
-    if beyond := lacking(robot, model.laws, carried):
-        notes.append(f"a URDF cannot hold {beyond}")
+    notes = [*fixed_note(robot, "they move in the URDF"), *beyond("a URDF", model, FRICTION)]
     if any(law.effect.name == "base_tilt" for law in model.laws):
-        notes.append(
-            f"the gravity of the model is {' '.join(repr(float(x)) for x in model.bodies().gravity.linear)} m/s2"
-        )
+        gravity = " ".join(repr(float(x)) for x in model.bodies().gravity.linear)
+        notes.append(f"the gravity of the model is {gravity} m/s2")
     return Exported(_with_comment(text, notes), tuple(notes))
 
 
@@ -45,9 +68,178 @@ def _with_comment(text: str, notes: list[str]) -> str:
     """Insert the notes as a comment before the root element."""
     if not notes:
         return text
-    newline = "\r\n" if "\r\n" in text else "\n"
+    newline = _newline(text)
     comment = f"<!-- {newline.join(commented(notes).splitlines())} -->"
     declared = _DECLARATION.match(text)
     if declared is None:
         return f"{comment}{newline}{text}"
     return f"{text[: declared.end()]}{newline}{comment}{text[declared.end() :]}"
+
+
+def urdf_with(
+    robot: Robot, bodies: Array, viscous_friction: Array | None = None, coulomb_friction: Array | None = None
+) -> str:
+    """Return the robot's URDF with new inertials and friction; comments, order, meshes and unknown tags are kept.
+
+    The inertial of a moving link includes the links attached by fixed joints, whose inertials become a comment.
+
+    Args:
+        robot: robot loaded from a URDF or xacro file.
+        bodies: (nb, 10) [kg, kg.m, kg.m2] inertial parameters about the joint frame of each link of `robot.links`, in
+            Pinocchio's order; a row with NaN leaves the links of that body unchanged.
+        viscous_friction: (n,) [N.m.s/rad or N.s/m] damping of the joints; NaN leaves a joint unchanged.
+        coulomb_friction: (n,) [N.m or N] friction of the joints; NaN leaves a joint unchanged.
+
+    Raises:
+        RobotError: the robot was not loaded from a URDF, an array has a wrong shape, or a body cannot be written.
+    """
+    if robot.kind != "urdf":
+        raise RobotError(f"export to URDF needs a URDF; {robot.name} was loaded from {robot.kind.upper()}")
+    nothing = np.full(len(robot.joints), np.nan)
+    viscous = nothing if viscous_friction is None else np.asarray(viscous_friction, float)
+    coulomb = nothing if coulomb_friction is None else np.asarray(coulomb_friction, float)
+    bodies = np.asarray(bodies, float)
+    expected = ((len(robot.links), 10), nothing.shape, nothing.shape)
+    if (bodies.shape, viscous.shape, coulomb.shape) != expected:
+        raise RobotError(f"export of {robot.name} needs arrays of shapes {expected} for bodies and friction")
+    text, elements = robot.document, _elements(robot.document)
+    inertials = dict(zip(robot.links, bodies, strict=True))
+    friction = _friction(robot, viscous, coulomb)
+    edits = [*_inertial_edits(text, elements, inertials), *_friction_edits(text, elements, friction)]
+    for edit in sorted(edits, reverse=True):
+        text = text[: edit.start] + edit.text + text[edit.stop :]
+    return text
+
+
+def _friction(robot: Robot, viscous: Array, coulomb: Array) -> dict[str, _Friction]:
+    """Damping and friction per joint of the model; zero for mimic joints, whose leader includes theirs."""
+    found = {}
+    for name, joint in list(zip(robot.model.names, robot.model.joints, strict=True))[1:]:
+        leads = np.flatnonzero(robot.drive[joint.idx_v])
+        if name in robot.joints:
+            found[name] = (viscous[robot.index(name)], coulomb[robot.index(name)])
+        elif len(leads):
+            found[name] = (0.0 * viscous[leads[0]], 0.0 * coulomb[leads[0]])
+    return found
+
+
+def _elements(text: str) -> list[_Element]:
+    """Links and joints of the robot with their children and character positions."""
+    data = without_declaration(text).encode()
+    character = np.cumsum(np.frombuffer(data, np.uint8) & 0xC0 != 0x80) - 1  # index of the character of each byte
+    stack, found = list[_Element](), list[_Element]()
+    parser = expat.ParserCreate("utf-8")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        at = int(character[parser.CurrentByteIndex])
+        opening = _TAG.match(text, at)
+        assert opening is not None, "expat reports the start of a tag"
+        stack.append(_Element(tag, attributes.get("name", ""), at, opening.end(), 0, attributes, []))
+
+    def end(_: str) -> None:
+        element = stack.pop()
+        closed = text[element.inside - 2] == "/"
+        stop = element.inside if closed else text.index(">", int(character[parser.CurrentByteIndex])) + 1
+        if len(stack) == 1:
+            found.append(element._replace(stop=stop))
+        elif len(stack) == 2:
+            stack[-1].children.append(element._replace(stop=stop))
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.Parse(data, True)
+    return [element for element in found if element.tag in ("link", "joint")]
+
+
+def _inertial_edits(text: str, elements: list[_Element], inertials: Mapping[str, Array]) -> Iterator[_Edit]:
+    carrier = _carriers(elements)
+    for link in (element for element in elements if element.tag == "link"):
+        name = carrier.get(link.name, "")
+        if name not in inertials or np.isnan(inertials[name]).any():
+            continue
+        stated = [child for child in link.children if child.tag == "inertial"]
+        if name == link.name:
+            yield _put(text, link, stated[0] if stated else None, _inertial(name, inertials[name]))
+        else:
+            remark = f"<!-- inertial included in that of {re.sub('-(?=-)', '- ', name)} -->"
+            yield from (_Edit(child.start, child.stop, remark) for child in stated[:1])
+
+
+def _friction_edits(text: str, elements: list[_Element], friction: Mapping[str, _Friction]) -> Iterator[_Edit]:
+    for joint in (element for element in elements if element.tag == "joint"):
+        viscous, coulomb = friction.get(joint.name, (np.nan, np.nan))
+        given = {key: x for key, x in (("damping", viscous), ("friction", coulomb)) if not np.isnan(x)}
+        if not given:
+            continue
+        stated = next((child for child in joint.children if child.tag == "dynamics"), None)
+        if stated is None and any(given.values()):
+            tag = f"<dynamics {' '.join(f'{key}={_quoted(x)}' for key, x in given.items())}/>"
+            yield _put(text, joint, None, [tag])
+        elif stated is not None:
+            yield _Edit(stated.start, stated.inside, _with(text[stated.start : stated.inside], given))
+
+
+def _with(tag: str, values: Mapping[str, float]) -> str:
+    """Set attributes of an opening tag; keep the others and the spacing."""
+    for key, value in values.items():
+        stated = re.search(rf"""\s{key}\s*=\s*("[^"]*"|'[^']*')""", tag)
+        end = re.search(r"\s*/?>$", tag)
+        assert end is not None, "a tag ends in > or />"
+        if stated:
+            tag = tag[: stated.start(1)] + _quoted(value) + tag[stated.end(1) :]
+        else:
+            tag = f"{tag[: end.start()]} {key}={_quoted(value)}{tag[end.start() :]}"
+    return tag
+
+
+def _put(text: str, parent: _Element, stated: _Element | None, lines: list[str]) -> _Edit:
+    """Replace an element by lines, or insert them as first child of its parent, indented accordingly."""
+    margin, newline = _margin(text, parent.start), _newline(text)
+    inside = [stated] if stated else parent.children
+    inner = next((_margin(text, child.start) for child in inside), margin + "  ")
+    block = (newline + inner).join(lines)
+    if stated:
+        return _Edit(stated.start, stated.stop, block)
+    if text[parent.inside - 2] == "/":  # <link name="x"/>
+        opening = text[parent.start : parent.inside - 2].rstrip() + ">"
+        return _Edit(parent.start, parent.stop, f"{opening}{newline}{inner}{block}{newline}{margin}</{parent.tag}>")
+    return _Edit(parent.inside, parent.inside, f"{newline}{inner}{block}")
+
+
+def _newline(text: str) -> str:
+    return "\r\n" if "\r\n" in text else "\n"
+
+
+def _margin(text: str, at: int) -> str:
+    """Indentation of an element that starts its line; else empty."""
+    before = text[text.rfind("\n", 0, at) + 1 : at]
+    return before if not before.strip() else ""
+
+
+def _inertial(name: str, parameters: Array) -> list[str]:
+    """Lines of an <inertial> about the centre of mass, along the axes of the joint frame."""
+    body = about_centre(parameters)
+    if body is None:
+        raise RobotError(f"the inertial of link {name} cannot be written: it needs finite numbers and a mass")
+    mass, centre, inertia = body
+    moments = " ".join(f"{key}={_quoted(inertia[i, j])}" for key, i, j in _MOMENTS)
+    xyz = quoteattr(" ".join(repr(float(x) + 0.0) for x in centre))
+    origin = f'  <origin xyz={xyz} rpy="0 0 0"/>'
+    return ["<inertial>", origin, f"  <mass value={_quoted(mass)}/>", f"  <inertia {moments}/>", "</inertial>"]
+
+
+def _quoted(value: float) -> str:
+    return quoteattr(repr(float(value) + 0.0))
+
+
+def _carriers(elements: list[_Element]) -> dict[str, str]:
+    """The moving link to which each link is rigidly attached, or the link itself."""
+    above: dict[str, str] = {}
+    for joint in elements:
+        ends = {child.tag: child.attributes.get("link", "") for child in joint.children}
+        if joint.tag == "joint" and joint.attributes.get("type") == "fixed":
+            above[ends.get("child", "")] = ends.get("parent", "")
+    carriers = {element.name: element.name for element in elements if element.tag == "link"}
+    for link in carriers:
+        while carriers[link] in above:
+            carriers[link] = above[carriers[link]]
+    return carriers

@@ -1,24 +1,86 @@
-"""Marks of findings: a ring at a joint, a body or an arrow, with a label."""
+"""Findings of a diagnosis, from the object or its file, and their marks: a ring at a joint, a body or an arrow."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import floor, isfinite, log10
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...diagnose import Diagnosis
+from ...effects import EFFECTS
 from ...effects.base import BodyLaw
-from ...effects.naming import law_place
+from ...effects.naming import law_at, law_place
+from ...errors import OptionError, SignidError
+from ...model import Model, load_model
 from ...robot.dynamics import joint_of_row, own_row
-from ...types import TWO_SIDED, Coefficient, Law, Robot
-from .found import ReplayFinding
-from .poses import axis
+from ...toml_json import read_json
+from ...types import TWO_SIDED, Array, Law, Robot
+from ..report.results.laws import law_units
+from .track import axis
 
+SCHEMA, MODEL = "signid.diagnosis/1", "model.json"
 DENSITY = 3000.0  # density at which a payload is drawn [kg/m3]
 FAR = 1.5  # distance over reach up to which a centre of mass is drawn at its place
 MOST = 5  # maximum number of parameters in a label
+
+
+class ReplayFinding(NamedTuple):
+    """A finding, as far as it is displayed."""
+
+    law: Law
+    std: Mapping[str, float | None]
+    probability: float
+    cause: bool
+
+
+class ReplayFindings(NamedTuple):
+    """A diagnosis, as far as it is displayed."""
+
+    verdict: str
+    after: Model  # the extended simulation
+    findings: tuple[ReplayFinding, ...]
+
+
+def read_found(diagnosis: Diagnosis | str | Path) -> ReplayFindings:
+    """Read the findings of a Diagnosis, or of diagnosis.json with model.json in the same folder.
+
+    Raises:
+        OptionError: the file is not a diagnosis, or model.json is missing.
+    """
+    if isinstance(diagnosis, Diagnosis):
+        findings = (ReplayFinding(x.law, x.std, x.probability, x.role == "cause") for x in diagnosis.findings)
+        return ReplayFindings(diagnosis.verdict, diagnosis.model, tuple(findings))
+    path = Path(diagnosis)
+    path = path / "diagnosis.json" if path.is_dir() else path
+    if path.is_file() and not path.with_name(MODEL).is_file():
+        raise OptionError(f"there is no {MODEL} next to {path}; give diagnosis.json in its original folder")
+    try:
+        content = read_json(path)
+        if content["schema"] != SCHEMA:
+            raise OptionError(f"{path} holds {content['schema']!r}; expected {SCHEMA!r} as `signid diagnose` writes it")
+        after = load_model(path.with_name(MODEL))
+        return ReplayFindings(str(content["verdict"]), after, tuple(_finding(x, after) for x in content["findings"]))
+    except OSError as error:
+        raise OptionError(f"cannot read {path}: {error.strerror}; give diagnosis.json of `signid diagnose`") from None
+    except SignidError:
+        raise
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise OptionError(f"{path} is not a diagnosis.json of `signid diagnose` ({error!r})") from None
+
+
+def _finding(entry: Mapping[str, Any], after: Model) -> ReplayFinding:
+    numbers = entry["parameters"]
+    values = {key: number["value"] for key, number in numbers.items()}
+    return ReplayFinding(
+        law=law_at(EFFECTS[entry["effect"]], after.robot, entry["joint"], values),
+        std={key: number["std"] for key, number in numbers.items()},
+        probability=float(entry["probability"]),
+        cause=entry["role"] == "cause",
+    )
 
 
 @dataclass(frozen=True)
@@ -35,21 +97,10 @@ class Mark:
     size: float = 0.0  # radius of a body [m]
     time: tuple[float, float] | None = None  # start and end [s]
 
-    def document(self) -> dict[str, Any]:
-        """The mark as JSON for the page."""
-        return asdict(self)
-
 
 def marks(robot: Robot, findings: Sequence[ReplayFinding], reach: float) -> list[Mark]:
-    """Place a mark for each finding, causes first.
-
-    Args:
-        robot: robot of the extended simulation.
-        findings: findings of a diagnosis.
-        reach: reach of the robot [m].
-    """
-    found = [_mark(robot, finding, reach) for finding in findings]
-    return sorted(found, key=lambda mark: not mark.cause)
+    """Place a mark for each finding, causes first; `reach` is that of the robot [m]."""
+    return sorted((_mark(robot, finding, reach) for finding in findings), key=lambda mark: not mark.cause)
 
 
 def _mark(robot: Robot, finding: ReplayFinding, reach: float) -> Mark:
@@ -59,21 +110,20 @@ def _mark(robot: Robot, finding: ReplayFinding, reach: float) -> Mark:
     tip = law.effect.scope == "tip"
     title = f"{law.effect.name.replace('_', ' ')}{'' if joint is None or tip else where}"
     words = (title, _numbers(robot, finding), finding.cause)
-    if {"force_x", "force_y", "force_z"} <= law.parameters.keys():
-        end = len(robot.joints) - 1
-        body = joint_of_row(robot.model, own_row(robot, end))
-        force = _vector(law.parameters, "force")
-        time = (law.parameters["start"], law.parameters["end"])
-        return Mark("force", body, *words, _tuple(robot.model.inertias[body].lever), _tuple(-force), time=time)
-    if isinstance(law.effect, BodyLaw) and "first_moment_x" in law.parameters:
+    p = law.parameters
+    if {"force_x", "force_y", "force_z"} <= p.keys():
+        body = joint_of_row(robot.model, own_row(robot, len(robot.joints) - 1))
+        place = _tuple(robot.model.inertias[body].lever), _tuple(-_vector(p, "force"))
+        return Mark("force", body, *words, *place, time=(p["start"], p["end"]))
+    if isinstance(law.effect, BodyLaw) and "first_moment_x" in p:
         return _body(robot, law, words, reach)
+    origin = (0.0, 0.0, 0.0)
     if law.effect.name == "base_tilt":
-        turn = [law.parameters["x"], law.parameters["y"], 0.0]
-        return Mark("tilt", 0, *words, (0.0, 0.0, 0.0), _tuple(np.array(turn)))
+        return Mark("tilt", 0, *words, origin, (float(p["x"]), float(p["y"]), 0.0))
     if joint is None:
-        return Mark("robot", 0, *words, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+        return Mark("robot", 0, *words, origin, (0.0, 0.0, 1.0))
     body, along, _ = axis(robot, law.joints[0])
-    return Mark("joint", body, *words, (0.0, 0.0, 0.0), _tuple(along))
+    return Mark("joint", body, *words, origin, _tuple(along))
 
 
 def _body(robot: Robot, law: Law, words: tuple[str, tuple[str, ...], bool], reach: float) -> Mark:
@@ -93,12 +143,9 @@ def _body(robot: Robot, law: Law, words: tuple[str, tuple[str, ...], bool], reac
 
 def _numbers(robot: Robot, finding: ReplayFinding) -> tuple[str, ...]:
     """The first parameters with their 95 % intervals, and the probability."""
-    law, shown = finding.law, list[str]()
-    single = len(law.joints) == 1
+    law, shown, units = finding.law, list[str](), law_units(robot, finding.law)
     for key in [key for key in law.parameters if key not in law.effect.optional][:MOST]:
-        kind, value, std = law.effect.parameters[key], law.parameters[key], finding.std.get(key)
-        prismatic = single and bool(robot.prismatic[law.joints[0]])
-        unit = kind.unit_at(prismatic) if isinstance(kind, Coefficient) or single else kind.unit
+        value, std, unit = law.parameters[key], finding.std.get(key), units[key]
         half = TWO_SIDED * std if std is not None and isfinite(std) else 0.0
         if shown and abs(value) < half:
             continue  # consistent with zero
@@ -115,9 +162,9 @@ def _figure(value: float, half: float) -> str:
     return f"{value:.{places}f} ± {half:.{places}f}" if places < 7 else f"{value:.3g} ± {half:.2g}"
 
 
-def _vector(numbers: Mapping[str, float], key: str) -> Any:
+def _vector(numbers: Mapping[str, float], key: str) -> Array:
     return np.array([numbers[f"{key}_{axis}"] for axis in "xyz"])
 
 
-def _tuple(vector: Any) -> tuple[float, ...]:
+def _tuple(vector: Array) -> tuple[float, ...]:
     return tuple(float(x) for x in vector)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from html import escape
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,8 @@ import numpy as np
 
 from ...errors import OptionError
 from ...types import Array, Frozen, Robot
+from ..report.layout import position_units, torque_units
+from ..report.results.documents import rms
 from .marks import Mark
 from .shapes import Look
 from .track import Track
@@ -46,8 +49,23 @@ class Replay(Frozen):
     notes: tuple[str, ...]
 
     def page(self) -> str:
-        """Render a self-contained HTML file, reproducible to the byte."""
-        return replay_page(self)
+        """Render a self-contained HTML file, reproducible to the byte.
+
+        Raises:
+            OptionError: the package meshcat is not installed.
+        """
+        blob = _Blob()
+        content = _content(self, blob)
+        filled = {
+            "TITLE": escape(self.title),
+            "STYLE": (HERE / "page.css").read_text(encoding="utf-8"),
+            "MESHCAT": _viewer(),
+            "CONTENT": json.dumps(content, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c"),
+            "BLOB": blob.text(),
+            "PLAYER": "\n".join((HERE / name).read_text(encoding="utf-8") for name in PARTS),
+        }
+        pieces = (HERE / "page.html").read_text(encoding="utf-8").split("%%")
+        return "".join(filled.get(piece, piece) for piece in pieces)
 
     def document(self) -> dict[str, Any]:
         """Residual torque and position error of the original and the extended simulation, as JSON."""
@@ -57,16 +75,16 @@ class Replay(Frozen):
             "schema": "signid.replay/1",
             "robot": self.robot.name,
             "joints": list(self.robot.joints),
-            "unit": ["m" if slides else "rad" for slides in self.robot.prismatic],
-            "torque_unit": ["N" if slides else "N.m" for slides in self.robot.prismatic],
+            "unit": position_units(self.robot),
+            "torque_unit": torque_units(self.robot),
             "start": float(track.t[0]),
             "end": float(track.t[-1]),
             "frames": len(track.t),
             "horizon": self.horizon,
-            "residual_rms": [_rms(residual).tolist() for residual in track.residual],
-            "strayed_rms": [_rms(error).tolist() for error in strayed],
+            "residual_rms": [rms(residual).tolist() for residual in track.residual],
+            "strayed_rms": [rms(error).tolist() for error in strayed],
             "apart": track.apart.mean(axis=1).tolist(),
-            "marks": [mark.document() for mark in self.marks],
+            "marks": [asdict(mark) for mark in self.marks],
             "notes": list(self.notes),
         }
 
@@ -77,48 +95,21 @@ class Replay(Frozen):
         return Live(self.page())
 
 
-def replay_page(replay: Replay) -> str:
-    """Render a self-contained page, reproducible to the byte.
-
-    Args:
-        replay: replay.
-
-    Raises:
-        OptionError: the package meshcat is not installed.
-    """
-    blob = _Blob()
-    content = _content(replay, blob)
-    scripts = "\n".join((HERE / name).read_text(encoding="utf-8") for name in PARTS)
-    filled = {
-        "TITLE": escape(replay.title),
-        "STYLE": (HERE / "page.css").read_text(encoding="utf-8"),
-        "MESHCAT": _viewer(),
-        "CONTENT": json.dumps(content, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c"),
-        "BLOB": blob.text(),
-        "PLAYER": scripts,
-    }
-    pieces = (HERE / "page.html").read_text(encoding="utf-8").split("%%")
-    return "".join(filled.get(piece, piece) for piece in pieces)
-
-
 class _Blob:
     """Concatenated arrays, each aligned to four bytes."""
 
     def __init__(self) -> None:
-        self.parts: list[bytes] = []
-        self.size = 0
+        self.data = bytearray()
 
     def put(self, values: Any, kind: str) -> dict[str, Any]:
         """Append an array as f4, u4 or i2, little-endian; return its place."""
         data = np.ascontiguousarray(values, dtype=f"<{kind}").tobytes()
-        place = {"at": self.size, "count": int(np.size(values)), "kind": kind}
-        data += b"\0" * (-len(data) % 4)
-        self.parts.append(data)
-        self.size += len(data)
+        place = {"at": len(self.data), "count": int(np.size(values)), "kind": kind}
+        self.data += data + b"\0" * (-len(data) % 4)
         return place
 
     def text(self) -> str:
-        return b64encode(b"".join(self.parts)).decode("ascii")
+        return b64encode(self.data).decode("ascii")
 
 
 def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
@@ -136,8 +127,8 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "frames": len(track.t),
         "simulations": len(replay.simulated),
         "joints": [
-            {"name": name, "unit": "N" if slides else "N.m", "torque": rms if np.isfinite(rms) else None}
-            for name, slides, rms in zip(robot.joints, robot.prismatic.tolist(), track.torque.tolist(), strict=True)
+            {"name": name, "unit": unit, "torque": size if np.isfinite(size) else None}
+            for name, unit, size in zip(robot.joints, torque_units(robot), track.torque.tolist(), strict=True)
         ],
         "scale": _scale(replay),
         "bodies": [_body(replay, k, blob) for k in range(len(replay.bodies))],
@@ -146,7 +137,7 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "window": blob.put(track.window, "i2" if track.window.max(initial=0) < 2**15 else "u4"),
         "residual": [blob.put(residual, "f4") for residual in track.residual],
         "apart": [blob.put(flags, "i2") for flags in track.apart],
-        "marks": [mark.document() for mark in replay.marks],
+        "marks": [asdict(mark) for mark in replay.marks],
     }
 
 
@@ -154,20 +145,15 @@ def _body(replay: Replay, k: int, blob: _Blob) -> dict[str, Any]:
     body = replay.bodies[k]
     shape = replay.look.bodies.get(body)
     entry: dict[str, Any] = {"body": body, "joint": replay.movers[k], "name": str(replay.robot.model.names[body])}
-    if shape is None:
-        return entry
-    return {**entry, "vertices": blob.put(shape.vertices, "f4"), "faces": blob.put(shape.faces, "u4")}
+    return entry | ({"vertices": blob.put(shape.vertices, "f4"), "faces": blob.put(shape.faces, "u4")} if shape else {})
 
 
 def _outline(replay: Replay) -> Any:
     """Outermost points of the recorded robot, (k, 3) [m], for the choice of the view."""
     corners = []
-    for k, body in enumerate(replay.bodies):
-        shape = replay.look.bodies.get(body)
-        if shape is None:
-            continue
-        low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
-        box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    for body, shape in replay.look.bodies.items():
+        k = replay.bodies.index(body)
+        box = np.array(list(product(*zip(shape.vertices.min(axis=0), shape.vertices.max(axis=0), strict=True))))
         place = replay.recorded[:: max(1, len(replay.recorded) // INSTANTS), k]
         corners.append((_rotated(place[:, None, 3:], box) + place[:, None, :3]).reshape(-1, 3))
     points = np.concatenate(corners)
@@ -187,7 +173,7 @@ def _rotated(quaternion: Any, points: Any) -> Any:
 def _scale(replay: Replay) -> dict[str, float]:
     """Rounded ends of the colour scale, per torque unit and for the share of each joint's torque."""
     size = np.abs(replay.track.residual[0])
-    units = np.array(["N" if slides else "N.m" for slides in replay.robot.prismatic])
+    units = np.array(torque_units(replay.robot))
     found = {unit: _round(size[:, units == unit]) for unit in dict.fromkeys(units.tolist())}
     return {**found, "share": _round(size / replay.track.torque)}
 
@@ -207,10 +193,3 @@ def _viewer() -> str:
     if path is None or not path.is_file():
         raise OptionError("the package meshcat, whose viewer the page contains, is not installed; pip install meshcat")
     return path.read_text(encoding="utf-8").replace("</script", "<\\/script")
-
-
-def _rms(values: Array) -> Array:
-    """Root mean square of values (F, n) [any] over finite frames, (n,); NaN if there are none."""
-    known = np.isfinite(values)
-    total = np.sum(np.where(known, values, 0.0) ** 2, axis=0)
-    return np.asarray(np.sqrt(np.where(known.any(axis=0), total / np.maximum(1, known.sum(axis=0)), np.nan)))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,14 +13,11 @@ import numpy as np
 from ...errors import OptionError
 from ...model import Model
 from ...simulation.rollout.joints import restrict_joints
-from ...types import Recording, Robot
-from .found import ReplayFindings, read_found
-from .marks import marks
+from ...types import Array, Recording, Robot, Table
+from .marks import ReplayFindings, marks, read_found
 from .page import Replay
-from .part import part
-from .poses import movers, poses
 from .shapes import look, reach
-from .track import follow
+from .track import follow, movers, poses
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
@@ -110,3 +109,43 @@ def _check_same(model: Model, found: ReplayFindings | None) -> None:
             f"the diagnosis is of {found.after.robot.name} with {', '.join(found.after.robot.joints)}, "
             f"not of {model.robot.name}; give the simulation that was diagnosed"
         )
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Consecutive rows of a table."""
+
+    table: Table
+    first: int
+    rows: int
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return self.table.columns
+
+    def read(self, names: Sequence[str], start: int, stop: int) -> Array:
+        """Rows start..stop, (stop - start, len(names)) [units of the columns]."""
+        return self.table.read(names, self.first + start, min(self.first + stop, self.first + self.rows))
+
+
+def part(recording: Recording, start: float, duration: float) -> Recording:
+    """Select the rows of a time window [s] after the first row; only time stamps are read.
+
+    Raises:
+        OptionError: the recording ends before the window, or the duration is invalid.
+    """
+    name, rows = recording.path or "the recording", len(recording)
+    column = recording.columns["t"][0]
+
+    def time(row: int) -> float:
+        return float(recording.table.read([column], row, row + 1)[0, 0])
+
+    if not (start >= 0 and duration > 0 and duration < float("inf")):
+        advice = "give a start from 0 s on and a duration above 0 s"
+        raise OptionError(f"{duration:g} s from {start:g} s on cannot be shown; {advice}")
+    first, last = time(0), time(rows - 1)
+    if start > 0 and not first + start < last:
+        raise OptionError(f"{name} lasts {last - first:.4g} s, and has no rows from {start:g} s on; start earlier")
+    low = bisect_left(range(rows), first + start, key=time) if start > 0 else 0
+    high = bisect_right(range(rows), first + start + duration, key=time)
+    return recording if high - low >= rows else replace(recording, table=_Rows(recording.table, low, high - low))

@@ -1,4 +1,4 @@
-"""Shapes of a robot's bodies, from its description or generated from its joints."""
+"""Triangles of a robot's bodies, from its description or generated from its joints."""
 
 from __future__ import annotations
 
@@ -11,15 +11,28 @@ import numpy as np
 from ...errors import shorten
 from ...robot.description.document import children, parse
 from ...robot.locate import find_mesh
-from ...types import Array, Robot
-from .poses import own_axis
-from .simplify import share, simplify
-from .solids import Triangles, between, box, capsule, cylinder, joined
+from ...types import Array, Indices, Robot
+from ..geometry import origin, vector
+from .track import own_axis
 
 MOST = 300_000  # maximum number of triangles per robot
 THICK, TAPER = 0.055, 0.93  # radius of the first generated link over the reach; radius of each link over the previous
 DRUM = 1.16  # radius and half-length of a joint's cylinder over the radius of its link
 SHORT = 1e-6  # length below which a vector counts as zero [m]
+ROUND = 24  # number of sides of round solids
+HALVINGS = 12  # number of bisections of the cell size of a simplification
+FINEST = 1e-3  # smallest cell size, relative to the mesh
+
+
+class Triangles(NamedTuple):
+    """k vertices and m triangles, counter-clockwise from outside."""
+
+    vertices: Array  # (k, 3) [m]
+    faces: Indices  # (m, 3)
+
+    def moved(self, rotation: Array, translation: Array) -> Triangles:
+        """Apply rotation (3, 3) [1], then translation (3,) [m]."""
+        return Triangles(self.vertices @ rotation.T + translation, self.faces)
 
 
 class Look(NamedTuple):
@@ -30,12 +43,7 @@ class Look(NamedTuple):
 
 
 def look(robot: Robot, package_dirs: Sequence[str | Path] = ()) -> Look:
-    """Collect visual shapes, or collision shapes, or generated capsules if neither can be read.
-
-    Args:
-        robot: robot whose description is read.
-        package_dirs: folders that hold packages with meshes.
-    """
+    """Collect visual shapes, or collision shapes, or generated capsules if neither can be read."""
     parts: dict[int, list[Triangles]] = {}
     missing: dict[int, list[str]] = {}
     if robot.kind == "urdf":
@@ -44,9 +52,7 @@ def look(robot: Robot, package_dirs: Sequence[str | Path] = ()) -> Look:
             missing.setdefault(body, []).extend(lost)
     known = {body: joined(some) for body, some in parts.items() if some}
     bare = {body: shape for body, shape in _generated(robot).items() if body not in known}
-    plain = {
-        body: shape for body, shape in bare.items() if not known or missing.get(body)
-    }  # others have none on purpose
+    plain = {body: shape for body, shape in bare.items() if not known or missing.get(body)}  # others: none on purpose
     lost = list(dict.fromkeys(name for names in missing.values() for name in names))
     notes = [f"meshes missing or unreadable: {shorten(lost, 4)}"] if lost else []
     drawn = [str(robot.model.names[body]) for body in plain if body]
@@ -62,10 +68,8 @@ def reach(robot: Robot) -> float:
     for joint in range(1, model.njoints):
         step = float(np.linalg.norm(model.jointPlacements[joint].translation))
         far[joint] = far[model.parents[joint]] + step
-        lever = float(np.linalg.norm(model.inertias[joint].lever)) if model.inertias[joint].mass > 0 else 0.0
-        far[joint] = (
-            max(far[joint], far[model.parents[joint]] + step + 2 * lever) if _leaf(model, joint) else far[joint]
-        )
+        if _leaf(model, joint) and model.inertias[joint].mass > 0:
+            far[joint] += 2 * float(np.linalg.norm(model.inertias[joint].lever))
     return float(far.max()) or 1.0
 
 
@@ -87,20 +91,11 @@ def _stated(robot: Robot, package_dirs: Sequence[str | Path]) -> Iterator[tuple[
             for element in children(link, kind):
                 shape = _shape(element, robot, package_dirs, lost)
                 if shape is not None:
-                    put = frame.placement * _origin(element)
+                    put = frame.placement * origin(element)
                     found.append(shape.moved(put.rotation, put.translation))
             if found:
                 break
         yield frame.parentJoint, found, lost
-
-
-def _origin(element: Any) -> Any:
-    import pinocchio as pin
-
-    for origin in children(element, "origin"):
-        turn = pin.rpy.rpyToMatrix(_vector(origin.get("rpy"), np.zeros(3)))
-        return pin.SE3(turn, _vector(origin.get("xyz"), np.zeros(3)))
-    return pin.SE3.Identity()
 
 
 def _shape(element: Any, robot: Robot, package_dirs: Sequence[str | Path], lost: list[str]) -> Triangles | None:
@@ -109,26 +104,17 @@ def _shape(element: Any, robot: Robot, package_dirs: Sequence[str | Path], lost:
             if item.tag == "mesh":
                 name = item.get("filename") or ""
                 path = find_mesh(name, robot.path, package_dirs)
-                mesh = None if path is None else read_mesh(path, _vector(item.get("scale"), np.ones(3)))
+                mesh = None if path is None else _read_mesh(path, vector(item.get("scale"), 3, 1.0))
                 lost += [Path(name).name] if mesh is None else []
                 return mesh
-            radius, length = (_vector(item.get(key), np.zeros(1))[0] for key in ("radius", "length"))
+            radius, length = (vector(item.get(key), 1)[0] for key in ("radius", "length"))
             if item.tag == "box":
-                return box(_vector(item.get("size"), np.zeros(3)))
+                return box(vector(item.get("size"), 3))
             if item.tag == "cylinder":
                 return cylinder(radius, length)
             if item.tag in ("sphere", "capsule"):
                 return capsule(radius, length)
     return None
-
-
-def _vector(text: str | None, default: Array) -> Array:
-    """Parse the numbers of an attribute, (k,) [unit of the attribute]; the default if missing or invalid."""
-    try:
-        found = np.array([float(word) for word in (text or "").split()])
-    except ValueError:
-        return default
-    return found if len(found) == len(default) and np.isfinite(found).all() else default
 
 
 def _generated(robot: Robot) -> dict[int, Triangles]:
@@ -151,13 +137,8 @@ def _generated(robot: Robot) -> dict[int, Triangles]:
     return {body: joined(some) for body, some in sorted(parts.items())}
 
 
-def read_mesh(path: Path, scale: Array) -> Triangles | None:
-    """Read the triangles of an STL, OBJ, Collada or other mesh file with merged vertices; None if unreadable.
-
-    Args:
-        path: mesh file.
-        scale: (3,) [1], negative for mirrored axes.
-    """
+def _read_mesh(path: Path, scale: Array) -> Triangles | None:
+    """Triangles of an STL, OBJ, Collada or other mesh file with merged vertices; None if unreadable."""
     import coal
 
     try:
@@ -170,3 +151,98 @@ def read_mesh(path: Path, scale: Array) -> Triangles | None:
         return None
     mirrored = np.prod(scale) < 0
     return Triangles(vertices * np.sign(scale), faces[:, ::-1] if mirrored else faces)
+
+
+def box(size: Array) -> Triangles:
+    """Box of size (3,) [m]."""
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return Triangles(corners * size, np.array([f for a, b, c, d in sides for f in ((a, b, c), (a, c, d))]))
+
+
+def cylinder(radius: float, length: float) -> Triangles:
+    """Cylinder with flat ends [m]."""
+    return _turned(np.array([0.0, radius, radius, 0.0]), np.array([-0.5, -0.5, 0.5, 0.5]) * length)
+
+
+def capsule(radius: float, length: float) -> Triangles:
+    """Cylinder with hemispherical ends; a sphere if the length is zero [m]."""
+    bend = np.linspace(0, np.pi / 2, ROUND // 4 + 1)
+    r, z = radius * np.sin(bend), length / 2 + radius * np.cos(bend)
+    cut = 1 if length == 0 else 0
+    return _turned(np.append(r, r[::-1][cut:]), np.append(-z, z[::-1][cut:]))
+
+
+def between(start: Array, end: Array, radius: float, round_ends: bool = True) -> Triangles:
+    """Capsule or cylinder between two points; start: (3,) [m], end: (3,) [m]."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    length = float(np.linalg.norm(end - start))
+    along = (end - start) / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    side = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+    side /= np.linalg.norm(side)
+    solid = capsule(radius, length) if round_ends else cylinder(radius, length)
+    return solid.moved(np.column_stack([side, np.cross(along, side), along]), (start + end) / 2)
+
+
+def joined(parts: list[Triangles]) -> Triangles:
+    """Concatenate meshes."""
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    faces = [part.faces + start for part, start in zip(parts, starts, strict=True)]
+    return Triangles(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
+
+
+def _turned(r: Array, z: Array) -> Triangles:
+    """Surface of revolution of a profile r (k,), z (k,) [m] about z, from pole to pole."""
+    angle = 2 * np.pi * np.arange(ROUND) / ROUND
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    rings = [np.column_stack([a * circle, np.full(ROUND, h)]) for a, h in zip(r, z, strict=True)]
+    i, after = np.arange(ROUND), (np.arange(ROUND) + 1) % ROUND
+    faces = []
+    for k in range(len(r) - 1):
+        low, high = k * ROUND, (k + 1) * ROUND
+        faces += [np.column_stack([low + i, low + after, high + after])] if r[k] > 0 else []
+        faces += [np.column_stack([low + i, high + after, high + i])] if r[k + 1] > 0 else []
+        if r[k] == 0:
+            faces[-1] = np.column_stack([low + i, high + after, high + i])
+    return Triangles(np.concatenate(rings), np.concatenate(faces))
+
+
+def simplify(mesh: Triangles, most: int) -> Triangles:
+    """Simplify a mesh to a maximum number of triangles, by vertex clustering on a grid.
+
+    Source: Rossignac, Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
+    """
+    if len(mesh.faces) <= most:
+        return mesh
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    fine, coarse = np.log(FINEST * size), np.log(size)
+    best = _clustered(mesh, size)
+    for _ in range(HALVINGS):
+        middle = (fine + coarse) / 2
+        found = _clustered(mesh, float(np.exp(middle)))
+        if len(found.faces) > most:
+            fine = middle
+        else:
+            coarse, best = middle, found
+    return best
+
+
+def share(counts: list[int], most: int) -> list[int]:
+    """Distribute a maximum number of triangles over meshes; the largest are reduced first."""
+    left, keep = most, [0] * len(counts)
+    for rank, k in enumerate(sorted(range(len(counts)), key=lambda k: counts[k])):
+        keep[k] = min(counts[k], left // (len(counts) - rank))
+        left -= keep[k]
+    return keep
+
+
+def _clustered(mesh: Triangles, cell: float) -> Triangles:
+    place = np.floor((mesh.vertices - mesh.vertices.min(axis=0)) / cell).astype(np.int64)
+    _, group = np.unique(place @ np.array([1, 1 << 20, 1 << 40]), return_inverse=True)
+    count = np.bincount(group)
+    centres: Array = np.column_stack([np.bincount(group, x) / count for x in mesh.vertices.T])
+    faces = group[mesh.faces]
+    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    faces = faces[whole]
+    turn = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3  # canonical order, to find duplicates
+    return Triangles(centres, np.unique(np.take_along_axis(faces, turn, axis=1), axis=0))

@@ -1,12 +1,13 @@
-"""Motion of the recorded and the simulated robots, and residual torque of each simulation."""
+"""Motion of the recorded and the simulated robots, poses of their bodies, and residual torque of each simulation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ...model import Model
 from ...recording.sampling import Sampling, samples, survey
@@ -14,8 +15,10 @@ from ...regression.bandwidth import Band, choose_band
 from ...regression.filters import lowpass
 from ...regression.motion import build_motion, margin
 from ...regression.session import longest_piece
+from ...robot import configuration
+from ...robot.dynamics import joint_of_row, own_row
 from ...simulation.rollout import roll_out
-from ...types import Array, Frozen, Indices, Mask, Recording
+from ...types import Array, Frozen, Indices, Mask, Recording, Robot
 
 STEP = 2e-3  # maximum time step of the simulation [s]
 SHOWN = 0.4  # cut-off of the displayed residual, relative to the frame rate
@@ -39,58 +42,50 @@ class _Read(NamedTuple):
     recording: Recording
     sampling: Sampling
     band: Band
-
-
-class _Strayed(NamedTuple):
-    """Roll-outs of a model: simulated - recorded position (F, n) [rad or m], and divergence (F,)."""
-
-    error: Array
-    apart: Mask
-    window: Indices  # (F,)
+    measured: Mask  # (n,) whether torque was recorded
 
 
 def follow(models: Sequence[Model], recording: Recording, window: float, rate: float) -> Track:
     """Compute the motion of a recording and of roll-outs of one or two models.
 
-    Consecutive windows cover the recording; in each the simulated robots start from the measured state.
-
-    Args:
-        models: models with the joints of the recording.
-        recording: recording with signed torque.
-        window: length of a roll-out [s].
-        rate: frame rate [Hz].
+    Consecutive windows [s] cover the recording; in each the simulated robots start from the measured state.
 
     Raises:
         RecordingError: the recording cannot be used, or is shorter than a window.
     """
     sampling = survey(recording, models[0].robot)
-    read = _Read(recording, sampling, choose_band([longest_piece((recording, sampling))], 1 / sampling.period))
+    band = choose_band([longest_piece((recording, sampling))], 1 / sampling.period)
+    measured = np.array([bool(column) for column in recording.columns["tau"]])
+    read = _Read(recording, sampling, band, measured)
     known = [samples(recording, sampling, span, 0, sampling.length(span)) for span in sampling.spans]
     times, q = np.concatenate([x.t for x in known]), np.concatenate([x.q for x in known])
     t = times[0] + np.arange(int((times[-1] - times[0]) * rate * (1 + 1e-9)) + 1) / rate
     recorded = _at(t, times, q)
     strayed = [_strayed(read, models[k], models[k - 1], window, t) for k in range(len(models))]
+    error, apart, windows = zip(*strayed, strict=True)
     torque = np.concatenate([x.tau for x in known])
-    measured = np.array([bool(column) for column in recording.columns["tau"]])
     return Track(
         t=t,
         recorded=recorded,
-        simulated=np.stack([recorded + x.error for x in strayed]),
-        apart=np.stack([x.apart for x in strayed]),
-        window=strayed[0].window,
+        simulated=recorded + np.stack(error),
+        apart=np.stack(apart),
+        window=windows[0],
         residual=np.stack([_residual(read, model, t, rate) for model in models]),
         torque=np.where(measured, np.sqrt(np.mean(np.where(measured, torque, 0.0) ** 2, axis=0)), np.nan),
     )
 
 
-def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -> _Strayed:
-    """Consecutive roll-outs; a diverged joint keeps its last position unless all joints diverged."""
+def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -> tuple[Array, Mask, Indices]:
+    """Simulated - recorded position (F, n), divergence (F,) and number (F,) of consecutive roll-outs.
+
+    A diverged joint keeps its last position unless all joints diverged.
+    """
     count = int(np.ceil(read.sampling.duration / window))  # enough that roll-outs do not leave gaps
     found = roll_out(model, read.recording, (window,), windows=count, band=read.band, step=STEP, beside=other)
     which = np.searchsorted(found.start, t, side="right") - 1
     age = t - found.start[which]
     which = np.where((which >= 0) & (age <= found.t[-1] + read.sampling.period), which, -1)
-    measured = np.array([bool(column) for column in read.recording.columns["tau"]])
+    measured = read.measured
     error, apart = np.full((len(t), len(measured)), np.nan), np.zeros(len(t), dtype=bool)
     ages = np.concatenate([[0.0], found.t])
     for w in np.unique(which[which >= 0]):
@@ -102,12 +97,14 @@ def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -
         held[lost[:, measured].all(axis=1)] = np.nan
         error[frames] = _at(age[frames], ages, held)
         apart[frames] = np.interp(age[frames], ages, lost.any(axis=1)) > 0
-    return _Strayed(error, apart, which)
+    return error, apart, which
 
 
 def _residual(read: _Read, model: Model, t: Array, rate: float) -> Array:
     """Measured - predicted torque, low-passed for display, (F, n) [N.m or N]."""
-    recording, sampling, band = read
+    from scipy.ndimage import convolve1d
+
+    recording, sampling, band, _ = read
     taps = lowpass(1 / sampling.period, min(band.cutoff, SHOWN * rate))
     slow = np.maximum(STANDSTILL * band.velocity_noise, 1e-12)
     out = np.full((len(t), len(model.robot.joints)), np.nan)
@@ -117,19 +114,58 @@ def _residual(read: _Read, model: Model, t: Array, rate: float) -> Array:
         piece = samples(recording, sampling, span, 0, sampling.length(span))
         motion = build_motion(model.robot, piece, band, sampling.period, slow=slow)
         assert motion.recorded is not None, "a recording has torque"
-        left = _smooth(motion.recorded - model.inverse(motion), taps)
+        left = motion.recorded - model.inverse(motion)
+        left = convolve1d(left, taps, axis=0, mode="mirror") if len(taps) > 1 else left
         inside = (t >= motion.t[0]) & (t <= motion.t[-1])
         out[inside] = _at(t[inside], motion.t, left)
     return out
 
 
-def _smooth(signal: Array, taps: Array) -> Array:
-    """Filter a signal (N, n) [any unit], mirrored at the ends."""
-    from scipy.ndimage import convolve1d
-
-    return np.asarray(convolve1d(signal, taps, axis=0, mode="mirror")) if len(taps) > 1 else signal
-
-
 def _at(t: Array, known: Array, values: Array) -> Array:
     """Interpolate values (N, n) [any unit] at times (N,) [s] linearly to times (F,) [s]."""
     return np.column_stack([np.interp(t, known, x) for x in values.T])
+
+
+def poses(robot: Robot, q: Array, bodies: Sequence[int]) -> Array:
+    """Compute position [m] and quaternion x, y, z, w [1] of bodies in the world, (F, len(bodies), 7).
+
+    The positions q: (F, n) [rad or m] may be NaN; bodies are named by the joints of the model that carry them.
+    """
+    model, data = robot.model, robot.model.createData()
+    out = np.full((len(q), len(bodies), 7), np.nan)
+    known = np.isfinite(q).all(axis=1)
+    for frame, where in zip(np.flatnonzero(known), configuration(robot, q[known]), strict=True):
+        pin.forwardKinematics(model, data, where)
+        out[frame] = [pin.SE3ToXYZQUAT(data.oMi[body]) for body in bodies]
+    return out
+
+
+def movers(robot: Robot, bodies: Sequence[int]) -> list[int]:
+    """Index of the joint that moves each body, or its parent if the body's joint is held; -1: base."""
+    model, found = robot.model, [-1] * robot.model.njoints
+    for joint in range(1, model.njoints):
+        item = model.joints[joint]
+        felt = np.abs(robot.drive[item.idx_v : item.idx_v + item.nv]).max(axis=0)
+        found[joint] = int(np.argmax(felt)) if felt.any() else found[model.parents[joint]]
+    return [found[body] for body in bodies]
+
+
+def axis(robot: Robot, joint: int) -> tuple[int, Array, bool]:
+    """The body that a joint moves, its axis in the body frame, (3,) [1], and whether it is prismatic."""
+    row = own_row(robot, joint)
+    body = joint_of_row(robot.model, row)
+    return body, *_along(robot.model, body, row)
+
+
+def own_axis(robot: Robot, body: int) -> tuple[Array, bool]:
+    """The axis of a joint of the model in its frame, (3,) [1], and whether it is prismatic."""
+    return _along(robot.model, body, robot.model.joints[body].idx_v)
+
+
+def _along(model: Any, body: int, row: int) -> tuple[Array, bool]:
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    column = np.reshape(pin.getJointJacobian(model, data, body, pin.LOCAL), (6, model.nv))[:, row]
+    slides = not column[3:].any()
+    along = column[:3] if slides else column[3:]
+    return along / np.linalg.norm(along), slides

@@ -6,41 +6,45 @@ from typing import TYPE_CHECKING
 from ...registry import inner_package as _package, public_names as _names
 
 if TYPE_CHECKING:
-    from .diagnosis.document import diagnosis_document as diagnosis_document
-    from .diagnosis.tables import diagnosis_tables as diagnosis_tables
-    from .layout import Screen as Screen
-    from .numbers import figure as figure, with_interval as with_interval
-    from .pages import (
-        diagnosis_page as diagnosis_page,
-        fleet_page as fleet_page,
-        identification_page as identification_page,
-        report as report,
-        signs_page as signs_page,
-        validation_page as validation_page,
-    )
-    from .results.conversion import conversion_document as conversion_document, conversion_tables as conversion_tables
-    from .results.data import data_card as data_card, data_document as data_document, data_tables as data_tables
-    from .results.documents import (
-        check_document as check_document,
-        identification_document as identification_document,
-        inspection_document as inspection_document,
-        to_json as to_json,
-    )
-    from .results.effects import effects_document as effects_document, effects_tables as effects_tables
-    from .results.excitation import excitation_document as excitation_document, excitation_tables as excitation_tables
-    from .results.factors import factors_document as factors_document, factors_tables as factors_tables
+    from .layout import Screen as Screen, figure as figure, with_interval as with_interval
+    from .pages import report as report
+    from .pages.diagnosis import diagnosis_page as diagnosis_page
+    from .pages.fleet import fleet_page as fleet_page
+    from .pages.identification import identification_page as identification_page
+    from .pages.signs import signs_page as signs_page
+    from .pages.validation import validation_page as validation_page
+    from .results.diagnosis import diagnosis_document as diagnosis_document, diagnosis_tables as diagnosis_tables
+    from .results.documents import to_json as to_json
     from .results.fleet import fleet_tables as fleet_tables
-    from .results.payload import payload_document as payload_document, payload_tables as payload_tables
+    from .results.identification import (
+        identification_document as identification_document,
+        identification_tables as identification_tables,
+        payload_document as payload_document,
+        payload_tables as payload_tables,
+    )
+    from .results.inspection import (
+        check_document as check_document,
+        check_tables as check_tables,
+        inspection_document as inspection_document,
+        inspection_tables as inspection_tables,
+    )
+    from .results.laws import effects_document as effects_document, effects_tables as effects_tables
+    from .results.recordings import (
+        conversion_document as conversion_document,
+        conversion_tables as conversion_tables,
+        data_card as data_card,
+        data_document as data_document,
+        data_tables as data_tables,
+        factors_document as factors_document,
+        factors_tables as factors_tables,
+    )
     from .results.signs import signed_csv as signed_csv, signs_document as signs_document, signs_tables as signs_tables
     from .results.simulation import (
         SimulationRun as SimulationRun,
+        excitation_document as excitation_document,
+        excitation_tables as excitation_tables,
         simulation_document as simulation_document,
         simulation_tables as simulation_tables,
-    )
-    from .results.tables import (
-        check_tables as check_tables,
-        identification_tables as identification_tables,
-        inspection_tables as inspection_tables,
     )
     from .results.validation import validation_document as validation_document, validation_tables as validation_tables
     from .write import Content as Content, probe_folder as probe_folder, write_files as write_files

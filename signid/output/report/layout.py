@@ -1,15 +1,21 @@
-"""Layout shared by all commands: tables, headings and sentences."""
+"""Layout shared by all commands and pages: numbers with their significant digits, tables, headings and sentences."""
 
 from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Iterable
+from math import copysign, floor, isfinite, log10
 
 from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ...types import TWO_SIDED, Robot
+
+MOST = 9  # maximum number of significant digits
+UNKNOWN = "not identifiable"  # text in place of a value without finite interval
+LARGEST = 1.79e308  # values beyond would round up to infinity
 PIPED = 100  # width of the output if it is not a terminal [characters]
 
 
@@ -36,12 +42,14 @@ class Screen(Console):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def new_table(*heads: str) -> Table:
-    """Create a table from its heads; columns whose head ends in > are right-aligned and do not wrap."""
+def new_table(*heads: str, rows: Iterable[Iterable[RenderableType]] = ()) -> Table:
+    """Create a table from its heads and rows; columns whose head ends in > are right-aligned and do not wrap."""
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
     for head in heads:
         right = head.endswith(">")
         table.add_column(head.removesuffix(">"), justify="right" if right else "left", no_wrap=right, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
@@ -63,3 +71,88 @@ def note_lines(notes: Iterable[str]) -> list[RenderableType]:
 def plural(number: int, noun: str) -> str:
     """Format a count with its noun."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def figure(value: float, digits: int = 3) -> str:
+    """Format a number with significant digits, trailing zeros kept; "-" if not finite.
+
+    >>> figure(0.04), figure(24.96), figure(1234.5), figure(2.5e-7), figure(float("nan"))
+    ('0.0400', '25.0', '1234', '2.50e-07', '-')
+    """
+    if not isfinite(value):
+        return "-"
+    if value == 0:
+        return "0"
+    if abs(value) > LARGEST:
+        return figure(copysign(LARGEST, value), digits)
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    power = int(exponent)
+    if not -4 <= power < 6:
+        return f"{mantissa}e{exponent}"
+    return f"{value:.{max(0, digits - 1 - power)}f}"
+
+
+def with_interval(value: float, std: float) -> tuple[str, str]:
+    """Format a value and the half-width of its 95 % interval, to two significant digits of the half-width.
+
+    >>> with_interval(3.86269, 0.0123), with_interval(1234.5, 66.0), with_interval(2.3456e-6, 1e-8)
+    (('3.863', '0.024'), ('1230', '130'), ('2.346e-06', '0.020e-06'))
+    >>> with_interval(0.7, float("inf")), with_interval(0.7, 0.0)
+    (('not identifiable', '-'), ('0.700000', '0'))
+    """
+    if not (isfinite(value) and isfinite(std)):
+        return UNKNOWN, "-"
+    half = TWO_SIDED * std
+    largest = _power(max(abs(value), half))
+    if half <= 0:
+        return figure(value, 6), "0"
+    last = max(_power(half) - 1, largest - MOST + 1)  # power of ten of the last digit shown
+    if floor(half / 10.0**last + 0.5) >= 100:
+        last += 1
+    if largest < -5 or largest >= 7:
+        places, unit = max(0, largest - last), 10.0**largest
+        return tuple(f"{x / unit:z.{places}f}e{largest:+03d}" for x in (value, half))  # type: ignore[return-value]
+    if last > 0:
+        value, half = (round(x / 10.0**last) * 10.0**last for x in (value, half))
+    places = max(0, -last)
+    return f"{value:z.{places}f}", f"{half:.{places}f}"
+
+
+def share(value: float) -> str:
+    """Format a share in per cent, never rounded up to 100 % or down to 0 %.
+
+    >>> share(1.0), share(0.9996), share(0.5), share(0.0001), share(0.0)
+    ('100 %', '>99 %', '50 %', '<1 %', '0 %')
+    """
+    if not isfinite(value):
+        return "-"
+    if 0.995 <= value < 1:
+        return ">99 %"
+    if 0 < value < 0.005:
+        return "<1 %"
+    return f"{value:.0%}".replace("%", " %")
+
+
+def determination(r2: float) -> str:
+    """Format R2 with two significant digits of 1 - R2.
+
+    >>> determination(0.99871), determination(0.957), determination(0.9999999), determination(float("nan"))
+    ('0.9987', '0.957', '1.000000', '-')
+    """
+    if not isfinite(r2):
+        return "-"
+    return f"{r2:.{min(6, max(2, 1 - _power(abs(1 - r2))))}f}"
+
+
+def _power(value: float) -> int:
+    return floor(log10(value)) if value > 0 else -300
+
+
+def torque_units(robot: Robot) -> list[str]:
+    """Unit of the torque of each joint."""
+    return ["N" if prismatic else "N.m" for prismatic in robot.prismatic]
+
+
+def position_units(robot: Robot) -> list[str]:
+    """Unit of the position of each joint."""
+    return ["m" if prismatic else "rad" for prismatic in robot.prismatic]

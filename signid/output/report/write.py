@@ -21,10 +21,6 @@ _STALE = 86_400.0  # age from which a temporary file is considered abandoned [s]
 def probe_folder(folder: str | Path, option: str = "-o") -> None:
     """Check that results can be written into a folder, without leaving anything there.
 
-    Args:
-        folder: output folder.
-        option: command-line option that names it.
-
     Raises:
         OutputError: the path is a file, lies below a file, or is not writable.
     """
@@ -47,18 +43,13 @@ def write_files(folder: str | Path, contents: Mapping[str, Content], option: str
 
     If the process is killed, each file is either unchanged or complete. The first file appears last. Temporary files
     that remain are removed by a later call, once they are a day old: the folder may be shared between machines, so a
-    live writer cannot be detected.
-
-    Args:
-        folder: output folder.
-        contents: content of each file by name, whole or in pieces; text is written as UTF-8.
-        option: command-line option that names the folder.
+    live writer cannot be detected. Contents are whole or in pieces; text is written as UTF-8.
 
     Raises:
         OutputError: a file cannot be written; no incomplete file remains.
     """
     place = Path(folder)
-    new = _missing(place)
+    new = [folder for folder in (place, *place.parents) if not folder.exists()]  # the innermost first
     waiting: list[tuple[Path, Path]] = []
     try:
         place.mkdir(parents=True, exist_ok=True)
@@ -80,11 +71,6 @@ def write_files(folder: str | Path, contents: Mapping[str, Content], option: str
             raise _refusal(folder, place, error, option) from None
         raise
     return [target for _, target in waiting]
-
-
-def _missing(place: Path) -> list[Path]:
-    """Missing folders of a path, the innermost first."""
-    return [folder for folder in (place, *place.parents) if not folder.exists()]
 
 
 def _clear(place: Path, ours: Sequence[Path]) -> None:
@@ -115,33 +101,17 @@ def _refusal(folder: str | Path, place: Path, error: OSError, option: str) -> Ou
         where = place if place.is_file() else next((p for p in place.parents if p.is_file()), place)
         return OutputError(f"cannot write results to {folder}: {where} is a file; name a folder with {option}")
     why = error.strerror or type(error).__name__
-    return OutputError(
-        f"cannot write results to {folder}: {why}; name another folder with {option}, or free disk space"
-    )
+    advice = f"name another folder with {option}, or free disk space"
+    return OutputError(f"cannot write results to {folder}: {why}; {advice}")
 
 
 def is_abandoned(path: Path, now: float) -> bool:
-    """Whether a temporary file is at least a day old, since a live writer cannot be detected.
-
-    Args:
-        path: temporary file or folder.
-        now: time by the clock of the machine that holds it [s].
-
-    Raises:
-        OSError: the file is missing or cannot be read.
-    """
+    """Whether a temporary file is at least a day old at `now` [s], since a live writer cannot be detected."""
     return now - path.lstat().st_mtime > _STALE
 
 
 def give_usual_rights(path: Path) -> None:
-    """Set the permissions of an ordinary new file or folder on a private one.
-
-    Args:
-        path: file or folder.
-
-    Raises:
-        OSError: the permissions cannot be changed.
-    """
+    """Set the permissions of an ordinary new file or folder on a private one."""
     mask = os.umask(0)
     os.umask(mask)
     path.chmod((0o777 if path.is_dir() else 0o666) & ~mask)

@@ -6,18 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ....types import Input
-from .diagnosis import diagnosis_page
-from .fleet import fleet_page
-from .identification import identification_page
-from .signs import signs_page
-from .validation import validation_page
 
 if TYPE_CHECKING:
     from ....diagnose import Diagnosis
     from ....identify import Identification
     from ....validate import Validation
-
-__all__ = ["diagnosis_page", "fleet_page", "identification_page", "report", "signs_page", "validation_page"]
 
 
 def report(result: Diagnosis | Identification | Validation, inputs: Sequence[Input] = (), command: str = "") -> str:
@@ -28,8 +21,11 @@ def report(result: Diagnosis | Identification | Validation, inputs: Sequence[Inp
         inputs: files read besides the recordings; default: the robot description.
         command: shell line that reproduces the page, if any.
     """
-    from ....diagnose import Diagnosis  # here, because an identification does not need it
+    from ....diagnose import Diagnosis
     from ....validate import Validation
+    from .diagnosis import diagnosis_page
+    from .identification import identification_page
+    from .validation import validation_page
 
     if isinstance(result, Diagnosis):
         return diagnosis_page(result, inputs, command)

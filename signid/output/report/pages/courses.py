@@ -1,20 +1,25 @@
-"""Plots of held-out torque over time, and of its residual against velocity, position and load."""
+"""Plots of held-out torque over time, of its residual against the state, and of roll-out errors."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ....estimation.fit_quality import Course, Fit
 from ....types import Array, Indices
-from ..numbers import determination, figure
-from .frame import AFTER, BEFORE, FAINT, INK, Plot, axis, packed, thinned
+from ..layout import determination, figure
+from .frame import AFTER, BEFORE, FAINT, INK, Plot, axis, curve, packed, thinned
+
+if TYPE_CHECKING:
+    from ....simulation.rollout import RollOut
+    from ....validate import ValidatedModel
 
 POINTS, DOTS = 16_000, 9_000  # total number of points of lines and of scatter plots
 FEWEST = 150  # minimum number of points per line
 BINS = 24  # number of means per scatter plot
+MOST = 60  # maximum number of points per line of a roll-out
 OPEN = 3  # maximum number of unfolded joints
 TOP, GAP = 0.42, 0.06  # share of a plot taken by the residual, and half of the gap above it
 
@@ -39,14 +44,7 @@ class Line(NamedTuple):
 
 
 def joint_plots(course: Course, before: Fit, after: Fit, chosen: Sequence[int]) -> list[JointPlots]:
-    """Plot torque over time, and the residual against velocity, position and load, per joint.
-
-    Args:
-        course: residuals on held-out data.
-        before: fit of the first model.
-        after: fit of the second model.
-        chosen: joints to unfold, up to a maximum.
-    """
+    """Plot torque over time, and the residual against velocity, position and load; unfold the first chosen joints."""
     shown, found = [*dict.fromkeys(chosen)][:OPEN], []
     for j, joint in enumerate(course.joints):
         rms = (float(fit.held_out_rms[j]) for fit in (before, after))
@@ -58,17 +56,6 @@ def joint_plots(course: Course, before: Fit, after: Fit, chosen: Sequence[int]) 
 
 def _plots(course: Course, j: int) -> Iterator[Plot]:
     unit, length = course.unit[j], "m" if course.prismatic[j] else "rad"
-    yield _over_time(course, j, unit)
-    variables: tuple[tuple[str, Array], ...] = (
-        (f"velocity [{length}/s]", course.v[:, j]),
-        (f"position [{length}]", course.q[:, j]),
-        (f"load: predicted torque [{unit}]", course.torque[:, j] - course.before[:, j]),
-    )
-    for title, x in variables:
-        yield _against(course, j, title, x, unit)
-
-
-def _over_time(course: Course, j: int, unit: str) -> Plot:
     measured, left = course.torque[:, j], (course.before[:, j], course.after[:, j])
     lines = (
         Line("measured", "y", INK, {"width": 1.6}, measured),
@@ -77,22 +64,15 @@ def _over_time(course: Course, j: int, unit: str) -> Plot:
         Line("residual before", "y2", BEFORE, {"width": 1.2, "dash": "dot"}, left[0]),
         Line("residual after", "y2", AFTER, {"width": 1.2}, left[1]),
     )
-    most = max(FEWEST, POINTS // len(course.joints))
-    return torque_plot(course.joints[j], clock(course.t, course.recording), course.stretch, unit, lines, most)
+    yield torque_plot(course.joints[j], course, unit, lines, max(FEWEST, POINTS // len(course.joints)))
+    yield _against(course, j, f"velocity [{length}/s]", course.v[:, j], unit)
+    yield _against(course, j, f"position [{length}]", course.q[:, j], unit)
+    yield _against(course, j, f"load: predicted torque [{unit}]", measured - left[0], unit)
 
 
-def torque_plot(joint: str, t: Array, stretch: Indices, unit: str, lines: Sequence[Line], most: int) -> Plot:
-    """Plot torque over time, with residuals below.
-
-    Args:
-        joint: name of the joint.
-        t: (M,) [s].
-        stretch: (M,) number of the stretch without gaps.
-        unit: unit of torque.
-        lines: lines over this time.
-        most: maximum number of points per line.
-    """
-    first = np.flatnonzero(np.diff(stretch, prepend=stretch[:1] - 1))
+def torque_plot(joint: str, rows: Course | ValidatedModel, unit: str, lines: Sequence[Line], most: int) -> Plot:
+    """Plot torque over the time of some rows, with residuals below."""
+    t, first = clock(rows.t, rows.recording), np.flatnonzero(np.diff(rows.stretch, prepend=rows.stretch[:1] - 1))
     t, values = thinned(t, np.column_stack([line.values for line in lines]), first, most)
     data = [
         {
@@ -142,12 +122,7 @@ def _means(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def clock(t: Array, recording: Indices) -> Array:
-    """Time of rows with several recordings in sequence, (M,) [s].
-
-    Args:
-        t: (M,) [s].
-        recording: (M,) number of the recording.
-    """
+    """Time of rows with several recordings in sequence, (M,) [s]; t: (M,) [s], recording: (M,) its number."""
     if not len(t) or recording[0] == recording[-1]:
         return np.asarray(t)
     parts = np.split(t, np.flatnonzero(np.diff(recording)) + 1)
@@ -155,7 +130,27 @@ def clock(t: Array, recording: Indices) -> Array:
     return np.concatenate([part - part[0] + start for part, start in zip(parts, starts, strict=True)])
 
 
-def worst(before: Fit, size: Callable[[Array], Array] = np.asarray) -> list[int]:
+def worst(before: Fit) -> list[int]:
     """Joints in descending order of held-out residual over what no model could predict."""
     over = np.nan_to_num(before.held_out_rms / np.maximum(before.irreducible_rms, 1e-300), posinf=0.0)
-    return [int(j) for j in np.argsort(-size(over), kind="stable")]
+    return [int(j) for j in np.argsort(-over, kind="stable")]
+
+
+def rollout_plots(rolled: Sequence[tuple[str, RollOut, str, str]]) -> list[Plot]:
+    """Plot the rms error of roll-outs against the time since their start, per joint.
+
+    Each model has a name, a roll-out, a colour and a dash; a plot shows the models that have its joint.
+    """
+    found: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for name, one, colour, dash in rolled:
+        step = -(-len(one.t) // MOST)
+        kept = np.arange(len(one.t) - 1, -1, -step)[::-1]
+        for j, key in enumerate(zip(one.joints, one.unit, strict=True)):
+            error = np.sqrt(np.mean(one.error[:, kept, j] ** 2, axis=0))
+            hover = f"{name}: %{{y:.3g}} {key[1]} after %{{x:.3g}} s<extra></extra>"
+            line = {"color": colour, "width": 2, "dash": dash}
+            y = packed(np.where(np.isfinite(error), error, np.nan))
+            found.setdefault(key, []).append(curve(name, packed(one.t[kept]), y, line, hovertemplate=hover))
+    x = axis("time since the start [s]", rangemode="tozero", nticks=6)
+    y_axes = {unit: axis(f"rms error [{unit}]", rangemode="tozero", nticks=6) for _, unit in found}
+    return [Plot(joint, data, {"xaxis": x, "yaxis": y_axes[unit]}, 210) for (joint, unit), data in found.items()]

@@ -4,31 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from inspect import getdoc
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....version import __version__
-from ..diagnosis.document import diagnosis_notes
-from ..diagnosis.numbers import law_words, number_cells
-from ..diagnosis.words import (
-    NEGLIGIBLE,
-    WORSE,
-    alternative_words,
-    finding_words,
-    place_words,
-    role_words,
-    trust_words,
-    unexplained_words,
-    verdict_words,
-)
-from ..numbers import determination, figure, share
-from ..results.documents import description, once
+from ..layout import determination, figure
+from ..results import sentences as words
+from ..results.diagnosis import diagnosis_notes, rollout_errors
+from ..results.laws import law_words, number_cells
 from ..results.signs import confidence
-from .courses import joint_plots, worst
-from .frame import render
+from .courses import joint_plots, rollout_plots, worst
+from .frame import AFTER, BEFORE, Card, render, shared
 from .heat import heat_maps, hottest
-from .rolled import rollout_plots
 
 if TYPE_CHECKING:
     from ....diagnose import Diagnosis, Finding
@@ -39,52 +26,33 @@ LOUD = 1.5  # ratio of residual to irreducible rms from which a joint is unfolde
 LISTED = 5  # maximum number of alternatives drawn
 
 
-class Card(NamedTuple):
-    """A key figure."""
-
-    title: str
-    figure: str
-    beside: str
-
-
 def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str = "") -> str:
-    """Render report.html of a diagnosis: a self-contained page, reproducible to the byte.
-
-    Args:
-        result: diagnosis.
-        inputs: files read besides the recordings; default: the robot description.
-        command: shell line that reproduces the page, if any.
-    """
+    """Render report.html of a diagnosis; `inputs` besides the recordings default to the description."""
     learned, floor, order = result.train, result.before.irreducible_rms, worst(result.before)
     chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]]
-    top = hottest(learned, learned.before, floor)
-    rolled = result.rollout_before, result.rollout_after
+    before, after = (left / floor for left in (learned.before, learned.after))
+    top = hottest(learned, before)
+    first, last = result.rollout_before, result.rollout_after
+    rolled = first and last and rollout_plots([("before", first, BEFORE, "dot"), ("after", last, AFTER, "solid")])
     return render(
         "diagnosis.html",
-        title=f"{result.robot.name}: {verdict_words(result)}",
-        verdict=result.verdict,
-        sentence=verdict_words(result),
-        robot=result.robot.name,
-        flags=result.flags,
+        title=f"{result.robot.name}: {words.verdict_words(result)}",
         cards=list(_cards(result, order[0])),
-        places=place_words(result),
-        heat_before=heat_maps(learned, learned.before, floor, top),
-        heat_after=heat_maps(learned, learned.after, floor, top) if result.findings else [],
+        places=words.place_words(result),
+        heat_before=heat_maps(learned, before, top),
+        heat_after=heat_maps(learned, after, top) if result.findings else [],
         heat_top=figure(top, 2),
-        roles=[(title, list(_laws(result, role))) for role, title in role_words(result).items()],
-        trust=trust_words(result),
+        roles=[(title, list(_laws(result, role))) for role, title in words.role_words(result).items()],
+        sure=SURE,
+        trust=words.trust_words(result),
         rivals=list(_alternatives(result)),
-        left=unexplained_words(result),
-        fit=_fit_rows(result),
+        left=words.unexplained_words(result),
+        worse=words.WORSE,
         joints=joint_plots(result.held_out, result.before, result.after, chosen or order[:1]),
-        rolled=None if None in rolled else rollout_plots(*rolled),  # type: ignore[arg-type]
-        horizon=0.0 if rolled[0] is None else max(rolled[0].horizons),
+        rolled=rolled,
+        errors=rollout_errors(result),
         notes=diagnosis_notes(result),
-        cutoff=result.cutoff,
-        files=once([*result.inputs, *(inputs or [description(result.robot)])]),
-        command=command,
-        seed=result.seed,
-        version=__version__,
+        **shared(result, [result.robot], inputs, command),
     )
 
 
@@ -96,38 +64,26 @@ def _cards(result: Diagnosis, j: int) -> Iterator[Card]:
     yield Card(f"residual torque of {joint}, held out", f"{rms} {before.unit[j]}", floor)
     r2 = " → ".join(determination(float(fit.held_out_r2[j])) for fit in (before, after))
     yield Card("R2 of this torque, held out", r2, "1 is perfect")
-    first, last = result.rollout_before, result.rollout_after
-    if first is not None and last is not None:
-        horizon = max(first.horizons)
-        errors = first.rms(horizon), last.rms(horizon)
-        k = int(np.argmax(np.nan_to_num(errors[0] / np.maximum(errors[1], 1e-300))))
-        change = " → ".join(figure(float(rms[k])) for rms in errors)
-        yield Card(f"{horizon:g} s roll-outs: position error of {first.joints[k]}", f"{change} {first.unit[k]}", "rms")
+    if errors := rollout_errors(result):
+        k = int(np.argmax(np.nan_to_num(errors.before / np.maximum(errors.after, 1e-300))))
+        change = " → ".join(figure(float(rms[k])) for rms in (errors.before, errors.after))
+        title = f"{errors.horizon:g} s roll-outs: position error of {errors.joints[k]}"
+        yield Card(title, f"{change} {errors.unit[k]}", "rms")
 
 
 def _laws(result: Diagnosis, role: str) -> Iterator[dict[str, Any]]:
     """Yield the content of each finding of a role."""
-    robot = result.robot
-    for finding in result.findings:
-        if finding.role != role:
-            continue
-        words, effect = finding_words(robot, finding), finding.law.effect
+    for finding in (finding for finding in result.findings if finding.role == role):
+        cells, title = words.finding_words(result.robot, finding), _title(result, finding)
         yield {
-            "name": _title(result, finding),
-            "probability": words.probability,
-            "sure": finding.probability >= SURE,
-            "summary": " ".join((getdoc(type(effect)) or "").split()),
-            "equation": effect.equation,
-            "source": effect.source,
-            "numbers": number_cells(robot, finding),
-            "stated": bool(finding.stated),
-            "in_model": finding.in_model,
-            "torque": words.torque,
-            "where": words.where,
-            "gain": share(finding.held_out_gain),
-            "odds": f"{finding.statistic:.0f} (threshold: {finding.threshold:.0f})",
+            "finding": finding,
+            "effect": finding.law.effect,
+            "words": cells,
+            "title": title,
+            "summary": " ".join((getdoc(type(finding.law.effect)) or "").split()),
+            "numbers": number_cells(result.robot, finding),
             "rivals": _rivals(result, finding),
-            "row": (_title(result, finding), "; ".join(words.numbers), *words[2:]),
+            "row": (title, "; ".join(cells.numbers), *cells[2:]),
         }
 
 
@@ -140,38 +96,14 @@ def _title(result: Diagnosis, finding: Finding) -> str:
 def _alternatives(result: Diagnosis) -> Iterator[tuple[str, list[str], list[str]]]:
     """Yield each finding with its most probable alternatives, and the others, which are folded."""
     for finding in result.findings:
-        if shown := alternative_words(result.robot, finding):
-            whole = alternative_words(result.robot, finding, None)
+        if shown := words.alternative_words(result.robot, finding):
+            whole = words.alternative_words(result.robot, finding, None)
             first = [line for line in shown if line in whole]
             yield _title(result, finding), first, [line for line in whole if line not in first]
 
 
 def _rivals(result: Diagnosis, finding: Finding) -> list[tuple[str, float, str]]:
     """A finding and its most probable alternatives: name, probability [%], formatted probability."""
-    rivals = [(rival.law, rival.probability) for rival in finding.alternatives if rival.probability >= NEGLIGIBLE]
+    rivals = [(rival.law, rival.probability) for rival in finding.alternatives if rival.probability >= words.NEGLIGIBLE]
     first = [(finding.law, finding.probability), *sorted(rivals, key=lambda pair: -pair[1])[:LISTED]]
     return [(law_words(result.robot, law), 100 * p, confidence(p)) for law, p in first]
-
-
-def _fit_rows(result: Diagnosis) -> list[dict[str, Any]]:
-    """Held-out rms and R2 before and after, and roll-out errors, per joint."""
-    before, after = result.before, result.after
-    first, last = result.rollout_before, result.rollout_after
-    rolled: list[tuple[float, float]] = [(float("nan"), float("nan"))] * len(before.joints)
-    if first is not None and last is not None:
-        horizon = max(first.horizons)
-        rolled = list(zip(first.rms(horizon).tolist(), last.rms(horizon).tolist(), strict=True))
-    return [
-        {
-            "joint": joint,
-            "rms": (float(before.held_out_rms[j]), float(after.held_out_rms[j])),
-            "worse": bool(after.held_out_rms[j] > WORSE * before.held_out_rms[j]),
-            "floor": float(before.irreducible_rms[j]),
-            "unit": before.unit[j],
-            "r2": (float(before.held_out_r2[j]), float(after.held_out_r2[j])),
-            "rolled": rolled[j],
-            "stray": rolled[j][1] > WORSE * rolled[j][0],
-            "length": "" if first is None else first.unit[j],
-        }
-        for j, joint in enumerate(before.joints)
-    ]

@@ -4,25 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
-from math import log10, nan
-from typing import Any, NamedTuple
+from math import log10
+from typing import Any
 from urllib.parse import quote
 
 from ....types import TWO_SIDED
-from ..layout import plural
-from ..numbers import figure, share
-from ..results.fleet import (
-    FLAGGED,
-    UNDONE,
-    cause_sentence,
-    drift_change,
-    drift_sentence,
-    fleet_sentence,
-    lacking,
-    number_ranges,
-)
-from .diagnosis import Card
-from .frame import AFTER, BEFORE, Plot, axis, render
+from ..layout import figure, plural
+from ..results import fleet
+from .frame import AFTER, BEFORE, Card, Plot, axis, render
 
 DRAWN, LISTED = 24, 60  # maximum number of drifts drawn and listed
 REPORT = "report.html"
@@ -30,51 +19,27 @@ SHADE = "rgba(209,112,14,.16)"
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-class Row(NamedTuple):
-    """Row of the ranking of robots."""
-
-    name: str
-    kind: str
-    sessions: int
-    time: str
-    size: str
-    percent: float  # length of the bar
-    joint: str
-    left: str
-    explained: str
-    lacks: str
-    link: str
-
-
 def fleet_page(document: Mapping[str, Any], command: str = "") -> str:
-    """Render index.html of a fleet, with links to the reports of its sessions; reproducible to the byte.
-
-    Args:
-        document: content of fleet.json.
-        command: shell line that reproduces the page, if any.
-    """
+    """Render index.html from the content of fleet.json, with links to the reports of its sessions."""
     drifts = document["drifts"]
     beyond = [drift for drift in drifts if drift["beyond_noise"]]
     sessions = {session["session"]: session for session in document["sessions"]}
-    flagged = sum(session["state"] == FLAGGED for session in sessions.values())
+    flagged = sum(session["state"] == fleet.FLAGGED for session in sessions.values())
     return render(
         "fleet.html",
-        title=fleet_sentence(document),
-        sentence=fleet_sentence(document),
+        title=fleet.fleet_sentence(document),
         cards=list(_cards(document)),
-        undone=[(one["session"], one["said"]) for one in document["sessions"] if one["state"] == UNDONE],
+        undone=[(one["session"], one["said"]) for one in document["sessions"] if one["state"] == fleet.UNDONE],
         flagged=plural(flagged, "session") if flagged else "",
         rows=list(_rows(document["robots"], sessions)),
         causes=list(_causes(document["causes"])),
         drifting=[_drift_plot(drift) for drift in beyond[:DRAWN]],
-        drawn=[f"{drift['name']}, {drift['number']}: {drift_sentence(drift)}" for drift in beyond[:DRAWN]],
+        drawn=[f"{drift['name']}, {drift['number']}: {fleet.drift_sentence(drift)}" for drift in beyond[:DRAWN]],
         drifts=[_drift_row(drift) for drift in drifts[:LISTED]],
         looked=len(drifts),
         sessions=[(one, _link(one)) for one in document["sessions"]],
-        files=document["inputs"],
+        document=document,
         command=command,
-        seed=document["seed"],
-        version=document["version"],
     )
 
 
@@ -90,37 +55,34 @@ def _cards(document: Mapping[str, Any]) -> Iterator[Card]:
     if document["drifts"]:
         count = sum(drift["beyond_noise"] for drift in document["drifts"])
         yield Card("significant drift", plural(count, "parameter"), f"of {len(document['drifts'])} tested")
-    done = sum(session["state"] != UNDONE for session in document["sessions"])
+    done = sum(session["state"] != fleet.UNDONE for session in document["sessions"])
     yield Card("sessions completed", f"{done} of {len(document['sessions'])}", "each with its own report")
 
 
-def _rows(robots: Sequence[Mapping[str, Any]], sessions: Mapping[str, Any]) -> Iterator[Row]:
-    sizes = [robot["mismatch"] for robot in robots if robot["mismatch"]]
-    top = max([10.0, *sizes])
+def _rows(robots: Sequence[Mapping[str, Any]], sessions: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield the ranking of robots."""
+    top = max([10.0, *(robot["mismatch"] for robot in robots if robot["mismatch"])])
     for robot in robots:
-        size = robot["mismatch"]
-        yield Row(
-            robot["name"],
-            robot["kind"],
-            len(robot["sessions"]),
-            robot["time"],
-            figure(nan if size is None else size),
-            100 * max(0.0, log10(size) / log10(top)) if size else 0.0,
-            robot["joint"],
-            figure(nan if robot["left"] is None else robot["left"]),
-            share(nan if robot["explained"] is None else robot["explained"]),
-            "no report" if robot["task"] == "reduce" else lacking(robot),
-            _link(sessions[robot["latest"]]),
-        )
+        (size, left, explained), mismatch = fleet.mismatch_cells(robot), robot["mismatch"]
+        yield {
+            **{key: robot[key] for key in ("name", "kind", "time", "joint")},
+            "sessions": len(robot["sessions"]),
+            "size": size,
+            "percent": 100 * max(0.0, log10(mismatch) / log10(top)) if mismatch else 0.0,
+            "left": left,
+            "explained": explained,
+            "lacks": "no report" if robot["task"] == "reduce" else fleet.lacking(robot),
+            "link": _link(sessions[robot["latest"]]),
+        }
 
 
 def _causes(causes: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     kinds = len({cause["kind"] for cause in causes}) > 1
     for cause in causes:
         yield {
-            "sentence": cause_sentence(cause) + (f" ({cause['kind']})" if kinds else ""),
+            "sentence": fleet.cause_sentence(cause) + (f" ({cause['kind']})" if kinds else ""),
             "percent": 100 * len(cause["robots"]) / max(cause["of"], 1),
-            "numbers": number_ranges(cause),
+            "numbers": fleet.number_ranges(cause),
             "robots": cause["robots"],
         }
 
@@ -154,7 +116,7 @@ def _straight(drift: Mapping[str, Any], days: Sequence[float], steeper: float) -
 
 
 def _drift_row(drift: Mapping[str, Any]) -> tuple[str, ...]:
-    slope, change = drift_sentence(drift).partition(", ")[0], drift_change(drift)
+    slope, change = fleet.drift_sentence(drift).partition(", ")[0], fleet.drift_change(drift)
     count, beyond = str(len(drift["day"])), "yes" if drift["beyond_noise"] else "no"
     return drift["name"], drift["number"], count, slope, change, figure(drift["chance"], 2), beyond
 

@@ -4,19 +4,32 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....types import Array, Indices
-from ..numbers import determination, figure, share, with_interval
+from ....types import Array, Indices, Input, Robot
+from ....version import __version__
+from ..layout import determination, figure, share, with_interval
+from ..results.documents import description, once
 from ..results.signs import confidence
 
 TEMPLATES = Path(__file__).parent / "templates"
 BEFORE, AFTER, FLOOR, INK, FAINT = "#d1700e", "#2f7fc1", "#00876a", "#1f2933", "#8a94a0"
 AXIS = {"showline": True, "linecolor": "#c5ccd3", "gridcolor": "#e3e8ec", "zeroline": False, "automargin": True}
+CLEAR = "rgba(0,0,0,0)"
+PLAIN = {"paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR, "margin": {"l": 8, "r": 10, "t": 10, "b": 8}}
 FONT = {"family": "system-ui, Segoe UI, Helvetica, Arial, sans-serif", "size": 12, "color": INK}
+
+
+class Card(NamedTuple):
+    """A key figure."""
+
+    title: str
+    figure: str
+    beside: str
 
 
 class Plot(NamedTuple):
@@ -36,68 +49,46 @@ class Plot(NamedTuple):
         return json.dumps(whole, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
 
 
-PLAIN = {
-    "paper_bgcolor": "rgba(0,0,0,0)",
-    "plot_bgcolor": "rgba(0,0,0,0)",
-    "margin": {"l": 8, "r": 10, "t": 10, "b": 8},
-}
-
-
 def axis(title: str, **more: Any) -> dict[str, Any]:
-    """Describe an axis of a plot.
-
-    Args:
-        title: title with unit.
-        more: further properties of Plotly.
-    """
+    """Describe an axis of a plot, with further properties of Plotly."""
     return {**AXIS, "title": {"text": title, "standoff": 8}, **more}
 
 
 def packed(values: Array) -> dict[str, Any]:
-    """Encode numbers for Plotly, four bytes each.
-
-    Args:
-        values: (k,) or (k, m) [any unit].
-    """
+    """Encode numbers for Plotly, four bytes each; values: (k,) or (k, m) [any unit]."""
     array = np.asarray(values)
     whole = {"dtype": "f4", "bdata": b64encode(np.ascontiguousarray(array, "<f4").tobytes()).decode()}
     return whole if array.ndim == 1 else {**whole, "shape": ", ".join(map(str, array.shape))}
 
 
 def render(template: str, **content: Any) -> str:
-    """Render a self-contained page, reproducible to the byte.
-
-    Args:
-        template: name of the template.
-        content: variables of the template; text is escaped.
-    """
+    """Render a template as a self-contained page, reproducible to the byte; text is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from plotly.offline import get_plotlyjs
 
-    jinja = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    spaces: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
+    jinja = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, **spaces)
     for made in (figure, share, determination, with_interval, confidence):
         jinja.filters[made.__name__] = made
     texts = {name: (TEMPLATES / f"page.{name}").read_text(encoding="utf-8") for name in ("css", "js")}
     return jinja.get_template(template).render(plotly=get_plotlyjs(), **texts, **content)
 
 
+def shared(result: Any, robots: Iterable[Robot], inputs: Sequence[Input], command: str) -> dict[str, Any]:
+    """Content of every page: result, input files (by default the descriptions of the robots), command, version."""
+    files = once([*result.inputs, *(inputs or map(description, robots))])
+    return {"result": result, "files": files, "command": command, "seed": result.seed, "version": __version__}
+
+
+def curve(name: str, x: Any, y: Any, line: dict[str, Any], **hover: str) -> dict[str, Any]:
+    """A line of a plot; `hover` is a template or the mode of its hover text."""
+    return {"type": "scatter", "mode": "lines", "name": name, "line": line, **hover, "x": x, "y": y}
+
+
 def thinned(t: Array, lines: Array, first: Indices, most: int) -> tuple[Array, Array]:
     """Decimate lines over a common time; keep the extremes of each stretch.
 
-    Lines are interrupted (NaN) at the start of each span.
-
-    Args:
-        t: (N,) [s].
-        lines: (N, k) [any unit].
-        first: index of the first sample of each span.
-        most: maximum number of points per line.
+    Lines are interrupted (NaN) where a span starts; t: (N,) [s], lines: (N, k) [any unit], first: (s,) first samples.
     """
     breaks = first[1:] if 6 * len(first) <= most else first[:0]
     if len(t) + len(breaks) > most:

@@ -1,21 +1,23 @@
-"""Heat maps of the residual: joint by region of velocity, position, load and time."""
+"""Heat maps: residual, joint by region of velocity, position, load and time; correlation of parameter errors."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
+from ....estimation.fit_quality import Course
+from ....types import Array
 from .courses import clock
 from .frame import Plot, axis, packed
 
-if TYPE_CHECKING:
-    from ....estimation.fit_quality import Course
-    from ....types import Array
-
 BINS, FEWEST = 10, 3  # regions per variable, and minimum number of rows per region
 HOT = [[0, "rgba(209,80,14,0)"], [1, "rgba(209,80,14,1)"]]
+TIED = 0.95  # absolute correlation from which parameters are listed
+MOST = 160  # maximum number of correlated parameters drawn
+SCALE = [[0, "rgba(209,112,14,1)"], [0.5, "rgba(128,128,128,0)"], [1, "rgba(47,127,193,1)"]]
 ROW, ROOM = 26, 62  # height of a row, and of the axis below [pixels]
 
 
@@ -29,27 +31,14 @@ class Variable(NamedTuple):
     units: tuple[str, ...]  # n
 
 
-def heat_maps(course: Course, left: Array, floor: Array, top: float) -> list[Plot]:
-    """Plot the rms residual over what no model could predict, joint by region of its state and time.
-
-    Args:
-        course: rows.
-        left: (M, n) residual [N.m or N].
-        floor: (n,) rms of what no model could predict [N.m or N].
-        top: ratio at which the colour saturates [1].
-    """
-    return [_map(course.joints, variable, left / floor, top) for variable in _variables(course)]
+def heat_maps(course: Course, over: Array, top: float) -> list[Plot]:
+    """Plot ratios over: (M, n) [1], joint by region of state and time; the colour saturates at `top` [1]."""
+    return [_map(course.joints, variable, over, top) for variable in _variables(course)]
 
 
-def hottest(course: Course, left: Array, floor: Array) -> float:
-    """Return the largest ratio of residual to that floor of such a map, at least 3 [1].
-
-    Args:
-        course: rows.
-        left: (M, n) residual [N.m or N].
-        floor: (n,) rms of what no model could predict [N.m or N].
-    """
-    sizes = [_rms(left / floor, variable) for variable in _variables(course)]
+def hottest(course: Course, over: Array) -> float:
+    """Return the largest ratio in such maps of the ratios over: (M, n) [1], at least 3 [1]."""
+    sizes = [_rms(over, variable) for variable in _variables(course)]
     return max(3.0, *(float(np.nanmax(size, initial=0.0)) for size in sizes))
 
 
@@ -74,32 +63,30 @@ def _rms(over: Array, variable: Variable) -> Array:
     low, width = edges[:, 0], np.maximum((edges[:, -1] - edges[:, 0]) / BINS, 1e-300)
     place = np.clip(np.nan_to_num((variable.values - low) / width, nan=0.0), 0, BINS - 1).astype(int)
     table = np.full((over.shape[1], BINS), np.nan)
-    for j, (size, region) in enumerate(zip(over.T, place.T, strict=True)):
+    for row, size, region in zip(table, over.T, place.T, strict=True):
         known = np.isfinite(size)
         rows = np.bincount(region[known], minlength=BINS)
         squares = np.bincount(region[known], size[known] ** 2, minlength=BINS)
-        table[j, rows >= FEWEST] = np.sqrt(squares[rows >= FEWEST] / rows[rows >= FEWEST])
+        enough = rows >= FEWEST
+        row[enough] = np.sqrt(squares[enough] / rows[enough])
     return table
 
 
 def _map(joints: Sequence[str], variable: Variable, over: Array, top: float) -> Plot:
     table, name, edges = _rms(over, variable), variable.name, variable.edges
-    ends: tuple[float, float] = {"velocity": (-100, 100), "position": (0, 100), "load": (-100, 100)}.get(
-        name, (float(edges[0, 0]), float(edges[0, -1]))
-    )
-    regions = [
-        [f"{joint}, {name} {a:.3g} to {b:.3g} {unit}" for a, b in zip(row[:-1], row[1:], strict=True)]
-        for joint, row, unit in zip(joints, edges, variable.units, strict=True)
+    shares = {"velocity": (-100.0, 100.0), "position": (0.0, 100.0), "load": (-100.0, 100.0)}
+    low, high = shares.get(name, (float(edges[0, 0]), float(edges[0, -1])))
+    rows = [zip(pairwise(ends), sizes, strict=True) for ends, sizes in zip(edges, table, strict=True)]
+    cells = [
+        [[f"{joint}, {name} {a:.3g} to {b:.3g} {unit}", f"{value:.3g}"] for (a, b), value in row]
+        for joint, row, unit in zip(joints, rows, variable.units, strict=True)
     ]
     data = {
         "type": "heatmap",
-        "x": np.linspace(*ends, BINS + 1).tolist(),
+        "x": np.linspace(low, high, BINS + 1).tolist(),
         "y": list(joints),
         "z": packed(np.log10(np.maximum(table, 1.0))),
-        "customdata": [
-            [[text, f"{value:.3g}"] for text, value in zip(*row, strict=True)]
-            for row in zip(regions, table, strict=True)
-        ],
+        "customdata": cells,
         "zmin": 0,
         "zmax": float(np.log10(top)),
         "colorscale": HOT,
@@ -109,6 +96,42 @@ def _map(joints: Sequence[str], variable: Variable, over: Array, top: float) -> 
         "hoverongaps": False,
         "hovertemplate": "%{customdata[0]}: %{customdata[1]} times what no model could predict<extra></extra>",
     }
-    rows = axis("", autorange="reversed", showgrid=False, type="category")
-    layout = {"xaxis": axis(variable.title, showgrid=False), "yaxis": rows}
+    names = axis("", autorange="reversed", showgrid=False, type="category")
+    layout = {"xaxis": axis(variable.title, showgrid=False), "yaxis": names}
     return Plot(name, [data], layout, ROW * len(joints) + ROOM)
+
+
+def correlation_plot(covariance: Array) -> Plot:
+    """Plot the correlations of base parameters, numbered from 1; covariance: (b, b) [units of base]."""
+    found = _correlations(covariance)[:MOST, :MOST]
+    number = list(range(1, len(found) + 1))
+    data = {
+        "type": "heatmap",
+        "x": number,
+        "y": number,
+        "z": packed(found),
+        "zmin": -1,
+        "zmax": 1,
+        "colorscale": SCALE,
+        "colorbar": {"title": {"text": "correlation [1]", "side": "right"}, "thickness": 12, "outlinewidth": 0},
+        "hovertemplate": "%{x} and %{y}: correlation %{z:.3f}<extra></extra>",
+        "hoverongaps": False,
+    }
+    title, size = "number of the base parameter [1]", {"showgrid": False, "nticks": 12}
+    layout = {"xaxis": axis(title, **size), "yaxis": axis(title, autorange="reversed", **size)}
+    return Plot("Correlation of the parameter errors", [data], layout, 420)
+
+
+def _correlations(covariance: Array) -> Array:
+    """Correlation matrix, (b, b) [1]; NaN if a variance is unknown."""
+    std = np.sqrt(np.diag(covariance))
+    with np.errstate(all="ignore"):
+        return np.asarray(np.where(np.isfinite(covariance), covariance / np.outer(std, std), np.nan))
+
+
+def tied(covariance: Array) -> list[tuple[int, int, float]]:
+    """List pairs of parameters with strongly correlated errors, the strongest first; covariance: (b, b) [any unit]."""
+    found = np.triu(np.nan_to_num(_correlations(covariance)), 1)
+    rows, columns = np.nonzero(np.abs(found) >= TIED)
+    pairs = [(int(i), int(k), float(found[i, k])) for i, k in zip(rows, columns, strict=True)]
+    return sorted(pairs, key=lambda pair: -abs(pair[2]))

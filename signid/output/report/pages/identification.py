@@ -4,29 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ....diagnose.extend.holdout import course_of, residual_rows
 from ....estimation.excitation import ENOUGH
-from ....estimation.fit_quality import Course, Fit
+from ....estimation.fit_quality import Course
 from ....identify import Identification
 from ....model import Model, stated_inertials, stated_laws
 from ....recording.sampling import split
 from ....regression.session import Part, Session
 from ....types import TWO_SIDED, Array, Input, pseudo_inertia
-from ....version import __version__
-from ..layout import plural
-from ..numbers import determination, figure, share, with_interval
-from ..quantities import law_numbers
-from ..results.documents import description, once
+from ..layout import determination, figure, plural, share, torque_units, with_interval
+from ..results.documents import rms
+from ..results.identification import consistent_words, excited_words, fit_rows, identified_numbers
 from ..results.signs import proof_sentence
-from ..results.tables import consistent_words, excited_words
-from .correlation import correlation_plot, tied
 from .courses import joint_plots, worst
-from .diagnosis import Card
-from .frame import AFTER, FLOOR, Plot, axis, packed, render
+from .frame import AFTER, FLOOR, Card, Plot, axis, packed, render, shared
+from .heat import correlation_plot, tied
 from .signs import sign_plots
 
 LISTED = 12  # maximum number of correlated pairs listed
@@ -34,55 +30,33 @@ MOST = 400_000  # maximum number of samples drawn
 FEW = 20_000  # number of samples below which no further part of a recording is drawn
 
 
-class Bound(NamedTuple):
-    """Row of the table of base parameters."""
-
-    number: int
-    name: str
-    value: str
-    half: str
-    unit: str
-    percent: float | None  # half-width over value [%]
-
-
 def identification_page(result: Identification, inputs: Sequence[Input] = (), command: str = "") -> str:
-    """Render report.html of an identification: a self-contained page, reproducible to the byte.
-
-    Args:
-        result: identification.
-        inputs: files read besides the recordings; default: the robot description.
-        command: shell line that reproduces the page, if any.
-    """
+    """Render report.html of an identification; `inputs` besides the recordings default to the description."""
     session, base = result.session, result.base
     course, whole = _course(session, result.model) if session.held_out else (None, True)
-    order = worst(result.fit)
-    before = None if course is None else replace(result.fit, held_out_rms=_rms(course.before))
+    order, r2 = worst(result.fit), result.fit.held_out_r2[np.isfinite(result.fit.held_out_r2)]
+    quality = f"; held-out R2 at least {determination(r2.min())}" if len(r2) else ""
+    before = None if course is None else replace(result.fit, held_out_rms=rms(course.before))
     return render(
         "identification.html",
         title=f"{result.robot.name}: {plural(base.rank, 'base parameter')}",
-        robot=result.robot.name,
-        sentence=_sentence(result),
-        flags=result.flags,
+        sentence=f"{plural(base.rank, 'base parameter')} of {plural(len(result.robot.joints), 'joint')}{quality}",
         cards=list(_cards(result, order[0])),
-        fit=list(_fit_rows(result, before)),
+        fit=list(fit_rows(result.fit, *([] if before is None else [before.held_out_rms]))),
         joints=[] if course is None or before is None else joint_plots(course, before, result.fit, order),
         whole=whole,
-        bounds=_bounds(result),
+        bounds=list(_bounds(result)),
         correlation=correlation_plot(result.estimate.covariance),
         tied=[(base.expressions[i], base.expressions[k], x) for i, k, x in tied(result.estimate.covariance)[:LISTED]],
-        laws=list(_laws(result)),
+        laws=[(n.place, *n.words, *n.interval, n.unit) for numbers in identified_numbers(result) for n in numbers],
         links=list(_links(result)),
         consistent=consistent_words(result),
         excited=excited_words(result.excitation),
         excitation=_excitation_plot(result),
-        signs=_signs(result),
-        notes=result.notes,
-        cutoff=result.cutoff,
+        proof=result.signs and proof_sentence(result.signs),
+        parts=result.signs and sign_plots(result.signs, torque_units(result.robot)),
         method=f"{result.estimate.method}, {result.method}",
-        files=once([*result.inputs, *(inputs or [description(result.robot)])]),
-        command=command,
-        seed=result.seed,
-        version=__version__,
+        **shared(result, [result.robot], inputs, command),
     )
 
 
@@ -112,18 +86,11 @@ def _samples(parts: Sequence[Part]) -> int:
     return sum(sampling.length(span) for _, sampling in parts for span in sampling.spans)
 
 
-def _sentence(result: Identification) -> str:
-    r2 = result.fit.held_out_r2[np.isfinite(result.fit.held_out_r2)]
-    quality = f"; held-out R2 at least {determination(float(r2.min()))}" if len(r2) else ""
-    count = plural(len(result.robot.joints), "joint")
-    return f"{plural(result.base.rank, 'base parameter')} of {count}{quality}"
-
-
 def _cards(result: Identification, j: int) -> Iterator[Card]:
     fit = result.fit
-    rms, floor = (float(x[j]) for x in (fit.held_out_rms, fit.noise_floor))
-    beside = f"worst joint; noise floor {figure(floor, 2)} {fit.unit[j]}"
-    yield Card(f"residual torque of {fit.joints[j]}, held out", f"{figure(rms)} {fit.unit[j]}", beside)
+    beside = f"worst joint; noise floor {figure(fit.noise_floor[j], 2)} {fit.unit[j]}"
+    size = f"{figure(fit.held_out_rms[j])} {fit.unit[j]}"
+    yield Card(f"residual torque of {fit.joints[j]}, held out", size, beside)
     shares = result.excitation.shares
     least = share(max(float(shares[0]), 0.0)) if len(shares) else "-"
     yield Card("excitation, weakest direction", least, f"{share(ENOUGH)} of the information of random motion needed")
@@ -131,45 +98,19 @@ def _cards(result: Identification, j: int) -> Iterator[Card]:
     yield Card("physical consistency", verdict, f"changed by at most {result.moved:.1f} standard deviations")
 
 
-def _rms(rest: Array) -> Array:
-    known = np.isfinite(rest)
-    mean = np.sum(np.where(known, rest, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)
-    return np.where(known.any(axis=0), np.sqrt(mean), np.nan)
-
-
-def _fit_rows(result: Identification, before: Fit | None) -> Iterator[tuple[str, ...]]:
-    """Joint, rms of the description (if there are samples), training and held-out rms, noise floor, unit, R2."""
-    fit = result.fit
-    rms = (*([] if before is None else [before.held_out_rms]), fit.train_rms, fit.held_out_rms)
-    for j, joint in enumerate(fit.joints):
-        sizes = (figure(float(x[j])) for x in rms)
-        floor, r2 = figure(float(fit.noise_floor[j]), 2), determination(float(fit.held_out_r2[j]))
-        yield joint, *sizes, floor, fit.unit[j], r2
-
-
-def _bounds(result: Identification) -> list[Bound]:
-    """All base parameters with their intervals."""
-    bounds = []
-    for k, (name, unit) in enumerate(zip(result.base.expressions, result.base.units, strict=True)):
-        value, std = float(result.base_value[k]), float(result.estimate.std[k])
+def _bounds(result: Identification) -> Iterator[dict[str, Any]]:
+    """Base parameters with their intervals, and the half-width over the value [%]."""
+    columns = (result.base.expressions, result.base.units, result.base_value.tolist(), result.estimate.std.tolist())
+    for number, (name, unit, value, std) in enumerate(zip(*columns, strict=True), 1):
         shown, half = with_interval(value, std)
         percent = 100 * TWO_SIDED * std / abs(value) if value and np.isfinite(std) else None
-        bounds.append(Bound(k + 1, name, shown, half, unit, percent))
-    return bounds
-
-
-def _laws(result: Identification) -> Iterator[tuple[str, str, str, str, str, str]]:
-    for numbers in law_numbers(result):
-        for n in numbers:
-            cells = (figure(n.value), "in combination") if n.std is None else with_interval(n.value, n.std)
-            yield n.joint or "(robot)", n.effect.replace("_", " "), n.key.replace("_", " "), *cells, n.unit
+        yield {"number": number, "name": name, "value": shown, "half": half, "unit": unit, "percent": percent}
 
 
 def _links(result: Identification) -> Iterator[tuple[str, ...]]:
     """Described and identified mass and centre of mass, and smallest eigenvalue of the pseudo-inertia, per link."""
-    for link, stated, found in zip(
-        result.robot.links, stated_inertials(result.robot), result.parameters.bodies(), strict=True
-    ):
+    columns = (result.robot.links, stated_inertials(result.robot), result.parameters.bodies())
+    for link, stated, found in zip(*columns, strict=True):
         least = float(np.linalg.eigvalsh(pseudo_inertia(found))[0])
         centres = (_centre(inertial) for inertial in (stated, found))
         yield link, figure(float(stated[0])), figure(float(found[0])), *centres, figure(least, 2)
@@ -198,19 +139,6 @@ def _excitation_plot(result: Identification) -> Plot:
         "xaxis": axis("direction, weakest first [1]"),
         "yaxis": axis("share of information [%]", type="log", tickformat="~g"),
     }
-    dashed = {"color": FLOOR, "dash": "dash", "width": 2}
-    data: list[dict[str, Any]] = [bars, {**line, "line": dashed}]
-    return Plot(
-        "Directions in parameter space: information relative to random motion; dashed: required",
-        data,
-        layout,
-        260,
-        wide=True,
-    )
-
-
-def _signs(result: Identification) -> dict[str, Any] | None:
-    if result.signs is None:
-        return None
-    units = ["N" if prismatic else "N.m" for prismatic in result.robot.prismatic]
-    return {"proof": proof_sentence(result.signs), "parts": sign_plots(result.signs, units)}
+    dashed = {**line, "line": {"color": FLOOR, "dash": "dash", "width": 2}}
+    title = "Directions in parameter space: information relative to random motion; dashed: required"
+    return Plot(title, [bars, dashed], layout, 260, wide=True)

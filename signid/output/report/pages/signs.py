@@ -3,58 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ....signs import Signs, SignSegment, Trace
 from ....types import Array
 from ..results.signs import CERTAIN, confidence, part_name, proof_sentence
-from .frame import BEFORE, FAINT, INK, Plot, axis, packed, render, thinned
+from .frame import BEFORE, FAINT, INK, Plot, axis, curve, packed, render, thinned
 
 MOST = 4000  # maximum number of points per line
 PANEL, MARGINS = 200, 50  # height of a plot without and of its margins [pixels]
+HOVER = "sign %{customdata[0]}, confidence %{customdata[3]}<br>%{customdata[1]} to %{customdata[2]} s<extra></extra>"
 MODEL, UNCERTAIN, PLUS = "#c2689a", "#e3c21c", "#2f7fc1"
 SHADES = (("+", "sign +", PLUS), ("−", "sign −", BEFORE), ("?", f"confidence below {CERTAIN}", UNCERTAIN))
 
 
-class Part(NamedTuple):
-    """Plots of a recording."""
-
-    name: str
-    plots: list[Plot]
-
-
 def signs_page(signs: Signs, units: Sequence[str] = ()) -> str:
-    """Render signs.html: a self-contained page of absolute torque, segments and signed torque.
-
-    Args:
-        signs: recovered signs.
-        units: torque unit of each of the n joints; default: "N.m or N".
-    """
-    return render(
-        "signs.html",
-        title="Torque signs",
-        joints=[signs.joints[j] for j in signs.hidden],
-        method=signs.method,
-        proof=proof_sentence(signs),
-        flags=signs.flags,
-        notes=signs.notes,
-        parts=sign_plots(signs, units),
-        seed=signs.seed,
-    )
+    """Render signs.html: absolute torque, segments and signed torque, in the unit of each joint if given."""
+    parts, proof = sign_plots(signs, units), proof_sentence(signs)
+    return render("signs.html", title="Torque signs", signs=signs, parts=parts, proof=proof)
 
 
-def sign_plots(signs: Signs, units: Sequence[str] = ()) -> list[Part]:
-    """Plot each joint without recorded signs, per recording.
-
-    Args:
-        signs: recovered signs.
-        units: torque unit of each of the n joints; default: "N.m or N".
-    """
+def sign_plots(signs: Signs, units: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """Plot each joint without recorded signs, per recording."""
     named = units or ["N.m or N"] * len(signs.joints)
     return [
-        Part(part_name(signs, part), [_plot(signs, part, j, named[j]) for j in signs.hidden])
+        {"name": part_name(signs, part), "plots": [_plot(signs, part, j, named[j]) for j in signs.hidden]}
         for part in range(len(signs.traces) if signs.hidden else 0)
     ]
 
@@ -85,17 +60,16 @@ def _top(trace: Trace, joint: int) -> float:
 
 def _shades(signs: Signs, part: int, joint: int, top: float) -> list[dict[str, Any]]:
     """Segments of each sign, and uncertain ones, as bars of full height."""
-    own = [segment for segment in signs.of(joint) if segment.part == part]
-    t = signs.traces[part].t
+    t, shades = signs.traces[part].t, {kind: list[SignSegment]() for kind, _, _ in SHADES}
+    for segment in signs.of(joint):
+        if segment.part == part:
+            shades[_mark(segment) if segment.confidence >= CERTAIN else "?"].append(segment)
     wide = float(np.median(np.diff(t))) if len(t) > 1 else 1.0  # minimum width, for segments of a single sample
-    return [
-        _bars([segment for segment in own if _kind(segment) == kind], name, colour, top, wide)
-        for kind, name, colour in SHADES
-    ]
+    return [_bars(shades[kind], name, colour, top, wide) for kind, name, colour in SHADES]
 
 
 def _bars(some: Sequence[SignSegment], name: str, colour: str, top: float, wide: float) -> dict[str, Any]:
-    times = [[_mark(s), f"{s.start:.6g}", f"{s.end:.6g}", confidence(s.confidence)] for s in some]
+    shown = [[_mark(s), f"{s.start:.6g}", f"{s.end:.6g}", confidence(s.confidence)] for s in some]
     return {
         "type": "bar",
         "x": [(segment.start + segment.end) / 2 for segment in some],
@@ -103,20 +77,15 @@ def _bars(some: Sequence[SignSegment], name: str, colour: str, top: float, wide:
         "y": [2 * top] * len(some),
         "base": -top,
         "marker": {"color": colour, "opacity": 0.3 if colour == UNCERTAIN else 0.2, "line": {"width": 0}},
-        "text": [f"{_mark(segment)}<br>{confidence(segment.confidence)}" for segment in some],
+        "text": [f"{mark}<br>{sure}" for mark, _, _, sure in shown],
         "textposition": "inside",
         "insidetextanchor": "end",
         "textangle": 0,
         "textfont": {"color": INK, "size": 11},
-        "customdata": times,
-        "hovertemplate": "sign %{customdata[0]}, confidence %{customdata[3]}<br>%{customdata[1]} to %{customdata[2]} s"
-        "<extra></extra>",
+        "customdata": shown,
+        "hovertemplate": HOVER,
         "name": name,
     }
-
-
-def _kind(segment: SignSegment) -> str:
-    return _mark(segment) if segment.confidence >= CERTAIN else "?"
 
 
 def _mark(segment: SignSegment) -> str:
@@ -135,9 +104,7 @@ def _lines(signs: Signs, trace: Trace, joint: int, unit: str) -> list[dict[str, 
     for name, values, style in styles:
         x, y = thinned(trace.t, values[:, None], trace.first, MOST)
         hover = f"%{{y:.4g}} {unit} at %{{x:.6g}} s<extra>{name}</extra>"
-        line = {"type": "scatter", "mode": "lines", "name": name, "line": style, "hovertemplate": hover}
-        lines.append({**line, "x": packed(x), "y": packed(y[:, 0])})
-    ends = [float(t) for t in trace.t[[0, -1]]] if len(trace.t) else []
+        lines.append(curve(name, packed(x), packed(y[:, 0]), style, hovertemplate=hover))
+    ends = trace.t[[0, -1]].tolist() if len(trace.t) else []
     dashed = {"color": FAINT, "width": 1, "dash": "dash"}
-    at = {"type": "scatter", "mode": "lines", "name": "threshold", "line": dashed, "hoverinfo": "skip"}
-    return [lines[0], {**at, "x": ends, "y": [level] * len(ends)}, *lines[1:]]
+    return [lines[0], curve("threshold", ends, [level] * len(ends), dashed, hoverinfo="skip"), *lines[1:]]

@@ -8,14 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ....types import Input
-from ....version import __version__
-from ..numbers import determination, figure
-from ..results.documents import description, once
+from ..layout import determination, figure
 from ..results.validation import joints_of, rollout_rows, torque_rows, validation_title
-from .courses import FEWEST, OPEN, POINTS, JointPlots, Line, clock, torque_plot, worst
-from .diagnosis import Card
-from .frame import AFTER, BEFORE, FLOOR, INK, render
-from .rolled import error_plots
+from .courses import FEWEST, OPEN, POINTS, JointPlots, Line, rollout_plots, torque_plot, worst
+from .frame import AFTER, BEFORE, FLOOR, INK, Card, render, shared
 
 if TYPE_CHECKING:
     from ....validate import ValidatedModel, Validation
@@ -25,37 +21,21 @@ DASHES = ("solid", "dot", "dash")
 
 
 def validation_page(result: Validation, inputs: Sequence[Input] = (), command: str = "") -> str:
-    """Render report.html of a validation: a self-contained page, reproducible to the byte.
-
-    Args:
-        result: validation.
-        inputs: files read besides the recordings; default: the models' descriptions.
-        command: shell line that reproduces the page, if any.
-    """
+    """Render report.html of a validation; `inputs` besides the recordings default to the models' descriptions."""
     models = result.models
-    rolled = [
-        (f"model{_label(result, k)}", r, *_style(k))
-        for k, r in enumerate(one.rollout for one in models)
-        if r is not None
-    ]
+    runs = [(k, one.rollout) for k, one in enumerate(models)]
+    rolled = [(f"model{_label(result, k)}", run, *_style(k)) for k, run in runs if run is not None]
     return render(
         "validation.html",
         title=validation_title(result),
         names=[(one.name, _style(k)[0]) for k, one in enumerate(models)],
         several=len(models) > 1,
-        flags=result.flags,
         cards=list(_cards(models)),
         torque=torque_rows(result),
         joints=list(_joints(result)),
-        horizon=result.horizon,
         errors=rollout_rows(result) if rolled else None,
-        rolled=error_plots(rolled),
-        notes=result.notes,
-        cutoff=result.cutoff,
-        files=once([*result.inputs, *(inputs or [description(one.model.robot) for one in models])]),
-        command=command,
-        seed=result.seed,
-        version=__version__,
+        rolled=rollout_plots(rolled),
+        **shared(result, (one.model.robot for one in models), inputs, command),
     )
 
 
@@ -74,9 +54,8 @@ def _joints(result: Validation) -> Iterator[JointPlots]:
     fit = result.models[0].fit
     shown = [fit.joints[j] for j in worst(fit)][:OPEN]
     for joint in joints_of(result.models):
-        moving = [
-            (k, one, one.fit.joints.index(joint)) for k, one in enumerate(result.models) if joint in one.fit.joints
-        ]
+        having = [(k, one) for k, one in enumerate(result.models) if joint in one.fit.joints]
+        moving = [(k, one, one.fit.joints.index(joint)) for k, one in having]
         unit = moving[0][1].fit.unit[moving[0][2]]
         rms = ", ".join(figure(float(one.fit.held_out_rms[j])) for _, one, j in moving)
         yield JointPlots(joint, f"rms {rms} {unit}", joint in shown, _plots(result, joint, unit, moving))
@@ -96,7 +75,7 @@ def _plots(result: Validation, joint: str, unit: str, moving: Sequence[tuple[int
         lines.append(Line(f"predicted{name}", "y", colour, style, measured - one.residual[:, j]))
         lines.append(Line(f"residual{name}", "y2", colour, style, one.residual[:, j]))
     most = max(FEWEST, 3 * POINTS // (len(result.models[0].fit.joints) * (1 + len(lines))))
-    return (torque_plot(joint, clock(first.t, first.recording), first.stretch, unit, lines, most),)
+    return (torque_plot(joint, first, unit, lines, most),)
 
 
 def _style(k: int) -> tuple[str, str]:

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from math import nan
 from typing import Any
 
 from rich.console import RenderableType
 
 from ....types import TWO_SIDED
-from ..layout import heading, new_table, paragraph, plural
-from ..numbers import figure, share, with_interval
+from ..layout import figure, heading, new_table, paragraph, plural, share, with_interval
 
 UNDONE, FLAGGED = "not done", "flagged"  # states of a session in fleet.json
 SHOWN, FEW = 20, 4  # maximum number of rows per table and of parameters per cause
 
 
 def fleet_sentence(document: Mapping[str, Any]) -> str:
-    """Summarise a fleet in one sentence.
-
-    Args:
-        document: content of fleet.json.
-    """
+    """Summarise a fleet in one sentence."""
     robots, sessions = document["robots"], document["sessions"]
     differ = sum(robot["verdict"] not in ("", "nothing_missing") for robot in robots)
     drifting = len({drift["name"] for drift in document["drifts"] if drift["beyond_noise"]})
@@ -31,62 +27,39 @@ def fleet_sentence(document: Mapping[str, Any]) -> str:
     if document["drifts"]:
         parts.append(f"{plural(drifting, 'robot')} {_do(drifting, 'drifts', 'drift')}")
     parts += [f"{plural(undone, 'session')} failed"] if undone else []
-    return (
-        f"{plural(len(robots), 'robot')}, {plural(len(sessions), 'session')}"
-        + (": " if parts else "")
-        + ", ".join(parts)
-    )
+    counted = f"{plural(len(robots), 'robot')}, {plural(len(sessions), 'session')}"
+    return ": ".join(filter(None, [counted, ", ".join(parts)]))
 
 
 def cause_sentence(cause: Mapping[str, Any]) -> str:
-    """Number of robots that lack the same law, in a sentence.
-
-    Args:
-        cause: entry of fleet.json.
-    """
+    """Number of robots that lack the same law, in a sentence."""
     count = len(cause["robots"])
     return f"{count} of {plural(cause['of'], 'robot')} {_do(count, 'lacks', 'lack')} {cause['cause']}"
 
 
 def drift_sentence(drift: Mapping[str, Any]) -> str:
-    """Slope and change of a parameter, in words.
-
-    Args:
-        drift: entry of fleet.json.
-    """
+    """Slope and change of a parameter, in words."""
     slope = drift["slope"]
     value, half = with_interval(slope["value"], slope["half"] / TWO_SIDED)
     return f"{value} ± {half} {slope['unit']}, {drift_change(drift)} in total"
 
 
 def drift_change(drift: Mapping[str, Any]) -> str:
-    """Total change of a drift.
-
-    Args:
-        drift: entry of fleet.json.
-    """
+    """Total change of a drift."""
     return f"{drift['change']:+.2g} {drift['unit']}".rstrip()
 
 
 def fleet_tables(document: Mapping[str, Any]) -> list[RenderableType]:
-    """Terminal tables of a fleet.
-
-    Args:
-        document: content of fleet.json.
-    """
+    """Terminal tables of a fleet."""
     robots = document["robots"]
     table = new_table("robot", "mismatch>", "joint", "after>", "explained>", "lacks")
     for robot in robots[:SHOWN]:
-        numbers = (figure(_number(robot[key])) for key in ("mismatch", "left"))
-        mismatch, left = numbers
-        explained = share(_number(robot["explained"]))
-        table.add_row(robot["name"], mismatch, robot["joint"] or "-", left, explained, lacking(robot))
-    shown: list[RenderableType] = [paragraph(fleet_sentence(document)), table, *_more(len(robots))]
-    shown.append(
-        paragraph("Mismatch, after: held-out rms over the noise floor, before and after the extension (last session).")
-    )
+        mismatch, *after = mismatch_cells(robot)
+        table.add_row(robot["name"], mismatch, robot["joint"] or "-", *after, lacking(robot))
+    legend = "Mismatch, after: held-out rms over the noise floor, before and after the extension (last session)."
+    shown = [paragraph(fleet_sentence(document)), table, *_more(len(robots)), paragraph(legend)]
     if document["causes"]:
-        shown += [heading("Common causes"), *(paragraph(text) for text in _causes(document["causes"]))]
+        shown += [heading("Common causes"), *map(paragraph, _causes(document["causes"]))]
     drifting = [drift for drift in document["drifts"] if drift["beyond_noise"]]
     if drifting:
         sentences = (f"{drift['name']}: {drift['number']}: {drift_sentence(drift)}" for drift in drifting[:SHOWN])
@@ -95,23 +68,16 @@ def fleet_tables(document: Mapping[str, Any]) -> list[RenderableType]:
 
 
 def lacking(robot: Mapping[str, Any]) -> str:
-    """Laws that a robot's simulation lacks, in words.
-
-    Args:
-        robot: entry of fleet.json.
-    """
+    """Laws that a robot's simulation lacks, in words."""
     none = UNDONE if robot["undone"] == len(robot["sessions"]) else "-"
     words = {"nothing_missing": "nothing", "unknown": "physics that no law explains", "": none}
     return ", ".join(robot["causes"]) or words.get(robot["verdict"], robot["verdict"])
 
 
 def number_ranges(cause: Mapping[str, Any]) -> list[str]:
-    """Ranges of a cause's parameters over the robots; parameters consistent with zero are only counted.
-
-    Args:
-        cause: entry of fleet.json.
-    """
-    shown = [number for number in cause["numbers"] if _largest(number) >= TWO_SIDED * number["std"]]
+    """Ranges of a cause's parameters over the robots; parameters consistent with zero are only counted."""
+    sizes = [(max(abs(number["least"]), abs(number["most"])), number) for number in cause["numbers"]]
+    shown = [number for size, number in sizes if size >= TWO_SIDED * number["std"]]
     ranges = [_range(number, many=len(cause["robots"]) > 2) for number in shown]
     hidden = len(cause["numbers"]) - len(shown)
     return [*ranges, f"{plural(hidden, 'more parameter')} could be zero"] if shown and hidden else ranges
@@ -121,10 +87,6 @@ def _range(number: Mapping[str, Any], many: bool) -> str:
     ends = list(dict.fromkeys(figure(number[key]) for key in ("least", "most")))
     middle = f", median {figure(number['median'])}" if many else ""
     return f"{number['key'].replace('_', ' ')} {' to '.join(ends)}{middle} {number['unit']}".rstrip()
-
-
-def _largest(number: Mapping[str, Any]) -> float:
-    return max(abs(float(number["least"])), abs(float(number["most"])))
 
 
 def _causes(causes: list[Mapping[str, Any]]) -> Iterator[str]:
@@ -139,8 +101,10 @@ def _more(count: int) -> list[RenderableType]:
     return [paragraph(f"and {count - SHOWN} more in index.html")] if count > SHOWN else []
 
 
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)
+def mismatch_cells(robot: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Mismatch before and after the extension, and the explained share."""
+    before, after, explained = (nan if x is None else x for x in map(robot.get, ("mismatch", "left", "explained")))
+    return figure(before), figure(after), share(explained)
 
 
 def _do(count: int, one: str, many: str) -> str:

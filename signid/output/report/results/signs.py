@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import floor, isfinite
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -12,32 +11,25 @@ from rich.console import RenderableType
 
 from ....signs import Signs, SignSegment
 from ....types import Array, Recording
-from ..layout import heading, new_table, paragraph, plural
-from ..numbers import figure, share, with_interval
+from ..layout import figure, heading, new_table, paragraph, plural, share, with_interval
+from .documents import Document, picked
 
 CHUNK = 65_536  # rows written at once
 CERTAIN = 0.999  # confidence from which a sign is considered certain
 
 
-def signs_document(signs: Signs | None) -> dict[str, Any] | None:
+def signs_document(signs: Signs | None) -> Document | None:
     """Build the signs block of identification.json; None if all torques were recorded with signs."""
     if signs is None:
         return None
     hidden = list(signs.hidden)
     return {
-        "proof": {
-            "optimal": bool(signs.proof.optimal),
-            "gap": float(signs.proof.gap),
-            "nodes": int(signs.proof.nodes),
-            "certified": bool(signs.proof.certified),
-        },
+        "proof": picked(signs.proof, "optimal gap nodes certified"),
         "flags": list(signs.flags),
         "segments": [_segment(signs, segment) for segment in signs.segments],
         "method": signs.method,
         "joints": [signs.joints[j] for j in hidden],
-        "threshold": signs.threshold[hidden].tolist(),
-        "noise": signs.noise[hidden].tolist(),
-        "inflation": signs.inflation[hidden].tolist(),
+        **{key: x[hidden].tolist() for key, x in picked(signs, "threshold noise inflation").items()},
         "gains": [
             {"joint": gain.joint, "torque_constant": float(gain.value), "std": float(gain.std), "unit": gain.unit}
             for gain in signs.gains
@@ -65,12 +57,8 @@ def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
     """Yield signed.csv in pieces: the recording's rows with t [s], and tau_J [N.m or N] and sure_J [1] of each joint.
 
     `sure_J` is the confidence of the segment of a row. It is 0 outside of segments, where the sign follows the model,
-    and 1 for torques recorded with signs. Numbers are written exactly; missing numbers are empty cells.
-
-    Args:
-        recording: recording with the recovered signs.
-        signs: signs with their confidence.
-        part: index of the recording's trace.
+    and 1 for torques recorded with signs. Numbers are written exactly; missing numbers are empty cells. `part` is the
+    index of the recording's trace.
     """
     columns = recording.columns["tau"]
     joints = [j for j, column in enumerate(columns) if column]
@@ -89,9 +77,9 @@ def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
 def proof_sentence(signs: Signs) -> str:
     """Optimality of the signs in a sentence."""
     proof, nodes = signs.proof, plural(signs.proof.nodes, "node")
-    best = "The signs of these segments are optimal"
     if proof.optimal:
-        return f"{best}, proved by {'eigenvalues alone' if proof.certified else f'a search of {nodes}'}."
+        way = "eigenvalues alone" if proof.certified else f"a search of {nodes}"
+        return f"The signs of these segments are optimal, proved by {way}."
     if proof.has_bound:
         bound = f"Other signs of these segments could reduce the residual by at most {share(proof.gap)}"
         return f"{bound}; the search visited {nodes}."
@@ -124,14 +112,8 @@ def _sure(signs: Signs, part: int, joint: int, t: Array, torque: Array) -> Array
     return np.where((t <= end[at]) & (torque * sign[at] >= 0), sure[at], 0.0)
 
 
-def _segment(signs: Signs, segment: SignSegment) -> dict[str, Any]:
-    entry = {
-        "joint": signs.joints[segment.joint],
-        "start": float(segment.start),
-        "end": float(segment.end),
-        "sign": int(segment.sign),
-        "confidence": float(segment.confidence),
-    }
+def _segment(signs: Signs, segment: SignSegment) -> Document:
+    entry = {"joint": signs.joints[segment.joint], **picked(segment, "start end sign confidence")}
     return entry | ({"recording": part_name(signs, segment.part)} if len(signs.traces) > 1 else {})
 
 

@@ -1,25 +1,31 @@
-"""Simulation: JSON document and terminal tables."""
+"""Simulation, and exciting or discriminating motions: JSON documents and terminal tables."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from itertools import compress
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import RenderableType
 
-from ....effects.naming import law_place
 from ....errors import shorten
-from ....model import Model
-from ....simulation.plant import Sensors, Simulation
-from ....simulation.plant.control import Drive, Tracking
 from ....types import Array, Input, Law, Robot
-from ..layout import heading, new_table, note_lines, paragraph, plural
-from ..numbers import figure
-from .documents import Document, description, provenance
+from ..layout import figure, heading, new_table, note_lines, paragraph, plural, position_units, share, torque_units
+from .documents import Document, description, ending, opening, picked, provenance
+from .laws import law_document
+
+if TYPE_CHECKING:
+    from ....model import Model
+    from ....simulation.excite import Excitation, Separation
+    from ....simulation.plant import Sensors, Simulation
+    from ....simulation.plant.control import Drive
 
 FAR = 0.005, 0.05  # rms tracking error from which a joint is noted, prismatic [m] and revolute [rad]
+LIMITS = "position velocity acceleration torque"
+SHOWN = 8  # number of least identifiable base parameters listed
+UNIDENTIFIABLE = 1.0  # relative standard deviation from which a parameter is not distinguishable from zero
 
 
 @dataclass(frozen=True)
@@ -49,9 +55,7 @@ class SimulationRun:
             "exceeded its torque limit": (np.abs(s.applied) > robot.effort_limit).any(axis=0),
             "tracked poorly; a larger --bandwidth may help": error > np.where(robot.prismatic, *FAR),
         }
-        named = {
-            text: [j for j, is_so in zip(robot.joints, which, strict=True) if is_so] for text, which in said.items()
-        }
+        named = {text: list(compress(robot.joints, which)) for text, which in said.items()}
         return (*robot.notes, *(f"{shorten(joints)} {text}" for text, joints in named.items() if joints))
 
     @property
@@ -68,18 +72,10 @@ class SimulationRun:
 
 
 def simulation_document(run: SimulationRun, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
-    """Build the output of `signid simulate --json`.
-
-    Args:
-        run: simulation.
-        inputs: path and sha256 of the files read; default: the robot description.
-        seed: seed of the motion and the sensors.
-    """
+    """Build the output of `signid simulate --json`; `inputs` defaults to the robot description."""
     robot, s = run.model.robot, run.simulation
     return {
-        "schema": "signid.simulation/1",
-        "robot": robot.name,
-        "joints": list(robot.joints),
+        **opening("signid.simulation/1", robot),
         "effects": [
             {**law_document(robot, law), "injected": any(law is other for other in run.injected)}
             for law in run.model.laws
@@ -92,9 +88,9 @@ def simulation_document(run: SimulationRun, inputs: Sequence[Input] = (), seed: 
         "rows": len(run.columns["t"]),
         "columns": list(run.columns),
         "torque_rms": run.torque_rms,
-        "torque_unit": ["N" if p else "N.m" for p in robot.prismatic],
+        "torque_unit": torque_units(robot),
         "tracking_rms": run.tracking_rms,
-        "position_unit": ["m" if p else "rad" for p in robot.prismatic],
+        "position_unit": position_units(robot),
         "notes": list(run.notes),
         **provenance((), inputs or [description(robot)], seed),
     }
@@ -108,12 +104,14 @@ def simulation_tables(run: SimulationRun) -> list[RenderableType]:
         injected = "injected" if any(law is other for other in run.injected) else ""
         first = (entry["effect"], entry["joint"] or "(robot)")
         for key, p in entry["parameters"].items() or [("", {"value": "", "unit": ""})]:
-            laws.add_row(*first, key, _shown(p["value"]), p["unit"], injected)
+            value = f"{p['value']:g}" if isinstance(p["value"], float) else p["value"]
+            laws.add_row(*first, key, value, p["unit"], injected)
             first, injected = ("", ""), ""
     joints = new_table("joint", "rms torque>", "unit", "rms tracking error>", "unit")
     errors = [np.nan] * len(robot.joints) if run.tracking_rms is None else run.tracking_rms
-    for joint, torque, error, p in zip(robot.joints, run.torque_rms, errors, robot.prismatic, strict=True):
-        joints.add_row(joint, figure(float(torque)), "N" if p else "N.m", figure(float(error)), "m" if p else "rad")
+    columns = (robot.joints, run.torque_rms, torque_units(robot), errors, position_units(robot))
+    for joint, torque, unit, error, length in zip(*columns, strict=True):
+        joints.add_row(joint, figure(float(torque)), unit, figure(float(error)), length)
     rows = plural(len(run.columns["t"]), "row")
     return [
         heading(f"{robot.name}: {rows}, {figure(float(run.simulation.t[-1]))} s", below=False),
@@ -123,24 +121,83 @@ def simulation_tables(run: SimulationRun) -> list[RenderableType]:
     ]
 
 
-def law_document(robot: Robot, law: Law) -> Document:
-    """Effect, joint and parameters of a law with their units."""
-    joint, values = law_place(law, robot)
-    prismatic = bool(len(law.joints) == 1 and robot.prismatic[law.joints[0]])
-    units = {key: kind.unit_at(prismatic) for key, kind in law.effect.parameters.items()}
+def _drive(drive: Drive) -> Document:
+    from ....simulation.plant.control import Tracking
+
+    if not isinstance(drive, Tracking):
+        return {"kind": "open loop"}
+    return {"kind": "closed loop", **picked(drive, "stiffness damping feed_forward")}
+
+
+def excitation_document(
+    robot: Robot, found: Excitation | Separation, inputs: Sequence[Input] = (), seed: int = 0
+) -> Document:
+    """Build the output of `signid excite --json`; `inputs` defaults to the robot description."""
     return {
-        "effect": law.effect.name,
-        "joint": joint,
-        "parameters": {key: {"value": value, "unit": units.get(key, "")} for key, value in values.items()},
+        **opening("signid.excitation/1", robot),
+        "duration": float(found.trajectory.t[-1]),
+        "rows": len(found.trajectory.t),
+        **_own(robot, found),
+        "noise": found.noise,
+        "torque_unit": torque_units(robot),
+        "use": picked(found.use, LIMITS),
+        "smallest_distance": found.distance,
+        **ending(found, (), inputs or [description(robot)], seed),
     }
 
 
-def _drive(drive: Drive) -> Document:
-    if not isinstance(drive, Tracking):
-        return {"kind": "open loop"}
-    gains = {"stiffness": drive.stiffness, "damping": drive.damping, "feed_forward": drive.feed_forward}
-    return {"kind": "closed loop", **gains}
+def excitation_tables(robot: Robot, found: Excitation | Separation) -> list[RenderableType]:
+    """Use of the limits, and identifiability or distance of laws along the motion."""
+    from ....simulation.excite import Separation
+
+    limits = new_table("share of limit", *(f"{name}>" for name in LIMITS.split()))
+    for joint, *used in zip(robot.joints, *picked(found.use, LIMITS).values(), strict=True):
+        limits.add_row(joint, *(share(float(x)) for x in used))
+    near = [] if found.distance is None else [f"Smallest distance between links: {figure(1e3 * found.distance)} mm."]
+    gained = _discrimination(robot, found) if isinstance(found, Separation) else _identifiability(found)
+    size = f"{plural(len(found.trajectory.t), 'row')}, {figure(float(found.trajectory.t[-1]))} s"
+    title = heading(f"{robot.name}: {size}", below=False)
+    return [title, limits, *map(paragraph, near), *gained, *note_lines(found.notes)]
 
 
-def _shown(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+def _own(robot: Robot, found: Excitation | Separation) -> dict[str, Any]:
+    from ....simulation.excite import Separation
+
+    if isinstance(found, Separation):
+        laws = [law_document(robot, law) for law in found.laws]
+        return {"purpose": "separate", "laws": laws, **picked(found, "distances shares median structural enough")}
+    rows = zip(found.expressions, found.std, found.relative_std, strict=True)
+    return {
+        "purpose": "excite",
+        **picked(found, "kind criterion value log_det condition"),
+        "base_parameters": [{"expression": e, "std": s, "relative_std": r} for e, s, r in rows],
+        "evaluations": found.evaluations,
+    }
+
+
+def _identifiability(found: Excitation) -> list[RenderableType]:
+    order = [k for k in np.argsort(-np.nan_to_num(found.relative_std, nan=0.0)) if np.isfinite(found.relative_std[k])]
+    rows = ((found.expressions[k], share(float(found.relative_std[k]))) for k in order[:SHOWN])
+    weak = int(np.sum(found.relative_std[order] >= UNIDENTIFIABLE))
+    condition = f"Condition number of the regressor {figure(found.condition)}"
+    tried = f"log det of the information {found.log_det:.1f}; {plural(found.evaluations, 'motion')} tried"
+    return [
+        paragraph(f"{condition}, {tried}."),
+        heading(f"Least identifiable of {plural(len(found.std), 'base parameter')}"),
+        new_table("base parameter", "std over value>", rows=rows),
+        *([paragraph(f"{weak} of them will hardly be distinguishable from zero.")] if weak else []),
+    ]
+
+
+def _discrimination(robot: Robot, found: Separation) -> list[RenderableType]:
+    table = new_table("true law", "joint", "distance of the other>", "share of its torque unexplained>")
+    for law, distance, part in zip(found.laws, found.distances, found.shares, strict=True):
+        entry = law_document(robot, law)
+        table.add_row(entry["effect"], entry["joint"] or "(robot)", figure(distance), share(part))
+    if found.structural:
+        verdict = "No motion can discriminate these laws."
+    elif found.enough:
+        verdict = f"The motion discriminates the laws; a random motion reaches {figure(found.median)} (median)."
+    else:
+        verdict = "The laws may remain indistinguishable."
+    return [heading("Distance of the laws: squared difference of torque over noise"), table, paragraph(verdict)]

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import RenderableType
-from rich.table import Table
 
-from ....types import Array, Input
-from ..layout import heading, new_table, note_lines, paragraph, plural
-from ..numbers import determination, figure
-from .documents import Document, description, fit_document, provenance
+from ....types import Input
+from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural
+from .documents import Document, description, ending, fit_document
+from .identification import cutoff_words
 
 if TYPE_CHECKING:
-    from ....simulation.rollout import RollOut
     from ....validate import ValidatedModel, Validation
 
 
 def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Document:
-    """Build the content of validation.json.
-
-    Args:
-        result: validation.
-        inputs: path and sha256 of the files read besides the recordings; default: the models' descriptions.
-    """
+    """Build the content of validation.json; `inputs` besides the recordings default to the models' descriptions."""
+    horizon = result.horizon
     return {
         "schema": "signid.validation/1",
         "models": [
@@ -33,31 +26,30 @@ def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Doc
                 "path": one.name,
                 "robot": one.model.robot.name,
                 "fit": {**fit_document(one.fit), "train_rms": None},
-                "rollout": _rollout(one.rollout, result.horizon),
+                "rollout": one.rollout
+                and {"horizon": horizon, "rms": one.rollout.rms(horizon), "unit": one.rollout.unit},
             }
             for one in result.models
         ],
         "cutoff": {"torque": result.cutoff, "position": result.position_cutoff, "unit": "Hz"},
-        "flags": list(result.flags),
-        "notes": list(result.notes),
-        **provenance(result.inputs, inputs or [description(one.model.robot) for one in result.models], result.seed),
+        **ending(result, result.inputs, inputs or [description(one.model.robot) for one in result.models], result.seed),
     }
 
 
 def validation_tables(result: Validation) -> list[RenderableType]:
     """Rms, noise floor, R2 and roll-out errors of every model, per joint."""
-    several = len(result.models) > 1
-    listed = [f"{number}  {one.name}" for number, one in enumerate(result.models, 1)] if several else []
+    listed = [f"{number}  {one.name}" for number, one in enumerate(result.models, 1)]
+    (heads, rows), (ends, errors) = torque_rows(result), rollout_rows(result)
+    title = f"Roll-outs of {result.horizon:g} s from measured states: rms position error at the end"
+    rolled = [heading(title), new_table(*ends, rows=errors)]
+    cutoff = cutoff_words(result.cutoff, result.position_cutoff)
     return [
         heading(validation_title(result), below=False),
-        *map(paragraph, listed),
+        *map(paragraph, listed if len(listed) > 1 else []),
         heading("Torque: rms of measured - predicted"),
-        _table(*torque_rows(result)),
-        *_rolled(result),
-        paragraph(
-            f"Cut-off {figure(result.cutoff)} Hz for torque and {figure(result.position_cutoff)} Hz for positions (set "
-            f"with --cutoff); rows where a joint is at rest are excluded. Nothing was fitted."
-        ),
+        new_table(*heads, rows=rows),
+        *(rolled if any(one.rollout is not None for one in result.models) else []),
+        paragraph(f"{cutoff}; rows where a joint is at rest are excluded. Nothing was fitted."),
         *note_lines(result.notes),
     ]
 
@@ -70,13 +62,12 @@ def validation_title(result: Validation) -> str:
 
 def torque_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
     """Table heads, and rows with rms, noise floor and R2 of every model, in the order of the models."""
-    models = result.models
-    marks = _marks(models)
+    marks = _marks(result.models)
     heads = ["joint", *(f"rms{m}>" for m in marks), "noise floor>", "unit", *(f"R2{m}>" for m in marks)]
     rows = []
-    for joint in joints_of(models):
-        fits = [(one.fit, _place(one.fit.joints, joint)) for one in models]
-        rms = [_cell(fit.held_out_rms, j) for fit, j in fits]
+    for joint in joints_of(result.models):
+        fits = [(one.fit, _place(one.fit.joints, joint)) for one in result.models]
+        rms = ["-" if j is None else figure(float(fit.held_out_rms[j])) for fit, j in fits]
         r2 = ["-" if j is None else determination(float(fit.held_out_r2[j])) for fit, j in fits]
         fit, first = next((fit, j) for fit, j in fits if j is not None)
         rows.append([joint, *rms, figure(float(fit.noise_floor[first]), 2), fit.unit[first], *r2])
@@ -87,8 +78,7 @@ def rollout_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
     """Table heads, and rows with the rms position error of every model at the horizon."""
     heads, rows = ["joint", *(f"error{m}>" for m in _marks(result.models)), "unit"], []
     for joint in joints_of(result.models):
-        places = [_place(() if r is None else r.joints, joint) for r in (one.rollout for one in result.models)]
-        rolled = [(one.rollout, j) for one, j in zip(result.models, places, strict=True)]
+        rolled = [(r, None if r is None else _place(r.joints, joint)) for r in (one.rollout for one in result.models)]
         errors = ["-" if r is None or j is None else figure(float(r.rms(result.horizon)[j])) for r, j in rolled]
         unit = next((r.unit[j] for r, j in rolled if r is not None and j is not None), "")
         rows.append([joint, *errors, unit])
@@ -100,26 +90,6 @@ def joints_of(models: Sequence[ValidatedModel]) -> list[str]:
     return list(dict.fromkeys(joint for one in models for joint in one.fit.joints))
 
 
-def _rolled(result: Validation) -> Iterator[RenderableType]:
-    if any(one.rollout is not None for one in result.models):
-        yield heading(f"Roll-outs of {result.horizon:g} s from measured states: rms position error at the end")
-        yield _table(*rollout_rows(result))
-
-
-def _rollout(found: RollOut | None, horizon: float) -> Document | None:
-    if found is None:
-        return None
-    rms = [float(x) if np.isfinite(x) else None for x in found.rms(horizon)]
-    return {"horizon": horizon, "rms": rms, "unit": list(found.unit)}
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    table = new_table(*heads)
-    for row in rows:
-        table.add_row(*row)
-    return table
-
-
 def _marks(models: Sequence[ValidatedModel]) -> list[str]:
     """Suffixes of table heads: the numbers of the models if there are several."""
     return [f" {number}" for number in range(1, len(models) + 1)] if len(models) > 1 else [""]
@@ -127,7 +97,3 @@ def _marks(models: Sequence[ValidatedModel]) -> list[str]:
 
 def _place(joints: Sequence[str], joint: str) -> int | None:
     return joints.index(joint) if joint in joints else None
-
-
-def _cell(values: Array, j: int | None) -> str:
-    return "-" if j is None else figure(float(values[j]))

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import compress
 from typing import TYPE_CHECKING, NamedTuple
 
 from ....errors import shorten
-from ..numbers import figure, share
-from ..results.signs import confidence
-from .numbers import law_words, number_lines, stated_words
+from ..layout import figure, share
+from .laws import law_words, number_lines, stated_words
+from .signs import confidence
 
 if TYPE_CHECKING:
-    from ....diagnose import Alternative, Diagnosis, Finding, Unexplained
+    from ....diagnose import Diagnosis, Finding
     from ....diagnose.data.locate import Location
     from ....types import Robot
 
@@ -48,11 +49,9 @@ def verdict_words(result: Diagnosis) -> str:
     unexplained = "the simulation lacks physics that no law explains"
     if not result.causes:
         return unexplained
-    many = len(result.causes) > 1
-    leave = (
-        "leave more torque unexplained than they explain" if many else "leaves more torque unexplained than it explains"
-    )
-    return f"{_together(result.robot, result.causes)} {leave}; {unexplained}"
+    leave, explain = ("leave", "they explain") if len(result.causes) > 1 else ("leaves", "it explains")
+    causes = _together(result.robot, result.causes)
+    return f"{causes} {leave} more torque unexplained than {explain}; {unexplained}"
 
 
 def _cause_words(result: Diagnosis) -> Iterator[str]:
@@ -113,12 +112,10 @@ def secondary_words(robot: Robot, finding: Finding) -> str:
 def alternative_words(robot: Robot, finding: Finding, most: int | None = RIVALS) -> list[str]:
     """Alternatives of a finding with their probability and a separating motion; the others are counted.
 
-    Args:
-        robot: robot that gives the names.
-        finding: finding with its alternatives.
-        most: maximum number of alternatives; None: all, even improbable ones.
+    At most `most` probable ones are listed; None: all, even improbable ones.
     """
-    rivals = [rival for rival in finding.alternatives if most is None or _is_near(rival)][:most]
+    near = [x.probability >= NEGLIGIBLE or x.separating_motion.startswith("no motion") for x in finding.alternatives]
+    rivals = list(finding.alternatives if most is None else compress(finding.alternatives, near))[:most]
     said = list[str]()
     for rival in rivals:
         sure = confidence(rival.probability) if rival.probability >= NEGLIGIBLE else f"<{NEGLIGIBLE}"
@@ -129,40 +126,28 @@ def alternative_words(robot: Robot, finding: Finding, most: int | None = RIVALS)
 
 
 def unexplained_words(result: Diagnosis) -> list[str]:
-    """Residual of each joint that no law explains."""
-    return [
-        f"{result.robot.joints[left.joint]}: {share(left.share)} of its torque; {left.place.region}: "
-        f"{share(left.place.share)} of it; {_follows(left.place)}{_modelled(left)}"
-        for left in result.unexplained
-    ]
-
-
-def _modelled(left: Unexplained) -> str:
-    """Note that the extended simulation models a residual empirically."""
-    if not left.modelled:
-        return ""
-    removed = f"{share(left.held_out_gain)} of the held-out residual"
-    return f"; the extended simulation models it as empirical torque, which removes {removed}"
+    """Residual of each joint that no law explains, and whether the extended simulation models it empirically."""
+    said = list[str]()
+    for left in result.unexplained:
+        removed = f"which removes {share(left.held_out_gain)} of the held-out residual"
+        modelled = f"; the extended simulation models it as empirical torque, {removed}" if left.modelled else ""
+        part = f"{left.place.region}: {share(left.place.share)} of it; {_follows(left.place)}"
+        said.append(f"{result.robot.joints[left.joint]}: {share(left.share)} of its torque; {part}{modelled}")
+    return said
 
 
 def trust_words(result: Diagnosis) -> list[str]:
     """Estimated error of the inertials of a simulation without covariance."""
     if result.prior_scale <= 0 or result.informed:
         return []
-    return [
-        f"The inertials of the simulation deviate by about {figure(result.prior_scale, 2)} times the usual tolerance."
-    ]
+    scale = figure(result.prior_scale, 2)
+    return [f"The inertials of the simulation deviate by about {scale} times the usual tolerance."]
 
 
 def _follows(place: Location) -> str:
     if place.explained < LITTLE:
         return "no single variable explains it"
     return f"{place.variable} explains {share(place.explained)}"
-
-
-def _is_near(rival: Alternative) -> bool:
-    """Whether an alternative is probable or indistinguishable by any motion."""
-    return rival.probability >= NEGLIGIBLE or rival.separating_motion.startswith("no motion")
 
 
 def _together(robot: Robot, findings: Sequence[Finding]) -> str:

@@ -1,0 +1,115 @@
+"""Physically consistent bodies of a model in principal axes, as MuJoCo requires."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ...errors import RobotError, shorten
+from ...estimation.feasible import fit_consistent
+from ...model import Model, stated_inertials
+from ...regression.base_parameters import build_base
+from ...regression.projection import least_squares
+from ...types import Array, Estimate, Law, Parameters
+
+LEAST = 1e-12  # minimum mass [kg] and moment [kg.m2] of a moving body; MuJoCo rejects zero
+_ROUNDING = 1e-9  # tolerance, relative to the largest principal moment
+_SURE = 1e8  # size of a base parameter over its standard deviation
+
+
+class Principal(NamedTuple):
+    """A body about its centre of mass."""
+
+    mass: float  # [kg]
+    centre: Array  # (3,) [m]
+    moments: Array  # (3,) [kg.m2]
+    quaternion: Array  # (4,) w x y z [1]
+
+
+def about_centre(parameters: Array) -> tuple[float, Array, Array] | None:
+    """Mass, centre (3,) [m] and inertia (3, 3) [kg.m2] about it; parameters: (10,) [kg, kg.m, kg.m2] of Pinocchio.
+
+    None unless the parameters are finite, with a mass if there is a first moment.
+    """
+    mass, first = float(parameters[0]), parameters[1:4]
+    if not np.isfinite(parameters).all() or (mass == 0 and np.any(first)):
+        return None
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    centre = first / mass if mass else np.zeros(3)
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return mass, centre, inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+
+
+def _principal(parameters: Array) -> Principal | None:
+    """A body in its principal axes, with a minimum mass; None if it is not physically consistent."""
+    body = about_centre(parameters)
+    if body is None or body[0] < 0:
+        return None
+    mass, centre, inertia = body
+    moments, axes = np.linalg.eigh(inertia)
+    small = _ROUNDING * abs(moments[2])
+    if moments[0] < -small or moments[0] + moments[1] < moments[2] - small:
+        return None
+    moments = np.maximum(moments, LEAST)
+    moments[:2] += max(0.0, moments[2] * (1 + 1e-15) - moments[0] - moments[1])  # corrects rounding errors
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    return Principal(max(mass, LEAST), centre, moments, quaternion(axes))
+
+
+def quaternion(rotation: Array) -> Array:
+    """Convert a rotation: (3, 3) [1] to a quaternion w x y z, (4,) [1]."""
+    return np.roll(pin.Quaternion(rotation).normalized().coeffs(), 1)
+
+
+class PossibleBodies(NamedTuple):
+    """Bodies of the links, separate payload bodies, and notes on changes."""
+
+    links: list[Principal]  # nb
+    loads: list[tuple[Law, Principal]]
+    notes: list[str]
+
+
+def possible_bodies(model: Model) -> PossibleBodies:
+    """Return the bodies of a model; if some are inconsistent, replace all by consistent ones with the same torque.
+
+    Raises:
+        RobotError: no physically consistent bodies give this torque.
+    """
+    payloads = [law for law in model.laws if law.effect.name == "payload" and law.parameters["mass"] > LEAST]
+    alone = ((law, _principal(np.array(law.effect.coefficients(law.parameters)))) for law in payloads)
+    loads = [(law, body) for law, body in alone if body]  # others are added to the inertial of their link
+    apart = {id(law) for law, _ in loads}
+    bare = replace(model, laws=tuple(law for law in model.laws if id(law) not in apart))
+    links = [_principal(x) for x in bare.whole_inertials()]
+    odd = [name for name, body in zip(model.robot.links, links, strict=True) if body is None]
+    if not odd:
+        return PossibleBodies([body for body in links if body], loads, [])
+    changed = _exchanged(model)
+    bodies = [] if changed is None else [body for body in map(_principal, changed) if body]
+    if len(bodies) < len(links):
+        raise RobotError(
+            f"the inertials of {shorten(odd)} are not physically consistent, as MuJoCo requires, and no "
+            "consistent ones give the same torque; identify with --method convex, or export to a URDF"
+        )
+    note = f"inertials are replaced by consistent ones with the same torque, since {shorten(odd)} had inconsistent ones"
+    return PossibleBodies(bodies, [], [note])
+
+
+def _exchanged(model: Model) -> Array | None:
+    """Consistent inertials with the torque of the model, (nb, 10) [kg, kg.m, kg.m2]; None if there are none.
+
+    They have the same base parameters and are otherwise close to the description.
+    """
+    base = build_base(replace(model.robot, model=model.bodies()))
+    value = base.combination @ model.whole_inertials().ravel()
+    size = np.maximum(np.abs(value), 1e-3 * np.abs(value).max(initial=1e-9))
+    known = Estimate(value, np.diag((size / _SURE) ** 2), np.diag((_SURE / size) ** 2), np.zeros(0), ())
+    found = fit_consistent(base, known, Parameters(base.labels, stated_inertials(model.robot).ravel()))
+    if not found.feasible_without_moving:
+        return None
+    near = found.parameters.values
+    exact = Parameters(base.labels, near + least_squares(base.combination, value - base.combination @ near))
+    return exact.bodies() if exact.is_feasible() else None

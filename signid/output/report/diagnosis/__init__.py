@@ -1,1 +1,0 @@
-"""Diagnosis: JSON document, terminal tables, parameters and sentences."""

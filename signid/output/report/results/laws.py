@@ -1,0 +1,191 @@
+"""Laws: their descriptions, and their parameters in JSON documents and words, as stated and as estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from inspect import getdoc
+from math import isfinite
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rich.console import RenderableType
+
+from ....effects.base import ActuatorLaw, BodyLaw, Effect, RecordingLaw, TorqueLaw, TransmissionLaw
+from ....effects.naming import law_name, law_place, law_syntax
+from ....robot.dynamics import own_body
+from ....types import TWO_SIDED, Coefficient, Law, Robot
+from ....version import __version__
+from ..layout import UNKNOWN, figure, heading, new_table, paragraph, plural, with_interval
+from .documents import Document, picked
+
+if TYPE_CHECKING:
+    from ....diagnose import Finding
+
+
+KINDS: dict[type[Effect], str] = {
+    TorqueLaw: "torque",
+    BodyLaw: "bodies",
+    TransmissionLaw: "transmission",
+    RecordingLaw: "recording",
+    ActuatorLaw: "actuator",
+}
+
+
+class NumberCells(NamedTuple):
+    """One parameter of a finding, formatted for a table or a sentence."""
+
+    key: str
+    stated: str  # value in the simulation; "" if not stated
+    value: str  # value estimated from the recordings
+    half: str  # half-width of its 95 % interval
+    unit: str
+
+    @property
+    def interval(self) -> str:
+        """Value, half-width and unit, as far as they are known."""
+        return " ".join(filter(None, [self.value, self.half and f"± {self.half}", self.unit]))
+
+    @property
+    def compared(self) -> str:
+        """A stated parameter and its estimate."""
+        if self.value == UNKNOWN:
+            return f"{self.stated} {self.unit}".rstrip() + f" in the simulation, {UNKNOWN} from the recordings"
+        return f"{self.stated} in the simulation, {self.interval} recorded"
+
+
+def law_units(robot: Robot, law: Law) -> dict[str, str]:
+    """Units of the parameters of a law at its joint."""
+    prismatic = bool(len(law.joints) == 1 and robot.prismatic[law.joints[0]])
+    return {key: kind.unit_at(prismatic) for key, kind in law.effect.parameters.items()}
+
+
+def law_numbers(robot: Robot, law: Law, std: Mapping[str, float | None]) -> Document:
+    """Parameters of a law by key: value, std (None if unknown) and unit; the value of a partner is its name."""
+    units, (_, values) = law_units(robot, law), law_place(law, robot)
+    return {key: {"value": x, "std": std.get(key), "unit": units.get(key, "")} for key, x in values.items()}
+
+
+def law_document(robot: Robot, law: Law) -> Document:
+    """Effect, joint and parameters of a law with their units."""
+    units, (joint, values) = law_units(robot, law), law_place(law, robot)
+    parameters = {key: {"value": value, "unit": units.get(key, "")} for key, value in values.items()}
+    return {"effect": law.effect.name, "joint": joint, "parameters": parameters}
+
+
+def changed_link(robot: Robot, law: Law) -> str | None:
+    """The link whose inertia a law changes; None for other laws."""
+    if not isinstance(law.effect, BodyLaw) or law.effect.scope not in ("link", "tip"):
+        return None
+    return robot.links[own_body(robot, law.joints[0])]
+
+
+def law_words(robot: Robot, law: Law) -> str:
+    """Name of a law with its joint, and with the link whose inertia it changes."""
+    link, words = changed_link(robot, law), law_name(law, robot)
+    if link is None:
+        return words
+    return f"{words if ' of ' in words else f'{words} of {robot.joints[law.joints[0]]}'} (link {link})"
+
+
+def finding_numbers(robot: Robot, finding: Finding) -> Document:
+    """Parameters of the law of a finding, with the values stated by the simulation."""
+    numbers = law_numbers(robot, finding.law, finding.std)
+    for key in numbers.keys() & finding.stated.keys():
+        numbers[key]["stated"] = finding.stated[key]
+    return numbers
+
+
+def number_cells(robot: Robot, finding: Finding) -> list[NumberCells]:
+    """Parameters of a finding; optional ones consistent with zero are only counted."""
+    numbers = finding_numbers(robot, finding)
+    optional = [key for key in numbers if key in finding.law.effect.optional and key not in finding.stated]
+    sizes = {key: (abs(numbers[key]["value"]), numbers[key]["std"]) for key in optional}
+    hidden = [key for key, (size, std) in sizes.items() if std is not None and size < TWO_SIDED * std]
+    cells = [_cells(key, **number) for key, number in numbers.items() if key not in (*hidden, "partner")]
+    if hidden:
+        cells.append(NumberCells(f"{plural(len(hidden), 'more parameter')}: could be zero", "", "", "", ""))
+    return cells
+
+
+def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
+    """Parameters of a finding in one line each, with their meaning and their absence from the extended simulation."""
+    cells = number_cells(robot, finding)
+    lines = [f"{x.key}: {x.compared}" if x.stated else f"{x.key} {x.interval}".rstrip() for x in cells]
+    absent = "" if finding.in_model else "not in the extended simulation"
+    return (*lines, *filter(None, [finding.law.effect.meaning(finding.law.parameters), absent]))
+
+
+def stated_words(robot: Robot, finding: Finding) -> str:
+    """Comparison of the single parameter of a law with its stated value; "" if there are several or none is stated.
+
+    Example: "coulomb_friction of joint_2: 0.300 in the simulation, 1.200 ± 0.010 N.m recorded".
+    """
+    cells = number_cells(robot, finding)
+    return f"{law_words(robot, finding.law)}: {cells[0].compared}" if len(cells) == 1 and cells[0].stated else ""
+
+
+def _cells(key: str, value: float, std: float | None, unit: str, stated: float | None = None) -> NumberCells:
+    before, unit = "" if stated is None else _as_fine(stated, std), "" if unit == "1" else unit
+    if std is None:
+        return NumberCells(key, before, figure(value), "", unit)
+    if not (isfinite(std) and isfinite(value)):
+        return NumberCells(key, before, UNKNOWN, "", unit if before else "")
+    return NumberCells(key, before, *with_interval(value, std), unit)
+
+
+def _as_fine(stated: float, std: float | None) -> str:
+    """A stated parameter with the digits of its estimate, if these suffice."""
+    fine = std is not None and isfinite(std) and 0 < TWO_SIDED * std < abs(stated)
+    return with_interval(stated, std)[0] if fine and std is not None else figure(stated)
+
+
+def effects_document(effects: Sequence[Effect]) -> Document:
+    """Build the output of `signid effects --json`."""
+    return {"schema": "signid.effects/1", "effects": [_card(effect) for effect in effects], "version": __version__}
+
+
+def effects_tables(effects: Sequence[Effect]) -> list[RenderableType]:
+    """Describe one effect in full, or list the notation of several."""
+    if len(effects) == 1:
+        return _card_lines(effects[0])
+    lines: list[RenderableType] = []
+    for kind, name in KINDS.items():
+        mine = [paragraph(f"  {law_syntax(effect)}") for effect in effects if isinstance(effect, kind)]
+        lines += [heading(f"Laws of the {name}", below=bool(lines)), *mine] if mine else []
+    return [*lines, paragraph("\nValues are usual ones. signid effects NAME shows the law, its units and its source.")]
+
+
+def _card(effect: Effect) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "summary": getdoc(type(effect)),
+        "acts_on": next(name for kind, name in KINDS.items() if isinstance(effect, kind)),
+        **picked(effect, "scope equation"),
+        "parameters": {
+            key: {"unit": kind.unit, "linear": isinstance(kind, Coefficient), "usual": effect.example[key]}
+            for key, kind in effect.parameters.items()
+        },
+        **picked(effect, "typical source twins"),
+        "inject": law_syntax(effect),
+    }
+
+
+def _card_lines(effect: Effect) -> list[RenderableType]:
+    table = new_table("parameter", "usual>", "unit", "torque is")
+    for key, kind in effect.parameters.items():
+        linear = "linear in it" if isinstance(kind, Coefficient) else "not linear in it"
+        table.add_row(key, f"{effect.example[key]:g}", kind.unit, linear)
+    alike = [paragraph(f"Hard to distinguish from {', '.join(effect.twins)}.")] if effect.twins else []
+    return [
+        heading(effect.name, below=False),
+        paragraph(str(getdoc(type(effect)))),
+        heading("Law (additional motor torque, torque of a deflection, or recorded value)"),
+        paragraph(effect.equation),
+        *([heading("Parameters"), table] if effect.parameters else []),
+        heading("Usual size"),
+        paragraph(f"{effect.typical}."),
+        *alike,
+        heading("Source"),
+        paragraph(effect.source),
+        heading("Inject"),
+        paragraph(f"signid simulate ROBOT -o recording.csv --inject {law_syntax(effect)}"),
+    ]

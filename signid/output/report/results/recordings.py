@@ -1,0 +1,163 @@
+"""Recordings: JSON documents and terminal text of their conversion, download and reduction to factors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
+
+from ....errors import shorten
+from ....recording.gallery import DataSet, is_complete
+from ....recording.mapping import split
+from ....types import Input
+from ....version import __version__
+from ..layout import figure, heading, new_table, note_lines, paragraph, plural
+from .documents import Document, ending, opening, picked
+
+if TYPE_CHECKING:
+    from ....recording.convert import Conversion, Pace
+    from ....regression.reduced import Reduced
+
+SHOWN = 4  # number of joints listed per topic
+
+
+def conversion_document(found: Conversion, inputs: Sequence[Input] = ()) -> Document:
+    """Build the output of `signid convert --json`; `inputs` are files read besides the source."""
+    pace, clock = found.pace, found.about.clock or None
+    return {
+        "schema": "signid.conversion/1",
+        "rows": _rows(found),
+        "columns": list(found.columns),
+        "joints": [{"name": joint, "columns": kinds} for joint, kinds in found.joints.items()],
+        "units": dict(found.units),
+        "time": pace and {**picked(pace, "duration rate gaps"), "longest_gap": pace.longest, "clock": clock},
+        "topics": [
+            {"name": topic.name, "type": topic.kind, **picked(topic, "messages rate joints read")}
+            for topic in found.about.topics
+        ],
+        "suggested_columns": list(found.suggested),
+        **ending(found, [found.source], inputs, 0),
+    }
+
+
+def conversion_tables(found: Conversion) -> list[RenderableType]:
+    """Topics, joints and timing of a conversion."""
+    joints = new_table("joint", "columns", *(["converted from"] if found.units else []))
+    for joint, kinds in found.joints.items():
+        units = dict.fromkeys(unit for kind in kinds if (unit := found.units.get(f"{kind}_{joint}")))
+        joints.add_row(joint, " ".join(kinds), *([", ".join(units)] if found.units else []))
+    others = [name for name in found.columns if name != "t" and not split(name)]
+    lines = [Text(text, no_wrap=True, overflow="ignore") for text in found.suggested]  # to copy, never wrapped
+    return [
+        heading(f"{found.source.path}: {plural(_rows(found), 'row')}{_pace(found.pace)}", below=False),
+        *_topics(found),
+        *([joints] if found.joints else []),
+        *([paragraph(f"Other columns, unchanged: {shorten(others)}")] if others else []),
+        *([paragraph(f"Clock: {found.about.clock}.")] if found.about.clock else []),
+        *([heading("Suggested column map; check it before use"), *lines] if lines else []),
+        *note_lines(found.notes),
+    ]
+
+
+def _rows(found: Conversion) -> int:
+    return len(next(iter(found.columns.values()), ()))
+
+
+def _pace(pace: Pace | None) -> str:
+    if pace is None:
+        return ""
+    gaps = f"{plural(pace.gaps, 'gap')} of up to {figure(pace.longest)} s" if pace.gaps else "no gap"
+    return f", {figure(pace.duration)} s at {figure(pace.rate)} Hz, {gaps}"
+
+
+def _topics(found: Conversion) -> list[RenderableType]:
+    if not found.about.topics:
+        return []
+    table = new_table("topic", "type", "messages>", "Hz>", "joints")
+    for topic in found.about.topics:
+        rate = figure(topic.rate) if np.isfinite(topic.rate) else ""
+        joints = shorten(topic.joints, SHOWN) if topic.read else "(not read)"
+        table.add_row(topic.name, topic.kind.rpartition("/")[2], str(topic.messages), rate, joints)
+    return [table]
+
+
+def data_document(sets: Iterable[DataSet], folder: Path, written: Sequence[Path] = ()) -> Document:
+    """Build the output of `signid data --json`: data sets and written files."""
+    known = {"schema": "signid.data/1", "folder": str(folder), "sets": [_entry(one, folder) for one in sets]}
+    return {**known, "written": [str(path) for path in written], "version": __version__}
+
+
+def data_tables(sets: Iterable[DataSet], folder: Path) -> list[RenderableType]:
+    """List the data sets and whether they are present."""
+    table = new_table("name", "content", "duration [s]>", "download [MB]>", "present")
+    lines: list[RenderableType] = []
+    for one in sets:
+        here = "yes" if is_complete(one, folder / one.folder) else "no"
+        table.add_row(one.name, one.title, f"{one.seconds:.0f}", f"{one.megabytes:g}", here)
+        lines.append(paragraph(f"{one.name}: github.com/{one.repository}, licence {one.licence}"))
+    advice = f"\nsignid data NAME downloads one into {folder} after confirmation."
+    return [table, paragraph(""), *lines, paragraph(advice)]
+
+
+def data_card(wanted: DataSet, folder: Path, base: str) -> list[RenderableType]:
+    """Source, licence and size of a data set."""
+    rows = {
+        "source": f"https://github.com/{wanted.repository}",
+        "commit": wanted.commit,
+        "from": urlsplit(base).netloc if base == wanted.base else base,
+        "licence": wanted.licence,
+        "cite": wanted.cite,
+        "download": f"{plural(len(wanted.sources), 'file')}, about {wanted.megabytes:g} MB",
+        "into": str(folder / wanted.folder),
+    }
+    table = new_table("", "", rows=rows.items())
+    table.show_header = False
+    return [paragraph(f"{wanted.name}: {wanted.title}, {wanted.seconds:.0f} s"), table]
+
+
+def _entry(one: DataSet, folder: Path) -> dict[str, Any]:
+    files = [{"name": x.name, "sha256": x.sha256, "sources": list(x.sources)} for x in one.products]
+    return {
+        "name": one.name,
+        "title": one.title,
+        "duration": one.seconds,
+        **picked(one, "repository commit base licence cite megabytes"),
+        "folder": str(folder / one.folder),
+        "here": is_complete(one, folder / one.folder),
+        "files": files,
+    }
+
+
+def factors_document(found: Reduced, size: int) -> Document:
+    """Build the output of `signid reduce --json`; `size` is that of the file [bytes]."""
+    band = found.task.band
+    train, held_out = (sum(node.factors.rows for node in nodes) for nodes in (found.train, found.held_out))
+    return {
+        **opening("signid.reduction/1", found.robot),
+        "effects": list(dict.fromkeys(law.effect.name for law in found.task.laws)),
+        "base_parameters": found.task.base.rank,
+        "rows": {"learned_from": train, "held_out": held_out},
+        "cutoff": {"torque": band.cutoff, "position": band.position_cutoff, "unit": "Hz"},
+        "part": list(found.share),
+        "bytes": size,
+        "notes": list(found.notes),
+        "inputs": [file._asdict() for file in found.inputs],
+        "version": __version__,
+    }
+
+
+def factors_tables(document: Document) -> list[RenderableType]:
+    """Summarise the document of a reduction for the terminal."""
+    rows, (which, of) = document["rows"], document["part"]
+    part = "" if of == 1 else f", part {which} of {of}"
+    count = plural(document["base_parameters"], "base parameter")
+    title = f"{document['robot']}: factors of {plural(len(document['inputs']), 'recording')}{part}, for {count}"
+    size = f"{document['bytes'] / 1e3:.0f} kB"
+    kept = f"{rows['learned_from']} training rows and {rows['held_out']} held-out rows, in {size}"
+    cutoff = f"Cut-off {document['cutoff']['torque']:.4g} Hz for torque (set with --cutoff)."
+    return [paragraph(title), paragraph(kept), paragraph(cutoff), *note_lines(document["notes"])]
