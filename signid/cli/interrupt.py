@@ -29,15 +29,7 @@ class Heard:
     count: int = 0
 
     def hear(self, number: int, frame: FrameType | None) -> None:
-        """End running searches; end the command if no search has an answer or a second signal arrives.
-
-        Args:
-            number: signal number.
-            frame: interrupted stack frame.
-
-        Raises:
-            Interruption: the command ends.
-        """
+        """End running searches; end the command if no search has an answer or a second signal arrives."""
         self.last, self.count = signal.Signals(number), self.count + 1
         if self.count > 1 or not stop_searches(NAMES[self.last]):
             raise Interruption

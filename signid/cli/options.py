@@ -1,13 +1,13 @@
-"""Options that several commands share, and their expansion into parameters of a command.
+"""The Typer application, options that several commands share, and their expansion into parameters of a command.
 
-Each group of options is a frozen dataclass whose fields are annotated for Typer. A command takes groups as parameters;
-`expanded` shows Typer one parameter for each field.
+Each group of options is a frozen dataclass. Its fields are annotated for Typer, or have an `option` as default. A
+command takes groups as parameters; `expanded` shows Typer one parameter for each field.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from typing import Annotated, Any, get_type_hints
@@ -15,9 +15,46 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from ..effects import EFFECT_NAMES
+from ..version import __version__
 
+Text = str | None
 Texts = list[str] | None
 LAST = ("seed", "json")  # options listed last in --help
+
+app = typer.Typer(
+    name="signid",
+    help="Identify and diagnose robot dynamics models from a robot description and recordings.",
+    epilog="Exit codes: 0 done; 2 bad input or usage; 3 done, but the result is flagged and says why.",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"signid {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _signid(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def option(default: Any, text: str, *names: str, **settings: Any) -> Any:
+    """Field of a group of options, with its default, the text of --help, its names and other settings of Typer."""
+    return field(default=default, metadata={"option": typer.Option(*names, help=text, **settings)})
+
+
+def output_option(text: str, metavar: str = "DIR") -> Any:
+    """Field `--output`, or `-o`, of a group of options."""
+    return option(None, text, "--output", "-o", metavar=metavar)
+
 
 SimulationName = Annotated[
     str, typer.Argument(metavar="SIMULATION", help="A model.json, a URDF, xacro or MJCF file, or a name such as panda.")
@@ -25,15 +62,9 @@ SimulationName = Annotated[
 Recordings = Annotated[
     list[str], typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
 ]
-OutputFolder = Annotated[
-    str | None, typer.Option("--output", "-o", metavar="DIR", help="Output folder. Needed, unless --json.")
-]
-HeldOut = Annotated[
-    Texts, typer.Option(metavar="RECORDING", help="Held-out recording. Repeatable. Default: see above.")
-]
-Columns = Annotated[str | None, typer.Option(metavar="FILE", help='TOML of other column names: q_elbow = "elbow_pos".')]
+Columns = Annotated[Text, typer.Option(metavar="FILE", help='TOML of other column names: q_elbow = "elbow_pos".')]
 Effects = Annotated[
-    str | None, typer.Option(metavar="A,B", help=f"Laws at every joint, or none. Default: {', '.join(EFFECT_NAMES)}.")
+    Text, typer.Option(metavar="A,B", help=f"Laws at every joint, or none. Default: {', '.join(EFFECT_NAMES)}.")
 ]
 Cutoff = Annotated[
     float | None,
@@ -46,7 +77,6 @@ Unsigned = Annotated[bool, typer.Option("--unsigned", help="Discard the signs of
 TimeLimit = Annotated[
     float, typer.Option(metavar="S", help="Time limit for searches [s]; truncated results are flagged.")
 ]
-Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the random generator.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")]
 
 
@@ -54,15 +84,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and
 class RobotOptions:
     """How a robot description is read."""
 
-    joints: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Joints that move; others are held. Default: all.")
-    ] = None
-    lock: Annotated[
-        Texts, typer.Option(metavar="J=VALUE", help="Hold joint J at this position [rad or m]. Repeatable.")
-    ] = None
-    actuators: Annotated[
-        str | None, typer.Option(metavar="FILE", help="TOML of the actuators. Default: actuators.toml.")
-    ] = None
+    joints: Text = option(None, "Joints that move; others are held. Default: all.", metavar="A,B")
+    lock: Texts = option(None, "Hold joint J at this position [rad or m]. Repeatable.", metavar="J=VALUE")
+    actuators: Text = option(None, "TOML of the actuators. Default: actuators.toml.", metavar="FILE")
     package_dir: PackageDir = None
 
 
@@ -87,7 +111,7 @@ class RobotArguments(RobotOptions):
     @property
     def simulation(self) -> SimulationArguments:
         """The simulation that the description states."""
-        shared = {field.name: getattr(self, field.name) for field in fields(RobotOptions)}
+        shared = {item.name: getattr(self, item.name) for item in fields(RobotOptions)}
         return SimulationArguments(simulation=self.robot, **shared)
 
 
@@ -98,32 +122,23 @@ class RowOptions:
     columns: Columns = None
     effects: Effects = None
     cutoff: Cutoff = None
-    derivatives: Annotated[
-        str,
-        typer.Option(
-            metavar="WHICH", help="Source of velocity and acceleration: computed (from q_J), recorded, or auto."
-        ),
-    ] = "auto"
-    no_instruments: Annotated[
-        bool, typer.Option("--no-instruments", help="Do not use q_des_J columns as instruments.")
-    ] = False
-    white: Annotated[bool, typer.Option("--white", help="Assume white torque noise instead of coloured noise.")] = False
+    derivatives: str = option(
+        "auto", "Source of velocity and acceleration: computed (from q_J), recorded, or auto.", metavar="WHICH"
+    )
+    no_instruments: bool = option(False, "Do not use q_des_J columns as instruments.", "--no-instruments")
+    white: bool = option(False, "Assume white torque noise instead of coloured noise.", "--white")
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
     """Options of every command that computes."""
 
-    seed: Seed = 0
+    seed: int = option(0, "Seed of the random generator.", metavar="N", min=0)
     json: Json = False
 
 
 def expanded(function: Callable[..., int]) -> Callable[..., int]:
-    """Replace each group of options in a command's signature by one parameter per field, for Typer.
-
-    Args:
-        function: command; parameters annotated with a dataclass are groups.
-    """
+    """Replace each group of options in a command's signature by one parameter per field, for Typer."""
     flat: list[Parameter] = []
     groups: dict[str, tuple[type[Any], tuple[str, ...]]] = {}
     for parameter in signature(function, eval_str=True).parameters.values():
@@ -133,7 +148,6 @@ def expanded(function: Callable[..., int]) -> Callable[..., int]:
             flat += own
         else:
             flat.append(parameter.replace(kind=Parameter.KEYWORD_ONLY))
-
     flat.sort(key=lambda parameter: parameter.name in LAST)
 
     @wraps(function)
@@ -146,13 +160,9 @@ def expanded(function: Callable[..., int]) -> Callable[..., int]:
 
 
 def _parameters(group: type[Any]) -> list[Parameter]:
-    hints: Mapping[str, Any] = get_type_hints(group, include_extras=True)
-    return [
-        Parameter(
-            field.name,
-            Parameter.KEYWORD_ONLY,
-            default=Parameter.empty if field.default is MISSING else field.default,
-            annotation=hints[field.name],
-        )
-        for field in fields(group)
-    ]
+    found, hints = list[Parameter](), get_type_hints(group, include_extras=True)
+    for item in fields(group):
+        default = Parameter.empty if item.default is MISSING else item.default
+        kind = Annotated[hints[item.name], item.metadata["option"]] if item.metadata else hints[item.name]
+        found.append(Parameter(item.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind))
+    return found

@@ -14,28 +14,27 @@ from typer.main import get_command
 
 from ..errors import SignidError
 from ..threads import one_thread
-from .app import app
-
-from .demo import command as demo  # noqa: F401  # isort: skip (help lists commands in this order)
-from .commands import identification as identification  # isort: skip
-from .commands import diagnosis as diagnosis  # isort: skip
-from .commands import validation as validation  # isort: skip
-from .commands import payload as payload  # isort: skip
 from .commands import (
     catalogue as catalogue,
-    convert as convert,
+    conversion as conversion,
+    diagnosis as diagnosis,
     excitation as excitation,
-    exports as exports,
+    factors as factors,
+    identification as identification,
+    replay as replay,
     simulation as simulation,
 )
-
-from .commands import replay as replay  # isort: skip
-from .commands import factors as factors  # isort: skip
-from .fleet import command as fleet  # noqa: F401  # isort: skip
-from .commands import data as data  # isort: skip
+from .demo import command as demo  # noqa: F401
+from .fleet import command as fleet  # noqa: F401
 from .interrupt import signals_heard
+from .options import app
 from .terminal import BAD, BROKEN, DONE, INTERRUPTED, write_error
 
+ORDER = (
+    "demo inspect check identify diagnose validate payload effects convert excite export simulate replay reduce fleet "
+    "data"
+).split()  # of commands in --help
+app.registered_commands.sort(key=lambda command: ORDER.index(getattr(command.callback, "__name__", "")))
 USAGE: Any = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )  # in click, or in typer

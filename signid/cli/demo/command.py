@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..app import app
 from ..arguments import given_inputs, given_robot
-from ..options import RobotOptions, RunOptions, expanded
-from ..output import check_folder
-from ..terminal import bars, write_flags
+from ..options import RobotOptions, RunOptions, app, expanded
+from ..terminal import bars, check_folder, show
 
 if TYPE_CHECKING:
     from ...output.report import Content
@@ -49,14 +47,11 @@ def demo(
         files = _files(story, robot)
         document = to_json(story_document(story, robot))
         written = write_files(output, {**files, "demo.json": document})
-    if run.json:
-        Screen().write(document)
-        return write_flags(story.flags)
-    Screen().print(*story_tables(story), sep="\n")
-    code = write_flags(story.flags)
-    Screen().write(story_end(story, robot, written))
-    if browser:
-        _open([path for path in written if path.suffix == ".html"])
+    code = show(document if run.json else story_tables(story), story.flags)
+    if not run.json:
+        Screen().write(story_end(story, robot, written))
+        if browser:
+            _open([path for path in written if path.suffix == ".html"])
     return code
 
 
