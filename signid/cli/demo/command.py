@@ -16,7 +16,7 @@ from ..terminal import bars, check_folder, show
 
 if TYPE_CHECKING:
     from ...output.report import Content
-    from . import Story
+    from .run import Story
 
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")  # environment variables that indicate a browser on Linux
 
@@ -38,7 +38,8 @@ def demo(
     robot.urdf, report.html, replay.html, and demo.json, which compares the concealed laws with the findings.
     """
     from ...output.report import Screen, to_json, write_files
-    from . import demo as play, story_document, story_end, story_tables
+    from .run import demo as play
+    from .words import story_document, story_end, story_tables
 
     check_folder(output, False)
     described = given_robot(robot, RobotOptions())
@@ -59,7 +60,7 @@ def _files(story: Story, name: str) -> dict[str, Content]:
     """Files besides the recordings and demo.json."""
     from ...output.report import diagnosis_document, to_json
     from ..files import diagnosis_files
-    from . import by_hand
+    from .words import by_hand
 
     inputs = given_inputs(name, story.result.robot, None)
     result, files = diagnosis_files(story.result, inputs, f"{by_hand(story, name)} -o DIR")

@@ -11,11 +11,10 @@ from pathlib import Path
 from ...errors import InputError, ManifestError, SignidError
 from ...types import Input, Progress
 from .dispatch import cores, spread
-from .inputs import check_robot, key, read_inputs
 from .manifest import Entry, Manifest, read_manifest
 from .process import Answer, Order
 from .result import Fleet, Outcome, gather
-from .store import Store
+from .store import Store, check_robot, key, read_inputs
 from .summary import FILES, Summary, summarise
 
 FACTORS = "factors.npz"
