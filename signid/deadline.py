@@ -59,11 +59,9 @@ def seconds_left() -> float:
 
 
 def time_is_up(search: str, answer: bool = True) -> bool:
-    """True once the time limit has passed; records `search` for the flag message.
+    """True once the time limit has passed; the name of the search becomes the subject of the flag.
 
-    Args:
-        search: name of the search, the subject of the flag.
-        answer: whether the search already has an answer; False while it prepares its first one.
+    `answer`: whether the search already has an answer; False while it prepares its first one.
     """
     up = seconds_left() <= 0
     for limit in _LIMITS.get():
@@ -74,13 +72,9 @@ def time_is_up(search: str, answer: bool = True) -> bool:
 
 
 def stop_searches(reason: str) -> bool:
-    """End all running searches as at the time limit, and flag their results.
+    """End all running searches as at the time limit; their results get the flag "stopped early by REASON: ...".
 
-    Args:
-        reason: source of the stop, for the flag "stopped early by REASON: ...".
-
-    Returns:
-        False if no search has an answer yet; nothing is stopped then.
+    Nothing is stopped, and False returned, if no search has an answer yet.
     """
     limits = _LIMITS.get()
     if not any(limit.searching for limit in limits):
@@ -92,13 +86,7 @@ def stop_searches(reason: str) -> bool:
 
 @contextmanager
 def steps_shown(progress: _Listener | None, start: float = 0.0, stop: float = 1.0) -> Iterator[None]:
-    """Report the steps of searches (`show_step`) to a progress function.
-
-    Args:
-        progress: function of the current step and the completed share of the whole [1]; None for no reports.
-        start: completed share at the start of the block [1].
-        stop: completed share at its end [1].
-    """
+    """Report the steps of searches (`show_step`) to a progress function; the block is the share `start` to `stop`."""
     most = start
 
     def listen(step: str, share: float) -> None:
@@ -115,14 +103,11 @@ def steps_shown(progress: _Listener | None, start: float = 0.0, stop: float = 1.
 
 
 def show_step(step: str, share: float) -> None:
-    """Report the current step of a search; without effect outside of `steps_shown`.
+    """Report the current step of a search and its completed share [1]; without effect outside of `steps_shown`.
 
-    Args:
-        step: description, such as "comparing laws".
-        share: completed share of the search; a decrease is ignored [1].
+    A decrease of the share is ignored.
     """
-    listener = _LISTENER.get()
-    if listener is not None:
+    if listener := _LISTENER.get():
         listener(step, share)
 
 
@@ -132,9 +117,6 @@ class OutOfTimeError(Exception):
 
 def need_time(search: str) -> None:
     """Abort work without a useful partial result once the time limit has passed.
-
-    Args:
-        search: name of the search, the subject of the flag.
 
     Raises:
         OutOfTimeError: the time limit has passed.

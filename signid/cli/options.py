@@ -1,7 +1,7 @@
 """The Typer application, options that several commands share, and their expansion into parameters of a command.
 
 Each group of options is a frozen dataclass. Its fields are annotated for Typer, or have an `option` as default. A
-command takes groups as parameters; `expanded` shows Typer one parameter for each field.
+command takes groups as parameters; `command` shows Typer one parameter for each field.
 """
 
 from __future__ import annotations
@@ -137,7 +137,12 @@ class RunOptions:
     json: Json = False
 
 
-def expanded(function: Callable[..., int]) -> Callable[..., int]:
+def command(example: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Decorate a command of the application; the example of its use ends --help."""
+    return lambda function: app.command(epilog=f"Example: {example}")(_expanded(function))
+
+
+def _expanded(function: Callable[..., int]) -> Callable[..., int]:
     """Replace each group of options in a command's signature by one parameter per field, for Typer."""
     flat: list[Parameter] = []
     groups: dict[str, tuple[type[Any], tuple[str, ...]]] = {}
@@ -151,12 +156,12 @@ def expanded(function: Callable[..., int]) -> Callable[..., int]:
     flat.sort(key=lambda parameter: parameter.name in LAST)
 
     @wraps(function)
-    def command(**given: Any) -> int:
+    def run(**given: Any) -> int:
         taken = {name: kind(**{key: given.pop(key) for key in keys}) for name, (kind, keys) in groups.items()}
         return function(**given, **taken)
 
-    command.__signature__ = Signature(flat)  # type: ignore[attr-defined]
-    return command
+    run.__signature__ = Signature(flat)  # type: ignore[attr-defined]
+    return run
 
 
 def _parameters(group: type[Any]) -> list[Parameter]:

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
-from ..options import Json, Text, app, expanded, option, output_option
+from ..options import Json, Text, command, option, output_option
 from ..terminal import BAD, DONE, bars, show, write_error
 
 if TYPE_CHECKING:
     from ...recording.gallery import DataSet
 
 
-@app.command(epilog="Example: signid effects stribeck_friction")
+@command("signid effects stribeck_friction")
 def effects(
     name: Annotated[Text, typer.Argument(metavar="NAME", help="A law; without it, all are listed.")] = None,
     json: Json = False,
@@ -44,8 +44,7 @@ class DataOptions:
     source: Text = option(None, "Mirror: https, or a local folder. Default: the original source.", metavar="URL")
 
 
-@app.command(epilog="Example: signid data panda")
-@expanded
+@command("signid data panda")
 def data(
     name: Annotated[Text, typer.Argument(metavar="NAME", help="A data set; without it, all are listed.")] = None,
     *,

@@ -19,8 +19,7 @@ from ..options import (
     SimulationName,
     Text,
     Texts,
-    app,
-    expanded,
+    command,
     option,
     output_option,
 )
@@ -42,8 +41,7 @@ class ConvertOptions:
     robot: Text = option(None, "Compare column names with its joints. Default: none.", metavar="ROBOT")
 
 
-@app.command(epilog="Example: signid convert bag --topic /joint_states -o recording.csv")
-@expanded
+@command("signid convert bag --topic /joint_states -o recording.csv")
 def convert(
     source: Annotated[str, typer.Argument(metavar="BAG_OR_TABLE", help="ROS bag, MCAP, LeRobot, CSV, Parquet or NPZ.")],
     conversion: ConvertOptions,
@@ -111,14 +109,8 @@ class ExportFiles:
     isaaclab: Text = option(None, "Python: actuators for Isaac Lab.", metavar="FILE")
 
 
-@app.command(epilog="Example: signid export result/model.json --urdf arm.urdf --mjcf arm.xml")
-@expanded
-def export(
-    simulation: SimulationName,
-    exports: ExportFiles,
-    package_dir: PackageDir = None,
-    json: Json = False,
-) -> int:
+@command("signid export result/model.json --urdf arm.urdf --mjcf arm.xml")
+def export(simulation: SimulationName, exports: ExportFiles, package_dir: PackageDir = None, json: Json = False) -> int:
     """Write a model in the file formats of other programs.
 
     Options can be combined; content that a format cannot hold is listed. The URDF gets inertials (including a payload),

@@ -24,8 +24,7 @@ from ..options import (
     Texts,
     TimeLimit,
     Unsigned,
-    app,
-    expanded,
+    command,
     option,
     output_option,
 )
@@ -53,8 +52,7 @@ class DiagnoseOptions:
     time_limit: TimeLimit = USUAL
 
 
-@app.command(epilog="Example: signid diagnose 3r recording.csv -o diagnosis")
-@expanded
+@command("signid diagnose 3r recording.csv -o diagnosis")
 def diagnose(
     context: typer.Context,
     diagnosis: DiagnoseOptions,
@@ -104,8 +102,7 @@ class ValidateOptions:
     cutoff: Cutoff = None
 
 
-@app.command(epilog="Example: signid validate 3r recording.csv")
-@expanded
+@command("signid validate 3r recording.csv")
 def validate(
     context: typer.Context,
     given: Annotated[

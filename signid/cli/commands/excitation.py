@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ...deadline import USUAL, time_limit
 from ...errors import OptionError
 from ..arguments import given_effects, given_model, simulation_inputs
-from ..options import Effects, RobotArguments, RunOptions, Text, Texts, TimeLimit, app, expanded, option, output_option
+from ..options import Effects, RobotArguments, RunOptions, Text, Texts, TimeLimit, command, option, output_option
 from ..terminal import bars, check_file, show, write_columns
 
 if TYPE_CHECKING:
@@ -41,8 +41,7 @@ class ExciteOptions:
     time_limit: TimeLimit = USUAL
 
 
-@app.command(epilog="Example: signid excite 3r --duration 10 -o motion.csv")
-@expanded
+@command("signid excite 3r --duration 10 -o motion.csv")
 def excite(excitation: ExciteOptions, robot: RobotArguments, run: RunOptions) -> int:
     """Compute an exciting motion, or one that discriminates two laws.
 

@@ -12,18 +12,7 @@ import typer
 
 from ...errors import OptionError
 from ..arguments import given_options, given_recordings, given_robot
-from ..options import (
-    Recordings,
-    RobotArguments,
-    RowOptions,
-    RunOptions,
-    Text,
-    Texts,
-    app,
-    expanded,
-    option,
-    output_option,
-)
+from ..options import Recordings, RobotArguments, RowOptions, RunOptions, Text, Texts, command, option, output_option
 from ..terminal import bars, show
 
 if TYPE_CHECKING:
@@ -87,8 +76,7 @@ class ReduceOptions:
     only: Text = option(None, "Reduce part K of N only; identify takes all N files. Default: all.", metavar="K/N")
 
 
-@app.command(epilog="Example: signid reduce 3r recording.csv -o factors.npz")
-@expanded
+@command("signid reduce 3r recording.csv -o factors.npz")
 def reduce(
     context: typer.Context,
     reduction: ReduceOptions,
@@ -176,7 +164,8 @@ def _side_by_side(
     from tempfile import TemporaryDirectory
 
     from ...regression.reduced import load_factors
-    from ..fleet import Order, cores, spread
+    from ..fleet.dispatch import cores, spread
+    from ..fleet.process import Order
 
     words = _spelled(context, ("output", "parts", "scheduler", "json"))
     orders = [Order((*words, "--only", f"{k + 1}/{parts}"), str(Path.cwd()), "part.npz") for k in range(parts)]

@@ -20,8 +20,7 @@ from ..options import (
     Texts,
     TimeLimit,
     Unsigned,
-    app,
-    expanded,
+    command,
     option,
     output_option,
 )
@@ -31,8 +30,7 @@ if TYPE_CHECKING:
     from ...estimation.standard import Search
 
 
-@app.command(epilog="Example: signid inspect panda --joints panda_joint6,panda_joint7")
-@expanded
+@command("signid inspect panda --joints panda_joint6,panda_joint7")
 def inspect(robot: RobotArguments, run: RunOptions, effects: Effects = None) -> int:
     """List joints, links, base and unidentifiable parameters."""
     from ...inspect import inspect as look
@@ -45,8 +43,7 @@ def inspect(robot: RobotArguments, run: RunOptions, effects: Effects = None) -> 
     return show(to_json(inspection_document(found, given_inputs(robot.robot, described, robot.actuators), run.seed)))
 
 
-@app.command(epilog="Example: signid check 3r recording.csv")
-@expanded
+@command("signid check 3r recording.csv")
 def check(
     robot: RobotArguments, recordings: Recordings, rows: RowOptions, run: RunOptions, unsigned: Unsigned = False
 ) -> int:
@@ -90,8 +87,7 @@ class IdentifyOptions:
     time_limit: TimeLimit = USUAL
 
 
-@app.command(epilog="Example: signid identify 3r recording.csv -o result")
-@expanded
+@command("signid identify 3r recording.csv -o result")
 def identify(
     context: typer.Context,
     fit: IdentifyOptions,
@@ -161,8 +157,7 @@ class PayloadOptions:
     time_limit: TimeLimit = USUAL
 
 
-@app.command(epilog="Example: signid payload 3r --without recording.csv --with loaded.csv")
-@expanded
+@command("signid payload 3r --without recording.csv --with loaded.csv")
 def payload(loads: PayloadOptions, robot: RobotArguments, rows: RowOptions, run: RunOptions) -> int:
     """Identify mass, centre of mass and inertia of a payload.
 

@@ -10,7 +10,7 @@ import typer
 
 from ...errors import OptionError
 from ..arguments import given_model, given_recordings, simulation_inputs
-from ..options import Columns, Json, SimulationArguments, Text, app, expanded, option
+from ..options import Columns, Json, SimulationArguments, Text, command, option
 from ..terminal import DONE
 
 if TYPE_CHECKING:
@@ -31,8 +31,7 @@ class ReplayOptions:
     columns: Columns = None
 
 
-@app.command(epilog="Example: signid replay 3r recording.csv --html replay.html")
-@expanded
+@command("signid replay 3r recording.csv --html replay.html")
 def replay(
     shown: ReplayOptions,
     simulation: SimulationArguments,

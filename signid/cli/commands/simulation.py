@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ...errors import OptionError
 from ..arguments import given_model, simulation_inputs
-from ..options import RunOptions, SimulationArguments, Text, Texts, app, expanded, option, output_option
+from ..options import RunOptions, SimulationArguments, Text, Texts, command, option, output_option
 from ..terminal import bars, check_file, show, write_columns
 
 if TYPE_CHECKING:
@@ -64,14 +64,9 @@ class SensorOptions:
     unsigned: bool = option(False, "Record torque without its sign.", "--unsigned")
 
 
-@app.command(epilog="Example: signid simulate 3r --inject coulomb_friction@2 -o recording.csv")
-@expanded
+@command("signid simulate 3r --inject coulomb_friction@2 -o recording.csv")
 def simulate(
-    plant: SimulateOptions,
-    loop: LoopOptions,
-    sensors: SensorOptions,
-    simulation: SimulationArguments,
-    run: RunOptions,
+    plant: SimulateOptions, loop: LoopOptions, sensors: SensorOptions, simulation: SimulationArguments, run: RunOptions
 ) -> int:
     """Simulate a robot with injected laws, and record it.
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..arguments import given_inputs, given_robot
-from ..options import RobotOptions, RunOptions, app, expanded
+from ..options import RobotOptions, RunOptions, command
 from ..terminal import bars, check_folder, show
 
 if TYPE_CHECKING:
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")  # environment variables that indicate a browser on Linux
 
 
-@app.command(epilog="Example: signid demo --robot panda")
-@expanded
+@command("signid demo --robot panda")
 def demo(
     run: RunOptions,
     robot: Annotated[

@@ -10,11 +10,11 @@ import typer
 
 from ...errors import ManifestError, OptionError, shorten
 from ..arguments import given_command
-from ..options import RunOptions, Text, app, expanded, option, output_option
+from ..options import RunOptions, Text, command, option, output_option
 from ..terminal import BAD, DONE, FLAGGED, bars, show, write_error
 
 if TYPE_CHECKING:
-    from . import Outcome
+    from .result import Outcome
 
 MOST = 20  # maximum number of failed sessions listed on standard error
 
@@ -29,8 +29,7 @@ class FleetOptions:
     keep_going: bool = option(True, "Continue if a session fails, or stop.", "--keep-going/--stop")
 
 
-@app.command(epilog="Example: signid fleet manifest.csv -o fleet")
-@expanded
+@command("signid fleet manifest.csv -o fleet")
 def fleet(
     context: typer.Context,
     manifest: Annotated[str, typer.Argument(metavar="MANIFEST", help="CSV with one row per session.")],
@@ -46,7 +45,7 @@ def fleet(
     can be repeated: sessions whose files are unchanged are not run again.
     """
     from ...output.report import fleet_page, fleet_tables, to_json, write_files
-    from . import fleet as work
+    from .run import fleet as work
 
     place = _folder(options.output)
     try:
