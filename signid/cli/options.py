@@ -1,60 +1,14 @@
-"""The Typer application, options that several commands share, and their expansion into parameters of a command.
-
-Each group of options is a frozen dataclass. Its fields are annotated for Typer, or have an `option` as default. A
-command takes groups as parameters; `command` shows Typer one parameter for each field.
-"""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
-from functools import wraps
-from inspect import Parameter, Signature, signature
-from typing import Annotated, Any, get_type_hints
+from dataclasses import dataclass, fields
+from typing import Annotated
 
 import typer
 
 from ..effects import EFFECT_NAMES
-from ..version import __version__
-
-Text = str | None
-Texts = list[str] | None
-LAST = ("seed", "json")  # options listed last in --help
-
-app = typer.Typer(
-    name="signid",
-    help="Identify and diagnose robot dynamics models from a robot description and recordings.",
-    epilog="Exit codes: 0 done; 2 bad input or usage; 3 done, but the result is flagged and says why.",
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    add_completion=False,
-)
-
-
-def _version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"signid {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _signid(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
-    ] = False,
-) -> None:
-    pass
-
-
-def option(default: Any, text: str, *names: str, **settings: Any) -> Any:
-    """Field of a group of options, with its default, the text of --help, its names and other settings of Typer."""
-    return field(default=default, metadata={"option": typer.Option(*names, help=text, **settings)})
-
-
-def output_option(text: str, metavar: str = "DIR") -> Any:
-    """Field `--output`, or `-o`, of a group of options."""
-    return option(None, text, "--output", "-o", metavar=metavar)
-
+from .app import Text, Texts, option
 
 SimulationName = Annotated[
     str, typer.Argument(metavar="SIMULATION", help="A model.json, a URDF, xacro or MJCF file, or a name such as panda.")
@@ -135,39 +89,3 @@ class RunOptions:
 
     seed: int = option(0, "Seed of the random generator.", metavar="N", min=0)
     json: Json = False
-
-
-def command(example: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Decorate a command of the application; the example of its use ends --help."""
-    return lambda function: app.command(epilog=f"Example: {example}")(_expanded(function))
-
-
-def _expanded(function: Callable[..., int]) -> Callable[..., int]:
-    """Replace each group of options in a command's signature by one parameter per field, for Typer."""
-    flat: list[Parameter] = []
-    groups: dict[str, tuple[type[Any], tuple[str, ...]]] = {}
-    for parameter in signature(function, eval_str=True).parameters.values():
-        if is_dataclass(parameter.annotation) and isinstance(parameter.annotation, type):
-            own = _parameters(parameter.annotation)
-            groups[parameter.name] = parameter.annotation, tuple(option.name for option in own)
-            flat += own
-        else:
-            flat.append(parameter.replace(kind=Parameter.KEYWORD_ONLY))
-    flat.sort(key=lambda parameter: parameter.name in LAST)
-
-    @wraps(function)
-    def run(**given: Any) -> int:
-        taken = {name: kind(**{key: given.pop(key) for key in keys}) for name, (kind, keys) in groups.items()}
-        return function(**given, **taken)
-
-    run.__signature__ = Signature(flat)  # type: ignore[attr-defined]
-    return run
-
-
-def _parameters(group: type[Any]) -> list[Parameter]:
-    found, hints = list[Parameter](), get_type_hints(group, include_extras=True)
-    for item in fields(group):
-        default = Parameter.empty if item.default is MISSING else item.default
-        kind = Annotated[hints[item.name], item.metadata["option"]] if item.metadata else hints[item.name]
-        found.append(Parameter(item.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind))
-    return found

@@ -14,20 +14,11 @@ from typer.main import get_command
 
 from ..errors import SignidError
 from ..threads import one_thread
-from .commands import (
-    catalogue as catalogue,
-    conversion as conversion,
-    diagnosis as diagnosis,
-    excitation as excitation,
-    factors as factors,
-    identification as identification,
-    replay as replay,
-    simulation as simulation,
-)
+from .app import app
+from .commands import catalogue, conversion, diagnosis, excitation, factors, identification, replay, simulation  # noqa: F401
 from .demo import command as demo  # noqa: F401
 from .fleet import command as fleet  # noqa: F401
 from .interrupt import signals_heard
-from .options import app
 from .terminal import BAD, BROKEN, DONE, INTERRUPTED, write_error
 
 ORDER = (

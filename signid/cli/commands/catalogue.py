@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
-from ..options import Json, Text, command, option, output_option
+from ..app import Text, command, option, output_option
+from ..options import Json
 from ..terminal import BAD, DONE, bars, show, write_error
 
 if TYPE_CHECKING:

@@ -9,20 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
+from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_inputs, given_model, given_robot, simulation_inputs
-from ..options import (
-    Columns,
-    Json,
-    PackageDir,
-    RobotOptions,
-    SimulationArguments,
-    SimulationName,
-    Text,
-    Texts,
-    command,
-    option,
-    output_option,
-)
+from ..options import Columns, Json, PackageDir, RobotOptions, SimulationArguments, SimulationName
 from ..terminal import DONE, check_file, show, write_columns
 
 if TYPE_CHECKING:

@@ -12,22 +12,9 @@ import typer
 
 from ...deadline import USUAL, time_limit
 from ...errors import OptionError, RecordingError, RobotError
+from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_command, given_model, given_recordings, simulation_inputs
-from ..options import (
-    Columns,
-    Cutoff,
-    Recordings,
-    RobotOptions,
-    RunOptions,
-    SimulationArguments,
-    Text,
-    Texts,
-    TimeLimit,
-    Unsigned,
-    command,
-    option,
-    output_option,
-)
+from ..options import Columns, Cutoff, Recordings, RobotOptions, RunOptions, SimulationArguments, TimeLimit, Unsigned
 from ..terminal import bars, check_folder
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from ...deadline import USUAL, time_limit
 from ...errors import OptionError
+from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_effects, given_model, simulation_inputs
-from ..options import Effects, RobotArguments, RunOptions, Text, Texts, TimeLimit, command, option, output_option
+from ..options import Effects, RobotArguments, RunOptions, TimeLimit
 from ..terminal import bars, check_file, show, write_columns
 
 if TYPE_CHECKING:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import typer
 
 from ...errors import OptionError
+from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_options, given_recordings, given_robot
-from ..options import Recordings, RobotArguments, RowOptions, RunOptions, Text, Texts, command, option, output_option
+from ..options import Recordings, RobotArguments, RowOptions, RunOptions
 from ..terminal import bars, show
 
 if TYPE_CHECKING:

@@ -9,21 +9,9 @@ import typer
 
 from ...deadline import USUAL, time_limit
 from ...errors import OptionError
+from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_command, given_effects, given_inputs, given_options, given_recordings, given_robot
-from ..options import (
-    Effects,
-    Recordings,
-    RobotArguments,
-    RowOptions,
-    RunOptions,
-    Text,
-    Texts,
-    TimeLimit,
-    Unsigned,
-    command,
-    option,
-    output_option,
-)
+from ..options import Effects, Recordings, RobotArguments, RowOptions, RunOptions, TimeLimit, Unsigned
 from ..terminal import bars, check_folder, show
 
 if TYPE_CHECKING:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
+from ..app import Text, command, option
 from ..arguments import given_model, given_recordings, simulation_inputs
-from ..options import Columns, Json, SimulationArguments, Text, command, option
+from ..options import Columns, Json, SimulationArguments
 from ..terminal import DONE
 
 if TYPE_CHECKING:

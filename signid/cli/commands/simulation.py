@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ...errors import OptionError
+from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_model, simulation_inputs
-from ..options import RunOptions, SimulationArguments, Text, Texts, command, option, output_option
+from ..options import RunOptions, SimulationArguments
 from ..terminal import bars, check_file, show, write_columns
 
 if TYPE_CHECKING:

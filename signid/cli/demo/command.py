@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..app import command
 from ..arguments import given_inputs, given_robot
-from ..options import RobotOptions, RunOptions, command
+from ..options import RobotOptions, RunOptions
 from ..terminal import bars, check_folder, show
 
 if TYPE_CHECKING:

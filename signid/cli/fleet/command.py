@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import ManifestError, OptionError, shorten
+from ..app import Text, command, option, output_option
 from ..arguments import given_command
-from ..options import RunOptions, Text, command, option, output_option
+from ..options import RunOptions
 from ..terminal import BAD, DONE, FLAGGED, bars, show, write_error
 
 if TYPE_CHECKING:
