@@ -14,7 +14,7 @@ import numpy as np
 from .arrays import Array as Array, Frozen as Frozen, Indices as Indices, Mask as Mask
 from .laws import (
     Coefficient as Coefficient,
-    EffectProtocol as EffectProtocol,
+    Effect as Effect,
     Law as Law,
     Shape as Shape,
     View as View,
