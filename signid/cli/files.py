@@ -122,9 +122,8 @@ def _identifiable_bodies(result: Identification) -> Array:
     """(nb, 10) inertial parameters [kg, kg.m, kg.m2]; NaN for bodies without effect on torque."""
     bodies = result.parameters.bodies().copy()
     shown = np.any(result.base.combination != 0, axis=0)
-    for body in range(len(bodies)):
-        if not any(s for s, label in zip(shown, result.base.labels, strict=True) if label.body == body):
-            bodies[body] = np.nan
+    seen = {label.body for s, label in zip(shown, result.base.labels, strict=True) if s}
+    bodies[[body not in seen for body in range(len(bodies))]] = np.nan
     return bodies
 
 

@@ -73,14 +73,7 @@ def bars(quiet: bool, one: bool = False) -> Iterator[Progress | None]:
 
 
 def remaining(elapsed: float, done: float, rest: float, limit: float) -> str:
-    """Remaining time, extrapolated from the completed share and bounded by the time limit.
-
-    Args:
-        elapsed: time since the first report [s].
-        done: share completed since then [1].
-        rest: remaining share [1].
-        limit: time until the time limit, or infinity [s].
-    """
+    """Remaining time [s] of the share `rest`, after `done` in the time since the first report, within a time limit."""
     if rest <= 0:
         return ""
     guess = elapsed * rest / done if elapsed >= BRIEF and done >= LITTLE else float("inf")
@@ -128,11 +121,9 @@ def check_file(output: str | None, json: bool) -> None:
 
 
 def write_columns(output: str | None, columns: Mapping[str, Array]) -> Sequence[Path]:
-    """Write columns to a file, if one was named.
+    """Write columns to a file, if one was named; it appears when complete.
 
-    Args:
-        output: file name; it appears when complete.
-        columns: (N,) each, by name [units of the columns of these names].
+    columns: (N,) each, by name [units of the columns of these names].
     """
     from ..output.report import write_files
     from ..recording.formats.find import find_format

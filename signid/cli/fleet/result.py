@@ -32,11 +32,6 @@ class Outcome:
         """Whether there is a result."""
         return bool(self.files)
 
-    @property
-    def folder(self) -> str:
-        """Its folder, relative to that of the fleet."""
-        return f"sessions/{self.entry.session}"
-
 
 @dataclass(frozen=True, eq=False)
 class Fleet(Frozen):
@@ -160,7 +155,7 @@ def _session(outcome: Outcome) -> dict[str, Any]:
         "recordings": list(outcome.entry.recordings),
         "state": state,
         "said": list(outcome.said),
-        "folder": outcome.folder if outcome.done else None,
+        "folder": f"sessions/{outcome.entry.session}" if outcome.done else None,
         "files": list(outcome.files),
         **_taken(outcome.summary, "mismatch", "joint", "left", "verdict"),
         "causes": [cause.name for cause in outcome.summary.causes],
