@@ -1,4 +1,4 @@
-"""Time limits, early stops and progress of searches.
+"""Time limits, early stops and progress of searches; verbs run on one thread.
 
 The result of a truncated search is flagged, because another run may differ.
 """
@@ -13,8 +13,9 @@ from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import Any, ParamSpec, Protocol, TypeVar, cast
 
+from threadpoolctl import ThreadpoolController
+
 from .errors import OptionError
-from .threads import one_thread
 
 USUAL = 3600.0  # [s] default time limit of a verb
 
@@ -123,6 +124,13 @@ def need_time(search: str) -> None:
     """
     if time_is_up(search, answer=False):
         raise OutOfTimeError(search)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Limit BLAS to one thread within the block: for small matrices, more threads are up to seven times slower."""
+    with ThreadpoolController().limit(limits=1, user_api="blas"):
+        yield
 
 
 class _Flagged(Protocol):

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from .arrays import Array
+from .parameters import Array
 
 Numbers = Mapping[str, float]
 

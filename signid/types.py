@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from .arrays import Array as Array, Frozen as Frozen, Indices as Indices, Mask as Mask
 from .laws import (
     Coefficient as Coefficient,
     Effect as Effect,
@@ -24,9 +23,13 @@ from .parameters import (
     INERTIAL as INERTIAL,
     INERTIAL_UNITS as INERTIAL_UNITS,
     TWO_SIDED as TWO_SIDED,
+    Array as Array,
     BaseMap as BaseMap,
     Estimate as Estimate,
+    Frozen as Frozen,
+    Indices as Indices,
     Label as Label,
+    Mask as Mask,
     Parameters as Parameters,
     pseudo_inertia as pseudo_inertia,
 )
