@@ -15,7 +15,7 @@ from .version import __version__ as __version__
 
 if TYPE_CHECKING:
     from .check import check as check
-    from .cli.fleet import fleet as fleet
+    from .cli.fleet.run import fleet as fleet
     from .deadline import time_limit as time_limit
     from .diagnose import diagnose as diagnose
     from .errors import SignidError as SignidError

@@ -18,10 +18,7 @@ from .regression.session import Options, Session
 from .signs import Signs, prepare_and_recover
 from .types import Array, BaseMap, Frozen, Progress, Recording, Robot
 
-WELL, BARELY = (
-    0.3,
-    1.0,
-)  # [1] expected over prior standard deviation: identifiable below, unidentifiable above
+WELL, BARELY = (0.3, 1.0)  # [1] expected over prior standard deviation: identifiable below, unidentifiable above
 FEW_ROWS = 20  # rows per parameter; with fewer the noise model is poor
 LOW_CUTOFF = 2.0  # [Hz] below which inertial torque is hardly visible
 
@@ -53,11 +50,7 @@ class Check(Frozen):
 
 
 def check(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    *,
-    options: Options | None = None,
-    progress: Progress | None = None,
+    robot: Robot, recordings: Sequence[Recording], *, options: Options | None = None, progress: Progress | None = None
 ) -> Check:
     """Check recordings, all of them together; signs of unsigned torque are recovered first.
 

@@ -1,4 +1,4 @@
-"""Time limits, early stops and progress of searches.
+"""Time limits, early stops and progress of searches; verbs run on one thread.
 
 The result of a truncated search is flagged, because another run may differ.
 """
@@ -13,8 +13,9 @@ from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import Any, ParamSpec, Protocol, TypeVar, cast
 
+from threadpoolctl import ThreadpoolController
+
 from .errors import OptionError
-from .threads import one_thread
 
 USUAL = 3600.0  # [s] default time limit of a verb
 
@@ -59,11 +60,9 @@ def seconds_left() -> float:
 
 
 def time_is_up(search: str, answer: bool = True) -> bool:
-    """True once the time limit has passed; records `search` for the flag message.
+    """True once the time limit has passed; the name of the search becomes the subject of the flag.
 
-    Args:
-        search: name of the search, the subject of the flag.
-        answer: whether the search already has an answer; False while it prepares its first one.
+    `answer`: whether the search already has an answer; False while it prepares its first one.
     """
     up = seconds_left() <= 0
     for limit in _LIMITS.get():
@@ -74,13 +73,9 @@ def time_is_up(search: str, answer: bool = True) -> bool:
 
 
 def stop_searches(reason: str) -> bool:
-    """End all running searches as at the time limit, and flag their results.
+    """End all running searches as at the time limit; their results get the flag "stopped early by REASON: ...".
 
-    Args:
-        reason: source of the stop, for the flag "stopped early by REASON: ...".
-
-    Returns:
-        False if no search has an answer yet; nothing is stopped then.
+    Nothing is stopped, and False returned, if no search has an answer yet.
     """
     limits = _LIMITS.get()
     if not any(limit.searching for limit in limits):
@@ -92,13 +87,7 @@ def stop_searches(reason: str) -> bool:
 
 @contextmanager
 def steps_shown(progress: _Listener | None, start: float = 0.0, stop: float = 1.0) -> Iterator[None]:
-    """Report the steps of searches (`show_step`) to a progress function.
-
-    Args:
-        progress: function of the current step and the completed share of the whole [1]; None for no reports.
-        start: completed share at the start of the block [1].
-        stop: completed share at its end [1].
-    """
+    """Report the steps of searches (`show_step`) to a progress function; the block is the share `start` to `stop`."""
     most = start
 
     def listen(step: str, share: float) -> None:
@@ -115,14 +104,11 @@ def steps_shown(progress: _Listener | None, start: float = 0.0, stop: float = 1.
 
 
 def show_step(step: str, share: float) -> None:
-    """Report the current step of a search; without effect outside of `steps_shown`.
+    """Report the current step of a search and its completed share [1]; without effect outside of `steps_shown`.
 
-    Args:
-        step: description, such as "comparing laws".
-        share: completed share of the search; a decrease is ignored [1].
+    A decrease of the share is ignored.
     """
-    listener = _LISTENER.get()
-    if listener is not None:
+    if listener := _LISTENER.get():
         listener(step, share)
 
 
@@ -133,14 +119,18 @@ class OutOfTimeError(Exception):
 def need_time(search: str) -> None:
     """Abort work without a useful partial result once the time limit has passed.
 
-    Args:
-        search: name of the search, the subject of the flag.
-
     Raises:
         OutOfTimeError: the time limit has passed.
     """
     if time_is_up(search, answer=False):
         raise OutOfTimeError(search)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Limit BLAS to one thread within the block: for small matrices, more threads are up to seven times slower."""
+    with ThreadpoolController().limit(limits=1, user_api="blas"):
+        yield
 
 
 class _Flagged(Protocol):

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any, ClassVar, Protocol
 
-from .arrays import Array
+import numpy as np
+
+from .parameters import Array
+
+Numbers = Mapping[str, float]
 
 
 def prismatic_unit(unit: str) -> str:
@@ -76,71 +81,95 @@ class View(Protocol):
     def __getitem__(self, i: Any) -> View: ...  # indexes the leading axis
 
 
-class EffectProtocol(Protocol):
-    """Interface of an effect; `effects.base.Effect` has its defaults."""
+class Effect:
+    """Interface of an effect, with its defaults.
 
-    name: ClassVar[str]
-    equation: ClassVar[str]  # executable text in the parameter keys and t, q, v, a, load, torque, inertia
-    source: ClassVar[str]
-    typical: ClassVar[str]  # typical magnitudes
-    parameters: ClassVar[Mapping[str, Coefficient | Shape]]
-    example: ClassVar[Mapping[str, float]]  # typical values: demonstration, injection, contract test
-    optional: ClassVar[tuple[str, ...]]  # parameters that default to a function of the others
-    scope: ClassVar[str]
+    Recorded torque = rigid-body torque + sum over k of columns[k] * coefficient[k].
+    """
+
+    name: ClassVar[str] = ""
+    equation: ClassVar[str] = ""  # executable text in the parameter keys and t, q, v, a, load, torque, inertia
+    source: ClassVar[str] = ""
+    typical: ClassVar[str] = ""  # typical magnitudes
+    parameters: ClassVar[Mapping[str, Coefficient | Shape]] = {}
+    example: ClassVar[Numbers] = {}  # typical values: demonstration, injection, contract test
+    optional: ClassVar[tuple[str, ...]] = ()  # parameters that default to a function of the others
+    scope: ClassVar[str] = "joint"
     """joint: one joint, its own row | pair: two joints | link: one joint, all rows | tip: the same, of the last joint
     | robot: all joints | any: all joints together, or one."""
-    dissipative: ClassVar[bool]  # columns * v, summed over the joints, >= 0
-    reverses: ClassVar[bool]  # discontinuous at velocity reversals
-    twins: ClassVar[tuple[str, ...]]  # similar effects: distinguishable by special motions only, or by none
-    contains: ClassVar[Mapping[str, Mapping[str, float]]]
+    dissipative: ClassVar[bool] = False  # columns * v, summed over the joints, >= 0
+    reverses: ClassVar[bool] = False  # discontinuous at velocity reversals
+    twins: ClassVar[tuple[str, ...]] = ()  # similar effects: distinguishable by special motions only, or by none
+    contains: ClassVar[Mapping[str, Mapping[str, float]]] = {}
     """Simpler effects contained in this one: factor from their coefficient to each parameter."""
-    changes: ClassVar[tuple[str, ...]]  # effects that this one modifies; one of them must be at the joint
-    common: ClassVar[float]  # relative prior frequency among missing effects [1]
-    usual: ClassVar[bool]  # present at nearly every joint
-    approximate: ClassVar[bool]  # never matches a real robot exactly
-    memory: ClassVar[bool]  # has a state: `begin` and `advance` of `effects.base.TorqueLaw`
+    changes: ClassVar[tuple[str, ...]] = ()  # effects that this one modifies; one of them must be at the joint
+    common: ClassVar[float] = 1.0  # relative prior frequency among missing effects [1]
+    usual: ClassVar[bool] = False  # present at nearly every joint
+    approximate: ClassVar[bool] = False  # never matches a real robot exactly
+    memory: ClassVar[bool] = False  # has a state: `begin` and `advance` of `effects.base.TorqueLaw`
 
     def columns(self, x: View, *args: Any, **shape: Any) -> list[Array]:
         """Arrays (..., m), one per coefficient [torque per unit]; (N, n) for the scopes link and tip.
 
-        Args:
-            x: view of the joints.
-            args: state (..., m) [1] of an effect with memory.
-            shape: shape parameters.
+        `args`: the state (..., m) [1] of an effect with memory; `shape`: its shape parameters.
         """
+        raise NotImplementedError
 
     def possible(self, x: View, *args: Any, **shape: Any) -> bool:
         """Whether the motion can show the effect; columns are computed only then."""
+        return True
 
-    def possible_value(self, parameters: Mapping[str, float]) -> bool:
+    def possible_value(self, parameters: Numbers) -> bool:
         """Whether the parameters are physically possible; searches return no others."""
+        return True
 
     def shapes(self, x: View) -> Iterator[dict[str, float]]:
         """Candidate shapes for a motion; none if their scale is zero."""
+        scale: dict[str | None, Callable[[], float]] = {
+            None: lambda: 1.0,
+            "speed": lambda: float(np.std(x.v)),
+            "travel": lambda: float(np.ptp(x.q)),
+            "torque": lambda: float(np.sqrt(np.mean(x.load**2))),
+            "duration": lambda: float(np.ptp(x.t)),
+        }
+        free = {key: p for key, p in self.parameters.items() if isinstance(p, Shape)}
+        sizes = [scale[p.of]() for p in free.values()]
+        for values in product(*(np.array(p.grid) * size for p, size in zip(free.values(), sizes, strict=True))):
+            if all(sizes):
+                yield dict(zip(free, map(float, values), strict=True))
 
     def linear(self) -> dict[str, Coefficient]:
         """Coefficients among the parameters, by key."""
+        return {key: p for key, p in self.parameters.items() if isinstance(p, Coefficient)}
 
-    def coefficients(self, parameters: Mapping[str, float]) -> list[float]:
+    def coefficients(self, parameters: Numbers) -> list[float]:
         """Convert public parameters to linear coefficients; 1 for an effect without parameters."""
+        complete = self.filled(parameters)
+        return [complete[key] for key in self.linear()] or [1.0]
 
-    def filled(self, parameters: Mapping[str, float]) -> dict[str, float]:
+    def filled(self, parameters: Numbers) -> dict[str, float]:
         """Parameters including the optional ones."""
+        return dict(parameters)
 
-    def physical(self, coefficients: Sequence[float], shape: Mapping[str, float]) -> dict[str, float]:
+    def physical(self, coefficients: Sequence[float], shape: Numbers) -> dict[str, float]:
         """Convert linear coefficients and shape to public parameters."""
+        linear = self.linear()
+        return {**dict(zip(linear, map(float, coefficients[: len(linear)]), strict=True)), **shape}
 
-    def shape(self, parameters: Mapping[str, float]) -> dict[str, float]:
+    def shape(self, parameters: Numbers) -> dict[str, float]:
         """Shape parameters among the given ones."""
+        shaped = [key for key, p in self.parameters.items() if isinstance(p, Shape)]
+        return {key: parameters[key] for key in shaped if key in parameters}
 
-    def meaning(self, parameters: Mapping[str, float]) -> str:
+    def meaning(self, parameters: Numbers) -> str:
         """Interpretation of the parameters for reports; "" if they need none."""
+        return ""
 
 
 @dataclass(frozen=True)
 class Law:
     """An effect at its joints with parameters: all of them in a model, the shape only in a hypothesis."""
 
-    effect: EffectProtocol
+    effect: Effect
     joints: tuple[int, ...]
     parameters: Mapping[str, float] = field(default_factory=dict)

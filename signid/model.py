@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -165,9 +165,7 @@ def fitted_model(task: Task, parameters: Parameters) -> Model:
 def standard_parameters(robot: Robot, inertials: Array) -> dict[str, dict[str, Any]]:
     """Mass, first moment and inertia of each link about the frame of its joint.
 
-    Args:
-        robot: the robot.
-        inertials: (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2].
+    inertials: (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2].
     """
     return {
         link: {"mass": float(x[0]), "first_moment": x[1:4].tolist(), "inertia": x[4:].tolist()}
@@ -187,7 +185,8 @@ def _read(path: Path) -> Model:
         known: Mapping[str, float] = content.get("torque_constants", {})
         constants = np.array([float(known.get(joint, np.nan)) for joint in robot.joints])
         robot = replace(robot, actuators=replace(robot.actuators, torque_constant=constants))
-        inertials = [_inertial(content["standard_parameters"][link]) for link in robot.links]
+        entries = [content["standard_parameters"][link] for link in robot.links]
+        inertials = [[entry["mass"], *entry["first_moment"], *entry["inertia"]] for entry in entries]
         laws = tuple(
             law_at(EFFECTS[entry["effect"]], robot, entry["joint"], entry["parameters"]) for entry in content["effects"]
         )
@@ -212,7 +211,3 @@ def _covariance(path: Path, content: Any, bodies: int) -> Covariance | None:
         raise RobotError(
             f"the covariance in {path} cannot be read: {error}; identify again, or remove the key `covariance`"
         ) from None
-
-
-def _inertial(entry: Mapping[str, Any]) -> Sequence[float]:
-    return [entry["mass"], *entry["first_moment"], *entry["inertia"]]

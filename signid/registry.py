@@ -55,11 +55,7 @@ class Registry(Generic[Plugin]):
 
 
 def public_names(package: str) -> dict[str, str]:
-    """Public names of a package, mapped to their modules: the imports under `if TYPE_CHECKING` of its source.
-
-    Args:
-        package: full name, such as "signid.diagnose".
-    """
+    """Public names of a package, mapped to their modules: the imports under `if TYPE_CHECKING` of its source."""
     source = Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8")
     blocks = [node.body for node in ast.parse(source).body if isinstance(node, ast.If)]
     lines = [line for block in blocks for line in block if isinstance(line, ast.ImportFrom)]
@@ -67,24 +63,15 @@ def public_names(package: str) -> dict[str, str]:
 
 
 def package(name: str, homes: Mapping[str, str]) -> type[ModuleType]:
-    """Module type whose public names are imported lazily.
+    """Module type of a package whose `public_names` are imported lazily.
 
     The names are properties, so `signid.identify` is the function although a module has the same name.
-
-    Args:
-        name: full name of the package.
-        homes: its `public_names`.
     """
     return type("Package", (ModuleType,), {public: _lazy(public, home, name) for public, home in homes.items()})
 
 
 def inner_package(name: str, homes: Mapping[str, str]) -> type[ModuleType]:
-    """Module type of a subpackage: like `package`, and reading `__all__` imports all public names.
-
-    Args:
-        name: full name of the package.
-        homes: its `public_names`.
-    """
+    """Module type of a subpackage: like `package`, and reading `__all__` imports all public names."""
 
     def everything(module: ModuleType) -> list[str]:
         vars(module).update({public: getattr(module, public) for public in homes})

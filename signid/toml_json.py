@@ -1,4 +1,4 @@
-"""Read TOML and JSON files; every syntax error is a ValueError with a message of one line."""
+"""Read TOML and JSON files; other text (not UTF-8, wrong syntax, nested too deeply) is a ValueError of one line."""
 
 from __future__ import annotations
 
@@ -10,22 +10,12 @@ from typing import Any
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: the text is not UTF-8 (UnicodeDecodeError), not TOML, or nested too deeply.
-    """
+    """Read a TOML file."""
     return dict(_parsed(tomllib.loads, path))
 
 
 def read_json(path: str | Path) -> Any:
-    """Read a JSON file.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: the text is not UTF-8 (UnicodeDecodeError), not JSON, or nested too deeply.
-    """
+    """Read a JSON file."""
     return _parsed(json.loads, path)
 
 

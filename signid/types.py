@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from .arrays import Array as Array, Frozen as Frozen, Indices as Indices, Mask as Mask
 from .laws import (
     Coefficient as Coefficient,
-    EffectProtocol as EffectProtocol,
+    Effect as Effect,
     Law as Law,
     Shape as Shape,
     View as View,
@@ -24,9 +23,13 @@ from .parameters import (
     INERTIAL as INERTIAL,
     INERTIAL_UNITS as INERTIAL_UNITS,
     TWO_SIDED as TWO_SIDED,
+    Array as Array,
     BaseMap as BaseMap,
     Estimate as Estimate,
+    Frozen as Frozen,
+    Indices as Indices,
     Label as Label,
+    Mask as Mask,
     Parameters as Parameters,
     pseudo_inertia as pseudo_inertia,
 )

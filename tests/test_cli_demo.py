@@ -17,9 +17,8 @@ import pytest
 from plant import law
 
 import signid
-import signid.cli.demo
 from signid.cli import run
-from signid.cli.demo import Story, demo
+from signid.cli.demo.run import Story, demo
 from signid.diagnose import Alternative
 from signid.effects.naming import law_name
 from signid.robot import load_robot

@@ -19,7 +19,9 @@ from fleets import FILES, contents, manifest, record
 
 import signid
 from signid.cli import run
-from signid.cli.fleet import Answer, Order, fleet, process as process_module, run as run_module, spread
+from signid.cli.fleet import process as process_module, run as run_module
+from signid.cli.fleet.dispatch import Answer, Order, spread
+from signid.cli.fleet.run import fleet
 from signid.errors import InputError
 
 

@@ -18,7 +18,8 @@ from fleets import contents, manifest, record
 
 import signid
 from signid.cli import run
-from signid.cli.fleet import Answer, Order, fleet, spread
+from signid.cli.fleet.dispatch import Answer, Order, spread
+from signid.cli.fleet.run import fleet
 from signid.errors import OptionError
 
 spreading = sys.modules["signid.cli.fleet.dispatch"]

@@ -8,7 +8,7 @@ import pytest
 from fleets import manifest
 
 from signid.cli import run
-from signid.cli.fleet import read_manifest
+from signid.cli.fleet.manifest import read_manifest
 from signid.errors import ManifestError
 
 BAD = {

@@ -14,10 +14,10 @@ from chromium import Chromium
 from fleets import manifest, record
 from test_output_report_browser import DRAWN, EMPTY, show
 
-from signid.cli.fleet import Answer, Order, fleet, run as run_module
-from signid.cli.fleet.drift import find_drifts
-from signid.cli.fleet.process import DONE
-from signid.cli.fleet.summary import Number
+from signid.cli.fleet import run as run_module
+from signid.cli.fleet.process import DONE, Answer, Order
+from signid.cli.fleet.run import fleet
+from signid.cli.fleet.summary import Number, find_drifts
 from signid.output.report import fleet_page, fleet_tables
 from signid.output.report.results.fleet import cause_sentence, number_ranges
 

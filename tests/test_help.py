@@ -12,7 +12,7 @@ import pytest
 from typer.main import get_command
 
 from signid.cli import run
-from signid.cli.commands.identification import app
+from signid.cli.app import app
 
 GROUP: Any = get_command(app)
 COMMANDS = tuple(GROUP.commands)

@@ -9,10 +9,10 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "signid"
 ROOMS = {  # modules and folders of a folder in the order of the data; one imports only those before it
-    "": "version errors threads deadline toml_json arrays registry parameters laws types optimisers robot effects "
+    "": "version errors deadline toml_json registry parameters laws types optimisers robot effects "
     "recording regression model inspect simulation estimation signs recording_faults payload check identify diagnose "
     "validate output cli __main__ __init__",
-    "cli": "app terminal interrupt options arguments output drive files fleet demo commands run worker __init__",
+    "cli": "app terminal options arguments files fleet demo commands run worker __init__",
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay export",
     "output/report": "layout write results pages __init__",

@@ -16,7 +16,7 @@ from swing import csv, swing
 from typer.main import get_command
 
 from signid.cli import run
-from signid.cli.commands.identification import app
+from signid.cli.app import app
 
 HERE = Path(__file__).parents[1]
 STRANGE = "a folder é 日本 'x' %20 #1 [y]"

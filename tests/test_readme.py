@@ -16,7 +16,7 @@ from readmes import READMES, TEXTS, Block, blocks, inline
 from typer.main import get_command
 
 from signid.cli import run
-from signid.cli.commands.identification import app
+from signid.cli.app import app
 
 ROOT = Path(__file__).parents[1]
 EXTRACTS = [block for block in blocks("") if block.text.startswith("$ signid ")]

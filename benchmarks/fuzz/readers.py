@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import signid
-from signid.cli.fleet import read_manifest
+from signid.cli.fleet.manifest import read_manifest
 from signid.errors import SignidError
 from signid.estimation.pbrp.bounds import Bounds, read_bounds
 from signid.output.replay.marks import read_found

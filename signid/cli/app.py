@@ -1,12 +1,24 @@
-"""The Typer application: general help and version."""
+"""The Typer application: its commands and their groups of options.
+
+A group of options is a frozen dataclass. Its fields are annotated for Typer, or have an `option` as default. A command
+takes groups as parameters; `command` shows Typer one parameter for each field.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from dataclasses import MISSING, field, fields, is_dataclass
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
 from ..version import __version__
+
+Text = str | None
+Texts = list[str] | None
+LAST = ("seed", "json")  # options listed last in --help
 
 app = typer.Typer(
     name="signid",
@@ -31,3 +43,49 @@ def _signid(
     ] = False,
 ) -> None:
     pass
+
+
+def option(default: Any, text: str, *names: str, **settings: Any) -> Any:
+    """Field of a group of options, with its default, the text of --help, its names and other settings of Typer."""
+    return field(default=default, metadata={"option": typer.Option(*names, help=text, **settings)})
+
+
+def output_option(text: str, metavar: str = "DIR") -> Any:
+    """Field `--output`, or `-o`, of a group of options."""
+    return option(None, text, "--output", "-o", metavar=metavar)
+
+
+def command(example: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Decorate a command of the application; the example of its use ends --help."""
+    return lambda function: app.command(epilog=f"Example: {example}")(_expanded(function))
+
+
+def _expanded(function: Callable[..., int]) -> Callable[..., int]:
+    """Replace each group of options in a command's signature by one parameter per field, for Typer."""
+    flat: list[Parameter] = []
+    groups: dict[str, tuple[type[Any], tuple[str, ...]]] = {}
+    for parameter in signature(function, eval_str=True).parameters.values():
+        if is_dataclass(parameter.annotation) and isinstance(parameter.annotation, type):
+            own = _parameters(parameter.annotation)
+            groups[parameter.name] = parameter.annotation, tuple(option.name for option in own)
+            flat += own
+        else:
+            flat.append(parameter.replace(kind=Parameter.KEYWORD_ONLY))
+    flat.sort(key=lambda parameter: parameter.name in LAST)
+
+    @wraps(function)
+    def run(**given: Any) -> int:
+        taken = {name: kind(**{key: given.pop(key) for key in keys}) for name, (kind, keys) in groups.items()}
+        return function(**given, **taken)
+
+    run.__signature__ = Signature(flat)  # type: ignore[attr-defined]
+    return run
+
+
+def _parameters(group: type[Any]) -> list[Parameter]:
+    found, hints = list[Parameter](), get_type_hints(group, include_extras=True)
+    for item in fields(group):
+        default = Parameter.empty if item.default is MISSING else item.default
+        kind = Annotated[hints[item.name], item.metadata["option"]] if item.metadata else hints[item.name]
+        found.append(Parameter(item.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind))
+    return found

@@ -36,10 +36,6 @@ def given_command(context: typer.Context) -> str:
 def given_robot(name: str, options: RobotOptions) -> Robot:
     """Load a robot with the requested joints held.
 
-    Args:
-        name: file or name of the robot description.
-        options: how it is read.
-
     Raises:
         OptionError: a package folder does not exist, or a list of joints or a position is invalid.
     """
@@ -70,12 +66,7 @@ def _locks(texts: Sequence[str]) -> dict[str, float]:
 def given_model(
     source: SimulationArguments, motion: str | None = None, torque: str | None = None
 ) -> tuple[Model, Trajectory | Torques | None]:
-    """Load a model and the motion or torque that drives it; hold joints without a column in these files.
-
-    Args:
-        source: the simulation.
-        motion: file of the desired motion.
-        torque: recording whose torque is played back.
+    """Load a model and the motion or torque that drives it, from files; hold joints without a column in these files.
 
     Raises:
         OptionError: the arguments contradict each other.
@@ -111,27 +102,14 @@ def given_model(
 def given_recordings(
     paths: Iterable[str] | None, robot: Robot, columns: str | None, unsigned: bool = False
 ) -> list[Recording]:
-    """Read recordings.
-
-    Args:
-        paths: files; None: none.
-        robot: robot whose joints they record.
-        columns: column map file.
-        unsigned: discard the signs of torques.
-    """
+    """Read recordings with a column map file; `unsigned` discards the signs of torques."""
     from ..recording import read_recording
 
     return [read_recording(path, robot, columns=columns, unsigned=unsigned) for path in paths or ()]
 
 
 def given_options(rows: RowOptions, seed: int, robust: bool = False) -> Options:
-    """Return the options of the regression.
-
-    Args:
-        rows: how recordings become rows.
-        seed: seed of the random generator.
-        robust: down-weight outliers.
-    """
+    """Return the options of the regression; `robust` down-weights outliers."""
     from ..regression.session import Options
 
     effects = given_effects(rows.effects)
@@ -155,14 +133,7 @@ def _names(option: str, text: str) -> tuple[str, ...]:
 
 
 def given_inputs(name: str, robot: Robot, actuators: str | None, **files: str | None) -> list[Input]:
-    """List the description and the files read beside it, with their digests.
-
-    Args:
-        name: description as given.
-        robot: robot read from it.
-        actuators: actuators file as given.
-        **files: other files by role.
-    """
+    """List the description and the files read beside it, by role, with their digests; names are as given."""
     from ..recording.source import digest_of
     from ..types import Input
 
@@ -176,13 +147,7 @@ def given_inputs(name: str, robot: Robot, actuators: str | None, **files: str | 
 
 
 def simulation_inputs(source: SimulationArguments, robot: Robot, **files: str | None) -> list[Input]:
-    """List the simulation and the files read beside it, with their digests.
-
-    Args:
-        source: the simulation.
-        robot: its robot.
-        **files: other files by role.
-    """
+    """List the simulation and the files read beside it, by role, with their digests."""
     from ..recording.source import digest_of
     from ..types import Input
 

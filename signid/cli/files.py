@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import RobotError
-from .output import list_written
-from .terminal import write_flags
+from .terminal import show
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from ..diagnose import Diagnosis
     from ..identify import Identification
     from ..output.report import Content
@@ -22,20 +20,11 @@ if TYPE_CHECKING:
     from ..types import Array, Input, Law, Recording, Robot
     from ..validate import Validation
 
-
 FRICTION = ("viscous_friction", "coulomb_friction")
 
 
 def deliver(result: Identification, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
-    """Write and print an identification; return the exit code.
-
-    Args:
-        result: identification.
-        inputs: files read besides the recordings.
-        output: output folder, if any.
-        json: print the document instead of the tables.
-        command: shell line that reproduces the result.
-    """
+    """Write and print an identification; return the exit code; `command` is the shell line that reproduces it."""
     from ..output.report import identification_document, identification_page, identification_tables, to_json
 
     files: dict[str, Content] = {}
@@ -46,38 +35,23 @@ def deliver(result: Identification, inputs: Sequence[Input], output: str | None,
         files = {**described, "report.html": identification_page(result, inputs, command), **signed}
     document = to_json(identification_document(result, inputs))
     files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
-    shown = document if json else identification_tables(result)
-    return _hand_over(shown, files, result.flags, output)
+    return show(document if json else identification_tables(result), result.flags, _written(output, files))
 
 
 def deliver_diagnosis(result: Diagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
-    """Write and print a diagnosis; return the exit code.
-
-    Args:
-        result: diagnosis.
-        inputs: files read besides the recordings.
-        output: output folder, if any.
-        json: print the document instead of the tables.
-        command: shell line that reproduces the result.
-    """
+    """Write and print a diagnosis; return the exit code; `command` is the shell line that reproduces it."""
     from ..output.report import diagnosis_document, diagnosis_tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
         result, files = diagnosis_files(result, inputs, command)
     document = to_json(diagnosis_document(result, inputs))
-    files = {"diagnosis.json": document, **files}
-    return _hand_over(document if json else diagnosis_tables(result), files, result.flags, output)
+    written = _written(output, {"diagnosis.json": document, **files})
+    return show(document if json else diagnosis_tables(result), result.flags, written)
 
 
 def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) -> tuple[Diagnosis, dict[str, Content]]:
-    """Return the diagnosis with notes on the limits of file formats, and its files besides diagnosis.json.
-
-    Args:
-        result: diagnosis.
-        inputs: files read besides the recordings.
-        command: shell line that reproduces the result.
-    """
+    """Return the diagnosis with notes on the limits of file formats, and its files besides diagnosis.json."""
     from ..output.report import diagnosis_page, to_json
 
     described, notes = _extended_urdf(result)
@@ -89,37 +63,20 @@ def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) ->
 
 
 def deliver_validation(found: Validation, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
-    """Write and print a validation; return the exit code.
-
-    Args:
-        found: validation.
-        inputs: files read besides the recordings.
-        output: output folder, if any.
-        json: print the document instead of the tables.
-        command: shell line that reproduces the result.
-    """
+    """Write and print a validation; return the exit code; `command` is the shell line that reproduces it."""
     from ..output.report import to_json, validation_document, validation_page, validation_tables
 
     document = to_json(validation_document(found, inputs))
     page = {} if output is None else {"report.html": validation_page(found, inputs, command)}
-    files = {"validation.json": document, **page}
-    return _hand_over(document if json else validation_tables(found), files, found.flags, output)
+    written = _written(output, {"validation.json": document, **page})
+    return show(document if json else validation_tables(found), found.flags, written)
 
 
-def _hand_over(
-    shown: str | Sequence[RenderableType], files: Mapping[str, Content], flags: Sequence[str], output: str | None
-) -> int:
-    """Write files, print the JSON document or the tables, and report flags."""
-    from ..output.report import Screen, write_files
+def _written(output: str | None, files: Mapping[str, Content]) -> Sequence[Path]:
+    """Write files into a folder, if one was named."""
+    from ..output.report import write_files
 
-    written = [] if output is None else write_files(output, files)
-    if isinstance(shown, str):
-        Screen().write(shown)
-        return write_flags(flags)
-    Screen().print(*shown, sep="\n")
-    code = write_flags(flags)
-    list_written(written)
-    return code
+    return [] if output is None else write_files(output, files)
 
 
 def _signed(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) -> dict[str, Content]:
@@ -165,9 +122,8 @@ def _identifiable_bodies(result: Identification) -> Array:
     """(nb, 10) inertial parameters [kg, kg.m, kg.m2]; NaN for bodies without effect on torque."""
     bodies = result.parameters.bodies().copy()
     shown = np.any(result.base.combination != 0, axis=0)
-    for body in range(len(bodies)):
-        if not any(s for s, label in zip(shown, result.base.labels, strict=True) if label.body == body):
-            bodies[body] = np.nan
+    seen = {label.body for s, label in zip(shown, result.base.labels, strict=True) if s}
+    bodies[[body not in seen for body in range(len(bodies))]] = np.nan
     return bodies
 
 

@@ -1,49 +1,84 @@
-"""Run a command: return its exit code, or one sentence on standard error if it fails."""
+"""Run a command: return its exit code, or one sentence on standard error if it fails.
+
+Ctrl-C and SIGTERM: the first signal ends searches with the best answer so far, the second ends the process.
+"""
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
 from typing import Any, NoReturn
 
 import typer
 from typer.main import get_command
 
+from ..deadline import one_thread, stop_searches
 from ..errors import SignidError
-from ..threads import one_thread
 from .app import app
-
-from .demo import command as demo  # noqa: F401  # isort: skip (help lists commands in this order)
-from .commands import identification as identification  # isort: skip
-from .commands import diagnosis as diagnosis  # isort: skip
-from .commands import validation as validation  # isort: skip
-from .commands import payload as payload  # isort: skip
-from .commands import (
-    catalogue as catalogue,
-    convert as convert,
-    excitation as excitation,
-    exports as exports,
-    simulation as simulation,
-)
-
-from .commands import replay as replay  # isort: skip
-from .commands import factors as factors  # isort: skip
-from .fleet import command as fleet  # noqa: F401  # isort: skip
-from .commands import data as data  # isort: skip
-from .interrupt import signals_heard
+from .commands import catalogue, conversion, diagnosis, excitation, factors, identification, replay, simulation  # noqa: F401
+from .demo import command as demo  # noqa: F401
+from .fleet import command as fleet  # noqa: F401
 from .terminal import BAD, BROKEN, DONE, INTERRUPTED, write_error
 
-USAGE: Any = next(
-    kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
-)  # in click, or in typer
+ORDER = (  # of commands in --help
+    "demo inspect check identify diagnose validate payload effects convert excite export simulate replay reduce fleet "
+    "data"
+).split()
+app.registered_commands.sort(key=lambda command: ORDER.index(getattr(command.callback, "__name__", "")))
+# in click, or in typer
+USAGE: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
+
+
+class _Interruption(KeyboardInterrupt):
+    """Interruption of a command.
+
+    CPython ends a process by the signal, ignoring the exit code, if a plain KeyboardInterrupt passes through `exec`
+    of a string (as in the creation of dataclasses). A subclass avoids this.
+    """
+
+
+@dataclass
+class _Heard:
+    """Last signal received during a command, and the number of signals."""
+
+    last: signal.Signals | None = None
+    count: int = 0
+
+    def hear(self, number: int, frame: FrameType | None) -> None:
+        """End running searches; end the command if no search has an answer or a second signal arrives."""
+        self.last, self.count = signal.Signals(number), self.count + 1
+        if self.count > 1 or not stop_searches(NAMES[self.last]):
+            raise _Interruption
+
+    def sentence(self, number: signal.Signals) -> str:
+        """Explain why an interrupted command has no result."""
+        when = "again, before the result was complete" if self.count > 1 else "before there was a result"
+        return f"{NAMES[number]} ended the command {when}; no file was written"
+
+
+@contextmanager
+def _signals_heard() -> Iterator[_Heard]:
+    """Handle both signals by the yielded object; restore the former handlers afterwards."""
+    heard = _Heard()
+    former = {number: signal.signal(number, heard.hear) for number in NAMES}
+    try:
+        yield heard
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
 
 
 def main() -> NoReturn:
     """Run the command of the process arguments, handle signals, and exit with the command's code."""
-    with signals_heard() as heard:
+    with _signals_heard() as heard:
         code = run(sys.argv[1:])
         if code == INTERRUPTED and heard.last is not None:
             write_error(heard.sentence(heard.last))

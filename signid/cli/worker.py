@@ -22,12 +22,7 @@ from .terminal import INTERRUPTED
 
 
 def serve(orders: Iterable[bytes], answers: IO[bytes]) -> None:
-    """Run every order until the input ends or the process is interrupted.
-
-    Args:
-        orders: one JSON object per line.
-        answers: stream that receives each answer when it is complete.
-    """
+    """Run every order, a JSON object per line, until the input ends or the process is interrupted."""
     for line in orders:
         with TemporaryDirectory(prefix="signid-") as place:
             code, said = _run(json.loads(line), place)

@@ -5,84 +5,17 @@ command -> ActuatorLaw -> TorqueLaw, BodyLaw, TransmissionLaw (physics) -> Recor
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import product
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from ..types import Array, Coefficient, EffectProtocol, Shape, View
+from ..types import Array, Effect as Effect, View
 from .trial import Trial
 
 Kind = TypeVar("Kind", bound="Effect")
 Numbers = Mapping[str, float]
 ITERATIONS = 12  # fixed-point iterations that invert a recording law
-
-
-class Effect(EffectProtocol):
-    """Recorded torque = rigid-body torque + sum over k of columns[k] * coefficient[k]."""
-
-    name: ClassVar[str] = ""
-    equation: ClassVar[str] = ""
-    source: ClassVar[str] = ""
-    typical: ClassVar[str] = ""
-    parameters: ClassVar[Mapping[str, Coefficient | Shape]] = {}
-    example: ClassVar[Numbers] = {}
-    optional: ClassVar[tuple[str, ...]] = ()
-    scope: ClassVar[str] = "joint"
-    dissipative: ClassVar[bool] = False
-    reverses: ClassVar[bool] = False
-    twins: ClassVar[tuple[str, ...]] = ()
-    contains: ClassVar[Mapping[str, Mapping[str, float]]] = {}
-    changes: ClassVar[tuple[str, ...]] = ()
-    common: ClassVar[float] = 1.0
-    usual: ClassVar[bool] = False
-    approximate: ClassVar[bool] = False
-    memory: ClassVar[bool] = False
-
-    def columns(self, x: View, *args: Any, **shape: Any) -> list[Array]:
-        raise NotImplementedError
-
-    def possible(self, x: View, *args: Any, **shape: Any) -> bool:
-        return True
-
-    def possible_value(self, parameters: Numbers) -> bool:
-        return True
-
-    def shapes(self, x: View) -> Iterator[dict[str, float]]:
-        scale: dict[str | None, Callable[[], float]] = {
-            None: lambda: 1.0,
-            "speed": lambda: float(np.std(x.v)),
-            "travel": lambda: float(np.ptp(x.q)),
-            "torque": lambda: float(np.sqrt(np.mean(x.load**2))),
-            "duration": lambda: float(np.ptp(x.t)),
-        }
-        free = {key: p for key, p in self.parameters.items() if isinstance(p, Shape)}
-        sizes = [scale[p.of]() for p in free.values()]
-        for values in product(*(np.array(p.grid) * size for p, size in zip(free.values(), sizes, strict=True))):
-            if all(sizes):
-                yield dict(zip(free, map(float, values), strict=True))
-
-    def linear(self) -> dict[str, Coefficient]:
-        return {key: p for key, p in self.parameters.items() if isinstance(p, Coefficient)}
-
-    def coefficients(self, parameters: Numbers) -> list[float]:
-        complete = self.filled(parameters)
-        return [complete[key] for key in self.linear()] or [1.0]
-
-    def filled(self, parameters: Numbers) -> dict[str, float]:
-        return dict(parameters)
-
-    def physical(self, coefficients: Sequence[float], shape: Numbers) -> dict[str, float]:
-        linear = self.linear()
-        return {**dict(zip(linear, map(float, coefficients[: len(linear)]), strict=True)), **shape}
-
-    def shape(self, parameters: Numbers) -> dict[str, float]:
-        shaped = [key for key, p in self.parameters.items() if isinstance(p, Shape)]
-        return {key: parameters[key] for key in shaped if key in parameters}
-
-    def meaning(self, parameters: Numbers) -> str:
-        return ""
 
 
 class TorqueLaw(Effect):
@@ -204,7 +137,7 @@ class ActuatorLaw(Effect):
         return [x.recorded - self.applied_torque(command, **shape)]
 
 
-def of_kind(effect: EffectProtocol, kind: type[Kind]) -> Kind:
+def of_kind(effect: Effect, kind: type[Kind]) -> Kind:
     """The effect of a law as an instance of its kind.
 
     Raises:

@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ..types import Array, EffectProtocol, Law, View
-from .base import Effect, TorqueLaw
+from ..types import Array, Effect, Law, View
+from .base import TorqueLaw
 
 
 class Along(Protocol):
@@ -47,7 +47,7 @@ def coefficient_count(law: Law) -> int:
     return len(law.effect.coefficients(dict.fromkeys(law.effect.parameters, 1.0)))
 
 
-def places(effect: EffectProtocol, joints: int) -> list[tuple[int, ...]]:
+def places(effect: Effect, joints: int) -> list[tuple[int, ...]]:
     """Candidate places (tuples of joints) of an effect on a robot of `joints` joints."""
     one: list[tuple[int, ...]] = [(j,) for j in range(joints)]
     every = tuple(range(joints))

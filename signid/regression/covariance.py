@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array, Frozen
-from ..parameters import INERTIAL, BaseMap
+from ..parameters import INERTIAL, Array, BaseMap, Frozen
 
 DIGITS = 6  # smallest number of significant digits of a variance in a file
 SPARE_DIGITS = 2  # significant digits of the smallest eigenvalue after rounding

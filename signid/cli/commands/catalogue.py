@@ -1,19 +1,28 @@
-"""The command `effects`."""
+"""The commands `effects` and `data`: laws and public recordings."""
 
 from __future__ import annotations
 
-from typing import Annotated
+import os
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..app import app
+from ...errors import OptionError
+from ..app import Text, command, option, output_option
 from ..options import Json
-from ..terminal import DONE
+from ..terminal import BAD, DONE, bars, show, write_error
+
+if TYPE_CHECKING:
+    from ...recording.gallery import DataSet
 
 
-@app.command(epilog="Example: signid effects stribeck_friction")
+@command("signid effects stribeck_friction")
 def effects(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", help="A law; without it, all are listed.")] = None,
+    name: Annotated[Text, typer.Argument(metavar="NAME", help="A law; without it, all are listed.")] = None,
     json: Json = False,
 ) -> int:
     """List the laws that signid knows, and how to inject them.
@@ -21,11 +30,99 @@ def effects(
     Each law comes with its equation, parameters, units, usual values and source.
     """
     from ...effects import EFFECTS
-    from ...output.report import Screen, effects_document, effects_tables, to_json
+    from ...output.report import effects_document, effects_tables, to_json
 
     chosen = list(EFFECTS) if name is None else [EFFECTS[name]]
+    return show(to_json(effects_document(chosen)) if json else effects_tables(chosen))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataOptions:
+    """Source and target of a download."""
+
+    output: Text = output_option("Target folder. Default: SIGNID_DATA, or the folder data.")
+    yes: bool = option(False, "Download without confirmation.", "--yes", "-y")
+    source: Text = option(None, "Mirror: https, or a local folder. Default: the original source.", metavar="URL")
+
+
+@command("signid data panda")
+def data(
+    name: Annotated[Text, typer.Argument(metavar="NAME", help="A data set; without it, all are listed.")] = None,
+    *,
+    options: DataOptions,
+    json: Json = False,
+) -> int:
+    """List or download public recordings of real robots.
+
+    The examples in robots/ need them. Source, commit and licence are shown, and the download must be confirmed. The
+    converted files are verified by their sha256 and written completely or not at all.
+    """
+    from ...output.report import data_document, data_tables, to_json
+    from ...recording.gallery import DATA
+
+    folder = _folder(name, options)
+    if name is not None:
+        return _get(name, folder, options, json)
+    return show(to_json(data_document(DATA, folder)) if json else data_tables(DATA, folder))
+
+
+def _folder(name: str | None, options: DataOptions) -> Path:
+    """Folder for the recordings; options need the name of a data set."""
+    from ...recording.gallery import data_folder
+
+    if options.output == "":
+        raise OptionError("-o '' is not a folder; name the folder for the recordings")
+    if name is None and options != DataOptions():
+        raise OptionError("no data set was named; write signid data NAME, or signid data to list them")
+    return data_folder() if options.output is None else Path(options.output).expanduser()
+
+
+def _get(name: str, folder: Path, options: DataOptions, json: bool) -> int:
+    """Download a data set unless it is complete, and list the commands that use it."""
+    from ...output.report import Screen, data_card, data_document, probe_folder, to_json, write_files
+    from ...recording.gallery import DATA, check_source, fetch, is_complete
+
+    wanted, screen, source = DATA[name], Screen(), options.source
+    place, base = folder / wanted.folder, wanted.base if source is None else check_source(source)
+    if not json:
+        screen.print(*data_card(wanted, folder, base), sep="\n")
+    written: list[Path] = []
+    if not is_complete(wanted, place):
+        probe_folder(place)
+        if not _agreed(wanted, options.yes, json):
+            write_error(f"{name} was not downloaded")
+            return BAD
+        with bars(json) as progress:
+            files = fetch(wanted, source, progress=progress)
+        written = write_files(place, files)
     if json:
-        Screen().write(to_json(effects_document(chosen)))
+        screen.write(to_json(data_document([wanted], folder, written)))
     else:
-        Screen().print(*effects_tables(chosen), sep="\n")
+        listed = ["written:", *(f"  {path}" for path in written)] if written else [f"{place} is already complete"]
+        screen.write("\n".join(["", *listed, "", *_next(wanted, folder), ""]))
     return DONE
+
+
+def _agreed(wanted: DataSet, yes: bool, json: bool) -> bool:
+    """Whether the user confirms the download."""
+    if yes:
+        return True
+    if json or not (sys.stdin.isatty() and sys.stdout.isatty()):
+        source = f"github.com/{wanted.repository}, licence {wanted.licence}"
+        raise OptionError(f"{wanted.name} comes from {source}, and needs confirmation; add --yes to download it")
+    return typer.confirm("Download it?")
+
+
+def _next(wanted: DataSet, folder: Path) -> list[str]:
+    """Commands that use the data set."""
+    from ...recording.gallery import data_folder
+    from ...robot.locate import robots_folder
+
+    lines = []
+    if not os.environ.get("SIGNID_DATA") or data_folder().resolve() != folder.resolve():
+        lines.append(f"export SIGNID_DATA={shlex.quote(str(folder.resolve()))}")
+    if wanted.example:
+        return [*lines, wanted.example.format(folder=shlex.quote(str(folder / wanted.folder)))]
+    example = robots_folder() / wanted.name / "identify.py"
+    here = example.relative_to(Path.cwd()) if example.is_relative_to(Path.cwd()) else example
+    return [*lines, f"python {shlex.quote(str(here))}"]

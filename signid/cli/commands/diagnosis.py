@@ -1,50 +1,45 @@
-"""The command `diagnose`."""
+"""The commands `diagnose` and `validate`."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ...deadline import USUAL, time_limit
-from ..app import app
+from ...errors import OptionError, RecordingError, RobotError
+from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_command, given_model, given_recordings, simulation_inputs
-from ..options import (
-    Columns,
-    Cutoff,
-    HeldOut,
-    OutputFolder,
-    Recordings,
-    RunOptions,
-    SimulationArguments,
-    Texts,
-    TimeLimit,
-    Unsigned,
-    expanded,
-)
-from ..output import check_folder
-from ..terminal import bars
+from ..options import Columns, Cutoff, Recordings, RobotOptions, RunOptions, SimulationArguments, TimeLimit, Unsigned
+from ..terminal import bars, check_folder
+
+if TYPE_CHECKING:
+    from ...model import Model
+    from ...types import Robot
+
+DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
+EXPECTED = "a model is a model.json, a URDF, xacro or MJCF file or a name such as panda; a recording is a data file"
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseOptions:
     """Recordings, search and output of a diagnosis."""
 
-    output: OutputFolder = None
-    held_out: HeldOut = None
-    reference: Annotated[
-        Texts, typer.Option(metavar="RECORDING", help="Recording of the robot in a healthy state. Repeatable.")
-    ] = None
-    skip: Annotated[Texts, typer.Option(metavar="EFFECT", help="Effect to exclude from the search. Repeatable.")] = None
+    output: Text = output_option("Output folder. Needed, unless --json.")
+    held_out: Texts = option(None, "Held-out recording. Repeatable. Default: see above.", metavar="RECORDING")
+    reference: Texts = option(None, "Recording of the robot in a healthy state. Repeatable.", metavar="RECORDING")
+    skip: Texts = option(None, "Effect to exclude from the search. Repeatable.", metavar="EFFECT")
     columns: Columns = None
     cutoff: Cutoff = None
     unsigned: Unsigned = False
     time_limit: TimeLimit = USUAL
 
 
-@app.command(epilog="Example: signid diagnose 3r recording.csv -o diagnosis")
-@expanded
+@command("signid diagnose 3r recording.csv -o diagnosis")
 def diagnose(
     context: typer.Context,
     diagnosis: DiagnoseOptions,
@@ -82,3 +77,108 @@ def diagnose(
             )
         inputs = simulation_inputs(simulation, model.robot, columns=diagnosis.columns)
         return deliver_diagnosis(result, inputs, diagnosis.output, run.json, given_command(context))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValidateOptions:
+    """Data and output of a validation."""
+
+    output: Text = output_option("Output folder. Default: none.")
+    rollout: bool = option(True, "Also simulate short horizons.", "--rollout/--no-rollout")
+    columns: Columns = None
+    cutoff: Cutoff = None
+
+
+@command("signid validate 3r recording.csv")
+def validate(
+    context: typer.Context,
+    given: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="MODEL|RECORDING", help="Models: model.json or ROBOT. Recordings: CSV, Parquet, NPZ, bag."
+        ),
+    ],
+    validation: ValidateOptions,
+    robot: RobotOptions,
+    run: RunOptions,
+) -> int:
+    """Compare given models with recordings, without fitting.
+
+    Per joint: rms of measured - predicted torque, noise floor, R2, and the position error of short simulations from
+    measured states. Several models are compared on the same rows. Each argument is recognised as a model or as a
+    recording. --joints, --lock and --actuators apply to robot descriptions, not to a model.json. DIR gets
+    validation.json and report.html.
+    """
+    from ...regression.session import Options
+    from ...validate import validate as judge
+    from ..files import deliver_validation
+
+    check_folder(validation.output, json=True)
+    names, recordings = _sort_arguments(given)
+    sources = [SimulationArguments(simulation=name, **vars(robot)) for name in names]
+    if not all(source.saved for source in sources):
+        sources = [SimulationArguments(simulation=one.simulation) if one.saved else one for one in sources]
+    models = {source.simulation: given_model(source)[0] for source in sources}
+    read = given_recordings(recordings, _reader(list(models.values())), validation.columns)
+    options = Options(cutoff=validation.cutoff, seed=run.seed)
+    with bars(run.json) as progress:
+        result = judge(models, read, options=options, rollout=validation.rollout, progress=progress)
+    inputs = [
+        file
+        for one in sources
+        for file in simulation_inputs(one, models[one.simulation].robot, columns=validation.columns)
+    ]
+    return deliver_validation(result, inputs, validation.output, run.json, given_command(context))
+
+
+def _sort_arguments(given: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Separate arguments into models and recordings."""
+    if twice := next((name for name in given if given.count(name) > 1), None):
+        raise OptionError(f"{twice} was given twice; give each model and each recording once")
+    models = [name for name in given if _is_model(name)]
+    recordings = [name for name in given if name not in models]
+    if not models:
+        raise OptionError(f"no model was given with {recordings[0]}; {EXPECTED}")
+    if not recordings:
+        raise OptionError(f"no recording was given with {models[0]}; {EXPECTED}")
+    return models, recordings
+
+
+def _is_model(name: str) -> bool:
+    """Whether an argument is a model, by its name or by the content of the folder."""
+    from ...recording.formats import find_format
+    from ...robot.locate import locate
+
+    path = Path(name)
+    if path.suffix.lower() == ".json" or path.suffix.lower() in DESCRIPTIONS:
+        return True
+    try:
+        recorded = find_format(path) is not None
+    except RecordingError:
+        recorded = False
+    if not path.is_dir():
+        if recorded:
+            return False
+        if path.is_file():
+            raise OptionError(f"{name} has the name of neither a model nor a recording; {EXPECTED}")
+        try:
+            locate(name)
+        except RobotError as error:
+            raise OptionError(f"{name} is neither a model nor a recording: {error}") from None
+        return True
+    held = [file for file in ("model.json", "robot.urdf") if (path / file).is_file()]
+    if len(held) + recorded != 1:
+        found = " and ".join([*held, *(["a recording"] if recorded else [])]) or "neither a model nor a recording"
+        raise OptionError(f"the folder {name} holds {found}; name the file instead")
+    if held == ["model.json"]:
+        raise OptionError(f"the folder {name} holds a model.json; name the file, {path / held[0]}")
+    return not recorded
+
+
+def _reader(models: Sequence[Model]) -> Robot:
+    """The robot to read recordings for: with most joints, then most torque constants, then the first."""
+
+    def known(robot: Robot) -> tuple[int, int]:
+        return len(robot.joints), sum(map(isfinite, robot.actuators.torque_constant.tolist()))
+
+    return max((model.robot for model in models), key=known)

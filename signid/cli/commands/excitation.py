@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from ...deadline import USUAL, time_limit
 from ...errors import OptionError
-from ..app import app
+from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_effects, given_model, simulation_inputs
-from ..options import Effects, RobotArguments, RunOptions, Texts, TimeLimit, expanded
-from ..output import check_file, list_written, write_columns
-from ..terminal import bars, write_flags
+from ..options import Effects, RobotArguments, RunOptions, TimeLimit
+from ..terminal import bars, check_file, show, write_columns
 
 if TYPE_CHECKING:
     from ...model import Model
@@ -25,48 +22,27 @@ if TYPE_CHECKING:
 class ExciteOptions:
     """Objective, parameters and limits of a motion."""
 
-    output: Annotated[
-        str | None,
-        typer.Option(
-            "--output", "-o", metavar="FILE", help="The motion: .csv, .csv.gz, .parquet or .npz. Needed, unless --json."
-        ),
-    ] = None
-    separate: Annotated[
-        Texts,
-        typer.Option(
-            "--separate", metavar="A,B", help="Two laws EFFECT[@JOINT][:key=value,...] to discriminate instead."
-        ),
-    ] = None
-    kind: Annotated[str, typer.Option(metavar="KIND", help="Motion: fourier, spline, or random (not optimised).")] = (
-        "fourier"
+    output: Text = output_option("The motion: .csv, .csv.gz, .parquet or .npz. Needed, unless --json.", "FILE")
+    separate: Texts = option(
+        None, "Two laws EFFECT[@JOINT][:key=value,...] to discriminate instead.", "--separate", metavar="A,B"
     )
-    criterion: Annotated[str, typer.Option(metavar="WHICH", help="Optimality criterion: determinant or condition.")] = (
-        "determinant"
+    kind: str = option("fourier", "Motion: fourier, spline, or random (not optimised).", metavar="KIND")
+    criterion: str = option("determinant", "Optimality criterion: determinant or condition.", metavar="WHICH")
+    duration: float = option(20.0, "Length of the motion [s].", metavar="S")
+    harmonics: int | None = option(None, "Number of harmonics. Default: 10; 5 with --separate.", metavar="N")
+    base_frequency: float | None = option(
+        None, "Frequency of the first harmonic [Hz]. Default: 1 / duration.", metavar="HZ"
     )
-    duration: Annotated[float, typer.Option(metavar="S", help="Length of the motion [s].")] = 20.0
-    harmonics: Annotated[
-        int | None, typer.Option(metavar="N", help="Number of harmonics. Default: 10; 5 with --separate.")
-    ] = None
-    base_frequency: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Frequency of the first harmonic [Hz]. Default: 1 / duration.")
-    ] = None
-    velocity_scale: Annotated[
-        float, typer.Option(metavar="SHARE", help="Share of the robot's velocity limits to use.")
-    ] = 1.0
-    acceleration_scale: Annotated[
-        float, typer.Option(metavar="SHARE", help="Share of the robot's acceleration limits to use.")
-    ] = 1.0
-    torque_scale: Annotated[float, typer.Option(metavar="SHARE", help="Share of the robot's torque limits to use.")] = (
-        1.0
-    )
-    clearance: Annotated[float, typer.Option(metavar="M", help="Minimum distance between links [m].")] = 0.01
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Sampling rate of the file [Hz].")] = 100.0
+    velocity_scale: float = option(1.0, "Share of the robot's velocity limits to use.", metavar="SHARE")
+    acceleration_scale: float = option(1.0, "Share of the robot's acceleration limits to use.", metavar="SHARE")
+    torque_scale: float = option(1.0, "Share of the robot's torque limits to use.", metavar="SHARE")
+    clearance: float = option(0.01, "Minimum distance between links [m].", metavar="M")
+    rate: float = option(100.0, "Sampling rate of the file [Hz].", metavar="HZ")
     effects: Effects = None
     time_limit: TimeLimit = USUAL
 
 
-@app.command(epilog="Example: signid excite 3r --duration 10 -o motion.csv")
-@expanded
+@command("signid excite 3r --duration 10 -o motion.csv")
 def excite(excitation: ExciteOptions, robot: RobotArguments, run: RunOptions) -> int:
     """Compute an exciting motion, or one that discriminates two laws.
 
@@ -74,7 +50,7 @@ def excite(excitation: ExciteOptions, robot: RobotArguments, run: RunOptions) ->
     fit signid simulate --motion. With --separate the motion discriminates two laws; if no motion can, the exit code is
     3. Parameters of a law that are not given take their usual values.
     """
-    from ...output.report import Screen, excitation_document, excitation_tables, to_json
+    from ...output.report import excitation_document, excitation_tables, to_json
 
     check_file(excitation.output, run.json)
     source = robot.simulation
@@ -82,13 +58,7 @@ def excite(excitation: ExciteOptions, robot: RobotArguments, run: RunOptions) ->
     found = _search(model, excitation, run)
     document = to_json(excitation_document(model.robot, found, simulation_inputs(source, model.robot), run.seed))
     written = write_columns(excitation.output, motion_columns(found.trajectory))
-    if run.json:
-        Screen().write(document)
-        return write_flags(found.flags)
-    Screen().print(*excitation_tables(model.robot, found), sep="\n")
-    code = write_flags(found.flags)
-    list_written(written)
-    return code
+    return show(document if run.json else excitation_tables(model.robot, found), found.flags, written)
 
 
 def _search(model: Model, asked: ExciteOptions, run: RunOptions) -> Excitation | Separation:
@@ -145,11 +115,7 @@ def _rivals(texts: list[str] | None, robot: Robot) -> tuple[Law, Law] | None:
 def _limits(robot: Robot, asked: ExciteOptions) -> Limits:
     from ...simulation.excite import build_limits
 
-    given = {
-        "velocity": asked.velocity_scale,
-        "acceleration": asked.acceleration_scale,
-        "torque": asked.torque_scale,
-    }
+    given = {name: getattr(asked, f"{name}_scale") for name in ("velocity", "acceleration", "torque")}
     for name, value in given.items():
         if not 0 < value < float("inf"):
             raise OptionError(f"--{name}-scale is {value:g}; give a share of the limits above 0")

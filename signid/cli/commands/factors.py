@@ -6,16 +6,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from ...errors import OptionError
-from ..app import app
+from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_options, given_recordings, given_robot
-from ..options import Recordings, RobotArguments, RowOptions, RunOptions, Texts, expanded
-from ..output import list_written
-from ..terminal import DONE, bars
+from ..options import Recordings, RobotArguments, RowOptions, RunOptions
+from ..terminal import bars, show
 
 if TYPE_CHECKING:
     from ...regression.reduced import Reduced
@@ -27,11 +26,6 @@ SAMPLES = ("unsigned", "robust")  # options that need samples
 
 def given_factors(paths: Sequence[str], robot: Robot, context: typer.Context) -> Reduced | None:
     """Return the sum of files of factors; None if the files are recordings.
-
-    Args:
-        paths: files.
-        robot: robot that the factors belong to.
-        context: command with its options.
 
     Raises:
         OptionError: the files are of both kinds, or an option applies to recordings only, or the factors do not match.
@@ -69,34 +63,21 @@ def factor_inputs(paths: Sequence[str]) -> list[Input]:
 class ReduceOptions:
     """Parts, data and output of a reduction."""
 
-    output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="FILE", help="A .npz file. Needed, unless --json.")
-    ] = None
-    held_out: Annotated[
-        Texts, typer.Option(metavar="RECORDING", help="Held-out recording. Repeatable. Default: see identify.")
-    ] = None
-    like: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FACTORS", help="Use laws, band and filter of this file, so that both add up. Default: its own."
-        ),
-    ] = None
-    parts: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=1, help="Reduce N parts in parallel; the result is identical. Default: 1."),
-    ] = None
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Dask scheduler for --parts: tcp://HOST:8786. Default: this machine."),
-    ] = None
-    only: Annotated[
-        str | None,
-        typer.Option(metavar="K/N", help="Reduce part K of N only; identify takes all N files. Default: all."),
-    ] = None
+    output: Text = output_option("A .npz file. Needed, unless --json.", "FILE")
+    held_out: Texts = option(None, "Held-out recording. Repeatable. Default: see identify.", metavar="RECORDING")
+    like: Text = option(
+        None, "Use laws, band and filter of this file, so that both add up. Default: its own.", metavar="FACTORS"
+    )
+    parts: int | None = option(
+        None, "Reduce N parts in parallel; the result is identical. Default: 1.", metavar="N", min=1
+    )
+    scheduler: Text = option(
+        None, "Dask scheduler for --parts: tcp://HOST:8786. Default: this machine.", metavar="ADDRESS"
+    )
+    only: Text = option(None, "Reduce part K of N only; identify takes all N files. Default: all.", metavar="K/N")
 
 
-@app.command(epilog="Example: signid reduce 3r recording.csv -o factors.npz")
-@expanded
+@command("signid reduce 3r recording.csv -o factors.npz")
 def reduce(
     context: typer.Context,
     reduction: ReduceOptions,
@@ -111,7 +92,7 @@ def reduce(
     the same result as the recordings, at once. Files can be added if they are reduced --like one of them; otherwise
     laws, band and filter follow from the recordings themselves.
     """
-    from ...output.report import Screen, factors_document, factors_tables, to_json, write_files
+    from ...output.report import factors_document, factors_tables, to_json, write_files
     from ...regression.reduced import add_up, encode_factors
 
     _check(reduction, run.json)
@@ -126,12 +107,7 @@ def reduce(
     place = Path(reduction.output or "")
     written = [] if reduction.output is None else write_files(place.parent, {place.name: content})
     document = factors_document(found, len(content))
-    if run.json:
-        Screen().write(to_json(document))
-    else:
-        Screen().print(*factors_tables(document), sep="\n")
-        list_written(written)
-    return DONE
+    return show(to_json(document) if run.json else factors_tables(document), (), written)
 
 
 def _reduce(
@@ -173,11 +149,7 @@ def _check(reduction: ReduceOptions, json: bool) -> None:
 
 
 def _share(only: str | None) -> tuple[int, int]:
-    """Parse the number of a part and the number of parts.
-
-    Raises:
-        OptionError: the text is neither.
-    """
+    """The number of a part and the number of parts."""
     try:
         which, of = (int(part) for part in (only or "1/1").split("/"))
     except ValueError:
@@ -193,7 +165,8 @@ def _side_by_side(
     from tempfile import TemporaryDirectory
 
     from ...regression.reduced import load_factors
-    from ..fleet import Order, cores, spread
+    from ..fleet.dispatch import cores, spread
+    from ..fleet.process import Order
 
     words = _spelled(context, ("output", "parts", "scheduler", "json"))
     orders = [Order((*words, "--only", f"{k + 1}/{parts}"), str(Path.cwd()), "part.npz") for k in range(parts)]

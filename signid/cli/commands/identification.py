@@ -1,54 +1,37 @@
-"""The commands `inspect`, `check` and `identify`."""
+"""The commands `inspect`, `check`, `identify` and `payload`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from ...deadline import USUAL, time_limit
 from ...errors import OptionError
-from ..app import app
+from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_command, given_effects, given_inputs, given_options, given_recordings, given_robot
-from ..options import (
-    Effects,
-    HeldOut,
-    OutputFolder,
-    Recordings,
-    RobotArguments,
-    RowOptions,
-    RunOptions,
-    TimeLimit,
-    Unsigned,
-    expanded,
-)
-from ..output import check_folder
-from ..terminal import DONE, bars, write_flags
+from ..options import Effects, Recordings, RobotArguments, RowOptions, RunOptions, TimeLimit, Unsigned
+from ..terminal import bars, check_folder, show
 
 if TYPE_CHECKING:
     from ...estimation.standard import Search
 
 
-@app.command(epilog="Example: signid inspect panda --joints panda_joint6,panda_joint7")
-@expanded
+@command("signid inspect panda --joints panda_joint6,panda_joint7")
 def inspect(robot: RobotArguments, run: RunOptions, effects: Effects = None) -> int:
     """List joints, links, base and unidentifiable parameters."""
     from ...inspect import inspect as look
-    from ...output.report import Screen, inspection_document, inspection_tables, to_json
+    from ...output.report import inspection_document, inspection_tables, to_json
 
     described = given_robot(robot.robot, robot)
     found = look(described, given_effects(effects), run.seed)
-    if run.json:
-        inputs = given_inputs(robot.robot, described, robot.actuators)
-        Screen().write(to_json(inspection_document(found, inputs, run.seed)))
-    else:
-        Screen().print(*inspection_tables(found), sep="\n")
-    return DONE
+    if not run.json:
+        return show(inspection_tables(found))
+    return show(to_json(inspection_document(found, given_inputs(robot.robot, described, robot.actuators), run.seed)))
 
 
-@app.command(epilog="Example: signid check 3r recording.csv")
-@expanded
+@command("signid check 3r recording.csv")
 def check(
     robot: RobotArguments, recordings: Recordings, rows: RowOptions, run: RunOptions, unsigned: Unsigned = False
 ) -> int:
@@ -58,58 +41,41 @@ def check(
     signs (abs_tau_J, abs_current_J or --unsigned) are recovered first, as in identify.
     """
     from ...check import check as judge
-    from ...output.report import Screen, check_document, check_tables, to_json
+    from ...output.report import check_document, check_tables, to_json
 
     described = given_robot(robot.robot, robot)
     given = given_recordings(recordings, described, rows.columns, unsigned)
     with bars(run.json) as progress:
         found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
-    if run.json:
-        inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
-        Screen().write(to_json(check_document(found, inputs, run.seed)))
-    else:
-        Screen().print(*check_tables(found), sep="\n")
-    return write_flags(found.flags)
+    if not run.json:
+        return show(check_tables(found), found.flags)
+    inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
+    return show(to_json(check_document(found, inputs, run.seed)), found.flags)
 
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyOptions:
     """Method, data and output of an identification."""
 
-    output: OutputFolder = None
-    held_out: HeldOut = None
-    method: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HOW",
-            help="convex (physically consistent; default), wls, or pbrp (default with --signs tree).",
-        ),
-    ] = None
-    estimator: Annotated[
-        str | None,
-        typer.Option(metavar="HOW", help="wls, iv, tls or oe. Default: wls, with q_des_J as instruments if recorded."),
-    ] = None
-    robust: Annotated[bool, typer.Option("--robust", help="Down-weight outliers.")] = False
-    unsigned: Unsigned = False
-    signs: Annotated[
-        str, typer.Option(metavar="HOW", help="Recovery of lost signs: exact, or tree (sequential heuristic).")
-    ] = "exact"
-    bounds: Annotated[
-        str | None,
-        typer.Option(metavar="FILE", help="TOML of parameter bounds for pbrp. Default: around ROBOT's values."),
-    ] = None
-    global_algorithm: Annotated[str, typer.Option(metavar="NAME", help="Global NLopt algorithm for pbrp.")] = (
-        "GN_CRS2_LM"
+    output: Text = output_option("Output folder. Needed, unless --json.")
+    held_out: Texts = option(None, "Held-out recording. Repeatable. Default: see above.", metavar="RECORDING")
+    method: Text = option(
+        None, "convex (physically consistent; default), wls, or pbrp (default with --signs tree).", metavar="HOW"
     )
-    local_algorithm: Annotated[str, typer.Option(metavar="NAME", help="Local NLopt algorithm for pbrp.")] = "LD_LBFGS"
-    total_mass: Annotated[
-        str | None, typer.Option(metavar="LO,HI", help="Range of the total mass [kg], for pbrp. Default: any.")
-    ] = None
+    estimator: Text = option(
+        None, "wls, iv, tls or oe. Default: wls, with q_des_J as instruments if recorded.", metavar="HOW"
+    )
+    robust: bool = option(False, "Down-weight outliers.", "--robust")
+    unsigned: Unsigned = False
+    signs: str = option("exact", "Recovery of lost signs: exact, or tree (sequential heuristic).", metavar="HOW")
+    bounds: Text = option(None, "TOML of parameter bounds for pbrp. Default: around ROBOT's values.", metavar="FILE")
+    global_algorithm: str = option("GN_CRS2_LM", "Global NLopt algorithm for pbrp.", metavar="NAME")
+    local_algorithm: str = option("LD_LBFGS", "Local NLopt algorithm for pbrp.", metavar="NAME")
+    total_mass: Text = option(None, "Range of the total mass [kg], for pbrp. Default: any.", metavar="LO,HI")
     time_limit: TimeLimit = USUAL
 
 
-@app.command(epilog="Example: signid identify 3r recording.csv -o result")
-@expanded
+@command("signid identify 3r recording.csv -o result")
 def identify(
     context: typer.Context,
     fit: IdentifyOptions,
@@ -155,11 +121,7 @@ def identify(
 
 
 def _search(fit: IdentifyOptions) -> Search:
-    """Options of penalty-based parameter retrieval.
-
-    Raises:
-        OptionError: the range of the total mass is invalid.
-    """
+    """Options of penalty-based parameter retrieval."""
     from ...estimation.standard import Search
 
     total = None
@@ -172,3 +134,34 @@ def _search(fit: IdentifyOptions) -> Search:
             raise OptionError(f"--total-mass {fit.total_mass!r} is not a range; write LO,HI in kg with LO <= HI")
         total = (low, high)
     return Search(fit.bounds, fit.global_algorithm, fit.local_algorithm, total)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PayloadOptions:
+    """Recordings of a payload identification."""
+
+    without: Texts = option(None, "Recording without the load. Needed. Repeatable.", metavar="RECORDING")
+    carrying: Texts = option(None, "Recording with the load. Needed. Repeatable.", "--with", metavar="RECORDING")
+    time_limit: TimeLimit = USUAL
+
+
+@command("signid payload 3r --without recording.csv --with loaded.csv")
+def payload(loads: PayloadOptions, robot: RobotArguments, rows: RowOptions, run: RunOptions) -> int:
+    """Identify mass, centre of mass and inertia of a payload.
+
+    The load is estimated from the difference between recordings with and without it, so that errors of the robot model
+    cancel. Friction may change slightly between the recordings. The inertia of the load is physically consistent.
+    Errors of torque constants scale the load.
+    """
+    from ...output.report import payload_document, payload_tables, to_json
+    from ...payload import payload as identify_payload
+
+    described = given_robot(robot.robot, robot)
+    sides = [given_recordings(paths, described, rows.columns) for paths in (loads.without, loads.carrying)]
+    options = given_options(rows, run.seed)
+    with time_limit(loads.time_limit), bars(run.json) as progress:
+        found = identify_payload(described, *sides, options=options, progress=progress)
+    if not run.json:
+        return show(payload_tables(found), found.flags)
+    inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
+    return show(to_json(payload_document(found, inputs)), found.flags)

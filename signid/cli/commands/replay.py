@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
-from ..app import app
+from ..app import Text, command, option
 from ..arguments import given_model, given_recordings, simulation_inputs
-from ..options import Columns, Json, SimulationArguments, expanded
+from ..options import Columns, Json, SimulationArguments
 from ..terminal import DONE
 
 if TYPE_CHECKING:
@@ -22,26 +22,17 @@ if TYPE_CHECKING:
 class ReplayOptions:
     """Content of the animation, and where it is shown."""
 
-    diagnosis: Annotated[
-        str | None, typer.Option(metavar="FILE", help="diagnosis.json, with its model.json in the same folder.")
-    ] = None
-    html: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Write one self-contained file instead of opening a viewer.")
-    ] = None
-    start: Annotated[float, typer.Option("--from", metavar="S", help="Start time in the recording [s].")] = 0.0
-    duration: Annotated[
-        float | None, typer.Option(metavar="S", help="Length to show [s]. Default: all, at most 60.")
-    ] = None
-    horizon: Annotated[float, typer.Option(metavar="S", help="Time between restarts from the measured state [s].")] = (
-        0.5
-    )
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Frame rate [Hz].")] = 30.0
-    browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the browser.")] = True
+    diagnosis: Text = option(None, "diagnosis.json, with its model.json in the same folder.", metavar="FILE")
+    html: Text = option(None, "Write one self-contained file instead of opening a viewer.", metavar="FILE")
+    start: float = option(0.0, "Start time in the recording [s].", "--from", metavar="S")
+    duration: float | None = option(None, "Length to show [s]. Default: all, at most 60.", metavar="S")
+    horizon: float = option(0.5, "Time between restarts from the measured state [s].", metavar="S")
+    rate: float = option(30.0, "Frame rate [Hz].", metavar="HZ")
+    browser: bool = option(True, "Open the browser.", "--open/--no-open")
     columns: Columns = None
 
 
-@app.command(epilog="Example: signid replay 3r recording.csv --html replay.html")
-@expanded
+@command("signid replay 3r recording.csv --html replay.html")
 def replay(
     shown: ReplayOptions,
     simulation: SimulationArguments,

@@ -3,92 +3,71 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from ..app import app
+from ...errors import OptionError
+from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_model, simulation_inputs
-from ..drive import LoopOptions, given_drive
-from ..options import RunOptions, SimulationArguments, Texts, expanded
-from ..output import check_file, list_written, write_columns
-from ..terminal import DONE, bars
+from ..options import RunOptions, SimulationArguments
+from ..terminal import bars, check_file, show, write_columns
 
 if TYPE_CHECKING:
     from ...model import Model
     from ...output.report import SimulationRun
     from ...simulation.plant import Sensors, Torques
-    from ...types import Trajectory
+    from ...simulation.plant.control import Tracking
+    from ...types import Array, Robot, Trajectory
+
+DURATION = 20.0  # default length of random motions [s]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions:
     """Motion, injected laws, integration and output of a simulation."""
 
-    output: Annotated[
-        str | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="The recording: .csv, .csv.gz, .parquet or .npz. Needed, unless --json.",
-        ),
-    ] = None
-    motion: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Desired motion: t, q_J (dq_J, ddq_J). Default: random.")
-    ] = None
-    torque: Annotated[str | None, typer.Option(metavar="RECORDING", help="Play back its torque in open loop.")] = None
-    inject: Annotated[
-        Texts,
-        typer.Option(
-            "--inject",
-            metavar="LAW",
-            help="EFFECT[@JOINT][:key=value,...], added to the laws of SIMULATION and unknown to the controller. "
-            "Omitted parameters take their usual values. Repeatable; signid effects lists them.",
-        ),
-    ] = None
-    duration: Annotated[
-        float | None, typer.Option(metavar="S", help="Duration [s]. Default: that of the motion or torque, or 20.")
-    ] = None
-    step: Annotated[float, typer.Option(metavar="S", help="Time step of controller and dynamics [s].")] = 1e-3
-    integrator: Annotated[str, typer.Option(metavar="HOW", help="semi-implicit or rk4.")] = "semi-implicit"
-    substeps: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Substeps per step; 0: as many as the stiffest law needs.")
-    ] = 0
+    output: Text = output_option("The recording: .csv, .csv.gz, .parquet or .npz. Needed, unless --json.", "FILE")
+    motion: Text = option(None, "Desired motion: t, q_J (dq_J, ddq_J). Default: random.", metavar="FILE")
+    torque: Text = option(None, "Play back its torque in open loop.", metavar="RECORDING")
+    inject: Texts = option(
+        None,
+        "EFFECT[@JOINT][:key=value,...], added to the laws of SIMULATION and unknown to the controller. "
+        "Omitted parameters take their usual values. Repeatable; signid effects lists them.",
+        metavar="LAW",
+    )
+    duration: float | None = option(None, "Duration [s]. Default: that of the motion or torque, or 20.", metavar="S")
+    step: float = option(1e-3, "Time step of controller and dynamics [s].", metavar="S")
+    integrator: str = option("semi-implicit", "semi-implicit or rk4.", metavar="HOW")
+    substeps: int = option(0, "Substeps per step; 0: as many as the stiffest law needs.", metavar="N", min=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopOptions:
+    """The position controller."""
+
+    bandwidth: float | None = option(None, "Bandwidth of the position loop [Hz]. Default: 6.", metavar="HZ")
+    kp: Text = option(None, "Stiffness of the loop [N.m/rad]; needs --kd.", metavar="A,B")
+    kd: Text = option(None, "Damping of the loop [N.m.s/rad]; needs --kp.", metavar="A,B")
+    feed_forward: float | None = option(
+        None, "Share of the rigid-body torque that is fed forward. Default: 1.", metavar="SHARE"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorOptions:
     """Sensors of the simulated robot."""
 
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Sampling rate of the recording [Hz].")] = 250.0
-    encoder_bits: Annotated[
-        float | None, typer.Option(metavar="N", help="2**N counts per turn or metre. Default: exact.")
-    ] = None
-    noise: Annotated[float, typer.Option(metavar="SHARE", help="White torque noise, relative to the rms torque.")] = 0.0
-    coloured_noise: Annotated[
-        float, typer.Option(metavar="SHARE", help="Torque noise below 3 Hz, relative to the rms torque.")
-    ] = 0.0
-    jitter: Annotated[float, typer.Option(metavar="SHARE", help="Jitter, relative to the sampling period.")] = 0.0
-    drop_outs: Annotated[float, typer.Option(metavar="SHARE", help="Share of rows lost, in bursts.")] = 0.0
-    unsigned: Annotated[bool, typer.Option("--unsigned", help="Record torque without its sign.")] = False
-
-    def build(self) -> Sensors:
-        """Return the sensors."""
-        from ...simulation.plant import Sensors
-
-        noise = self.noise, self.coloured_noise
-        return Sensors(self.rate, self.encoder_bits, *noise, self.jitter, self.drop_outs, self.unsigned)
+    rate: float = option(250.0, "Sampling rate of the recording [Hz].", metavar="HZ")
+    encoder_bits: float | None = option(None, "2**N counts per turn or metre. Default: exact.", metavar="N")
+    noise: float = option(0.0, "White torque noise, relative to the rms torque.", metavar="SHARE")
+    coloured_noise: float = option(0.0, "Torque noise below 3 Hz, relative to the rms torque.", metavar="SHARE")
+    jitter: float = option(0.0, "Jitter, relative to the sampling period.", metavar="SHARE")
+    drop_outs: float = option(0.0, "Share of rows lost, in bursts.", metavar="SHARE")
+    unsigned: bool = option(False, "Record torque without its sign.", "--unsigned")
 
 
-@app.command(epilog="Example: signid simulate 3r --inject coulomb_friction@2 -o recording.csv")
-@expanded
+@command("signid simulate 3r --inject coulomb_friction@2 -o recording.csv")
 def simulate(
-    plant: SimulateOptions,
-    loop: LoopOptions,
-    sensors: SensorOptions,
-    simulation: SimulationArguments,
-    run: RunOptions,
+    plant: SimulateOptions, loop: LoopOptions, sensors: SensorOptions, simulation: SimulationArguments, run: RunOptions
 ) -> int:
     """Simulate a robot with injected laws, and record it.
 
@@ -96,22 +75,18 @@ def simulate(
     Without --motion the robot moves at random within its limits, from rest to rest. Joints without a column in the
     motion are held.
     """
-    from ...output.report import Screen, simulation_document, simulation_tables, to_json
+    from ...output.report import simulation_document, simulation_tables, to_json
+    from ...simulation.plant import Sensors
 
     check_file(plant.output, run.json)
-    recorded = sensors.build()
+    recorded = Sensors(**vars(sensors))
     recorded.every(plant.step)
     known, asked = given_model(simulation, plant.motion, plant.torque)
     done = _run(known, asked, plant, loop, recorded, run)
     files = {"motion": plant.motion, "torque": plant.torque}
     document = to_json(simulation_document(done, simulation_inputs(simulation, known.robot, **files), run.seed))
     written = write_columns(plant.output, done.columns)
-    if run.json:
-        Screen().write(document)
-    else:
-        Screen().print(*simulation_tables(done), sep="\n")
-        list_written(written)
-    return DONE
+    return show(document if run.json else simulation_tables(done), (), written)
 
 
 def _run(
@@ -124,12 +99,11 @@ def _run(
 ) -> SimulationRun:
     """Simulate and record the known model with the injected laws."""
     from ...effects.naming import parse_law
-    from ...errors import OptionError
     from ...model import Model
     from ...output.report import SimulationRun
     from ...simulation.plant import Torques, record, simulate
 
-    drive, seconds = given_drive(known, asked, loop, plant.duration, plant.step, run.seed)
+    drive, seconds = _drive(known, asked, loop, plant.duration, plant.step, run.seed)
     if sensors.rate and plant.step <= seconds <= 1 / sensors.rate:
         raise OptionError(
             f"{seconds:g} s at {sensors.rate:g} Hz are a single row; give a longer duration or a higher --rate"
@@ -148,3 +122,46 @@ def _run(
         )
     columns = record(known.robot, moved, sensors, desired=not isinstance(drive, Torques), seed=run.seed)
     return SimulationRun(model, injected, moved, columns, sensors, drive, plant.integrator)
+
+
+def _drive(
+    known: Model, asked: Trajectory | Torques | None, loop: LoopOptions, duration: float | None, step: float, seed: int
+) -> tuple[Tracking | Torques, float]:
+    """The drive of the robot and the duration [s]; without a motion or torques from a file, a random motion."""
+    from ...simulation.excite.motions.random_motion import rest_to_rest_motion
+    from ...simulation.plant import Torques, track
+    from ...simulation.plant.run import instants
+
+    if isinstance(asked, Torques):
+        if loop != LoopOptions():
+            raise OptionError("--torque is played back open loop; leave --bandwidth, --kp, --kd, --feed-forward out")
+        return asked, float(asked.t[-1]) if duration is None else duration
+    if asked is None:
+        t = instants(DURATION if duration is None else duration, step)
+        asked = rest_to_rest_motion(known.robot, len(t) * step, step, seed)
+    gains = None
+    if loop.kp is not None or loop.kd is not None:
+        if loop.kp is None or loop.kd is None or loop.bandwidth is not None:
+            raise OptionError("--kp and --kd belong together and exclude --bandwidth; give both or neither")
+        gains = (_numbers("--kp", loop.kp, known.robot), _numbers("--kd", loop.kd, known.robot))
+    options = {"bandwidth": loop.bandwidth, "feed_forward": loop.feed_forward}
+    given = {key: value for key, value in options.items() if value is not None}
+    if not all(abs(value) < float("inf") for value in given.values()):
+        raise OptionError("--bandwidth and --feed-forward must be finite; give the bandwidth in Hz and a share")
+    return track(known, asked, gains=gains, **given), float(asked.t[-1]) if duration is None else duration
+
+
+def _numbers(option: str, text: str, robot: Robot) -> Array:
+    """One number for all joints, () [units of the option], or one per joint, (n,)."""
+    import numpy as np
+
+    n = len(robot.joints)
+    try:
+        values = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        values = np.empty(0)
+    if len(values) not in (1, n) or not np.isfinite(values).all():
+        raise OptionError(
+            f"{option} {text!r} is neither one number nor one for each of the {n} joints; separate them by commas"
+        )
+    return values[0] if len(values) == 1 else values

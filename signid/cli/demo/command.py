@@ -10,21 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..app import app
+from ..app import command
 from ..arguments import given_inputs, given_robot
-from ..options import RobotOptions, RunOptions, expanded
-from ..output import check_folder
-from ..terminal import bars, write_flags
+from ..options import RobotOptions, RunOptions
+from ..terminal import bars, check_folder, show
 
 if TYPE_CHECKING:
     from ...output.report import Content
-    from . import Story
+    from .run import Story
 
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")  # environment variables that indicate a browser on Linux
 
 
-@app.command(epilog="Example: signid demo --robot panda")
-@expanded
+@command("signid demo --robot panda")
 def demo(
     run: RunOptions,
     robot: Annotated[
@@ -40,7 +38,8 @@ def demo(
     robot.urdf, report.html, replay.html, and demo.json, which compares the concealed laws with the findings.
     """
     from ...output.report import Screen, to_json, write_files
-    from . import demo as play, story_document, story_end, story_tables
+    from .run import demo as play
+    from .words import story_document, story_end, story_tables
 
     check_folder(output, False)
     described = given_robot(robot, RobotOptions())
@@ -49,14 +48,11 @@ def demo(
         files = _files(story, robot)
         document = to_json(story_document(story, robot))
         written = write_files(output, {**files, "demo.json": document})
-    if run.json:
-        Screen().write(document)
-        return write_flags(story.flags)
-    Screen().print(*story_tables(story), sep="\n")
-    code = write_flags(story.flags)
-    Screen().write(story_end(story, robot, written))
-    if browser:
-        _open([path for path in written if path.suffix == ".html"])
+    code = show(document if run.json else story_tables(story), story.flags)
+    if not run.json:
+        Screen().write(story_end(story, robot, written))
+        if browser:
+            _open([path for path in written if path.suffix == ".html"])
     return code
 
 
@@ -64,7 +60,7 @@ def _files(story: Story, name: str) -> dict[str, Content]:
     """Files besides the recordings and demo.json."""
     from ...output.report import diagnosis_document, to_json
     from ..files import diagnosis_files
-    from . import by_hand
+    from .words import by_hand
 
     inputs = given_inputs(name, story.result.robot, None)
     result, files = diagnosis_files(story.result, inputs, f"{by_hand(story, name)} -o DIR")

@@ -25,10 +25,7 @@ TOGETHER = (  # combinations of effects, chosen by the seed
     ("spring", "armature"),
     ("base_tilt", "coulomb_friction"),
 )
-SIZE, PAYLOAD = (
-    (0.15, 0.3),
-    (0.4, 0.8),
-)  # range of a law's torque over the std of the joint torque
+SIZE, PAYLOAD = (0.15, 0.3), (0.4, 0.8)  # range of a law's torque over the std of the joint torque
 WEAK = 0.02  # joints with less than this share of the largest joint torque get no law
 SPATIAL = 3  # minimum number of joints for laws of bodies to be distinguishable
 TILT, MOST_TILT = 0.05, 0.1  # tilt at which the size is evaluated, and largest tilt [rad]
@@ -51,11 +48,6 @@ def conceal(known: Model, motion: Motion, seed: int) -> tuple[Law, ...]:
     """Draw laws at random joints with random parameters, each with a relevant torque along a motion.
 
     Laws that the simulation already states at the same joint are not drawn.
-
-    Args:
-        known: simulation.
-        motion: motion that determines the size of the laws.
-        seed: seed of the random generator.
     """
     torque, rng = known.inverse(motion), np.random.default_rng(seed)
     scale = np.std(torque, axis=0)
@@ -70,11 +62,9 @@ def conceal(known: Model, motion: Motion, seed: int) -> tuple[Law, ...]:
 
 
 def weak_torque(robot: Robot, size: Array) -> Array:
-    """Torque below which a joint is weak, from the strongest joint of the same kind, (n,) [N.m or N].
+    """Torque below which a joint is weak, (n,) [N.m or N], from the strongest joint of the same kind.
 
-    Args:
-        robot: robot with n joints.
-        size: (n,) torque of each joint [N.m or N].
+    size: (n,) torque of each joint [N.m or N].
     """
     most = [float(np.max(size[robot.prismatic == kind], initial=0.0)) for kind in (False, True)]
     return WEAK * np.where(robot.prismatic, most[1], most[0])

@@ -26,12 +26,8 @@ def run_plant(true: Model, known: Model, motion: Trajectory) -> Simulation:
     """Simulate the true robot along a motion and return ideal samples of every step.
 
     The motors apply the feed-forward torque of the known model and a position controller. Torque and acceleration
-    belong to the same time; velocity is the mean of the values half a step before and after.
-
-    Args:
-        true: rigid bodies and laws, limited to those that MJCF can express.
-        known: model used by the controller.
-        motion: desired motion of all joints.
+    belong to the same time; velocity is the mean of the values half a step before and after. The laws of the true robot
+    are limited to those that MJCF can express.
 
     Raises:
         RobotError: MuJoCo cannot simulate the robot.

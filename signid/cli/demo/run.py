@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from ...diagnose import Diagnosis, diagnose
+from ...diagnose import Diagnosis, Finding, diagnose
+from ...effects.naming import law_name
 from ...model import Model, stated_inertials, stated_laws
 from ...output.export.mjcf import mjcf_laws
 from ...output.replay import Replay, replay
@@ -23,7 +25,6 @@ from ...simulation.excite import build_limits, excite
 from ...simulation.plant import Sensors, record
 from ...types import Array, Frozen, Law, Progress, Robot, Trajectory
 from .conceal import conceal, weak_torque
-from .outcome import LawOutcome, judge, misses
 from .plant import run_plant
 
 RECORDINGS = ("recording.csv", "held_out.csv")  # training data, held-out data
@@ -32,6 +33,21 @@ DURATION = PERIODS * PERIOD  # length of a recording [s]
 RATE, BITS, NOISE = 250.0, 17, 0.01  # sampling rate [Hz], encoder bits, torque noise over rms torque
 MARGIN = 0.7  # share of every limit that the motions use
 COARSE = 10  # decimation of the motion that determines the size of the laws
+FOUND, MINOR, RIVAL, MISSED = "found", "minor", "alternative", "missed"
+
+
+class LawOutcome(NamedTuple):
+    """Result for a concealed law."""
+
+    law: Law
+    kind: str  # found (as a cause), minor (a correction), alternative (to another law), or missed
+    finding: Finding | None  # the matching finding, or the one with the matching alternative
+    probability: float  # probability of the law
+
+    @property
+    def found(self) -> Finding | None:
+        """The finding of the law itself, if there is one."""
+        return self.finding if self.kind in (FOUND, MINOR) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +64,7 @@ class Story(Frozen):
     @property
     def outcomes(self) -> tuple[LawOutcome, ...]:
         """Result for each concealed law."""
-        return judge(self.concealed, self.result)
+        return tuple(_outcome(law, self.result) for law in self.concealed)
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -59,18 +75,8 @@ class Story(Frozen):
 def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress | None = None) -> Story:
     """Record a robot with concealed laws in MuJoCo, and diagnose its simulation.
 
-    The diagnosis uses only the description and the recordings in the folder.
-
-    Args:
-        robot: robot; its longest limb moves, the other joints are held.
-        folder: output folder of recording.csv and held_out.csv.
-        seed: seed of motions, noise and concealed laws.
-        progress: callback with the stage and the completed share.
-
-    Raises:
-        OptionError: no motion fits within the limits of the robot.
-        RobotError: MuJoCo cannot simulate the robot.
-        OutputError: the folder is not writable.
+    The longest limb moves, the other joints are held. The folder gets recording.csv and held_out.csv; the diagnosis
+    uses only them and the description.
     """
     report = progress or (lambda stage, share: None)
     report("planning motions", 0.0)
@@ -142,9 +148,6 @@ def take_arm(robot: Robot) -> Robot:
     """Return the robot with all joints held except those of its longest limb without fingers.
 
     Fingers are the part of the limb after its last branching, if that is the shorter part.
-
-    Args:
-        robot: robot.
     """
     at = {joint_of_row(robot.model, own_row(robot, j)): joint for j, joint in enumerate(robot.joints)}
     limb = max((_way(robot, i, at) for i in at), key=len)
@@ -160,3 +163,32 @@ def _way(robot: Robot, last: int, at: dict[int, str]) -> list[int]:
     while way[0]:
         way.insert(0, int(robot.model.parents[way[0]]))
     return [i for i in way if i in at]
+
+
+def misses(outcomes: Sequence[LawOutcome], result: Diagnosis) -> Iterator[str]:
+    """Yield a sentence for each law that was missed or named without being concealed."""
+    for law, kind, finding, probability in outcomes:
+        concealed = f"{law_name(law, result.robot)} was concealed"
+        if kind == MISSED:
+            yield f"{concealed} and missed"
+        if kind == RIVAL and finding is not None:
+            beside = law_name(finding.law, result.robot)
+            yield f"{concealed} and named only as an alternative to {beside}, with probability {probability:.3f}"
+    for cause in result.causes:
+        if not any(cause is outcome.finding for outcome in outcomes):
+            yield f"{law_name(cause.law, result.robot)} was named but not concealed"
+
+
+def _outcome(law: Law, result: Diagnosis) -> LawOutcome:
+    for finding in result.findings:
+        if _same(finding.law, law):
+            return LawOutcome(law, FOUND if finding.role == "cause" else MINOR, finding, finding.probability)
+    for finding in result.findings:
+        for rival in finding.alternatives:
+            if _same(rival.law, law):
+                return LawOutcome(law, RIVAL, finding, rival.probability)
+    return LawOutcome(law, MISSED, None, 0.0)
+
+
+def _same(one: Law, other: Law) -> bool:
+    return (one.effect.name, one.joints) == (other.effect.name, other.joints)

@@ -1,10 +1,11 @@
-"""Terminal text of a demonstration."""
+"""Terminal text and JSON document of a demonstration."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from shlex import join
+from typing import Any
 
 from rich.console import RenderableType
 from rich.padding import Padding
@@ -13,16 +14,16 @@ from rich.text import Text
 
 from ...diagnose import Diagnosis
 from ...diagnose.findings.thresholds import UNSURE
-from ...effects.naming import law_name
+from ...effects.naming import law_name, law_place
 from ...output.report import figure, with_interval
 from ...output.report.layout import heading, new_table, note_lines, paragraph, plural
 from ...output.report.results.diagnosis import change
+from ...output.report.results.documents import fit_with_errors, provenance
 from ...output.report.results.laws import law_numbers
 from ...output.report.results.sentences import alternative_words, unexplained_words, verdict_words
 from ...output.report.results.signs import confidence
-from ...types import TWO_SIDED
-from .outcome import FOUND, MINOR, MISSED, RIVAL, LawOutcome, misses
-from .run import BITS, DURATION, NOISE, RATE, RECORDINGS, Story
+from ...types import TWO_SIDED, Input
+from .run import BITS, DURATION, FOUND, MINOR, MISSED, NOISE, RATE, RECORDINGS, RIVAL, LawOutcome, Story, misses
 
 OUTCOMES = {
     FOUND: ("found", "green"),
@@ -48,13 +49,7 @@ def story_tables(story: Story) -> list[RenderableType]:
 
 
 def story_end(story: Story, name: str, written: Sequence[Path]) -> str:
-    """List the files and further commands.
-
-    Args:
-        story: demonstration.
-        name: robot as given on the command line.
-        written: files besides the recordings.
-    """
+    """List the files and further commands; `name` is the robot as given on the command line."""
     pages = [path for path in written if path.suffix == ".html"]
     others = [path.name for path in (*story.recordings, *written) if path not in pages]
     another = join(["signid", "demo", "--robot", name, "--seed", str(story.seed + 1)])
@@ -63,7 +58,7 @@ def story_end(story: Story, name: str, written: Sequence[Path]) -> str:
 
 
 def by_hand(story: Story, name: str) -> str:
-    """Return the command that repeats the diagnosis; name: robot as given on the command line."""
+    """Return the command that repeats the diagnosis; `name` is the robot as given on the command line."""
     train, held_out = map(str, story.recordings)
     seed = ["--seed", str(story.seed)] if story.seed else []
     return join(["signid", "diagnose", name, train, "--held-out", held_out, *seed])
@@ -145,3 +140,45 @@ def _near(outcome: LawOutcome) -> Iterator[bool]:
     for key, std in named.std.items() if named else ():
         if key in law.parameters and named:
             yield abs(named.law.parameters[key] - law.parameters[key]) <= TWO_SIDED * std
+
+
+def story_document(story: Story, name: str) -> dict[str, Any]:
+    """Build demo.json: concealed laws, findings and validation."""
+    result, robot = story.result, story.simulation.robot
+    before, after = result.rollout_before, result.rollout_after
+    return {
+        "schema": "signid.demo/1",
+        "robot": robot.name,
+        "joints": list(robot.joints),
+        "recordings": {"duration": DURATION, "rate": RATE, "encoder_bits": BITS, "torque_noise": NOISE},
+        "verdict": result.verdict,
+        "concealed": [_concealed(story, outcome) for outcome in story.outcomes],
+        "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
+        "rollout": None if before is None or after is None else after.document(before),
+        "flags": list(story.flags),
+        "notes": list(result.notes),
+        **provenance(result.inputs, [Input(name, robot.sha256, "description")], story.seed),
+    }
+
+
+def _concealed(story: Story, outcome: LawOutcome) -> dict[str, Any]:
+    """A concealed law and its estimated parameters, if it was found."""
+    robot, (law, kind, finding, probability), named = story.simulation.robot, outcome, outcome.found
+    found = law_numbers(robot, named.law, named.std) if named else {}
+    beside = law_name(finding.law, robot) if finding and not named else None
+    return {
+        "effect": law.effect.name,
+        "joint": law_place(law, robot)[0],
+        "outcome": kind,
+        "probability": probability,
+        "alternative_to": beside,
+        "parameters": {
+            key: {
+                "value": number["value"],
+                "unit": number["unit"],
+                "found": found[key]["value"] if key in found else None,
+                "std": found[key]["std"] if key in found else None,
+            }
+            for key, number in law_numbers(robot, law, {}).items()
+        },
+    }

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import ManifestError, OptionError, shorten
-from ..app import app
+from ..app import Text, command, option, output_option
 from ..arguments import given_command
-from ..options import RunOptions, expanded
-from ..output import list_written
-from ..terminal import BAD, DONE, FLAGGED, bars, write_error
+from ..options import RunOptions
+from ..terminal import BAD, DONE, FLAGGED, bars, show, write_error
 
 if TYPE_CHECKING:
-    from . import Outcome
+    from .result import Outcome
 
 MOST = 20  # maximum number of failed sessions listed on standard error
 
@@ -25,20 +24,13 @@ MOST = 20  # maximum number of failed sessions listed on standard error
 class FleetOptions:
     """Workers and output of a fleet."""
 
-    output: Annotated[str | None, typer.Option("--output", "-o", metavar="DIR", help="Output folder. Needed.")] = None
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler: tcp://HOST:8786. Default: this machine.")
-    ] = None
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Processes on this machine. Default: one per core.")
-    ] = None
-    keep_going: Annotated[bool, typer.Option("--keep-going/--stop", help="Continue if a session fails, or stop.")] = (
-        True
-    )
+    output: Text = output_option("Output folder. Needed.")
+    scheduler: Text = option(None, "Dask scheduler: tcp://HOST:8786. Default: this machine.", metavar="ADDRESS")
+    workers: int | None = option(None, "Processes on this machine. Default: one per core.", metavar="N", min=1)
+    keep_going: bool = option(True, "Continue if a session fails, or stop.", "--keep-going/--stop")
 
 
-@app.command(epilog="Example: signid fleet manifest.csv -o fleet")
-@expanded
+@command("signid fleet manifest.csv -o fleet")
 def fleet(
     context: typer.Context,
     manifest: Annotated[str, typer.Argument(metavar="MANIFEST", help="CSV with one row per session.")],
@@ -53,8 +45,8 @@ def fleet(
     common causes and drifting parameters, and sessions/NAME with the files of the single command. An interrupted run
     can be repeated: sessions whose files are unchanged are not run again.
     """
-    from ...output.report import Screen, fleet_page, fleet_tables, to_json, write_files
-    from . import fleet as work
+    from ...output.report import fleet_page, fleet_tables, to_json, write_files
+    from .run import fleet as work
 
     place = _folder(options.output)
     try:
@@ -78,11 +70,7 @@ def fleet(
     document = found.document()
     text = to_json(document)
     written = write_files(place, {"fleet.json": text, "index.html": fleet_page(document, given_command(context))})
-    if run.json:
-        Screen().write(text)
-    else:
-        Screen().print(*fleet_tables(document), sep="\n")
-        list_written(written)
+    show(text if run.json else fleet_tables(document), (), written)
     _report(found.outcomes)
     return FLAGGED if found.flagged else DONE
 

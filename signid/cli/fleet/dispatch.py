@@ -21,11 +21,6 @@ PATIENCE = 30.0  # time limit for a scheduler to answer and to have a worker [s]
 def spread(orders: Sequence[Order], workers: int | None = None, scheduler: str | None = None) -> Answers:
     """Yield the index and answer of each order when it completes; orders of lost workers are repeated.
 
-    Args:
-        orders: commands to run.
-        workers: processes on this machine; default: one per core.
-        scheduler: address of a Dask scheduler to use instead.
-
     Raises:
         OptionError: Dask is not installed, or no scheduler with a worker answers, or the scheduler is lost.
     """

@@ -19,8 +19,6 @@ IDLE = 60.0  # time after which an idle process ends [s]
 GRACE = 3.0  # time for a process to clean up before it is killed [s]
 LASTS = 50  # commands per process; limits the growth of its memory
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
-
-
 DONE, FLAGGED = 0, 3  # exit codes of commands that leave results
 
 
@@ -79,7 +77,8 @@ class _Process:
             files = {name: _read_exactly(answers, size) for name, size in header["files"]}
         except (OSError, EOFError):
             self.child.kill()
-            raise _Died(_ending(self.child.wait())) from None
+            code = self.child.wait()
+            raise _Died(f"by signal {-code}" if code < 0 else f"with code {code}") from None
         self.carried_out += 1
         return Answer(header["code"], tuple(header["said"]), files)
 
@@ -103,10 +102,6 @@ def _read_exactly(stream: IO[bytes], count: int) -> bytes:
     return found
 
 
-def _ending(code: int) -> str:
-    return f"by signal {-code}" if code < 0 else f"with code {code}"
-
-
 class Processes:
     """A pool with as many processes as there are concurrent calls."""
 
@@ -115,9 +110,6 @@ class Processes:
 
     def carry_out(self, order: Order) -> Answer:
         """Run a command in a worker process and return its answer.
-
-        Args:
-            order: command.
 
         Raises:
             Stopped: `stop` was called.
@@ -188,9 +180,5 @@ _POOL = Processes()
 
 
 def carry_out(order: Order) -> Answer:
-    """Run a command in a child of a Dask worker.
-
-    Args:
-        order: command.
-    """
+    """Run a command in a child of a Dask worker."""
     return _POOL.carry_out(order)

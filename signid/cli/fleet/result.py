@@ -9,10 +9,9 @@ from typing import Any
 
 from ...types import Frozen, Input
 from ...version import __version__
-from .drift import Drift, find_drifts
 from .manifest import Entry
 from .process import FLAGGED
-from .summary import Cause, Number, Summary
+from .summary import Cause, Drift, Number, Summary, find_drifts
 
 SCHEMA = "signid.fleet/1"
 UNDONE = "not done"
@@ -32,11 +31,6 @@ class Outcome:
     def done(self) -> bool:
         """Whether there is a result."""
         return bool(self.files)
-
-    @property
-    def folder(self) -> str:
-        """Its folder, relative to that of the fleet."""
-        return f"sessions/{self.entry.session}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +82,7 @@ class Fleet(Frozen):
 
 
 def gather(outcomes: Sequence[Outcome], manifest: Input, seed: int) -> Fleet:
-    """Evaluate sessions jointly.
-
-    Args:
-        outcomes: sessions in the order of the manifest.
-        manifest: manifest file.
-        seed: seed of all sessions.
-    """
+    """Evaluate sessions jointly; they stand in the order of the manifest."""
     series: dict[tuple[str, str], list[tuple[float, Any]]] = {}
     for one in outcomes:
         if one.entry.day is not None and one.summary.numbers:
@@ -141,6 +129,11 @@ def _spread(causes: Sequence[Cause]) -> Iterator[dict[str, Any]]:
         yield {"key": key, "unit": unit, **ends, "std": max(number.std for number in found)}
 
 
+def _taken(source: Entry | Summary, *keys: str) -> dict[str, Any]:
+    """Some fields of a session, or of its summary."""
+    return {key: getattr(source, key) for key in keys}
+
+
 def _robot(name: str, sessions: Sequence[Outcome]) -> dict[str, Any]:
     latest = _latest(sessions)
     return {
@@ -148,37 +141,24 @@ def _robot(name: str, sessions: Sequence[Outcome]) -> dict[str, Any]:
         "kind": latest.summary.kind,
         "sessions": [one.entry.session for one in sessions],
         "latest": latest.entry.session,
-        "time": latest.entry.time,
-        "task": latest.entry.task,
-        "mismatch": latest.summary.mismatch,
-        "joint": latest.summary.joint,
-        "left": latest.summary.left,
-        "explained": latest.summary.explained,
-        "verdict": latest.summary.verdict,
+        **_taken(latest.entry, "time", "task"),
+        **_taken(latest.summary, "mismatch", "joint", "left", "explained", "verdict"),
         "causes": [cause.name for cause in latest.summary.causes],
         "undone": sum(not one.done for one in sessions),
     }
 
 
 def _session(outcome: Outcome) -> dict[str, Any]:
-    entry, summary = outcome.entry, outcome.summary
     state = UNDONE if not outcome.done else "flagged" if outcome.code == FLAGGED else "done"
     return {
-        "session": entry.session,
-        "name": entry.name,
-        "robot": entry.robot,
-        "task": entry.task,
-        "time": entry.time,
-        "recordings": list(entry.recordings),
+        **_taken(outcome.entry, "session", "name", "robot", "task", "time"),
+        "recordings": list(outcome.entry.recordings),
         "state": state,
         "said": list(outcome.said),
-        "folder": outcome.folder if outcome.done else None,
+        "folder": f"sessions/{outcome.entry.session}" if outcome.done else None,
         "files": list(outcome.files),
-        "mismatch": summary.mismatch,
-        "joint": summary.joint,
-        "left": summary.left,
-        "verdict": summary.verdict,
-        "causes": [cause.name for cause in summary.causes],
+        **_taken(outcome.summary, "mismatch", "joint", "left", "verdict"),
+        "causes": [cause.name for cause in outcome.summary.causes],
     }
 
 

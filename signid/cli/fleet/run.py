@@ -11,11 +11,10 @@ from pathlib import Path
 from ...errors import InputError, ManifestError, SignidError
 from ...types import Input, Progress
 from .dispatch import cores, spread
-from .inputs import check_robot, key, read_inputs
 from .manifest import Entry, Manifest, read_manifest
 from .process import Answer, Order
 from .result import Fleet, Outcome, gather
-from .store import Store
+from .store import Store, check_robot, key, read_inputs
 from .summary import FILES, Summary, summarise
 
 FACTORS = "factors.npz"
@@ -70,7 +69,8 @@ def fleet(
     todo = [k for k, task in enumerate(tasks) if store.record(task.entry.session).get("key") != task.key != ""]
     done = len(tasks) - len(todo)
     report(f"{done} of {len(tasks)} sessions", done / len(tasks))
-    orders = [_order(tasks[k].entry, listed, seed) for k in todo]
+    entries = [tasks[k].entry for k in todo]
+    orders = [Order(one.arguments(seed), str(listed.folder), "" if one.task in FILES else FACTORS) for one in entries]
     with closing(spread(orders, workers, scheduler)) as found:
         for number, answer in found:
             task, done = tasks[todo[number]], done + 1
@@ -108,10 +108,6 @@ def _prepare(listed: Manifest, seed: int, workers: int, report: Progress) -> lis
             report("reading recordings", len(tasks) / len(listed.entries))
             tasks.append(task)
     return tasks
-
-
-def _order(entry: Entry, listed: Manifest, seed: int) -> Order:
-    return Order(entry.arguments(seed), str(listed.folder), "" if entry.task in FILES else FACTORS)
 
 
 def _keep(store: Store, task: _Task, order: Order, answer: Answer) -> None:

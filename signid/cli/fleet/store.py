@@ -1,4 +1,4 @@
-"""Storage of sessions: each folder appears at once, with all files and a record of its inputs."""
+"""Storage of sessions: their inputs with a key, and folders that appear at once, with all files and a record."""
 
 from __future__ import annotations
 
@@ -7,14 +7,21 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import cache
+from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Any
 
-from ...errors import OutputError
+from ...errors import OutputError, RecordingError, RobotError
+from ...model import load_model
 from ...output.report.write import MARK, give_usual_rights, is_abandoned
+from ...robot import load_robot
 from ...toml_json import read_json
+from ...types import Input
+from ...version import __version__
+from .manifest import TASKS, Entry
 
 SESSIONS, RECORD = "sessions", "session.json"
 SCHEMA = "signid.session/1"
@@ -24,14 +31,7 @@ class Store:
     """The sessions in a folder of results."""
 
     def __init__(self, folder: str | Path) -> None:
-        """Create the folder if missing, and remove temporary folders that killed runs left over a day ago.
-
-        Args:
-            folder: output folder.
-
-        Raises:
-            OutputError: the folder is not writable.
-        """
+        """Create the folder if missing, and remove temporary folders that killed runs left over a day ago."""
         self.place = Path(folder) / SESSIONS
         try:
             self.place.mkdir(parents=True, exist_ok=True)
@@ -56,16 +56,7 @@ class Store:
         return found if isinstance(found, dict) else {}
 
     def keep(self, name: str, record: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-        """Store a session with its files, replacing an existing one completely or not at all.
-
-        Args:
-            name: name of the session.
-            record: content of its record.
-            files: content of each file by name.
-
-        Raises:
-            OutputError: the session cannot be written; an existing one is kept.
-        """
+        """Store a session with its record and files, replacing an existing one completely or not at all."""
         text = json.dumps({"schema": SCHEMA, **record}, indent=2, ensure_ascii=False) + "\n"
         new = None
         try:
@@ -97,3 +88,45 @@ class Store:
         return OutputError(
             f"cannot write results to {self.place}: {why}; name another folder with -o, or free disk space"
         )
+
+
+def check_robot(entry: Entry, folder: Path) -> tuple[Input, ...]:
+    """List the robot description of a session and the actuators file beside it; check that it can be used."""
+    beside = folder / entry.robot
+    actuators = str(folder / entry.actuators) if entry.actuators else None
+    source = str(beside) if beside.exists() else entry.robot
+    return _described(source, entry.robot, actuators, entry.task == TASKS[0])
+
+
+def read_inputs(entry: Entry, folder: Path) -> tuple[Input, ...]:
+    """List the files that a session reads besides the description, with their digests."""
+    return tuple(Input(name, _digest(folder / name, name)) for name in entry.files)
+
+
+def key(arguments: Sequence[str], inputs: Sequence[Input]) -> str:
+    """Hash of the command, the content of its files and the version of signid."""
+    read = sorted({(file.path, file.sha256) for file in inputs})
+    return sha256(json.dumps([__version__, [*arguments], read]).encode()).hexdigest()
+
+
+@cache
+def _described(source: str, name: str, actuators: str | None, simulation: bool) -> tuple[Input, ...]:
+    saved = source.endswith(".json") and simulation
+    robot = load_model(source).robot if saved else load_robot(source, actuators=actuators)
+    if saved and actuators is not None:
+        raise RobotError(f"{name} states its actuators itself; leave actuators empty")
+    path = Path(source) if saved else Path(robot.path)
+    digest = _digest(path, name) if saved else robot.sha256
+    found = [Input(name, digest, "description")]
+    stated = path.with_name("actuators.toml")
+    if not saved and actuators is None and stated.is_file():
+        found.append(Input(f"actuators of {name}", _digest(stated, stated.name)))
+    return tuple(found)
+
+
+def _digest(path: Path, name: str) -> str:
+    try:
+        with path.open("rb") as stream:
+            return file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordingError(f"cannot read {name}: {error.strerror or type(error).__name__}") from None

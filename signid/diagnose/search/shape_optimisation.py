@@ -13,7 +13,7 @@ from ...effects import EFFECTS
 from ...effects.base import RecordingLaw
 from ...optimisers import OPTIMISERS, Problem
 from ...optimisers.base import Optimum
-from ...types import Array, EffectProtocol, Law
+from ...types import Array, Effect, Law
 from ..data.column_groups import Group
 from ..data.dataset import Dataset, append
 from ..data.hypotheses import Hypothesis, Key
@@ -99,12 +99,12 @@ def _options(posterior: Posterior, group: Group, taken: Collection[Key]) -> list
     return [_Option(hypothesis, group), *twins]
 
 
-def _at_size(effect: EffectProtocol, joints: tuple[int, ...]) -> Hypothesis:
+def _at_size(effect: Effect, joints: tuple[int, ...]) -> Hypothesis:
     """A recording law at finite size; its size is not yet known."""
     return Hypothesis((Law(effect, joints, dict.fromkeys(effect.linear(), 0.0)),), finite=True)
 
 
-def _is_linearised(effect: EffectProtocol) -> bool:
+def _is_linearised(effect: Effect) -> bool:
     """Whether an effect is a recording law of one number, whose columns are linearised about zero."""
     return isinstance(effect, RecordingLaw) and len(effect.linear()) == 1
 
