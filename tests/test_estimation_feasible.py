@@ -13,9 +13,9 @@ from numpy.testing import assert_allclose
 
 from signid.estimation.feasible import ConsistentFit, fit_consistent, problem as problems, solve, standard_from_base
 from signid.estimation.feasible.fit import _verified
-from signid.estimation.feasible.newton import polish
 from signid.estimation.feasible.packing import BASIS, TO_INERTIAL, congruence, pack, unpack
 from signid.estimation.feasible.prior import feasible_prior, inertial
+from signid.estimation.feasible.solve import polish
 from signid.types import Estimate, pseudo_inertia
 
 

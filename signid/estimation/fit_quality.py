@@ -65,18 +65,10 @@ class Fit(Frozen):
 
 
 def judge_fit(session: Session, train: Factors, test: Factors, base_value: Array) -> Fit:
-    """Fit on training and held-out data, from factors alone.
-
-    Args:
-        session: session with joints and noise floor.
-        train: factors of the training recordings.
-        test: factors of the held-out recordings.
-        base_value: (b,) [units of base].
-    """
-    robot, (trained, _), (held_out, r2) = session.robot, _rms(train, base_value), _rms(test, base_value)
-    units = tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic)
+    """Fit of base_value (b,) [units of base] on training and held-out data, from factors alone."""
+    (trained, _), (held_out, r2) = _rms(train, base_value), _rms(test, base_value)
     floor = session.task.band.torque_floor
-    return Fit(robot.joints, units, trained, held_out, floor, r2, floor)
+    return Fit(session.robot.joints, _units(session.robot), trained, held_out, floor, r2, floor)
 
 
 def fit_rows(
@@ -100,7 +92,7 @@ def fit_rows(
     spread = np.nansum((torque - _mean(torque)) ** 2, axis=0)
     return Fit(
         joints=robot.joints,
-        unit=tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic),
+        unit=_units(robot),
         train_rms=np.full(len(robot.joints), np.nan) if learned is None else rms_of(learned),
         held_out_rms=rms_of(residual),
         noise_floor=floor,
@@ -110,12 +102,12 @@ def fit_rows(
 
 
 def rms_of(x: Array) -> Array:
-    """Root mean square (n,) [unit of x] over the rows that are not NaN; NaN if all are.
-
-    Args:
-        x: (M, n) [any unit].
-    """
+    """Root mean square (n,) [unit of x] over the rows of x (M, n) [any unit] that are not NaN; NaN if all are."""
     return np.asarray(np.sqrt(_mean(x**2)))
+
+
+def _units(robot: Robot) -> tuple[str, ...]:
+    return tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic)
 
 
 def _mean(x: Array) -> Array:

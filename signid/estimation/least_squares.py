@@ -76,27 +76,21 @@ def estimate(
             _model_noise(joint, columns, old.colour, solution, covariance, whiten)
             for (joint, columns), old in zip(_each(factors), before, strict=True)
         ]
-        if all(_alike(new.colour, old.colour) for new, old in zip(noise, before, strict=True)):
+        changes = ((new.colour, old.colour) for new, old in zip(noise, before, strict=True))
+        if all(np.allclose(new, old, SETTLED, SETTLED * old[0]) for new, old in changes):
             break
     solution = _solve(factors, noise, start, noise_grams)
     covariance = _positive(_covariance(factors, noise, solution), solution.inverse)
     covariance[solution.unknown, solution.unknown] = np.inf
     scales = np.array([np.sqrt(n.colour[0]) for n in noise])
     found = Estimate(solution.value, covariance, solution.information, scales, tuple(n.order for n in noise))
-    found = _with_instruments(factors, noise, found, weakest) if factors.instruments else found
-    return _with_discrepancy(factors, base, found, solution.inverse) if whiten else found
-
-
-def _with_discrepancy(factors: Factors, base: BaseMap, found: Estimate, white: Array) -> Estimate:
-    """Add the covariance of model discrepancy."""
-    if factors.sample is None:
+    if factors.instruments:
+        found = _with_instruments(factors, noise, found, weakest)
+    if not whiten or factors.sample is None:
         return found
+    white = solution.inverse
     added = discrepancy_covariance(factors.sample, factors.columns, base, found.value, found.noise**2, white)
     return replace(found, covariance=found.covariance + added)
-
-
-def _alike(new: Array, old: Array) -> bool:
-    return bool(np.allclose(new, old, SETTLED, SETTLED * old[0]))
 
 
 def _each(factors: Factors) -> Sequence[tuple[JointFactors, Indices]]:

@@ -64,7 +64,7 @@ def find_controller(
     """Estimate proportional and derivative gains, and feed-forward coefficients of all regressor columns.
 
     Each joint's torque is fitted by least squares with position error, speed error and the columns along the desired
-    motion, all equally filtered. A default loop, fed forward by the model of base parameters value (b,) [units of base],
+    motion, all equally filtered. A default loop, fed forward by the model of parameters value (b,) [units of base],
     is used for joints whose torque is poorly explained or whose gains are implausible. If the controller is known,
     gains are stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad].
     """

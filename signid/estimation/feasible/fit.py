@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...types import Array, BaseMap, Estimate, Frozen, Parameters
-from .newton import polish
 from .prior import feasible_prior
 from .problem import FeasibleProblem, build_problem
-from .solve import solve
+from .solve import polish, solve
 
 _NEAR = 1e-3  # [standard deviations] distance from the estimate that counts as zero
 _CLOSER = 0.7  # [1] largest remaining share of the distance after the prior's weight is divided by ten

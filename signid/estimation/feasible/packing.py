@@ -14,58 +14,29 @@ BASIS[np.arange(10), _PAIRS[0], _PAIRS[1]] = BASIS[np.arange(10), _PAIRS[1], _PA
 
 
 def pack(matrix: Array) -> Array:
-    """Coordinates (..., 10) of symmetric matrices.
-
-    Args:
-        matrix: (..., 4, 4) [any].
-    """
+    """Coordinates (..., 10) of symmetric matrices: matrix (..., 4, 4) [any]."""
     return np.asarray(np.einsum("aij,...ij->...a", BASIS, matrix))
 
 
 def unpack(packed: Array) -> Array:
-    """Symmetric matrices (n, 4, 4) from ten coordinates each.
-
-    Args:
-        packed: (10 n,) or (n, 10) [any].
-    """
+    """Symmetric matrices (n, 4, 4) from ten coordinates each: packed (10 n,) or (n, 10) [any]."""
     return np.asarray(np.tensordot(packed.reshape(-1, 10), BASIS, 1))
 
 
 def congruence(factor: Array) -> Array:
-    """Matrices (n, 10, 10) of the maps S -> factor S factor' between packed matrices.
-
-    Args:
-        factor: (n, 4, 4) [any].
-    """
+    """Matrices (n, 10, 10) of the maps S -> factor S factor' between packed matrices, factor (n, 4, 4) [any]."""
     flat = BASIS.reshape(10, 16)
     kronecker = np.einsum("nik,njl->nijkl", factor, factor).reshape(-1, 16, 16)
     return np.asarray(flat @ kronecker @ flat.T)
 
 
 def diagonal(blocks: Array, rest: Array) -> Array:
-    """Block-diagonal matrix (10 n + k, 10 n + k) of blocks and single entries.
-
-    Args:
-        blocks: (n, 10, 10) [any].
-        rest: (k,) [any].
-    """
+    """Block-diagonal matrix (10 n + k, 10 n + k) of blocks (n, 10, 10) [any] and single entries rest (k,) [any]."""
     bodies = 10 * len(blocks)
     matrix = np.diag(np.concatenate([np.zeros(bodies), rest]))
     for i, block in zip(range(0, bodies, 10), blocks, strict=True):
         matrix[i : i + 10, i : i + 10] = block
     return matrix
-
-
-def cholesky(matrices: Array) -> Array:
-    """Lower Cholesky factors (n, 4, 4).
-
-    Args:
-        matrices: (n, 4, 4) [any], positive definite.
-
-    Raises:
-        LinAlgError: a matrix is not positive definite.
-    """
-    return np.asarray(np.linalg.cholesky(matrices.reshape(-1, 4, 4)), dtype=np.float64)
 
 
 TO_INERTIAL: Array = np.linalg.inv(np.column_stack([pack(pseudo_inertia(e)) for e in np.eye(10)]))

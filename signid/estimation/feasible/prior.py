@@ -29,11 +29,7 @@ def positive(parameters: Parameters) -> NDArray[np.bool_]:
 
 
 def feasible_prior(base: BaseMap, prior: Parameters) -> tuple[Parameters, tuple[str, ...]]:
-    """Strictly feasible prior: massless, flat and infeasible bodies are replaced, with a sentence on each.
-
-    Args:
-        base: base map with the labels of the prior.
-        prior: standard parameters; NaN counts as 0.
+    """Strictly feasible prior: massless, flat and infeasible bodies are replaced, with a sentence on each; NaN is 0.
 
     Raises:
         ValueError: the prior does not have the labels of the base map.
@@ -61,11 +57,8 @@ def feasible_prior(base: BaseMap, prior: Parameters) -> tuple[Parameters, tuple[
 def coefficient_sizes(base: BaseMap, value: Array, prior: Array, std: Array | None = None) -> Array:
     """Scale (p,) of each parameter: its size if it alone made up the base parameters that it is part of.
 
-    Args:
-        base: base map.
-        value: (b,) base parameters [unit of each].
-        prior: (p,) standard parameters [unit of each].
-        std: (b,) standard deviations of the base parameters [unit of each]; unidentifiable ones (inf) are ignored.
+    Base parameters: value (b,) [unit of each], their std (b,) [unit of each], inf where unidentifiable: ignored.
+    The size is at least that of prior (p,) [unit of each].
     """
     known = np.abs(value) if std is None else np.where(np.isfinite(std), np.abs(value) + std, 0.0)
     share = np.abs(base.combination)
@@ -92,15 +85,7 @@ def standard_from_base(base: BaseMap, value: Array, prior: Parameters) -> Parame
     """Standard parameters nearest to the prior that reproduce the base parameters exactly, feasible or not.
 
     Distances are measured in 30 % of a body's mass, 10 cm for its centre, (10 cm)^2 per kg for its inertia, and in the
-    size of a coefficient.
-
-    Args:
-        base: base map.
-        value: (b,) base parameters [kg, kg.m, kg.m2 or the unit of the leading coefficient].
-        prior: standard parameters with the labels of `base`.
-
-    Raises:
-        ValueError: the prior does not have the labels of the base map.
+    size of a coefficient. The base parameters are value (b,) [kg, kg.m, kg.m2 or the unit of the leading coefficient].
     """
     start, _ = feasible_prior(base, prior)
     size = coefficient_sizes(base, value, start.values)

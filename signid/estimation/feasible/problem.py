@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...types import Array, BaseMap, Estimate, Frozen, Parameters, pseudo_inertia
-from .packing import IDENTITY, TO_INERTIAL, cholesky, congruence, diagonal, unpack
+from .packing import IDENTITY, TO_INERTIAL, congruence, diagonal, unpack
 from .prior import coefficient_sizes, inertial, positive
 
 _LOST = 1e-12  # [1] smallest information of an identifiable direction, over the largest
@@ -34,11 +34,7 @@ class FeasibleProblem(Frozen):
     prior: Parameters
 
     def parts(self, u: Array) -> list[Array]:
-        """Matrices S of the bodies (n, 4, 4), positive coefficients, other coefficients.
-
-        Args:
-            u: (d,) [1].
-        """
+        """Matrices S of the bodies (n, 4, 4), positive coefficients, other coefficients of u (d,) [1]."""
         bodies, *rest = np.split(u, self.bounds)
         return [unpack(bodies), *rest]
 
@@ -50,34 +46,22 @@ class FeasibleProblem(Frozen):
         return np.concatenate([np.tile(IDENTITY, one // 10), np.ones(two - one), np.zeros(rest)])
 
     def standard(self, u: Array) -> Parameters:
-        """All standard parameters; those that the torque does not depend on are the prior's.
-
-        Args:
-            u: (d,) [1].
-        """
+        """All standard parameters of u (d,) [1]; those that the torque does not depend on are the prior's."""
         values = self.prior.values.copy()
         values[self.seen] = self.transform @ u + self.offset
         return replace(self.prior, values=values)
 
     def distance(self, u: Array) -> float:
-        """Distance from the estimate [standard deviations].
-
-        Args:
-            u: (d,) [1].
-        """
+        """Distance of u (d,) [1] from the estimate [standard deviations]."""
         return float(np.linalg.norm(self.matrix @ u - self.target))
 
     def cost(self, u: Array) -> float:
-        """Objective; infinite for infeasible points.
-
-        Args:
-            u: (d,) [1].
-        """
+        """Objective at u (d,) [1]; infinite for infeasible points."""
         bodies, sizes, rest = self.parts(u)
         if not np.isfinite(u).all() or (sizes <= 0).any():
             return np.inf
         try:
-            factors = cholesky(bodies)
+            factors = np.linalg.cholesky(bodies)
         except np.linalg.LinAlgError:
             return np.inf
         penalty = np.sum(factors**2) - 2 * np.sum(np.log(np.diagonal(factors, axis1=1, axis2=2)))
@@ -88,11 +72,7 @@ class FeasibleProblem(Frozen):
 def build_problem(base: BaseMap, estimate: Estimate, prior: Parameters, weight: float) -> FeasibleProblem:
     """Problem over all ten parameters of each body, and each coefficient, that the torque depends on.
 
-    Args:
-        base: base map.
-        estimate: base parameters and their information.
-        prior: strictly feasible prior.
-        weight: weight of the prior [squared standard deviations].
+    The prior is strictly feasible; its weight is in squared standard deviations.
     """
     groups = _seen(base, prior)
     seen, bounds = np.concatenate(groups), (len(groups[0]), len(groups[0]) + len(groups[1]))
@@ -100,8 +80,8 @@ def build_problem(base: BaseMap, estimate: Estimate, prior: Parameters, weight: 
     size = coefficient_sizes(base, estimate.value, prior.values, estimate.std)[seen]
     must = slice(*bounds)
     size[must] = np.where(stated[must] > 0, stated[must], size[must])
-    bodies = np.array([pseudo_inertia(x) for x in stated[: bounds[0]].reshape(-1, 10)])
-    transform = diagonal(TO_INERTIAL @ congruence(cholesky(bodies)), size[bounds[0] :])
+    bodies = np.array([pseudo_inertia(x) for x in stated[: bounds[0]].reshape(-1, 10)]).reshape(-1, 4, 4)
+    transform = diagonal(TO_INERTIAL @ congruence(np.asarray(np.linalg.cholesky(bodies))), size[bounds[0] :])
     offset = np.r_[np.zeros(bounds[1]), stated[bounds[1] :]]
     root, columns = information_root(estimate.information), base.combination[:, seen]
     target = root @ (estimate.value - columns @ offset)
@@ -109,11 +89,7 @@ def build_problem(base: BaseMap, estimate: Estimate, prior: Parameters, weight: 
 
 
 def information_root(information: Array) -> Array:
-    """Matrix R (r, b) with R'R = information, without unidentifiable directions.
-
-    Args:
-        information: (b, b) [inverse squared units of the base parameters].
-    """
+    """Matrix R (r, b) with R'R = information (b, b) [inverse squared units], without unidentifiable directions."""
     scale = np.sqrt(np.maximum(np.diag(information), 0.0))
     unit = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(information / np.outer(unit, unit))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from ...deadline import seconds_left, time_is_up
 from ...types import Array
-from .newton import newton, polish
-from .packing import BASIS
+from .packing import BASIS, IDENTITY, congruence, diagonal, pack
 from .problem import FeasibleProblem
 
 _SHARPEST = 1e5  # [standard deviations per prior size] largest singular value that the interior-point solver gets
@@ -43,36 +43,73 @@ def solve(problem: FeasibleProblem) -> tuple[Array, str]:
 def trace(problem: FeasibleProblem, heavier: float) -> Array | None:
     """Minimiser (d,) by the central path from the prior; None if the path is lost or time is up.
 
-    Args:
-        problem: convex problem.
-        heavier: factor on the weight for which the prior is nearly the minimiser.
+    The prior is nearly the minimiser if its weight is `heavier` times that of the problem.
     """
     u = problem.start
-    for factor in _STRIDE ** np.arange(np.log(heavier) / np.log(_STRIDE), 0.0, -1.0):
-        eased = replace(problem, weight=factor * problem.weight)
+    for eased in _eased(problem, heavier):
         u = polish(eased, u, steps=_FEW, precision=0.1, exact=False)
-        if newton(eased, u, exact=False)[1] > 1 or time_is_up(_NAME):
+        if _newton(eased, u, exact=False)[1] > 1 or time_is_up(_NAME):
             return None
     u = polish(problem, polish(problem, u, steps=_FEW, exact=False))
-    return u if newton(problem, u)[1] < _SETTLED else None
+    return u if _newton(problem, u)[1] < _SETTLED else None
 
 
 def follow(problem: FeasibleProblem, u: Array, heavier: float) -> Array:
     """Minimiser (d,) by Newton's method, while the weight of the prior decreases in small strides.
 
-    Strides are small because Newton's method is slow near the boundary of the feasible set. They end early if the
-    misfit is so large that a lighter prior could reduce it by a thousandth at most.
-
-    Args:
-        problem: convex problem.
-        u: (d,) point near the minimiser for the heavier prior [1].
-        heavier: initial factor on the weight.
+    The initial u (d,) [1] is near the minimiser for a weight `heavier` times that of the problem. Strides are small
+    because Newton's method is slow near the boundary of the feasible set. They end early if the misfit is so large that
+    a lighter prior could reduce it by a thousandth at most.
     """
-    for factor in _STRIDE ** np.arange(np.log(heavier) / np.log(_STRIDE), 0.0, -1.0):
-        u = polish(replace(problem, weight=factor * problem.weight), u, steps=100, precision=0.1)
-        if factor * problem.weight * len(u) < 1e-3 * problem.distance(u) ** 2:
+    for eased in _eased(problem, heavier):
+        u = polish(eased, u, steps=100, precision=0.1)
+        if eased.weight * len(u) < 1e-3 * problem.distance(u) ** 2:
             return u
     return polish(problem, u)
+
+
+def _eased(problem: FeasibleProblem, heavier: float) -> Iterator[FeasibleProblem]:
+    """Problems with successively lighter priors."""
+    for factor in _STRIDE ** np.arange(np.log(heavier) / np.log(_STRIDE), 0.0, -1.0):
+        yield replace(problem, weight=factor * problem.weight)
+
+
+def polish(problem: FeasibleProblem, u: Array, steps: int = 30, precision: float = 1e-9, exact: bool = True) -> Array:
+    """Minimiser (d,) by Newton's method with step halving, from a strictly feasible u (d,) [1].
+
+    The iteration ends when a step gains less than `precision`, a share of the weight.
+    """
+    cost = problem.cost(u)
+    for _ in range(steps):
+        step, _ = _newton(problem, u, exact)
+        trials = (u + step * 0.5**k for k in range(30))
+        better = next((trial for trial in trials if problem.cost(trial) < cost), None)
+        if better is None:
+            return u
+        gain, u = cost - problem.cost(better), better
+        cost -= gain
+        if gain < precision * problem.weight:
+            return u
+    return u
+
+
+def _newton(problem: FeasibleProblem, u: Array, exact: bool = True) -> tuple[Array, float]:
+    """Newton step (d,), and the squared decrement: about twice the remaining gain, as a share of the weight."""
+    # In coordinates in which the Hessian of the prior's penalty is the identity, the step is a ridge regression.
+    bodies, sizes, rest = problem.parts(u)
+    factors = np.asarray(np.linalg.cholesky(bodies), dtype=np.float64)
+    metric = diagonal(congruence(factors), np.r_[sizes, np.ones(len(rest))])
+    wish = np.r_[(IDENTITY - pack(np.swapaxes(factors, 1, 2) @ factors)).ravel(), 1 - sizes, -rest]
+    matrix, off = problem.matrix @ metric, problem.target - problem.matrix @ u
+    gap = off - matrix @ wish
+    if exact:
+        left, s, right = np.linalg.svd(matrix, full_matrices=False)
+        further = right.T @ (s / (s**2 + problem.weight / 2) * (left.T @ gap))
+    else:  # normal equations are several times faster and less accurate
+        normal = matrix @ matrix.T + problem.weight / 2 * np.eye(len(gap))
+        further = matrix.T @ np.linalg.solve(normal, gap)
+    step = wish + further
+    return metric @ step, float(2 * off @ (matrix @ step) / problem.weight + wish @ step)
 
 
 def _ask(problem: FeasibleProblem) -> tuple[Array | None, str]:

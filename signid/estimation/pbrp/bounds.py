@@ -49,14 +49,6 @@ def bounds_around(base: BaseMap, estimate: Estimate, prior: Parameters) -> Bound
     """Box around the description: 0.2 to 3 times each mass, centres near those of the description, matching inertias.
 
     The bounds of a coefficient are three times its size in `coefficient_sizes`.
-
-    Args:
-        base: base map.
-        estimate: base parameters, for the coefficients.
-        prior: standard parameters of the description.
-
-    Raises:
-        ValueError: the prior does not have the labels of the base map.
     """
     start, _ = feasible_prior(base, prior)
     reach = 3 * coefficient_sizes(base, estimate.value, start.values, estimate.std)
@@ -83,12 +75,8 @@ def read_bounds(path: str | Path, links: Sequence[str], default: Bounds) -> Boun
     """Box from a TOML file; bounds that it does not state are those of the default.
 
     `[link.NAME]` holds any of `mass = [lo, hi]` [kg], `first_moment = [[lo, hi], [lo, hi], [lo, hi]]` [kg.m] and
-    `inertia`, six pairs Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link's joint frame [kg.m2].
-
-    Args:
-        path: path of the file.
-        links: names of the bodies in the order of their parameters.
-        default: box over all standard parameters, first ten per body.
+    `inertia`, six pairs Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link's joint frame [kg.m2]. The links are those of the
+    bodies in the order of their parameters.
 
     Raises:
         OptionError: the file cannot be read, names an unknown link or quantity, or has an invalid interval.

@@ -9,8 +9,7 @@ import numpy as np
 from ...errors import OptionError
 from ...estimation.pbrp import Bounds, bounds_around
 from ...estimation.pbrp.bounds import check_box
-from ...estimation.pbrp.cost import cost_over, descend
-from ...estimation.pbrp.penalty import physics_of
+from ...estimation.pbrp.cost import cost_over, descend, physics_of
 from ...types import Array, BaseMap, Estimate, Parameters, Progress
 from ..search.problem import SignProblem
 from .beam import WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
