@@ -5,8 +5,7 @@ the signals of a perfect logger, `record` those of real encoders and amplifiers 
 `signid.effects` can act. Dry friction holds a joint exactly at rest.
 """
 
-from .control import Torques, track
-from .inputs import read_motion, recorded_torques
+from .control import Torques, read_motion, recorded_torques, track
 from .run import Simulation, simulate, simulate_many
 from .sensors import Sensors, record
 
