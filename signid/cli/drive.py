@@ -49,7 +49,7 @@ def given_drive(
     Raises:
         OptionError: the options contradict each other.
     """
-    from ..simulation.excite.motions.random_motion import rest_to_rest_motion
+    from ..simulation.excite.random_motions import rest_to_rest_motion
     from ..simulation.plant import Torques, track
     from ..simulation.plant.run import instants
 

@@ -50,15 +50,8 @@ class Collision(Frozen):
     def penalty(self, q: Array, clearance: float, spare: float) -> tuple[float, Array]:
         """Mean square of the missing share of each pair's clearance, and its derivative.
 
-        The extra clearance of a pair is at most a quarter of its median distance, for links that are always near.
-
-        Args:
-            q: (N, n) [rad or m] positions.
-            clearance: required distance [m].
-            spare: extra distance that is desired [m].
-
-        Returns:
-            The mean [1], and its derivative (N, n) [1/rad or 1/m].
+        The derivative at positions q (N, n) [rad or m] is (N, n) [1/rad or 1/m]. Extra distance `spare` [m] is desired
+        beyond the clearance [m], but at most a quarter of a pair's median distance, for links that are always near.
         """
         model, data, placed = self.robot.model, self.robot.model.createData(), self.geometry.createData()
         wanted = clearance + np.clip(SPARED * (self.usual - clearance), 0, spare)
@@ -91,13 +84,7 @@ def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 
     """Collision shapes of a robot with the pairs that can collide; None and the reason if there are none.
 
     Pairs of one link and of links joined by one moving joint are left out. So are pairs nearer than the clearance in
-    more than half of 200 random postures: their shapes overlap by design.
-
-    Args:
-        robot: robot whose URDF has the collision elements.
-        limits: limits of the random postures.
-        clearance: smallest allowed distance [m].
-        seed: seed of the postures.
+    more than half of 200 random postures within the limits: their shapes overlap by design.
     """
     if robot.kind != "urdf":
         return None, f"self-collision was not checked: shapes are read from a URDF only, this is {robot.kind.upper()}"

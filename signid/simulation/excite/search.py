@@ -9,7 +9,7 @@ import numpy as np
 from ...optimisers import OPTIMISERS, Optimum, Problem
 from ...types import Array, Frozen, Progress
 from .cost import ExcitationCost
-from .motions.random_motion import fit_inside, random_parameters
+from .random_motions import fit_inside, random_parameters
 
 SEARCH = "the search for a motion"
 GRID = 0.01  # [s] grid on which motions are scaled to their limits
@@ -55,12 +55,6 @@ def search(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress |
     The global stage are local searches from the best random motions. In 63 dimensions and 500 evaluations NLopt's
     GN_CRS2_LM found nothing better than the best of 60 random motions.
 
-    Args:
-        cost: cost of a motion.
-        budget: evaluations of each stage.
-        seed: seed of the random motions.
-        progress: function that is called with the current step and the share of it that is done.
-
     Source: multi-start as in Rinnooy Kan, Timmer, Mathematical Programming 39, 1987.
     """
     watched = _Watched(cost, budget, progress)
@@ -76,14 +70,7 @@ def search(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress |
 
 
 def enforce_limits(cost: ExcitationCost, x: Array, budget: Budget, progress: Progress | None = None) -> FoundMotion:
-    """Last stage of a search: minimise the cost with firm penalties.
-
-    Args:
-        cost: cost of a motion.
-        x: (n, d) [rad or m] parameters of the starting point.
-        budget: evaluations, of which the stage `firm` is used.
-        progress: function that is called with the current step and the share of it that is done.
-    """
+    """Last stage of a search, from x (n, d) [rad or m]: minimise the cost with firm penalties."""
     firm = replace(cost, penalty=FIRM * cost.penalty)
     watched = _Watched(firm, budget, progress, budget.total - budget.firm)
     best = watched.improve(np.clip(cost.relative(x), -BOX, BOX), budget.firm, "settling")
