@@ -18,10 +18,9 @@ from signid.simulation.excite.collision import build_collision
 from signid.simulation.excite.cost import CRITERIA, Criterion, ExcitationCost
 from signid.simulation.excite.design import predict_precision
 from signid.simulation.excite.families import FAMILIES, Fourier
-from signid.simulation.excite.feasible import make_feasible
 from signid.simulation.excite.problem import ExcitationProblem, build_problem, usual_laws
 from signid.simulation.excite.random_motions import random_parameters
-from signid.simulation.excite.search import Budget
+from signid.simulation.excite.search import Budget, make_feasible
 from signid.types import Law, Trajectory
 
 SMALL = Budget(pool=10, starts=1, short=40, long=40, firm=40)

@@ -79,15 +79,11 @@ def fit_rows(
     learned: Array | None = None,
     irreducible: Array | None = None,
 ) -> Fit:
-    """Fit of M rows of torque residuals; NaN rows are ignored.
+    """Fit from a residual (M, n) [N.m or N] on held-out rows and the measured torque (M, n) [N.m or N].
 
-    Args:
-        robot: robot with the joints.
-        residual: (M, n) [N.m or N] measured - predicted, on held-out rows.
-        torque: (M, n) [N.m or N] measured.
-        floor: (n,) [N.m or N] noise floor.
-        learned: (L, n) [N.m or N] residual on training rows; None: nothing was fitted, the training rms is NaN.
-        irreducible: (n,) [N.m or N] rms of all that no model could predict; None: the noise floor.
+    NaN rows are ignored. The noise floor is (n,) [N.m or N]. The residual learned (L, n) [N.m or N] is that on training
+    rows; None: nothing was fitted, the training rms is NaN. The rms irreducible (n,) [N.m or N] is of all that no model
+    could predict; None: the noise floor.
     """
     spread = np.nansum((torque - _mean(torque)) ** 2, axis=0)
     return Fit(

@@ -52,16 +52,12 @@ def estimate(
     fitted parameters; an autoregressive model of them, its order by Akaike's criterion. The covariance is that of
     weighted least squares under this noise, plus that of model discrepancy (`signid.estimation.discrepancy`).
     Generalised least squares is no more accurate, and relies on frequencies where the model is wrong. With instruments,
-    the columns along the desired motion, the estimate is the instrumental-variable one.
+    the columns along the desired motion, the estimate is the instrumental-variable one, unless its standard deviations
+    exceed `weakest` times those of least squares.
 
-    Args:
-        factors: factors of the training recordings.
-        base: base map.
-        prior: (b,) [units of base] values of unidentifiable parameters; default 0.
-        whiten: False: assume white noise and no model discrepancy.
-        noise_grams: per joint (m, m) [products of the units of the columns] Gram matrix of the noise in the columns,
-            which is subtracted from the normal equations.
-        weakest: largest ratio of standard deviations, instruments over least squares, at which instruments are used.
+    Unidentifiable parameters are those of prior (b,) [units of base], or 0. Without `whiten`, white noise and no model
+    discrepancy are assumed. The Gram matrices noise_grams (m, m) [products of the units of the columns] of the noise in
+    each joint's columns are subtracted from the normal equations.
 
     Source: Gautier, ICRA 1997 (weighted least squares); Patterson, Thompson, Biometrika 58, 1971 (correction for
     fitted parameters); Janot, Vandanjon, Gautier, IEEE T-CST 22(1), 2014 (instruments).

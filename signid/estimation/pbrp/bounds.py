@@ -13,8 +13,7 @@ import numpy as np
 from ...errors import OptionError
 from ...toml_json import read_toml
 from ...types import Array, BaseMap, Estimate, Frozen, Parameters, pseudo_inertia
-from ..feasible.packing import TO_INERTIAL, pack
-from ..feasible.prior import coefficient_sizes, feasible_prior, inertial, positive
+from ..feasible.problem import TO_INERTIAL, coefficient_sizes, feasible_prior, inertial, pack, positive
 
 _MASS = (0.2, 3.0)  # [1] smallest and largest mass over that of the description
 _HUGE = 1e100  # largest number in a bounds file
@@ -92,7 +91,10 @@ def read_bounds(path: str | Path, links: Sequence[str], default: Bounds) -> Boun
         raise OptionError(f"the bounds file {path} has {', '.join(content)}; expected only tables [link.NAME]")
     lower, upper = default.lower.copy(), default.upper.copy()
     for link, quantities in sections.items():
-        first = 10 * _index(link, links, path)
+        if link not in links:
+            close = ", ".join(get_close_matches(link, links, n=3, cutoff=0.4) or links)
+            raise OptionError(f"the bounds file {path} names {link!r}, which is not a moving link; choose from {close}")
+        first = 10 * list(links).index(link)
         if not isinstance(quantities, Mapping):
             raise OptionError(f"link.{link} in {path} is {quantities!r}; expected a table [link.{link}]")
         for quantity, stated in quantities.items():
@@ -101,15 +103,6 @@ def read_bounds(path: str | Path, links: Sequence[str], default: Bounds) -> Boun
             rows = np.arange(first, first + 10)[_ROWS[quantity]]
             lower[rows], upper[rows] = low, high
     return Bounds(lower, upper)
-
-
-def _index(link: str, links: Sequence[str], path: str | Path) -> int:
-    if link not in links:
-        close = get_close_matches(link, links, n=3, cutoff=0.4) or links
-        raise OptionError(
-            f"the bounds file {path} names {link!r}, which is not a moving link; choose from {', '.join(close)}"
-        )
-    return list(links).index(link)
 
 
 def _intervals(quantity: str, stated: Any, where: str) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import OptionError
 from ...optimisers import OPTIMISERS, Optimum, Problem
 from ...types import Array, BaseMap, Estimate, Frozen, Indices, Parameters, pseudo_inertia
-from ..feasible.prior import coefficient_sizes, feasible_prior, inertial, positive
+from ..feasible.problem import coefficient_sizes, feasible_prior, inertial, positive
 from .bounds import Bounds
 
 SEARCH = "the search for standard parameters"

@@ -72,25 +72,12 @@ def retrieve(
     same one while it has not converged. Algorithms with gradients (LD_) are suitable for up to 7 joints with friction,
     those without (LN_) for up to about 30 parameters. The search stays within its budget and notes how it ended.
 
-    Args:
-        base: base map.
-        estimate: base parameters and their information.
-        prior: standard parameters of the description, for the box and the sizes only.
-        bounds: search box; default: around the prior.
-        global_algorithm: NLopt algorithm of the first round.
-        local_algorithm: NLopt algorithm of every round.
-        runs: number of starts, of which the best is kept.
-        rounds: number of rounds of growing penalty.
-        schedule: increase of the penalty per round [squared standard deviations].
-        seed: seed of the starts and of the global algorithm.
-        total_mass: smallest and largest sum of the masses of all moving bodies [kg].
-        budget_global: evaluations per run of the global algorithm.
-        budget_local: evaluations per round of the local algorithm; default: 2 000, or 10 000 for algorithms that take
-            many small steps.
+    The prior gives only the sizes and the default box. The `schedule` is in squared standard deviations, the range of
+    the total mass of all moving bodies in kg. Budgets are evaluations: of the global algorithm per run, of the local one
+    per round (default: 2 000, or 10 000 for algorithms that take many small steps).
 
     Raises:
         OptionError: an algorithm does not exist, or runs, rounds, bounds or the range of mass are invalid.
-        ValueError: the prior does not have the labels of the base map.
 
     Source: Gaz, Cognetti, Oliva, Robuffo Giordano, De Luca, IEEE RA-L 4(4), 2019, Algorithm 1.
     """

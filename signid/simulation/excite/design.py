@@ -15,12 +15,11 @@ from ...model import Model
 from ...types import Array, Progress, Trajectory
 from .cost import CRITERIA, ExcitationCost
 from .families import FAMILIES
-from .feasible import FeasibleMotion, grid, make_feasible
 from .limits import Limits, build_limits
 from .problem import ExcitationProblem, build_problem, usual_laws
 from .random_motions import at_rate, check_duration, random_parameters
 from .result import Excitation, budget_notes
-from .search import GRID, SPARE, Budget, FoundMotion, enforce_limits, search
+from .search import GRID, SPARE, Budget, FeasibleMotion, FoundMotion, enforce_limits, grid, make_feasible, search
 
 RANDOM = "random"  # kind of motion without a search
 CLEARANCE = 0.01  # [m] smallest distance between links

@@ -62,14 +62,8 @@ def law_distance(law: Law, rival: Law, motion: Motion, nuisance: Array, noise: A
     If one of the laws jumps with the direction of a joint's motion, samples near its reversals do not count, as in
     identification: dry friction is uncertain there. Parameters that the law does not state take the example values of
     its effect. Shapes that the rival does not state are tried on their grid. The N samples of the motion are uniform
-    and have the predicted torque. The sum [1] is for independent samples at 20 Hz, its share [1] of the law's own.
-
-    Args:
-        law: law taken as true.
-        rival: law whose coefficients are fitted.
-        motion: motion of n joints.
-        nuisance: (N, n, k) columns that are fitted besides [N.m or N per unit of each].
-        noise: (n,) standard deviation of the torque [N.m or N].
+    and have the predicted torque. The columns nuisance (N, n, k) [N.m or N per unit of each] are fitted besides. The
+    sum [1], over noise (n,) [N.m or N], is for independent samples at 20 Hz; its share [1] is of the law's own.
 
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """

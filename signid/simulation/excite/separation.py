@@ -19,13 +19,12 @@ from ...regression.motion import Motion
 from ...types import Array, Frozen, Law, Progress
 from .design import CLEARANCE
 from .families import Family, Fourier
-from .feasible import grid, make_feasible
 from .law_distance import INDEPENDENT, STRUCTURAL, Distance, LawPair
 from .limits import Limits, build_limits
 from .problem import build_problem, usual_laws
 from .random_motions import at_rate, check_duration, column_sizes, fit_inside, random_parameters
 from .result import ENOUGH, Separation, budget_notes
-from .search import SEARCH, SPARE
+from .search import SEARCH, SPARE, grid, make_feasible
 
 MEMORY_RATE = 100.0  # [Hz] of the motion if a law has memory
 PERIODS = (1, 2, 4, 12)  # base frequencies of the families, in periods per duration

@@ -6,17 +6,7 @@ the signals of a perfect logger, `record` those of real encoders and amplifiers 
 """
 
 from .control import Torques, read_motion, recorded_torques, track
-from .run import Simulation, simulate, simulate_many
+from .run import Simulation, simulate
 from .sensors import Sensors, record
 
-__all__ = [
-    "Sensors",
-    "Simulation",
-    "Torques",
-    "read_motion",
-    "record",
-    "recorded_torques",
-    "simulate",
-    "simulate_many",
-    "track",
-]
+__all__ = ["Sensors", "Simulation", "Torques", "read_motion", "record", "recorded_torques", "simulate", "track"]

@@ -16,16 +16,11 @@ LARGEST, HALVINGS = 1.0, 50  # [rad or m] largest initial deflection, and bisect
 NONE = np.empty(0, dtype=np.intp)
 
 
-class Unknown:
+class _Unknown:
     """Quantities of a view that are unknown in a simulation step."""
 
     @property
     def torque(self) -> Array:
-        """Motor torque (..., c) [N.m or N], unknown in a step.
-
-        Raises:
-            AttributeError: always.
-        """
         raise AttributeError("the motor torque is unknown in a simulation step; write the law without it")
 
     recorded = torque
@@ -34,7 +29,7 @@ class Unknown:
         raise TypeError("a moment is a single sample and cannot be indexed")
 
 
-class Moment(Unknown):
+class Moment(_Unknown):
     """R trials of B states of c coordinates; costly quantities are computed on first use.
 
     It also is the view of a law that acts on all coordinates.
@@ -94,7 +89,7 @@ class Moment(Unknown):
         return self._jacobian
 
 
-class MomentView(Unknown):
+class MomentView(_Unknown):
     """View of some coordinates of a moment; with `soft`, positions are those of the links behind elastic joints."""
 
     def __init__(self, whole: Moment, index: Indices, joints: tuple[int, ...], soft: Indices, flex: Indices) -> None:

@@ -63,11 +63,7 @@ class RollOut(Frozen):
         return np.asarray(np.median(np.abs(self.end(horizon)), axis=0))
 
     def document(self, before: RollOut, horizon: float | None = None) -> dict[str, Any]:
-        """JSON object for diagnosis.json: errors of the original model and of this one, at the longest horizon.
-
-        Args:
-            before: roll-out of the original model.
-            horizon: other horizon [s].
+        """Object for diagnosis.json: errors of the original model and of this one at a horizon [s]; default: the longest.
 
         Raises:
             OptionError: the roll-outs have different joints or windows.

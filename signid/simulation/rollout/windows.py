@@ -39,16 +39,10 @@ class Windows(Frozen):
 def cut_windows(
     model: Model, part: Part, band: Band, length: float, count: int, step: float, *, beside: Model | None = None
 ) -> Windows:
-    """Windows with evenly spaced starts over the usable stretches of a recording; they overlap if it is short.
+    """Windows of a length [s] with evenly spaced starts over the usable stretches of a recording; they may overlap.
 
-    Args:
-        model: model whose recording laws are undone and whose laws with memory need the motion before a window.
-        part: recording and its sampling.
-        band: band of the filter on positions.
-        length: length of a window [s].
-        count: number of windows.
-        step: largest step of the simulation [s].
-        beside: second model for which the windows leave enough room.
+    The model's recording laws are undone, and its laws with memory need the motion before a window. The windows leave
+    enough room for the model `beside`, too. The step [s] is the largest one of the simulation.
 
     Raises:
         RecordingError: no stretch of the recording is long enough.
