@@ -27,10 +27,10 @@ from signid.model import Model, stated_inertials, stated_laws
 from signid.robot import load_robot
 from signid.simulation.excite import Excitation, build_limits, excite
 from signid.simulation.excite.design import CLEARANCE, Precision, predict_precision
-from signid.simulation.excite.feasible import make_feasible
-from signid.simulation.excite.motions.fourier import Fourier
-from signid.simulation.excite.motions.random_motion import random_parameters, sample
-from signid.simulation.excite.setup import build_problem, usual_laws
+from signid.simulation.excite.families import Fourier
+from signid.simulation.excite.problem import build_problem, usual_laws
+from signid.simulation.excite.random_motions import random_parameters
+from signid.simulation.excite.search import make_feasible
 
 from .one_thread import one_thread
 from .summary import print_targets
@@ -82,7 +82,7 @@ def draw(model: Model, harmonics: int, like: int, count: int) -> list[Precision]
     t, found = np.arange(int(DURATION * RATE) + 1) / RATE, []
     for _ in range(count):
         feasible = make_feasible(problem, family, random_parameters(basis, limits, rng))
-        found.append(predict_precision(problem, sample(family, model.robot.joints, feasible.x, t)))
+        found.append(predict_precision(problem, family.sample(model.robot.joints, feasible.x, t)))
     return found
 
 

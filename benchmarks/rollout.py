@@ -33,7 +33,7 @@ from signid.regression.prepare import prepare
 from signid.regression.session import Options, Session
 from signid.simulation.plant.plant import Plant
 from signid.simulation.rollout import RollOut, roll_out
-from signid.simulation.rollout.windows import WindowLayout, Windows, cut_windows
+from signid.simulation.rollout.windows import Windows, cut_windows
 from signid.types import Recording
 
 from .real.data import HELD_OUT, LINK_SIDE, ROBOTS, UNLOADED, data, recording, ur10e, ur10e_recording
@@ -124,7 +124,7 @@ def copies(case: Case, windows: int) -> tuple[float, float]:
     assert isinstance(case.held_out, Recording)
     model, sampling = case.models["identified"], survey(case.held_out, case.models["identified"].robot)
     band = choose_band([case.held_out.read()], 1 / sampling.period)
-    cut = cut_windows(model, (case.held_out, sampling), band, WindowLayout(HORIZONS[-1], windows, 1e-3))
+    cut = cut_windows(model, (case.held_out, sampling), band, HORIZONS[-1], windows, 1e-3)
     return simulated(model, cut, [slice(None)]), simulated(model, cut, [slice(k, k + 1) for k in range(windows)])
 
 

@@ -11,11 +11,15 @@ import pytest
 from captured import Captured, captured
 from numpy.testing import assert_allclose
 
-from signid.estimation.feasible import ConsistentFit, fit_consistent, problem as problems, solve, standard_from_base
-from signid.estimation.feasible.fit import _verified
-from signid.estimation.feasible.newton import polish
-from signid.estimation.feasible.packing import BASIS, TO_INERTIAL, congruence, pack, unpack
-from signid.estimation.feasible.prior import feasible_prior, inertial
+from signid.estimation.feasible import (
+    ConsistentFit,
+    fit as solver,
+    fit_consistent,
+    problem as problems,
+    standard_from_base,
+)
+from signid.estimation.feasible.fit import _verified, polish
+from signid.estimation.feasible.problem import BASIS, TO_INERTIAL, congruence, feasible_prior, inertial, pack, unpack
 from signid.types import Estimate, pseudo_inertia
 
 
@@ -93,12 +97,12 @@ def test_negative_friction_moves_to_zero_by_the_least_change() -> None:
 def test_two_solvers_agree() -> None:
     case = captured("3r", noise=0.05)
     problem = problems.build_problem(case.base, case.estimate, case.prior, 1e-2)
-    asked, status = solve._ask(problem)
+    asked, status = solver._ask(problem)
     assert status == "optimal" and asked is not None
     u, heavier = polish(problem, asked), problem.distance(problem.start) ** 2 / problem.weight
-    traced = solve.trace(problem, heavier)
-    assert traced is not None and solve.solve(problem)[1] == "optimal"
-    for alone in (solve.follow(problem, problem.start, heavier), traced):
+    traced = solver.trace(problem, heavier)
+    assert traced is not None and solver.solve(problem)[1] == "optimal"
+    for alone in (solver.follow(problem, problem.start, heavier), traced):
         assert_allclose(problem.cost(alone), problem.cost(u), rtol=1e-9)
         assert_allclose(problem.matrix @ alone, problem.matrix @ u, atol=1e-3)
 
@@ -106,11 +110,11 @@ def test_two_solvers_agree() -> None:
 def test_a_failing_solver_only_adds_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
     case = captured("3r", noise=0.05)
     well = fitted(case)
-    monkeypatch.setattr(solve, "trace", lambda problem, heavier: None)
+    monkeypatch.setattr(solver, "trace", lambda problem, heavier: None)
     by_solver = fitted(case)
     assert not by_solver.notes
     assert_allclose(by_solver.parameters.values, well.parameters.values, rtol=1e-6, atol=1e-9)
-    monkeypatch.setattr(solve, "_ask", lambda problem: (None, "failed"))
+    monkeypatch.setattr(solver, "_ask", lambda problem: (None, "failed"))
     alone = fitted(case)
     assert alone.parameters.is_feasible() and "Newton" in alone.notes[-1]
     assert_allclose(alone.chi2, well.chi2, rtol=1e-6)
@@ -120,7 +124,7 @@ def test_solver_answers_are_verified(monkeypatch: pytest.MonkeyPatch) -> None:
     case = captured("3r", noise=0.05)
     u = problems.build_problem(case.base, case.estimate, case.prior, 1e-2).start
     u[:10] = pack(np.diag([1.0, 1.0, -1e-9, 1.0]))
-    monkeypatch.setattr(solve, "trace", lambda problem, heavier: None)
+    monkeypatch.setattr(solver, "trace", lambda problem, heavier: None)
     monkeypatch.setattr(cp.Problem, "solve", lambda problem, **_: setattr(problem.variables()[0], "value", u))
     fit = fitted(case)
     assert fit.parameters.is_feasible() and "without a feasible point" in fit.notes[-1]

@@ -11,9 +11,9 @@ from numpy.testing import assert_allclose
 
 from signid.errors import OptionError
 from signid.estimation.feasible import fit_consistent
-from signid.estimation.feasible.prior import inertial
+from signid.estimation.feasible.problem import inertial
 from signid.estimation.pbrp import Bounds, Retrieval, bounds_around, read_bounds, retrieve
-from signid.estimation.pbrp.penalty import physics_of
+from signid.estimation.pbrp.cost import physics_of
 from signid.estimation.pbrp.search import cost_of
 from signid.types import Array, Parameters
 
@@ -32,7 +32,7 @@ def slope(function: object, x: Array, step: float = 1e-6) -> Array:
 def test_noise_free_base_parameters_are_found_by_every_run(name: str, laws: bool) -> None:
     case = captured(name, noise=1e-6, laws=laws)
     got = retrieved(case, runs=2)
-    assert got.feasible and got.converged and got.parameters.is_feasible() and got.violation == 0
+    assert got.best.feasible and got.best.converged and got.parameters.is_feasible() and got.best.violation == 0
     value = case.base.combination @ got.parameters.values
     assert_allclose(value, case.estimate.value, rtol=0, atol=1e-6 * np.abs(case.estimate.value).max())
     assert len(got.runs) == 2 and all(run.feasible and run.converged for run in got.runs)
@@ -43,14 +43,14 @@ def test_a_noisy_arm_is_retrieved_about_as_well_as_by_the_convex_fit() -> None:
     case = captured("3r", noise=0.02, seed=6, laws=False)
     got, fit = retrieved(case, runs=1), fit_consistent(case.base, case.estimate, case.prior)
     assert fit.feasible_without_moving
-    assert got.feasible and got.chi2 < 1e-3
+    assert got.best.feasible and got.best.chi2 < 1e-3
 
 
 def test_inconsistent_estimates_cost_little_more_than_necessary() -> None:
     case = captured("3r", noise=0.05, seed=3, laws=False)
     got, fit = retrieved(case, runs=1), fit_consistent(case.base, case.estimate, case.prior)
     assert not fit.feasible_without_moving
-    assert got.feasible and got.converged and 1 < got.chi2 < 1.2 * fit.chi2
+    assert got.best.feasible and got.best.converged and 1 < got.best.chi2 < 1.2 * fit.chi2
 
 
 def test_inconsistent_estimates_are_noted() -> None:
@@ -59,13 +59,13 @@ def test_inconsistent_estimates_are_noted() -> None:
     lower, upper = box.lower.copy(), box.upper.copy()
     lower[24], upper[24], upper[[26, 29]] = 1.0, 1.1, 0.1  # Ixx of link 3 above Iyy + Izz
     got = retrieved(case, Bounds(lower, upper), runs=1, budget_global=500)
-    assert not got.feasible and not got.parameters.is_feasible() and got.violation > 0
+    assert not got.best.feasible and not got.parameters.is_feasible() and got.best.violation > 0
     assert any("the parameters are infeasible" in note for note in got.notes)
 
 
 def test_a_spent_budget_is_noted() -> None:
     got = retrieved(captured("3r", noise=0.02), runs=1, rounds=2, budget_global=50, budget_local=5)
-    assert not got.converged and "did not converge within" in got.notes[0]
+    assert not got.best.converged and "did not converge within" in got.notes[0]
     assert got.best.evaluations <= 50 + (2 + 6) * 5
 
 
@@ -73,16 +73,16 @@ def test_a_larger_robot_stays_within_its_budget() -> None:
     case = captured("panda", noise=0.05, rows=100)
     got = retrieved(case, runs=1, rounds=3, budget_global=1000, budget_local=300)
     assert got.best.evaluations <= 1000 + (3 + 6) * 300
-    assert got.feasible == got.parameters.is_feasible()
-    assert got.converged or any("did not converge" in note for note in got.notes)
+    assert got.best.feasible == got.parameters.is_feasible()
+    assert got.best.converged or any("did not converge" in note for note in got.notes)
 
 
 def test_the_best_run_is_kept() -> None:
     got = retrieved(captured("3r", noise=0.02), runs=3, rounds=3, budget_global=400, budget_local=60)
     assert got.best in got.runs
-    rivals = [run for run in got.runs if run.feasible == got.feasible]
-    assert got.cost == min(run.cost for run in rivals)
-    assert got.feasible or not any(run.feasible for run in got.runs)
+    rivals = [run for run in got.runs if run.feasible == got.best.feasible]
+    assert got.best.cost == min(run.cost for run in rivals)
+    assert got.best.feasible or not any(run.feasible for run in got.runs)
 
 
 def test_seeds_decide() -> None:
@@ -102,7 +102,7 @@ def test_the_total_mass_is_kept_in_its_range() -> None:
 def test_other_algorithms_can_be_named() -> None:
     case = captured("1r", noise=0.02)
     got = retrieved(case, runs=1, global_algorithm="GN_ESCH", local_algorithm="LN_SBPLX", budget_global=500)
-    assert got.feasible and got.chi2 < 1e-3
+    assert got.best.feasible and got.best.chi2 < 1e-3
     for option, name in [("global_algorithm", "GN_CRS"), ("local_algorithm", "LD_LBFG")]:
         with pytest.raises(OptionError, match=f"no algorithm '{name}'; choose from"):
             retrieved(case, **{option: name})
@@ -113,31 +113,31 @@ def test_other_algorithms_can_be_named() -> None:
 def test_the_usual_algorithms_retrieve_a_pendulum(name: str, local: str) -> None:
     case = captured("1r", noise=1e-3, laws=False)
     got = retrieved(case, runs=1, global_algorithm=name, local_algorithm=local, budget_global=2000)
-    assert got.feasible and got.converged and got.chi2 < 1e-3
+    assert got.best.feasible and got.best.converged and got.best.chi2 < 1e-3
 
 
 def test_an_arm_is_retrieved_by_sequential_quadratic_programming() -> None:
     got = retrieved(captured("3r", noise=1e-3, laws=False), runs=1, local_algorithm="LD_SLSQP")
-    assert got.feasible and got.converged and got.chi2 < 1e-3
+    assert got.best.feasible and got.best.converged and got.best.chi2 < 1e-3
 
 
 def test_an_arm_is_retrieved_without_gradients() -> None:
     got = retrieved(captured("3r", noise=0.05, laws=True, seed=6), runs=1, local_algorithm="LN_SBPLX")
-    assert got.feasible and got.chi2 < 10
+    assert got.best.feasible and got.best.chi2 < 10
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_six_and_seven_joints_with_friction_are_retrieved(name: str) -> None:
     case = captured(name, noise=1e-3)
     got = retrieved(case, runs=1)
-    assert got.feasible and got.converged and got.chi2 < 1e-3
+    assert got.best.feasible and got.best.converged and got.best.chi2 < 1e-3
     value = case.base.combination @ got.parameters.values
     assert np.linalg.norm(value - case.estimate.value) < 1e-6 * np.linalg.norm(case.estimate.value)
 
 
 def test_an_unsuitable_algorithm_is_noted() -> None:
     got = retrieved(captured("3r", noise=0.02, seed=6), runs=1, global_algorithm="GN_AGS")  # at most 10 unknowns
-    assert got.feasible and any(note.startswith("NLopt's GN_AGS failed") for note in got.notes)
+    assert got.best.feasible and any(note.startswith("NLopt's GN_AGS failed") for note in got.notes)
 
 
 def test_fixed_parameters_stay() -> None:
@@ -146,7 +146,7 @@ def test_fixed_parameters_stay() -> None:
     fixed = np.isin(np.arange(30) % 10, [5, 7, 8])  # products of inertia
     lower, upper = np.where(fixed, case.truth.values, box.lower), np.where(fixed, case.truth.values, box.upper)
     got = retrieved(case, Bounds(lower, upper), runs=1)
-    assert got.feasible and np.array_equal(got.parameters.values[fixed], case.truth.values[fixed])
+    assert got.best.feasible and np.array_equal(got.parameters.values[fixed], case.truth.values[fixed])
 
 
 def test_gradients_are_those_of_the_cost() -> None:

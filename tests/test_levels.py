@@ -24,8 +24,6 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "signs": "thresholds result observations segments search samples posterior infer flags tree torque_constants "
     "recover __init__",
     "simulation": "__init__ plant excite rollout",
-    "simulation/excite": "result criterion limits collision motions problem cost feasible search setup design "
-    "discriminate __init__",
 }
 MOST_FOLDERS, MOST_MODULES, MOST_FILES = 14, 14, 14  # below signid/, below signid/, in any folder but effects/
 Arrows = Mapping[str, set[str]]  # file -> files that it imports; "robot/load", without .py

@@ -15,16 +15,12 @@ from signid.regression.regressor import regressor
 from signid.robot import load_robot
 from signid.simulation.excite import Excitation, build_limits, excite
 from signid.simulation.excite.collision import build_collision
-from signid.simulation.excite.cost import ExcitationCost
-from signid.simulation.excite.criterion import CRITERIA, Criterion
+from signid.simulation.excite.cost import CRITERIA, Criterion, ExcitationCost
 from signid.simulation.excite.design import predict_precision
-from signid.simulation.excite.feasible import make_feasible
-from signid.simulation.excite.motions.family import FAMILIES
-from signid.simulation.excite.motions.fourier import Fourier
-from signid.simulation.excite.motions.random_motion import random_parameters, sample
-from signid.simulation.excite.problem import ExcitationProblem
-from signid.simulation.excite.search import Budget
-from signid.simulation.excite.setup import build_problem, usual_laws
+from signid.simulation.excite.families import FAMILIES, Fourier
+from signid.simulation.excite.problem import ExcitationProblem, build_problem, usual_laws
+from signid.simulation.excite.random_motions import random_parameters
+from signid.simulation.excite.search import Budget, make_feasible
 from signid.types import Law, Trajectory
 
 SMALL = Budget(pool=10, starts=1, short=40, long=40, firm=40)
@@ -100,7 +96,7 @@ def test_it_informs_more_than_random_motions() -> None:
     basis, t = family.basis(np.linspace(0, DURATION, 1001)), np.arange(1001) / 100
     drawn = [random_parameters(basis, problem.limits, rng) for _ in range(20)]
     feasible = [make_feasible(problem, family, x).x for x in drawn]
-    random = [predict_precision(problem, sample(family, model.robot.joints, x, t)).log_det for x in feasible]
+    random = [predict_precision(problem, family.sample(model.robot.joints, x, t)).log_det for x in feasible]
     found = excite(model, duration=DURATION, harmonics=5, budget=Budget(20, 2, 60, 150, 80))
     obeys(found, model)
     assert found.log_det > max(random)  # than each of them; the best of twenty differs by 6 from one BLAS to another
@@ -157,7 +153,7 @@ def test_splines_start_and_end_at_rest_and_pass_all_limits() -> None:
     assert np.allclose([found.trajectory.v[[0, -1]], found.trajectory.a[[0, -1]]], 0, atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", FAMILIES.names)
+@pytest.mark.parametrize("kind", FAMILIES)
 @pytest.mark.parametrize("periods", [1.0, 2.0, 1.7])
 def test_families_keep_their_definitions(kind: str, periods: float) -> None:
     family = FAMILIES[kind](DURATION, 4, periods / DURATION)

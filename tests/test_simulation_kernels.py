@@ -21,8 +21,8 @@ import numpy as np
 from signid.model import Model, stated_inertials, stated_laws
 from signid.robot import load_robot
 from signid.simulation.excite import excite
-from signid.simulation.excite.motions.fourier import Fourier
-from signid.simulation.excite.motions.random_motion import rest_to_rest_motion
+from signid.simulation.excite.families import Fourier
+from signid.simulation.excite.random_motions import rest_to_rest_motion
 
 robot = load_robot("3r")
 model = Model(robot, stated_inertials(robot), stated_laws(robot))

@@ -10,7 +10,8 @@ from scipy.special import ellipk
 
 import signid
 from signid.model import Model
-from signid.simulation.plant import Simulation, Torques, simulate, simulate_many, track
+from signid.simulation.plant import Simulation, Torques, simulate, track
+from signid.simulation.plant.run import simulate_many
 from signid.types import Law
 
 WEIGHT, INERTIA = 5 * 9.81 * 0.5, 0.42085 + 5 * 0.25  # N.m and kg.m2 of the pendulum 1r

@@ -51,13 +51,8 @@ def discrepancy_covariance(
 ) -> Array:
     """Covariance (b, b) [units of base] of discrepancy, delay and friction drift, to be added to that of noise.
 
-    Args:
-        sample: sample of the training rows.
-        seen: per joint, the base parameters (m,) that its torque depends on.
-        base: base map.
-        value: (b,) estimate of the base parameters [units of base].
-        variance: (n,) noise variance of each joint [N2.m2 or N2].
-        white: (b, b) covariance under white noise [units of base].
+    The torque of each joint depends on the base parameters seen (m,), estimated as value (b,) [units of base]
+    with covariance white (b, b) [units of base] under white noise of variance (n,) [N2.m2 or N2].
 
     Source: Kennedy, O'Hagan, J. R. Statist. Soc. B 63(3), 2001 (discrepancy); Rao, Biometrics 27(1), 1971 (variance
     components by quadratic forms).

@@ -48,7 +48,8 @@ class ExcitationVerdict(Frozen):
             return ()
         found = []
         if self.resting:
-            found.append(f"{_joints(self.resting)} did not move: move {_them(self.resting)}, or hold with --lock")
+            them = "it" if len(self.resting) == 1 else "them"
+            found.append(f"{_joints(self.resting)} did not move: move {them}, or hold with --lock")
         found += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
         found.append(
             f"the motion gives {max(self.shares[0], 0):.2%} of the information of random motion of the same size (at "
@@ -60,12 +61,6 @@ class ExcitationVerdict(Frozen):
 
 def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: int = 0) -> ExcitationVerdict:
     """Verdict on recordings, from the generalised eigenvalues of their Gram matrix and that of a random motion.
-
-    Args:
-        task: robot, laws and base map.
-        factors: factors of the recordings.
-        estimated: estimate with each joint's noise and each parameter's standard deviation.
-        seed: seed of the random motion.
 
     Source: criterion of optimal excitation (Swevers et al., IEEE T-RA 13(5), 1997), made relative, so that it does not
     depend on units or on the size of the motion.
@@ -160,11 +155,7 @@ def _in_words(robot: Robot, base: BaseMap, which: Iterable[int]) -> tuple[str, .
 
 
 def in_step(velocity: Array) -> tuple[tuple[int, ...], ...]:
-    """Groups of joints whose velocities are proportional.
-
-    Args:
-        velocity: (n, n) mean products of the joints' velocities [rad2/s2, m.rad/s2 or m2/s2].
-    """
+    """Groups of joints with proportional velocities; velocity (n, n) [rad2/s2, m.rad/s2 or m2/s2]: mean products."""
     speed = np.sqrt(np.diag(velocity))
     size = np.where(speed > 0, speed, np.inf)
     alike = (np.abs(velocity / size[:, None] / size) > IN_STEP) & (speed > AT_REST * speed.max(initial=1e-300))
@@ -178,7 +169,3 @@ def _joints(names: Sequence[str]) -> str:
 
 def _listed(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
-
-
-def _them(names: Sequence[str]) -> str:
-    return "it" if len(names) == 1 else "them"

@@ -65,18 +65,10 @@ class Fit(Frozen):
 
 
 def judge_fit(session: Session, train: Factors, test: Factors, base_value: Array) -> Fit:
-    """Fit on training and held-out data, from factors alone.
-
-    Args:
-        session: session with joints and noise floor.
-        train: factors of the training recordings.
-        test: factors of the held-out recordings.
-        base_value: (b,) [units of base].
-    """
-    robot, (trained, _), (held_out, r2) = session.robot, _rms(train, base_value), _rms(test, base_value)
-    units = tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic)
+    """Fit of base_value (b,) [units of base] on training and held-out data, from factors alone."""
+    (trained, _), (held_out, r2) = _rms(train, base_value), _rms(test, base_value)
     floor = session.task.band.torque_floor
-    return Fit(robot.joints, units, trained, held_out, floor, r2, floor)
+    return Fit(session.robot.joints, _units(session.robot), trained, held_out, floor, r2, floor)
 
 
 def fit_rows(
@@ -87,20 +79,16 @@ def fit_rows(
     learned: Array | None = None,
     irreducible: Array | None = None,
 ) -> Fit:
-    """Fit of M rows of torque residuals; NaN rows are ignored.
+    """Fit from a residual (M, n) [N.m or N] on held-out rows and the measured torque (M, n) [N.m or N].
 
-    Args:
-        robot: robot with the joints.
-        residual: (M, n) [N.m or N] measured - predicted, on held-out rows.
-        torque: (M, n) [N.m or N] measured.
-        floor: (n,) [N.m or N] noise floor.
-        learned: (L, n) [N.m or N] residual on training rows; None: nothing was fitted, the training rms is NaN.
-        irreducible: (n,) [N.m or N] rms of all that no model could predict; None: the noise floor.
+    NaN rows are ignored. The noise floor is (n,) [N.m or N]. The residual learned (L, n) [N.m or N] is that on training
+    rows; None: nothing was fitted, the training rms is NaN. The rms irreducible (n,) [N.m or N] is of all that no model
+    could predict; None: the noise floor.
     """
     spread = np.nansum((torque - _mean(torque)) ** 2, axis=0)
     return Fit(
         joints=robot.joints,
-        unit=tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic),
+        unit=_units(robot),
         train_rms=np.full(len(robot.joints), np.nan) if learned is None else rms_of(learned),
         held_out_rms=rms_of(residual),
         noise_floor=floor,
@@ -110,12 +98,12 @@ def fit_rows(
 
 
 def rms_of(x: Array) -> Array:
-    """Root mean square (n,) [unit of x] over the rows that are not NaN; NaN if all are.
-
-    Args:
-        x: (M, n) [any unit].
-    """
+    """Root mean square (n,) [unit of x] over the rows of x (M, n) [any unit] that are not NaN; NaN if all are."""
     return np.asarray(np.sqrt(_mean(x**2)))
+
+
+def _units(robot: Robot) -> tuple[str, ...]:
+    return tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic)
 
 
 def _mean(x: Array) -> Array:

@@ -52,16 +52,12 @@ def estimate(
     fitted parameters; an autoregressive model of them, its order by Akaike's criterion. The covariance is that of
     weighted least squares under this noise, plus that of model discrepancy (`signid.estimation.discrepancy`).
     Generalised least squares is no more accurate, and relies on frequencies where the model is wrong. With instruments,
-    the columns along the desired motion, the estimate is the instrumental-variable one.
+    the columns along the desired motion, the estimate is the instrumental-variable one, unless its standard deviations
+    exceed `weakest` times those of least squares.
 
-    Args:
-        factors: factors of the training recordings.
-        base: base map.
-        prior: (b,) [units of base] values of unidentifiable parameters; default 0.
-        whiten: False: assume white noise and no model discrepancy.
-        noise_grams: per joint (m, m) [products of the units of the columns] Gram matrix of the noise in the columns,
-            which is subtracted from the normal equations.
-        weakest: largest ratio of standard deviations, instruments over least squares, at which instruments are used.
+    Unidentifiable parameters are those of prior (b,) [units of base], or 0. Without `whiten`, white noise and no model
+    discrepancy are assumed. The Gram matrices noise_grams (m, m) [products of the units of the columns] of the noise in
+    each joint's columns are subtracted from the normal equations.
 
     Source: Gautier, ICRA 1997 (weighted least squares); Patterson, Thompson, Biometrika 58, 1971 (correction for
     fitted parameters); Janot, Vandanjon, Gautier, IEEE T-CST 22(1), 2014 (instruments).
@@ -76,27 +72,21 @@ def estimate(
             _model_noise(joint, columns, old.colour, solution, covariance, whiten)
             for (joint, columns), old in zip(_each(factors), before, strict=True)
         ]
-        if all(_alike(new.colour, old.colour) for new, old in zip(noise, before, strict=True)):
+        changes = ((new.colour, old.colour) for new, old in zip(noise, before, strict=True))
+        if all(np.allclose(new, old, SETTLED, SETTLED * old[0]) for new, old in changes):
             break
     solution = _solve(factors, noise, start, noise_grams)
     covariance = _positive(_covariance(factors, noise, solution), solution.inverse)
     covariance[solution.unknown, solution.unknown] = np.inf
     scales = np.array([np.sqrt(n.colour[0]) for n in noise])
     found = Estimate(solution.value, covariance, solution.information, scales, tuple(n.order for n in noise))
-    found = _with_instruments(factors, noise, found, weakest) if factors.instruments else found
-    return _with_discrepancy(factors, base, found, solution.inverse) if whiten else found
-
-
-def _with_discrepancy(factors: Factors, base: BaseMap, found: Estimate, white: Array) -> Estimate:
-    """Add the covariance of model discrepancy."""
-    if factors.sample is None:
+    if factors.instruments:
+        found = _with_instruments(factors, noise, found, weakest)
+    if not whiten or factors.sample is None:
         return found
+    white = solution.inverse
     added = discrepancy_covariance(factors.sample, factors.columns, base, found.value, found.noise**2, white)
     return replace(found, covariance=found.covariance + added)
-
-
-def _alike(new: Array, old: Array) -> bool:
-    return bool(np.allclose(new, old, SETTLED, SETTLED * old[0]))
 
 
 def _each(factors: Factors) -> Sequence[tuple[JointFactors, Indices]]:

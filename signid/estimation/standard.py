@@ -15,7 +15,7 @@ from ..regression.session import Session
 from ..types import Estimate, Parameters
 from .feasible import fit_consistent, standard_from_base
 from .fit_quality import judge_fit
-from .pbrp import Bounds, bounds_around, read_bounds, retrieve
+from .pbrp import bounds_around, read_bounds, retrieve
 
 WORSE = 1.05  # [1] training rms over that of least squares, above which a fit that time cut short is dropped
 CUT_SHORT = (
@@ -45,50 +45,36 @@ class Standard(NamedTuple):
 
 
 def choose_standard(session: Session, found: Estimate, method: str, search: Search, seed: int) -> Standard:
-    """Standard parameters of an estimate, by one method.
-
-    Args:
-        session: session with robot and base map.
-        found: estimate of the base parameters.
-        method: one of METHODS.
-        search: options of penalty-based parameter retrieval.
-        seed: seed of the retrieval.
-    """
+    """Standard parameters of an estimate, by one of METHODS."""
     base, prior = session.task.base, stated_parameters(session.task)
     if method == "wls":
         return Standard(standard_from_base(base, found.value, prior), 0.0)
     if method == "convex":
         fitted = fit_consistent(base, found, prior)
         return Standard(fitted.parameters, fitted.moved, fitted.notes)
+    box = bounds_around(base, found, prior)
+    if search.bounds is not None:
+        box = read_bounds(search.bounds, session.robot.links, box)
     got = retrieve(
         base,
         found,
         prior,
-        _box(session, found, prior, search),
+        box,
         global_algorithm=search.global_algorithm,
         local_algorithm=search.local_algorithm,
         total_mass=search.total_mass,
         seed=seed,
     )
     moves = np.abs(base.combination @ got.parameters.values - found.value) / found.std
-    flags = [] if got.feasible else ["retrieval found no physically feasible parameters; use --method convex"]
-    flags += [] if got.converged else ["retrieval spent its budget before it converged; use --method convex"]
+    flags = [] if got.best.feasible else ["retrieval found no physically feasible parameters; use --method convex"]
+    flags += [] if got.best.converged else ["retrieval spent its budget before it converged; use --method convex"]
     return Standard(got.parameters, float(np.max(moves)), got.notes, tuple(flags))
 
 
 def choose_in_time(
     session: Session, train: Factors, found: Estimate, method: str, search: Search, seed: int
 ) -> tuple[Standard, str]:
-    """Standard parameters and their method; plain least squares if time cut the search short with a worse fit.
-
-    Args:
-        session: session with robot and base map.
-        train: training factors of the estimate.
-        found: estimate of the base parameters.
-        method: one of METHODS.
-        search: options of penalty-based parameter retrieval.
-        seed: seed of the retrieval.
-    """
+    """Standard parameters and their method; plain least squares if time cut the search short with a worse fit."""
     chosen = choose_standard(session, found, method, search, seed)
     if method == "wls" or seconds_left() > 0:
         return chosen, method
@@ -98,9 +84,3 @@ def choose_in_time(
         return chosen, method
     fallback = choose_standard(session, found, "wls", search, seed)
     return fallback._replace(flags=(*chosen.flags, CUT_SHORT.format(method))), "wls"
-
-
-def _box(session: Session, found: Estimate, prior: Parameters, search: Search) -> Bounds | None:
-    if search.bounds is None:
-        return None
-    return read_bounds(search.bounds, session.robot.links, bounds_around(session.task.base, found, prior))

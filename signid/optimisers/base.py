@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -71,33 +70,18 @@ class Optimiser(ABC):
 
     @abstractmethod
     def minimise(
-        self,
-        problem: Problem,
-        *,
-        algorithm: str | None = None,
-        budget_evaluations: int,
-        budget_seconds: float | None = None,
-        seed: int = 0,
+        self, problem: Problem, *, algorithm: str | None = None, budget_evaluations: int, seed: int = 0
     ) -> Optimum:
-        """Minimise within a budget; reproducible for a given seed unless the time runs out first.
+        """Minimise within a number of evaluations; reproducible for a given seed unless the time limit passes first.
 
-        Args:
-            problem: objective, bounds and start.
-            algorithm: one of `algorithms`; None for the first.
-            budget_evaluations: maximum number of evaluations; the start is always evaluated.
-            budget_seconds: maximum time [s].
-            seed: seed of the random generator.
+        The algorithm is one of `algorithms`; None: the first. The start is always evaluated.
 
         Raises:
             OptionError: unknown algorithm, or an algorithm that requires a gradient for a problem without one.
         """
 
     def chosen(self, problem: Problem, algorithm: str | None) -> str:
-        """Name of the algorithm, checked against the problem.
-
-        Raises:
-            OptionError: unknown algorithm, or an algorithm that requires a gradient for a problem without one.
-        """
+        """Name of the algorithm, checked against the problem; Raises: OptionError."""
         name = algorithm or self.algorithms[0]
         if name not in self.algorithms:
             upper = {known.upper(): known for known in self.algorithms}
@@ -118,25 +102,20 @@ class BudgetSpentError(Exception):
 class Watch:
     """Objective that counts evaluations, keeps the best point and ends the run when the budget is spent."""
 
-    def __init__(self, problem: Problem, evaluations: int, seconds: float | None) -> None:
+    def __init__(self, problem: Problem, evaluations: int) -> None:
         self.problem, self.evaluations = problem, evaluations
-        self.end = np.inf
         self.x, self.value, self.count = problem.start, np.inf, 0
         self.fault: Exception | None = None  # raised by the objective, not by the library
         self(problem.start)  # some algorithms skip the start; the optimum must not be worse than it
-        if seconds is not None:
-            self.end = time.monotonic() + seconds
 
     def __call__(self, x: Array) -> float:
         """Cost at x: (d,) [any], `WALL` where it is not finite: some algorithms crash there, or never end."""
-        spent = self.count >= max(self.evaluations, 1) or time.monotonic() >= self.end
-        if spent or (self.count and time_is_up(self.problem.search)):
+        if self.count >= max(self.evaluations, 1) or (self.count and time_is_up(self.problem.search)):
             raise BudgetSpentError
         self.count += 1
         value = float(self._watched(self.problem.objective, x))
-        if value < self.value and np.all(
-            (x >= self.problem.lower) & (x <= self.problem.upper)
-        ):  # some leave the bounds
+        inside = (x >= self.problem.lower) & (x <= self.problem.upper)  # some algorithms leave the bounds
+        if value < self.value and np.all(inside):
             self.x, self.value = np.array(x), value
         return value if np.isfinite(value) else WALL
 
@@ -154,11 +133,7 @@ class Watch:
             raise
 
     def optimum(self, status: Status, algorithm: str) -> Optimum:
-        """Best point so far.
-
-        Raises:
-            Exception: exception of the objective or its gradient, even if the library caught it.
-        """
+        """Best point so far; raises exceptions of the objective or its gradient, even if the library caught them."""
         if self.fault is not None:
             raise self.fault
         if not np.isfinite(self.value):

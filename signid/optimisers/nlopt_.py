@@ -27,18 +27,10 @@ class NLopt(Optimiser):
     needs_gradient = frozenset(name for name in algorithms if name.startswith(("GD_", "LD_")))
 
     def minimise(
-        self,
-        problem: Problem,
-        *,
-        algorithm: str | None = None,
-        budget_evaluations: int,
-        budget_seconds: float | None = None,
-        seed: int = 0,
+        self, problem: Problem, *, algorithm: str | None = None, budget_evaluations: int, seed: int = 0
     ) -> Optimum:
         name = self.chosen(problem, algorithm)
-        watch = Watch(problem, budget_evaluations, budget_seconds)
-
-        run = _configured(name, problem)
+        watch, run = Watch(problem, budget_evaluations), _configured(name, problem)
         kept = ref(run)  # weak: NLopt holds the cost function, and a strong reference back would leak both
 
         def cost(x: Array, gradient: Array) -> float:

@@ -128,7 +128,7 @@ def _drive(
     known: Model, asked: Trajectory | Torques | None, loop: LoopOptions, duration: float | None, step: float, seed: int
 ) -> tuple[Tracking | Torques, float]:
     """The drive of the robot and the duration [s]; without a motion or torques from a file, a random motion."""
-    from ...simulation.excite.motions.random_motion import rest_to_rest_motion
+    from ...simulation.excite.random_motions import rest_to_rest_motion
     from ...simulation.plant import Torques, track
     from ...simulation.plant.run import instants
 

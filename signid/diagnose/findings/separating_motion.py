@@ -11,10 +11,10 @@ from ...effects.law import coefficient_count
 from ...effects.naming import law_place
 from ...model import Model
 from ...regression.motion import Motion
-from ...simulation.excite.discriminate.law_distance import STRUCTURAL, law_distance, wide_columns, with_torque
+from ...simulation.excite.families import Fourier
+from ...simulation.excite.law_distance import STRUCTURAL, law_distance, wide_columns, with_torque
 from ...simulation.excite.limits import build_limits
-from ...simulation.excite.motions.fourier import Fourier
-from ...simulation.excite.motions.random_motion import random_parameters, sample
+from ...simulation.excite.random_motions import random_parameters
 from ...types import Array, Law
 
 SEARCH, UNSOUGHT = "the search for motions that separate alternatives", "not searched for: time was up"
@@ -57,7 +57,7 @@ def _motions(model: Model, seed: int) -> list[Motion]:
     family = Fourier(DURATION, HARMONICS, 1 / DURATION)
     basis = family.basis(t)
     drawn = (random_parameters(basis, limits, rng, AMPLITUDE) for _ in range(MOTIONS))
-    return [with_torque(model, sample(family, robot.joints, x, t)) for x in drawn]
+    return [with_torque(model, family.sample(robot.joints, x, t)) for x in drawn]
 
 
 def _distance(law: Law, rival: Law, floor: Array, motion: Motion) -> tuple[float, float]:

@@ -6,9 +6,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from ...recording import read_recording
+from ...recording.sampling import survey
 from ...regression.factors import Factors, Weigh
 from ...regression.session import Options, Part, Session
-from ...types import Array, BaseMap, Estimate, Frozen, Progress
+from ...types import Array, BaseMap, Estimate, Frozen, Progress, Samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +32,7 @@ class Given(Frozen):
         return self.session.task.base
 
     def reduce(self, parts: Sequence[Part], purpose: str, instruments: bool = False) -> Factors:
-        """Factors of other parts, reduced like the training recordings.
-
-        Args:
-            parts: recordings in memory, on the uniform grid.
-            purpose: step that the progress bar shows.
-            instruments: whether their desired positions give instruments.
-        """
+        """Factors of other parts on the uniform grid; `instruments`: from their desired positions."""
         session = replace(self.session, task=replace(self.session.task, instruments=instruments))
         lags = len(self.factors.joints[0].grams) - 1
         return session.reduce(parts, weigh=self.weigh, progress=self.progress, purpose=purpose, lags=lags)
@@ -58,3 +56,16 @@ class Estimator(ABC):
         Raises:
             OptionError: the recordings lack what the estimator needs.
         """
+
+
+def part_of(session: Session, piece: Samples) -> Part:
+    """Recording in memory of uniform samples without gaps, without recorded derivatives."""
+    columns = {"t": piece.t}
+    for j, number in enumerate(session.robot.numbers):
+        columns[f"q_{number}"] = piece.q[:, j]
+        if not np.isnan(piece.tau[:, j]).all():
+            columns[f"tau_{number}"] = piece.tau[:, j]
+        if piece.q_des is not None:
+            columns[f"q_des_{number}"] = piece.q_des[:, j]
+    recording = read_recording(columns, session.robot)
+    return recording, survey(recording, session.robot)

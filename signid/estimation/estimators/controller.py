@@ -50,13 +50,7 @@ def stretches(session: Session) -> Iterator[Samples]:
 
 
 def motion_of(session: Session, q: Array, period: float) -> Motion:
-    """Motion at every sample of a stretch; for the filters its ends are extended by reflection.
-
-    Args:
-        session: session with robot and band.
-        q: (N, n) [rad or m].
-        period: sampling period [s].
-    """
+    """Motion at samples q (N, n) [rad or m] of a stretch; for the filters its ends are extended by reflection."""
     band, edge = session.task.band, margin(session.task.band)
     mirrored = np.concatenate([2 * q[:1] - q[edge:0:-1], q, 2 * q[-1:] - q[-2 : -edge - 2 : -1]])
     t = np.asarray((np.arange(len(mirrored)) - edge) * period, dtype=np.float64)
@@ -70,15 +64,9 @@ def find_controller(
     """Estimate proportional and derivative gains, and feed-forward coefficients of all regressor columns.
 
     Each joint's torque is fitted by least squares with position error, speed error and the columns along the desired
-    motion, all equally filtered. A default loop with the model as feed-forward is used for joints whose torque is
-    poorly explained or whose gains are implausible.
-
-    Args:
-        session: session with robot, laws and band.
-        pieces: stretches with desired positions.
-        model: robot as known so far.
-        value: (b,) [units of base] base parameters of the model.
-        gains: stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad], if they are known.
+    motion, all equally filtered. A default loop, fed forward by the model of parameters value (b,) [units of base],
+    is used for joints whose torque is poorly explained or whose gains are implausible. If the controller is known,
+    gains are stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad].
     """
     piece = max(pieces, key=lambda piece: len(piece.t))
     asked, found = _fit_joints(session, piece, gains)

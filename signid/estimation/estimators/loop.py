@@ -1,8 +1,9 @@
-"""Simulation of the closed loop along the recordings: motion without encoder noise."""
+"""Estimators that simulate the closed loop along the recordings: motion without encoder noise."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,16 +17,67 @@ from ...simulation.plant.control import Plan, sampled
 from ...types import Array, Estimate, Frozen, Samples, Trajectory
 from ..feasible import fit_consistent
 from ..least_squares import estimate
-from .base import Given
+from .base import Estimator, Given, part_of
 from .controller import Controller, find_controller, motion_of, stretches
-from .part import part_of
 
 STEP = 1e-3  # [s] largest step of the simulation
 ROUNDS, SETTLED = 8, 0.05  # largest number of rounds; [standard deviations] change at which they have converged
 EXACT = 1e-6  # [1] the same as a share of the largest parameter, for recordings without noise
 
-Gains = tuple[Array, Array] | None
-Solve = Callable[[list[Part]], Estimate]  # recordings with simulated positions -> estimate
+
+@dataclass(frozen=True, eq=False)
+class LoopEstimator(Frozen, Estimator):
+    """Estimator that alternates between simulation of the closed loop and estimation until the estimate converges."""
+
+    gains: tuple[Array, Array] | None = None  # stiffness (n,) [N.m/rad], damping (n,) [N.m.s/rad]; None: estimated
+    simulated = "q"  # positions that the simulated ones replace: `q` or `q_des`
+
+    def options(self, options: Options) -> Options:
+        """Options for rows from positions alone, since only positions are simulated.
+
+        Raises:
+            OptionError: recorded derivatives are requested.
+        """
+        if options.derivatives == "recorded":
+            raise OptionError(
+                f"the estimator {self.name} simulates positions and cannot use recorded derivatives; choose computed "
+                "ones"
+            )
+        return replace(options, instruments=False, derivatives="computed")
+
+    @abstractmethod
+    def solve(self, given: Given, parts: Sequence[Part]) -> Estimate:
+        """Estimate from recordings with simulated positions."""
+
+    def estimate(self, given: Given) -> Estimate:
+        """Alternate between simulation with the current parameters and estimation along its motion."""
+        session, pieces = given.session, _pieces(given.session, self.name)
+        found, controller = estimate(given.factors, given.base, given.prior, given.whiten), None
+        for done in range(ROUNDS):
+            fit = fit_consistent(given.base, found, stated_parameters(session.task))
+            model = fitted_model(session.task, fit.parameters)
+            controller = controller or find_controller(session, pieces, model, fit.base_value, self.gains)
+            if given.progress is not None:
+                given.progress("simulating the closed loop", done / ROUNDS)
+            motions = [_run(session, model, controller, piece) for piece in pieces]
+            bare = [piece._replace(q_des=None) for piece in pieces]
+            moved = [piece._replace(**{self.simulated: q}) for piece, q in zip(bare, motions, strict=True)]
+            new = self.solve(given, [part_of(session, piece) for piece in moved])
+            still, found = _settled(new, found), new
+            if still or time_is_up(f"the estimator {self.name}"):
+                break
+        away = np.concatenate([piece.q - q for piece, q in zip(pieces, motions, strict=True)])
+        note = (
+            f"the closed loop was simulated {done + 1} times; it stays within "
+            f"{np.sqrt(np.mean(away**2, axis=0)).max():.2g} rad or m of the recorded positions (rms)"
+        )
+        assert controller is not None, "there is a round"
+        flag = (
+            f"the estimator {self.name} did not converge within {ROUNDS} rounds; its intervals are too narrow, use wls "
+            "or tls"
+        )
+        flags = found.flags if still else (*found.flags, flag)
+        return replace(found, notes=(*found.notes, controller.note, note), flags=flags)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,75 +95,21 @@ class ControllerDrive(Frozen):
         return self.q, self.v
 
     def plan(self, t: Array) -> Plan:
-        """Desired motion and feed-forward torque.
-
-        Args:
-            t: (K,) [s].
-        """
+        """Desired motion and feed-forward torque at t (K,) [s]."""
         q, v, _ = sampled(self.path, t)
         ahead = np.column_stack([np.interp(t, self.path.t, x) for x in self.torque.T])
         return Plan(ahead, q, v, self.controller.stiffness, self.controller.damping)
 
 
-def loop_options(options: Options, name: str) -> Options:
-    """Options for rows from positions alone, since only positions are simulated.
-
-    Raises:
-        OptionError: recorded derivatives are requested.
-    """
-    if options.derivatives == "recorded":
-        raise OptionError(
-            f"the estimator {name} simulates positions and cannot use recorded derivatives; choose computed ones"
-        )
-    return replace(options, instruments=False, derivatives="computed")
-
-
-def iterate(given: Given, name: str, key: str, solve: Solve, gains: Gains) -> Estimate:
-    """Alternate between simulation of the closed loop and estimation until the estimate converges.
-
-    Args:
-        given: session and factors.
-        name: name of the estimator, for messages.
-        key: positions that the simulated ones replace: `q` or `q_des`.
-        solve: function that estimates.
-        gains: stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad] of the controller, if they are known.
-
-    Raises:
-        OptionError: desired positions are not recorded, or the closed loop cannot be simulated.
-    """
-    session, pieces = given.session, _pieces(given, name)
-    found, controller = estimate(given.factors, given.base, given.prior, given.whiten), None
-    for done in range(ROUNDS):
-        model, value = _model(given, found)
-        controller = controller or find_controller(session, pieces, model, value, gains)
-        if given.progress is not None:
-            given.progress("simulating the closed loop", done / ROUNDS)
-        motions = [_run(session, model, controller, piece) for piece in pieces]
-        bare = [piece._replace(q_des=None) for piece in pieces]
-        parts = [part_of(session, piece._replace(**{key: q})) for piece, q in zip(bare, motions, strict=True)]
-        new = solve(parts)
-        still = _settled(new, found)
-        found = new
-        if still or time_is_up(f"the estimator {name}"):
-            break
-    error = _largest_error(pieces, motions)
-    note = f"the closed loop was simulated {done + 1} times; it stays within {error} of the recorded positions (rms)"
-    assert controller is not None, "there is a round"
-    flag = f"the estimator {name} did not converge within {ROUNDS} rounds; its intervals are too narrow, use wls or tls"
-    flags = found.flags if still else (*found.flags, flag)
-    return replace(found, notes=(*found.notes, controller.note, note), flags=flags)
-
-
-def _pieces(given: Given, name: str) -> list[Samples]:
+def _pieces(session: Session, name: str) -> list[Samples]:
     """Training stretches, after a check that all have desired positions."""
-    recordings = [recording for recording, _ in given.session.train]
     lacking = [
         joint
-        for recording in recordings
+        for recording, _ in session.train
         for joint, column in zip(recording.joints, recording.columns.get("q_des", ()), strict=False)
         if not column
     ]
-    pieces = list(stretches(given.session))
+    pieces = list(stretches(session))
     if lacking or any(piece.q_des is None or not np.isfinite(piece.q_des).all() for piece in pieces):
         fault = f"{lacking[0]} has none" if lacking else "there are none, or they have gaps"
         raise OptionError(
@@ -119,12 +117,6 @@ def _pieces(given: Given, name: str) -> list[Samples]:
             f"{fault}; record them, or choose wls or tls"
         )
     return pieces
-
-
-def _model(given: Given, found: Estimate) -> tuple[Model, Array]:
-    """Feasible model nearest to an estimate, and its base parameters."""
-    fit = fit_consistent(given.base, found, stated_parameters(given.session.task))
-    return fitted_model(given.session.task, fit.parameters), fit.base_value
 
 
 def _run(session: Session, model: Model, controller: Controller, piece: Samples) -> Array:
@@ -148,8 +140,3 @@ def _settled(new: Estimate, old: Estimate) -> bool:
     identifiable = np.isfinite(new.std)
     change = np.abs(new.value - old.value)[identifiable]
     return bool(np.all(change <= SETTLED * new.std[identifiable] + EXACT * np.abs(new.value).max(initial=0.0)))
-
-
-def _largest_error(pieces: list[Samples], motions: list[Array]) -> str:
-    away = np.concatenate([piece.q - q for piece, q in zip(pieces, motions, strict=True)])
-    return f"{np.sqrt(np.mean(away**2, axis=0)).max():.2g} rad or m"

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
 
 from ...regression.bandwidth import encoder_noise
-from ...regression.rows import Rows, Task, read_rows
-from ...regression.session import PIECE, Session, longest_piece
-from ...types import Array, Estimate, Samples
+from ...regression.rows import read_rows
+from ...regression.session import PIECE, longest_piece
+from ...types import Array, Estimate
 from ..least_squares import estimate
-from .base import Estimator, Given
-from .part import part_of
+from .base import Estimator, Given, part_of
 
 SEED, DRAWS = 0, 4  # seed of the simulated position noise, and number of realisations
 MOST = 0.5  # [1] largest noise share of the power of a combination of columns without a flag
@@ -43,14 +42,7 @@ class TotalLeastSquares(Estimator):
 
 
 def column_noise(given: Given) -> tuple[list[Array], Array]:
-    """Gram matrix of the noise in each joint's columns, and the standard deviation of the position noise.
-
-    Args:
-        given: session and its factors.
-
-    Returns:
-        Per joint (m, m) [products of the units of the columns], and (n,) [rad or m].
-    """
+    """Gram matrix (m, m) of the noise in each joint's columns, and standard deviations (n,) of positions [rad or m]."""
     session = given.session
     pieces = [longest_piece(part, PIECE) for part in session.train]
     size = encoder_noise(max((piece.q for piece in pieces), key=len))
@@ -59,7 +51,8 @@ def column_noise(given: Given) -> tuple[list[Array], Array]:
     rows = np.zeros(len(grams))
     for piece in [piece for piece in pieces for _ in range(DRAWS)]:
         noisy = piece._replace(q=piece.q + size * rng.standard_normal(piece.q.shape))
-        for ours, theirs in zip(_rows(task, session, piece), _rows(task, session, noisy), strict=True):
+        both = (read_rows(task, *part_of(session, samples)) for samples in (piece, noisy))
+        for ours, theirs in zip(*both, strict=True):
             for j, gram in enumerate(grams):
                 keep = ours.steady[:, j] & theirs.steady[:, j] & ours.recorded[j]
                 change = (theirs.columns[j] - ours.columns[j])[keep]
@@ -68,11 +61,6 @@ def column_noise(given: Given) -> tuple[list[Array], Array]:
     counts = np.array([joint.counts[0] for joint in given.factors.joints])
     scale = counts / np.maximum(rows, 1)
     return [gram * s for gram, s in zip(grams, scale, strict=True)], size
-
-
-def _rows(task: Task, session: Session, piece: Samples) -> Iterator[Rows]:
-    recording, sampling = part_of(session, piece)
-    return read_rows(task, recording, sampling)
 
 
 def _largest_share(given: Given, noise_grams: Sequence[Array], noise: Array) -> float:

@@ -4,6 +4,6 @@ A body is feasible if its pseudo-inertia, a matrix of its mass, first moments an
 """
 
 from .fit import ConsistentFit, fit_consistent
-from .prior import standard_from_base
+from .problem import standard_from_base
 
 __all__ = ["ConsistentFit", "fit_consistent", "standard_from_base"]

@@ -13,8 +13,7 @@ import numpy as np
 from ...errors import OptionError
 from ...toml_json import read_toml
 from ...types import Array, BaseMap, Estimate, Frozen, Parameters, pseudo_inertia
-from ..feasible.packing import TO_INERTIAL, pack
-from ..feasible.prior import coefficient_sizes, feasible_prior, inertial, positive
+from ..feasible.problem import TO_INERTIAL, coefficient_sizes, feasible_prior, inertial, pack, positive
 
 _MASS = (0.2, 3.0)  # [1] smallest and largest mass over that of the description
 _HUGE = 1e100  # largest number in a bounds file
@@ -49,14 +48,6 @@ def bounds_around(base: BaseMap, estimate: Estimate, prior: Parameters) -> Bound
     """Box around the description: 0.2 to 3 times each mass, centres near those of the description, matching inertias.
 
     The bounds of a coefficient are three times its size in `coefficient_sizes`.
-
-    Args:
-        base: base map.
-        estimate: base parameters, for the coefficients.
-        prior: standard parameters of the description.
-
-    Raises:
-        ValueError: the prior does not have the labels of the base map.
     """
     start, _ = feasible_prior(base, prior)
     reach = 3 * coefficient_sizes(base, estimate.value, start.values, estimate.std)
@@ -83,12 +74,8 @@ def read_bounds(path: str | Path, links: Sequence[str], default: Bounds) -> Boun
     """Box from a TOML file; bounds that it does not state are those of the default.
 
     `[link.NAME]` holds any of `mass = [lo, hi]` [kg], `first_moment = [[lo, hi], [lo, hi], [lo, hi]]` [kg.m] and
-    `inertia`, six pairs Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link's joint frame [kg.m2].
-
-    Args:
-        path: path of the file.
-        links: names of the bodies in the order of their parameters.
-        default: box over all standard parameters, first ten per body.
+    `inertia`, six pairs Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link's joint frame [kg.m2]. The links are those of the
+    bodies in the order of their parameters.
 
     Raises:
         OptionError: the file cannot be read, names an unknown link or quantity, or has an invalid interval.
@@ -104,7 +91,10 @@ def read_bounds(path: str | Path, links: Sequence[str], default: Bounds) -> Boun
         raise OptionError(f"the bounds file {path} has {', '.join(content)}; expected only tables [link.NAME]")
     lower, upper = default.lower.copy(), default.upper.copy()
     for link, quantities in sections.items():
-        first = 10 * _index(link, links, path)
+        if link not in links:
+            close = ", ".join(get_close_matches(link, links, n=3, cutoff=0.4) or links)
+            raise OptionError(f"the bounds file {path} names {link!r}, which is not a moving link; choose from {close}")
+        first = 10 * list(links).index(link)
         if not isinstance(quantities, Mapping):
             raise OptionError(f"link.{link} in {path} is {quantities!r}; expected a table [link.{link}]")
         for quantity, stated in quantities.items():
@@ -113,15 +103,6 @@ def read_bounds(path: str | Path, links: Sequence[str], default: Bounds) -> Boun
             rows = np.arange(first, first + 10)[_ROWS[quantity]]
             lower[rows], upper[rows] = low, high
     return Bounds(lower, upper)
-
-
-def _index(link: str, links: Sequence[str], path: str | Path) -> int:
-    if link not in links:
-        close = get_close_matches(link, links, n=3, cutoff=0.4) or links
-        raise OptionError(
-            f"the bounds file {path} names {link!r}, which is not a moving link; choose from {', '.join(close)}"
-        )
-    return list(links).index(link)
 
 
 def _intervals(quantity: str, stated: Any, where: str) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Cost of the search for standard parameters, in coordinates scaled by the box, and its rounds of penalty."""
+"""Cost of the search for standard parameters in the box: misfit, and a penalty on violations of physics."""
 
 from __future__ import annotations
 
@@ -7,13 +7,111 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...errors import OptionError
 from ...optimisers import OPTIMISERS, Optimum, Problem
-from ...types import Array, Frozen, Indices
+from ...types import Array, BaseMap, Estimate, Frozen, Indices, Parameters, pseudo_inertia
+from ..feasible.problem import coefficient_sizes, feasible_prior, inertial, positive
 from .bounds import Bounds
-from .penalty import Physics
 
 SEARCH = "the search for standard parameters"
 _LARGE = 1e3  # [squared standard deviations] cost above which a search that stopped early is repeated
+_MARGIN = 1e-3  # [1] margin of each constraint over its size, so that parameters without penalty are feasible
+_SECOND = np.array([pseudo_inertia(e)[:3, :3] for e in np.eye(10)])  # (10, 3, 3) of second moments
+_FLAT = _SECOND.reshape(10, 9)
+
+
+@dataclass(frozen=True, eq=False)
+class Physics(Frozen):
+    """Constraints of physics, each scaled by a size.
+
+    Masses are positive. The inertia about each centre of mass is positive definite, and its principal moments satisfy
+    the triangle inequality. Some coefficients are not negative. The total mass lies in a range.
+    """
+
+    bodies: Indices  # (nb, 10) indices of the inertial parameters
+    positive: Indices  # (k,) indices of the coefficients that must not be negative
+    mass: Array  # (nb,) [kg] sizes of the masses
+    spread: Array  # (nb,) [kg.m2] sizes of the second moments about the centre of mass
+    size: Array  # (k,) [unit of each] sizes of the coefficients
+    total: tuple[float, float] | None = None  # [kg] range of the total mass
+
+    def violation(self, x: Array) -> tuple[float, Array]:
+        """Sum of the squared violations by x (p,) [unit of each], and its gradient (p,)."""
+        slope = np.zeros_like(x)
+        inertials = x[self.bodies]
+        mass, d_mass = _short(inertials[:, 0] / self.mass - _MARGIN)
+        coefficient, d_coefficient = _short(x[self.positive] / self.size)
+        moments, d_moments = self._moments(inertials)
+        total, d_total = self._total(inertials[:, 0].sum())
+        slope[self.bodies] += d_moments
+        slope[self.bodies[:, 0]] += d_mass / self.mass + d_total
+        slope[self.positive] += d_coefficient / self.size
+        return float(mass.sum() + coefficient.sum() + total + moments), slope
+
+    def excess(self, x: Array) -> float:
+        """Sum of the squared violations by x (p,) [unit of each], in less than half the time without the gradient."""
+        inertials = x[self.bodies]
+        mass, first = inertials[:, 0], inertials[:, 1:4]
+        centre = first / np.maximum(mass, _MARGIN * self.mass)[:, None]
+        second = np.reshape(inertials @ _FLAT, (-1, 3, 3)) - first[:, :, None] * centre[:, None, :]
+        values = np.linalg.eigvalsh(second) / self.spread[:, None]
+        principal = values.sum(1)[:, None] - values
+        short = [mass / self.mass - _MARGIN, values.ravel() - _MARGIN, principal.ravel() - _MARGIN]
+        missing = np.minimum(np.concatenate([*short, x[self.positive] / self.size]), 0.0)
+        return float(missing @ missing) + self._total(mass.sum())[0]
+
+    def _moments(self, inertials: Array) -> tuple[float, Array]:
+        """Violation of the second moments about the centres of mass, and its gradient (nb, 10)."""
+        mass = np.maximum(inertials[:, 0], _MARGIN * self.mass)
+        centre = inertials[:, 1:4] / mass[:, None]
+        second = np.tensordot(inertials, _SECOND, 1) - mass[:, None, None] * centre[:, :, None] * centre[:, None, :]
+        values, axes = np.linalg.eigh(second)  # eigenvalues >= 0: the triangle inequality of the principal moments
+        triangle, d_triangle = _short(values / self.spread[:, None] - _MARGIN)
+        principal, d_principal = _short((values.sum(1)[:, None] - values) / self.spread[:, None] - _MARGIN)
+        by_value = (d_triangle + d_principal.sum(1)[:, None] - d_principal) / self.spread[:, None]
+        weight = np.einsum("bik,bk,bjk->bij", axes, by_value, axes)
+        slope = np.einsum("bij,kij->bk", weight, _SECOND)
+        pull = np.einsum("bij,bj->bi", weight, centre)
+        slope[:, 1:4] -= 2 * pull
+        slope[:, 0] += np.where(inertials[:, 0] > _MARGIN * self.mass, np.einsum("bi,bi->b", pull, centre), 0.0)
+        return float(triangle.sum() + principal.sum()), slope
+
+    def _total(self, mass: float) -> tuple[float, float]:
+        if self.total is None:
+            return 0.0, 0.0
+        size = float(self.mass.sum())
+        over, under = max(mass - self.total[1], 0.0) / size, max(self.total[0] - mass, 0.0) / size
+        return over**2 + under**2, 2 * (over - under) / size
+
+
+def physics_of(
+    base: BaseMap, estimate: Estimate, prior: Parameters, total: tuple[float, float] | None = None
+) -> Physics:
+    """Constraints of physics for a robot, with sizes from its description and, for coefficients, from an estimate.
+
+    Raises:
+        OptionError: the range [kg] of the total mass of all bodies is invalid.
+    """
+    if total is not None and not 0 <= total[0] <= total[1]:
+        raise OptionError(f"total_mass is {total}; give (smallest, largest) in kg, not negative")
+    start, _ = feasible_prior(base, prior)
+    bodies = start.bodies()
+    moments = np.array([pseudo_inertia(x)[:3, :3] - np.outer(x[1:4], x[1:4]) / x[0] for x in bodies]).reshape(-1, 3, 3)
+    bounded = np.flatnonzero(positive(start) & ~inertial(start))
+    return Physics(
+        np.flatnonzero(inertial(start)).reshape(-1, 10),
+        bounded,
+        bodies[:, 0],
+        np.linalg.eigvalsh(moments)[:, -1],
+        coefficient_sizes(base, estimate.value, start.values, estimate.std)[bounded],
+        total,
+    )
+
+
+def _short(value: Array) -> tuple[Array, Array]:
+    """Square of the negative part, and its derivative."""
+    missing = np.minimum(value, 0.0)
+    return missing**2, 2 * missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,22 +134,13 @@ class PenaltyCost(Frozen):
         return self.box.upper[self.free] - self.box.lower[self.free]
 
     def standard(self, z: Array) -> Array:
-        """Standard parameters (p,) [unit of each].
-
-        Args:
-            z: (d,) [1].
-        """
+        """Standard parameters (p,) [unit of each] of z (d,) [1]."""
         x = self.box.lower.copy()
         x[self.free] += self.width * z
         return x
 
     def problem(self, z: Array, weight: float) -> Problem:
-        """Optimisation problem that starts at z.
-
-        Args:
-            z: (d,) starting point [1].
-            weight: weight of the violation [squared standard deviations].
-        """
+        """Optimisation problem that starts at z (d,) [1]; the violation has a weight [squared standard deviations]."""
         width, matrix, target = self.width, self.matrix, self.target
 
         def cost(z: Array) -> float:
@@ -71,12 +160,7 @@ class PenaltyCost(Frozen):
 def cost_over(box: Bounds, physics: Physics, matrix: Array, target: Array, rest: float = 0.0) -> PenaltyCost:
     """Cost |matrix x - target|^2 + rest over the standard parameters x of a box.
 
-    Args:
-        box: search box.
-        physics: constraints of physics.
-        matrix: (m, p) [standard deviations per unit of each].
-        target: (m,) [standard deviations].
-        rest: part that no parameters explain [squared standard deviations].
+    Here matrix is (m, p) [standard deviations per unit of each] and target (m,) [standard deviations].
     """
     free = np.flatnonzero(box.upper > box.lower)
     inside = matrix[:, free] * (box.upper - box.lower)[free]
@@ -84,18 +168,9 @@ def cost_over(box: Bounds, physics: Physics, matrix: Array, target: Array, rest:
 
 
 def descend(cost: PenaltyCost, z: Array, weights: Iterable[float], algorithm: str, budget: int, seed: int) -> Optimum:
-    """Rounds of one algorithm; each has its own weight of the penalty and starts where the last one ended.
+    """Rounds of one algorithm from z (d,) [1]; each has its own weight of the penalty and starts where the last ended.
 
-    Args:
-        cost: cost to minimise.
-        z: (d,) starting point [1].
-        weights: weights of the penalty, one per round [squared standard deviations].
-        algorithm: name of an NLopt algorithm.
-        budget: evaluations per round.
-        seed: seed of the random generator.
-
-    Raises:
-        OptionError: there is no such algorithm.
+    The budget is the number of evaluations per round.
     """
     found = Optimum(z, np.inf, "failed", 0, algorithm)
     for weight in weights:

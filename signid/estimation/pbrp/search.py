@@ -13,8 +13,7 @@ from ...optimisers import OPTIMISERS, Optimum
 from ...types import BaseMap, Estimate, Frozen, Label, Parameters
 from ..feasible.problem import information_root
 from .bounds import Bounds, bounds_around, check_box
-from .cost import SEARCH, PenaltyCost, cost_over, descend
-from .penalty import Physics, physics_of
+from .cost import SEARCH, PenaltyCost, Physics, cost_over, descend, physics_of
 
 _SHARPEST = 1e4  # [standard deviations per width of the box] largest sharpness that the search resolves
 _SETTLED = 1e-2  # [squared standard deviations] predicted gain over the whole box at which a run has converged
@@ -48,31 +47,6 @@ class Retrieval(Frozen):
     seed: int
     notes: tuple[str, ...] = ()
 
-    @property
-    def cost(self) -> float:
-        """Squared distance from the estimate with limited sharpness, plus the last penalty."""
-        return self.best.cost
-
-    @property
-    def chi2(self) -> float:
-        """Squared distance from the estimate, weighted by its information."""
-        return self.best.chi2
-
-    @property
-    def violation(self) -> float:
-        """Violation of physics; 0 without any."""
-        return self.best.violation
-
-    @property
-    def feasible(self) -> bool:
-        """Whether the parameters are physically feasible, by Cholesky factors of the pseudo-inertias."""
-        return self.best.feasible
-
-    @property
-    def converged(self) -> bool:
-        """Whether the gradient predicts no further gain in the box."""
-        return self.best.converged
-
 
 def retrieve(
     base: BaseMap,
@@ -98,25 +72,12 @@ def retrieve(
     same one while it has not converged. Algorithms with gradients (LD_) are suitable for up to 7 joints with friction,
     those without (LN_) for up to about 30 parameters. The search stays within its budget and notes how it ended.
 
-    Args:
-        base: base map.
-        estimate: base parameters and their information.
-        prior: standard parameters of the description, for the box and the sizes only.
-        bounds: search box; default: around the prior.
-        global_algorithm: NLopt algorithm of the first round.
-        local_algorithm: NLopt algorithm of every round.
-        runs: number of starts, of which the best is kept.
-        rounds: number of rounds of growing penalty.
-        schedule: increase of the penalty per round [squared standard deviations].
-        seed: seed of the starts and of the global algorithm.
-        total_mass: smallest and largest sum of the masses of all moving bodies [kg].
-        budget_global: evaluations per run of the global algorithm.
-        budget_local: evaluations per round of the local algorithm; default: 2 000, or 10 000 for algorithms that take
-            many small steps.
+    The prior gives only the sizes and the default box. The `schedule` is in squared standard deviations, the range of
+    the total mass of all moving bodies in kg. Budgets are evaluations: of the global algorithm per run, of the local one
+    per round (default: 2 000, or 10 000 for algorithms that take many small steps).
 
     Raises:
         OptionError: an algorithm does not exist, or runs, rounds, bounds or the range of mass are invalid.
-        ValueError: the prior does not have the labels of the base map.
 
     Source: Gaz, Cognetti, Oliva, Robuffo Giordano, De Luca, IEEE RA-L 4(4), 2019, Algorithm 1.
     """
@@ -154,17 +115,7 @@ class _Found(NamedTuple):
 
 
 def cost_of(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) -> PenaltyCost:
-    """Cost of a search: squared distance from an estimate with limited sharpness, plus the penalty.
-
-    Args:
-        base: base map.
-        estimate: base parameters and their information.
-        box: box of the standard parameters.
-        physics: constraints of physics.
-
-    Raises:
-        OptionError: the box has other parameters.
-    """
+    """Cost of a search: squared distance from an estimate with limited sharpness, plus the penalty."""
     check_box(box, base)
     root, width = information_root(estimate.information), box.upper - box.lower
     left, sharpness, right = np.linalg.svd(root @ base.combination * width, full_matrices=False)
@@ -195,12 +146,8 @@ def _notes(found: _Found, cost: PenaltyCost, labels: tuple[Label, ...]) -> tuple
     run, ends = found
     at_edge = (ends[-1].x == 1.0) | ((ends[-1].x == 0.0) & ~np.isin(cost.free, cost.physics.positive))
     edge = [labels[i].name for i in cost.free[at_edge]]
-    notes = [
-        f"NLopt's {name} failed on this problem; the search continued from its last point"
-        for name in dict.fromkeys(
-            end.algorithm for end in ends[: 1 if run.converged else None] if end.status == "failed"
-        )
-    ]
+    failed = dict.fromkeys(end.algorithm for end in ends[: 1 if run.converged else None] if end.status == "failed")
+    notes = [f"NLopt's {name} failed on this problem; the search continued from its last point" for name in failed]
     if not run.converged:
         spent = f"the search did not converge within {run.evaluations} evaluations"
         notes.append(f"{spent}; try another --local-algorithm, or --method convex")

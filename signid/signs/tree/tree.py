@@ -12,8 +12,7 @@ import numpy as np
 from ...errors import OptionError
 from ...estimation.pbrp import Bounds, bounds_around
 from ...estimation.pbrp.bounds import check_box
-from ...estimation.pbrp.cost import cost_over, descend
-from ...estimation.pbrp.penalty import physics_of
+from ...estimation.pbrp.cost import cost_over, descend, physics_of
 from ...model import stated_parameters
 from ...regression.rows import Task
 from ...types import Array, BaseMap, Estimate, Frozen, Indices, Parameters, Progress

@@ -6,9 +6,9 @@ begin and end at rest. `random_motion` does not search. `build_limits` gives the
 """
 
 from .design import excite
-from .discriminate.run import separate
 from .limits import Limits, build_limits
-from .motions.random_motion import random_motion
+from .random_motions import random_motion
 from .result import Excitation, Separation, Use
+from .separation import separate
 
 __all__ = ["Excitation", "Limits", "Separation", "Use", "build_limits", "excite", "random_motion", "separate"]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -19,11 +18,6 @@ from .limits import Limits
 POSTURES = 200  # random postures for statistics of the distances
 SPARED = 0.25  # [1] largest extra clearance of a pair, over its median distance beyond the clearance
 ALWAYS = 0.5  # [1] share of the postures in which a pair is too near, above which its shapes overlap by design
-
-
-class _Near(NamedTuple):
-    lack: float  # [1] missing share of the clearance, more than 1 if shapes overlap
-    slope: Array  # (nv,) [1/rad] its derivative
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,54 +44,41 @@ class Collision(Frozen):
     def penalty(self, q: Array, clearance: float, spare: float) -> tuple[float, Array]:
         """Mean square of the missing share of each pair's clearance, and its derivative.
 
-        The extra clearance of a pair is at most a quarter of its median distance, for links that are always near.
-
-        Args:
-            q: (N, n) [rad or m] positions.
-            clearance: required distance [m].
-            spare: extra distance that is desired [m].
-
-        Returns:
-            The mean [1], and its derivative (N, n) [1/rad or 1/m].
+        The derivative at positions q (N, n) [rad or m] is (N, n) [1/rad or 1/m]. Extra distance `spare` [m] is desired
+        beyond the clearance [m], but at most a quarter of a pair's median distance, for links that are always near.
         """
         model, data, placed = self.robot.model, self.robot.model.createData(), self.geometry.createData()
         wanted = clearance + np.clip(SPARED * (self.usual - clearance), 0, spare)
         total, slope = 0.0, np.zeros_like(q)
         for i, where in enumerate(configuration(self.robot, q)):
             pin.computeDistances(model, data, self.geometry, placed, where)
-            for near in self._near(model, data, placed, wanted, where):
-                total += near.lack**2
-                slope[i] += 2 * near.lack * (near.slope @ self.robot.drive)
+            near = [k for k, found in enumerate(placed.distanceResults) if found.min_distance < wanted[k]]
+            if near:
+                pin.computeJointJacobians(model, data, where)
+            for k in near:
+                lack = 1 - placed.distanceResults[k].min_distance / wanted[k]  # more than 1 if shapes overlap
+                total += lack**2
+                slope[i] += 2 * lack * (-self._parting(model, data, k, placed) / wanted[k] @ self.robot.drive)
         return total / len(q), slope / len(q)
 
-    def _near(self, model: Any, data: Any, placed: Any, wanted: Array, where: Array) -> Iterator[_Near]:
-        computed = False
-        for k, found in enumerate(placed.distanceResults):
-            if found.min_distance >= wanted[k]:
-                continue
-            if not computed:
-                pin.computeJointJacobians(model, data, where)
-                computed = True
-            pair, slope = self.geometry.collisionPairs[k], np.zeros(model.nv)
-            ends = (pair.first, found.getNearestPoint1(), -1.0), (pair.second, found.getNearestPoint2(), 1.0)
-            for shape, point, sign in ends:
-                joint = self.geometry.geometryObjects[shape].parentJoint
-                if joint:
-                    slope += sign * _approach(model, data, joint, point, found.normal)
-            yield _Near(1 - found.min_distance / wanted[k], -slope / wanted[k])
+    def _parting(self, model: Any, data: Any, k: int, placed: Any) -> Array:
+        """Derivative (nv,) [1/rad] of the distance of a pair."""
+        found, pair, slope = placed.distanceResults[k], self.geometry.collisionPairs[k], np.zeros(model.nv)
+        ends = (pair.first, found.getNearestPoint1(), -1.0), (pair.second, found.getNearestPoint2(), 1.0)
+        for shape, point, sign in ends:
+            joint = self.geometry.geometryObjects[shape].parentJoint
+            if joint:
+                jacobian = np.reshape(pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED), (6, model.nv))
+                arm = point - data.oMi[joint].translation
+                slope += sign * (found.normal @ jacobian[:3] + np.cross(arm, found.normal) @ jacobian[3:])
+        return slope
 
 
 def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 0) -> tuple[Collision | None, str]:
     """Collision shapes of a robot with the pairs that can collide; None and the reason if there are none.
 
     Pairs of one link and of links joined by one moving joint are left out. So are pairs nearer than the clearance in
-    more than half of 200 random postures: their shapes overlap by design.
-
-    Args:
-        robot: robot whose URDF has the collision elements.
-        limits: limits of the random postures.
-        clearance: smallest allowed distance [m].
-        seed: seed of the postures.
+    more than half of 200 random postures within the limits: their shapes overlap by design.
     """
     if robot.kind != "urdf":
         return None, f"self-collision was not checked: shapes are read from a URDF only, this is {robot.kind.upper()}"
@@ -164,10 +145,3 @@ def _pairs(robot: Robot, geometry: Any) -> list[tuple[int, int]]:
     at = [body[item.parentJoint] for item in geometry.geometryObjects]
     joined = {(a, a) for a in body} | {(a, before[a]) for a in body} | {(before[a], a) for a in body}
     return [(i, j) for i in range(len(at)) for j in range(i + 1, len(at)) if (at[i], at[j]) not in joined]
-
-
-def _approach(model: Any, data: Any, joint: int, point: Array, normal: Array) -> Array:
-    """Derivative (nv,) of the velocity along a normal, at a point that a joint carries, by the joint velocities."""
-    jacobian = np.reshape(pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED), (6, model.nv))
-    arm = point - data.oMi[joint].translation
-    return np.asarray(normal @ jacobian[:3] + np.cross(arm, normal) @ jacobian[3:])

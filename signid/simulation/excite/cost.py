@@ -2,20 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ...types import Array, Frozen
-from .criterion import Criterion
-from .motions.family import Family
-from .motions.random_motion import column_sizes
+from .families import Family
 from .problem import ExcitationProblem
+from .random_motions import column_sizes
 
 STEPS = np.array([1e-6, 1e-6, 1e-3])  # [rad, rad/s, rad/s2] steps of the regressor's numerical derivatives
 REVERSAL = 0.03  # [1] speed over its limit below which the direction of friction is smoothed, for a gradient
+FLOOR = 1e-13  # [1] smallest eigenvalue over the largest; smaller ones are zero up to rounding
+SHARP = 4  # power of the power means that smooth the extreme eigenvalues
+
+Criterion = Callable[[Array], tuple[float, Array]]
+"""Information (b, b) [1] of scaled parameters -> cost to minimise, and its gradient (b, b)."""
+
+
+def determinant(information: Array) -> tuple[float, Array]:
+    """D-optimality of information (b, b) [1]: mean log of the principal standard deviations, and its gradient (b, b).
+
+    Source: Swevers et al., IEEE T-RA 13(5), 1997, section III.
+    """
+    values, vectors = _spectrum(information)
+    return float(-np.mean(np.log(values)) / 2), -(vectors / values) @ vectors.T / (2 * len(values))
+
+
+def condition(information: Array) -> tuple[float, Array]:
+    """Log of the regressor's condition number, from information (b, b) [1], with smoothed extremes; its gradient.
+
+    Source: Gautier, Khalil, Int. J. Robotics Research 11(4), 1992; smoothed by power means of the eigenvalues.
+    """
+    values, vectors = _spectrum(information)
+    large, small = (values / values[-1]) ** SHARP, (values[0] / values) ** SHARP
+    top, low = large.sum(), small.sum()
+    cost = (np.log(values[-1] / values[0]) + np.log(top * low) / SHARP) / 2
+    slope = (large / top - small / low) / values / 2
+    return float(cost), (vectors * slope) @ vectors.T
+
+
+CRITERIA: dict[str, Criterion] = {"determinant": determinant, "condition": condition}
+
+
+def _spectrum(information: Array) -> tuple[Array, Array]:
+    values, vectors = np.linalg.eigh(information)
+    return np.maximum(values, FLOOR * max(values[-1], 1e-300)), vectors
 
 
 @dataclass(frozen=True, eq=False)

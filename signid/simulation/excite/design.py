@@ -13,16 +13,13 @@ from ...effects import EFFECT_NAMES
 from ...errors import OptionError
 from ...model import Model
 from ...types import Array, Progress, Trajectory
-from .cost import ExcitationCost
-from .criterion import CRITERIA
-from .feasible import FeasibleMotion, grid, make_feasible
+from .cost import CRITERIA, ExcitationCost
+from .families import FAMILIES
 from .limits import Limits, build_limits
-from .motions.family import FAMILIES
-from .motions.random_motion import at_rate, check_duration, random_parameters, sample
-from .problem import ExcitationProblem
+from .problem import ExcitationProblem, build_problem, usual_laws
+from .random_motions import at_rate, check_duration, random_parameters
 from .result import Excitation, budget_notes
-from .search import GRID, SPARE, Budget, FoundMotion, enforce_limits, search
-from .setup import build_problem, usual_laws
+from .search import GRID, SPARE, Budget, FeasibleMotion, FoundMotion, enforce_limits, grid, make_feasible, search
 
 RANDOM = "random"  # kind of motion without a search
 CLEARANCE = 0.01  # [m] smallest distance between links
@@ -86,8 +83,8 @@ def excite(
         f"the optimised motion was scaled to {feasible.share:.0%} to obey torque limits and distances between links, "
         f"and is no longer optimal; try another seed or a larger budget"
     )
-    fine = sample(family, model.robot.joints, feasible.x, grid(duration))
-    trajectory = sample(family, model.robot.joints, feasible.x, at_rate(duration, rate))
+    fine = family.sample(model.robot.joints, feasible.x, grid(duration))
+    trajectory = family.sample(model.robot.joints, feasible.x, at_rate(duration, rate))
     precision = predict_precision(problem, trajectory)
     return Excitation(
         trajectory=trajectory,
@@ -110,7 +107,7 @@ def excite(
 
 
 def _check(kind: str, criterion: str, rate: float, duration: float, harmonics: int, frequency: float) -> None:
-    if kind not in (kinds := (*FAMILIES.names, RANDOM)):
+    if kind not in (kinds := (*FAMILIES, RANDOM)):
         raise OptionError(f"there is no kind {kind!r} of motion; choose from {', '.join(kinds)}")
     if criterion not in CRITERIA:
         raise OptionError(f"there is no criterion {criterion!r}; choose from {', '.join(CRITERIA)}")

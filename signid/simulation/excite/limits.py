@@ -45,12 +45,9 @@ class Limits(Frozen):
         return np.array([self.half, self.margin * self.velocity, self.margin * self.acceleration])
 
     def shares(self, q: Array, v: Array, a: Array) -> Array:
-        """Signed shares (3, N, n) [1] of the usable limits for each sample.
+        """Signed shares (3, N, n) [1] of the usable limits.
 
-        Args:
-            q: (N, n) [rad or m] positions.
-            v: (N, n) [rad/s or m/s] velocities.
-            a: (N, n) [rad/s2 or m/s2] accelerations.
+        Samples are q (N, n) [rad or m], v (N, n) [rad/s or m/s], a (N, n) [rad/s2 or m/s2].
         """
         return np.array([q - self.middle, v, a]) / self.allowed[:, None]
 
@@ -68,16 +65,7 @@ def build_limits(
     """Limits of the description, or the given ones: one number for all joints, or one for each.
 
     Defaults if the description has none: half a turn (0.5 m) on either side of zero, 2 rad/s (0.25 m/s), no torque
-    limit. The default acceleration limit reaches the velocity limit in 0.25 s.
-
-    Args:
-        robot: robot with n joints.
-        lower: (n,) or one number [rad or m].
-        upper: (n,) or one number [rad or m].
-        velocity: (n,) or one number [rad/s or m/s].
-        acceleration: (n,) or one number [rad/s2 or m/s2].
-        torque: (n,) or one number [N.m or N].
-        margin: share of every limit that a motion may use [1].
+    limit. The default acceleration limit reaches the velocity limit in 0.25 s. Units are rad or m, s, and N.m or N.
 
     Raises:
         OptionError: a limit leaves no motion, or the number of limits is not that of the joints.

@@ -1,22 +1,31 @@
-"""Problem of finding an exciting motion: model, parameters to identify, limits."""
+"""Problem of finding an exciting motion: model, parameters to identify, limits, noise and reference sizes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from ...effects import EFFECTS
+from ...errors import OptionError
 from ...model import Model
+from ...regression.base_parameters import build_base
 from ...regression.motion import Motion
 from ...regression.regressor import base_rows
 from ...types import Array, BaseMap, Frozen, Indices, Law, Trajectory
-from .collision import Collision
+from .collision import Collision, build_collision
+from .families import Family
 from .limits import Limits
+from .random_motions import random_parameters
 from .result import Use
 
 DIRECTION = 0.01  # [rad/s or m/s] speed below which the direction of motion is proportional to the velocity
+REFERENCES = 20  # random motions for reference sizes
+INSTANTS = 200  # samples of each of these motions
+NOISE = 0.01  # [1] torque noise over the torque limit, or over the rms torque without a limit
+POSTURES = 200  # random candidates for the home posture
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,17 +50,18 @@ class ExcitationProblem(Frozen):
     @cached_property
     def value(self) -> Array:
         """Base parameters (b,) [units of base] of the model; laws that it does not have count as zero."""
-        return self.base.combination @ _stated(self.model, self.laws)
+        known = {(law.effect.name, law.joints): law.effect.coefficients(law.parameters) for law in self.model.laws}
+        places = ((law.effect, law.joints) for law in self.laws)
+        stated = [known.get((effect.name, at), [0.0] * max(1, len(effect.linear()))) for effect, at in places]
+        return np.asarray(
+            self.base.combination @ np.concatenate([self.model.inertials.ravel(), *map(np.array, stated)])
+        )
 
     def rows(self, t: Array, q: Array, v: Array, a: Array, slow: Array | float = DIRECTION) -> list[Array]:
         """Base regressor (N, m_j) of each joint, over noise and reference size [1].
 
-        Args:
-            t: (N,) [s] instants.
-            q: (N, n) [rad or m] positions.
-            v: (N, n) [rad/s or m/s] velocities.
-            a: (N, n) [rad/s2 or m/s2] accelerations.
-            slow: (n,) [rad/s or m/s] speed below which the direction of motion is proportional to the velocity.
+        Instants are t (N,) [s], the motion q (N, n) [rad or m], v (N, n) [rad/s or m/s], a (N, n) [rad/s2 or m/s2].
+        Below a speed slow (n,) [rad/s or m/s] the direction of motion is proportional to the velocity.
         """
         motion = Motion(self.model.robot, t, q, v, a, slow=np.broadcast_to(slow, self.noise.shape))
         found = base_rows(motion, self.laws, self.wanted)
@@ -72,8 +82,73 @@ class ExcitationProblem(Frozen):
         return Use(share[0], share[1], share[2], (np.abs(torque) / limits.torque).max(0))
 
 
-def _stated(model: Model, laws: Sequence[Law]) -> Array:
-    """Standard parameters (p,) of the bodies and laws; laws that the model does not have are zero."""
-    known = {(law.effect.name, law.joints): law.effect.coefficients(law.parameters) for law in model.laws}
-    found = [known.get((law.effect.name, law.joints), [0.0] * max(1, len(law.effect.linear()))) for law in laws]
-    return np.concatenate([model.inertials.ravel(), *map(np.array, found)])
+def build_problem(
+    model: Model, laws: tuple[Law, ...], family: Family, limits: Limits, clearance: float, seed: int
+) -> tuple[ExcitationProblem, tuple[str, ...]]:
+    """Problem of finding an exciting motion, and a note if self-collision is not checked.
+
+    Torque noise is 1 % of each joint's torque limit; for joints without a limit, 1 % of the rms torque along random
+    motions of the family. The reference size of a base parameter's column is its rms along these motions. Besides the
+    bodies, the coefficients of `laws` are to be identified. The clearance is the smallest distance between links [m].
+
+    Raises:
+        OptionError: no posture obeys the limits, or the clearance is negative or infinite.
+    """
+    if not 0 <= clearance < np.inf:
+        raise OptionError(f"the clearance is {clearance:g} m; give 0 or more")
+    base = build_base(model.robot, laws, seed)
+    collision, why = build_collision(model.robot, limits, clearance, seed)
+    home = _find_home(model, limits, collision, clearance, seed)
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, family.duration, INSTANTS)
+    basis = family.basis(t)
+    drawn = [family.sample(model.robot.joints, random_parameters(basis, limits, rng), t) for _ in range(REFERENCES)]
+    q, v, a = (np.concatenate([getattr(motion, key) for motion in drawn]) for key in "qva")
+    times = np.tile(t, REFERENCES)
+    torque = model.inverse(Motion(model.robot, times, q, v, a))
+    rms = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9)
+    noise = NOISE * np.where(np.isfinite(limits.torque), limits.torque, rms)
+    bare = ExcitationProblem(model, laws, base, limits, noise, np.ones(base.rank), collision, clearance, home)
+    size = np.sqrt(np.diag(bare.information(bare.rows(times, q, v, a))) / len(times))
+    return replace(bare, size=np.maximum(size, 1e-300)), (why,) if why else ()
+
+
+def usual_laws(model: Model, effects: Sequence[str]) -> tuple[Law, ...]:
+    """Laws of the given effects at every joint.
+
+    Raises:
+        OptionError: there is no such effect, or it is not linear in its parameters at a single joint.
+    """
+    for name in effects:
+        effect = EFFECTS[name]
+        if effect.scope != "joint" or not effect.parameters or len(effect.linear()) < len(effect.parameters):
+            raise OptionError(
+                f"{name} is not linear in its parameters at a single joint and cannot be optimised for; leave it out, "
+                "and use separate to find a motion for it"
+            )
+    return tuple(Law(EFFECTS[name], (j,)) for name in effects for j in range(len(model.robot.joints)))
+
+
+def _find_home(model: Model, limits: Limits, collision: Collision | None, clearance: float, seed: int) -> Array:
+    """Home posture (n,) [rad or m], with the smallest share of the torque limits; motions shrink towards it."""
+    robot, rng = model.robot, np.random.default_rng(seed)
+    low, up = limits.middle - limits.half, limits.middle + limits.half
+    q = np.vstack([limits.middle, np.clip(0.0, low, up), rng.uniform(low, up, (POSTURES, len(low)))])
+    still = np.zeros_like(q)
+    torque = model.inverse(Motion(robot, np.arange(len(q), dtype=float), q, still, still))
+    share = np.abs(torque / limits.torque).max(1)
+    if share.min() >= limits.margin:
+        j = int(np.argmax(np.abs(torque / limits.torque)[np.argmin(share)]))
+        raise OptionError(
+            f"gravity takes {share.min():.0%} of the torque limit of joint {robot.joints[j]} in the best of {len(q)} "
+            f"postures, so there is no motion; raise the torque limit, or narrow the position limits"
+        )
+    if collision is not None:
+        apart = (collision.distance(q) >= clearance) & (share < limits.margin)
+        if not apart.any():
+            raise OptionError(
+                f"none of {len(q)} postures has links {clearance:g} m apart and obeys the torque limits; "
+                "lower the clearance, or widen the position limits"
+            )
+        share = np.where(apart, share, np.inf)
+    return np.asarray(q[np.argmin(share)])

@@ -1,15 +1,22 @@
-"""Search for a motion: random motions, local searches from the best of them, and a long one from the best result."""
+"""Search for a motion, and its scale at which it obeys all limits.
+
+The search evaluates random motions, and improves the best of them by local searches and the best result by a long one.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from ...errors import OptionError
 from ...optimisers import OPTIMISERS, Optimum, Problem
 from ...types import Array, Frozen, Progress
 from .cost import ExcitationCost
-from .motions.random_motion import fit_inside, random_parameters
+from .families import Family
+from .problem import ExcitationProblem
+from .random_motions import fit_inside, random_parameters
 
 SEARCH = "the search for a motion"
 GRID = 0.01  # [s] grid on which motions are scaled to their limits
@@ -18,6 +25,11 @@ BOX = 2.5  # [1] bound of z; a parameter alone meets a limit at 1
 SPARE = 0.02  # [m] extra clearance, since the search uses few samples
 FEW = 6  # joints up to which the default budget is larger
 FIRM = 30.0  # [1] factor on the penalty in the last stage
+FINE = 1e-3  # [s] grid on which limits are checked
+NEAR = 5e-3  # [s] grid on which distances between links are checked
+COARSE = 100  # [multiples of FINE] grid of a first check of these distances
+HALVINGS = 8  # bisection steps of the scale of the motion
+SLACK = 1e-9  # [1] rounding of a share of a limit
 
 
 @dataclass(frozen=True)
@@ -55,12 +67,6 @@ def search(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress |
     The global stage are local searches from the best random motions. In 63 dimensions and 500 evaluations NLopt's
     GN_CRS2_LM found nothing better than the best of 60 random motions.
 
-    Args:
-        cost: cost of a motion.
-        budget: evaluations of each stage.
-        seed: seed of the random motions.
-        progress: function that is called with the current step and the share of it that is done.
-
     Source: multi-start as in Rinnooy Kan, Timmer, Mathematical Programming 39, 1987.
     """
     watched = _Watched(cost, budget, progress)
@@ -76,14 +82,7 @@ def search(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress |
 
 
 def enforce_limits(cost: ExcitationCost, x: Array, budget: Budget, progress: Progress | None = None) -> FoundMotion:
-    """Last stage of a search: minimise the cost with firm penalties.
-
-    Args:
-        cost: cost of a motion.
-        x: (n, d) [rad or m] parameters of the starting point.
-        budget: evaluations, of which the stage `firm` is used.
-        progress: function that is called with the current step and the share of it that is done.
-    """
+    """Last stage of a search, from x (n, d) [rad or m]: minimise the cost with firm penalties."""
     firm = replace(cost, penalty=FIRM * cost.penalty)
     watched = _Watched(firm, budget, progress, budget.total - budget.firm)
     best = watched.improve(np.clip(cost.relative(x), -BOX, BOX), budget.firm, "settling")
@@ -118,3 +117,60 @@ class _Watched:
         value, slope = self.cost.value_and_slope(z)
         self.last = z.tobytes(), value
         return slope
+
+
+class FeasibleMotion(NamedTuple):
+    """Motion within the limits."""
+
+    x: Array  # (n, d) [rad or m] parameters
+    share: float  # [1] scale of the motion about the home posture
+    distance: float | None  # [m] smallest distance between links
+
+
+def make_feasible(problem: ExcitationProblem, family: Family, x: Array) -> FeasibleMotion:
+    """Scale a motion of parameters x (n, d) [rad or m] by as little as needed to obey all limits.
+
+    Each joint is scaled to its position, velocity and acceleration limits. If torque or the distance between links
+    exceeds a limit, the whole motion shrinks towards the home posture.
+
+    Raises:
+        OptionError: even a small motion exceeds a torque limit.
+    """
+    t = grid(family.duration, FINE)
+    full = fit_inside(family.basis(t), problem.limits, x)
+    home = np.zeros_like(full)
+    home[:, 0] = problem.home
+    best, high, share = FeasibleMotion(home, 0.0, None), 1.0, 1.0
+    for _ in range(HALVINGS):
+        tried = home + share * (full - home)
+        ok, distance = _obeys(problem, family, t, tried)
+        if ok:
+            best = FeasibleMotion(tried, share, distance)
+        else:
+            high = share
+        if best.share == high:
+            break
+        share = (best.share + high) / 2
+    if best.share == 0.0:
+        raise OptionError("even a small motion exceeds a torque limit; raise the limit, or state lower friction")
+    return best
+
+
+def grid(duration: float, step: float = FINE) -> Array:
+    """Instants (N,) [s] from 0 to the duration [s], at most a step [s] apart."""
+    return np.linspace(0, duration, int(np.ceil(duration / step)) + 1)
+
+
+def _obeys(problem: ExcitationProblem, family: Family, t: Array, x: Array) -> tuple[bool, float | None]:
+    """Whether a motion obeys all limits, and the smallest distance between links [m], None without their shapes."""
+    shapes, clearance = problem.collision, problem.clearance
+    if shapes is not None:  # a coarse grid shows most collisions
+        if shapes.distance(family.basis(t[::COARSE])[0] @ x.T).min() < clearance:
+            return False, None
+    use = problem.use(family.sample(problem.model.robot.joints, x, t))
+    if use.largest > problem.limits.margin + SLACK:
+        return False, None
+    if shapes is None:
+        return True, None
+    distance = float(shapes.distance(family.basis(grid(float(t[-1]), NEAR))[0] @ x.T).min())
+    return distance >= clearance, distance

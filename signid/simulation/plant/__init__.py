@@ -5,19 +5,8 @@ the signals of a perfect logger, `record` those of real encoders and amplifiers 
 `signid.effects` can act. Dry friction holds a joint exactly at rest.
 """
 
-from .control import Torques, track
-from .inputs import read_motion, recorded_torques
-from .run import Simulation, simulate, simulate_many
+from .control import Torques, read_motion, recorded_torques, track
+from .run import Simulation, simulate
 from .sensors import Sensors, record
 
-__all__ = [
-    "Sensors",
-    "Simulation",
-    "Torques",
-    "read_motion",
-    "record",
-    "recorded_torques",
-    "simulate",
-    "simulate_many",
-    "track",
-]
+__all__ = ["Sensors", "Simulation", "Torques", "read_motion", "record", "recorded_torques", "simulate", "track"]

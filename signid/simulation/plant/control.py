@@ -1,4 +1,4 @@
-"""Drives of a simulated robot: a controller that follows a motion, or given torque."""
+"""Drives of a simulated robot: a controller that follows a motion, or given torque, and their input files."""
 
 from __future__ import annotations
 
@@ -9,16 +9,20 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ...effects.base import BodyLaw
-from ...errors import InputError, OptionError
+from ...errors import InputError, OptionError, RecordingError
 from ...model import Model
+from ...recording.columns import assign_columns
+from ...recording.source import Source, open_source
 from ...regression.motion import Motion
 from ...robot import configuration
 from ...robot.dynamics import mass_matrices
-from ...types import Array, Frozen, Trajectory
+from ...types import Array, Frozen, Recording, Robot, Trajectory
 
 BANDWIDTH, DAMPING = 6.0, 0.9  # [Hz], [1] default natural frequency and damping ratio of the position loop
 PLACES = 10  # positions of a motion at which the inertia is computed
 MASSLESS = 1e-12  # [1] inertia over the largest one, below which a joint moves no mass
+FEWEST = 4  # smallest number of rows of a motion
+START = 0.05  # [s] beginning of a recording that gives the initial velocity
 
 
 class Drive(Protocol):
@@ -59,15 +63,12 @@ class Tracking(Frozen):
         return self.trajectory.q[0], self.trajectory.v[0]
 
     def plan(self, t: Array) -> Plan:
-        """Desired motion and feed-forward torque.
-
-        Args:
-            t: (K,) [s].
-        """
+        """Desired motion and feed-forward torque at t (K,) [s]."""
         q, v, a = sampled(self.trajectory, t)
         torque = np.zeros_like(q)
         if self.feed_forward:
-            torque = self.feed_forward * _bodies(self.known).inverse(Motion(self.known.robot, t, q, v, a))
+            bodies = Model(self.known.robot, self.known.inertials, tuple(self.known.of(BodyLaw)))
+            torque = self.feed_forward * bodies.inverse(Motion(self.known.robot, t, q, v, a))
         return Plan(torque, q, v, self.stiffness, self.damping)
 
 
@@ -85,11 +86,7 @@ class Torques(Frozen):
         return self.q, self.v
 
     def plan(self, t: Array) -> Plan:
-        """Torque at instants, by linear interpolation.
-
-        Args:
-            t: (K,) [s].
-        """
+        """Torque at t (K,) [s], by linear interpolation."""
         torque = np.column_stack([np.interp(t, self.t, column) for column in self.torque.T])
         zero = np.zeros_like(torque)
         return Plan(torque, zero, zero, zero[0], zero[0])
@@ -136,12 +133,7 @@ def track(
 
 
 def sampled(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration (K, n) of a trajectory [rad, rad/s, rad/s2]; outside of it the robot rests.
-
-    Args:
-        trajectory: N instants.
-        t: (K,) [s].
-    """
+    """Position, velocity and acceleration (K, n) at t (K,) [s] of a trajectory, outside of which the robot rests."""
     if np.array_equal(t, trajectory.t):
         return trajectory.q, trajectory.v, trajectory.a
     inside = np.clip(t, trajectory.t[0], trajectory.t[-1])
@@ -150,10 +142,6 @@ def sampled(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
     q, v = spline(inside), np.where(resting, 0.0, spline(inside, 1))
     a = np.where(resting, 0.0, CubicSpline(trajectory.t, trajectory.a)(inside))
     return q, v, a
-
-
-def _bodies(model: Model) -> Model:
-    return Model(model.robot, model.inertials, tuple(model.of(BodyLaw)))
 
 
 def _effective_inertia(known: Model, trajectory: Trajectory) -> Array:
@@ -174,3 +162,73 @@ def _effective_inertia(known: Model, trajectory: Trajectory) -> Array:
             f"actuators file, or hold it with --lock"
         )
     return np.asarray(1 / np.linalg.inv(mass).diagonal(axis1=1, axis2=2).mean(0))
+
+
+def read_motion(source: Source, robot: Robot) -> Trajectory:
+    """Read a desired motion with columns t, q_J and optionally dq_J and ddq_J, of some joints.
+
+    Missing velocities and accelerations are those of a cubic spline. Time starts at 0 in the first row.
+
+    Raises:
+        RecordingError: the file or its columns cannot be used; the sentence says why.
+    """
+    opened = open_source(source)
+    found = assign_columns(opened, None, robot)
+    joints = [j for j in range(len(robot.joints)) if found.column("q", j)]
+    if not found.column("t", 0) or not joints:
+        raise RecordingError(f"{opened.name} is not a motion; give columns t and q_J, such as q_{robot.joints[0]}")
+
+    def read(kind: str) -> Array | None:
+        names = [found.column(kind, j) for j in joints]
+        return np.array(found.table.read(names, 0, found.table.rows)) if all(names) else None
+
+    t, q, v = found.table.read([found.column("t", 0)], 0, found.table.rows)[:, 0], read("q"), read("dq")
+    assert q is not None, "joints are those with positions"
+    a = None if v is None else read("ddq")
+    _check(opened.name, t, *(x for x in (q, v, a) if x is not None))
+    t = t - t[0]
+    if v is None:
+        v, a = CubicSpline(t, q)(t, 1), CubicSpline(t, q)(t, 2)
+    if a is None:
+        a = CubicSpline(t, v)(t, 1)
+    return Trajectory(tuple(robot.joints[j] for j in joints), t, q, v, a)
+
+
+def recorded_torques(recording: Recording) -> Torques:
+    """Torque of a recording, to be played back from its initial position and velocity.
+
+    Missing torque is interpolated. Time starts at 0 in the first row.
+
+    Raises:
+        RecordingError: a joint has no torque, or its sign is lost.
+    """
+    name = recording.path or "the recording"
+    if not recording.signed.all():
+        raise RecordingError(
+            f"{name} has torque without its sign, which cannot be played back; recover the signs first"
+        )
+    samples = recording.read()
+    have = np.isfinite(samples.tau)
+    if lacking := [joint for joint, seen in zip(recording.joints, have.T, strict=True) if not seen.any()]:
+        raise RecordingError(f"{name} has no torque of {', '.join(lacking)}; add it, or remove the joint's position")
+    _check(name, samples.t, np.nan_to_num(samples.tau), samples.q[:1])
+    t = samples.t - samples.t[0]
+    torque = np.column_stack([np.interp(t, t[h], x[h]) for h, x in zip(have.T, samples.tau.T, strict=True)])
+    if samples.dq is not None and np.isfinite(samples.dq[0]).all():
+        return Torques(t, torque, samples.q[0], samples.dq[0])
+    near = max(FEWEST, int(np.searchsorted(t, START)))
+    first = np.isfinite(samples.q[:near]).all(1)
+    v = np.polynomial.polynomial.polyfit(t[:near][first], samples.q[:near][first], min(3, int(first.sum()) - 1))[1]
+    return Torques(t, torque, samples.q[0], v)
+
+
+def _check(name: str, t: Array, *values: Array) -> None:
+    if len(t) < FEWEST:
+        raise RecordingError(f"{name} has {len(t)} rows; give at least {FEWEST}")
+    for x in (t[:, None], *values):
+        if not np.isfinite(x).all():
+            row = int(np.flatnonzero(~np.isfinite(x).all(1))[0]) + 1
+            raise RecordingError(f"{name} has a missing or infinite number in row {row}; complete or remove that row")
+    if not np.all(np.diff(t) > 0):
+        row = int(np.flatnonzero(np.diff(t) <= 0)[0]) + 2
+        raise RecordingError(f"{name}: time does not increase in row {row}; sort the rows by t, one per instant")

@@ -1,4 +1,4 @@
-"""Laws of one effect at several joints, evaluated together in a simulation step."""
+"""Laws in a simulation step: the states at which they are evaluated, and all laws of one effect together."""
 
 from __future__ import annotations
 
@@ -9,10 +9,135 @@ import numpy as np
 
 from ...effects.base import TorqueLaw, TransmissionLaw, of_kind
 from ...effects.trial import Trial
-from ...types import Array, Law
-from .state import Moment, MomentView
+from ...types import Array, Indices, Law, View
+from .dynamics import Dynamics
 
 LARGEST, HALVINGS = 1.0, 50  # [rad or m] largest initial deflection, and bisection steps to find it
+NONE = np.empty(0, dtype=np.intp)
+
+
+class _Unknown:
+    """Quantities of a view that are unknown in a simulation step."""
+
+    @property
+    def torque(self) -> Array:
+        raise AttributeError("the motor torque is unknown in a simulation step; write the law without it")
+
+    recorded = torque
+
+    def __getitem__(self, i: Any) -> View:
+        raise TypeError("a moment is a single sample and cannot be indexed")
+
+
+class Moment(_Unknown):
+    """R trials of B states of c coordinates; costly quantities are computed on first use.
+
+    It also is the view of a law that acts on all coordinates.
+    """
+
+    soft, flex, at = NONE, NONE, ...
+
+    def __init__(self, dynamics: Dynamics, copies: int) -> None:
+        count = dynamics.bodies.drive.shape[1]
+        self.dynamics, self.dt, self.t = dynamics, 0.0, np.zeros((1, copies, 1))
+        self.joints, self.whole = tuple(range(count)), self
+        self.q = self.v = self.direction = np.zeros((1, copies, count))  # (R, B, c) [rad], [rad/s], [1]
+        self.inertia = np.zeros((copies, count))  # (B, c) [kg.m2]
+        self.rest()
+        self._load: Array | None = None
+        self._jacobian: Array | None = None
+
+    def rest(self) -> None:
+        """Set the acceleration to zero."""
+        still = np.zeros_like(self.inertia)
+        self.changed(still, still, 1.0)
+
+    def changed(self, before: Array, after: Array, dt: float) -> None:
+        """Store the velocities before (B, c) [rad/s or m/s] and after (B, c) [rad/s or m/s] the last step of dt [s]."""
+        self._step = before, after, dt
+
+    @property
+    def a(self) -> Array:
+        """Acceleration (B, c) of the last step [rad/s2 or m/s2]."""
+        before, after, dt = self._step
+        return (after - before) / dt
+
+    def cut(self, signal: Array) -> Array:
+        """All coordinates of a signal (..., c) [any unit]."""
+        return signal
+
+    def set(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array) -> None:
+        """Set the trials at time t () or (B,) [s], of which the first one is the state, before a step of dt [s].
+
+        They are q (R, B, c) [rad or m], v (R, B, c) [rad/s or m/s] and direction (R, B, c) [1].
+        """
+        self.t[0, :, 0], self.dt, self.q, self.v, self.direction = t, dt, q, v, direction
+        self._load = self._jacobian = None
+
+    @property
+    def load(self) -> Array:
+        """Rigid-body torque (B, c) of the state, at the acceleration of the last step [N.m or N]."""
+        if self._load is None:
+            self._load = self.dynamics.load(self.q[0], self.v[0], self.a)
+        return self._load
+
+    @property
+    def jacobian(self) -> Array:
+        """Jacobian (B, 3, n) of the last link's centre of mass, one column per joint [m/rad or 1]."""
+        if self._jacobian is None:
+            self._jacobian = self.dynamics.jacobian(self.q[0])
+        return self._jacobian
+
+
+class MomentView(_Unknown):
+    """View of some coordinates of a moment; with `soft`, positions are those of the links behind elastic joints."""
+
+    def __init__(self, whole: Moment, index: Indices, joints: tuple[int, ...], soft: Indices, flex: Indices) -> None:
+        self.whole, self.joints = whole, joints
+        first, last = int(index[0]), int(index[-1])
+        run = np.array_equal(index, np.arange(first, last + 1))
+        self.at = (..., slice(first, last + 1) if run else index)
+        self.soft, self.flex = soft, flex
+
+    def cut(self, signal: Array) -> Array:
+        """Coordinates (..., m) of a signal (..., c) [any unit]."""
+        if not len(self.soft):
+            return np.asarray(signal[self.at])
+        out = signal[self.at].copy()
+        out[..., self.soft] += signal[..., self.flex]
+        return out
+
+    @property
+    def dt(self) -> float:
+        return self.whole.dt
+
+    @property
+    def t(self) -> Array:  # (1, B, 1) [s]
+        return self.whole.t
+
+    @property
+    def q(self) -> Array:
+        return self.cut(self.whole.q)
+
+    @property
+    def v(self) -> Array:
+        return self.cut(self.whole.v)
+
+    @property
+    def a(self) -> Array:
+        return self.cut(self.whole.a)
+
+    @property
+    def load(self) -> Array:  # the motor of an elastic joint carries the load of its link
+        return np.asarray(self.whole.load[self.at])
+
+    @property
+    def direction(self) -> Array:
+        return np.asarray(self.whole.direction[self.at])
+
+    @property
+    def inertia(self) -> Array:
+        return np.asarray(self.whole.inertia[self.at])
 
 
 class Term:
@@ -23,7 +148,7 @@ class Term:
         effect = self.effect = laws[0].effect
         self.transmission, self.memory = isinstance(effect, TransmissionLaw), effect.memory
         joints = tuple(j for law in laws for j in law.joints)
-        soft = np.empty(0, dtype=np.intp)
+        soft = NONE
         if self.transmission:
             index = bodies.flex[[bodies.soft.tolist().index(j) for j in joints]]
         else:
@@ -42,11 +167,7 @@ class Term:
         self.coefficients = list(coefficients.T if several else coefficients[0])
 
     def add(self, total: Array) -> None:
-        """Add the torque of the laws to a total.
-
-        Args:
-            total: (R, B, c) [N.m or N], changed.
-        """
+        """Add the torque of the laws to a total (R, B, c) [N.m or N]."""
         view, torque = self.view, self._torque()
         if view.at is ...:
             total += torque
@@ -56,11 +177,7 @@ class Term:
             total[..., view.flex] += torque[..., view.soft]
 
     def deflect(self, state: Array) -> None:
-        """Set the deflections of elastic joints in balance with the load, by bisection.
-
-        Args:
-            state: (B, c) positions, changed [rad or m].
-        """
+        """Set the deflections of elastic joints in a state (B, c) [rad or m] in balance with the load, by bisection."""
         load = self.view.load
         low, high = np.full(load.shape, -LARGEST), np.full(load.shape, LARGEST)
         for _ in range(HALVINGS):
@@ -76,11 +193,7 @@ class Term:
             self.z = of_kind(self.effect, TorqueLaw).begin(self._state(self.view.v[0]), **self.shape)
 
     def remember(self, v: Array) -> None:
-        """Advance the memory by a step.
-
-        Args:
-            v: (B, c) velocity of the step [rad/s or m/s].
-        """
+        """Advance the memory by a step of velocity v (B, c) [rad/s or m/s]."""
         self.z = of_kind(self.effect, TorqueLaw).advance(self.z, self._state(self.view.cut(v)), **self.shape)
 
     def _torque(self) -> Any:
@@ -101,12 +214,7 @@ class Term:
 
 
 def build_terms(laws: Sequence[Law], moment: Moment) -> tuple[Term, ...]:
-    """Terms of torque and transmission laws; laws of one effect at different joints share a term.
-
-    Args:
-        laws: laws of any kind; body laws and recording laws have no term.
-        moment: states at which the terms are evaluated.
-    """
+    """Terms of the torque and transmission laws among some laws; those of one effect at different joints share one."""
     groups: list[list[Law]] = []
     for law in (law for law in laws if isinstance(law.effect, TorqueLaw | TransmissionLaw)):
         alike = law.effect.scope in ("joint", "link")
@@ -116,3 +224,11 @@ def build_terms(laws: Sequence[Law], moment: Moment) -> tuple[Term, ...]:
         else:
             groups.append([law])
     return tuple(Term(sorted(group, key=lambda law: law.joints), moment) for group in groups)
+
+
+def total_torque(terms: Sequence[Term], shape: tuple[int, ...]) -> Array:
+    """Torque (R, B, c) of all terms [N.m or N], of that shape."""
+    total = np.zeros(shape)
+    for term in terms:
+        term.add(total)
+    return total

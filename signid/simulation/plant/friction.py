@@ -28,11 +28,8 @@ class DryFriction:
     def __call__(self, free: Array, low: Array, high: Array, mobility: Array) -> Array:
         """Velocities (K, c), exactly zero for held joints [rad/s or m/s].
 
-        Args:
-            free: (K, c) velocity after the step without friction [rad/s or m/s].
-            low: (K, c) smallest friction [N.m or N].
-            high: (K, c) largest friction [N.m or N].
-            mobility: (K, c, c) velocity that a torque adds in the step [rad/(N.m.s) or m/(N.s)].
+        Without friction they would be free (K, c) [rad/s or m/s]. Friction is from low (K, c) [N.m or N] to
+        high (K, c) [N.m or N]; its mobility (K, c, c) [rad/(N.m.s) or m/(N.s)] is the velocity that it adds in a step.
         """
         if len(free) == 1:
             return self._solve(free[0], low[0], high[0], mobility[0])[None]

@@ -10,11 +10,9 @@ import numpy as np
 from ...errors import OptionError
 from ...model import Model
 from ...types import Array
-from .bodies import build_bodies
-from .dynamics import Dynamics
-from .effect_terms import build_terms
+from .dynamics import Dynamics, build_bodies
+from .effect_terms import Moment, build_terms, total_torque
 from .friction import DryFriction
-from .state import Moment
 from .stiffness import TRIAL, measure_stiffness
 
 INTEGRATORS = ("semi-implicit", "rk4")
@@ -41,7 +39,7 @@ class Plant:
         self.remembering = [term for term in self.terms if term.memory]
         self.dry = any(term.effect.reverses for term in self.terms)
         self.friction = DryFriction(self.bodies.drive.shape[1])
-        stiffness = measure_stiffness(self, model.robot)
+        stiffness = measure_stiffness(self.moment, self.terms, step, model.robot)
         self.substeps = substeps or stiffness.substeps(step, implicit=integrator == "semi-implicit")
         if not 0 < self.substeps <= MOST:
             raise OptionError(
@@ -56,12 +54,7 @@ class Plant:
         self.both[1] = -1
 
     def start(self, q: Array, v: Array) -> None:
-        """Set the state of the robot; elastic joints are in balance with the load.
-
-        Args:
-            q: (B, n) [rad or m].
-            v: (B, n) [rad/s or m/s].
-        """
+        """Set the state q (B, n) [rad or m], v (B, n) [rad/s or m/s]; elastic joints are in balance with the load."""
         self.state, self.speed = np.zeros((2, *self.moment.inertia.shape))
         self.state[:, self.bodies.motor], self.speed[:, self.bodies.motor] = q, v
         self.before = self.speed
@@ -74,12 +67,7 @@ class Plant:
             term.begin()
 
     def advance(self, t: float | Array, torque: Array) -> None:
-        """Simulate one step with constant motor torque.
-
-        Args:
-            t: time () or (B,) at the beginning of the step [s].
-            torque: (B, n) [N.m or N].
-        """
+        """Simulate one step from t () or (B,) [s] with constant motor torque (B, n) [N.m or N]."""
         force, dt = torque, self.step / self.substeps
         if not self.direct:
             force = np.zeros_like(self.state)
@@ -114,20 +102,13 @@ class Plant:
         return signal if self.direct else np.asarray(signal[:, self.bodies.motor])
 
     def resist(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array) -> Array:
-        """Torque (R, B, c) of all laws for R trials [N.m or N]; q and v may have one row for all trials.
+        """Torque (R, B, c) of all laws for R trials [N.m or N] at t () or (B,) [s], before a step of dt [s].
 
-        Args:
-            t: time () or (B,) [s].
-            dt: duration of the coming step [s].
-            q: (R, B, c) [rad or m].
-            v: (R, B, c) [rad/s or m/s].
-            direction: (R, B, c) [1].
+        Trials are q (R, B, c) [rad or m], v (R, B, c) [rad/s or m/s] and direction (R, B, c) [1]; q and v may have one
+        row for all of them.
         """
         self.moment.set(t, dt, q, v, direction)
-        total = np.zeros(direction.shape)
-        for term in self.terms:
-            term.add(total)
-        return total
+        return total_torque(self.terms, direction.shape)
 
     def _semi_implicit(self, t: float | Array, dt: float, force: Array) -> None:
         after = self._sliding(t, dt, force)
@@ -206,9 +187,8 @@ class Plant:
         if not stiffness.any():
             return here, armature
         mobility = np.einsum("bjj->bj", self.dynamics.mobility(self.state))
-        excess = np.maximum(
-            0, stiffness - 1 / (dt**2 * mobility)
-        )  # below it explicit steps are stable and conserve energy
+        # below this excess, explicit steps are stable and conserve energy
+        excess = np.maximum(0, stiffness - 1 / (dt**2 * mobility))
         return here + dt * self.speed * excess, armature + dt**2 * excess
 
     def _runge_kutta(self, t: float | Array, dt: float, force: Array) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +11,10 @@ from ...effects.base import ActuatorLaw, RecordingLaw, of_kind
 from ...effects.trial import Trial
 from ...errors import OptionError
 from ...model import Model
-from ...types import Array, Frozen, Law
+from ...types import Array, Frozen, Law, Progress
 from .control import Drive
 from .plant import Plant
 
-Progress = Callable[[str, float], None]  # (current step, share of it that is done)
 MOST_STEPS = 5e6  # largest number of steps
 MOST_SPEED = 1e4  # [rad/s or m/s] speed from which on a simulation has diverged
 
@@ -77,11 +76,7 @@ def simulate_many(
     substeps: int = 0,
     progress: Progress | None = None,
 ) -> list[Simulation]:
-    """Simulate copies of a model at the same time, one for each drive; otherwise like `simulate`.
-
-    Raises:
-        OptionError: the duration, the step or a law cannot be simulated, or a simulation diverges.
-    """
+    """Simulate copies of a model at the same time, one for each drive; otherwise like `simulate`."""
     t = instants(duration, step)
     plant = Plant(model, step, len(drives), integrator, substeps)
     joints, reading = range(len(model.robot.joints)), model.of(RecordingLaw)
@@ -136,18 +131,12 @@ def _seen(reading: Sequence[Law], q: Array) -> Array:
 
 
 def apply_actuators(acting: Sequence[Law], command: Array) -> Array:
-    """Torque (..., n) that the motors apply [N.m or N].
-
-    Args:
-        acting: actuator laws.
-        command: (..., n) [N.m or N].
-    """
+    """Torque (..., n) that motors with actuator laws apply [N.m or N] at a command (..., n) [N.m or N]."""
     for law in acting:
         j = list(law.joints)
         command = command.copy()
-        command[..., j] = of_kind(law.effect, ActuatorLaw).applied_torque(
-            Trial(torque=command[..., j]), **law.parameters
-        )
+        x = Trial(torque=command[..., j])
+        command[..., j] = of_kind(law.effect, ActuatorLaw).applied_torque(x, **law.parameters)
     return command
 
 

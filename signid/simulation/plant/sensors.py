@@ -30,10 +30,7 @@ class Sensors:
     unsigned: bool = False  # whether torque is recorded without its sign
 
     def every(self, step: float) -> int:
-        """Number of steps between two rows.
-
-        Args:
-            step: step of the simulation [s].
+        """Number of steps of a simulation, each of `step` [s], between two rows.
 
         Raises:
             OptionError: the rate does not divide the rate of the steps, or a number is invalid.

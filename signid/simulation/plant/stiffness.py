@@ -2,43 +2,21 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import OptionError
 from ...types import Array, Robot
-from .bodies import PlantBodies
 from .dynamics import Dynamics
-from .effect_terms import Term
-from .state import Moment
+from .effect_terms import Moment, Term, total_torque
 
 STATES = 60  # random states
 TRIAL = 1e-6  # [rad, rad/s] step of the numerical derivatives of the laws
 SLACK = 4.0  # [1] safety factor: laws may be stiffer than at the random states
 GENTLE = 0.4  # [1] load of the laws over the inertia, below which steps are explicit
 RINGING, DECAY = 0.3, 0.5  # [1] largest step times frequency, and times decay rate, of explicit steps
-
-
-class ProbedPlant(Protocol):
-    """Plant whose laws are measured."""
-
-    bodies: PlantBodies
-    dynamics: Dynamics
-    moment: Moment
-    terms: tuple[Term, ...]
-    step: float
-
-    def resist(self, t: float, dt: float, q: Array, v: Array, direction: Array, /) -> Array:
-        """Torque (R, B, c) of all laws for R trials [N.m or N].
-
-        Args:
-            t: time [s].
-            dt: step [s].
-            q: (R, B, c) positions [rad or m].
-            v: (R, B, c) velocities [rad/s or m/s].
-            direction: (R, B, c) of motion [1].
-        """
 
 
 class Stiffness(NamedTuple):
@@ -61,14 +39,10 @@ class Stiffness(NamedTuple):
         return int(max(1, np.ceil(step * max(rate.max(), (self.damping / self.inertia).max() / DECAY))))
 
 
-def measure_stiffness(plant: ProbedPlant, robot: Robot, seed: int = 0) -> Stiffness:
-    """Measure the stiffness of a plant's laws at random states, slow and fast.
-
-    Raises:
-        OptionError: the mass matrix is not positive definite.
-    """
-    rng, bodies, copies = np.random.default_rng(seed), plant.bodies, len(plant.moment.inertia)
-    count = bodies.drive.shape[1]
+def measure_stiffness(moment: Moment, terms: Sequence[Term], step: float, robot: Robot) -> Stiffness:
+    """Measure the stiffness of a plant's laws, for steps [s], at random states, slow and fast."""
+    rng, dynamics, (copies, count) = np.random.default_rng(0), moment.dynamics, moment.inertia.shape
+    bodies = dynamics.bodies
     low, high = np.clip((robot.lower, robot.upper), -np.pi, np.pi)
     damping, spring, inertia = np.zeros(count), np.zeros(count), np.full(count, np.inf)
     for k in range(STATES):
@@ -76,21 +50,21 @@ def measure_stiffness(plant: ProbedPlant, robot: Robot, seed: int = 0) -> Stiffn
         q[:, bodies.motor] = rng.uniform(low, high)
         v[:] = rng.choice([-1.0, 1.0], count) * 10.0 ** (rng.uniform(-5, 0.5) + rng.uniform(-0.5, 0, count))
         q[:, bodies.flex] = rng.uniform(-0.05, 0.05, len(bodies.flex))
-        plant.moment.inertia = np.repeat(plant.dynamics.inertia(q[:1]), copies, axis=0)
+        moment.inertia = np.repeat(dynamics.inertia(q[:1]), copies, axis=0)
         trials, speeds = np.stack([q, q, q + TRIAL]), np.stack([v, v + TRIAL, v])
-        plant.moment.set(float(k), plant.step, trials, speeds, np.sign(speeds))
-        for term in plant.terms:
+        moment.set(float(k), step, trials, speeds, np.sign(speeds))
+        for term in terms:
             term.begin()
-        here, faster, moved = plant.resist(float(k), plant.step, trials, speeds, np.sign(speeds))[:, 0]
+        here, faster, moved = total_torque(terms, speeds.shape)[:, 0]
         damping, spring = np.maximum(damping, (faster - here) / TRIAL), np.maximum(spring, (moved - here) / TRIAL)
-        inertia = np.minimum(inertia, 1 / _mobility(plant, q[:1], robot.name).diagonal())
+        inertia = np.minimum(inertia, 1 / _mobility(dynamics, q[:1], robot.name).diagonal())
     return Stiffness(damping, spring, inertia)
 
 
-def _mobility(plant: ProbedPlant, q: Array, robot: str) -> Array:
+def _mobility(dynamics: Dynamics, q: Array, robot: str) -> Array:
     """Inverse (c, c) of the mass matrix at q (1, c), if that is positive definite."""
     try:
-        found = plant.dynamics.mobility(q)[0]
+        found = dynamics.mobility(q)[0]
         feasible = bool(np.isfinite(found).all()) and np.linalg.eigvalsh(found)[0] > 0
     except np.linalg.LinAlgError:
         feasible = False

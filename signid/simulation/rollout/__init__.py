@@ -4,7 +4,6 @@ A window starts at the measured state and applies the recorded torque for some t
 less informative, since any error of the state grows.
 """
 
-from .result import RollOut
-from .run import roll_out
+from .run import RollOut, roll_out
 
 __all__ = ["RollOut", "roll_out"]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,15 +15,65 @@ from ...model import Model
 from ...recording.sampling import survey
 from ...regression.bandwidth import Band, choose_band
 from ...regression.session import Session, common_rate, longest_piece
-from ...types import Array, Recording
+from ...types import Array, Frozen, Indices, Recording
 from ..plant.plant import Plant
 from .joints import restrict_joints
-from .result import RollOut
-from .windows import WindowLayout, Windows, cut_windows
+from .windows import Windows, cut_windows
 
 COUNT, STEP = 48, 1e-3  # default number of windows, and largest step [s]
 FAR = 1e3  # [rad or m] error from which on a simulation has diverged
 BEYOND = 1e6  # [rad, m, rad/s or m/s] state from which on a simulation is stopped before it overflows
+
+
+@dataclass(frozen=True, eq=False)
+class RollOut(Frozen):
+    """W short simulations of n joints and S samples, from measured states under recorded torque.
+
+    `error` is simulated minus measured position. It is NaN for a joint without recorded torque, and infinite if the
+    simulation diverged.
+    """
+
+    joints: tuple[str, ...]
+    unit: tuple[str, ...]  # rad or m, one per joint
+    horizons: tuple[float, ...]  # [s]
+    t: Array  # (S,) [s] time since the start of a window
+    recording: Indices  # (W,) number of the recording of each window
+    start: Array  # (W,) [s] start of each window
+    error: Array  # (W, S, n) [rad or m]
+    step: float  # [s] of the simulation
+    notes: tuple[str, ...] = ()
+
+    def end(self, horizon: float) -> Array:
+        """Error (W, n) [rad or m] of each window at a horizon [s].
+
+        Raises:
+            OptionError: the windows are shorter.
+        """
+        place = round(horizon / float(self.t[0])) - 1
+        if not 0 <= place < len(self.t):
+            raise OptionError(f"the horizon is {horizon:g} s; choose one from {self.t[0]:.4g} to {self.t[-1]:.4g} s")
+        return np.asarray(self.error[:, place])
+
+    def rms(self, horizon: float) -> Array:
+        """Root mean square (n,) [rad or m] over windows of the error at a horizon [s]."""
+        return np.asarray(np.sqrt(np.mean(self.end(horizon) ** 2, axis=0)))
+
+    def median(self, horizon: float) -> Array:
+        """Median (n,) [rad or m] over windows of the absolute error at a horizon [s], robust against few windows."""
+        return np.asarray(np.median(np.abs(self.end(horizon)), axis=0))
+
+    def document(self, before: RollOut, horizon: float | None = None) -> dict[str, Any]:
+        """Object for diagnosis.json: errors of the original model and of this one at a horizon [s]; default: the longest.
+
+        Raises:
+            OptionError: the roll-outs have different joints or windows.
+        """
+        if self.joints != before.joints or not np.array_equal(self.start, before.start):
+            raise OptionError("the roll-outs have different joints or windows; use the same recordings for both models")
+        horizon = max(self.horizons) if horizon is None else horizon
+        errors = {"before_rms": before.rms(horizon), "after_rms": self.rms(horizon)}
+        numbers = {key: [float(x) if np.isfinite(x) else None for x in rms] for key, rms in errors.items()}
+        return {"horizon": horizon, **numbers, "unit": list(self.unit)}
 
 
 def roll_out(
@@ -67,8 +119,10 @@ def roll_out(
         band = choose_band([longest_piece(part) for part in parts], common_rate(parts, "roll out each by itself"))
     lengths = np.array([sampling.duration for _, sampling in parts])
     counts = np.maximum(1, np.rint(windows * lengths / lengths.sum())).astype(int).tolist()
-    layouts = [WindowLayout(max(horizons), count, step) for count in counts]
-    cuts = [cut_windows(model, part, band, each, beside) for part, each in zip(parts, layouts, strict=True)]
+    cuts = [
+        cut_windows(model, part, band, max(horizons), count, step, beside=beside)
+        for part, count in zip(parts, counts, strict=True)
+    ]
     errors = [_simulate(model, cut, integrator) for cut in cuts]
     samples_each = min(error.shape[1] for error in errors)
     robot, first = model.robot, cuts[0]
@@ -109,9 +163,8 @@ def _check(recordings: Sequence[Recording], horizons: Sequence[float], windows: 
 def _simulate(model: Model, windows: Windows, integrator: str) -> Array:
     """Simulated minus measured position (W, S, n) [rad or m] after each sample."""
     plant = Plant(model, windows.step, len(windows.t), integrator)
-    half = (
-        0.0 if integrator == "rk4" else windows.step / plant.substeps / 2
-    )  # [s] by which positions are ahead of velocities
+    # [s] by which positions are ahead of velocities
+    half = 0.0 if integrator == "rk4" else windows.step / plant.substeps / 2
     ahead = windows.q + half * windows.v
     plant.start(ahead[:, 0], windows.v[:, 0])
     plant.speed[:, plant.bodies.flex] = windows.flex[1]
@@ -129,10 +182,8 @@ def _simulate(model: Model, windows: Windows, integrator: str) -> Array:
             i, rest = divmod(k, windows.parts)
             if rest == 0:
                 error[:, i - 1] = np.where(diverged, np.inf, plant.q - half * plant.v - windows.q[:, i])
-                plant.state, plant.speed = (
-                    plant.state.copy(),
-                    plant.speed.copy(),
-                )  # the arrays that give the step's acceleration stay unchanged
+                # copies, since the arrays that give the step's acceleration stay unchanged
+                plant.state, plant.speed = plant.state.copy(), plant.speed.copy()
                 plant.state[:, blind] = ahead[:, i, ~windows.measured]
                 plant.speed[:, blind] = windows.v[:, i, ~windows.measured]
     error = np.where(np.abs(error) < FAR, error, np.inf)

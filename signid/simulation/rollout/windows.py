@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -37,28 +36,18 @@ class Windows(Frozen):
     measured: Mask  # (n,) whether the joint's torque is recorded
 
 
-class WindowLayout(NamedTuple):
-    """Length and number of windows, and step of the simulation."""
+def cut_windows(
+    model: Model, part: Part, band: Band, length: float, count: int, step: float, *, beside: Model | None = None
+) -> Windows:
+    """Windows of a length [s] with evenly spaced starts over the usable stretches of a recording; they may overlap.
 
-    length: float  # [s] of a window
-    windows: int
-    step: float  # [s] largest step of the simulation
-
-
-def cut_windows(model: Model, part: Part, band: Band, layout: WindowLayout, beside: Model | None = None) -> Windows:
-    """Windows with evenly spaced starts over the usable stretches of a recording; they overlap if it is short.
-
-    Args:
-        model: model whose recording laws are undone and whose laws with memory need the motion before a window.
-        part: recording and its sampling.
-        band: band of the filter on positions.
-        layout: length and number of the windows, and step of the simulation.
-        beside: second model for which the windows leave enough room.
+    The model's recording laws are undone, and its laws with memory need the motion before a window. The windows leave
+    enough room for the model `beside`, too. The step [s] is the largest one of the simulation.
 
     Raises:
         RecordingError: no stretch of the recording is long enough.
     """
-    (recording, sampling), (length, count, step) = part, layout
+    recording, sampling = part
     period = sampling.period
     stride, parts = max(1, int(step / period * (1 + 1e-9))), max(1, int(np.ceil(period / step * (1 - 1e-9))))
     size = stride * max(1, round(length / (stride * period)))
@@ -135,11 +124,9 @@ def _deflections(model: Model, motion: Motion, k: int) -> Array:
     acting = replace(motion, robot=replace(model.robot, model=whole))
     out = np.empty((2, len(elastic)))
     for i, law in enumerate(elastic):
-        parts = of_kind(law.effect, TransmissionLaw).deflection(
-            acting.at(law.joints), **law.effect.shape(law.parameters)
-        )
-        weighted = (c * d for c, d in zip(law.effect.coefficients(law.parameters), parts, strict=True))
-        z = sum(weighted, np.zeros((1, 1)))
+        effect, shape = of_kind(law.effect, TransmissionLaw), law.effect.shape(law.parameters)
+        parts = effect.deflection(acting.at(law.joints), **shape)
+        z = sum((c * d for c, d in zip(effect.coefficients(law.parameters), parts, strict=True)), np.zeros((1, 1)))
         out[:, i] = z[k, 0], (z[k + 1, 0] - z[k - 1, 0]) / (2 * motion.dt)
     return out
 

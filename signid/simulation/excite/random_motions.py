@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....errors import OptionError
-from ....types import Array, Robot, Trajectory
-from ..limits import Limits, build_limits
-from .family import Family
-from .fourier import Fourier
+from ...errors import OptionError
+from ...types import Array, Robot, Trajectory
+from .families import Fourier
+from .limits import Limits, build_limits
 
 MANY = 40  # largest number of harmonics
 FREQUENCY, HARMONICS = 0.1, 5  # [Hz] lowest frequency and number of harmonics of `rest_to_rest_motion`
@@ -28,19 +27,9 @@ def random_motion(
 ) -> Trajectory:
     """Random Fourier series with coefficients uniform in [-0.5, 0.5], shifted to its start position.
 
-    All joints are scaled by one factor: the largest excursion from the start is the given one, or less if a limit of
-    position, velocity or acceleration requires it. The start is zero, or as near to it as the limits allow. Velocity is
-    not zero at the ends.
-
-    Args:
-        robot: robot whose joints move.
-        excursion: largest excursion of all joints [rad or m].
-        harmonics: number of harmonics.
-        frequency: lowest frequency [Hz].
-        duration: duration of the motion [s].
-        rate: sampling rate [Hz].
-        limits: limits by `build_limits`; None: limits of the description.
-        seed: seed of the coefficients.
+    All joints are scaled by one factor: the largest excursion [rad or m] from the start is the given one, or less if a
+    limit of position, velocity or acceleration requires it. The start is zero, or as near to it as the limits allow.
+    Velocity is not zero at the ends. The lowest frequency and the sampling rate are in Hz.
 
     Raises:
         OptionError: an argument that must be positive is not.
@@ -64,16 +53,10 @@ def random_motion(
 def random_parameters(
     basis: Array, limits: Limits, rng: np.random.Generator, amplitude: tuple[float, float] = (1.0, 1.0)
 ) -> Array:
-    """Parameters x (n, d) [rad or m] of a random motion of a family, within all limits except torque.
+    """Parameters x (n, d) [rad or m] of a random motion of a basis (3, N, d) [1, 1/s, 1/s2].
 
     Every joint moves about a random centre with a random shape. Its size is a share, uniform in `amplitude`, of the
-    largest that its position, velocity and acceleration limits allow.
-
-    Args:
-        basis: (3, N, d) [1, 1/s, 1/s2] basis of the family.
-        limits: limits of n joints.
-        rng: random generator.
-        amplitude: smallest and largest share [1].
+    largest that its position, velocity and acceleration limits allow. Limits of torque are ignored.
     """
     n, d = len(limits.lower), basis.shape[2]
     x = np.zeros((n, d))
@@ -86,14 +69,9 @@ def random_parameters(
 
 
 def fit_inside(basis: Array, limits: Limits, x: Array) -> Array:
-    """Parameters (n, d) [rad or m] scaled and shifted to obey position, velocity and acceleration limits.
+    """Parameters x (n, d) [rad or m] scaled and shifted to obey position, velocity and acceleration limits.
 
-    Every joint is scaled and shifted separately, and only as far as needed.
-
-    Args:
-        basis: (3, N, d) [1, 1/s, 1/s2] basis of the family.
-        limits: limits of n joints.
-        x: (n, d) [rad or m] parameters.
+    Every joint is scaled and shifted separately, and only as far as needed, on a basis (3, N, d) [1, 1/s, 1/s2].
     """
     scaled = x.copy()
     scaled[:, 1:] *= np.minimum(_room(basis, limits, x), 1.0)[:, None]
@@ -104,12 +82,7 @@ def fit_inside(basis: Array, limits: Limits, x: Array) -> Array:
 
 
 def column_sizes(basis: Array, limits: Limits) -> Array:
-    """Values (n, d) [rad or m] at which each parameter alone meets a limit.
-
-    Args:
-        basis: (3, N, d) [1, 1/s, 1/s2] basis of the family.
-        limits: limits of n joints.
-    """
+    """Values (n, d) [rad or m] at which each parameter of a basis (3, N, d) [1, 1/s, 1/s2] alone meets a limit."""
     peak = np.maximum(np.abs(basis).max(1), 1e-300)  # (3, d)
     return np.asarray((limits.allowed[:, :, None] / peak[:, None]).min(0))
 
@@ -131,12 +104,6 @@ def check_duration(duration: float, harmonics: int, frequency: float) -> None:
         raise OptionError(f"the number of harmonics is {harmonics}; give 1 to {MANY}")
 
 
-def sample(family: Family, joints: tuple[str, ...], x: Array, t: Array) -> Trajectory:
-    """Motion of parameters x (n, d) [rad or m] at t (N,) [s]."""
-    q, v, a = family.basis(t) @ x.T
-    return Trajectory(joints, t, q, v, a)
-
-
 def at_rate(duration: float, rate: float) -> Array:
     """Instants (N,) [s] from 0 to at most the duration [s], at a rate [Hz]."""
     return np.asarray(np.arange(int(duration * rate + 1e-9) + 1) / rate)
@@ -150,15 +117,11 @@ def _room(basis: Array, limits: Limits, x: Array) -> Array:
 
 
 def rest_to_rest_motion(robot: Robot, duration: float, step: float, seed: int) -> Trajectory:
-    """Random Fourier series from rest to rest, within all limits except torque, sampled at a step [s].
-
-    Raises:
-        OptionError: the duration is shorter than a step.
-    """
+    """Random Fourier series from rest to rest, within all limits except torque, sampled at a step [s]."""
     t = np.asarray(np.arange(round(duration / step) + 1) * step, dtype=np.float64)
     frequency = max(FREQUENCY, 1 / duration)
     check_duration(duration, HARMONICS, frequency)
     family = Fourier(duration, HARMONICS, frequency)
     coarse = family.basis(t[:: max(1, len(t) // 2000)])
     x = random_parameters(coarse, build_limits(robot), np.random.default_rng(seed), AMPLITUDE)
-    return sample(family, robot.joints, x, t)
+    return family.sample(robot.joints, x, t)

@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....effects.law import law_columns, law_torque
-from ....model import Model
-from ....regression.motion import Motion
-from ....regression.projection import leave
-from ....regression.rows import away_from_reversals
-from ....types import Array, Frozen, Law, Mask, Trajectory
-from ..problem import DIRECTION, ExcitationProblem
+from ...effects.law import law_columns, law_torque
+from ...model import Model
+from ...regression.motion import Motion
+from ...regression.projection import leave
+from ...regression.rows import away_from_reversals
+from ...types import Array, Frozen, Law, Mask, Trajectory
+from .problem import DIRECTION, ExcitationProblem
 
 INDEPENDENT = 20.0  # [Hz] rate of torque samples with independent errors, after filters
 NEAR = 0.06  # [s] before and after a reversal in which torque does not count
@@ -61,17 +61,9 @@ def law_distance(law: Law, rival: Law, motion: Motion, nuisance: Array, noise: A
 
     If one of the laws jumps with the direction of a joint's motion, samples near its reversals do not count, as in
     identification: dry friction is uncertain there. Parameters that the law does not state take the example values of
-    its effect. Shapes that the rival does not state are tried on their grid.
-
-    Args:
-        law: law taken as true.
-        rival: law whose coefficients are fitted.
-        motion: N uniform samples, with the predicted torque.
-        nuisance: (N, n, k) columns that are fitted besides [N.m or N per unit of each].
-        noise: (n,) standard deviation of the torque [N.m or N].
-
-    Returns:
-        The sum of squares [1] for independent samples at 20 Hz, and its share [1] of the law's own.
+    its effect. Shapes that the rival does not state are tried on their grid. The N samples of the motion are uniform
+    and have the predicted torque. The columns nuisance (N, n, k) [N.m or N per unit of each] are fitted besides. The
+    sum [1], over noise (n,) [N.m or N], is for independent samples at 20 Hz; its share [1] is of the law's own.
 
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """
@@ -83,17 +75,13 @@ def law_distance(law: Law, rival: Law, motion: Motion, nuisance: Array, noise: A
     y = (wide * weight).ravel()
     whole = float(y @ y)
     candidates = (np.concatenate([nuisance, wide_columns([one], motion)], axis=2) for one in _shaped(rival, motion))
-    left = min(_sum_of_squares(leave(y, (x * weight[:, :, None]).reshape(len(y), -1))) for x in candidates)
+    rests = (leave(y, (x * weight[:, :, None]).reshape(len(y), -1)) for x in candidates)
+    left = min(float(rest @ rest) for rest in rests)
     return INDEPENDENT * motion.dt * left, left / whole if whole > 0 else 0.0
 
 
 def wide_columns(laws: Sequence[Law], motion: Motion) -> Array:
-    """Columns (N, n, k) of laws over all joints [N.m or N per unit of each], zero where a law does not act.
-
-    Args:
-        laws: laws with their shapes.
-        motion: N samples of n joints.
-    """
+    """Columns (N, n, k) of laws over all joints [N.m or N per unit of each], zero where a law does not act."""
     parts = [np.zeros((*motion.q.shape, 0))]
     for law in laws:
         rows, columns = law_columns(law, motion)
@@ -109,12 +97,6 @@ def with_torque(model: Model, trajectory: Trajectory) -> Motion:
     slow = np.full(q.shape[1], DIRECTION)
     torque = model.inverse(Motion(model.robot, t, q, v, a, slow=slow))
     return Motion(model.robot, t, q, v, a, recorded=torque, predicted=torque, slow=slow)
-
-
-def nuisance_laws(laws: Sequence[Law], first: Law, second: Law) -> tuple[Law, ...]:
-    """The laws that are neither of the two."""
-    rivals = {(law.effect.name, law.joints) for law in (first, second)}
-    return tuple(law for law in laws if (law.effect.name, law.joints) not in rivals)
 
 
 def _certain(motion: Motion, joints: Collection[int]) -> Mask:
@@ -133,7 +115,3 @@ def _shaped(law: Law, motion: Motion) -> Iterator[Law]:
     else:
         for shape in law.effect.shapes(motion.at(law.joints)):
             yield Law(law.effect, law.joints, shape)
-
-
-def _sum_of_squares(x: Array) -> float:
-    return float(x @ x)

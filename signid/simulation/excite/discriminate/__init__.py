@@ -1,1 +1,0 @@
-"""Motions that make two laws predict different torque."""

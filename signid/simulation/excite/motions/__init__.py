@@ -1,1 +1,0 @@
-"""Families of motions, and random motions."""

@@ -1,0 +1,235 @@
+"""Motion that distinguishes two laws, or the finding that none does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from ...deadline import ends_in_time
+from ...effects import EFFECTS
+from ...effects.law import places
+from ...errors import OptionError
+from ...model import Model
+from ...optimisers import OPTIMISERS, Problem
+from ...regression.motion import Motion
+from ...types import Array, Frozen, Law, Progress
+from .design import CLEARANCE
+from .families import Family, Fourier
+from .law_distance import INDEPENDENT, STRUCTURAL, Distance, LawPair
+from .limits import Limits, build_limits
+from .problem import build_problem, usual_laws
+from .random_motions import at_rate, check_duration, column_sizes, fit_inside, random_parameters
+from .result import ENOUGH, Separation, budget_notes
+from .search import SEARCH, SPARE, grid, make_feasible
+
+MEMORY_RATE = 100.0  # [Hz] of the motion if a law has memory
+PERIODS = (1, 2, 4, 12)  # base frequencies of the families, in periods per duration
+POOL, POLISHED, EVALUATIONS = 60, 4, 120  # random motions; best ones that are improved; evaluations for each of these
+AMPLITUDE = (0.1, 1.0)  # [1] smallest and largest share of the limits that a random motion uses
+REACH = 0.5  # [1] largest change of a parameter, as a share of the value at which it alone meets a limit
+ALGORITHM = "LN_SBPLX"
+PLACES = 50  # samples at which distances between links are computed
+PENALTY = 1e3  # [1] on the mean square excess over a limit; the objective is the log of a distance
+LEAST = 1e-30  # [1] smallest distance, since the log of zero is infinite
+
+
+@ends_in_time
+def separate(
+    model: Model,
+    first: Law,
+    second: Law,
+    *,
+    nuisance: Literal["friction", "bodies"] = "friction",
+    duration: float = 20.0,
+    harmonics: int = 5,
+    limits: Limits | None = None,
+    clearance: float = CLEARANCE,
+    rate: float = 100.0,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Separation:
+    """Motion along which two laws differ most, whichever is true, while the other law and the nuisance are fitted.
+
+    The distance is the sum of squares, over the noise (as in `excite`, for 20 independent samples per second), of the
+    torque of one law that the other law and the nuisance cannot explain. Random Fourier motions of random centre and
+    size are evaluated, and the best ones improved. Parameters that the true law does not state take the example values
+    of its effect. The other law is fitted: its coefficients, and its shapes on their grid unless it states them.
+
+    Args:
+        model: robot, inertials and laws as known so far.
+        first: law at its joints.
+        second: other law.
+        nuisance: "friction" (viscous, Coulomb, offset at every joint; inertials are known) or "bodies" (these as well).
+        duration: duration of the motion [s].
+        harmonics: number of harmonics of its series.
+        limits: limits by `build_limits`; None: limits of the description.
+        clearance: smallest distance between links [m].
+        rate: sampling rate of the result [Hz].
+        seed: seed of all random numbers.
+        progress: function that is called with the current step and the share of it that is done.
+
+    Raises:
+        OptionError: the laws are equal or cannot act there, an option is unknown, or a limit leaves no motion.
+
+    Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
+    """
+    _refuse(model, first, second, nuisance)
+    check_duration(duration, harmonics, 1 / duration if duration > 0 else 0.0)
+    limits = limits or build_limits(model.robot)
+    families = [Fourier(duration, harmonics, periods / duration) for periods in PERIODS]
+    usual = [effect.name for effect in EFFECTS if effect.usual]
+    rivals = {(law.effect.name, law.joints) for law in (first, second)}
+    laws = tuple(law for law in usual_laws(model, usual) if (law.effect.name, law.joints) not in rivals)
+    problem, notes = build_problem(model, laws, families[0], limits, clearance, seed)
+    density = MEMORY_RATE if any(law.effect.memory for law in (first, second)) else INDEPENDENT
+    pair = LawPair(problem, first, second, nuisance == "bodies")
+    search = _MotionSearch(pair, at_rate(duration, density), families, seed, progress)
+    pool = search.random_pool()
+    ways = tuple(way for way in (0, 1) if max(one.distance.shares[way] for one in pool) > STRUCTURAL)
+    ends = search.improve(pool, ways) if ways else [max(pool, key=lambda one: float(np.ptp(one.x[:, 1:])))]
+    feasible = [(end.family, make_feasible(problem, end.family, end.x)) for end in ends]
+    family, best = max(feasible, key=lambda end: search.objective(end[0], end[1].x, ways))
+    distance = search.distance(family, best.x)
+    evaluated = (len(pool) + sum(end.evaluations for end in ends)) * any(end.spent for end in ends)
+    fine = family.sample(model.robot.joints, best.x, grid(duration))
+    return Separation(
+        trajectory=family.sample(model.robot.joints, best.x, at_rate(duration, rate)),
+        laws=(first, second),
+        distances=distance.seen,
+        shares=distance.shares,
+        median=float(np.median([search.smaller(one.distance, ways) for one in pool])),
+        structural=not ways,
+        noise=problem.noise,
+        use=problem.use(fine),
+        distance=best.distance,
+        seed=seed,
+        notes=(*model.robot.notes, *limits.notes, *notes, *budget_notes(evaluated)),
+        flags=_flags(first, second, distance, ways),
+    )
+
+
+def _flags(first: Law, second: Law, distance: Distance, ways: Sequence[int]) -> tuple[str, ...]:
+    names = first.effect.name, second.effect.name
+    if not ways:
+        return (
+            f"no motion of {POOL} distinguishes {names[0]} from {names[1]}: the difference is structural; "
+            "use another sensor or a known load",
+        )
+    if len(ways) == 1:
+        general, special = names[ways[0]], names[1 - ways[0]]
+        return (
+            f"{general} and the nuisance explain everything that {special} can do, on every motion: the laws are "
+            f"distinguishable only if {general} is true",
+        )
+    if min(distance.seen) < ENOUGH:
+        return (
+            f"the laws differ by {min(distance.seen):.3g} along the best motion: the result may be ambiguous; "
+            f"{ENOUGH:g} is needed",
+        )
+    return ()
+
+
+def _refuse(model: Model, first: Law, second: Law, nuisance: str) -> None:
+    for law in (first, second):
+        if law.joints not in places(law.effect, len(model.robot.joints)):
+            raise OptionError(
+                f"{law.effect.name} cannot act at joints {law.joints} of {model.robot.name}; choose from "
+                f"{places(law.effect, len(model.robot.joints))[:8]}, counted from 0"
+            )
+    if (first.effect.name, first.joints) == (second.effect.name, second.joints):
+        raise OptionError(f"both laws are {first.effect.name} at the same joints; give two that differ")
+    if nuisance not in ("friction", "bodies"):
+        raise OptionError(f"there is no nuisance {nuisance!r}; choose from friction, bodies")
+
+
+class _Candidate(NamedTuple):
+    """Motion and the distance of the laws along it."""
+
+    family: Family
+    x: Array  # (n, d) [rad or m]
+    distance: Distance
+    evaluations: int = 1  # motions evaluated to find it
+    spent: bool = False  # whether the budget ended its search before an optimum
+
+
+@dataclass(frozen=True, eq=False)
+class _MotionSearch(Frozen):
+    """Search over motions of some families for a large distance of two laws.
+
+    `ways` are the directions of the distance that count: 0 for the first law true, 1 for the second.
+    """
+
+    laws: LawPair
+    t: Array  # (N,) [s] samples at which distances are computed
+    families: Sequence[Family]
+    seed: int
+    progress: Progress | None
+
+    def random_pool(self) -> list[_Candidate]:
+        """Random motions of random centre and size, scaled to the limits of position, velocity and acceleration."""
+        rng, limits, found = np.random.default_rng(self.seed), self.laws.problem.limits, []
+        for k in range(POOL):
+            family = self.families[k % len(self.families)]
+            x = random_parameters(self._bases[id(family)], limits, rng, AMPLITUDE)
+            found.append(_Candidate(family, x, self.distance(family, x)))
+            self._report("drawing motions", k, POOL)
+        return found
+
+    def improve(self, pool: Sequence[_Candidate], ways: Sequence[int]) -> list[_Candidate]:
+        """The best motions of a pool, improved one after another."""
+        ranked = sorted(pool, key=lambda one: self.objective(one.family, one.x, ways), reverse=True)[:POLISHED]
+        return [self._improved(one, ways, k) for k, one in enumerate(ranked)]
+
+    def distance(self, family: Family, x: Array) -> Distance:
+        """Distance of the laws along the motion of parameters x (n, d) [rad or m]."""
+        return self.laws.distance(family.sample(self.laws.problem.model.robot.joints, x, self.t))
+
+    def objective(self, family: Family, x: Array, ways: Sequence[int]) -> float:
+        """Log of the smaller distance, less penalties on torque and contact; x: (n, d) [rad or m]."""
+        problem = self.laws.problem
+        motion = family.sample(problem.model.robot.joints, x, self.t)
+        torque = problem.model.inverse(Motion(problem.model.robot, motion.t, motion.q, motion.v, motion.a))
+        over = np.maximum(np.abs(torque) / (problem.limits.margin * problem.limits.torque) - 1, 0)
+        excess = float(np.sum(over**2)) / len(self.t)
+        if problem.collision is not None:
+            few = motion.q[:: max(1, len(motion.q) // PLACES)]
+            excess += problem.collision.penalty(few, problem.clearance, SPARE)[0]
+        return float(np.log(max(self.smaller(self.laws.distance(motion), ways), LEAST))) - PENALTY * excess
+
+    def smaller(self, distance: Distance, ways: Sequence[int]) -> float:
+        """Smaller one of the distances that count."""
+        return min((distance.seen[way] for way in ways), default=0.0)
+
+    def _improved(self, start: _Candidate, ways: Sequence[int], turn: int) -> _Candidate:
+        family, limits = start.family, self.laws.problem.limits
+        basis, count = self._bases[id(family)], 0
+        sizes = column_sizes(basis, limits)
+        sizes[:, 0] = limits.half
+
+        def inside(change: Array) -> Array:
+            return fit_inside(basis, limits, start.x + change.reshape(sizes.shape) * sizes)
+
+        def cost(change: Array) -> float:
+            nonlocal count
+            count += 1
+            self._report("improving motions", turn * EVALUATIONS + count, POLISHED * EVALUATIONS)
+            return -self.objective(family, inside(change), ways)
+
+        reach = np.full(sizes.size, REACH)
+        problem = Problem(cost, -reach, reach, np.zeros(sizes.size), search=SEARCH)
+        best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=EVALUATIONS)
+        x = inside(best.x)
+        return _Candidate(family, x, self.distance(family, x), best.evaluations, best.status == "budget")
+
+    @cached_property
+    def _bases(self) -> dict[int, Array]:
+        fine = np.linspace(0, self.t[-1], 1 + 20 * int(self.t[-1] + 1))
+        return {id(family): family.basis(fine) for family in self.families}
+
+    def _report(self, what: str, done: int, total: int) -> None:
+        if self.progress is not None:
+            self.progress(what, min(1.0, done / total))
