@@ -11,13 +11,7 @@ import pytest
 from captured import Captured, captured
 from numpy.testing import assert_allclose
 
-from signid.estimation.feasible import (
-    ConsistentFit,
-    fit as solver,
-    fit_consistent,
-    problem as problems,
-    standard_from_base,
-)
+from signid.estimation.feasible import ConsistentFit, fit as solver, fit_consistent, problem as cone, standard_from_base
 from signid.estimation.feasible.fit import _verified, polish
 from signid.estimation.feasible.problem import BASIS, TO_INERTIAL, congruence, feasible_prior, inertial, pack, unpack
 from signid.types import Estimate, pseudo_inertia
@@ -30,7 +24,7 @@ def fitted(case: Captured) -> ConsistentFit:
 def least_chi2(case: Captured) -> float:
     """Least chi2 of feasible parameters, by a formulation without prior, barrier or Newton's method."""
     x = cp.Variable(len(case.base.labels))
-    root = problems.information_root(case.estimate.information)
+    root = cone.information_root(case.estimate.information)
     basis = np.array([pseudo_inertia(e) for e in np.eye(10)]).reshape(10, 16).T
     bodies = [
         cp.reshape(basis @ x[i : i + 10], (4, 4), order="C") >> 0 for i in range(0, inertial(case.prior).sum(), 10)
@@ -96,7 +90,7 @@ def test_negative_friction_moves_to_zero_by_the_least_change() -> None:
 
 def test_two_solvers_agree() -> None:
     case = captured("3r", noise=0.05)
-    problem = problems.build_problem(case.base, case.estimate, case.prior, 1e-2)
+    problem = cone.build_problem(case.base, case.estimate, case.prior, 1e-2)
     asked, status = solver._ask(problem)
     assert status == "optimal" and asked is not None
     u, heavier = polish(problem, asked), problem.distance(problem.start) ** 2 / problem.weight
@@ -122,7 +116,7 @@ def test_a_failing_solver_only_adds_a_note(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_solver_answers_are_verified(monkeypatch: pytest.MonkeyPatch) -> None:
     case = captured("3r", noise=0.05)
-    u = problems.build_problem(case.base, case.estimate, case.prior, 1e-2).start
+    u = cone.build_problem(case.base, case.estimate, case.prior, 1e-2).start
     u[:10] = pack(np.diag([1.0, 1.0, -1e-9, 1.0]))
     monkeypatch.setattr(solver, "trace", lambda problem, heavier: None)
     monkeypatch.setattr(cp.Problem, "solve", lambda problem, **_: setattr(problem.variables()[0], "value", u))

@@ -73,8 +73,8 @@ def retrieve(
     those without (LN_) for up to about 30 parameters. The search stays within its budget and notes how it ended.
 
     The prior gives only the sizes and the default box. The `schedule` is in squared standard deviations, the range of
-    the total mass of all moving bodies in kg. Budgets are evaluations: of the global algorithm per run, of the local one
-    per round (default: 2 000, or 10 000 for algorithms that take many small steps).
+    the total mass of all moving bodies in kg. Budgets are evaluations: of the global algorithm per run, of the local
+    algorithm per round (default: 2 000, or 10 000 for those that take many small steps).
 
     Raises:
         OptionError: an algorithm does not exist, or runs, rounds, bounds or the range of mass are invalid.

@@ -63,7 +63,7 @@ class RollOut(Frozen):
         return np.asarray(np.median(np.abs(self.end(horizon)), axis=0))
 
     def document(self, before: RollOut, horizon: float | None = None) -> dict[str, Any]:
-        """Object for diagnosis.json: errors of the original model and of this one at a horizon [s]; default: the longest.
+        """Object for diagnosis.json: errors of the original model and of this one at a horizon [s]; None: the longest.
 
         Raises:
             OptionError: the roll-outs have different joints or windows.
