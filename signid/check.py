@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.least_squares import estimate
-from .model import Model, stated_inertials, stated_laws
+from .model import Model, ModelSource, stated_inertials, stated_laws
+from .recording import Recordings, as_recordings
 from .recording.sampling import Sampling
-from .recording_faults import RecordingFaults, examine
+from .recording_faults import RecordingFaults, examine, naming_faults
 from .regression.bandwidth import Band
 from .regression.factors import Factors
 from .regression.session import Options, Session
+from .robot import as_robot
 from .signs import Signs, prepare_and_recover
-from .types import Array, BaseMap, Frozen, Progress, Recording, Robot
+from .types import Array, BaseMap, Progress, Recording, Result, Robot
 
 WELL, BARELY = (0.3, 1.0)  # [1] expected over prior standard deviation: identifiable below, unidentifiable above
 FEW_ROWS = 20  # rows per parameter; with fewer the noise model is poor
@@ -24,7 +25,7 @@ LOW_CUTOFF = 2.0  # [Hz] below which inertial torque is hardly visible
 
 
 @dataclass(frozen=True, eq=False)
-class Check(Frozen):
+class Check(Result):
     """Verdicts `identifiable`, `weak` or `unidentifiable` per base parameter, with advice in sentences."""
 
     robot: Robot
@@ -50,7 +51,11 @@ class Check(Frozen):
 
 
 def check(
-    robot: Robot, recordings: Sequence[Recording], *, options: Options | None = None, progress: Progress | None = None
+    robot: ModelSource,
+    recordings: Recordings,
+    *,
+    options: Options | None = None,
+    progress: Progress | None = None,
 ) -> Check:
     """Check recordings, all of them together; signs of unsigned torque are recovered first.
 
@@ -59,10 +64,12 @@ def check(
     Raises:
         InputError: a recording or an option cannot be used; the sentence says which and why.
     """
-    options = options or Options()
+    robot = as_robot(robot, "check")
+    recordings, options = as_recordings(recordings, robot, "check"), options or Options()
     recovered = prepare_and_recover(robot, recordings, recordings, options=options, progress=progress)
     session = recovered.session_to_fit(robot)
-    factors = session.reduce(session.train, progress=progress)
+    with naming_faults(session):
+        factors = session.reduce(session.train, progress=progress)
     found = estimate(factors, session.task.base, whiten=options.whiten)
     found = recovered.widen(found, factors, session.task.base, options.whiten)
     excitation = judge_excitation(session.task, factors, found, options.seed)

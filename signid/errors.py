@@ -41,6 +41,20 @@ class OutputError(SignidError, OSError):
     """Failed write of a result; no partial file remains."""
 
 
+def readable(name: str) -> str:
+    """Name of a file, or a text that holds such names; other bytes than UTF-8 become U+FFFD."""
+    try:
+        return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+    except UnicodeEncodeError:  # no bytes of a file name
+        return name.encode("utf-8", "replace").decode()
+
+
+def unexpected(verb: str, wanted: str, given: object, advice: str) -> OptionError:
+    """Error about an argument of another type: what the verb needs, what was given, and how to make it."""
+    kind = "None" if given is None else type(given).__name__
+    return OptionError(f"{verb} needs {wanted}, not {kind}; give {advice}")
+
+
 def shorten(names: Sequence[str], most: int = 8) -> str:
     """Names separated by commas; beyond `most`, the number of the others."""
     more = len(names) - most

@@ -14,23 +14,25 @@ from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.fit_quality import Fit, judge_fit
 from .estimation.least_squares import estimate
 from .estimation.standard import METHODS, Search, choose_in_time
-from .model import Model, fitted_model, stated_parameters
-from .recording_faults import IdentifiedData, identification_flags
+from .model import Model, ModelSource, fitted_model, stated_parameters
+from .recording import Recordings, as_recordings
+from .recording_faults import IdentifiedData, identification_flags, naming_faults
 from .regression.covariance import base_covariance
 from .regression.factors import LAGS, Factors, Weigh
 from .regression.prepare import ITSELF
 from .regression.reduced import Reduced
 from .regression.rows import Rows
 from .regression.session import Options, Session, only_once, recordings_used
+from .robot import as_robot
 from .signs import Recovered, Signs, prepare_and_recover
-from .types import Array, BaseMap, Estimate, Frozen, Input, Parameters, Progress, Recording, Robot
+from .types import Array, BaseMap, Estimate, Input, Parameters, Progress, Recording, Result, Robot
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Identification(Frozen):
+class Identification(Result):
     """A robot's dynamics, identified from recordings. `flags` say what not to rely on; empty if nothing is suspect."""
 
     robot: Robot
@@ -61,10 +63,10 @@ class Identification(Frozen):
 
 @ends_in_time
 def identify(
-    robot: Robot,
-    recordings: Sequence[Recording] | Reduced,
+    robot: ModelSource,
+    recordings: Recordings | Reduced,
     *,
-    held_out: Sequence[Recording] = (),
+    held_out: Recordings = (),
     method: str | None = None,
     signs: str = "exact",
     estimator: str | Estimator | None = None,
@@ -77,9 +79,9 @@ def identify(
     Where torque was recorded without its sign, the signs are recovered first and then count as measured.
 
     Args:
-        robot: as `load_robot` gives it.
-        recordings: recordings to learn from, as `read_recording` gives them; or their factors from `reduce` or
-            `load_factors`, which include the held-out part.
+        robot: as `load_robot` gives it, or what it reads; a model counts as its robot.
+        recordings: one recording or several to learn from, as `read_recording` gives them, or what it reads; or their
+            factors from `reduce` or `load_factors`, which include the held-out part.
         held_out: held-out recordings; without any, the last of several recordings or the last 30 % of the only one.
         method: `convex`: physically consistent fit; `wls`: least-squares base parameters unchanged, with the nearest
             standard parameters; `pbrp`: penalty-based parameter retrieval. None: convex, or pbrp after `signs="tree"`.
@@ -94,6 +96,8 @@ def identify(
         OptionError: a method or an estimator is unknown, or the recordings lack what it needs.
         RecordingError: a recording cannot be used, or its signs cannot be found; the sentence says which and why.
     """
+    robot = as_robot(robot, "identify")
+    held_out = as_recordings(held_out, robot, "identify")
     way = ESTIMATORS[estimator or "wls"] if isinstance(estimator, str | None) else estimator
     options = way.options(options or Options()) if estimator else options or Options()
     search = search or Search()
@@ -103,12 +107,14 @@ def identify(
         if estimator not in (None, "wls"):
             raise OptionError(f"factors answer by weighted least squares alone; give recordings for {way.name!r}")
         return _from_factors(robot, recordings, held_out, method or METHODS[0], search, options)
+    recordings = as_recordings(recordings, robot, "identify")
     everything = (*recordings, *held_out)
     only_once(everything)
     recovered = prepare_and_recover(robot, recordings, held_out, options=options, method=signs, progress=progress)
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
     session = recovered.session_to_fit(robot)
-    train, test, weigh = _factors(session, options, progress)
+    with naming_faults(session):
+        train, test, weigh = _factors(session, options, progress)
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search)
     notes = (*recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)

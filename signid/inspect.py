@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .effects import EFFECT_NAMES, EFFECTS
+from .model import ModelSource
 from .regression.base_parameters import build_base
-from .types import BaseMap, Frozen, Law, Robot
+from .robot import as_robot
+from .types import BaseMap, Law, Result, Robot
 
 
 @dataclass(frozen=True, eq=False)
-class Inspection(Frozen):
+class Inspection(Result):
     """Base parameters of a robot, from its structure alone."""
 
     robot: Robot
@@ -31,11 +33,12 @@ class Inspection(Frozen):
         return tuple(label.name for k, label in enumerate(self.base.labels) if seen[k] and k not in alone)
 
 
-def inspect(robot: Robot, effects: Sequence[str] = EFFECT_NAMES, seed: int = 0) -> Inspection:
+def inspect(robot: ModelSource, effects: Sequence[str] = EFFECT_NAMES, seed: int = 0) -> Inspection:
     """Determine the base parameters of a robot with the given effects at every joint.
 
     Raises:
         OptionError: unknown effect.
     """
+    robot = as_robot(robot, "inspect")
     laws = [Law(EFFECTS[name], (j,)) for name in effects for j in range(len(robot.joints))]
     return Inspection(robot, build_base(robot, laws, seed))

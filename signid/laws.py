@@ -63,6 +63,8 @@ class View(Protocol):
     @property
     def t(self) -> Array: ...  # (..., 1) [s]
     @property
+    def origin(self) -> float: ...  # [s] time stamp of the start of the recording, if it is far from 0
+    @property
     def q(self) -> Array: ...  # (..., m) [rad or m]
     @property
     def v(self) -> Array: ...  # (..., m) [rad/s or m/s]
@@ -93,6 +95,7 @@ class Effect:
     typical: ClassVar[str] = ""  # typical magnitudes
     parameters: ClassVar[Mapping[str, Coefficient | Shape]] = {}
     example: ClassVar[Numbers] = {}  # typical values: demonstration, injection, contract test
+    headline: ClassVar[str] = ""  # a finding in words, fields: {joint}, {partner}, {KEY}; "": name, joint, main number
     optional: ClassVar[tuple[str, ...]] = ()  # parameters that default to a function of the others
     scope: ClassVar[str] = "joint"
     """joint: one joint, its own row | pair: two joints | link: one joint, all rows | tip: the same, of the last joint
@@ -107,6 +110,9 @@ class Effect:
     usual: ClassVar[bool] = False  # present at nearly every joint
     approximate: ClassVar[bool] = False  # never matches a real robot exactly
     memory: ClassVar[bool] = False  # has a state: `begin` and `advance` of `effects.base.TorqueLaw`
+
+    def __repr__(self) -> str:
+        return f"<{self.name}>"
 
     def columns(self, x: View, *args: Any, **shape: Any) -> list[Array]:
         """Arrays (..., m), one per coefficient [torque per unit]; (N, n) for the scopes link and tip.

@@ -14,21 +14,22 @@ from .effects import EFFECT_NAMES, EFFECTS
 from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw, of_kind
 from .effects.bodies import body_inertia
 from .effects.law import law_torque
-from .effects.naming import law_at, law_place
-from .errors import RobotError, SignidError
+from .effects.naming import law_at, law_place, possible
+from .errors import OptionError, RobotError, SignidError, unexpected
+from .frozen import show_with
 from .regression.covariance import Covariance, read_covariance
 from .regression.motion import Motion
 from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text
 from .robot.dynamics import joint_of_row, own_row
-from .toml_json import read_json
-from .types import Array, Frozen, Law, Parameters, Robot
+from .toml_json import check_schema, read_json
+from .types import Array, Law, Parameters, Result, Robot
 
 SCHEMA = "signid.model/1"
 
 
 @dataclass(frozen=True, eq=False)
-class Model(Frozen):
+class Model(Result):
     """Rigid bodies and laws: recorded torque = rigid-body torque + sum of the laws."""
 
     robot: Robot
@@ -88,6 +89,16 @@ class Model(Frozen):
             torque[:, j] = np.where(lost, np.nan, true)
         return replace(motion, q=q, recorded=None if motion.recorded is None else torque)
 
+    def save(self, path: str | Path) -> Path:
+        """Save as a model.json, which `load_model` reads: the same bytes as those of `signid identify`.
+
+        The file appears when it is complete. A file of the same name is replaced.
+
+        Raises:
+            OutputError: the name does not end in .json, or the file cannot be written.
+        """
+        return Path(show_with("save_model", self, path))
+
     def document(self) -> dict[str, Any]:
         """Model as JSON, including the robot description."""
         robot = self.robot
@@ -111,16 +122,37 @@ class Model(Frozen):
         }
 
 
-def load_model(source: str | Path, actuators: str | Path | None = None) -> Model:
+ModelSource = Model | Robot | str | Path  # a model, or what `load_model` reads
+
+
+def load_model(source: str | Path | Robot, actuators: str | Path | None = None) -> Model:
     """Load a saved model.json, or the model that a robot description and its actuators file state.
 
     Raises:
         RobotError: the source is neither.
+        OptionError: the source is neither a path nor a robot.
     """
-    if str(source).endswith(".json"):
+    if not isinstance(source, str | Path | Robot):
+        raise unexpected("load_model", "a path, the name of a robot or a Robot", source, '"model.json" or "robot.urdf"')
+    if not isinstance(source, Robot) and str(source).endswith(".json"):
         return _read(Path(source))
-    robot = load_robot(str(source), actuators=actuators)
+    robot = source if isinstance(source, Robot) else load_robot(str(source), actuators=actuators)
     return Model(robot, stated_inertials(robot), stated_laws(robot))
+
+
+def as_model(given: object, verb: str) -> Model:
+    """Model that is given as such, as a result with a `model`, or as a robot or a path, which `load_model` reads.
+
+    Raises:
+        OptionError: anything else was given to the verb.
+        RobotError: invalid file.
+    """
+    for found in (given, getattr(given, "model", None)):
+        if isinstance(found, Model):
+            return found
+    if isinstance(given, str | Path | Robot):
+        return load_model(given)
+    raise unexpected(verb, "a Model", given, 'signid.load_model("model.json")')
 
 
 def stated_inertials(robot: Robot) -> Array:
@@ -176,10 +208,11 @@ def standard_parameters(robot: Robot, inertials: Array) -> dict[str, dict[str, A
 def _read(path: Path) -> Model:
     try:
         content = read_json(path)
-        if content["schema"] != SCHEMA:
+        if isinstance(content, dict) and content.get("schema") != SCHEMA:
             raise RobotError(
-                f"{path} has the schema {content['schema']!r}; give a model.json of `signid identify` ({SCHEMA!r})"
+                f"{path} has the schema {content.get('schema')!r}; give a model.json of `signid identify` ({SCHEMA!r})"
             )
+        check_schema(content, "model")
         described: Mapping[str, str] = content["robot"]
         robot = robot_from_text(described["description"], described["kind"], described["name"], lock=content["held"])
         known: Mapping[str, float] = content.get("torque_constants", {})
@@ -191,14 +224,18 @@ def _read(path: Path) -> Model:
             law_at(EFFECTS[entry["effect"]], robot, entry["joint"], entry["parameters"]) for entry in content["effects"]
         )
         covariance = _covariance(path, content.get("covariance"), len(robot.links))
+        if covariance is None:  # estimates may lie below zero; the laws of a description or a diagnosis do not
+            laws = tuple(map(possible, laws))
     except OSError as error:
         raise RobotError(f"cannot read {path}: {error.strerror}") from None
+    except OptionError as error:
+        raise RobotError(f"{path}: {error}") from None
     except SignidError:
         raise
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise RobotError(
-            f"{path} is not a valid model.json ({error!r}); give one that `signid identify` wrote"
-        ) from None
+        optional = isinstance(error, ValueError) and str(error).startswith("covariance")
+        mend = "identify again, or remove the key `covariance`" if optional else "give one that `signid identify` wrote"
+        raise RobotError(f"{path} is not a valid model.json ({error}); {mend}") from None
     return Model(robot, np.array(inertials), laws, covariance)
 
 

@@ -1,14 +1,16 @@
-"""Read-only arrays, and standard and base parameters with their labels.
+"""Standard and base parameters with their labels.
 
 Shapes: n independent joints, nb bodies, p standard parameters, b base parameters.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .frozen import Frozen
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -16,18 +18,6 @@ Mask = NDArray[np.bool_]
 INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # Pinocchio's order
 INERTIAL_UNITS = ("kg", *("kg.m",) * 3, *("kg.m2",) * 6)
 TWO_SIDED = 1.96  # half-width of a 95 % confidence interval of a normal distribution [standard deviations]
-
-
-class Frozen:
-    """Base class of frozen types: copies every array and sets it read-only."""
-
-    def __post_init__(self) -> None:
-        for item in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, item.name)
-            if isinstance(value, np.ndarray):
-                copy = value.copy()
-                copy.setflags(write=False)
-                object.__setattr__(self, item.name, copy)
 
 
 @dataclass(frozen=True)

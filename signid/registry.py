@@ -65,9 +65,15 @@ def public_names(package: str) -> dict[str, str]:
 def package(name: str, homes: Mapping[str, str]) -> type[ModuleType]:
     """Module type of a package whose `public_names` are imported lazily.
 
-    The names are properties, so `signid.identify` is the function although a module has the same name.
+    The names are properties, so `signid.identify` is the function although a module has the same name. `dir` lists
+    them, for tab completion.
     """
-    return type("Package", (ModuleType,), {public: _lazy(public, home, name) for public, home in homes.items()})
+
+    def listed(module: ModuleType) -> list[str]:
+        return sorted({*homes, *(key for key in vars(module) if key.startswith("__"))})
+
+    lazy = {public: _lazy(public, home, name) for public, home in homes.items()}
+    return type("Package", (ModuleType,), {"__dir__": listed, **lazy})
 
 
 def inner_package(name: str, homes: Mapping[str, str]) -> type[ModuleType]:

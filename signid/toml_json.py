@@ -1,12 +1,16 @@
-"""Read TOML and JSON files; other text (not UTF-8, wrong syntax, nested too deeply) is a ValueError of one line."""
+"""Read TOML and JSON files; every fault (not UTF-8, wrong syntax, too large ...) is a ValueError of one line."""
 
 from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+
+SCHEMAS = Path(__file__).parent / "output" / "schema"
+LARGEST_FILE = 200_000_000  # [bytes]
+LARGEST = 1e12  # magnitude of a number; no robot has a larger one in SI units
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
@@ -19,8 +23,46 @@ def read_json(path: str | Path) -> Any:
     return _parsed(json.loads, path)
 
 
+def check_schema(content: Any, name: str) -> None:
+    """Check the content of a file against `output/schema/NAME.json`, and that its numbers are finite.
+
+    Raises:
+        ValueError: the content is malformed; the message says where and why.
+    """
+    from jsonschema import Draft202012Validator
+    from jsonschema.exceptions import best_match
+
+    schema = json.loads((SCHEMAS / f"{name}.json").read_text("utf-8"))
+    if error := best_match(Draft202012Validator(schema).iter_errors(content)):
+        raise ValueError(f"{error.json_path[2:] or 'its content'}: {_short(error.message)}")
+    for place, number in _numbers(content, ""):
+        if not -LARGEST <= number <= LARGEST:
+            raise ValueError(f"{place[1:]}: expected a finite number up to {LARGEST:.0e}")
+
+
+def _numbers(content: Any, place: str) -> Iterator[tuple[str, float]]:
+    if isinstance(content, dict):
+        for key, value in content.items():
+            yield from _numbers(value, f"{place}.{key}")
+    elif isinstance(content, list):
+        for k, value in enumerate(content):
+            yield from _numbers(value, f"{place}[{k}]")
+    elif isinstance(content, int | float):
+        yield place, content
+
+
+def _short(text: str) -> str:
+    text = " ".join(text.split())
+    return text if len(text) <= 100 else f"{text[:45]} ... {text[-45:]}"
+
+
 def _parsed(parse: Callable[[str], Any], path: str | Path) -> Any:
-    text = Path(path).read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+    path = Path(path)
+    if path.exists() and not path.is_file():
+        raise ValueError("it is no regular file")
+    if path.exists() and path.stat().st_size > LARGEST_FILE:
+        raise ValueError(f"it has more than {LARGEST_FILE / 1e6:.0f} MB")
+    text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
     try:
         return parse(text)
     except RecursionError:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
+from .frozen import Frozen as Frozen, Result as Result
 from .laws import (
     Coefficient as Coefficient,
     Effect as Effect,
@@ -26,7 +27,6 @@ from .parameters import (
     Array as Array,
     BaseMap as BaseMap,
     Estimate as Estimate,
-    Frozen as Frozen,
     Indices as Indices,
     Label as Label,
     Mask as Mask,
@@ -56,7 +56,7 @@ class Actuators(Frozen):
 
 
 @dataclass(frozen=True, eq=False)
-class Robot(Frozen):
+class Robot(Result):
     """A robot as stated by its description, over its independent joints.
 
     Mimic joints and joints held fixed form one affine map: model velocity = drive @ joint velocity,
@@ -96,6 +96,7 @@ class Samples(NamedTuple):
     dq: Array | None  # (N, n) [rad/s or m/s]
     ddq: Array | None  # (N, n) [rad/s2 or m/s2]
     q_des: Array | None  # (N, n) [rad or m]
+    origin: float = 0.0  # [s] time stamp of the start of the recording, if it is far from 0
 
 
 class Table(Protocol):
@@ -113,7 +114,7 @@ class Table(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Recording(Frozen):
+class Recording(Result):
     """Positions and torques of n joints over time, read in chunks from a table."""
 
     joints: tuple[str, ...]  # n names: joints with a position column, in the robot's order

@@ -71,6 +71,8 @@ def driving() -> list[Case]:
         simulation("bandwidth zero", "--bandwidth 0", "positive"),
         simulation("bandwidth infinite", "--bandwidth inf", "finite"),
         simulation("feed-forward that is no number", "--feed-forward nan", "finite"),
+        simulation("feed-forward without end", "--feed-forward 1e8", "up to 10"),
+        simulation("a joint held far away", "--lock 1=1e9", "--lock 1"),
         simulation("gains that no step bears", "--kp 1e9 --kd 1e6", "diverged"),
     ]
 
@@ -95,6 +97,9 @@ def running() -> list[Case]:
         simulation("unknown integrator", "--integrator euler", "rk4"),
         simulation("sub-steps below zero", "--substeps -1", "--substeps"),
         simulation("noise below zero", "--noise -1", "noise"),
+        simulation("noise that hides all torque", "--noise 1e9", "0 to 10"),
+        simulation("coloured noise that hides all torque", "--coloured-noise 11", "0 to 10"),
+        simulation("jitter without end", "--jitter 1e6", "0 to 10"),
         simulation("every row lost", "--drop-outs 1", "drop-outs"),
         simulation("encoder without bits", "--encoder-bits 0", "bits"),
         simulation("every joint held", "--lock 1=0 --lock 2=0 --lock 3=0", "every joint"),
@@ -114,6 +119,8 @@ def exciting() -> list[Case]:
         excited("no harmonics", "--harmonics 0", "harmonic"),
         excited("less than a period", "--duration 5 --base-frequency 0.1", "period"),
         excited("no velocity", "--velocity-scale 0", "--velocity-scale"),
+        excited("nearly no velocity", "--velocity-scale 1e-12", "0.001 to 10"),
+        excited("torque without end", "--torque-scale 1e9", "0.001 to 10"),
         excited("unknown effect", "--effects magic", "magic"),
         excited("effect that is not linear", "--effects stribeck_friction", "stribeck_friction"),
         excited("one law", "--separate spring@2", "two laws"),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import shutil
 import sys
 import webbrowser
 from collections.abc import Iterator
@@ -183,6 +185,39 @@ def test_bad_input_is_refused(
     out, err = capfd.readouterr()
     assert out == "" and err.startswith("signid: ") and says in err and err.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_an_interrupted_demonstration_can_be_repeated(
+    shown: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(sys.modules["signid.cli.demo.run"], "diagnose", interrupted)
+        assert run(["demo", "--no-open"]) == 130 and not list(tmp_path.iterdir())
+    replace_file, folder = os.replace, tmp_path / "signid-demo"
+
+    def replaced_until(count: int) -> Any:
+        def replaced(*paths: Any) -> None:
+            nonlocal count
+            count -= 1
+            if count < 0:
+                raise KeyboardInterrupt
+            replace_file(*paths)
+
+        return replaced
+
+    for count in range(len(FILES)):
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "replace", replaced_until(count))
+            patch.setattr(sys.modules["signid.cli.demo.run"], "demo", lambda *_, **__: shown.story)
+            assert run(["demo", "--no-open"]) == 130
+            assert len(list(folder.glob("*"))) == count if folder.exists() else count == 0
+        again = command(monkeypatch, tmp_path, "--no-open", story=shown.story)
+        assert again.code == 0 and sorted(path.name for path in folder.iterdir()) == FILES
+        shutil.rmtree(folder)
 
 
 def test_progress_goes_forward(tmp_path: Path) -> None:

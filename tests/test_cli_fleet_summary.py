@@ -97,7 +97,7 @@ def test_equal_causes_are_grouped_over_the_last_sessions(tmp_path: Path, monkeyp
     assert found["robots"][0]["mismatch"] == pytest.approx(140) and found["robots"][0]["left"] is None
     page = re.sub(r"<script>.*?</script>", "", fleet_page(found), flags=re.DOTALL)
     assert "level 1.00 to 1.60, median 1.30 N.m" in page
-    assert "7 of 12 robots lack coulomb_friction of j2" in page and "12 robots, 24 sessions" in page
+    assert "7 of 12 robots lack Coulomb friction of j2" in page and "12 robots, 24 sessions" in page
     assert len(fleet_tables(found)) > 4
 
 

@@ -28,7 +28,7 @@ WRITER = f"""if 1:
     folder, mark, rounds = sys.argv[1], sys.argv[2], int(sys.argv[3])
     for k in range(1, rounds + 1):
         body = f"{{mark}} {{k:09d}};"
-        write_files(folder, {{f"{{i}}.txt": body * ({SIZE} // len(body)) for i in range({FILES})}})
+        write_files(folder, {{f"{{i}}.txt": body * ({SIZE} // len(body)) for i in range({FILES})}}, named=True)
         print(k, flush=True)
 """
 
@@ -77,11 +77,11 @@ def test_files_of_killed_runs_are_removed_a_day_later(tmp_path: Path) -> None:
     for path, days in ((young, 0.9), (old, 1.1), *((path, 30.0) for path in foreign)):
         path.touch()
         os.utime(path, (time.time() - days * 86_400,) * 2)
-    write_files(tmp_path, {"new.txt": "new"})
+    write_files(tmp_path, {"new.txt": "new"}, named=True)
     assert young.exists() and not old.exists() and all(path.exists() for path in [*left, *foreign])
     for path in (young, *left):
         os.utime(path, (0, 0))
-    write_files(tmp_path, {"new.txt": "newer"})
+    write_files(tmp_path, {"new.txt": "newer"}, named=True)
     assert not any(path.exists() for path in (young, *left)) and all(path.exists() for path in foreign)
 
 

@@ -9,18 +9,19 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "signid"
 ROOMS = {  # modules and folders of a folder in the order of the data; one imports only those before it
-    "": "version errors deadline toml_json registry parameters laws types optimisers robot effects "
+    "": "version errors deadline toml_json registry frozen parameters laws types optimisers robot effects "
     "recording regression model inspect simulation estimation signs recording_faults payload check identify diagnose "
     "validate output cli __main__ __init__",
-    "cli": "app terminal options arguments files fleet demo commands run worker __init__",
+    "cli": "app terminal completion options arguments files fleet demo commands run worker __init__",
     "diagnose": "data evidence result extend search findings preparation run __init__",
-    "output": "__init__ geometry report replay export",
-    "output/report": "layout write results pages __init__",
+    "output": "__init__ geometry report replay export display",
+    "output/report": "layout policy write results pages __init__",
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
     "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "
     "factors session prepare reduced",
-    "recording": "mapping formats source names columns sampling gallery read __init__ convert",
-    "robot": "dynamics joints description locate load __init__",
+    "recording": "mapping formats source meaning names columns sampling gallery read accept __init__ convert noticed "
+    "draft",
+    "robot": "dynamics joints description locate load accept __init__",
     "signs": "thresholds result observations segments search samples posterior infer flags tree torque_constants "
     "recover __init__",
     "simulation": "__init__ plant excite rollout",

@@ -128,13 +128,13 @@ def test_a_covariance_is_dropped_when_joints_are_held(found: Identification, arm
 @pytest.mark.parametrize(
     ("change", "what"),
     [
-        (lambda c: c.pop("values"), "it lacks 'values'"),
+        (lambda c: c.pop("values"), "'values' is a required property); identify again, or remove"),
         (lambda c: c["values"].pop(), "24"),
-        (lambda c: c.update(terms=[1] * 25), "no lists"),
+        (lambda c: c.update(terms=[1] * 25), "terms[0]: 1 is not of type 'object'); identify again"),
         (lambda c: c["terms"][0].update(Izz_9=1.0), "Izz_9"),
         (lambda c: c["lower_triangle"].__setitem__(0, -1.0), "not positive"),
         (lambda c: c["lower_triangle"].__setitem__(1, 1e9), "negative variance"),
-        (lambda c: c["lower_triangle"].__setitem__(1, "x"), "no lists"),
+        (lambda c: c["lower_triangle"].__setitem__(1, "x"), "lower_triangle[1]: 'x' is not of type"),
         (lambda c: c["values"].__setitem__(1, float("nan")), "finite"),
     ],
 )
@@ -144,6 +144,16 @@ def test_a_malformed_covariance_is_refused(change: Any, what: str, found: Identi
     with pytest.raises(RobotError) as caught:
         load_model(written(tmp_path, document))
     assert what in str(caught.value) and "covariance" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_friction_below_zero_is_kept_only_in_an_estimate(found: Identification, tmp_path: Path) -> None:
+    document = found.model.document()
+    law = next(law for law in document["effects"] if law["effect"] == "coulomb_friction")
+    law["parameters"]["level"] = -1e-3
+    assert load_model(written(tmp_path, document)).laws
+    del document["covariance"]
+    with pytest.raises(RobotError, match="level is -0.001; give a positive number"):
+        load_model(written(tmp_path, document))
 
 
 def test_invalid_models_are_refused(arm: Robot, tmp_path: Path) -> None:

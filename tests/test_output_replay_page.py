@@ -150,7 +150,10 @@ def test_side_by_side_and_shares(page: Chromium) -> None:
 
 def test_findings_are_marked_at_their_place(page: Chromium) -> None:
     titles = page.value("[...document.querySelectorAll('.label b')].map(b => b.textContent)")
-    assert "coulomb friction of joint_2" in titles and "external contact" in titles and "payload" in titles
+    words = ["A payload of 0.300 ± 0.002 kg", "An external contact from 2.00 s to 3.00 s: 6.000 ± 0.002 N"]
+    assert sorted(titles) == [*words, "Coulomb friction of joint_2: 0.800 ± 0.002 N.m"]
+    verdict = page.value("document.querySelector('#verdict').textContent")
+    assert verdict.startswith("The simulation lacks ") and all(title[1:] in verdict for title in titles)
     kinds = page.value("player.stage.marks.map(m => [m.mark.kind, m.group.visible, m.group.children.length])")
     assert sorted(kinds) == [["body", True, 1], ["force", False, 2], ["joint", True, 1]], "no contact at 4.4 s"
     page.value("player.seek(2.5)")

@@ -33,6 +33,7 @@ from signid.output.report import (
     with_interval,
     write_files,
 )
+from signid.output.report.layout import new_table
 from signid.types import Input
 
 INPUTS = [Input("1r", "0" * 64, "description")]
@@ -92,7 +93,7 @@ def test_files_appear_whole(tmp_path: Path) -> None:
     assert [path.name for path in written] == ["one.json", "two.bin", "three.txt"]
     assert [path.read_bytes() for path in written] == [b"{}\n", b"\0\xff", "±\r\n".encode()]
     assert sorted(path.name for path in folder.iterdir()) == ["one.json", "three.txt", "two.bin"]
-    write_files(folder, {"one.json": "new"})
+    write_files(folder, {"one.json": "new"}, named=True)
     assert written[0].read_text() == "new"
 
 
@@ -106,7 +107,7 @@ def test_all_or_none(tmp_path: Path) -> None:
     (tmp_path / "model.json").mkdir()
     (tmp_path / "identification.json").write_text("old")
     with pytest.raises(OutputError, match=r"model\.json in it is a folder"):
-        write_files(tmp_path, {"identification.json": "new", "model.json": "new"})
+        write_files(tmp_path, {"identification.json": "new", "model.json": "new"}, named=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["identification.json", "model.json"]
     assert (tmp_path / "identification.json").read_text() == "old"
 
@@ -194,6 +195,21 @@ def test_wide_formulas_wrap_and_lose_nothing() -> None:
     words = shown(inspection_tables(found), 60).split()
     for expression in found.base.expressions:
         assert set(expression.split()) <= set(words)
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 100])
+def test_narrow_tables_keep_all_numbers_and_every_row_a_name(width: int) -> None:
+    names = ["left_ankle_pitch_joint", "right_shoulder_roll_joint"]
+    numbers = ["0.0003 ± 0.0044", "0.000009 ± 0.000079", "-0.000026 ± 0.000078", "(0.00104)"]
+    heads = ["viscous friction [N.m.s/rad]>", "coulomb friction [N.m]>", "torque offset [N.m]>", "armature>"]
+    table = new_table("joint", *heads, rows=[[name, *numbers] for name in names])
+    screen = io.StringIO()
+    Console(width=width, file=screen, markup=False).print(table)
+    lines = screen.getvalue().splitlines()
+    assert max(map(len, lines)) <= width
+    assert all(sum(number in line for line in lines) == 2 for number in numbers)
+    rows = [line for line in lines if any(number in line for number in numbers)]
+    assert all(re.match(rf"(left|right)\w*…?\w*{'joint'[1:]} ", row) for row in rows), lines
 
 
 def test_brackets_in_names_stay(result: Identification) -> None:

@@ -159,17 +159,26 @@ def test_the_document_is_the_contract() -> None:
 @pytest.mark.parametrize(
     ("verdict", "findings", "words"),
     [
-        ("named", FINDINGS, "3r: the simulation lacks coulomb_friction of joint_2; payload of joint_3 (link link_3)\n"),
-        ("named", FINDINGS[:1], "3r: the simulation lacks coulomb_friction of joint_2 (probability >0.999)\n"),
+        (
+            "named",
+            FINDINGS,
+            "3r: the simulation lacks Coulomb friction of joint_2: 0.80 ± 0.02 N.m; a payload of 0.30 ± 0.04 kg\n",
+        ),
+        (
+            "named",
+            FINDINGS[:1],
+            "3r: the simulation lacks Coulomb friction of joint_2: 0.80 ± 0.02 N.m (probability >0.999)\n",
+        ),
         (
             "unknown",
             FINDINGS[:1],
-            "3r: coulomb_friction of joint_2 leaves more torque unexplained than it explains; the simulation lacks",
+            "3r: Coulomb friction of joint_2 (0.80 ± 0.02 N.m) leaves more torque unexplained than it explains; the "
+            "simulation lacks",
         ),
         (
             "unknown",
             FINDINGS[:2],
-            "payload of joint_3 (link link_3) leave more torque unexplained than they explain; the simulation lacks",
+            "N.m); a payload of 0.30 ± 0.04 kg leave more torque unexplained than they explain; the simulation lacks",
         ),
         ("unknown", (), "3r: the simulation lacks physics that no law explains\n"),
         ("nothing_missing", (), "3r: nothing is missing, within 1 % of the torque\n"),
@@ -188,8 +197,9 @@ def test_wrong_numbers_are_no_law_and_still_reported() -> None:
 
 def test_laws_of_all_joints_are_one_sentence() -> None:
     laws = [f"{name}@{j}" for j in (1, 2, 3) for name in ("viscous_friction", "coulomb_friction")]
-    text = screen(made(findings=tuple(finding(law, {}) for law in laws)))
-    assert "the simulation lacks viscous_friction, coulomb_friction of all joints\n" in text
+    text = shown(diagnosis_tables(made(findings=tuple(finding(law, {}) for law in laws))), 200)
+    causes = "viscous friction of all joints: 2.00 N.m.s/rad; Coulomb friction of all joints: 3.00 N.m"
+    assert f"the simulation lacks {causes}\n" in text
 
 
 def test_the_terminal_shows_the_main_results() -> None:

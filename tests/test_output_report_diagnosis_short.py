@@ -17,7 +17,7 @@ from signid.effects.naming import parse_law
 from signid.output.report import diagnosis_document, diagnosis_page, diagnosis_tables, to_json
 
 FRICTION = finding("coulomb_friction@2:level=1.2", {"level": 0.005}, stated={"level": 0.3})
-SENTENCE = "coulomb_friction of joint_2: 0.3000 in the simulation, 1.2000 ± 0.0098 N.m recorded"
+SENTENCE = "Coulomb friction of joint_2: 0.300 N.m in the simulation, 1.20 ± 0.01 N.m recorded"
 LAWS = ("viscous_friction", "coulomb_friction", "armature", "torque_offset")
 
 
@@ -63,8 +63,11 @@ def test_several_numbers_of_a_law_are_compared_in_the_list() -> None:
     result = made(findings=(finding(law, std, stated={"coulomb_positive": 0.5, "coulomb_negative": 0.5}), FRICTION))
     text = " ".join(screen(result).split())
     assert f"3r: {SENTENCE}; parameters of the simulation are wrong: asymmetric" in text
+    text = shown(diagnosis_tables(replace(result, findings=result.findings[:1])), 200)
+    numbers = "1.00 ± 0.02 N.m forwards, 2.00 ± 0.02 N.m backwards"
+    wrong = f"parameters of the simulation are wrong: asymmetric friction of joint_2: {numbers}"
+    assert f"3r: {wrong} (probability >0.999)\n" in text
     text = screen(replace(result, findings=result.findings[:1]))
-    assert "3r: parameters of the simulation are wrong: asymmetric_friction of joint_2 (probability >0.999)\n" in text
     assert "\n  coulomb_positive: 0.500 in the simulation, 1.000 ± 0.020 N.m recorded\n" in text
     assert "\n  viscous_negative 0.200 ± 0.020 N.m.s/rad\n" in text and max(map(len, text.splitlines())) <= 100
 
@@ -72,12 +75,16 @@ def test_several_numbers_of_a_law_are_compared_in_the_list() -> None:
 def test_missing_laws_come_before_wrong_numbers() -> None:
     spring = finding("spring@1:stiffness=3,rest=1", {})
     text = shown(diagnosis_tables(made(findings=(FRICTION, spring))), 200)
-    assert f"3r: the simulation lacks spring of joint_1; {SENTENCE}\n" in text and "\nMissing or wrong\n" in text
+    assert (
+        f"3r: the simulation lacks spring of joint_1: stiffness 3.00 N.m/rad; {SENTENCE}\n" in text
+        and "\nMissing or wrong\n" in text
+    )
     wrong = [replace(FRICTION, law=parse_law(f"{law}@{j}", ROBOT)) for j in (1, 2) for law in LAWS[:2]]
     wrong = [replace(one, stated=dict(one.law.parameters)) for one in wrong]
-    text = shown(diagnosis_tables(made(findings=(*wrong, spring))), 200)
+    text = shown(diagnosis_tables(made(findings=(*wrong, spring))), 300)
     assert (
-        "lacks spring of joint_1; parameters of the simulation are wrong: viscous_friction, coulomb_friction of" in text
+        "lacks spring of joint_1: stiffness 3.00 N.m/rad; parameters of the simulation are wrong: viscous friction of "
+        "joint_1, joint_2: 2.00 N.m.s/rad; Coulomb friction of joint_1, joint_2: 3.00 N.m\n" in text
     )
 
 
@@ -94,7 +101,7 @@ def test_causes_are_at_most_six_and_corrections_three_lines() -> None:
     assert "viscous_friction of joint_1, probability >0.999, 26 %: coefficient" in corrections
     assert text.count("or spring of joint_3") == 6 and max(map(len, text.splitlines())) <= 100
     assert len(document(result)["findings"]) == 15
-    assert all(words(result).count(one) for one in ("torque offset of joint_1", "coulomb friction of joint_2"))
+    assert all(words(result).count(one) for one in ("Torque offset of joint_1", "Coulomb friction of joint_2"))
     assert "and 1 smaller finding in diagnosis.json\n" in screen(made(findings=tuple(many[:7])))
     assert "smaller" not in screen(made(findings=tuple(many[:6])))
 
@@ -107,7 +114,7 @@ def test_alternatives_are_at_most_three_on_the_terminal_and_all_in_the_page() ->
     assert "torque_offset" not in text and "cable_torque" not in text and "  and 2 more in diagnosis.json\n" in text
     assert len(document(result)["findings"][0]["alternatives"]) == 5
     page = diagnosis_page(result)
-    folded = page.partition("<summary>2 more for spring of joint_2</summary>")[2].partition("</details>")[0]
+    folded = page.partition("<summary>2 more for Spring of joint_2</summary>")[2].partition("</details>")[0]
     assert "torque_offset of joint_2, probability <0.001" in folded.replace("&lt;", "<") and "cable_torque" in folded
     assert "in diagnosis.json" not in page and "more for" not in diagnosis_page(made(findings=FINDINGS[1:]))
 
@@ -116,9 +123,12 @@ def test_a_law_of_a_body_names_its_link() -> None:
     inertia = finding("link_inertia@2:mass=0.3,first_moment_x=0.1", {}, alternatives=(rival("payload", 0.1, ""),))
     result = made(findings=(inertia, FRICTION))
     text = " ".join(screen(result).split())
-    assert "3r: the simulation lacks link_inertia of joint_2 (link link_2); coulomb_friction of joint_2: 0.3" in text
+    assert (
+        "the simulation lacks link inertia of joint_2 (link link_2): mass 0.300 kg; Coulomb friction of joint_2: 0.3"
+        in text
+    )
     assert "or payload of joint_3 (link link_3), probability 0.1" in text
-    assert "link inertia of joint_2 (link link_2)" in words(result)
+    assert "Link inertia of joint_2 (link link_2): mass 0.300 kg" in words(result)
     assert [entry["link"] for entry in document(result)["findings"]] == ["link_2", None]
 
 

@@ -11,14 +11,24 @@ from test_output_report_diagnosis import AFTER, APART, BEFORE, FINDINGS, FLAG, F
 from test_signs_page import Page, figures, values
 
 from signid.diagnose import Diagnosis
-from signid.output.report import diagnosis_page
+from signid.diagnose.findings.thresholds import AMBIGUOUS
+from signid.output.report import diagnosis_page, diagnosis_tables
 
 
 def test_the_page_says_the_same_and_loads_nothing() -> None:
     page = diagnosis_page(made(), command="signid diagnose 3r x.csv -o DIR")
     read = Page(page)
     text = " ".join(" ".join(read.texts).split())
-    says = ("3r: the simulation lacks", FLAG, "a <note>", NEVER, APART, "0.800", "0.020", "coulomb friction of joint_2")
+    says = (
+        "3r: the simulation lacks",
+        FLAG,
+        "a <note>",
+        NEVER,
+        APART,
+        "0.800",
+        "0.020",
+        "Coulomb friction of joint_2: 0.80 ± 0.02 N.m",
+    )
     source = FINDINGS[0].law.effect.source
     inputs = ("x.csv", "0" * 64, "recording, learned from", "signid diagnose 3r x.csv -o DIR", "seed 7", "robot.urdf")
     for words in (*says, *inputs, source, FINDINGS[0].law.effect.equation, "first_moment_x", "kg.m", "joint_3: 5 % of"):
@@ -29,9 +39,19 @@ def test_the_page_says_the_same_and_loads_nothing() -> None:
         assert f'<h1 class="{result.verdict}">' in diagnosis_page(result)
 
 
+def test_a_headline_is_red_if_flags_say_that_the_result_is_unreliable() -> None:
+    ambiguous = f"payload of joint_3 {AMBIGUOUS} (80%); the others: link_inertia of joint_3 (20%)"
+    for flags, red in (((), False), ((ambiguous,), False), ((ambiguous, "the torque is shifted by 1 s"), True)):
+        result = made(flags=flags)
+        page = diagnosis_page(result)
+        assert ('<header class="top named unreliable">' in page, "say what not to rely on" in page) == (red, red)
+        style = getattr(diagnosis_tables(result)[0], "style", "")
+        assert (style == "bold red") == red
+
+
 def test_rivals_have_bars_as_long_as_they_are_likely() -> None:
     page = diagnosis_page(made())
-    card = page[page.index("coulomb friction of joint_2") :].partition("</article>")[0]
+    card = page[page.index("<h3>Coulomb friction of joint_2") :].partition("</article>")[0]
     bars = re.findall(r"<span>(\w[^<]*)</span><span class=\"bar[^\"]*\"><i style=\"width:([\d.]+)%\">", card)
     assert bars == [("coulomb_friction of joint_2", "99.9"), ("viscous_friction of joint_2", "2.0")]
 

@@ -78,7 +78,7 @@ def test_wrong_simulation(run_tutorial: Any, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["extended.xml", "laws.py", "replay.html", "report.html"]
     assert "counterbalance" in (tmp_path / "report.html").read_text()
     page = (tmp_path / "replay.html").read_text()
-    assert "counterbalance" in page and "coulomb friction of joint_1" in page
+    assert "counterbalance" in page and "Coulomb friction of joint_1" in page
     laws = runpy.run_path(str(tmp_path / "laws.py"))
     torque = laws["torque"](np.array([0, 0, 0.5]), np.array([1.0, 0, 0]), np.zeros(3))
     expected = [numbers["coulomb_friction"][1]["level"], 0, 0.5 * np.sin(0.5)]

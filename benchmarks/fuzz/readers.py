@@ -25,8 +25,8 @@ from signid.recording.sampling import survey
 from signid.robot.description import sandbox
 from signid.robot.load import read_actuators
 from signid.simulation.plant import read_motion
-from signid.types import Robot
 
+from .factors import factors, header_text, pendulum, with_header
 from .logs import CONTROL, DESCRIPTION, STATE, TABLE, bag1, bag2, dataset
 
 HERE = Path(__file__).parents[2]
@@ -68,6 +68,7 @@ class Reader:
     wrap: Callable[[bytes], bytes] = bytes  # encloses mutated content, so that no checksum rejects it
     beside: Mapping[str, bytes] = field(default_factory=dict)  # intact files read with it
     slow: bool = False  # starts a process for each file
+    share: float = 5.0  # of the inputs of a campaign, relative to those of the other readers
 
     def __call__(self, content: bytes, folder: Path) -> bool:
         """Whether the file is accepted; exceptions other than SignidError pass through."""
@@ -87,7 +88,6 @@ def readers() -> tuple[Reader, ...]:
     """All readers."""
     table = b"t,q_1,tau_1,dq_1\n" + b"".join(b"%g,%g,%g,1\n" % (0.1 * k, np.sin(0.1 * k), k) for k in range(60))
     semicolon = table.replace(b",", b";").replace(b".", b",")
-    motion = table.replace(b"tau_1", b"ddq_1")
     urdf = (HERE / "robots/3r/robot.urdf").read_bytes()
     model, diagnosis = _saved()
     bag, plain, chunked = bag2(STATE), bag2(STATE, mcap=True), bag2(STATE, mcap=True, squeeze="STORAGE")
@@ -96,7 +96,7 @@ def readers() -> tuple[Reader, ...]:
         Reader("URDF", "r.urdf", [urdf, _small_urdf().encode()], signid.load_robot),
         Reader("xacro", "r.xacro", [XACRO.encode()], _expanded, beside={"other.xacro": b"<robot/>"}, slow=True),
         Reader("MJCF", "r.xml", [MJCF.encode()], signid.load_robot, beside={"o.xml": b"<mujocoinclude/>"}),
-        Reader("actuators", "a.toml", [ACTUATORS.encode()], lambda path: read_actuators(path, _robot())),
+        Reader("actuators", "a.toml", [ACTUATORS.encode()], lambda path: read_actuators(path, pendulum())),
         Reader("columns", "c.toml", [COLUMNS.encode()], _mapped),
         Reader("bounds", "b.toml", [BOUNDS.encode()], _bounds),
         Reader("CSV", "r.csv", [table, semicolon, b"# " + table], _recorded),
@@ -113,39 +113,23 @@ def readers() -> tuple[Reader, ...]:
         Reader("MCAP", "r.mcap", [each["r.mcap"] for each in (plain, bag2(CONTROL, mcap=True), chunked)], _recorded),
         Reader("LeRobot", TABLE, [joints[TABLE]], _dataset, beside={DESCRIPTION: joints[DESCRIPTION]}),
         Reader("LeRobot, description", DESCRIPTION, [joints[DESCRIPTION]], _dataset, beside={TABLE: joints[TABLE]}),
-        Reader("factors", "f.npz", [_factors()], lambda path: signid.load_factors(path, _robot())),
-        Reader("factors, header", "f.npz", [_header()], lambda path: signid.load_factors(path, _robot()), wrap=_headed),
+        Reader("factors", "f.npz", [factors()], _factors),
+        Reader("factors, header", "f.npz", [header_text()], _factors, wrap=with_header),
         Reader("manifest", "m.csv", [MANIFEST], read_manifest),
-        Reader("motion", "m.csv", [motion, table], lambda path: read_motion(path, _robot())),
+        Reader(
+            "motion", "m.csv", [table.replace(b"tau_1", b"ddq_1"), table], lambda path: read_motion(path, pendulum())
+        ),
         Reader("model.json", "model.json", [model], signid.load_model),
         Reader("diagnosis.json", "diagnosis.json", [diagnosis], read_found, beside={"model.json": model}),
     )
 
 
-@cache
-def _robot() -> Robot:
-    return signid.load_robot("1r")
+def _driven(path: Path) -> None:
+    read_motion(path, pendulum())
 
 
-@cache
-def _factors() -> bytes:
-    robot, t = _robot(), np.arange(0, 20, 0.01)
-    columns = {"t": t, "q_1": np.sin(t) + np.sin(2.3 * t), "tau_1": np.cos(t) + np.sin(3 * t)}
-    return signid.encode_factors(signid.reduce(robot, [read_recording(columns, robot)]))
-
-
-def _header() -> bytes:
-    with np.load(io.BytesIO(_factors()), allow_pickle=False) as archive:
-        return bytes(archive["header"].tobytes())
-
-
-def _headed(content: bytes) -> bytes:
-    """Factors with another header; the digest covers the arrays only, so a mutated header is read."""
-    with np.load(io.BytesIO(_factors()), allow_pickle=False) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    file = io.BytesIO()
-    np.savez(file, **{**arrays, "header": np.frombuffer(content, np.uint8)})
-    return file.getvalue()
+def _factors(path: Path) -> None:
+    signid.load_factors(path, pendulum())
 
 
 def _expanded(path: Path) -> None:
@@ -154,8 +138,8 @@ def _expanded(path: Path) -> None:
 
 
 def _recorded(path: Path, columns: ColumnMap | None = None) -> None:
-    recording = read_recording(path, _robot(), columns=columns)
-    survey(recording, _robot())
+    recording = read_recording(path, pendulum(), columns=columns)
+    survey(recording, pendulum())
     recording.read(0, 10)
 
 
@@ -170,7 +154,7 @@ def _dataset(path: Path) -> None:
 
 def _mapped(path: Path) -> None:
     arrays = {name: np.arange(20.0) for name in ("time", "pos", "eff")}
-    read_recording(arrays, _robot(), columns=path)
+    read_recording(arrays, pendulum(), columns=path)
 
 
 def _bounds(path: Path) -> None:

@@ -6,19 +6,27 @@ takes groups as parameters; `command` shows Typer one parameter for each field.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import MISSING, field, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
+from math import isfinite
 from typing import Annotated, Any, get_type_hints
 
 import typer
+from typer.core import TyperCommand
 
+from ..errors import OptionError
 from ..version import __version__
 
 Text = str | None
 Texts = list[str] | None
+TYPE = re.compile(r" <[\w\[\]]+>$")  # of an argument: "ROBOT <str>"
 LAST = ("seed", "json")  # options listed last in --help
+LARGEST, SMALLEST = 9e9, 1e-15  # magnitude of a number on the command line; 0 is smaller
+LARGEST_SEED = 2**64 - 1
+CHECKED = "cutoff time_limit duration bandwidth feed_forward".split()  # commands check whether these are finite
 
 app = typer.Typer(
     name="signid",
@@ -26,7 +34,6 @@ app = typer.Typer(
     epilog="Exit codes: 0 done; 2 bad input or usage; 3 done, but the result is flagged and says why.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    add_completion=False,
 )
 
 
@@ -57,7 +64,19 @@ def output_option(text: str, metavar: str = "DIR") -> Any:
 
 def command(example: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
     """Decorate a command of the application; the example of its use ends --help."""
-    return lambda function: app.command(epilog=f"Example: {example}")(_expanded(function))
+    return lambda function: app.command(epilog=f"Example: {example}", cls=_Command)(_expanded(function))
+
+
+class _Command(TyperCommand):
+    """A command whose help names its arguments as users do, without the types of Python."""
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        write = formatter.write_dl
+        formatter.write_dl = lambda rows, *rest, **more: write([(TYPE.sub("", a), b) for a, b in rows], *rest, **more)
+        super().format_help(ctx, formatter)
 
 
 def _expanded(function: Callable[..., int]) -> Callable[..., int]:
@@ -75,11 +94,37 @@ def _expanded(function: Callable[..., int]) -> Callable[..., int]:
 
     @wraps(function)
     def run(**given: Any) -> int:
+        for parameter in flat:
+            _bound(parameter, given[parameter.name])
         taken = {name: kind(**{key: given.pop(key) for key in keys}) for name, (kind, keys) in groups.items()}
         return function(**given, **taken)
 
     run.__signature__ = Signature(flat)  # type: ignore[attr-defined]
     return run
+
+
+def _bound(parameter: Parameter, value: Any) -> None:
+    """Check the magnitude of an option, if it is a number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return
+    if isfinite(value) or parameter.name not in CHECKED:
+        settings = getattr(parameter.annotation, "__metadata__", ())
+        names = (name for setting in settings for name in getattr(setting, "param_decls", None) or ())
+        shown = next((name for name in names if name.startswith("--")), f"--{parameter.name.replace('_', '-')}")
+        bounded(shown, value, LARGEST_SEED if parameter.name == "seed" else LARGEST)
+
+
+def bounded(option: str, value: float, most: float = LARGEST) -> float:
+    """The number of an option, small enough that no product, ratio or count of it overflows.
+
+    Raises:
+        OptionError: the number is not finite, too large, or too small without being 0.
+    """
+    if value != 0 and not SMALLEST <= abs(value) <= most:
+        raise OptionError(
+            f"{option} is {value:.6g}; give 0 or a finite magnitude between {SMALLEST:.0e} and {most:.3g}"
+        )
+    return value
 
 
 def _parameters(group: type[Any]) -> list[Parameter]:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from ..effects import EFFECT_NAMES
-from ..errors import OptionError
+from ..errors import OptionError, readable
+from .app import bounded
 from .options import RobotOptions, RowOptions, SimulationArguments
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from ..regression.session import Options
     from ..simulation.plant import Torques
     from ..types import Input, Recording, Robot, Trajectory
+
+FARTHEST = 1e4  # position of a held joint [rad or m]
 
 
 def given_command(context: typer.Context) -> str:
@@ -30,7 +33,7 @@ def given_command(context: typer.Context) -> str:
             words[k] = "--output=DIR"
         elif word.startswith("-o") and not word.startswith("--"):
             words[k] = "-oDIR"
-    return shlex.join(["signid", *words]) if words else ""
+    return readable(shlex.join(["signid", *words])) if words else ""
 
 
 def given_robot(name: str, options: RobotOptions) -> Robot:
@@ -57,7 +60,9 @@ def _locks(texts: Sequence[str]) -> dict[str, float]:
         if joint in held:
             raise OptionError(f"--lock names joint {joint} twice; give one position for it")
         try:
-            held[joint] = float(value if joint else "")
+            held[joint] = bounded(f"--lock {joint}", float(value if joint else ""), FARTHEST)
+        except OptionError:
+            raise
         except ValueError:
             raise OptionError(f"--lock {text!r} is not a joint and its position; write J=VALUE, in rad or m") from None
     return held
@@ -142,8 +147,8 @@ def given_inputs(name: str, robot: Robot, actuators: str | None, **files: str | 
     named = [(file, Path(file), role) for role, file in {"actuators": actuators, **files}.items() if file is not None]
     if actuators is None and beside.is_file():
         named.append((str(given / beside.name), beside, "actuators"))
-    read = (Input(shown, digest_of(path), role) for shown, path, role in named)
-    return [Input(name, robot.sha256, "description"), *read]
+    read = (Input(readable(shown), digest_of(path), role) for shown, path, role in named)
+    return [Input(readable(name), robot.sha256, "description"), *read]
 
 
 def simulation_inputs(source: SimulationArguments, robot: Robot, **files: str | None) -> list[Input]:
@@ -154,4 +159,4 @@ def simulation_inputs(source: SimulationArguments, robot: Robot, **files: str | 
     if not source.saved:
         return given_inputs(source.simulation, robot, source.actuators, **files)
     read = {"model": source.simulation, **{role: file for role, file in files.items() if file is not None}}
-    return [Input(path, digest_of(Path(path)), role) for role, path in read.items()]
+    return [Input(readable(path), digest_of(Path(path)), role) for role, path in read.items()]

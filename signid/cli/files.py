@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from ..validate import Validation
 
 FRICTION = ("viscous_friction", "coulomb_friction")
+VALIDATED = ("validation.json", "report.html")
+DIAGNOSED = ("diagnosis.json", "model.json", "robot.urdf", "report.html", "signed.csv", "signs.html")
+IDENTIFIED = ("identification.json", *DIAGNOSED[1:])
 
 
 def deliver(result: Identification, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
@@ -101,7 +104,7 @@ def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, C
         why = f"the robot comes from {robot.kind.upper()}"
     else:
         try:
-            return {"robot.urdf": urdf_with(robot, bodies, *(_friction(robot, laws, name) for name in FRICTION))}, ()
+            return {"robot.urdf": _marked(urdf_with(robot, bodies, *(_friction(robot, laws, x) for x in FRICTION)))}, ()
         except RobotError as error:
             why = str(error)
     return {}, (f"robot.urdf is not written: {why}",)
@@ -115,7 +118,15 @@ def _extended_urdf(result: Diagnosis) -> tuple[dict[str, Content], tuple[str, ..
         made = export(result.model, "urdf")
     except RobotError as error:
         return {}, (f"robot.urdf is not written: {error}",)
-    return {"robot.urdf": made.text}, tuple(f"robot.urdf: {note}" for note in made.notes)
+    return {"robot.urdf": _marked(made.text)}, tuple(f"robot.urdf: {note}" for note in made.notes)
+
+
+def _marked(text: str) -> str:
+    """The text of a URDF with a comment by which `write_files` recognises its own file."""
+    from ..output.export import with_comment
+    from ..output.report import WRITTEN
+
+    return text if WRITTEN in text else with_comment(text, [WRITTEN])
 
 
 def _identifiable_bodies(result: Identification) -> Array:

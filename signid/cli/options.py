@@ -9,16 +9,36 @@ import typer
 
 from ..effects import EFFECT_NAMES
 from .app import Text, Texts, option
+from .completion import complete_law, complete_robot
 
 SimulationName = Annotated[
-    str, typer.Argument(metavar="SIMULATION", help="A model.json, a URDF, xacro or MJCF file, or a name such as panda.")
+    str,
+    typer.Argument(
+        metavar="SIMULATION",
+        help="A model.json, a URDF, xacro or MJCF file, or a name such as panda.",
+        autocompletion=complete_robot,
+    ),
+]
+RobotName = Annotated[
+    str,
+    typer.Argument(
+        metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.", autocompletion=complete_robot
+    ),
+]
+RecordingName = Annotated[
+    str, typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
 ]
 Recordings = Annotated[
     list[str], typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
 ]
 Columns = Annotated[Text, typer.Option(metavar="FILE", help='TOML of other column names: q_elbow = "elbow_pos".')]
 Effects = Annotated[
-    Text, typer.Option(metavar="A,B", help=f"Laws at every joint, or none. Default: {', '.join(EFFECT_NAMES)}.")
+    Text,
+    typer.Option(
+        metavar="A,B",
+        help=f"Laws at every joint, or none. Default: {', '.join(EFFECT_NAMES)}.",
+        autocompletion=complete_law,
+    ),
 ]
 Cutoff = Annotated[
     float | None,
@@ -60,7 +80,7 @@ class SimulationArguments(RobotOptions):
 class RobotArguments(RobotOptions):
     """A robot description."""
 
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.")]
+    robot: RobotName
 
     @property
     def simulation(self) -> SimulationArguments:

@@ -25,7 +25,7 @@ from .app import app
 from .commands import catalogue, conversion, diagnosis, excitation, factors, identification, replay, simulation  # noqa: F401
 from .demo import command as demo  # noqa: F401
 from .fleet import command as fleet  # noqa: F401
-from .terminal import BAD, BROKEN, DONE, INTERRUPTED, write_error
+from .terminal import BAD, BROKEN, DONE, INTERRUPTED, open_streams, write_error
 
 ORDER = (  # of commands in --help
     "demo inspect check identify diagnose validate payload effects convert excite export simulate replay reduce fleet "
@@ -34,6 +34,8 @@ ORDER = (  # of commands in --help
 app.registered_commands.sort(key=lambda command: ORDER.index(getattr(command.callback, "__name__", "")))
 # in click, or in typer
 USAGE: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+# by name, because numpy is imported late
+NUMERICAL = {"LinAlgError", "OverflowError", "FloatingPointError", "IndexError", "StopIteration"}
 NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
 
 
@@ -78,6 +80,7 @@ def _signals_heard() -> Iterator[_Heard]:
 
 def main() -> NoReturn:
     """Run the command of the process arguments, handle signals, and exit with the command's code."""
+    open_streams()
     with _signals_heard() as heard:
         code = run(sys.argv[1:])
         if code == INTERRUPTED and heard.last is not None:
@@ -92,24 +95,28 @@ def run(arguments: Sequence[str]) -> int:
     0: done; 1: internal error of signid; 2: bad input; 3: done but flagged; 130: interrupted.
     """
     debug = bool(os.environ.get("SIGNID_DEBUG"))
+    given = list(arguments) or ["--help"]
     try:
         with one_thread(), warnings.catch_warnings():
             warnings.simplefilter("default" if debug else "ignore")  # warnings of libraries are not for users
             command = get_command(app)
-            given = list(arguments) or ["--help"]
             return int(command.main(args=given, prog_name="signid", standalone_mode=False, obj=given) or DONE)
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
+    except SystemExit as end:
+        if end.code != 1:
+            raise
+        return DONE  # click's answer to a reader that closed the pipe
     except Exception as error:
-        code, sentence = _explain(error)
+        code, sentence = _explain(error, given)
         if debug:
             traceback.print_exc()
         write_error(sentence)
         return code
 
 
-def _explain(error: Exception) -> tuple[int, str]:
-    """Exit code and sentence of an error."""
+def _explain(error: Exception, given: Sequence[str]) -> tuple[int, str]:
+    """Exit code and sentence of an error of a command with the given arguments."""
     if isinstance(error, SignidError):
         return BAD, str(error)
     if isinstance(error, USAGE):
@@ -126,4 +133,8 @@ def _explain(error: Exception) -> tuple[int, str]:
         why = error.strerror or str(error) or type(error).__name__
         return BAD, f"cannot use {error.filename or 'a file'}: {why}; check its path and permissions"
     cause = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    if NUMERICAL & {kind.__name__ for kind in type(error).__mro__}:
+        files = [word for word in given if os.path.isfile(word)] or given[1:2] or ["the input"]
+        advice = "check inertials, lengths and options for numbers that are no physical ones, and signid check"
+        return BAD, f"the numbers of {', '.join(files)} lead to a calculation without a result ({cause}); {advice}"
     return BROKEN, f"this is an internal error of signid ({cause}); please report it with the output of SIGNID_DEBUG=1"

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from os.path import samefile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..deadline import seconds_left
-from ..errors import OptionError
+from ..errors import OptionError, readable
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -18,18 +20,45 @@ if TYPE_CHECKING:
     from ..types import Array, Progress
 
 DONE, BROKEN, BAD, FLAGGED, INTERRUPTED = 0, 1, 2, 3, 130  # exit codes
-LONGEST = 390  # length of a line on standard error [characters]
+LONGEST, LAST = 390, 1200  # lengths of a line from which long words, and whole clauses, are left out [characters]
+WORD = 90  # length of a word that is left whole in a long line [characters]
 BRIEF = 1.0  # elapsed time below which no remaining time is estimated [s]
 LITTLE = 0.03  # completed share below which no remaining time is estimated
 NEAR = 5.0  # a time limit beyond this multiple of the estimated remaining time is not shown
 
 
 def write_error(sentence: str) -> None:
-    """Write one line to standard error; shorten the middle of a very long line."""
-    line = " ".join(sentence.split())
-    if len(line) > LONGEST:
-        line = f"{line[: LONGEST - 150]} ... {line[-145:]}"
-    sys.stderr.write(f"signid: {line}\n")
+    """Write one line to standard error; in a very long line, long words and middle clauses are shortened."""
+    with suppress(OSError):  # a closed pipe or a full disk
+        sys.stderr.write(f"signid: {_brief(' '.join(readable(sentence).split()))}\n")
+        sys.stderr.flush()
+
+
+def _brief(line: str) -> str:
+    """A line that is never cut inside a clause: long words lose their middle, then whole clauses are left out."""
+    if len(line) <= LONGEST:
+        return line
+    line = " ".join(word if len(word) <= WORD else f"{word[: WORD - 30]}...{word[-25:]}" for word in line.split(" "))
+    for mark in ("; ", ", "):
+        parts = line.split(mark)
+        while len(line) > LAST and len(parts) > 3:
+            parts = [part for part in parts if part != "..."]
+            middle = len(parts) // 2
+            parts[middle : middle + 1] = ["..."]
+            line = mark.join(parts)
+    return line
+
+
+def open_streams() -> None:
+    """Replace standard streams that the caller closed, or the next files that are opened would take their place."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is not None:
+            continue
+        place = os.open(os.devnull, os.O_RDWR)
+        if place != number:
+            os.dup2(place, number)
+            os.close(place)
+        setattr(sys, name, os.fdopen(number, "w" if number else "r", encoding="utf-8", closefd=False))
 
 
 def show(shown: str | Sequence[RenderableType], flags: Sequence[str] = (), written: Sequence[Path] = ()) -> int:
@@ -88,25 +117,29 @@ def _duration(seconds: float) -> str:
     return f"{max(seconds, 0.0):.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
-def check_folder(output: str | None, json: bool) -> None:
-    """Check that results can be written to a folder, which is not needed if they are printed as JSON.
+def check_folder(output: str | None, json: bool, files: Sequence[str]) -> None:
+    """Check that files can be written to a folder, which is not needed if results are printed as JSON.
 
     Raises:
         OptionError: no folder was named.
+        OutputError: the folder is not writable, or holds a file of the same name that signid did not write.
     """
-    from ..output.report import probe_folder
+    from ..output.report import check_foreign, probe_folder
 
     if output == "" or (output is None and not json):
         raise OptionError("no folder for the results was named; add -o DIR, or --json to print them instead")
     if output is not None:
         probe_folder(output)
+        check_foreign(output, files)
 
 
-def check_file(output: str | None, json: bool) -> None:
+def check_file(output: str | None, json: bool, read: Sequence[str | None] = ()) -> None:
     """Check that a recording can be written to a file, which is not needed if a summary is printed as JSON.
 
+    `read` lists the files that the command reads.
+
     Raises:
-        OptionError: no file was named.
+        OptionError: no file was named, or one that is read.
     """
     from ..output.report import probe_folder
     from ..recording.formats import find_format
@@ -118,6 +151,8 @@ def check_file(output: str | None, json: bool) -> None:
         if not form.writes:
             form.encode({}, output)
         probe_folder(Path(output).parent)
+        if any(name and Path(name).exists() and Path(output).exists() and samefile(name, output) for name in read):
+            raise OptionError(f"{output} is read by this command; give another name with -o")
 
 
 def write_columns(output: str | None, columns: Mapping[str, Array]) -> Sequence[Path]:
@@ -131,4 +166,4 @@ def write_columns(output: str | None, columns: Mapping[str, Array]) -> Sequence[
     if output is None:
         return []
     path = Path(output)
-    return write_files(path.parent, {path.name: find_format(path).encode(columns, path.name)})
+    return write_files(path.parent, {path.name: find_format(path).encode(columns, path.name)}, named=True)

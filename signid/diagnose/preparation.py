@@ -10,7 +10,7 @@ import numpy as np
 from ..deadline import OutOfTimeError, steps_shown
 from ..errors import RecordingError
 from ..model import Model
-from ..recording_faults import RecordingFault, RecordingFaults, examine
+from ..recording_faults import REFUSE, SAMPLE_KINDS, RecordingFault, RecordingFaults, examine, naming_faults
 from ..regression.prepare import rearrange
 from ..regression.session import Options, Session, longest_piece
 from ..signs import Recovered
@@ -43,14 +43,17 @@ def prepare_session(
     Raises:
         RecordingError: a recording fault rules out a diagnosis.
     """
-    session = rearrange(model.robot, given.session, options)
-    band = session.task.band
-    allowed = min(CUTOFF, float(np.median(band.per_joint)), NOISIEST_FACTOR * float(np.min(band.per_joint)))
-    if options.cutoff is None and band.filtered and band.cutoff < WORTH_PREPARING * allowed:
-        session = rearrange(model.robot, session, replace(options, cutoff=allowed))
+    with naming_faults(given.session):
+        session = rearrange(model.robot, given.session, options)
+        band = session.task.band
+        allowed = min(CUTOFF, float(np.median(band.per_joint)), NOISIEST_FACTOR * float(np.min(band.per_joint)))
+        if options.cutoff is None and band.filtered and band.cutoff < WORTH_PREPARING * allowed:
+            session = rearrange(model.robot, session, replace(options, cutoff=allowed))
     session = subsample(session)
     show("looking for recording faults", 0.1)
     faults = examine(model, session)
+    if broken := [one for one in faults.findings if one.kind in SAMPLE_KINDS and one.severity == REFUSE]:
+        raise RecordingError(broken[0].sentence)
     if any(one.kind == SHORT and one.measures["rows"] >= LEAST_ROWS for one in faults.findings):
         faults = replace(faults, findings=tuple(one for one in faults.findings if one.kind == SHORT or _is_clear(one)))
     elif faults.refusal:

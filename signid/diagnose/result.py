@@ -11,7 +11,7 @@ from ..estimation.fit_quality import Course, Fit
 from ..model import Model
 from ..signs import Signs
 from ..simulation.rollout import RollOut
-from ..types import Array, Frozen, Input, Law, Recording, Robot
+from ..types import Array, Frozen, Input, Law, Recording, Result, Robot
 from .data.locate import Location
 
 
@@ -54,7 +54,7 @@ class Unexplained:
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis(Frozen):
+class Diagnosis(Result):
     """Differences between a simulation and recordings, and the laws that explain them."""
 
     robot: Robot

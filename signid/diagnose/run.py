@@ -8,7 +8,8 @@ from dataclasses import replace
 from ..deadline import ends_in_time, steps_shown, time_is_up
 from ..effects import EFFECT_NAMES, EFFECTS
 from ..errors import InputError, OptionError
-from ..model import Model
+from ..model import Model, ModelSource, as_model
+from ..recording import Recordings, as_recordings
 from ..recording_faults import RecordingFaults
 from ..regression.base_parameters import build_base
 from ..regression.session import Options, Session, recordings_used
@@ -38,11 +39,11 @@ HORIZON = 0.5  # length of the roll-outs [s]
 
 @ends_in_time
 def diagnose(
-    model: Model,
-    recordings: Sequence[Recording],
+    model: ModelSource,
+    recordings: Recordings,
     *,
-    held_out: Sequence[Recording] = (),
-    reference: Sequence[Recording] = (),
+    held_out: Recordings = (),
+    reference: Recordings = (),
     skip: Sequence[str] = (),
     options: Options | None = None,
     progress: Progress | None = None,
@@ -50,8 +51,8 @@ def diagnose(
     """Locate, name and model the differences between a simulation and recordings; evaluate on held-out recordings.
 
     Args:
-        model: simulation, from `load_model`.
-        recordings: recordings of the robot.
+        model: simulation, from `load_model`, or what it reads.
+        recordings: one recording or several of the robot, from `read_recording`, or what it reads.
         held_out: held-out recordings; default: the last of several recordings, or the last 30 % of a single one.
         reference: recordings of the same robot in a healthy state; differences that are present there are no findings.
         skip: effects to exclude from the search.
@@ -62,12 +63,12 @@ def diagnose(
         OptionError: an excluded effect does not exist, or an option is unknown.
         RecordingError: a recording cannot be used; the message says which and why.
     """
+    model, recordings, held_out, reference = _given(model, recordings, held_out, reference)
     _check(recordings, reference, skip)
     show, options = progress or _no_progress, replace(options or Options(), effects=())
     healthy = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
     given, notes = restrict_joints(model, [*recordings, *held_out])
-    signs = replace(options, effects=EFFECT_NAMES)  # the search for signs needs friction
-    recovered = prepare_and_recover(given.robot, recordings, held_out, options=options, unsigned=signs, progress=show)
+    recovered = _recover(given, recordings, held_out, options, show)
     model = restrict_joints(_lasting(healthy.model), [*recordings, *held_out])[0] if healthy else given
     session, faults = prepare_session(model, recovered, options, show)
     dataset, data = build_in_time(model, session, skip, show)
@@ -102,6 +103,21 @@ def diagnose(
         recordings=recovered.session.recordings,
         informed=selection.evidence.informed,
     )
+
+
+def _given(model: ModelSource, *some: Recordings) -> tuple[Model, list[Recording], list[Recording], list[Recording]]:
+    """Model and recordings as they are given to the verb, read where they are paths."""
+    loaded = as_model(model, "diagnose")
+    recordings, held_out, reference = (as_recordings(each, loaded.robot, "diagnose") for each in some)
+    return loaded, recordings, held_out, reference
+
+
+def _recover(
+    model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording], options: Options, show: Progress
+) -> Recovered:
+    """Session with recovered signs; their search needs friction."""
+    signs = replace(options, effects=EFFECT_NAMES)
+    return prepare_and_recover(model.robot, recordings, held_out, options=options, unsigned=signs, progress=show)
 
 
 def _check(recordings: Sequence[Recording], reference: Sequence[Recording], skip: Sequence[str]) -> None:

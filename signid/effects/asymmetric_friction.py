@@ -15,6 +15,7 @@ class AsymmetricFriction(TorqueLaw):
         " viscous_negative * v + coulomb_negative * sign(v))"
     )
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"
+    headline = "asymmetric friction of {joint}: {coulomb_positive} forwards, {coulomb_negative} backwards"
     typical = "a few per cent difference between the directions"
     contains = {
         "viscous_friction": {"viscous_positive": 1, "viscous_negative": 1},

@@ -14,6 +14,7 @@ class BaseTilt(BodyLaw):
 
     name, equation = "base_tilt", "gravity_torque(cross(gravity, array([x, y, 0])))"
     source = "Featherstone, Rigid Body Dynamics Algorithms, 2008, section 5.3 (gravity as acceleration of the base)"
+    headline = "a base tilt of {x} about x and {y} about y"
     typical = "0.5 to 3 degrees (0.01 to 0.05 rad)"
     parameters = {"x": Coefficient("rad", same=True), "y": Coefficient("rad", same=True)}
     example = {"x": 0.03, "y": -0.02}

@@ -9,6 +9,7 @@ class ChannelSwap(RecordingLaw):
 
     name, equation = "channel_swap", "torque[::-1]"
     source = "Isermann, Fault-Diagnosis Systems, Springer, 2006 (faults of sensors)"
+    headline = "an exchange of the torques of {joint} and {partner}"
     typical = "two exchanged plugs or columns: present or absent"
     common, approximate = 0.3, True
     scope = "pair"

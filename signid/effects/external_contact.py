@@ -18,6 +18,7 @@ class ExternalContact(TorqueLaw):
     source = (
         "Haddadin, De Luca, Albu-Schaffer, Robot collisions: a survey, IEEE Trans. Robotics 33(6), 2017, section II"
     )
+    headline = "an external contact from {start} to {end}: {force}"
     typical = "5 to 50 N, for tenths of a second or longer"
     parameters = {
         **{f"force_{axis}": Coefficient("N") for axis in "xyz"},

@@ -20,7 +20,7 @@ class FrictionDrift(TorqueLaw):
     reverses = True
 
     def columns(self, x: View, time_constant: float) -> list[Array]:
-        return [(1 - np.exp(-x.t / time_constant)) * x.direction]
+        return [(1 - np.exp(-(x.t - x.origin) / time_constant)) * x.direction]
 
 
 PLUGIN = FrictionDrift()

@@ -11,6 +11,7 @@ class LoadFriction(TorqueLaw):
 
     name, equation = "load_friction", "coefficient * abs(load) * sign(v)"
     source = "Duclusaud, Passault, Padois, Ly, Extended friction models for servo actuators, arXiv 2410.08650, model M3"
+    headline = "friction of {joint} proportional to load: {coefficient}"
     typical = "0.06 to 0.13 (UR10E), up to 0.5 in servo actuators"
     parameters = {"coefficient": Coefficient("1", positive=True)}
     example = {"coefficient": 0.12}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isfinite
 
 from ..errors import OptionError
 from ..robot.joints import find
@@ -11,6 +10,8 @@ from ..types import Law, Robot, Shape
 from . import EFFECTS
 from .base import Effect
 from .law import places
+
+LARGEST = 9e9  # magnitude of a parameter [its unit]; times since 1970 are 1.7e9 s
 
 
 def place(effect: Effect, robot: Robot, joint: str | None, partner: str | None = None) -> tuple[int, ...]:
@@ -74,8 +75,9 @@ def law_at(effect: Effect, robot: Robot, joint: str | None, parameters: Mapping[
         numbers = {key: float(values[key]) for key in wanted}
     except ValueError:
         raise _fault(effect, "has a parameter that is not a number") from None
-    if absurd := [key for key, value in numbers.items() if not isfinite(value)]:
-        raise OptionError(f"effect {effect.name!r}: {absurd[0]} is {numbers[absurd[0]]}; write {law_syntax(effect)}")
+    if absurd := [key for key, value in numbers.items() if not abs(value) <= LARGEST]:
+        fault = f"{absurd[0]} is {numbers[absurd[0]]}, beyond {LARGEST:.0e}"
+        raise OptionError(f"effect {effect.name!r}: {fault}; write {law_syntax(effect)}")
     return Law(effect, joints, numbers)
 
 
@@ -96,11 +98,11 @@ def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
     if not all(key and value for key, _, value in pairs) or len(given) < len(pairs) or bool(at) > bool(joint):
         raise OptionError(f"{text!r} cannot be read; write {law_syntax(effect)}")
     if partial and set(given) <= {"partner", *effect.parameters}:
-        law = _possible(law_at(effect, robot, joint or None, {**effect.example, **given}))
+        law = possible(law_at(effect, robot, joint or None, {**effect.example, **given}))
         return Law(effect, law.joints, {key: value for key, value in law.parameters.items() if key in given})
     left_out = effect.example if not set(given) - {"partner"} else dict.fromkeys(effect.linear(), 0.0)
     left_out = {key: value for key, value in left_out.items() if key not in effect.optional}
-    return _possible(law_at(effect, robot, joint or None, {**left_out, **given}))
+    return possible(law_at(effect, robot, joint or None, {**left_out, **given}))
 
 
 def law_syntax(effect: Effect) -> str:
@@ -116,8 +118,12 @@ def _fault(effect: Effect, fault: str) -> OptionError:
     return OptionError(f"effect {effect.name!r} {fault}; write {law_syntax(effect)}")
 
 
-def _possible(law: Law) -> Law:
-    """Check the signs of parameters: positive ones are not negative, shapes other than instants are positive."""
+def possible(law: Law) -> Law:
+    """The law, if positive coefficients are not negative, and shapes other than instants are positive.
+
+    Raises:
+        OptionError: a parameter has an impossible sign.
+    """
     for key, value in law.parameters.items():
         kind = law.effect.parameters[key]
         positive = bool(kind.grid or kind.unit != "s") if isinstance(kind, Shape) else kind.positive

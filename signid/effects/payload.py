@@ -12,6 +12,7 @@ class PayloadLaw(AddedBody):
 
     name = "payload"
     source = "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, IEEE ICRA 2007"
+    headline = "a payload of {mass}"
     typical = "up to the rated payload: 3 kg (Panda), 5 kg (UR5), 10 kg (UR10E)"
     parameters = {"mass": Coefficient("kg", positive=True), **AddedBody.parameters}
     example = dict(zip(parameters, VALUES, strict=True))

@@ -11,6 +11,7 @@ class StribeckFriction(TorqueLaw):
 
     name, equation = "stribeck_friction", "level * exp(-((v / velocity) ** 2)) * sign(v)"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"
+    headline = "Stribeck friction of {joint}: {level}"
     typical = "level 0.2 to 1 times that of Coulomb friction, velocity 0.01 to 0.2 rad/s"
     parameters = {"level": Coefficient("N.m", positive=True), "velocity": Shape("rad/s", (0.12, 0.25, 0.5), of="speed")}
     example = {"level": 3.0, "velocity": 0.3}

@@ -13,6 +13,7 @@ class TorqueGain(RecordingLaw):
     source = (
         "Gautier, Briot, Global identification of the joint drive gains using a known payload mass, IEEE/RSJ IROS 2011"
     )
+    headline = "torque gain error of {joint}: {error}"
     typical = "-0.2 to -0.05 or 0.05 to 0.2"
     parameters = {"error": Coefficient("1")}
     example = {"error": 0.1}

@@ -9,6 +9,7 @@ class TorqueSign(RecordingLaw):
 
     name, equation = "torque_sign", "-torque"
     source = "Isermann, Fault-Diagnosis Systems, Springer, 2006 (faults of sensors)"
+    headline = "a wrong sign of the torque of {joint}"
     typical = "a reversed axis or motor phase: present or absent"
     common, approximate = 0.3, True
     twins = ("torque_gain",)

@@ -21,6 +21,7 @@ class Trial:
     recorded: Any = 0.0  # (..., m) [N.m or N]
     t: Any = 0.0  # (..., 1) [s]
     dt: float = 0.0
+    origin: float = 0.0  # [s]
     joints: tuple[int, ...] = ()
     whole: Any = None
 

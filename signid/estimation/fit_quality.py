@@ -8,7 +8,7 @@ import numpy as np
 
 from ..regression.factors import Factors
 from ..regression.session import Session
-from ..types import Array, Frozen, Indices, Robot
+from ..types import Array, Frozen, Indices, Result, Robot
 
 LITTLE = 0.5  # [1] held-out R2 below which a joint's torque is poorly predicted
 CONSTANT = 1e-12  # [1] variance of a torque, over its power, below which it is constant up to rounding
@@ -23,7 +23,7 @@ class Course(Frozen):
     prismatic: tuple[bool, ...]
     stretch: Indices  # (M,) number of each row's stretch without gaps
     recording: Indices  # (M,) number of each row's recording
-    t: Array  # (M,) [s]
+    t: Array  # (M,) [s] since the start of the recording if its stamps begin far from 0
     q: Array  # (M, n) [rad or m]
     v: Array  # (M, n) [rad/s or m/s]
     torque: Array  # (M, n) [N.m or N] measured
@@ -35,7 +35,7 @@ class Course(Frozen):
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(Frozen):
+class Fit(Result):
     """Accuracy of the predicted torque per joint; held-out rows took no part in the estimation."""
 
     joints: tuple[str, ...]

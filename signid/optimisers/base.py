@@ -20,11 +20,7 @@ WALL = 1e100  # finite cost that replaces infinite and undefined costs
 
 @dataclass(frozen=True, eq=False)
 class Problem(Frozen):
-    """Minimise objective(x) subject to lower <= x <= upper, from `start`.
-
-    Raises:
-        ValueError: the three vectors differ in length, the bounds are empty, or the start is outside of them.
-    """
+    """Minimise objective(x) subject to lower <= x <= upper, from `start`."""
 
     objective: Callable[[Array], float]  # x (d,) -> cost
     lower: Array  # (d,) [any], -inf where unbounded
@@ -81,7 +77,11 @@ class Optimiser(ABC):
         """
 
     def chosen(self, problem: Problem, algorithm: str | None) -> str:
-        """Name of the algorithm, checked against the problem; Raises: OptionError."""
+        """Name of the algorithm, checked against the problem.
+
+        Raises:
+            OptionError: unknown algorithm, or an algorithm that requires a gradient for a problem without one.
+        """
         name = algorithm or self.algorithms[0]
         if name not in self.algorithms:
             upper = {known.upper(): known for known in self.algorithms}

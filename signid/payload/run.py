@@ -11,13 +11,15 @@ from ..deadline import ends_in_time
 from ..effects import EFFECTS
 from ..errors import OptionError, RecordingError
 from ..estimation.least_squares import estimate
-from ..model import stated_parameters
+from ..model import ModelSource, stated_parameters
+from ..recording import Recordings, as_recordings
 from ..regression.factors import LAGS, Factors
 from ..regression.prepare import prepare
 from ..regression.session import Options
+from ..robot import as_robot
 from ..robot.dynamics import own_body
 from ..signs.torque_constants.constants import constant_sensitivity
-from ..types import Array, BaseMap, Estimate, Frozen, Input, Law, Mask, Progress, Recording, Robot
+from ..types import Array, BaseMap, Estimate, Input, Law, Mask, Progress, Recording, Result, Robot
 from .difference import Difference, subtract
 
 CERTAIN = 3.0  # standard deviations above which a mass is certain
@@ -28,7 +30,7 @@ STEP = 1e-6  # [1] step of numerical derivatives, over a parameter's size
 
 
 @dataclass(frozen=True, eq=False)
-class Payload(Frozen):
+class Payload(Result):
     """Body that the last link carries. `flags` name unreliable results; empty if there are none."""
 
     robot: Robot
@@ -79,9 +81,9 @@ class Payload(Frozen):
 
 @ends_in_time
 def payload(
-    robot: Robot,
-    without: Sequence[Recording],
-    carrying: Sequence[Recording],
+    robot: ModelSource,
+    without: Recordings,
+    carrying: Recordings,
     *,
     options: Options | None = None,
     progress: Progress | None = None,
@@ -105,7 +107,9 @@ def payload(
 
     Source: Khalil, Gautier, Lemoine, IEEE ICRA 2007; feasible bodies: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018.
     """
-    options, both = options or Options(), [*without, *carrying]
+    robot, options = as_robot(robot, "payload"), options or Options()
+    without, carrying = (as_recordings(side, robot, "payload") for side in (without, carrying))
+    both = [*without, *carrying]
     _check(without, carrying)
     session = prepare(robot, both, both, options)
     sides = session.train[: len(without)], session.train[len(without) :]

@@ -5,6 +5,15 @@ abs_tau_J and abs_current_J for absolute values; dq_J, ddq_J and q_des_J are opt
 Samples are read on demand and in chunks, so memory does not grow with the length of a recording.
 """
 
+from .accept import Recordings, as_recording, as_recordings
 from .read import need_constants, read_recording, same_joints, with_signs
 
-__all__ = ["need_constants", "read_recording", "same_joints", "with_signs"]
+__all__ = [
+    "Recordings",
+    "as_recording",
+    "as_recordings",
+    "need_constants",
+    "read_recording",
+    "same_joints",
+    "with_signs",
+]

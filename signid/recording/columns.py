@@ -21,6 +21,7 @@ WHEEL = re.compile(r"wheel|caster|castor|rotor|propeller", re.IGNORECASE)
 FINGER = re.compile(r"finger|thumb|gripper|jaw|hand", re.IGNORECASE)
 LONG = 150  # maximum length of a map within a message [characters]
 ARM = "arm joint"  # a revolute joint that is no wheel and no finger
+DIGITS = 10  # of numbers of joints, fewer than these
 CLOSE = 0.7  # minimum similarity of names (difflib) for a suggestion [1]
 
 
@@ -96,9 +97,9 @@ def conversion(
     if signal.column not in About.of(opened.table).unstated:
         return None
     typical = {"q": "deg, or rad", "q_des": "deg, or rad", "tau": "N.m", "current": "mA"}.get(kind, "rad/s")
-    fault = f"does not state the unit of column {signal.column!r} (such as {typical})"
-    advice = f'state it, {kind} = "..." below [units] in a column map (--columns), or signid convert --unit {kind}=...'
-    raise RecordingError(f"{opened.name} {fault}; {advice}")
+    fault, unit = f"does not state the unit of column {signal.column!r} (such as {typical})", typical.partition(",")[0]
+    advice = f'write [units] {kind} = "{unit}", on two lines, into a column map (--columns)'
+    raise RecordingError(f"{opened.name} {fault}; {advice}, or state it by signid convert --unit {kind}={unit}")
 
 
 def resolve(logical: str, robot: Robot) -> tuple[str, int] | None:
@@ -107,11 +108,12 @@ def resolve(logical: str, robot: Robot) -> tuple[str, int] | None:
     for kind, token in pairs:
         if token in robot.joints:
             return kind, robot.joints.index(token)
-        if token.isdecimal() and int(token) in robot.numbers:
+        if token.isdecimal() and len(token) < DIGITS and int(token) in robot.numbers:
             return kind, robot.numbers.index(int(token))
     names = [] if robot.model is None else list(robot.model.names)[1:]
     most = max(len(names), *robot.numbers)
-    held = any(token in names or (token.isdecimal() and 0 < int(token) <= most) for _, token in pairs)
+    numbers = (int(token) for _, token in pairs if token.isdecimal() and len(token) < DIGITS)
+    held = any(token in names for _, token in pairs) or any(0 < number <= most for number in numbers)
     return None if pairs and not held else ("", -1)
 
 

@@ -14,7 +14,7 @@ from . import read_recording
 from .columns import TORQUES, conversion, resolve
 from .formats.base import About, MemoryTable
 from .mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
-from .names import OFFER, propose
+from .names import MEANT, OFFER, propose
 from .sampling.clock import read_clock
 from .source import Opened, Source, open_source
 
@@ -91,7 +91,7 @@ def convert(
         try:
             read_recording(found, robot)
         except RecordingError as error:
-            flags.append(opened.name + str(error).partition(OFFER)[0].removeprefix("the recording"))
+            flags.append(opened.name + str(error).partition(OFFER)[0].partition(MEANT)[0].removeprefix("the recording"))
     suggested = propose(tuple(found), robot) if robot else ()
     file = Input(opened.path or opened.name, opened.sha256, "converted")
     notes += [] if flags else _lacking(found, about)

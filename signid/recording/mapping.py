@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from itertools import permutations
 from math import isfinite, pi
 from pathlib import Path
@@ -106,7 +108,10 @@ class ParsedColumns(NamedTuple):
         """
         for key, column in self.named.items():
             if column not in columns:
-                raise RecordingError(f"{source} has no column {column!r} for {key}; it has {shorten(columns, 12)}")
+                close = get_close_matches(column, columns, 1)
+                meant = f"; did you mean {key} = {json.dumps(close[0], ensure_ascii=False)}?" if close else ""
+                fault = f"{source} has no column {column!r} for {key}; it has {shorten(columns, 12)}"
+                raise RecordingError(fault + meant)
             yield Signal(key, column, True)
         taken = {*self.named, *self.named.values()}
         yield from (Signal(self._renamed(name), name, False) for name in columns if name not in taken)

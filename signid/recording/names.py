@@ -1,102 +1,101 @@
-"""Suggest a column map for columns that do not match a robot; for the user to review, never applied."""
+"""Match columns to the joints of a robot by their names, and suggest a column map; for review, never applied."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from difflib import SequenceMatcher
-from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import shorten
 from ..types import Robot
 from .mapping import split
+from .meaning import FROM_BASE, Guess, guess
 
 ALIKE = 0.6  # minimum similarity of two names for a suggestion [1]
 INLINE = 110  # maximum length of a map within a message [characters]
 OFFER = "; a column map (--columns)"
+MEANT = "; did you mean "
 TABLE = "[joints]"
-WORDS: Mapping[str, tuple[str, ...]] = {
-    "q": ("q", "pos", "position", "positions", "angle", "theta"),
-    "dq": ("dq", "qd", "vel", "velocity", "velocities", "speed", "omega"),
-    "ddq": ("ddq", "qdd", "acc", "acceleration", "accelerations"),
-    "tau": ("tau", "torque", "torques", "trq", "effort", "efforts"),
-    "current": ("current", "currents", "cur"),
-    "t": ("t", "time", "timestamp", "stamp", "clock"),
-}
-DESIRED = ("des", "desired", "cmd", "command", "commanded", "target", "ref", "reference", "goal", "setpoint")
-UNITS = {"deg": "deg", "ms": "ms", "us": "us", "ns": "ns", "nsec": "ns", "mm": "mm", "rpm": "rpm", "ma": "mA"}
-PLAIN = ("rad", "nm", "sec", "secs", "seconds")  # the units of recordings
-NUMBER = re.compile(r"(?:joint|axis|motor|link|j|a|m)?0*(\d+)")
-
-
-class _Guess(NamedTuple):
-    """Possible meaning of a column."""
-
-    column: str
-    kind: str
-    joint: str  # name in the source
-    unit: str
-    plain: bool  # whether the column is named like a signal: kind, underscore, joint
+NUMBER = re.compile(
+    r"(?:joints?|axis|axes|achse|axe|eje|gelenk|motors?|servo|drive|actuator|act|link|dof|id|j|a|m|s)?0*(\d+)"
+)
 
 
 def propose(columns: Sequence[str], robot: Robot) -> tuple[str, ...]:
     """Lines of a column map that may match the columns to the robot; none if all match or no name is similar."""
-    guesses = [guess for column in columns if (guess := _guess(column))]
-    known = {*robot.joints, *(str(number) for number in robot.numbers)}
-    unmatched = [guess for guess in guesses if guess.kind != "t" and not (guess.plain and guess.joint in known)]
-    have = {guess.joint for guess in guesses if guess.plain and guess.kind == "q"}
-    lacking = [j for j, n in zip(robot.joints, robot.numbers, strict=True) if not {j, str(n)} & have]
-    tokens = list(dict.fromkeys(guess.joint for guess in unmatched))
+    known = known_joints(robot)
+    guesses = [found for column in columns if (found := guess(column, known)) and not found.desired]
+    unmatched = [one for one in guesses if one.kind != "t" and not (one.plain and one.joint in known)]
+    lacking = _without(guesses, "q", robot)
+    tokens = list(dict.fromkeys(one.joint for one in unmatched))
     pattern, match = _match(tokens, lacking, robot)
-    named = {guess.joint for guess in unmatched if guess.plain}
+    named = {one.joint for one in unmatched if one.plain}
     lines = []
     if pattern and set(match) <= named:
-        lines.append(f"joints = {_quoted('*'.join(pattern))}")
+        lines.append(f"joints = {quoted('*'.join(pattern))}")
     elif match and set(match) <= named:
-        lines += [TABLE, *(f"{_key(joint)} = {_quoted(token)}" for token, joint in match.items())]
+        lines += [TABLE, *(f"{key_of(joint)} = {quoted(token)}" for token, joint in match.items())]
     else:
-        signals: dict[str, _Guess] = {}
-        for guess in unmatched:
-            if guess.joint in match:
-                signals.setdefault(f"{guess.kind}_{match[guess.joint]}", guess)
-        lines += [_line(key, guess) for key, guess in signals.items()]
-    if "t" not in columns and (time := next((guess for guess in guesses if guess.kind == "t"), None)):
+        lines += [_line(key, one) for key, one in match_signals(guesses, robot) if one in unmatched]
+    if "t" not in columns and (time := next((one for one in guesses if one.kind == "t"), None)):
         lines.insert(0, _line("t", time))
     return tuple(lines)
 
 
 def suggest(columns: Sequence[str], robot: Robot) -> str:
     """End of a message about columns that do not match; "" without a suggestion."""
+    known = known_joints(robot)
+    guesses = [found for column in columns if (found := guess(column, known)) and not found.desired]
+    strange = [one for one in guesses if not (one.plain and one.joint in known) and one.kind != "t"]
+    if strange and "t" in columns and all(one.joint in known and split(one.column) for one in strange):
+        meant = shorten([f"{one.kind}_{one.joint}" for one in strange], 3)
+        return (
+            f"{MEANT}{meant}? In a column map (--columns): {_line(f'{strange[0].kind}_{strange[0].joint}', strange[0])}"
+        )
     lines = list(propose(columns, robot))
     if not lines:
         return ""
     if TABLE in lines:
         at = lines.index(TABLE)
         lines[at:] = [f"joints = {{ {', '.join(lines[at + 1 :])} }}"]
-    text = "; ".join(lines)
-    content = f" with {text}" if len(text) <= INLINE else f" that begins {text[: INLINE - 4]} ..."
-    return f"{OFFER}{content} may fit: signid convert --robot prints it"
+    whole, first = "; ".join(lines), lines[0]
+    content = f" with {whole}" if len(whole) <= INLINE else f" that begins {first}" if len(first) <= INLINE else ""
+    return f"{OFFER}{content} may fit: signid convert --robot prints it, and writes it with --map map.toml"
 
 
-def _guess(column: str) -> _Guess | None:
-    if column == "t":
-        return _Guess(column, "t", "", "", True)
-    if pairs := split(column):
-        return _Guess(column, *pairs[0], "", True)
-    words = re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", column)
-    lower = [word.lower() for word in words]
-    unit = next((UNITS[word] for word in lower if word in UNITS), "")
-    rest = [word for word in lower if word not in UNITS and word not in PLAIN and word not in DESIRED]
-    kinds = [kind for kind, known in WORDS.items() if any(word in known for word in rest)]
-    desired = any(word in DESIRED for word in lower)
-    if len(kinds) != 1 or (desired and kinds != ["q"]):
-        return None
-    token = "_".join(word for word in rest if word not in WORDS[kinds[0]])
-    if bool(token) == (kinds == ["t"]):
-        return None
-    return _Guess(column, "q_des" if desired else kinds[0], token, unit, False)
+def known_joints(robot: Robot) -> frozenset[str]:
+    """Names and numbers of the joints of a robot."""
+    return frozenset([*robot.joints, *(str(number) for number in robot.numbers)])
+
+
+def match_signals(guesses: Sequence[Guess], robot: Robot) -> Iterator[tuple[str, Guess]]:
+    """Signal names, such as q_elbow, and their columns, in the order of the columns; each signal once."""
+    known, numbers = known_joints(robot), dict(zip(map(str, robot.numbers), robot.joints, strict=True))
+    kinds = dict.fromkeys((one.kind, one.desired) for one in guesses if one.kind != "t")
+    joints: dict[tuple[str, bool], dict[str, str]] = {}
+    for kind, desired in kinds:
+        own = [one for one in guesses if (one.kind, one.desired) == (kind, desired)]
+        tokens = list(dict.fromkeys(one.joint for one in own if not (one.plain and one.joint in known)))
+        joints[kind, desired] = _match(tokens, _without(own, kind, robot), robot)[1]
+    seen = set()
+    for one in guesses:
+        if one.kind == "t":
+            continue
+        plain = one.joint if one.joint in robot.joints else numbers.get(one.joint, "")
+        joint = plain if one.plain and plain else joints[one.kind, one.desired].get(one.joint)
+        key = f"{one.kind}_{joint}", one.desired
+        if joint and key not in seen:
+            seen.add(key)
+            yield key[0], one
+
+
+def _without(guesses: Sequence[Guess], kind: str, robot: Robot) -> list[str]:
+    """Joints without a column that is named like their signal of a kind."""
+    have = {one.joint for one in guesses if one.plain and one.kind == kind}
+    return [j for j, n in zip(robot.joints, robot.numbers, strict=True) if not {j, str(n)} & have]
 
 
 def _match(tokens: Sequence[str], joints: Sequence[str], robot: Robot) -> tuple[tuple[str, str] | None, dict[str, str]]:
@@ -121,26 +120,50 @@ def _match(tokens: Sequence[str], joints: Sequence[str], robot: Robot) -> tuple[
 
 
 def _likeness(token: str, joint: str, robot: Robot, tokens: Sequence[str]) -> float:
-    one, other = (re.sub(r"[^a-z0-9]", "", name.lower()) for name in (token, joint))
+    """Similarity of the name of a joint in the source to that of a joint of the robot, 0 to 1."""
+    own = _own_words(tokens, robot)
+    one, other = _plain(own[token]), _plain(joint)
+    numbers = [int(found[1]) for name in tokens if (found := NUMBER.fullmatch(_plain(own[name])))]
+    mine, digits = NUMBER.fullmatch(one), [[*map(int, re.findall(r"\d+", name))][-1:] for name in robot.joints]
+    from_zero = 0 in numbers and [0] not in digits
+    if mine and numbers:
+        number, at = int(mine[1]) + from_zero, robot.index(joint)
+        if digits[at] and len({*map(tuple, digits)}) == len(digits):  # the numbers in the names of the joints
+            return 0.9 if digits[at] == [number] else 0.0
+        if number == robot.numbers[at]:
+            return 0.9
+    return max(_alike(one, other), _alike(_plain(token), other)) if not (mine and from_zero) else 0.0
+
+
+def _alike(one: str, other: str) -> float:
     if one == other:
         return 1.0
-    numbers = [int(found[1]) for name in tokens if (found := NUMBER.fullmatch(name.lower().replace("_", "")))]
-    mine = NUMBER.fullmatch(one)
-    if mine and int(mine[1]) + (0 in numbers) == robot.numbers[robot.index(joint)]:
-        return 0.9
     inside = 0.8 if min(len(one), len(other)) > 2 and (one in other or other in one) else 0.0
     return max(inside, SequenceMatcher(None, one, other).ratio())
 
 
-def _line(key: str, guess: _Guess) -> str:
-    column = _quoted(guess.column)
-    return f"{_key(key)} = " + (f"{{ column = {column}, unit = {_quoted(guess.unit)} }}" if guess.unit else column)
+def _own_words(tokens: Sequence[str], robot: Robot) -> dict[str, str]:
+    """Names of joints in the source without the words that all of them, and no joint of the robot, have."""
+    words = {token: token.split("_") for token in tokens}
+    common = set.intersection(*map(set, words.values())) if len(tokens) > 1 else set()
+    common = {word for word in common if not any(word.lower() in joint.lower() for joint in robot.joints)}
+    return {token: "_".join(word for word in own if word not in common) or token for token, own in words.items()}
 
 
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _quoted(name)
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
-def _quoted(text: str) -> str:
+def _line(key: str, one: Guess) -> str:
+    column, unit = quoted(one.column), "" if one.unit in FROM_BASE else one.unit
+    return f"{key_of(key)} = " + (f"{{ column = {column}, unit = {quoted(unit)} }}" if unit else column)
+
+
+def key_of(name: str) -> str:
+    """TOML key."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
+
+
+def quoted(text: str) -> str:
     """TOML basic string, which equals a JSON string."""
-    return json.dumps(text, ensure_ascii=False)
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import RecordingError, shorten
+from ..robot import as_robot
 from ..types import Array, Recording, Robot, Table
 from .columns import TORQUES, Assignment, assign_columns
 from .formats.base import About
@@ -23,7 +24,7 @@ from .source import Opened, Source, columns_of, open_source
 
 def read_recording(
     source: Source,
-    robot: Robot,
+    robot: Robot | str | Path,
     *,
     columns: ColumnMap | None = None,
     unsigned: bool = False,
@@ -39,7 +40,7 @@ def read_recording(
     Args:
         source: a file, a ROS bag, a LeRobot dataset, a frame of pandas or polars, or arrays by column name: (N,), or
             (N, n) for all joints [s, rad or m, N.m or N, A].
-        robot: the recorded robot.
+        robot: the recorded robot, or what `load_robot` reads.
         columns: column map, or a TOML file of it: {"q_elbow": "elbow_pos"}, with units
             {"q_elbow": {"column": "elbow_pos", "unit": "deg"}} or {"units": {"q": "deg"}}.
         unsigned: whether to discard the sign of every torque.
@@ -49,6 +50,7 @@ def read_recording(
         OptionError: topics of a source without topics.
         RecordingError: invalid file, columns or column map.
     """
+    robot = as_robot(robot, "read_recording")
     opened = open_source(source if isinstance(source, str | Path) else _by_joint(columns_of(source), robot), topics)
     found = assign_columns(opened, columns, robot)
     joints = _joints(found, robot, opened)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from errno import EINVAL
 from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, cast
@@ -11,7 +12,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
-from ..errors import OptionError, RecordingError
+from ..errors import OptionError, RecordingError, readable
 from ..types import Table
 from .formats import find_format
 from .formats.base import memory_table
@@ -57,7 +58,8 @@ def open_source(source: Source, topics: Sequence[str] = ()) -> Opened:
     path = Path(source)
     if not path.is_file() and not path.is_dir():
         raise RecordingError(f"recording {path} does not exist; expected a file of samples")
-    return Opened(find_format(path).select(path, topics), str(path), str(path), digest_of(path))
+    name = readable(str(path))
+    return Opened(find_format(path).select(path, topics), name, name, digest_of(path))
 
 
 def digest_of(path: Path) -> str:
@@ -73,7 +75,10 @@ def digest_of(path: Path) -> str:
         raise RecordingError(f"recording {path} cannot be read: {error.strerror}") from error
     if not path.is_dir():
         return digests[0]
-    lines = (f"{digest}  {file.relative_to(path).as_posix()}\n" for file, digest in zip(files, digests, strict=True))
+    lines = (
+        f"{digest}  {readable(file.relative_to(path).as_posix())}\n"
+        for file, digest in zip(files, digests, strict=True)
+    )
     return sha256("".join(lines).encode()).hexdigest()
 
 
@@ -122,5 +127,7 @@ def _numbers(series: Any) -> ArrayLike:
 
 
 def _digest(file: Path) -> str:
+    if file.exists() and not file.is_file():
+        raise OSError(EINVAL, "it is no regular file", str(file))
     with file.open("rb") as stream:
         return file_digest(stream, "sha256").hexdigest()

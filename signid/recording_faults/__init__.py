@@ -1,11 +1,22 @@
-"""Recording faults, found before a fit: wrong order, signs or units, lags, clipping, too little data.
+"""Recording faults, found before a fit: wrong order, signs or units, lags, clipping, distortions, too little data.
 
-`signid check` and `signid diagnose` look for them first: exchanged or negated columns, degrees instead of radians,
-torque that is late or clipped. Each `Finding` has a sentence: the fault, its evidence, and how to correct it.
+`signid check`, `identify` and `diagnose` look for them: drop-outs, spikes and stuck sensors, exchanged or negated
+columns, degrees instead of radians, wrong zeros, factors and clocks, torque that is late or clipped. Each
+`RecordingFault` has a sentence: the fault, its evidence, and how to correct it.
 """
 
 from .examine import examine
 from .identified import IdentifiedData, identification_flags
 from .result import REFUSE, RecordingFault, RecordingFaults
+from .samples import SAMPLE_KINDS, naming_faults
 
-__all__ = ["REFUSE", "RecordingFault", "RecordingFaults", "IdentifiedData", "examine", "identification_flags"]
+__all__ = [
+    "REFUSE",
+    "SAMPLE_KINDS",
+    "RecordingFault",
+    "RecordingFaults",
+    "IdentifiedData",
+    "examine",
+    "identification_flags",
+    "naming_faults",
+]

@@ -100,7 +100,7 @@ def _clipped(y: Array, q: Array) -> int:
     levels = np.unique(y)[-2:]
     band = max(BAND * np.ptp(y), 1.5 * (levels[1] - levels[0]))
     below = np.sum((y > y.max() - band) & ~at)
-    runs = _runs(at)
+    runs = true_runs(at)
     moving = np.mean(np.diff(q, prepend=q[0])[at] != 0)
     many = at.sum() >= max(OFTEN, SHARE * len(y), NEXT * below) and moving > 0.3
     return int(at.sum()) if many and len(runs) > 1 and max(b - a for a, b in runs) >= RUN else 0
@@ -108,7 +108,7 @@ def _clipped(y: Array, q: Array) -> int:
 
 def _stuck(y: Array, q: Array, period: float) -> int:
     """Length in samples of the longest stretch with constant value while the position changes."""
-    runs = [(a, b) for a, b in _runs(np.diff(y) == 0) if (b - a) * period >= STILL]
+    runs = [(a, b) for a, b in true_runs(np.diff(y) == 0) if (b - a) * period >= STILL]
     far = TRAVEL * np.ptp(q)
     return max((b - a + 1 for a, b in runs if np.ptp(q[a : b + 1]) > far), default=0)
 
@@ -116,7 +116,7 @@ def _stuck(y: Array, q: Array, period: float) -> int:
 def _skips(q: Array, period: float) -> list[int]:
     """Length in samples of each standstill of a position that a jump follows."""
     step, found = np.diff(q), []
-    for a, b in _runs(step == 0):
+    for a, b in true_runs(step == 0):
         before, after = np.abs(step[max(a - STEPS, 0) : a]), np.abs(step[b + 1 : b + 1 + STEPS])
         if b - a < max(STEPS, HOLD / period) or len(before) < STEPS or len(after) < STEPS:
             continue
@@ -126,7 +126,7 @@ def _skips(q: Array, period: float) -> list[int]:
     return found
 
 
-def _runs(mask: Array) -> list[tuple[int, int]]:
+def true_runs(mask: Mask) -> list[tuple[int, int]]:
     """Start and end (exclusive) of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

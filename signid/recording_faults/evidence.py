@@ -122,8 +122,8 @@ class FaultEvidence(Frozen):
 
     def along(self, correction: Correction) -> Motion:
         """Motion after a correction, with rows as samples."""
-        moved = (x[:, list(correction.q_from)] * correction.q_scale for x in (self.q, self.plain.v, self.plain.a))
-        return Motion(self.robot, np.concatenate(self.moments), *moved)
+        q, v, a = (x[:, list(correction.q_from)] * correction.q_scale for x in (self.q, self.plain.v, self.plain.a))
+        return Motion(self.robot, np.concatenate(self.moments), q, v, a)
 
     def late(self, lag: Array) -> Array:
         """Torque (K, n) [N.m or N] after the removal of lags; lag: (n,) [s] by which each column is late."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,24 +12,29 @@ from ..errors import OptionError
 from ..estimation.excitation import ExcitationVerdict, judge_excitation
 from ..estimation.least_squares import estimate
 from ..model import Model
-from ..regression.session import Session
+from ..regression.session import Part, Session
 from ..types import Array, Mask
 from . import messages
 from .channels import judge_absolute, judge_amount, judge_channels, judge_limits
+from .distortions import KINDS as DISTORTIONS, Distortion, distortion_fault, find_distortion, nats
 from .evidence import Correction, FaultEvidence, Signals, gather
 from .fits import FitColumns, unexplained
 from .lag_and_gain import Gains, Lags, judge_gains, judge_lags
-from .result import UNCERTAIN, RecordingFault, RecordingFaults
+from .result import REFUSE, UNCERTAIN, RecordingFault, RecordingFaults
+from .samples import SAMPLE_KINDS, judge_samples
 from .search import Claim, informative_torques, search
+from .standstill import judge_standstills
 
 # [1] smallest unexplained share of a joint's torque that is a fault, and smallest deviation of that torque over the
 # largest
 UNEXPLAINED, STRONG = 0.6, 0.05
 MOVES = 0.05  # [1] smallest rms velocity of that joint over the largest
 CLEAR = 0.2  # [1] difference of unexplained shares by which the right sign or order is better than a wrong one
+UNFIT = "unexplained torque"
 SIGNS, ORDERS = ("torque sign", "position sign", "axis"), ("torque order", "position order", "joint order")
 # possible causes of other findings
-REASONS = (*messages.KINDS, "absolute torque", "units", "gain", "unexplained torque")
+REASONS = (*messages.KINDS, "absolute torque", "units", "gain", UNFIT, *SAMPLE_KINDS, *DISTORTIONS)
+WEAK = 0.2  # [1] unexplained share after a claim, from which on it is chance if another torque remains unexplained
 UNSIGNED = (0.1, 100.0)  # [1] range of absolute torque over predicted torque (rms) that friction can explain
 
 
@@ -44,6 +49,7 @@ class _Seen(NamedTuple):
     left: Array  # (n,) [1] unexplained shares after them
     lags: Lags
     gains: Gains
+    distortion: Distortion | None
 
 
 def examine(
@@ -63,27 +69,26 @@ def examine(
     if model.robot.joints != robot.joints:
         fact = f"the simulation moves {', '.join(model.robot.joints)}, the recordings {', '.join(robot.joints)}"
         raise OptionError(f"{fact}; give a simulation of the recorded joints")
-    parts = list({id(recording): (recording, s) for recording, s in (*session.held_out, *session.train)}.values())
-    evidence, seen, findings = gather(model, session, parts), None, list[RecordingFault]()
+    used = list({id(recording): (recording, s) for recording, s in (*session.held_out, *session.train)}.values())
+    parts = list(session.whole) or used  # a part of a recording does not contain its own reverse
+    findings = judge_samples(parts, robot, session.task.band.per_joint)
+    broken = any(fault.severity == REFUSE for fault in findings)  # other statements would be about these samples
+    evidence, seen = None if broken else gather(model, session, parts), None
+    if evidence is not None and (stuck := judge_standstills(evidence, parts)):
+        findings, broken, evidence = [*findings, *stuck], True, None
     if evidence is not None:
         evidence = evidence if signed is None else replace(evidence, signed=evidence.signed & signed)
         if (lost := judge_absolute(evidence, parts)).any():
             findings.append(messages.absolute_finding([robot.joints[j] for j in np.flatnonzero(lost)]))
             evidence = replace(evidence, signed=evidence.signed & ~lost)
         seen = _see(evidence)
-    amount = judge_amount(session, parts)
-    findings += [] if amount.enough else [messages.amount_finding(amount, len(robot.joints))]
+    amount = judge_amount(session, used)
+    findings += [] if amount.enough or broken else [messages.amount_finding(amount, len(robot.joints))]
     if seen is not None:
-        findings += _torque_findings(seen)
+        known = {joint for fault in findings if fault.kind in SAMPLE_KINDS for joint in fault.joints}
+        findings += [f for f in _torque_findings(seen) if not (f.kind == UNFIT and known.issuperset(f.joints))]
     findings += judge_channels(parts, robot)
-    # limits and excitation matter only without a more severe fault that can be their cause
-    reasons = {joint for f in findings if f.kind in REASONS for joint in f.joints or robot.joints}
-    findings += [fault for fault in judge_limits(evidence, parts, robot) if fault.joints[0] not in reasons]
-    if evidence is not None and not reasons:
-        if excitation is None:
-            factors = session.reduce(session.train)
-            excitation = judge_excitation(session.task, factors, estimate(factors, session.task.base))
-        findings += messages.excitation_findings(excitation)
+    findings += _limits_and_excitation(findings, session, evidence, parts, excitation)
     if seen is None:
         nothing, unknown = np.full(len(robot.joints), np.nan), (UNCERTAIN,) * len(robot.joints)
         return RecordingFaults(robot.joints, nothing, nothing, nothing, unknown, unknown, tuple(findings))
@@ -92,17 +97,44 @@ def examine(
     return RecordingFaults(robot.joints, explained, seen.gains.factor, late, *_verdicts(seen), tuple(findings))
 
 
+def _limits_and_excitation(
+    findings: Sequence[RecordingFault],
+    session: Session,
+    evidence: FaultEvidence | None,
+    parts: Sequence[Part],
+    excitation: ExcitationVerdict | None,
+) -> Iterator[RecordingFault]:
+    """Faults that matter only without a more severe one that can be their cause."""
+    robot = session.robot
+    reasons = {joint for f in findings if f.kind in REASONS for joint in f.joints or robot.joints}
+    yield from (fault for fault in judge_limits(evidence, parts, robot) if fault.joints[0] not in reasons)
+    if evidence is not None and not reasons:
+        if excitation is None:
+            factors = session.reduce(session.train)
+            excitation = judge_excitation(session.task, factors, estimate(factors, session.task.base))
+        yield from messages.excitation_findings(excitation)
+
+
 def _see(evidence: FaultEvidence) -> _Seen:
     informative = informative_torques(evidence.plain, evidence.signed)
-    claims = search(evidence, informative)
-    done = claims[-1].correction if claims else Correction.none(len(informative))
-    signals, informative = evidence.corrected(done), informative[list(done.tau_from)]
-    lags, gains = judge_lags(evidence, done, informative), judge_gains(evidence, done)
-    return _Seen(evidence, informative, claims, done, signals, unexplained(signals), lags, gains)
+    claims, nothing = search(evidence, informative), Correction.none(len(informative))
+    done = claims[-1].correction if claims else nothing
+    left, own = unexplained(evidence.corrected(done)), informative[list(done.tau_from)]
+    if claims and max(claim.after for claim in claims) > WEAK and np.any(left[own] >= UNEXPLAINED):
+        claims, done, left, own = [], nothing, unexplained(evidence.plain), informative
+    distortion = find_distortion(evidence, informative, nats(left, own))
+    if distortion is not None:
+        claims, done, own = [], nothing, informative
+    signals = evidence.corrected(done) if distortion is None else distortion.signals
+    lags, gains = judge_lags(evidence, done, own), judge_gains(evidence, done)
+    return _Seen(evidence, own, claims, done, signals, unexplained(signals), lags, gains, distortion)
 
 
 def _torque_findings(seen: _Seen) -> Iterator[RecordingFault]:
     evidence, x, joints = seen.evidence, seen.signals, seen.evidence.robot.joints
+    if seen.distortion is not None:
+        yield distortion_fault(seen.distortion, joints, len(np.unique(evidence.block)))
+        return
     yield from messages.claim_findings(seen.claims, joints, len(np.unique(evidence.block)))
     yield from messages.lag_findings(seen.lags, seen.done, joints)
     yield from messages.factor_findings(seen.gains, evidence.robot)

@@ -15,6 +15,9 @@ from .lag_and_gain import Gains, Lags
 from .result import REFUSE, WARN, RecordingFault
 from .search import Claim
 
+DEGREES = 'convert it to radians, or write [units] q = "deg", on two lines, into a column map (--columns)'
+TURNS = 'convert it to radians, or write [units] q = "rev", on two lines, into a column map (--columns)'
+METRES = 'convert it to metres, or write [units] q = "mm", on two lines, into a column map (--columns)'
 KINDS = {  # kind -> fault of some joints, correction that was tried, advice
     "torque sign": ("the torque of {} has the wrong sign", "negated", "negate the column"),
     "position sign": ("the position of {} has the wrong sign", "negated", "negate the column"),
@@ -26,9 +29,9 @@ KINDS = {  # kind -> fault of some joints, correction that was tried, advice
     "torque order": ("the torques of {} are exchanged", "put in order", "rename the columns"),
     "position order": ("the positions of {} are exchanged", "put in order", "rename the columns"),
     "joint order": ("positions and torques of {} are exchanged", "put in order", "rename the columns"),
-    "degrees": ("the position of {} is in degrees", "in radians", "convert it to radians"),
-    "revolutions": ("the position of {} is in revolutions", "in radians", "convert it to radians"),
-    "millimetres": ("the position of {} is in millimetres", "in metres", "convert it to metres"),
+    "degrees": ("the position of {} is in degrees", "in radians", DEGREES),
+    "revolutions": ("the position of {} is in revolutions", "in radians", TURNS),
+    "millimetres": ("the position of {} is in millimetres", "in metres", METRES),
     "lag": ("the torque of {} is late or early", "shifted", "shift the column"),
 }
 DIAGNOSABLE = ("torque sign", "torque order", "lag")  # faults that a diagnosis can handle, since it has laws for them

@@ -117,6 +117,10 @@ def _trials(evidence: FaultEvidence, done: Correction, informative: Mask) -> Ite
             yield CorrectionTrial("torque sign", (i,), done.scale((i,), torque=-1))
         yield CorrectionTrial("position sign", (i,), done.scale((i,), position=-1))
         yield CorrectionTrial("axis", (i,), done.scale((i,), position=-1, torque=-1))
+    if n > 1:  # found one by one, they may look like something else
+        everyone = tuple(range(n))
+        yield CorrectionTrial("torque sign", everyone, done.scale(everyone, torque=-1))
+        yield CorrectionTrial("position sign", everyone, done.scale(everyone, position=-1))
     order = _best_order(evidence.corrected(done), informative)
     moved = tuple(i for i in range(n) if order[i] != i)
     if len(moved) > 2:

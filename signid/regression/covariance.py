@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..parameters import INERTIAL, Array, BaseMap, Frozen
+from ..frozen import Frozen
+from ..parameters import INERTIAL, Array, BaseMap
 
 DIGITS = 6  # smallest number of significant digits of a variance in a file
 SPARE_DIGITS = 2  # significant digits of the smallest eigenvalue after rounding

@@ -39,6 +39,7 @@ class Motion(Frozen):
     recorded: Array | None = None  # (N, n) measured torque [N.m or N], NaN where absent
     predicted: Array | None = None  # (N, n) torque [N.m or N] that the model predicts
     slow: Array | None = None  # (n,) [rad/s or m/s] speed below which the direction of motion is uncertain
+    origin: float = 0.0  # [s] time stamp of the start of the recording, if it is far from 0
 
     def __len__(self) -> int:
         return len(self.t)
@@ -163,6 +164,10 @@ class MotionView:
         return np.asarray(self.whole.t[:, None][self.samples])
 
     @property
+    def origin(self) -> float:  # [s]
+        return self.whole.origin
+
+    @property
     def torque(self) -> Array:
         return self.load if self.whole.predicted is None else self.cut(self.whole.predicted)
 
@@ -208,13 +213,15 @@ def build_motion(
             raise OptionError(
                 "recorded derivatives were requested, and the recording lacks dq_J or ddq_J columns; use computed ones"
             )
-        return Motion(robot, samples.t, samples.q, samples.dq, samples.ddq, samples.tau, slow=slow)
+        return Motion(
+            robot, samples.t, samples.q, samples.dq, samples.ddq, samples.tau, slow=slow, origin=samples.origin
+        )
     smoothed = smooth(samples.q, band.position_taps)
     v, a = differentiate(smoothed, period)
     cut = margin(band)
     inner = slice(cut, len(samples.t) - cut)
     q = smoothed[HALF : len(smoothed) - HALF]
-    return Motion(robot, samples.t[inner], q, v, a, samples.tau[inner], slow=slow)
+    return Motion(robot, samples.t[inner], q, v, a, samples.tau[inner], slow=slow, origin=samples.origin)
 
 
 def _derivatives(x: Array, dt: float) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from ..errors import OptionError
 from ..recording import need_constants, same_joints
 from ..recording.sampling import Sampling, samples, split, survey
 from ..robot import hold, resting
+from ..robot.dynamics import check_masses
 from ..types import Array, Law, Recording, Robot
 from .bandwidth import Band, choose_band
 from .base_parameters import build_base
@@ -48,12 +49,14 @@ def prepare(
     Raises:
         RecordingError: a recording cannot be used, or recordings do not fit together.
         OptionError: an effect or an option is unknown.
+        RobotError: a moving body has a negative mass.
     """
     if not recordings:
         raise OptionError("no recording was given; at least one is needed")
     everything = [*recordings, *held_out]
     if scaled:
         need_constants(everything)
+    check_masses(robot)
     moving = hold(robot, resting(robot, but=same_joints(everything)))
     surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
     learn, judge = (tuple((r, surveys[r]) for r in some) for some in (recordings, held_out))

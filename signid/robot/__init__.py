@@ -4,6 +4,7 @@ Sources are URDF, xacro and MJCF files, robots that come with signid, and those 
 held fixed; mimic joints follow. `urdf_from_dh` generates a URDF from Denavit-Hartenberg parameters.
 """
 
+from .accept import as_robot
 from .description.dh import DHLink, urdf_from_dh
 from .joints import configuration, hold, resting, weld
 from .load import held_positions, load_robot, robot_from_text
@@ -11,6 +12,7 @@ from .locate import locate, names
 
 __all__ = [
     "DHLink",
+    "as_robot",
     "configuration",
     "held_positions",
     "hold",

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from ..errors import RobotError
 from ..types import Array, Mask, Robot
 
 
@@ -115,6 +116,20 @@ def moved_bodies(robot: Robot) -> Mask:
         for joint in (robot.model.joints[i] for i in list(ways)[1:]):
             out[:, body] |= robot.drive[joint.idx_v : joint.idx_v + joint.nv].any(axis=0)
     return out
+
+
+def check_masses(robot: Robot) -> None:
+    """Check that no body has a negative mass, with the links that are fixed to it.
+
+    Raises:
+        RobotError: the mass of a body is negative.
+    """
+    for link, body in zip(robot.links, list(robot.model.inertias)[1:], strict=True):
+        if body.mass < 0:
+            raise RobotError(
+                f"link {link} of {robot.name}, with the links fixed to it, has a mass of {body.mass:.4g} kg; "
+                "correct the masses in the description"
+            )
 
 
 def own_body(robot: Robot, joint: int) -> int:

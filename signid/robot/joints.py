@@ -16,6 +16,7 @@ from ..types import Actuators, Array, Robot
 if TYPE_CHECKING:
     import pinocchio as pin
 
+DIGITS = 10  # of numbers of joints, fewer than these
 _BY_JOINT = ("prismatic", "lower", "upper", "velocity_limit", "effort_limit")  # arrays (n,) of a robot
 
 
@@ -28,7 +29,7 @@ def find(given: str | int, robot: Robot) -> int:
     text = str(given)
     if text in robot.joints:
         return robot.index(text)
-    if text.isascii() and text.isdigit() and int(text) in robot.numbers:
+    if text.isascii() and text.isdigit() and len(text) < DIGITS and int(text) in robot.numbers:
         return robot.numbers.index(int(text))
     close = get_close_matches(text, robot.joints, n=3, cutoff=0.6)
     advice = f"did you mean {' or '.join(close)}?" if close else f"choose from {shorten(robot.joints)}"

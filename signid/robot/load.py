@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import RobotError, shorten
+from ..errors import RobotError, shorten, unexpected
 from ..toml_json import read_toml
 from ..types import Actuators, Array, Robot
 from .description.document import Axis, Document, Draft, parse, read_document
@@ -43,7 +43,10 @@ def load_robot(
 
     Raises:
         RobotError: invalid description, joint name or actuators file.
+        OptionError: the source is neither a path nor a name.
     """
+    if not isinstance(source, str | Path):
+        raise unexpected("load_robot", "a path or the name of a robot", source, '"robot.urdf" or "panda"')
     path = locate(source)
     try:
         document = read_document(path, package_dirs)
@@ -225,6 +228,8 @@ def _fill(values: dict[str, Array], tables: dict[str, Any], robot: Robot) -> Non
 
 
 def _number(joint: str, key: str, value: object) -> float:
+    if isinstance(value, int) and abs(value) >= _LARGEST:
+        raise RobotError(f"joint {joint} has {key} beyond {_LARGEST:.0e}; expected a finite number")
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _LARGEST:
         raise RobotError(f"joint {joint} has {key} = {value!r}; expected a finite number")
     if value < 0 and key in _NEVER_NEGATIVE:

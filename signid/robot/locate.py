@@ -53,7 +53,7 @@ def locate(source: str | Path) -> Path:
     Raises:
         RobotError: unknown file or robot.
     """
-    path, given = Path(source).expanduser(), str(source)
+    path, given = Path(os.path.expanduser(source)), str(source)
     if not given.strip():
         raise RobotError("no robot was named; give the path of a URDF, xacro or MJCF file, or a name such as 'panda'")
     try:

@@ -159,6 +159,6 @@ def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
 
 def _extended(window: Samples, before: int, after: int) -> Samples:
     sides: Any = [(before, after), (0, 0)]
-    signals = {key: x for key, x in window._asdict().items() if x is not None}
+    signals = {key: x for key, x in window._asdict().items() if np.ndim(x)}
     longer = {key: np.pad(x, sides[: x.ndim], mode="reflect", reflect_type="odd") for key, x in signals.items()}
-    return window._replace(**longer)
+    return Samples(**{**window._asdict(), **longer})

@@ -10,6 +10,7 @@ import numpy as np
 from ..deadline import steps_shown
 from ..errors import OptionError, RecordingError, shorten
 from ..recording import with_signs
+from ..recording.sampling import time_origin
 from ..regression.factors import Factors
 from ..regression.prepare import prepare, rearrange
 from ..regression.session import Options, Part, Session
@@ -146,6 +147,7 @@ def _traces(observed: Observed, parts: Sequence[Part], refined: RefinedSigns) ->
             magnitude=np.where(observed.known, np.abs(observed.torque[at]), np.nan),
             signs=refined.signs[at],
             predicted=predicted[at],
+            origin=time_origin(recording),
         )
     return found
 

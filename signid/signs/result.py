@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..types import Array, Frozen, Indices
+from ..types import Array, Frozen, Indices, Result
 from .thresholds import CONFIDENT, UNPROVED_GAP
 
 
@@ -55,10 +55,11 @@ class Trace(Frozen):
     magnitude: Array  # (N, n) [N.m or N] as recorded
     signs: Array  # (N, n) [1]
     predicted: Array  # (N, n) [N.m or N] torque of the model that was fitted with the signs
+    origin: float = 0.0  # [s] time stamp from which reports count
 
 
 @dataclass(frozen=True, eq=False)
-class Signs(Frozen):
+class Signs(Result):
     """Signs of torques that were recorded as absolute values. They are unreliable if `flags` is not empty."""
 
     joints: tuple[str, ...]  # n of the robot

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from ..estimation.fit_quality import Fit
 from ..model import Model
 from ..simulation.rollout import RollOut
-from ..types import Array, Frozen, Indices, Input, Recording
+from ..types import Array, Indices, Input, Recording, Result
 
 
 class ModelCandidate(NamedTuple):
@@ -21,7 +21,7 @@ class ModelCandidate(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ValidatedModel(Frozen):
+class ValidatedModel(Result):
     """One model on all recordings: M rows of n joints, NaN where no torque is recorded or the joint stands still."""
 
     name: str  # path of the model, or its given name
@@ -30,13 +30,13 @@ class ValidatedModel(Frozen):
     rollout: RollOut | None  # None if not requested, or if no stretch of a recording is long enough
     recording: Indices  # (M,) number of the recording
     stretch: Indices  # (M,) number of the stretch without gaps
-    t: Array  # (M,) [s]
+    t: Array  # (M,) [s] since the start of the recording if its stamps begin far from 0
     torque: Array  # (M, n) [N.m or N] measured, low-passed
     residual: Array  # (M, n) [N.m or N] measured - predicted, low-passed
 
 
 @dataclass(frozen=True, eq=False)
-class Validation(Frozen):
+class Validation(Result):
     """Comparison of models with recordings. `flags` name unreliable results; empty if there are none."""
 
     models: tuple[ValidatedModel, ...]

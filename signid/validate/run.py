@@ -1,4 +1,4 @@
-"""Given models and recordings -> how well each model predicts them."""
+"""ModelSource models and recordings -> how well each model predicts them."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ..diagnose.extend.holdout import filtered
 from ..errors import InputError, OptionError, RecordingError, shorten
 from ..estimation.excitation import ExcitationVerdict
 from ..estimation.fit_quality import fit_rows
-from ..model import Model
-from ..recording import same_joints
+from ..model import Model, ModelSource, as_model
+from ..recording import Recordings, as_recordings, same_joints
 from ..recording_faults import RecordingFaults, examine
 from ..regression.prepare import prepare
 from ..regression.session import Options, Session, only_once
@@ -28,8 +28,8 @@ NO_EXCITATION = ExcitationVerdict(np.ones(1), np.ones(1), (), (), (), (), ())  #
 
 
 def validate(
-    models: Model | Sequence[Model] | Mapping[str, Model],
-    recordings: Recording | Sequence[Recording],
+    models: ModelSource | Sequence[ModelSource] | Mapping[str, ModelSource],
+    recordings: Recordings,
     *,
     options: Options | None = None,
     rollout: bool = True,
@@ -51,7 +51,8 @@ def validate(
         OptionError: a model or a recording is missing or was given twice, or they have no joint in common.
         RecordingError: a recording cannot be used; the sentence says which and why.
     """
-    named, given = _named(models), [recordings] if isinstance(recordings, Recording) else list(recordings)
+    named = _named(models)
+    given = as_recordings(recordings, next(iter(named.values())).robot, "validate") if named else []
     _check(named, given)
     options = replace(options or Options(), effects=(), instruments=False)
     candidates = [_share_joints(name, model, given) for name, model in named.items()]
@@ -84,11 +85,12 @@ def validate(
     )
 
 
-def _named(models: Model | Sequence[Model] | Mapping[str, Model]) -> dict[str, Model]:
+def _named(models: ModelSource | Sequence[ModelSource] | Mapping[str, ModelSource]) -> dict[str, Model]:
     if isinstance(models, Mapping):
-        return dict(models)
+        return {name: as_model(model, "validate") for name, model in models.items()}
     named: dict[str, Model] = {}
-    for model in [models] if isinstance(models, Model) else models:
+    for each in models if isinstance(models, list | tuple) else [models]:
+        model = as_model(each, "validate")
         same = sum(other.robot.name == model.robot.name for other in named.values())
         named[f"{model.robot.name} ({same + 1})" if same else model.robot.name] = model
     return named
@@ -182,7 +184,7 @@ def _validated(
         for k, piece in enumerate(pieces(session.task, model, session.held_out)):
             residual, torque = filtered(piece, thin)
             finite &= np.isfinite(np.asarray(piece.motion.predicted)).all(axis=0)
-            t = thin.at(piece.motion.t)
+            t = thin.at(piece.motion.t) - piece.origin
             found.append((np.full(len(t), piece.recording), np.full(len(t), k), t, torque, residual))
     if not found:
         raise RecordingError(

@@ -6,6 +6,7 @@ import os
 import shlex
 import sys
 from dataclasses import dataclass
+from os.path import expanduser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ import typer
 
 from ...errors import OptionError
 from ..app import Text, command, option, output_option
+from ..completion import complete_data, complete_law
 from ..options import Json
 from ..terminal import BAD, DONE, bars, show, write_error
 
@@ -22,7 +24,9 @@ if TYPE_CHECKING:
 
 @command("signid effects stribeck_friction")
 def effects(
-    name: Annotated[Text, typer.Argument(metavar="NAME", help="A law; without it, all are listed.")] = None,
+    name: Annotated[
+        Text, typer.Argument(metavar="NAME", help="A law; without it, all are listed.", autocompletion=complete_law)
+    ] = None,
     json: Json = False,
 ) -> int:
     """List the laws that signid knows, and how to inject them.
@@ -47,7 +51,10 @@ class DataOptions:
 
 @command("signid data panda")
 def data(
-    name: Annotated[Text, typer.Argument(metavar="NAME", help="A data set; without it, all are listed.")] = None,
+    name: Annotated[
+        Text,
+        typer.Argument(metavar="NAME", help="A data set; without it, all are listed.", autocompletion=complete_data),
+    ] = None,
     *,
     options: DataOptions,
     json: Json = False,
@@ -74,7 +81,7 @@ def _folder(name: str | None, options: DataOptions) -> Path:
         raise OptionError("-o '' is not a folder; name the folder for the recordings")
     if name is None and options != DataOptions():
         raise OptionError("no data set was named; write signid data NAME, or signid data to list them")
-    return data_folder() if options.output is None else Path(options.output).expanduser()
+    return data_folder() if options.output is None else Path(expanduser(options.output))
 
 
 def _get(name: str, folder: Path, options: DataOptions, json: bool) -> int:
@@ -94,7 +101,7 @@ def _get(name: str, folder: Path, options: DataOptions, json: bool) -> int:
             return BAD
         with bars(json) as progress:
             files = fetch(wanted, source, progress=progress)
-        written = write_files(place, files)
+        written = write_files(place, files, named=True)
     if json:
         screen.write(to_json(data_document([wanted], folder, written)))
     else:

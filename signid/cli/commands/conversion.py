@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,11 +12,13 @@ import typer
 from ...errors import OptionError
 from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_inputs, given_model, given_robot, simulation_inputs
+from ..completion import complete_robot
 from ..options import Columns, Json, PackageDir, RobotOptions, SimulationArguments, SimulationName
 from ..terminal import DONE, check_file, show, write_columns
 
 if TYPE_CHECKING:
     from ...output.export import Exported
+    from ...types import Robot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,12 +28,17 @@ class ConvertOptions:
     output: Text = output_option("The recording: .csv, .csv.gz, .parquet or .npz. Default: none.", "FILE")
     topic: Texts = option(None, "Topic of a bag; several are joined in time. Repeatable.", metavar="NAME")
     columns: Columns = None
+    map: Text = option(
+        None, "Column map: used if the file exists, else written for --robot. Default: none.", metavar="FILE"
+    )
     unit: Texts = option(None, "Unit of the columns of a kind: q=deg, t=ns. Repeatable.", metavar="KIND=UNIT")
     drop_missing: bool = option(False, "Leave out rows that lack a position or torque.", "--drop-missing")
-    robot: Text = option(None, "Compare column names with its joints. Default: none.", metavar="ROBOT")
+    robot: Text = option(
+        None, "Compare column names with its joints. Default: none.", metavar="ROBOT", autocompletion=complete_robot
+    )
 
 
-@command("signid convert bag --topic /joint_states -o recording.csv")
+@command("signid convert log.csv --robot 3r --map map.toml -o recording.csv")
 def convert(
     source: Annotated[str, typer.Argument(metavar="BAG_OR_TABLE", help="ROS bag, MCAP, LeRobot, CSV, Parquet or NPZ.")],
     conversion: ConvertOptions,
@@ -39,8 +47,9 @@ def convert(
 ) -> int:
     """Convert a log or a table to a recording, and summarise it.
 
-    Topics are joined in time; units and column names become those of recordings. With --robot, names that match no
-    joint are listed with a column map that may fit; the map is not applied by itself.
+    Topics are joined in time; units and column names become those of recordings. A log with other names and units takes
+    two steps: --robot with a --map that does not exist writes a complete column map, guessed from names and numbers.
+    Read and correct it; the same command then uses it. With --robot alone, names that match no joint are listed.
     """
     from ...output.report import conversion_document, conversion_tables, to_json
     from ...recording.convert import convert as read
@@ -48,9 +57,12 @@ def convert(
     name, output = conversion.robot, conversion.output
     _check(source, output, json)
     robot = given_robot(name, robot_options) if name is not None else None
+    columns = _column_map(conversion)
+    if robot is not None and conversion.map is not None and not Path(conversion.map).exists():
+        return _write_map(source, conversion.map, robot, conversion, json)
     found = read(
         source,
-        columns=conversion.columns,
+        columns=columns,
         units=_units(conversion.unit or ()),
         topics=conversion.topic or (),
         robot=robot,
@@ -68,6 +80,39 @@ def _check(source: str, output: str | None, json: bool) -> None:
         check_file(output, json)
         if Path(output).resolve() == Path(source).resolve():
             raise OptionError(f"-o {output} is the file to convert; give the result another name")
+
+
+def _column_map(conversion: ConvertOptions) -> str | None:
+    """File of the column map; a --map that does not exist is to be written.
+
+    Raises:
+        OptionError: two maps, or no robot for a map that is to be written.
+    """
+    if conversion.map is None:
+        return conversion.columns
+    if conversion.columns is not None:
+        raise OptionError("--map and --columns both name a column map; give one of them")
+    if not conversion.map or Path(conversion.map).is_dir():
+        raise OptionError(f"--map {conversion.map!r} is not a file name; give the path of a TOML file")
+    if conversion.robot is None and not Path(conversion.map).exists():
+        raise OptionError(f"--map {conversion.map} does not exist; add --robot ROBOT to write it, or correct its name")
+    return conversion.map
+
+
+def _write_map(source: str, file: str, robot: Robot, conversion: ConvertOptions, json: bool) -> int:
+    """Write a drafted column map, and print it and the next command."""
+    from ...output.report import probe_folder, to_json, write_files
+    from ...output.report.results.recordings import map_document, map_text
+    from ...recording.draft import draft_map
+
+    probe_folder(Path(file).parent, "--map")
+    drafted = draft_map(source, robot, conversion.topic or ())
+    write_files(Path(file).parent, {Path(file).name: drafted.text}, "--map", named=True)
+    again = ["signid", "convert", source, "--robot", str(conversion.robot), "--map", file]
+    again += [word for topic in conversion.topic or () for word in ("--topic", topic)]
+    again += ["-o", conversion.output or "recording.csv"]
+    shown = to_json(map_document(drafted, robot, file)) if json else map_text(drafted, file, shlex.join(again))
+    return show(shown, drafted.lacking)
 
 
 def _units(texts: list[str] | tuple[()]) -> dict[str, str]:
@@ -151,4 +196,5 @@ def _write(paths: dict[str, Path], made: dict[str, Exported]) -> None:
 
     for folder in dict.fromkeys(path.parent for path in paths.values()):
         mine = {kind: path for kind, path in paths.items() if path.parent == folder}
-        write_files(folder, {path.name: made[kind].text for kind, path in mine.items()}, f"--{next(iter(mine))}")
+        texts = {path.name: made[kind].text for kind, path in mine.items()}
+        write_files(folder, texts, f"--{next(iter(mine))}", named=True)

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...deadline import USUAL, time_limit
-from ...errors import OptionError, RecordingError, RobotError
+from ...errors import OptionError, RecordingError, RobotError, readable
 from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_command, given_model, given_recordings, simulation_inputs
+from ..completion import complete_law, complete_robot
 from ..options import Columns, Cutoff, Recordings, RobotOptions, RunOptions, SimulationArguments, TimeLimit, Unsigned
 from ..terminal import bars, check_folder
 
@@ -32,7 +33,9 @@ class DiagnoseOptions:
     output: Text = output_option("Output folder. Needed, unless --json.")
     held_out: Texts = option(None, "Held-out recording. Repeatable. Default: see above.", metavar="RECORDING")
     reference: Texts = option(None, "Recording of the robot in a healthy state. Repeatable.", metavar="RECORDING")
-    skip: Texts = option(None, "Effect to exclude from the search. Repeatable.", metavar="EFFECT")
+    skip: Texts = option(
+        None, "Effect to exclude from the search. Repeatable.", metavar="EFFECT", autocompletion=complete_law
+    )
     columns: Columns = None
     cutoff: Cutoff = None
     unsigned: Unsigned = False
@@ -56,9 +59,9 @@ def diagnose(
     """
     from ...diagnose import diagnose as search
     from ...regression.session import Options
-    from ..files import deliver_diagnosis
+    from ..files import DIAGNOSED, deliver_diagnosis
 
-    check_folder(diagnosis.output, run.json)
+    check_folder(diagnosis.output, run.json, DIAGNOSED)
     model, _ = given_model(simulation)
     given, held_out, healthy = (
         given_recordings(paths, model.robot, diagnosis.columns, diagnosis.unsigned)
@@ -95,7 +98,9 @@ def validate(
     given: Annotated[
         list[str],
         typer.Argument(
-            metavar="MODEL|RECORDING", help="Models: model.json or ROBOT. Recordings: CSV, Parquet, NPZ, bag."
+            metavar="MODEL|RECORDING",
+            help="Models: model.json or ROBOT. Recordings: CSV, Parquet, NPZ, bag.",
+            autocompletion=complete_robot,
         ),
     ],
     validation: ValidateOptions,
@@ -111,14 +116,14 @@ def validate(
     """
     from ...regression.session import Options
     from ...validate import validate as judge
-    from ..files import deliver_validation
+    from ..files import VALIDATED, deliver_validation
 
-    check_folder(validation.output, json=True)
+    check_folder(validation.output, True, VALIDATED)
     names, recordings = _sort_arguments(given)
     sources = [SimulationArguments(simulation=name, **vars(robot)) for name in names]
     if not all(source.saved for source in sources):
         sources = [SimulationArguments(simulation=one.simulation) if one.saved else one for one in sources]
-    models = {source.simulation: given_model(source)[0] for source in sources}
+    models = {readable(source.simulation): given_model(source)[0] for source in sources}
     read = given_recordings(recordings, _reader(list(models.values())), validation.columns)
     options = Options(cutoff=validation.cutoff, seed=run.seed)
     with bars(run.json) as progress:
@@ -126,7 +131,7 @@ def validate(
     inputs = [
         file
         for one in sources
-        for file in simulation_inputs(one, models[one.simulation].robot, columns=validation.columns)
+        for file in simulation_inputs(one, models[readable(one.simulation)].robot, columns=validation.columns)
     ]
     return deliver_validation(result, inputs, validation.output, run.json, given_command(context))
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from ...simulation.excite import Excitation, Limits, Separation
     from ...types import Array, Law, Robot, Trajectory
 
+LEAST, MOST = 1e-3, 10.0  # shares of limits that a motion may use
+
 
 @dataclass(frozen=True, kw_only=True)
 class ExciteOptions:
@@ -117,7 +119,7 @@ def _limits(robot: Robot, asked: ExciteOptions) -> Limits:
 
     given = {name: getattr(asked, f"{name}_scale") for name in ("velocity", "acceleration", "torque")}
     for name, value in given.items():
-        if not 0 < value < float("inf"):
-            raise OptionError(f"--{name}-scale is {value:g}; give a share of the limits above 0")
+        if not LEAST <= value <= MOST:
+            raise OptionError(f"--{name}-scale is {value:g}; give a share of the limits, from {LEAST:g} to {MOST:g}")
     limits = build_limits(robot)
     return replace(limits, **{name: value * getattr(limits, name) for name, value in given.items()})

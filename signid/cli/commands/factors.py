@@ -59,6 +59,9 @@ def factor_inputs(paths: Sequence[str]) -> list[Input]:
     return [Input(path, digest, "factors") for path, digest in digests]
 
 
+MOST_PARTS = 1000  # every part is a process that reads the recordings
+
+
 @dataclass(frozen=True, kw_only=True)
 class ReduceOptions:
     """Parts, data and output of a reduction."""
@@ -105,7 +108,7 @@ def reduce(
         found = _reduce(described, given, held_out, reduction, rows, run)
     content = encode_factors(found)
     place = Path(reduction.output or "")
-    written = [] if reduction.output is None else write_files(place.parent, {place.name: content})
+    written = [] if reduction.output is None else write_files(place.parent, {place.name: content}, named=True)
     document = factors_document(found, len(content))
     return show(to_json(document) if run.json else factors_tables(document), (), written)
 
@@ -142,6 +145,8 @@ def _check(reduction: ReduceOptions, json: bool) -> None:
         if not output.lower().endswith(".npz"):
             raise OptionError(f"{output!r} is not a .npz file, the format of factors; use a name that ends in .npz")
         probe_folder(Path(output).parent)
+    if reduction.parts is not None and reduction.parts > MOST_PARTS:
+        raise OptionError(f"--parts is {reduction.parts}; give at most {MOST_PARTS}, about one per core")
     if reduction.parts is not None and reduction.only is not None:
         raise OptionError("--parts reduces all parts and --only one of them; give one of these options")
     if reduction.scheduler is not None and reduction.parts is None:

@@ -92,10 +92,10 @@ def identify(
     recordings; several such files are added.
     """
     from ...identify import identify as learn
-    from ..files import deliver
+    from ..files import IDENTIFIED, deliver
     from .factors import factor_inputs, given_factors
 
-    check_folder(fit.output, run.json)
+    check_folder(fit.output, run.json, IDENTIFIED)
     described = given_robot(robot.robot, robot)
     given = given_factors(recordings, described, context) or given_recordings(
         recordings, described, rows.columns, fit.unsigned

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from ...errors import OptionError
 from ..app import Text, command, option
 from ..arguments import given_model, given_recordings, simulation_inputs
-from ..options import Columns, Json, SimulationArguments
+from ..options import Columns, Json, RecordingName, SimulationArguments
 from ..terminal import DONE
 
 if TYPE_CHECKING:
@@ -36,7 +34,7 @@ class ReplayOptions:
 def replay(
     shown: ReplayOptions,
     simulation: SimulationArguments,
-    recording: Annotated[str, typer.Argument(metavar="RECORDING", help="A CSV, CSV.gz, Parquet or NPZ file.")],
+    recording: RecordingName,
     json: Json = False,
 ) -> int:
     """Animate the recorded robot and its simulation in the browser.
@@ -65,7 +63,7 @@ def replay(
         rate=shown.rate,
         package_dirs=simulation.package_dir or (),
     )
-    written = [] if html is None else write_files(Path(html).parent, {Path(html).name: built.page()})
+    written = [] if html is None else write_files(Path(html).parent, {Path(html).name: built.page()}, named=True)
     if json:
         files = {"recording": recording, "diagnosis": diagnosis, "columns": shown.columns}
         inputs = simulation_inputs(simulation, model.robot, **files)
@@ -105,7 +103,8 @@ def _serve(shown: Replay, browser: bool) -> None:
 
 def _summary(shown: Replay) -> str:
     """Content of the animation, in a few lines."""
-    t = shown.track.t
-    frames = f"{len(t)} frames, {t[0]:.4g} to {t[-1]:.4g} s; simulation restarted every {shown.horizon:g} s"
+    t = shown.track.t - shown.origin
+    since = " since the start of the recording" if shown.origin else ""
+    frames = f"{len(t)} frames, {t[0]:.4g} to {t[-1]:.4g} s{since}; simulation restarted every {shown.horizon:g} s"
     marked = [f"marked: {mark.title}" for mark in shown.marks if mark.cause]
     return "\n".join([f"{shown.title}: {frames}", *marked, *(f"note: {note}" for note in shown.notes)])

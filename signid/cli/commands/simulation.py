@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ...errors import OptionError
-from ..app import Text, Texts, command, option, output_option
+from ..app import LARGEST, Text, Texts, command, option, output_option
 from ..arguments import given_model, simulation_inputs
+from ..completion import complete_law
 from ..options import RunOptions, SimulationArguments
 from ..terminal import bars, check_file, show, write_columns
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from ...types import Array, Robot, Trajectory
 
 DURATION = 20.0  # default length of random motions [s]
+MOST_FORWARD = 10.0  # share of the rigid-body torque that can be fed forward
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +35,7 @@ class SimulateOptions:
         "EFFECT[@JOINT][:key=value,...], added to the laws of SIMULATION and unknown to the controller. "
         "Omitted parameters take their usual values. Repeatable; signid effects lists them.",
         metavar="LAW",
+        autocompletion=complete_law,
     )
     duration: float | None = option(None, "Duration [s]. Default: that of the motion or torque, or 20.", metavar="S")
     step: float = option(1e-3, "Time step of controller and dynamics [s].", metavar="S")
@@ -78,7 +81,7 @@ def simulate(
     from ...output.report import simulation_document, simulation_tables, to_json
     from ...simulation.plant import Sensors
 
-    check_file(plant.output, run.json)
+    check_file(plant.output, run.json, [plant.motion, plant.torque])
     recorded = Sensors(**vars(sensors))
     recorded.every(plant.step)
     known, asked = given_model(simulation, plant.motion, plant.torque)
@@ -148,6 +151,8 @@ def _drive(
     given = {key: value for key, value in options.items() if value is not None}
     if not all(abs(value) < float("inf") for value in given.values()):
         raise OptionError("--bandwidth and --feed-forward must be finite; give the bandwidth in Hz and a share")
+    if not abs(given.get("feed_forward", 1.0)) <= MOST_FORWARD:
+        raise OptionError(f"--feed-forward is {given['feed_forward']:g}; give a share, up to {MOST_FORWARD:g}")
     return track(known, asked, gains=gains, **given), float(asked.t[-1]) if duration is None else duration
 
 
@@ -160,7 +165,7 @@ def _numbers(option: str, text: str, robot: Robot) -> Array:
         values = np.array([float(part) for part in text.split(",")])
     except ValueError:
         values = np.empty(0)
-    if len(values) not in (1, n) or not np.isfinite(values).all():
+    if len(values) not in (1, n) or not (np.abs(values) <= LARGEST).all():
         raise OptionError(
             f"{option} {text!r} is neither one number nor one for each of the {n} joints; separate them by commas"
         )

@@ -12,6 +12,7 @@ import typer
 
 from ..app import command
 from ..arguments import given_inputs, given_robot
+from ..completion import complete_robot
 from ..options import RobotOptions, RunOptions
 from ..terminal import bars, check_folder, show
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from ...output.report import Content
     from .run import Story
 
+FILES = "demo.json recording.csv held_out.csv diagnosis.json model.json robot.urdf report.html replay.html".split()
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")  # environment variables that indicate a browser on Linux
 
 
@@ -26,7 +28,12 @@ SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")  # environment variables tha
 def demo(
     run: RunOptions,
     robot: Annotated[
-        str, typer.Option(metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.")
+        str,
+        typer.Option(
+            metavar="ROBOT",
+            help="A URDF, xacro or MJCF file, or a name such as panda.",
+            autocompletion=complete_robot,
+        ),
     ] = "3r",
     output: Annotated[str, typer.Option("--output", "-o", metavar="DIR", help="Output folder.")] = "signid-demo",
     browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the pages in the browser.")] = True,
@@ -41,13 +48,15 @@ def demo(
     from .run import demo as play
     from .words import story_document, story_end, story_tables
 
-    check_folder(output, False)
+    check_folder(output, False, FILES)
     described = given_robot(robot, RobotOptions())
     with bars(run.json, one=True) as progress:
         story = play(described, output, seed=run.seed, progress=progress)
         files = _files(story, robot)
         document = to_json(story_document(story, robot))
-        written = write_files(output, {**files, "demo.json": document})
+        written = write_files(
+            output, {**files, "demo.json": document}
+        )  # the last, which marks the folder, appears first
     code = show(document if run.json else story_tables(story), story.flags)
     if not run.json:
         Screen().write(story_end(story, robot, written))
@@ -65,7 +74,7 @@ def _files(story: Story, name: str) -> dict[str, Content]:
     inputs = given_inputs(name, story.result.robot, None)
     result, files = diagnosis_files(story.result, inputs, f"{by_hand(story, name)} -o DIR")
     document = to_json(diagnosis_document(result, inputs))
-    return {"diagnosis.json": document, **files, "replay.html": story.replay.page()}
+    return {**story.files, "diagnosis.json": document, **files, "replay.html": story.replay.page()}
 
 
 def _open(pages: Sequence[Path]) -> None:

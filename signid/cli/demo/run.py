@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
 
 from ...diagnose import Diagnosis, Finding, diagnose
 from ...effects.naming import law_name
+from ...errors import readable
 from ...model import Model, stated_inertials, stated_laws
 from ...output.export.mjcf import mjcf_laws
 from ...output.replay import Replay, replay
-from ...output.report import write_files
 from ...recording import read_recording
 from ...recording.formats import find_format
 from ...regression.motion import Motion
@@ -23,7 +24,7 @@ from ...robot import hold, resting
 from ...robot.dynamics import joint_of_row, own_row
 from ...simulation.excite import build_limits, excite
 from ...simulation.plant import Sensors, record
-from ...types import Array, Frozen, Law, Progress, Robot, Trajectory
+from ...types import Array, Frozen, Law, Progress, Recording, Robot, Trajectory
 from .conceal import conceal, weak_torque
 from .plant import run_plant
 
@@ -56,7 +57,8 @@ class Story(Frozen):
 
     simulation: Model  # the diagnosed description
     concealed: tuple[Law, ...]
-    recordings: tuple[Path, ...]  # training, held out
+    recordings: tuple[Path, ...]  # training, held out; as they are named in the output folder
+    files: Mapping[str, bytes]  # their content, by file name
     result: Diagnosis
     replay: Replay
     seed: int
@@ -75,8 +77,8 @@ class Story(Frozen):
 def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress | None = None) -> Story:
     """Record a robot with concealed laws in MuJoCo, and diagnose its simulation.
 
-    The longest limb moves, the other joints are held. The folder gets recording.csv and held_out.csv; the diagnosis
-    uses only them and the description.
+    The longest limb moves, the other joints are held. The diagnosis uses only the description and the files of the
+    recordings, which are named as if they lay in the folder. Nothing is written there.
     """
     report = progress or (lambda stage, share: None)
     report("planning motions", 0.0)
@@ -85,11 +87,25 @@ def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress 
     motions = [_motion(known, 2 * seed + k) for k in range(len(RECORDINGS))]
     report("recording in MuJoCo", 0.2)
     concealed = conceal(known, _seen(arm, motions[0]), seed)
-    paths = _record(known, concealed, motions, folder, seed)
-    result = _diagnose(known, paths, seed, lambda stage, share: report(stage, 0.3 + 0.6 * share))
+    files = _record(known, concealed, motions, seed)
+    train, held_out = _read(files, arm, Path(folder))
+    result = diagnose(
+        known,
+        [train],
+        held_out=[held_out],
+        options=Options(seed=seed),
+        progress=lambda stage, share: report(stage, 0.3 + 0.6 * share),
+    )
     report("drawing", 0.9)
-    shown = replay(known, read_recording(paths[-1], arm), result)
-    return Story(known, concealed, tuple(paths), result, shown, seed)
+    return Story(
+        known,
+        concealed,
+        tuple(Path(folder, name) for name in files),
+        files,
+        result,
+        replay(known, held_out, result),
+        seed,
+    )
 
 
 def _known(robot: Robot) -> Model:
@@ -112,17 +128,26 @@ def _seen(robot: Robot, motion: Trajectory) -> Motion:
     return Motion(robot, *(getattr(motion, key)[::COARSE] for key in "tqva"))
 
 
-def _record(
-    known: Model, concealed: Sequence[Law], motions: Sequence[Trajectory], folder: str | Path, seed: int
-) -> list[Path]:
-    """Record the true robot; return the files."""
-    robot, files = known.robot, {}
+def _record(known: Model, concealed: Sequence[Law], motions: Sequence[Trajectory], seed: int) -> dict[str, bytes]:
+    """Record the true robot; return the files by name."""
+    robot, files = known.robot, dict[str, bytes]()
     true = Model(robot, known.inertials, (*known.laws, *concealed))
     for k, (name, motion) in enumerate(zip(RECORDINGS, motions, strict=True)):
         columns = record(robot, run_plant(true, known, motion), Sensors(RATE, BITS), seed=2 * seed + k)
         columns |= _noisy(robot, columns, 2 * seed + k)
         files[name] = find_format(Path(name)).encode(columns, name)
-    return write_files(folder, files)
+    return files
+
+
+def _read(files: Mapping[str, bytes], robot: Robot, folder: Path) -> list[Recording]:
+    """Read recordings from their files, which get the paths that they will have in the folder."""
+    found = []
+    with TemporaryDirectory() as place:
+        for name, content in files.items():
+            path = Path(place, name)
+            path.write_bytes(content)
+            found.append(replace(read_recording(path, robot), path=readable(str(folder / name))))
+    return found
 
 
 def _noisy(robot: Robot, columns: Mapping[str, Array], seed: int) -> dict[str, Array]:
@@ -136,12 +161,6 @@ def _noisy(robot: Robot, columns: Mapping[str, Array], seed: int) -> dict[str, A
         * np.random.default_rng([seed, 3]).standard_normal(torque.shape)
     )
     return dict(zip(names, (torque + noise).T, strict=True))
-
-
-def _diagnose(known: Model, paths: Sequence[Path], seed: int, progress: Progress) -> Diagnosis:
-    """Diagnose the simulation from files."""
-    train, held_out = (read_recording(path, known.robot) for path in paths)
-    return diagnose(known, [train], held_out=[held_out], options=Options(seed=seed), progress=progress)
 
 
 def take_arm(robot: Robot) -> Robot:

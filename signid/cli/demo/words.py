@@ -15,6 +15,7 @@ from rich.text import Text
 from ...diagnose import Diagnosis
 from ...diagnose.findings.thresholds import UNSURE
 from ...effects.naming import law_name, law_place
+from ...errors import readable
 from ...output.report import figure, with_interval
 from ...output.report.layout import heading, new_table, note_lines, paragraph, plural
 from ...output.report.results.diagnosis import change
@@ -51,7 +52,7 @@ def story_tables(story: Story) -> list[RenderableType]:
 def story_end(story: Story, name: str, written: Sequence[Path]) -> str:
     """List the files and further commands; `name` is the robot as given on the command line."""
     pages = [path for path in written if path.suffix == ".html"]
-    others = [path.name for path in (*story.recordings, *written) if path not in pages]
+    others = [path.name for path in written if path not in pages]
     another = join(["signid", "demo", "--robot", name, "--seed", str(story.seed + 1)])
     said = ["open:", *(f"  {path}" for path in pages), f"other files: {', '.join(others)}"]
     return "\n".join(["", *said, f"again: {by_hand(story, name)} -o again", f"other laws: {another}", ""])
@@ -157,7 +158,7 @@ def story_document(story: Story, name: str) -> dict[str, Any]:
         "rollout": None if before is None or after is None else after.document(before),
         "flags": list(story.flags),
         "notes": list(result.notes),
-        **provenance(result.inputs, [Input(name, robot.sha256, "description")], story.seed),
+        **provenance(result.inputs, [Input(readable(name), robot.sha256, "description")], story.seed),
     }
 
 

@@ -76,11 +76,12 @@ def fleet(
 
 
 def _folder(output: str | None) -> str:
-    from ...output.report import probe_folder
+    from ...output.report import check_foreign, probe_folder
 
     if not output:
         raise OptionError("no folder for the sessions was named; add -o DIR")
     probe_folder(output)
+    check_foreign(output, ("fleet.json", "index.html"))
     return output
 
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from logging import CRITICAL, getLogger
+from logging import CRITICAL, getLogger, root
 from typing import Any
 from uuid import uuid4
 
@@ -15,7 +15,8 @@ from .process import Answer, Order, Processes, carry_out
 
 Answers = Generator[tuple[int, Answer], None, None]
 HEARS = 0.2  # poll interval for interruptions while waiting [s]
-PATIENCE = 30.0  # time limit for a scheduler to answer and to have a worker [s]
+LOUD = ("distributed", "tornado", "asyncio")  # loggers of Dask
+PATIENCE = 8.0  # time limit for a scheduler to answer and to have a worker [s]
 
 
 def spread(orders: Sequence[Order], workers: int | None = None, scheduler: str | None = None) -> Answers:
@@ -66,18 +67,21 @@ def _elsewhere(orders: Sequence[Order], address: str) -> Answers:
 
 @contextmanager
 def _hushed() -> Iterator[None]:
-    """Suppress Dask's messages about a lost connection, which `OptionError` reports."""
-    log = getLogger("distributed.client")
-    level = log.level
-    log.setLevel(CRITICAL)
+    """Suppress Dask's messages and tracebacks; `OptionError` reports what matters."""
+    names = [name for name in root.manager.loggerDict if name.partition(".")[0] in LOUD]
+    levels = {log: log.level for log in map(getLogger, {*LOUD, *names})}
+    for log in levels:
+        log.setLevel(CRITICAL + 1)
     try:
         yield
     finally:
-        log.setLevel(level)
+        for log, level in levels.items():
+            log.setLevel(level)
 
 
 def _client(make: Any, address: str) -> Any:
     try:
+        _greet(address)  # a client would wait longer for a server that is silent
         client = make(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise OptionError(
@@ -92,6 +96,23 @@ def _client(make: Any, address: str) -> Any:
             f"the scheduler at {address} has no workers; start some with `dask worker {address}`"
         ) from None
     return client
+
+
+def _greet(address: str) -> None:
+    """Ask a scheduler for its identity; TimeoutError, OSError or ValueError if none answers in time."""
+    from distributed import rpc
+    from distributed.utils import LoopRunner, sync
+
+    async def ask() -> None:
+        async with rpc(address, timeout=PATIENCE) as scheduler:
+            await scheduler.identity()
+
+    runner = LoopRunner()
+    runner.start()
+    try:
+        sync(runner.loop, ask, callback_timeout=PATIENCE)
+    finally:
+        runner.stop()
 
 
 def _answer(future: Any, address: str) -> Answer:

@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
 
-from ...errors import ManifestError, shorten
+from ...errors import ManifestError, readable, shorten
 from ...types import Input
 
 TASKS = ("diagnose", "identify", "reduce")  # default: the first
@@ -21,6 +21,7 @@ COLUMNS = (*FILES, "task", "name", "time", "session")
 BELONGS = {"reference": "diagnose", "like": "reduce"}  # column -> the only task that uses it
 DAY = 86_400.0  # s
 LONGEST = 100  # maximum length of a session name [characters]
+LARGEST = 50_000_000  # size of the file [bytes]
 MOST = 50  # maximum number of errors listed
 
 
@@ -80,6 +81,9 @@ def read_manifest(path: str | Path) -> Manifest:
         ManifestError: rows are invalid; one sentence per error.
     """
     source = Path(path)
+    if source.exists() and not (source.is_file() and source.stat().st_size <= LARGEST):
+        fault = f"it is no regular file of at most {LARGEST / 1e6:.0f} MB"
+        raise ManifestError([f"cannot read the manifest {path}: {fault}"])
     try:
         content = source.read_bytes()
         rows = list(_rows(content.decode("utf-8-sig"), source.name))
@@ -98,7 +102,9 @@ def read_manifest(path: str | Path) -> Manifest:
         faults.append(f"{source.name} lists no session; add one row per session below the column names")
     if faults:
         raise ManifestError(faults[:MOST] + [f"and {len(faults) - MOST} more such rows"] * (len(faults) > MOST))
-    return Manifest(tuple(entries), source.absolute().parent, Input(str(path), sha256(content).hexdigest(), "manifest"))
+    return Manifest(
+        tuple(entries), source.absolute().parent, Input(readable(str(path)), sha256(content).hexdigest(), "manifest")
+    )
 
 
 def _rows(text: str, name: str) -> Iterator[tuple[int, Mapping[str, str]]]:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
 from threading import Lock, Timer
 from typing import IO, NamedTuple
 
@@ -20,6 +21,14 @@ GRACE = 3.0  # time for a process to clean up before it is killed [s]
 LASTS = 50  # commands per process; limits the growth of its memory
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
 DONE, FLAGGED = 0, 3  # exit codes of commands that leave results
+
+
+# -P and START: modules beside the manifest, such as a numpy.py, are not imported
+_ROOT = str(Path(__file__).absolute().parents[3])  # folder that holds the package
+START = (
+    "import sys; sys.path[:0] = [] if {package!r} in sys.path else [{package!r}]; "
+    "from signid.cli.worker import main; main()"
+)
 
 
 class Order(NamedTuple):
@@ -58,11 +67,12 @@ class _Process:
     def __init__(self) -> None:
         heard = None if os.environ.get("SIGNID_DEBUG") else subprocess.DEVNULL
         self.child = subprocess.Popen(
-            [sys.executable, "-m", "signid.cli.worker"],
+            [sys.executable, "-P", "-c", START.format(package=_ROOT)],
+            cwd=sys.prefix,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=heard,
-            env={**os.environ, **dict.fromkeys(THREADS, "1")},
+            env=_environment(),
             start_new_session=True,  # Ctrl-C in a terminal reaches the caller only
         )
         self.carried_out, self.retires = 0, Timer(IDLE, self.end)
@@ -93,6 +103,12 @@ class _Process:
             if pipe is not None:
                 with suppress(BrokenPipeError):  # input that the child did not read
                     pipe.close()
+
+
+def _environment() -> dict[str, str]:
+    """Environment of a worker: one thread, and only absolute folders of modules."""
+    folders = filter(os.path.isabs, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(folders), **dict.fromkeys(THREADS, "1")}
 
 
 def _read_exactly(stream: IO[bytes], count: int) -> bytes:

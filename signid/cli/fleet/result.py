@@ -7,8 +7,11 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from ...types import Frozen, Input
+from ...output.report.results.headline import finding_headline, subject
+from ...types import Input, Result
 from ...version import __version__
+from .change_document import cause_named, change_document
+from .changes import ComparedSession, ParameterChange, find_changes, find_outliers
 from .manifest import Entry
 from .process import FLAGGED
 from .summary import Cause, Drift, Number, Summary, find_drifts
@@ -34,11 +37,14 @@ class Outcome:
 
 
 @dataclass(frozen=True, eq=False)
-class Fleet(Frozen):
+class Fleet(Result):
     """All sessions in the order of the manifest, and their joint evaluation."""
 
     outcomes: tuple[Outcome, ...]
     drifts: tuple[Drift, ...]
+    changes: tuple[ParameterChange, ...]  # between sessions of a robot; the most probable first
+    outliers: tuple[ParameterChange, ...]  # robots beside the others of their kind
+    tested: tuple[int, int]  # number of comparisons of both
     manifest: Input
     seed: int
 
@@ -74,6 +80,7 @@ class Fleet(Frozen):
             "robots": [_robot(name, sessions) for name, sessions in self.robots],
             "causes": self.causes,
             "drifts": [_drift(drift) for drift in self.drifts],
+            **change_document(self.changes, self.outliers, self.tested),
             "sessions": [_session(outcome) for outcome in self.outcomes],
             "inputs": [self.manifest._asdict()],
             "seed": self.seed,
@@ -83,11 +90,34 @@ class Fleet(Frozen):
 
 def gather(outcomes: Sequence[Outcome], manifest: Input, seed: int) -> Fleet:
     """Evaluate sessions jointly; they stand in the order of the manifest."""
+    (moved, pairs), (apart, robots) = find_changes(_sessions(outcomes)), find_outliers(_kinds(outcomes))
     series: dict[tuple[str, str], list[tuple[float, Any]]] = {}
     for one in outcomes:
         if one.entry.day is not None and one.summary.numbers:
             series.setdefault((one.entry.name, one.entry.task), []).append((one.entry.day, one.summary.numbers))
-    return Fleet(tuple(outcomes), find_drifts((name, found) for (name, _), found in series.items()), manifest, seed)
+    drifts = find_drifts((name, found) for (name, _), found in series.items())
+    return Fleet(tuple(outcomes), drifts, tuple(moved), tuple(apart), (pairs, robots), manifest, seed)
+
+
+def _sessions(outcomes: Sequence[Outcome]) -> list[list[ComparedSession]]:
+    """Sessions with results of each robot and task in order of time."""
+    groups: dict[tuple[str, str, str], list[ComparedSession]] = {}
+    for one in sorted(outcomes, key=_moment):
+        if one.summary.numbers or one.summary.verdict:
+            key = (one.entry.name, one.entry.task, one.summary.kind)
+            session = ComparedSession(one.entry.name, one.entry.session, one.entry.time, one.summary)
+            groups.setdefault(key, []).append(session)
+    return list(groups.values())
+
+
+def _kinds(outcomes: Sequence[Outcome]) -> list[list[ComparedSession]]:
+    """The last session of each robot, by kind of robot and task."""
+    tasks = {one.entry.session: one.entry.task for one in outcomes}
+    groups: dict[tuple[str, str], list[ComparedSession]] = {}
+    for sessions in _sessions(outcomes):
+        last = sessions[-1]
+        groups.setdefault((last.summary.kind, tasks[last.session]), []).append(last)
+    return list(groups.values())
 
 
 def _moment(outcome: Outcome) -> tuple[float, int]:
@@ -110,6 +140,7 @@ def _grouped(kind: str, robots: Sequence[tuple[str, Summary]]) -> Iterator[dict[
         could = sum(joint is None or joint in summary.joints for _, summary in robots)
         yield {
             "cause": law,
+            "title": subject(cause_named(found[0][1])),
             "kind": kind,
             "robots": [name for name, _ in found],
             "of": could,
@@ -144,6 +175,7 @@ def _robot(name: str, sessions: Sequence[Outcome]) -> dict[str, Any]:
         **_taken(latest.entry, "time", "task"),
         **_taken(latest.summary, "mismatch", "joint", "left", "explained", "verdict"),
         "causes": [cause.name for cause in latest.summary.causes],
+        "lacks": [finding_headline(cause_named(cause)) for cause in latest.summary.causes],
         "undone": sum(not one.done for one in sessions),
     }
 

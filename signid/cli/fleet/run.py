@@ -63,6 +63,7 @@ def fleet(
     report = progress or (lambda stage, share: None)
     tasks = _prepare(listed, seed, workers or cores(), report)
     store = Store(folder)
+    store.check(task.entry.session for task in tasks)
     answers = {k: Answer(None, (task.fault,), {}) for k, task in enumerate(tasks) if task.fault}
     if answers and not keep_going:
         raise InputError(_sentence(tasks[min(answers)].entry, answers[min(answers)]))

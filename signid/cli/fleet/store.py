@@ -7,7 +7,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from hashlib import file_digest, sha256
@@ -43,9 +43,15 @@ class Store:
 
     def record(self, name: str) -> Mapping[str, Any]:
         """The stored record of a session; empty if there is none or a file is missing."""
+        files = self._listed(name)
+        whole = bool(files) and all((self.place / name / file).is_file() for file in files)
+        return self.document(name, RECORD) if whole else {}
+
+    def _listed(self, name: str) -> list[str]:
+        """Files in the record of a session; none if it is not a record of signid."""
         found = self.document(name, RECORD)
-        whole = found.get("schema") == SCHEMA and all((self.place / name / file).is_file() for file in found["files"])
-        return found if whole else {}
+        files = found.get("files") if found.get("schema") == SCHEMA else None
+        return [str(file) for file in files] if isinstance(files, list) else []
 
     def document(self, name: str, file: str) -> Mapping[str, Any]:
         """A result file of a session; empty if there is none."""
@@ -54,6 +60,22 @@ class Store:
         except (OSError, ValueError):
             return {}
         return found if isinstance(found, dict) else {}
+
+    def check(self, names: Iterable[str]) -> None:
+        """Check that the folders of these sessions hold nothing that signid did not write.
+
+        Raises:
+            OutputError: one does.
+        """
+        for name in names:
+            place, known = self.place / name, {*self._listed(name), RECORD}
+            if place.is_dir() and not place.is_symlink():
+                foreign = sorted(path for path in place.iterdir() if path.name not in known or not path.is_file())
+            else:
+                foreign = [place] if place.exists() or place.is_symlink() else []
+            if foreign or (place.is_dir() and not self._listed(name) and any(place.iterdir())):
+                what = foreign[0] if foreign else place / RECORD
+                raise OutputError(f"{what} was not written by signid; name another folder with -o, or another session")
 
     def keep(self, name: str, record: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
         """Store a session with its record and files, replacing an existing one completely or not at all."""
@@ -64,6 +86,7 @@ class Store:
             for file, content in {**files, RECORD: text.encode()}.items():
                 (new / file).write_bytes(content)
             give_usual_rights(new)
+            self.check([name])
             self._exchange(new, self.place / name)
         except OSError as error:
             raise self._refusal(error) from None
@@ -125,6 +148,8 @@ def _described(source: str, name: str, actuators: str | None, simulation: bool) 
 
 
 def _digest(path: Path, name: str) -> str:
+    if path.exists() and not path.is_file():
+        raise RecordingError(f"cannot read {name}: it is no regular file")
     try:
         with path.open("rb") as stream:
             return file_digest(stream, "sha256").hexdigest()

@@ -26,6 +26,9 @@ class Number(NamedTuple):
     unit: str
     value: float
     std: float
+    effect: str = ""  # of a law; "": a base parameter
+    joint: str | None = None
+    partner: str | None = None
 
 
 class Cause(NamedTuple):
@@ -36,6 +39,8 @@ class Cause(NamedTuple):
     partner: str | None
     probability: float
     numbers: tuple[Number, ...]
+    share: float = 0.0  # largest torque over that of the joint [1]
+    stated: float = 0.0  # value of its first number in the simulation [unit of the number]
 
     @property
     def name(self) -> str:
@@ -56,6 +61,8 @@ class Summary:
     verdict: str = ""  # verdict of a diagnosis
     causes: tuple[Cause, ...] = ()
     numbers: tuple[Number, ...] = ()  # parameters checked for drift
+    found: tuple[Cause, ...] = ()  # causes and corrections
+    tolerance: float = 0.0  # largest residual that counts as no difference, as a share of torque [1]
 
     @property
     def explained(self) -> float | None:
@@ -75,10 +82,11 @@ def summarise(task: str, document: Mapping[str, Any]) -> Summary:
         return Summary(kind, joints, mismatch, joint, numbers=tuple(_identified(document)))
     mismatch, joint, j = _mismatch(document["fit"]["before"])
     left = None if j is None else _over(document["fit"]["after"], j)
-    causes = tuple(_cause(one) for one in document["findings"] if one["role"] == "cause")
-    every = (number for one in document["findings"] for number in _cause(one).numbers)
-    verdict = str(document["verdict"])
-    return Summary(kind, joints, mismatch, joint, left, verdict, causes, tuple(every))
+    found = tuple(_cause(one) for one in document["findings"])
+    causes = tuple(cause for cause, one in zip(found, document["findings"], strict=True) if one["role"] == "cause")
+    every = tuple(number for cause in found for number in cause.numbers)
+    tolerance = float(document.get("tolerance") or 0.0)
+    return Summary(kind, joints, mismatch, joint, left, str(document["verdict"]), causes, every, found, tolerance)
 
 
 def _mismatch(fit: Mapping[str, Sequence[Any]]) -> tuple[float | None, str, int | None]:
@@ -98,15 +106,18 @@ def _over(fit: Mapping[str, Sequence[Any]], j: int) -> float | None:
 def _cause(finding: Mapping[str, Any]) -> Cause:
     effect, joint, parameters = finding["effect"], finding["joint"], finding["parameters"]
     partner = parameters["partner"]["value"] if "partner" in parameters else None
-    bare = Cause(effect, joint, partner, float(finding["probability"]), ())
-    return bare._replace(numbers=tuple(_numbers(bare.name, parameters)))
+    share = max((finding.get("torque_share") or {}).values(), default=0.0)
+    bare = Cause(effect, joint, partner, float(finding["probability"]), (), float(share))
+    numbers = tuple(_numbers(bare.name, parameters, effect, joint, partner))
+    first = parameters[numbers[0].what.rpartition(": ")[2]] if numbers else {}
+    return bare._replace(numbers=numbers, stated=float(first.get("stated") or 0.0))
 
 
 def _identified(document: Mapping[str, Any]) -> Iterator[Number]:
     """Parameters of laws, and base parameters other than the coefficient of a single law."""
     for law in document["effects"]:
         where = f" of {law['joint']}" if law["joint"] else ""
-        yield from _numbers(law["effect"] + where, law["parameters"])
+        yield from _numbers(law["effect"] + where, law["parameters"], law["effect"], law["joint"])
     law_alone = re.compile(rf"({'|'.join(map(re.escape, EFFECTS.names))})[\w.]*")
     for base in document["base_parameters"]:
         value, std = base["estimate"], base["std"]
@@ -114,10 +125,13 @@ def _identified(document: Mapping[str, Any]) -> Iterator[Number]:
             yield Number(base["expression"], base["unit"], value, std)
 
 
-def _numbers(name: str, parameters: Mapping[str, Mapping[str, Any]]) -> Iterator[Number]:
+def _numbers(
+    name: str, parameters: Mapping[str, Mapping[str, Any]], effect: str, joint: str | None, partner: str | None = None
+) -> Iterator[Number]:
     for key, entry in parameters.items():
         if key != "partner" and entry["value"] is not None and entry["std"]:
-            yield Number(f"{name}: {key}", entry["unit"], float(entry["value"]), float(entry["std"]))
+            value, std = float(entry["value"]), float(entry["std"])
+            yield Number(f"{name}: {key}", entry["unit"], value, std, effect, joint, partner)
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,6 +62,7 @@ class Location(NamedTuple):
     region: str  # "below 0.05 rad/s"
     share: float  # share of the torque's sum of squares in that region [1]
     explained: float  # share of the sum of squares that a function of the variable explains [1]
+    origin: float = 0.0  # [s] time stamp from which reports count times, where the torque is largest
 
 
 def locate(
@@ -72,13 +73,21 @@ def locate(
     best = max(explained, key=lambda name: explained[name])
     wave = _wave(table, torque) if "time" in variables else None
     if wave is not None and wave.share > explained[best]:
-        return Location(joint, "time", f"at {wave.frequency:.{DIGITS + 1}g} Hz", wave.share, wave.share)
-    x = table.variable(joint, best)
+        text = f"at {wave.frequency:.{DIGITS + 1}g} Hz"
+        return Location(joint, "time", text, wave.share, wave.share, _origin(table, torque))
+    origin = _origin(table, torque)
+    x = table.variable(joint, best) - (origin if best == "time" else 0.0)
     power = torque**2 / max(float(np.sum(torque**2)), 1e-300)
     unit = UNITS[best].replace("N.m", "N").replace("rad", "m") if prismatic else UNITS[best]
     regions = [(float(power[inside].sum()), float(inside.mean()), text) for text, inside in _regions(best, x, unit)]
     share, _, region = max(regions, key=lambda r: r[0] - r[1])
-    return Location(joint, best, region, share, explained[best])
+    region += " since the start" if best == "time" and origin else ""
+    return Location(joint, best, region, share, explained[best], origin)
+
+
+def _origin(table: RowTable, torque: Array) -> float:
+    """Time stamp from which reports count in the recording in which torque (M,) [N.m or N] is largest [s]."""
+    return table.origins[int(table.piece[np.argmax(np.abs(torque))])] if table.origins else 0.0
 
 
 def _wave(table: RowTable, torque: Array) -> Wave | None:

@@ -13,7 +13,7 @@ import pinocchio as pin
 from ...deadline import seconds_left
 from ...effects.law import law_torque
 from ...model import Model
-from ...recording.sampling import samples, select_stretches
+from ...recording.sampling import samples, select_stretches, time_origin
 from ...recording_faults.channels import PER_UNKNOWN, judge_amount
 from ...regression.bandwidth import Band
 from ...regression.filters import Decimator, lowpass, smooth
@@ -43,6 +43,7 @@ class Piece(NamedTuple):
     recording: int
     motion: Motion  # with predicted torque; recorded torque is low-passed for the laws that use it
     residual: Array  # (N, n) [N.m or N] y: recorded - predicted, not filtered; NaN where no torque is recorded
+    origin: float = 0.0  # [s] time stamp from which reports count
 
 
 def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Piece]:
@@ -51,6 +52,7 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
     parts, derivatives = task.parts, task.recorded_derivatives
     edge, half = margin(task.band, derivatives), len(task.band.taps) // 2
     for k, (recording, sampling) in enumerate(recordings):
+        origin = time_origin(recording)
         for span in sampling.spans:
             total = sampling.length(span) - 2 * edge
             count = -(-total // (PIECE_SAMPLES * parts))
@@ -58,7 +60,8 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
             for start, stop in ((a, b) for a, b in pairwise(cuts) if b - a > 2 * half):
                 window = samples(recording, sampling, span, start, stop + 2 * edge)
                 motion = build_motion(model.robot, window, task.band, sampling.period, derivatives, task.slow)
-                yield _piece(task, model, _thinned_motion(motion, task.band, parts), robot, k)
+                made = _piece(task, model, _thinned_motion(motion, task.band, parts), robot, k)
+                yield made._replace(origin=origin)
 
 
 def bodies_without_rotors(model: Model) -> pin.Model:

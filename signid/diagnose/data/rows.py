@@ -19,6 +19,7 @@ from .hypotheses import finite
 from .motions import Piece, reversal_uncertainty, row_filter
 from .thresholds import HOLD_TIME, MIN_TORQUE, REST_SPEED, REST_TIME
 
+STAMP = 6  # decimals of times [s] that are differences of large time stamps
 BLOCK_GROUPS = 32  # groups of columns that are filtered at once: limits memory
 
 
@@ -41,6 +42,7 @@ class RowTable(Frozen):
     reversal_std: Array  # (M, n) [N.m or N] standard deviation of torque near velocity reversals
     place: tuple[Indices, ...]  # per joint (m_j,) indices of its columns
     columns: tuple[Array, ...]  # per joint (M, m_j) [torque per coefficient]
+    origins: tuple[float, ...] = ()  # per piece [s] time stamp from which reports count; empty: 0
 
     def __len__(self) -> int:
         return len(self.t)
@@ -55,6 +57,12 @@ class RowTable(Frozen):
         """(n,) [N.m or N] rms torque of each joint, with a lower bound relative to the largest."""
         rms = np.sqrt(np.mean(self.torque**2, axis=0))
         return np.asarray(np.maximum(np.maximum(rms, MIN_TORQUE * rms.max()), 1e-300))
+
+    def since_origin(self) -> Array:
+        """(M,) [s] times, from the start of each recording whose time stamps begin far from 0."""
+        if not any(self.origins):
+            return self.t.copy()
+        return np.asarray(np.round(self.t - np.array(self.origins)[self.piece], STAMP))
 
     def variable(self, joint: int, name: str) -> Array:
         """(M,) [rad, rad/s, rad/s2, N.m or s; m and N for prismatic joints] variable that torque may depend on."""
@@ -101,6 +109,7 @@ def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Seque
         residual=residual,
         place=place,
         columns=columns,
+        origins=tuple(piece.origin for piece in pieces),
     )
 
 

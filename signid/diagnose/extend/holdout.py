@@ -76,7 +76,8 @@ def compare(before: Prediction, after: Prediction, noise: Noise, floor: Array) -
 def course_of(before: ResidualRows, after: ResidualRows, robot: Robot) -> Course:
     """Residuals of two simulations over time, on the same recordings."""
     motions = [piece.motion for piece in before.pieces]
-    t, q, v = (np.concatenate([before.thin.at(getattr(m, key)) for m in motions]) for key in ("t", "q", "v"))
+    t = np.concatenate([before.thin.at(piece.motion.t) - piece.origin for piece in before.pieces])
+    q, v = (np.concatenate([before.thin.at(getattr(m, key)) for m in motions]) for key in ("q", "v"))
     lengths = [len(before.thin.at(motion.t)) for motion in motions]
     return Course(
         joints=robot.joints,

@@ -26,7 +26,7 @@ from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
 from .separating_motion import tell_apart
 from .stated import stated_number_findings, stated_numbers, torque_share, total_law
-from .thresholds import LEAST_PROBABILITY, PLAUSIBLE, SEPARATED, SEPARATED_PER_FINDING, UNSURE, VAGUE_STD
+from .thresholds import AMBIGUOUS, LEAST_PROBABILITY, PLAUSIBLE, SEPARATED, SEPARATED_PER_FINDING, UNSURE, VAGUE_STD
 from .verdict import Verdict
 
 Deviations = Mapping[Group, Sequence[Mapping[str, float]]]  # standard deviations of the numbers of each law
@@ -196,6 +196,6 @@ def _flags(dataset: Dataset, findings: Sequence[Finding], verdict: Verdict, reus
         if finding.role == "cause" and unsure and verdict.name == "named":
             rivals = ", ".join(f"{law_name(a.law, robot)} ({a.probability:.0%})" for a in finding.alternatives[:3])
             yield (
-                f"{law_name(finding.law, robot)} is one of several laws that explain the recordings "
+                f"{law_name(finding.law, robot)} {AMBIGUOUS} "
                 f"({finding.probability:.0%}); the others: {rivals or 'no effect of the library'}"
             )

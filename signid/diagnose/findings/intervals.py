@@ -132,7 +132,7 @@ def jackknife_variance(square: Array, right: Array, precision: Array, first: int
 def _parts(dataset: Dataset) -> Indices:
     """(M',) part of each whitened row; rows at the same phase of a periodic motion are of the same part."""
     table, length = dataset.table, BLOCK_PERIODS / dataset.task.band.cutoff
-    place = table.t.copy()
+    place = table.since_origin()
     for k, period in enumerate(dataset.periods):
         own = table.recording == k
         place[own] = place[own] if period is None else place[own] % period

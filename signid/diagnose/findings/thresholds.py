@@ -43,6 +43,7 @@ LEAST_RESIDUAL = 1e-3  # residual rms over torque rms: smaller residuals count a
 CORRELATED_ROWS = 4.0  # rows per independent row; heuristic
 
 # Findings (findings.py)
+AMBIGUOUS = "is one of several laws that explain the recordings"  # part of the flag on such a cause
 UNSURE = 0.95  # probability of a cause below which a flag names its rivals [1]; heuristic
 PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is sought [1]; heuristic
 SEPARATED_PER_FINDING = 4  # separating motions of one finding: each search simulates several motions

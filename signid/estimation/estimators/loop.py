@@ -61,9 +61,11 @@ class LoopEstimator(Frozen, Estimator):
                 given.progress("simulating the closed loop", done / ROUNDS)
             motions = [_run(session, model, controller, piece) for piece in pieces]
             bare = [piece._replace(q_des=None) for piece in pieces]
-            moved = [piece._replace(**{self.simulated: q}) for piece, q in zip(bare, motions, strict=True)]
+            moved = [Samples(**{**piece._asdict(), self.simulated: q}) for piece, q in zip(bare, motions, strict=True)]
             new = self.solve(given, [part_of(session, piece) for piece in moved])
-            still, found = _settled(new, found), new
+            known = np.isfinite(new.std)
+            least = SETTLED * new.std[known] + EXACT * np.abs(new.value).max(initial=0.0)
+            still, found = bool(np.all(np.abs(new.value - found.value)[known] <= least)), new
             if still or time_is_up(f"the estimator {self.name}"):
                 break
         away = np.concatenate([piece.q - q for piece, q in zip(pieces, motions, strict=True)])
@@ -134,9 +136,3 @@ def _run(session: Session, model: Model, controller: Controller, piece: Samples)
             f"the closed loop cannot be simulated with the estimated controller ({error}); choose wls or tls"
         ) from None
     return moved.true_q[::parts][: len(asked.t)]
-
-
-def _settled(new: Estimate, old: Estimate) -> bool:
-    identifiable = np.isfinite(new.std)
-    change = np.abs(new.value - old.value)[identifiable]
-    return bool(np.all(change <= SETTLED * new.std[identifiable] + EXACT * np.abs(new.value).max(initial=0.0)))

@@ -23,11 +23,7 @@ _ROWS = {"mass": slice(0, 1), "first_moment": slice(1, 4), "inertia": slice(4, 1
 
 @dataclass(frozen=True, eq=False)
 class Bounds(Frozen):
-    """Smallest and largest values of the p standard parameters.
-
-    Raises:
-        ValueError: a bound is not finite, or a lower bound is above its upper bound.
-    """
+    """Smallest and largest values of the p standard parameters."""
 
     lower: Array  # (p,) [unit of each]
     upper: Array  # (p,) [unit of each]

@@ -10,14 +10,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ...errors import OptionError
-from ...model import Model
+from ...model import ModelSource, as_model
 from .actuators import write_actuators, write_isaaclab, write_ros
 from .beyond import Exported
 from .function import write_function
 from .mjcf import write_mjcf
-from .urdf import urdf_with, write_urdf
+from .urdf import urdf_with, with_comment, write_urdf
 
-__all__ = ["KINDS", "Exported", "export", "urdf_with"]
+__all__ = ["KINDS", "Exported", "export", "urdf_with", "with_comment"]
 
 _WRITERS: dict[str, Callable[..., Exported]] = {
     "urdf": write_urdf,
@@ -30,7 +30,7 @@ _WRITERS: dict[str, Callable[..., Exported]] = {
 KINDS = tuple(_WRITERS)
 
 
-def export(model: Model, kind: str, package_dirs: Sequence[str | Path] = ()) -> Exported:
+def export(model: ModelSource, kind: str, package_dirs: Sequence[str | Path] = ()) -> Exported:
     """Export a model; return the text of the file and notes on the content that the format cannot hold.
 
     Args:
@@ -44,6 +44,7 @@ def export(model: Model, kind: str, package_dirs: Sequence[str | Path] = ()) -> 
         OptionError: the kind is unknown.
         RobotError: the format cannot hold the bodies of the model, or the robot has no URDF.
     """
+    model = as_model(model, "export")
     if kind == "mjcf":
         return write_mjcf(model, package_dirs)
     if kind not in _WRITERS:

@@ -9,14 +9,14 @@ import numpy as np
 
 from ...errors import shorten
 from ...model import Model
-from ...types import Array, Law, Robot
+from ...types import Array, Frozen, Law, Robot
 
 MOST = 16  # maximum number of joints listed
 BODIES = ("payload", "link_inertia")  # laws included in inertials
 
 
 @dataclass(frozen=True)
-class Exported:
+class Exported(Frozen):
     """The text of a file, and notes on the content that it lacks."""
 
     text: str

@@ -61,10 +61,10 @@ def write_urdf(model: Model) -> Exported:
     if any(law.effect.name == "base_tilt" for law in model.laws):
         gravity = " ".join(repr(float(x)) for x in model.bodies().gravity.linear)
         notes.append(f"the gravity of the model is {gravity} m/s2")
-    return Exported(_with_comment(text, notes), tuple(notes))
+    return Exported(with_comment(text, notes), tuple(notes))
 
 
-def _with_comment(text: str, notes: list[str]) -> str:
+def with_comment(text: str, notes: list[str]) -> str:
     """Insert the notes as a comment before the root element."""
     if not notes:
         return text

@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import OutputError
+from ..report.policy import NO_CONNECTION
 
+ADDRESS = "127.0.0.1"  # no other machine can connect
+LOCAL = r"(localhost|127\.0\.0\.1)"  # names of this machine; a foreign name of it in a request is refused
 WAIT = 20.0  # time limit for the start of the server [s]
 
 
@@ -71,7 +74,8 @@ def _bridge(page: str) -> Any:
 
     class Page(tornado.web.RequestHandler):
         def get(self) -> None:
-            self.write(page)
+            self.set_header("Content-Security-Policy", "frame-ancestors 'none'")
+            self.write(page.replace(NO_CONNECTION, f"connect-src ws://{self.request.host}", 1))
 
     class Socket(WebSocketHandler):  # type: ignore[misc]
         def open(self) -> None:  # silent, unlike Meshcat's own
@@ -81,16 +85,20 @@ def _bridge(page: str) -> Any:
         def on_close(self) -> None:
             self.bridge.websocket_pool.discard(self)
 
+    class Application(tornado.web.Application):
+        def listen(self, *port: Any, **options: Any) -> Any:
+            return super().listen(*port, **{**options, "address": ADDRESS})
+
     class Bridge(ZMQWebSocketBridge):  # type: ignore[misc]
         def make_app(self) -> Any:
             static: dict[str, Any] = {"path": str(Path(VIEWER_ROOT)), "default_filename": "index.html"}
-            return tornado.web.Application(
-                [
-                    (r"/replay", Page),
-                    (r"/static/(.*)", StaticFileHandlerNoCache, static),
-                    (r"/", Socket, {"bridge": self}),
-                ],
-                log_function=lambda handler: None,
-            )
+            handlers: list[Any] = [
+                (r"/replay", Page),
+                (r"/static/(.*)", StaticFileHandlerNoCache, static),
+                (r"/", Socket, {"bridge": self}),
+            ]
+            served = Application(log_function=lambda handler: None)
+            served.add_handlers(LOCAL, handlers)
+            return served
 
     return Bridge()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import floor, isfinite, log10
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ from ...model import Model, load_model
 from ...robot.dynamics import joint_of_row, own_row
 from ...toml_json import read_json
 from ...types import TWO_SIDED, Array, Law, Robot
+from ..report.results.headline import causes_words, finding_headline, named, sentence_case
 from ..report.results.laws import law_units
 from .track import axis
 
@@ -35,6 +36,7 @@ class ReplayFinding(NamedTuple):
     std: Mapping[str, float | None]
     probability: float
     cause: bool
+    stated: Mapping[str, float]
 
 
 class ReplayFindings(NamedTuple):
@@ -52,8 +54,8 @@ def read_found(diagnosis: Diagnosis | str | Path) -> ReplayFindings:
         OptionError: the file is not a diagnosis, or model.json is missing.
     """
     if isinstance(diagnosis, Diagnosis):
-        findings = (ReplayFinding(x.law, x.std, x.probability, x.role == "cause") for x in diagnosis.findings)
-        return ReplayFindings(diagnosis.verdict, diagnosis.model, tuple(findings))
+        shown = (ReplayFinding(x.law, x.std, x.probability, x.role == "cause", x.stated) for x in diagnosis.findings)
+        return ReplayFindings(diagnosis.verdict, diagnosis.model, tuple(shown))
     path = Path(diagnosis)
     path = path / "diagnosis.json" if path.is_dir() else path
     if path.is_file() and not path.with_name(MODEL).is_file():
@@ -68,7 +70,7 @@ def read_found(diagnosis: Diagnosis | str | Path) -> ReplayFindings:
         raise OptionError(f"cannot read {path}: {error.strerror}; give diagnosis.json of `signid diagnose`") from None
     except SignidError:
         raise
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise OptionError(f"{path} is not a diagnosis.json of `signid diagnose` ({error!r})") from None
 
 
@@ -80,6 +82,7 @@ def _finding(entry: Mapping[str, Any], after: Model) -> ReplayFinding:
         std={key: number["std"] for key, number in numbers.items()},
         probability=float(entry["probability"]),
         cause=entry["role"] == "cause",
+        stated={key: number["stated"] for key, number in numbers.items() if "stated" in number},
     )
 
 
@@ -96,20 +99,35 @@ class Mark:
     along: tuple[float, ...]  # (3,) axis [1], force [N] in the world, or rotation of gravity [rad]
     size: float = 0.0  # radius of a body [m]
     time: tuple[float, float] | None = None  # start and end [s]
+    joints: tuple[str, ...] = ()  # joints on which the law acts; empty: all
 
 
-def marks(robot: Robot, findings: Sequence[ReplayFinding], reach: float) -> list[Mark]:
-    """Place a mark for each finding, causes first; `reach` is that of the robot [m]."""
-    return sorted((_mark(robot, finding, reach) for finding in findings), key=lambda mark: not mark.cause)
+def marks(robot: Robot, findings: Sequence[ReplayFinding], reach: float, origin: float = 0.0) -> list[Mark]:
+    """Place a mark for each finding, causes first; `reach` is that of the robot [m].
+
+    Labels count times from the time stamp `origin` [s].
+    """
+    placed = (replace(_mark(robot, finding, reach, origin), joints=_places(robot, finding.law)) for finding in findings)
+    return sorted(placed, key=lambda mark: not mark.cause)
 
 
-def _mark(robot: Robot, finding: ReplayFinding, reach: float) -> Mark:
+def headline(robot: Robot, found: ReplayFindings) -> str:
+    """The verdict of a diagnosis in a sentence, with at most three causes."""
+    if found.verdict == "nothing_missing":
+        return "Nothing is missing in the simulation."
+    causes = [named(robot, x.law, x.std, x.stated) for x in found.findings if x.cause]
+    return sentence_case(causes_words(causes, found.verdict == "named", len(robot.joints))) + "."
+
+
+def _places(robot: Robot, law: Law) -> tuple[str, ...]:
+    return () if law_place(law, robot)[0] is None else tuple(robot.joints[j] for j in law.joints)
+
+
+def _mark(robot: Robot, finding: ReplayFinding, reach: float, since: float) -> Mark:
     law = finding.law
-    joint, values = law_place(law, robot)
-    where = f" of {joint}" + (f" and {values['partner']}" if "partner" in values else "")
-    tip = law.effect.scope == "tip"
-    title = f"{law.effect.name.replace('_', ' ')}{'' if joint is None or tip else where}"
-    words = (title, _numbers(robot, finding), finding.cause)
+    joint, _ = law_place(law, robot)
+    title = sentence_case(finding_headline(named(robot, law, finding.std, finding.stated)))
+    words = (title, _numbers(robot, finding, since), finding.cause)
     p = law.parameters
     if {"force_x", "force_y", "force_z"} <= p.keys():
         body = joint_of_row(robot.model, own_row(robot, len(robot.joints) - 1))
@@ -141,11 +159,12 @@ def _body(robot: Robot, law: Law, words: tuple[str, tuple[str, ...], bool], reac
     return Mark("body", body, title, lines, cause, _tuple(centre), _tuple(along), min(radius, reach / 4))
 
 
-def _numbers(robot: Robot, finding: ReplayFinding) -> tuple[str, ...]:
+def _numbers(robot: Robot, finding: ReplayFinding, origin: float) -> tuple[str, ...]:
     """The first parameters with their 95 % intervals, and the probability."""
     law, shown, units = finding.law, list[str](), law_units(robot, finding.law)
     for key in [key for key in law.parameters if key not in law.effect.optional][:MOST]:
         value, std, unit = law.parameters[key], finding.std.get(key), units[key]
+        value -= origin if key in ("start", "end") else 0.0
         half = TWO_SIDED * std if std is not None and isfinite(std) else 0.0
         if shown and abs(value) < half:
             continue  # consistent with zero

@@ -16,6 +16,7 @@ import numpy as np
 from ...errors import OptionError
 from ...types import Array, Frozen, Robot
 from ..report.layout import position_units, torque_units
+from ..report.policy import content_policy
 from ..report.results.documents import rms
 from .marks import Mark
 from .shapes import Look
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from .live import Live
 
 HERE = Path(__file__).parent
-PARTS = ("scene.js", "colours.js", "player.js")
+PARTS = ("scene.js", "colours.js", "curves.js", "player.js")
 INSTANTS, DIRECTIONS = 80, 400  # number of poses and of directions for the search of outermost points
 SURE = 0.98  # quantile of the torque residuals covered by the colour scale
 
@@ -44,9 +45,11 @@ class Replay(Frozen):
     simulated: Array  # (M, F, b, 7) [m, 1]; NaN outside of roll-outs
     marks: tuple[Mark, ...]
     verdict: str  # verdict of the diagnosis; "" without one
+    headline: str  # the same in a sentence
     horizon: float  # length of a roll-out [s]
     reach: float  # [m]
     notes: tuple[str, ...]
+    origin: float = 0.0  # [s] time stamp from which the page and the terminal count
 
     def page(self) -> str:
         """Render a self-contained HTML file, reproducible to the byte.
@@ -56,13 +59,16 @@ class Replay(Frozen):
         """
         blob = _Blob()
         content = _content(self, blob)
+        player = "\n".join(['"use strict";', *((HERE / name).read_text(encoding="utf-8") for name in PARTS)])
+        viewer = _viewer()
         filled = {
+            "POLICY": content_policy([viewer, player]),
             "TITLE": escape(self.title),
             "STYLE": (HERE / "page.css").read_text(encoding="utf-8"),
-            "MESHCAT": _viewer(),
+            "MESHCAT": viewer,
             "CONTENT": json.dumps(content, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c"),
             "BLOB": blob.text(),
-            "PLAYER": "\n".join((HERE / name).read_text(encoding="utf-8") for name in PARTS),
+            "PLAYER": player,
         }
         pieces = (HERE / "page.html").read_text(encoding="utf-8").split("%%")
         return "".join(filled.get(piece, piece) for piece in pieces)
@@ -79,6 +85,7 @@ class Replay(Frozen):
             "torque_unit": torque_units(self.robot),
             "start": float(track.t[0]),
             "end": float(track.t[-1]),
+            **({"time_origin": self.origin} if self.origin else {}),
             "frames": len(track.t),
             "horizon": self.horizon,
             "residual_rms": [rms(residual).tolist() for residual in track.residual],
@@ -118,6 +125,7 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "title": replay.title,
         "robot": robot.name,
         "verdict": replay.verdict,
+        "headline": replay.headline,
         "notes": list(replay.notes),
         "horizon": replay.horizon,
         "reach": replay.reach,
@@ -127,14 +135,19 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "frames": len(track.t),
         "simulations": len(replay.simulated),
         "joints": [
-            {"name": name, "unit": unit, "torque": size if np.isfinite(size) else None}
-            for name, unit, size in zip(robot.joints, torque_units(robot), track.torque.tolist(), strict=True)
+            {"name": name, "unit": unit, "length": length, "torque": size if np.isfinite(size) else None}
+            for name, unit, length, size in zip(
+                robot.joints, torque_units(robot), position_units(robot), track.torque.tolist(), strict=True
+            )
         ],
         "scale": _scale(replay),
         "bodies": [_body(replay, k, blob) for k in range(len(replay.bodies))],
         "recorded": blob.put(replay.recorded, "f4"),
         "simulated": [blob.put(poses, "f4") for poses in replay.simulated],
         "window": blob.put(track.window, "i2" if track.window.max(initial=0) < 2**15 else "u4"),
+        "measured": blob.put(track.measured, "f4"),
+        "position": blob.put(track.recorded, "f4"),
+        "strayed": [blob.put(path, "f4") for path in track.simulated],
         "residual": [blob.put(residual, "f4") for residual in track.residual],
         "apart": [blob.put(flags, "i2") for flags in track.apart],
         "marks": [asdict(mark) for mark in replay.marks],

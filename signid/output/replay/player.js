@@ -20,25 +20,26 @@ class Player {
   }
 
   write() { // static texts
-    const { content } = this, causes = content.marks.filter((mark) => mark.cause).map((mark) => mark.title);
+    const { content } = this, causes = content.marks.filter((mark) => mark.cause);
     document.querySelector("h1").textContent = content.title;
-    const verdicts = { named: `The simulation lacks ${causes.join(", ")}.`, nothing_missing: "Nothing is missing in the simulation.",
-      unknown: `The simulation lacks physics that no law explains${causes.length ? `; nearest: ${causes.join(", ")}` : ""}.` };
-    $("verdict").textContent = verdicts[content.verdict] || "";
+    $("verdict").textContent = content.headline;
     $("marked").hidden = !causes.length;
     document.querySelector("#legend li:nth-child(2) span").textContent = `simulated, restarted every ${+content.horizon.toPrecision(3)} s`;
     const small = content.marks.filter((mark) => !mark.cause).map((mark) => `small correction: ${mark.title}`);
     $("notes").append(...[...small, ...content.notes, `grid: ${this.stage.grid} m`].map((note) => Object.assign(document.createElement("li"), { textContent: note })));
     const n = content.joints.length, height = Math.min(176, Math.max(26, 13 * n)), every = Math.ceil(11 * n / height);
+    const names = content.joints.map(({ name }) => name), prefix = n < 2 ? "" : names[0].slice(0, names[0].lastIndexOf("_") + 1);
+    const narrow = innerWidth < 760 && names.some((name) => name.length > 10) && names.every((name) => name.startsWith(prefix));
+    const cut = narrow ? prefix.length : 0; // names differ at their ends
     $("names").append(...content.joints.map(({ name }, j) => {
-      const cause = causes.some((title) => title.endsWith(` ${name}`));
+      const cause = causes.some((mark) => mark.joints.includes(name));
       const shown = cause || j % every === 0; // of many joints only some are labelled
-      return Object.assign(document.createElement("span"), { textContent: shown ? name : "", className: cause ? "cause" : "" });
+      return Object.assign(document.createElement("span"), { textContent: shown ? name.slice(cut) : "", title: name, className: cause ? "cause" : "" });
     }));
+    this.curves = new Curves(content);
     for (const id of ["names", "map"]) $(id).style.height = `${height}px`;
     $("map").addEventListener("pointermove", (event) => {
-      const box = $("map").getBoundingClientRect(), j = Math.floor((event.clientY - box.top) / box.height * n);
-      $("map").title = content.joints[Math.max(0, Math.min(n - 1, j))].name;
+      $("map").title = content.joints[this.row(event)].name;
     });
     $("time").max = this.length;
     $("speed").append(...SPEEDS.map((speed) => new Option(`${speed}\u00d7`, speed, speed === 1, speed === 1)));
@@ -70,7 +71,10 @@ class Player {
     const { content, state } = this;
     const models = ["original", "extended"].slice(0, content.simulations);
     this.choice("model", models, (k) => { state.model = k; this.repaint(); });
-    this.choice("layout", ["overlaid", "side by side"], (k) => { state.beside = k === 1; this.stage.place(k === 1); this.stage.look(); this.repaint(); });
+    this.choice("layout", ["overlaid", "side by side"], (k) => { state.beside = k === 1; document.body.classList.toggle("beside", k === 1); this.fold(k === 1 || innerWidth < 760); this.stage.place(k === 1); this.stage.look(); this.repaint(); });
+    this.choice("shown", ["no curves", "curves"], (k) => { $("curves").hidden = k === 0; this.stage.look(); this.repaint(); });
+    if (innerHeight >= 720) $("shown").querySelectorAll("input")[1].click();
+    $("joint").addEventListener("change", (event) => this.choose(Number(event.target.value)));
     this.choice("colour", ["torque", "share of torque"], (k) => { state.byShare = k === 1; this.repaint(); });
     $("play").addEventListener("click", () => this.play(!state.playing));
     $("time").addEventListener("input", (event) => { this.play(false); this.seek(Number(event.target.value)); });
@@ -81,7 +85,7 @@ class Player {
       const box = $("map").getBoundingClientRect();
       this.seek(this.length * (event.clientX - box.left) / box.width);
     };
-    $("map").addEventListener("pointerdown", (event) => { this.play(false); $("map").setPointerCapture(event.pointerId); scrub(event); });
+    $("map").addEventListener("pointerdown", (event) => { this.play(false); this.choose(this.row(event)); $("map").setPointerCapture(event.pointerId); scrub(event); });
     $("map").addEventListener("pointermove", (event) => { if (event.buttons) scrub(event); });
     addEventListener("keydown", (event) => this.key(event));
     addEventListener("resize", () => { this.stage.look(); this.repaint(); });
@@ -95,6 +99,16 @@ class Player {
     $("fold").setAttribute("aria-expanded", String(!hidden));
   }
 
+  row(event) { // joint of the strip below the pointer
+    const box = $("map").getBoundingClientRect(), n = this.content.joints.length;
+    return Math.max(0, Math.min(n - 1, Math.floor((event.clientY - box.top) / box.height * n)));
+  }
+
+  choose(joint) { // of the curves
+    this.curves.joint = joint;
+    this.repaint();
+  }
+
   key(event) {
     if (event.target.closest("select, input:not([type=range])") || event.ctrlKey || event.metaKey || event.altKey) return;
     const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
@@ -102,12 +116,13 @@ class Player {
     if (step) { event.preventDefault(); this.play(false); this.seek(this.state.t + step * this.content.period); }
   }
 
-  follow() { // a link to a time: #t=3.2&simulation=1&side=1&share=1&play=1
+  follow() { // a link to a time: #t=3.2&simulation=1&side=1&share=1&joint=2&curves=1&play=1
     const asked = new URLSearchParams(location.hash.slice(1)), flag = (key) => Number(asked.get(key) === "1");
-    for (const [id, key] of [["model", "simulation"], ["layout", "side"], ["colour", "share"]]) {
+    for (const [id, key] of [["model", "simulation"], ["layout", "side"], ["colour", "share"], ["shown", "curves"]]) {
       const input = $(id).querySelectorAll("input")[flag(key)];
       if (asked.has(key) && input) input.click();
     }
+    if (asked.has("joint")) this.choose(Math.max(0, Math.min(this.content.joints.length, Number(asked.get("joint")) || 1) - 1));
     if (asked.has("t")) this.seek(Number(asked.get("t")) || 0);
     if (asked.has("play")) this.play(flag("play") === 1);
   }
@@ -139,6 +154,7 @@ class Player {
   repaint() { // after a switch
     drawScale($("scale"), this.content, this.state);
     drawStrip($("map").querySelector("canvas"), this.content, this.state);
+    if (!$("curves").hidden) this.curves.paint();
     this.stage.group(["signid", "recorded"]).visible = $("show-recorded").checked;
     this.stage.group(["signid", "marks"]).visible = $("show-recorded").checked;
     this.stage.group(["signid", "simulated"]).visible = $("show-simulated").checked;
@@ -161,7 +177,8 @@ class Player {
     });
     stage.viewer.set_dirty();
     $("time").value = state.t;
-    $("cursor").style.left = `${100 * state.t / this.length}%`;
+    for (const cursor of document.querySelectorAll(".cursor")) cursor.style.left = `${100 * state.t / this.length}%`;
+    if (!$("curves").hidden) this.curves.report(frame);
     $("clock").textContent = `${seconds(state.t)} s\nof ${seconds(this.length)} s`;
     this.report(frame);
   }
@@ -188,11 +205,13 @@ class Player {
   label() { // in a column on the right, in the order of the marks
     const shown = $("show-recorded").checked;
     let floor = document.querySelector("footer").offsetTop - 8;
-    const spots = this.labels.map((one) => ({ ...one, at: this.stage.screen(one.mark), h: one.label.offsetHeight })).sort((a, b) => a.at.y - b.at.y);
+    const spots = this.labels.map((one) => ({ ...one, at: this.stage.screen(one.mark), h: one.label.offsetHeight }));
+    const narrow = innerWidth < 760; // labels then stand above the robot
+    if (!narrow) spots.sort((a, b) => a.at.y - b.at.y);
     let below = 20 + $("switches").offsetTop + $("switches").offsetHeight;
     const ceiling = below;
     for (const spot of spots) {
-      spot.y = Math.max(below, spot.at.y - spot.h / 2);
+      spot.y = narrow ? below : Math.max(below, spot.at.y - spot.h / 2);
       below = spot.y + spot.h + 8;
     }
     for (const spot of [...spots].reverse()) {

@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import OptionError
-from ...model import Model
+from ...model import Model, ModelSource, as_model
+from ...recording import as_recording
+from ...recording.sampling import time_origin
+from ...recording.source import Source
 from ...simulation.rollout.joints import restrict_joints
 from ...types import Array, Recording, Robot, Table
-from .marks import ReplayFindings, marks, read_found
+from .marks import ReplayFindings, headline, marks, read_found
 from .page import Replay
 from .shapes import look, reach
 from .track import follow, movers, poses
@@ -27,8 +30,8 @@ MOST = 150_000  # maximum number of poses (bodies x frames x robots), about 6 MB
 
 
 def replay(
-    model: Model,
-    recording: Recording,
+    model: ModelSource,
+    recording: Recording | Source,
     diagnosis: Diagnosis | str | Path | None = None,
     *,
     start: float = 0.0,
@@ -53,6 +56,8 @@ def replay(
         OptionError: an option is invalid, torque has no sign, or the diagnosis belongs to another robot.
         RecordingError: the recording cannot be used, or is shorter than a horizon.
     """
+    model = as_model(model, "replay")
+    recording = as_recording(recording, model.robot, "replay")
     _check(recording, horizon, rate)
     shown = part(recording, start, LONGEST if duration is None else duration)
     cut = len(shown) < len(recording)
@@ -63,7 +68,8 @@ def replay(
     models, more = zip(*(restrict_joints(x, [shown]) for x in given), strict=True)
     robot: Robot = models[0].robot
     seen, far = look(robot, package_dirs), reach(robot)
-    marked = [] if found is None else marks(found.after.robot, found.findings, far)
+    origin = time_origin(recording)
+    marked = [] if found is None else marks(found.after.robot, found.findings, far, origin)
     bodies = sorted({*seen.bodies, *(mark.body for mark in marked)})
     span = shown.read(len(shown) - 1).t[0] - shown.read(0, 1).t[0]
     slow = MOST / (len(bodies) * (1 + len(models)) * max(float(span), 1e-9))
@@ -81,8 +87,10 @@ def replay(
         simulated=np.stack([poses(robot, q, bodies) for q in track.simulated]),
         marks=tuple(marked),
         verdict="" if found is None else found.verdict,
+        headline="" if found is None else headline(found.after.robot, found),
         horizon=horizon,
         reach=far,
+        origin=origin,
         notes=tuple(dict.fromkeys((*notes, *seen.notes, *(note for each in more for note in each)))),
     )
 

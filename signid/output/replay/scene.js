@@ -17,7 +17,8 @@ function readContent() { // content of the page, with arrays of the blob in plac
   content.outline = points.flatMap((x, i) => i % 3 ? [] : [new THREE.Vector3(x, points[i + 1], points[i + 2])]);
   content.bounds = [Math.min, Math.max].map((end) => [0, 1, 2].map((k) => end(...along(k))));
   content.simulated = content.simulated.map(read);
-  content.residual = content.residual.map(read);
+  [content.measured, content.position] = [read(content.measured), read(content.position)];
+  [content.residual, content.strayed] = [content.residual.map(read), content.strayed.map(read)];
   content.apart = content.apart.map(read);
   return content;
 }
@@ -74,13 +75,14 @@ class Stage {
 
   robot(name, ghost) { // a group per body, named in meshcat's tree, so that other programs can move or hide it
     return this.content.bodies.map((body, k) => {
-      const group = this.group(["signid", name, body.name]);
+      const path = ["signid", name, body.name in {} || body.name === "<object>" ? `${body.name} (body)` : body.name];
+      const group = this.group(path); // Meshcat's tree cannot hold names such as "constructor"
       if (this.geometries[k]) {
         const material = ghost
           ? new THREE.MeshPhongMaterial({ color: style("--ghost"), transparent: true, opacity: 0.42, shininess: 10,
             polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2 })
           : new THREE.MeshPhongMaterial({ color: 0x59636e, shininess: 25, specular: 0x222222 });
-        const mesh = this.add(["signid", name, body.name, "<object>"], new THREE.Mesh(this.geometries[k], material));
+        const mesh = this.add([...path, "<object>"], new THREE.Mesh(this.geometries[k], material));
         mesh.castShadow = !ghost;
         mesh.receiveShadow = !ghost;
         mesh.renderOrder = ghost ? 1 : 0;
@@ -173,8 +175,8 @@ class Stage {
   }
 
   place(beside) { // both robots at one place, or the simulated one to the right
-    const [low, high] = this.content.bounds, side = new THREE.Vector3(-Math.sin(VIEW.azimuth), Math.cos(VIEW.azimuth), 0);
-    const width = Math.abs(side.x) * (high[0] - low[0]) + Math.abs(side.y) * (high[1] - low[1]);
+    const side = new THREE.Vector3(-Math.sin(VIEW.azimuth), Math.cos(VIEW.azimuth), 0);
+    const across = this.content.outline.map((point) => point.dot(side)), width = Math.max(...across) - Math.min(...across);
     this.shift = beside ? side.multiplyScalar(1.08 * width) : new THREE.Vector3();
     this.group(["signid", "simulated"]).position.copy(this.shift);
     for (const { userData, children } of this.simulated) if (userData.material) {
@@ -189,10 +191,13 @@ class Stage {
     const target = new THREE.Vector3(...low).add(new THREE.Vector3(...high)).add(shift).multiplyScalar(0.5);
     const way = new THREE.Vector3(Math.cos(VIEW.azimuth), Math.sin(VIEW.azimuth), VIEW.rise).normalize();
     const right = new THREE.Vector3(-Math.sin(VIEW.azimuth), Math.cos(VIEW.azimuth), 0), up = way.clone().cross(right);
-    const bar = document.querySelector("footer").offsetHeight + 12, top = document.getElementById("switches").offsetHeight + 20, height = innerHeight;
-    const tall = Math.tan(VIEW.angle * Math.PI / 360), free = (height - bar - top) / height, narrow = innerWidth < 760;
-    const near = narrow ? 0 : document.getElementById("story").offsetWidth + 12;
-    const far = narrow ? 0 : Math.max(0, ...[...document.querySelectorAll(".label")].map((label) => label.offsetWidth + 12));
+    const [story, switches] = ["story", "switches"].map((id) => document.getElementById(id)), labels = [...document.querySelectorAll(".label")];
+    const bar = document.querySelector("footer").offsetHeight + 12, narrow = innerWidth < 760, height = innerHeight, beside = shift.length() > 0;
+    const below = (panel) => panel.offsetTop + panel.offsetHeight + 8, stack = labels.reduce((sum, label) => sum + label.offsetHeight + 8, 0);
+    const top = Math.max(below(switches), beside ? below(story) : 0) + (narrow ? Math.min(stack, 0.3 * height) : 0);
+    const tall = Math.tan(VIEW.angle * Math.PI / 360), free = Math.max(0.1, (height - bar - top) / height);
+    const near = narrow || beside ? 0 : story.offsetWidth + 12;
+    const far = narrow ? 0 : Math.max(0, ...labels.map((label) => label.offsetWidth + 12));
     const wide = tall * (innerWidth - near - far) / height;
     let distance = 0;
     for (const point of this.content.outline) for (const moved of [0, 1]) {

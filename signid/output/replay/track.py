@@ -34,7 +34,8 @@ class Track(Frozen):
     simulated: Array  # (M, F, n) [rad or m]; NaN outside of roll-outs
     apart: Mask  # (M, F) whether joints diverged
     window: Indices  # (F,) index of the roll-out of each frame, -1: none
-    residual: Array  # (M, F, n) measured - predicted torque [N.m or N]; NaN without recorded torque
+    measured: Array  # (F, n) low-passed torque [N.m or N]; NaN where it was not recorded
+    residual: Array  # (M, F, n) measured - predicted torque, low-passed [N.m or N]; NaN without recorded torque
     torque: Array  # (n,) root mean square of the measured torque [N.m or N]
 
 
@@ -64,13 +65,15 @@ def follow(models: Sequence[Model], recording: Recording, window: float, rate: f
     strayed = [_strayed(read, models[k], models[k - 1], window, t) for k in range(len(models))]
     error, apart, windows = zip(*strayed, strict=True)
     torque = np.concatenate([x.tau for x in known])
+    shown, residual = _torque(read, models, t, rate)
     return Track(
         t=t,
         recorded=recorded,
         simulated=recorded + np.stack(error),
         apart=np.stack(apart),
         window=windows[0],
-        residual=np.stack([_residual(read, model, t, rate) for model in models]),
+        measured=shown,
+        residual=residual,
         torque=np.where(measured, np.sqrt(np.mean(np.where(measured, torque, 0.0) ** 2, axis=0)), np.nan),
     )
 
@@ -100,25 +103,26 @@ def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -
     return error, apart, which
 
 
-def _residual(read: _Read, model: Model, t: Array, rate: float) -> Array:
-    """Measured - predicted torque, low-passed for display, (F, n) [N.m or N]."""
+def _torque(read: _Read, models: Sequence[Model], t: Array, rate: float) -> tuple[Array, Array]:
+    """Measured torque (F, n) and measured - predicted torque (M, F, n), low-passed for display [N.m or N]."""
     from scipy.ndimage import convolve1d
 
     recording, sampling, band, _ = read
     taps = lowpass(1 / sampling.period, min(band.cutoff, SHOWN * rate))
     slow = np.maximum(STANDSTILL * band.velocity_noise, 1e-12)
-    out = np.full((len(t), len(model.robot.joints)), np.nan)
+    out = np.full((1 + len(models), len(t), len(models[0].robot.joints)), np.nan)
     for span in sampling.spans:
         if sampling.length(span) <= 2 * margin(band) + 1:
             continue
         piece = samples(recording, sampling, span, 0, sampling.length(span))
-        motion = build_motion(model.robot, piece, band, sampling.period, slow=slow)
-        assert motion.recorded is not None, "a recording has torque"
-        left = motion.recorded - model.inverse(motion)
-        left = convolve1d(left, taps, axis=0, mode="mirror") if len(taps) > 1 else left
-        inside = (t >= motion.t[0]) & (t <= motion.t[-1])
-        out[inside] = _at(t[inside], motion.t, left)
-    return out
+        for k, model in enumerate(models):
+            motion = build_motion(model.robot, piece, band, sampling.period, slow=slow)
+            assert motion.recorded is not None, "a recording has torque"
+            inside = (t >= motion.t[0]) & (t <= motion.t[-1])
+            for row, torque in ((0, motion.recorded), (1 + k, motion.recorded - model.inverse(motion))):
+                calm = convolve1d(torque, taps, axis=0, mode="mirror") if len(taps) > 1 else torque
+                out[row, inside] = _at(t[inside], motion.t, calm)
+    return out[0], out[1:]
 
 
 def _at(t: Array, known: Array, values: Array) -> Array:

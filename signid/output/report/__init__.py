@@ -47,7 +47,13 @@ if TYPE_CHECKING:
         simulation_tables as simulation_tables,
     )
     from .results.validation import validation_document as validation_document, validation_tables as validation_tables
-    from .write import Content as Content, probe_folder as probe_folder, write_files as write_files
+    from .write import (
+        WRITTEN as WRITTEN,
+        Content as Content,
+        check_foreign as check_foreign,
+        probe_folder as probe_folder,
+        write_files as write_files,
+    )
 
 NAMES = _names(__name__)
 

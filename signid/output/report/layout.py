@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from math import copysign, floor, isfinite, log10
+from typing import Any
 
-from rich.console import Console, RenderableType
-from rich.table import Table
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
+from rich.measure import Measurement
+from rich.table import Column, Table
 from rich.text import Text
 
 from ...types import TWO_SIDED, Robot
@@ -16,6 +19,7 @@ from ...types import TWO_SIDED, Robot
 MOST = 9  # maximum number of significant digits
 UNKNOWN = "not identifiable"  # text in place of a value without finite interval
 LARGEST = 1.79e308  # values beyond would round up to infinity
+SHORT = 16  # length of a name that is never cut [characters]
 PIPED = 100  # width of the output if it is not a terminal [characters]
 
 
@@ -42,9 +46,62 @@ class Screen(Console):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def _width(console: Console, column: Column) -> int:
+    """Width that a column needs with its padding: that of its numbers, or of a short name if it can wrap."""
+    wide = max(Measurement.get(console, console.options, x).maximum for x in (column.header, *column.cells))
+    return 2 + (wide if column.no_wrap else min(wide, SHORT))
+
+
+class _Name:
+    """A long word, such as the name of a joint, that loses its middle in a narrow column instead of being folded."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
+        return Measurement(min(SHORT, options.max_width), min(len(self.name), options.max_width))
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
+        spare = max(options.max_width - 1, 2)
+        cut = f"{self.name[: (spare + 1) // 2]}…{self.name[-(spare // 2) :]}"
+        yield Text(self.name if len(self.name) <= options.max_width else cut)
+
+
+class _Table(Table):
+    """A table that is continued below, with its first column again, if the numbers of all columns do not fit."""
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        first, groups, room = self.columns[:1], [list[Column]()], 0
+        for column in self.columns[1:]:
+            taken = _width(console, column)
+            if taken > room:
+                groups.append([])
+                room = options.max_width - sum(_width(console, one) for one in first)
+            groups[-1].append(column)
+            room -= taken
+        groups = [group for group in groups if group]
+        if len(groups) < 2:
+            yield from super().__rich_console__(console, options)
+            return
+        for k, group in enumerate(groups):
+            part = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
+            part.columns = [replace(column, _index=i) for i, column in enumerate([*first, *group])]
+            part.rows = self.rows
+            if k:
+                yield Text()
+            yield part
+
+    def add_row(self, *cells: RenderableType | None, **settings: Any) -> None:
+        first = [_Name(x) if isinstance(x, str) and len(x) > SHORT and x.isidentifier() else x for x in cells[:1]]
+        super().add_row(*first, *cells[1:], **settings)
+
+
 def new_table(*heads: str, rows: Iterable[Iterable[RenderableType]] = ()) -> Table:
-    """Create a table from its heads and rows; columns whose head ends in > are right-aligned and do not wrap."""
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
+    """Create a table from its heads and rows; columns whose head ends in > are right-aligned and do not wrap.
+
+    In a narrow terminal, long names in the first column lose their middle.
+    """
+    table = _Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
     for head in heads:
         right = head.endswith(">")
         table.add_column(head.removesuffix(">"), justify="right" if right else "left", no_wrap=right, overflow="fold")

@@ -15,6 +15,13 @@ from ...errors import OutputError
 Content = str | bytes | Iterable[str]
 MARK = ".signid-"  # prefix of temporary files and folders
 _NAME = re.compile(rf"{re.escape(MARK)}\w{{8}}")  # temporary files, as named by mkstemp
+WRITTEN = "written by signid"  # in a comment of an XML file
+_SIGNS = {  # what a file that signid wrote has near its beginning
+    ".json": '"schema": "signid.',
+    ".html": '<meta name="generator" content="signid">',
+    ".urdf": WRITTEN,
+}
+_BEGINNING = 4096  # [bytes] in which it stands
 _STALE = 86_400.0  # age from which a temporary file is considered abandoned [s]
 
 
@@ -38,8 +45,40 @@ def probe_folder(folder: str | Path, option: str = "-o") -> None:
         raise _refusal(folder, place, error, option) from None
 
 
-def write_files(folder: str | Path, contents: Mapping[str, Content], option: str = "-o") -> list[Path]:
+def check_foreign(folder: str | Path, names: Iterable[str], option: str = "-o") -> None:
+    """Check that result files of these names would replace no file that signid did not write.
+
+    A JSON file, page or URDF shows its origin itself. Any other file belongs to signid if such a JSON file lies beside
+    it, as `signed.csv` beside `identification.json`.
+
+    Raises:
+        OutputError: such a file exists.
+    """
+    place = Path(folder)
+    for name in names:
+        path = place / name
+        shown = [path] if path.suffix in _SIGNS else place.glob("*.json")
+        if path.is_file() and not any(map(_is_ours, shown)):
+            raise OutputError(
+                f"cannot write results to {folder}: {name} in it was not written by signid; name another folder with "
+                f"{option}, or move the file"
+            )
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return _SIGNS[path.suffix].encode() in file.read(_BEGINNING)
+    except OSError:
+        return False
+
+
+def write_files(
+    folder: str | Path, contents: Mapping[str, Content], option: str = "-o", *, named: bool = False
+) -> list[Path]:
     """Write all files into a folder, or none; create the folder if missing.
+
+    A file that signid did not write is replaced only if the user named it (`named`).
 
     If the process is killed, each file is either unchanged or complete. The first file appears last. Temporary files
     that remain are removed by a later call, once they are a day old: the folder may be shared between machines, so a
@@ -48,6 +87,8 @@ def write_files(folder: str | Path, contents: Mapping[str, Content], option: str
     Raises:
         OutputError: a file cannot be written; no incomplete file remains.
     """
+    if not named:
+        check_foreign(folder, contents, option)
     place = Path(folder)
     new = [folder for folder in (place, *place.parents) if not folder.exists()]  # the innermost first
     waiting: list[tuple[Path, Path]] = []

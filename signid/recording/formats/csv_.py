@@ -21,8 +21,11 @@ import polars as pl
 from ...errors import RecordingError
 from ...types import Array, Table
 from .base import MOST, Format, MemoryTable, free_memory, require_memory
+from .panics import hushed
 
 SEPARATORS = ",;\t"
+MOST_HEADER, MOST_BLANK, MOST_COLUMNS = 1_000_000, 10_000, 20_000  # bytes, lines before a header, columns
+MOST_NEWLINES = 1_000_000  # size from which on a text of empty lines is refused [bytes]
 TIMES = 3  # peak memory while reading [times the size of the text]
 BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
 # texts of missing values, in addition to empty cells and NaN
@@ -76,6 +79,8 @@ def _content(path: Path) -> bytes:
     if len(content) > MOST:
         advice = "give long recordings as Parquet, which is read in chunks"
         raise RecordingError(f"{path} holds more than {MOST / 1e9:.3g} GB; {advice}")
+    if len(content) > MOST_NEWLINES and 2 * content.count(b"\n") > len(content):
+        raise RecordingError(f"{path} consists mostly of empty lines; write it again as plain CSV")
     if b"\0" in content[:65536]:
         raise RecordingError(f"{path} is not a text table: it holds binary data; correct the suffix of its name")
     return content
@@ -86,6 +91,9 @@ def _layout(path: Path, content: bytes) -> _Layout:
     comment, first, skip = "", "", 0
     lines = io.BytesIO(content)
     for skip, line in enumerate(lines, 1):
+        if skip > MOST_BLANK or len(line) > MOST_HEADER:
+            fault = f"a header of more than {MOST_HEADER / 1e6:.0f} MB, or {MOST_BLANK} lines without one"
+            raise RecordingError(f"{path} has {fault}; expected a header such as t,q_1,tau_1 near its beginning")
         try:
             text = line.decode("utf-8-sig").strip("\r\n")
         except UnicodeDecodeError as error:
@@ -99,6 +107,9 @@ def _layout(path: Path, content: bytes) -> _Layout:
     commented = bool(comment) and _is_numeric(_split(first))
     header = comment if commented else first
     names = [name.strip() for name in _split(header)]
+    if len(names) > MOST_COLUMNS:
+        fault = f"has {len(names)} columns, more than {MOST_COLUMNS}"
+        raise RecordingError(f"{path} {fault}; write only those of the robot")
     if _is_numeric(names):
         raise RecordingError(f"{path} has no header: line {skip} holds numbers; put names such as t,q_1,tau_1 above it")
     if len(names) == 1 and len(names[0].split()) > 1:
@@ -126,17 +137,18 @@ def _is_numeric(cells: Iterable[str]) -> bool:
 
 def _parse(content: bytes, layout: _Layout, kind: type[pl.DataType]) -> pl.DataFrame:
     """Parse all columns with one data type: a type inferred from the first rows may not fit later ones."""
-    frame = pl.read_csv(
-        content,
-        has_header=False,
-        schema={name: kind for name in layout.names},  # noqa: C420
-        separator=layout.separator,
-        skip_lines=layout.skip,
-        comment_prefix="#",
-        null_values=MISSING,
-        **FILL,
-        decimal_comma=layout.decimal_comma and kind == pl.Float64,
-    )
+    with hushed():
+        frame = pl.read_csv(
+            content,
+            has_header=False,
+            schema={name: kind for name in layout.names},  # noqa: C420
+            separator=layout.separator,
+            skip_lines=layout.skip,
+            comment_prefix="#",
+            null_values=MISSING,
+            **FILL,
+            decimal_comma=layout.decimal_comma and kind == pl.Float64,
+        )
     blank = pl.all_horizontal(pl.all().is_null())
     return frame.filter(~blank) if frame.height and frame.to_series(0).null_count() else frame
 

@@ -13,7 +13,7 @@ from ...errors import RecordingError, shorten
 from ...toml_json import read_json
 from ...types import Array, Table
 from .base import About, Format, MemoryTable, require_memory
-from .parquet import BROKEN
+from .panics import BROKEN, hushed
 
 KINDS = {  # kind of column by feature
     "observation.state": "q",
@@ -50,7 +50,8 @@ class LeRobot(Format):
         if not tables:
             raise RecordingError(f"{path} has meta/info.json but no tables data/*/*.parquet; copy the dataset again")
         try:
-            frame = pl.concat([_read(table) for table in tables], how="diagonal_relaxed")
+            with hushed():
+                frame = pl.concat([_read(table) for table in tables], how="diagonal_relaxed")
             return _table(path, frame, info)
         except BROKEN as error:
             raise RecordingError(f"{path} is not a valid LeRobot dataset, or is cut short; copy it again") from error
@@ -70,7 +71,7 @@ def _info(path: Path) -> Mapping[str, Any]:
             return dict(info)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
         pass
     raise RecordingError(f"{path} is not a valid LeRobot description with fps and features; copy the dataset again")
 

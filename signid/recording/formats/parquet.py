@@ -13,9 +13,9 @@ import polars as pl
 from ...errors import RecordingError
 from ...types import Array, Table
 from .base import Format, refusal
+from .panics import BROKEN, hushed
 
 SLAB = 262_144  # [rows] decoded at once
-BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError)
 NUMBERS = (pl.Boolean, pl.Null, pl.Datetime, pl.Duration)  # types that are read as numbers
 KEPT = 2  # number of slabs in memory, so that reads across a boundary decode nothing twice
 
@@ -59,7 +59,8 @@ class ParquetTable:
         for name in names:  # decoding several at once needs much more memory for large row groups
             if name not in slab:
                 try:
-                    frame = self._scan.select(self._number(name)).slice(k * SLAB, SLAB).collect()
+                    with hushed():
+                        frame = self._scan.select(self._number(name)).slice(k * SLAB, SLAB).collect()
                 except BROKEN as error:
                     fault = f"is damaged after row {k * SLAB}; copy or write it again"
                     raise RecordingError(f"{self._path} {fault}") from error
@@ -87,7 +88,8 @@ class Parquet(Format):
 
     def open(self, path: Path) -> Table:
         try:
-            return ParquetTable(path)
+            with hushed():
+                return ParquetTable(path)
         except BROKEN as error:
             raise RecordingError(f"{path} is not a Parquet file, or is cut short; copy or write it again") from error
 

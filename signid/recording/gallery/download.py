@@ -56,7 +56,7 @@ DATA = _Gallery("data", __package__, " ".join(SETS))
 
 def data_folder() -> Path:
     """Folder of the data sets: SIGNID_DATA, or `data` in the working directory."""
-    return Path(os.environ.get(VARIABLE) or "data").expanduser()
+    return Path(os.path.expanduser(os.environ.get(VARIABLE) or "data"))
 
 
 def recordings(name: str) -> Path:

@@ -3,7 +3,8 @@
 Nonuniform time steps are resampled; gaps and missing values split a recording into stretches.
 """
 
+from .clock import time_origin
 from .grid import Sampling, excerpt, samples, select_stretches, split
 from .survey import survey
 
-__all__ = ["Sampling", "excerpt", "samples", "split", "select_stretches", "survey"]
+__all__ = ["Sampling", "excerpt", "samples", "split", "select_stretches", "survey", "time_origin"]

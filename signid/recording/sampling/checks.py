@@ -9,7 +9,7 @@ import numpy as np
 
 from ...types import Array, Recording, Robot
 from .accumulate import Accumulator
-from .clock import likely_unit
+from .clock import likely_unit, time_origin
 
 FEWEST = 20  # minimum number of usable samples
 REPEATED = 0.01  # accepted share of rows with a repeated time
@@ -19,6 +19,7 @@ DEGREE = np.pi / 180
 MILLISECONDS, CRAWL = 0.5, 0.05  # [s], [rad/s] integer time steps this long with slower motion are milliseconds
 HUGE = 1e9  # [rad, m, N.m or N] implausible magnitude for any robot
 STILL = 1e-9  # [rad or m] smaller ranges count as no motion
+RADIANS = 'convert it to radians, or write [units] q = "deg", on two lines, into a column map (--columns)'
 BRIDGE = "signid convert --drop-missing bridges short gaps"
 
 
@@ -85,7 +86,7 @@ def _degrees(facts: Facts) -> Iterator[str]:
     names, fastest = facts.recording.columns["q"], facts.robot.velocity_limit[facts.place]
     for j in np.flatnonzero(~facts.robot.prismatic[facts.place]):
         low, high = total.lower[j], total.upper[j]
-        reach, advice = f"column {names[j]!r} goes from {low:.4g} to {high:.4g}", "convert it to radians"
+        reach, advice = f"column {names[j]!r} goes from {low:.4g} to {high:.4g}", RADIANS
         if np.isfinite(lower[j]) and np.isfinite(upper[j]):
             fits = low * DEGREE > lower[j] - 0.1 and high * DEGREE < upper[j] + 0.1
             beyond = max(high - upper[j], lower[j] - low)
@@ -121,8 +122,10 @@ def notes(facts: Facts) -> Iterator[str]:
     accumulated, rows = facts.accumulated, len(facts.recording)
     if accumulated.gaps:
         length, at = accumulated.longest_gap
-        longest = f"the longest {length:.3g} s at t = {at:.6g} s"
-        yield f"{_count(accumulated.gaps, 'gap')} in time split the recording, {longest}"
+        origin = time_origin(facts.recording)
+        longest = f"the longest {length:.3g} s at t = {at - origin:.6g} s"
+        since = " since the start" if origin else ""
+        yield f"{_count(accumulated.gaps, 'gap')} in time split the recording, {longest}{since}"
     if any(facts.missing.values()):
         where = ", ".join(f"{count} in {name}" for name, count in facts.missing.items() if count)
         omitted = f"{_count(facts.incomplete, 'sample')} of {rows} omitted"

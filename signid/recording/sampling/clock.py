@@ -17,6 +17,7 @@ CLOSE = 0.02  # distance below which stamps count as repeated [periods]
 SLOWEST, FASTEST = 5.0, 1e-5  # [s] plausible range of sampling periods; outside, the unit is not seconds
 TYPICAL = 5e-3  # [s] typical sampling period
 UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9, "hours": 3600.0, "days": 86400.0}
+FAR = 1e4  # [s] stamps that begin this far from 0, such as those since 1970, are shown from the start of a recording
 COARSEST = 0.25  # coarsest rounding of stamps in uniform sampling [periods]
 
 
@@ -68,15 +69,32 @@ def read_clock(recording: Recording, name: str) -> Clock:
         raise RecordingError(f"{name}: time {fault}; expected seconds that increase from row to row")
     period = float(np.median(forward))
     if not FASTEST <= period <= SLOWEST:
-        advice = f"it looks like {likely_unit(period)}; convert it to seconds"
+        unit = likely_unit(period)
+        advice = f"it looks like {unit}; convert it to seconds" + _line(unit)
         raise RecordingError(f"{name}: column {column!r} steps by {period:g}, which cannot be seconds: {advice}")
     mean = float(forward[(forward <= max(GAP * period, GAP_SECONDS)) & (forward > CLOSE * period)].mean())
     return Clock(period, mean, _step(last) if len(last) else 0.0)
 
 
+def time_origin(recording: Recording) -> float:
+    """Time stamp from which reports count [s]: the first one if it is far from 0, as in stamps since 1970, else 0."""
+    column = recording.columns["t"][0]
+    for start in range(0, len(recording), CHUNK):
+        stamps = recording.table.read((column,), start, start + CHUNK)[:, 0]
+        if (known := stamps[np.isfinite(stamps)]).size:
+            return float(known[0]) if abs(known[0]) >= FAR else 0.0
+    return 0.0
+
+
 def likely_unit(step: float) -> str:
     """Unit in which a time step is closest to a typical sampling period."""
     return min(UNITS, key=lambda unit: abs(log(step * UNITS[unit] / TYPICAL)))
+
+
+def _line(unit: str) -> str:
+    """Line of a column map for a unit of time, as the end of a message."""
+    short = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns", "hours": "h"}.get(unit)
+    return f', or write [units] t = "{short}", on two lines, into a column map (--columns)' if short else ""
 
 
 def _step(stamps: Array) -> float:

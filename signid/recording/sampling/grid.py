@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +58,7 @@ class Sampling(Frozen):
     turn_rows: NDArray[np.intp]  # (k,) rows at which an encoder wraps
     turns: Array  # (k, n) full turns to be added from these rows on [1]
     incomplete: frozenset[str]  # columns with missing values
+    origin: float = 0.0  # [s] `time_origin` of the recording
 
     def stretch(self, span: Span) -> Stretch:
         """Stretch of a span.
@@ -134,10 +136,11 @@ def samples(recording: Recording, sampling: Sampling, span: Span, start: int, st
     if not len(t):
         return _rows(recording, sampling, stretch, 0, 0)
     if sampling.uniform:
-        return _rows(recording, sampling, stretch, low, high)._replace(t=t)
+        return _rows(recording, sampling, stretch, low, high)._replace(t=t, origin=sampling.origin)
     blocks = np.searchsorted(stretch.stamps, t[[0, -1]], side="right") - 1
     first, last = max(0, blocks[0] * STRIDE - 1), min(stretch.kept, (blocks[1] + 1) * STRIDE + 2)
-    return _interpolate(_rows(recording, sampling, stretch, first, last), t, ~recording.signed)
+    rows = _rows(recording, sampling, stretch, first, last)
+    return _interpolate(rows, t, ~recording.signed)._replace(origin=sampling.origin)
 
 
 def _rows(recording: Recording, sampling: Sampling, stretch: Stretch, low: int, high: int) -> Samples:
@@ -150,7 +153,9 @@ def _rows(recording: Recording, sampling: Sampling, stretch: Stretch, low: int, 
     found = recording.read(begin, end)
     inside = dropped[slice(*np.searchsorted(dropped + stretch.start, [begin, end]))] + stretch.start - begin
     if len(inside):
-        found = Samples._make(x if x is None else np.delete(x, inside, axis=0) for x in found)
+        signals: Any = found._asdict()
+        kept = [np.delete(x, inside, axis=0) if np.ndim(x) else x for x in signals.values()]
+        found = Samples._make(kept)
     if len(sampling.turn_rows):
         found = _unwrap(found, sampling, np.delete(np.arange(begin, end), inside), stretch.start)
     return found
@@ -168,13 +173,13 @@ def _unwrap(found: Samples, sampling: Sampling, rows: NDArray[np.intp], start: i
 
 
 def _interpolate(rows: Samples, t: Array, unsigned: NDArray[np.bool_]) -> Samples:
-    signals = [x for x in rows[1:] if x is not None]
+    signals = [x for x in rows[1:-1] if x is not None]
     n = rows.q.shape[1]
     linear = np.zeros(n * len(signals), bool)
     linear[n : 2 * n] = unsigned
     values = _hermite(rows.t, np.concatenate(signals, axis=1), t, linear)
     parts = iter(np.split(values, len(signals), axis=1))
-    return Samples._make([t, *(None if x is None else next(parts) for x in rows[1:])])
+    return Samples._make([t, *(None if x is None else next(parts) for x in rows[1:-1]), rows.origin])
 
 
 def _hermite(stamps: Array, y: Array, t: Array, linear: NDArray[np.bool_]) -> Array:

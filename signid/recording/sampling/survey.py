@@ -11,7 +11,7 @@ from ...errors import RecordingError
 from ...types import Array, Recording, Robot, Samples
 from .accumulate import Accumulator
 from .checks import Facts, faults, notes
-from .clock import CHUNK, Clock, read_clock
+from .clock import CHUNK, Clock, read_clock, time_origin
 from .grid import Sampling
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
@@ -123,4 +123,5 @@ def _sampling(facts: Facts, clock: Clock, dropped: NDArray[np.intp]) -> Sampling
         turn_rows=np.array(accumulated.turn_rows, np.intp),
         turns=np.array(accumulated.turns).reshape(-1, len(total.lower)),
         incomplete=frozenset(name for name, count in facts.missing.items() if count),
+        origin=time_origin(facts.recording),
     )

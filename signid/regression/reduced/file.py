@@ -9,7 +9,6 @@ from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
 
 import numpy as np
 
@@ -23,10 +22,19 @@ from ..bandwidth import Band
 from ..factors import SAMPLED, Factors, JointFactors, Node, RowSample, reduce_rows
 from ..regressor import labels
 from ..rows import Task
+from .archive import SCHEMA, damaged, hash_of, read_archive
+from .plausible import (
+    ImplausibleError,
+    check_band,
+    check_base,
+    check_files,
+    check_laws,
+    check_places,
+    check_sums,
+    whole_number,
+)
 from .reduce import WHOLE, Reduced
 
-SCHEMA = "signid.factors/1"
-LARGEST = 2**30  # [bytes] largest size of all arrays, a limit for damaged and malicious files
 BASE = ("combination", "sees", "singular_values", "independent")
 BAND = ("per_joint", "velocity_noise", "torque_floor")
 MOTION = ("lower", "upper", "velocity", "acceleration")
@@ -66,9 +74,9 @@ def encode_factors(reduced: Reduced) -> bytes:
         "sums": {name: [[node.start, node.level] for node in nodes] for name, nodes in sums.items()},
         "inputs": [file._asdict() for file in reduced.inputs],
         "notes": list(reduced.notes),
-        "sha256": _hash(arrays),
+        "sha256": hash_of(arrays),
     }
-    text = np.frombuffer(json.dumps(header, ensure_ascii=False).encode(), np.uint8)
+    text = np.frombuffer(json.dumps(header, ensure_ascii=False).encode("utf-8", "replace"), np.uint8)
     archive = io.BytesIO()
     np.savez_compressed(archive, allow_pickle=False, **{HEADER: text}, **arrays)
     return archive.getvalue()
@@ -83,9 +91,9 @@ def load_factors(path: str | Path, robot: Robot) -> Reduced:
 
     Raises:
         RobotError: the factors are of another robot, or of other held joints.
-        OptionError: the file cannot be read, is damaged, or has another version.
+        OptionError: the file cannot be read, is damaged, has another version, or holds what no recording gives.
     """
-    header, arrays = _read(Path(path))
+    header, arrays = read_archive(Path(path))
     try:
         joints = header["joints"]
         known = all(joint in robot.joints for joint in joints) and joints
@@ -96,63 +104,32 @@ def load_factors(path: str | Path, robot: Robot) -> Reduced:
                 f"{path} holds factors of {name}, which differs from {robot.name} as given here; "
                 f"give the description, --joints, --lock and torque constants of the reduction"
             )
+        check_laws(header["laws"], moving)
+        check_files(header["inputs"], header["notes"])
+        check_places((), header["share"])
         task = _task(header, arrays, moving)
-        train, held_out = (
-            tuple(
-                Node(int(start), int(level), _factors(f"{name}_{k}", arrays, task))
-                for k, (start, level) in enumerate(header["sums"][name])
-            )
-            for name in SUMS
-        )
-        inputs = tuple(Input(*(str(file[key]) for key in Input._fields)) for file in header["inputs"])
         share = (int(header["share"][0]), int(header["share"][1]))
-        found = Reduced(task, train, held_out, inputs, tuple(map(str, header["notes"])), share)
+        train, held_out = (_nodes(name, header, arrays, task) for name in SUMS)
+        inputs = tuple(Input(*(file[key] for key in Input._fields)) for file in header["inputs"])
+        found = Reduced(task, train, held_out, inputs, tuple(header["notes"]), share)
         if share == WHOLE and not (len(train) == len(held_out) == 1 and train[0].factors.rows):
-            raise _damaged(path)
+            raise damaged(path)
         return found
+    except ImplausibleError as error:
+        raise OptionError(f"{path} holds {error}, which no recording gives; reduce the recordings again") from None
     except SignidError:
         raise
     except Exception as error:  # any fault of the header's content
-        raise _damaged(path) from error
+        raise damaged(path) from error
 
 
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Header and arrays of an undamaged file."""
-    try:
-        with ZipFile(path) as archive:
-            if sum(member.file_size for member in archive.infolist()) > LARGEST:
-                raise MemoryError
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        header = json.loads(arrays.pop(HEADER).tobytes())
-        schema, whole = header["schema"], header["sha256"] == _hash(arrays)
-    except MemoryError:
-        raise OptionError(
-            f"{path} expands to more than {LARGEST >> 30} GiB, and factors are far smaller; reduce the recordings again"
-        ) from None
-    except Exception as error:  # errors of the system, of numpy, of zip archives and of the header's content
-        if isinstance(error, OSError) and error.strerror:
-            raise OptionError(f"cannot read factors from {path}: {error.strerror}") from None
-        raise _damaged(path) from error
-    if schema != SCHEMA:
-        raise OptionError(f"{path} holds {schema!r}; expected {SCHEMA!r}; reduce the recordings again")
-    if not whole:
-        raise _damaged(path)
-    return header, arrays
-
-
-def _damaged(path: str | Path) -> OptionError:
-    return OptionError(
-        f"{path} is not a file of factors as `signid reduce` writes it, or is damaged; reduce the recordings again"
-    )
-
-
-def _hash(arrays: Mapping[str, Any]) -> str:
-    digest = sha256()
-    for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
-        digest.update(f"{name} {array.dtype.str} {array.shape}".encode() + array.tobytes())
-    return digest.hexdigest()
+def _nodes(name: str, header: Mapping[str, Any], arrays: Mapping[str, Any], task: Task) -> tuple[Node, ...]:
+    """Sums of the training or of the held-out rows."""
+    places, share = header["sums"][name], header["share"]
+    check_places(places, share)
+    nodes = tuple(Node(start, level, _factors(f"{name}_{k}", arrays, task)) for k, (start, level) in enumerate(places))
+    check_sums(nodes, task, tuple(share) == WHOLE)
+    return nodes
 
 
 def _digest(robot: Robot) -> str:
@@ -182,10 +159,14 @@ def _factors(part: str, arrays: Mapping[str, Any], task: Task) -> Factors:
     joints = []
     for j, empty in enumerate(like.joints):
         grams, counts, whole = (_same_shape(arrays[f"{part}_{j}_{key}"], getattr(empty, key)) for key in JOINT)
-        joints.append(JointFactors(grams, counts, whole, float(totals[j, 0]), int(totals[j, 1])))
+        joints.append(JointFactors(grams, counts, whole, float(totals[j, 0]), whole_number(totals[j, 1], "rows")))
     motion: dict[str, Any] = {key: _same_shape(arrays[f"{part}_{key}"], getattr(like, key)) for key in MOTION}
     return replace(
-        like, joints=tuple(joints), rows=int(totals[-1, 1]), sample=_sample(part, arrays, task, like.columns), **motion
+        like,
+        joints=tuple(joints),
+        rows=whole_number(totals[-1, 1], "rows"),
+        sample=_sample(part, arrays, task, like.columns),
+        **motion,
     )
 
 
@@ -235,4 +216,6 @@ def _task(header: Mapping[str, Any], arrays: Mapping[str, Any], robot: Robot) ->
     names = len(base.expressions) == len(base.units) == base.rank
     if shapes != [(base.rank, len(base.labels)), (n, base.rank), (n,), (n,), (n,)] or not (whole and names):
         raise ValueError("the arrays do not fit the header")
+    check_base(base)
+    check_band(band, reach, arrays["slow"])
     return Task(robot, laws, base, band, arrays["slow"], reach, *(header[name] is True for name in FLAGS))

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from ...errors import OptionError, RecordingError
-from ...types import Frozen, Input, Progress, Recording, Robot
+from ...recording import Recordings, as_recordings
+from ...robot import as_robot
+from ...types import Input, Progress, Recording, Result, Robot
 from ..factors import LAGS, Factors, Node, cascade, window_factors
 from ..prepare import prepare
 from ..rows import Task, count_windows, cut_rows, read_rows
@@ -17,7 +20,7 @@ WHOLE: Share = (1, 1)
 
 
 @dataclass(frozen=True, eq=False)
-class Reduced(Frozen):
+class Reduced(Result):
     """Factors of recordings, from which `signid.identify` works without samples; factors of one task can be added."""
 
     task: Task
@@ -39,10 +42,10 @@ class Reduced(Frozen):
 
 
 def reduce(
-    robot: Robot,
-    recordings: Sequence[Recording],
+    robot: Robot | str | Path,
+    recordings: Recordings,
     *,
-    held_out: Sequence[Recording] = (),
+    held_out: Recordings = (),
     options: Options | None = None,
     like: Reduced | None = None,
     share: Share = WHOLE,
@@ -64,7 +67,8 @@ def reduce(
         OptionError: there is no such part, or an option is not supported here.
         RecordingError: a recording cannot be used, or does not fit `like`; the sentence says why.
     """
-    options = options or Options()
+    robot, options = as_robot(robot, "reduce"), options or Options()
+    recordings, held_out = (as_recordings(some, robot, "reduce") for some in (recordings, held_out))
     _check(recordings, held_out, options, share)
     if like is None:
         session = prepare(robot, recordings, held_out, options)

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...errors import RobotError, shorten
+from ...errors import RobotError, readable, shorten
 from . import sandbox
+from .limits import read_bytes
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -97,7 +98,7 @@ def read_document(path: Path, package_dirs: Sequence[str | Path] = ()) -> Docume
         RobotError: unreadable file, or neither URDF, xacro nor MJCF.
     """
     try:
-        data = path.read_bytes()
+        data = read_bytes(path)
     except OSError as error:
         raise RobotError(f"the file cannot be read ({error.strerror}); check the file and its permissions") from None
     try:
@@ -113,7 +114,7 @@ def read_document(path: Path, package_dirs: Sequence[str | Path] = ()) -> Docume
     if local(root) not in ("robot", "mujoco"):
         other = f"the file has <{local(root)}> as its root; a URDF or xacro starts with <robot>, an MJCF with <mujoco>"
         raise RobotError(_ADVICE.get(local(root), other))
-    return Document(str(path), path.name.partition(".")[0], text, root, sha256(data).hexdigest())
+    return Document(str(path), readable(path.name.partition(".")[0]), text, root, sha256(data).hexdigest())
 
 
 def parse(text: str) -> Any:

@@ -14,11 +14,17 @@ import numpy as np
 from ...errors import RobotError, shorten
 from ..joints import is_plain
 from .document import Axis, Document, Draft, Mimic, impossible_notes, massless_note
+from .limits import bounded, check_count, check_names, not_negative
 from .mjcf_tree import below_world, compiler_setting, included, joint_attribute, prepare
-from .tree import MOST
 
 if TYPE_CHECKING:
     import pinocchio as pin
+
+FRICTION = ("damping", "frictionloss", "armature")
+NUMBERS = (
+    "pos quat axisangle xyaxes zaxis euler axis ref springref stiffness damping frictionloss armature margin "
+    "mass density diaginertia fullinertia size fromto shellinertia"
+).split()  # attributes of bodies, joints, inertials and geometry
 
 
 def read_mjcf(document: Document) -> Draft:
@@ -29,8 +35,10 @@ def read_mjcf(document: Document) -> Draft:
     """
     root = deepcopy(document.root)
     text = included(root, Path(document.path).parent, document.text)
-    if len(below_world(root, ("body",))) > MOST:
-        raise RobotError(f"the file has more than {MOST} bodies; give the description of one robot")
+    bodies, joints = (below_world(root, kinds) for kinds in (("body",), ("joint",)))
+    check_count(len(bodies), len(joints), "bodies")
+    check_names(*([node.get("name") for node in nodes] for nodes in (joints, bodies)))
+    _bound(root)
     notes = prepare(root)
     if not below_world(root, ("joint",)):
         raise RobotError("the file has no moving joint (hinge or slide): nothing to identify")
@@ -40,9 +48,9 @@ def read_mjcf(document: Document) -> Draft:
     axes, still = _axes(root, model)
     mimics, more = _mimics(root)
     links = tuple(_link(model, i) for i in range(1, model.njoints))
-    bodies = dict(zip(links, list(model.inertias)[1:], strict=True))
-    notes += [*massless_note({name: body.mass for name, body in bodies.items()}), *more]
-    notes += impossible_notes({name: (body.mass, body.inertia) for name, body in bodies.items()})
+    moved = dict(zip(links, list(model.inertias)[1:], strict=True))
+    notes += [*massless_note({name: body.mass for name, body in moved.items()}), *more]
+    notes += impossible_notes({name: (body.mass, body.inertia) for name, body in moved.items()})
     if still:
         notes.append(f"held fixed at neutral: {shorten(still)}")
     model.armature = np.zeros(model.nv)  # armature is a law, not part of the rigid bodies
@@ -73,6 +81,25 @@ def _build(root: Any) -> pin.Model:
         except Exception as error:  # Pinocchio's exceptions share no base class
             reason = str(error).partition("message:")[2] or str(error)
             raise RobotError(f"Pinocchio cannot build it: {' '.join(reason.split())}") from None
+
+
+def _bound(root: Any) -> None:
+    """Check the magnitude of the numbers that shape the dynamics, in place: negligible ones become 0."""
+    for node in root.iter("body", "joint", "inertial", "geom"):
+        for key in (key for key in NUMBERS if node.get(key)):
+            stated = f"a <{node.tag}> has {key}={node.get(key)!r}"
+            words = node.get(key).split()
+            node.set(key, " ".join(_bounded(word, stated, key in FRICTION) for word in words))
+
+
+def _bounded(word: str, stated: str, positive: bool) -> str:
+    try:
+        number = float(word)
+    except ValueError:
+        return word  # Pinocchio accepts words among numbers
+    if positive:
+        not_negative(number, stated)
+    return word if bounded(number, stated) else "0"
 
 
 def _check_numbers(model: pin.Model) -> None:
@@ -166,4 +193,4 @@ def _numbers(text: str, what: str, finite: bool = True) -> list[float]:
         numbers = [nan]
     if np.isnan(numbers).any() or (finite and np.isinf(numbers).any()):
         raise RobotError(f"{what} {text!r}; expected {'finite ' if finite else ''}numbers")
-    return numbers
+    return [bounded(number, f"{what} {text!r}") for number in numbers] if finite else numbers

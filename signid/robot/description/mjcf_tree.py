@@ -9,6 +9,7 @@ from typing import Any
 
 from ...errors import RobotError, shorten
 from .document import parse
+from .limits import CARRIER, read_bytes
 from .sandbox import may_read
 
 _KEPT = ("body", "joint", "freejoint", "inertial", "geom")  # elements of a body that are kept
@@ -52,7 +53,7 @@ def _include(element: Any, folder: Path, depth: int) -> None:
         if not may_read(path, [folder]):
             raise RobotError(f"the included file {path} lies outside the folder of the description; move it inside")
         try:
-            part = parse(path.read_text("utf-8-sig"))
+            part = parse(read_bytes(path).decode("utf-8-sig"))
         except (OSError, UnicodeDecodeError):
             raise RobotError(f"the included file {path} cannot be read; place it where <include> points") from None
         except RobotError as error:
@@ -124,7 +125,7 @@ def _fix(root: Any) -> Iterator[str]:
     for world in root.iterchildren("worldbody"):
         carrier = deepcopy(world)
         carrier.tag = "body"
-        carrier.set("name", "world body")
+        carrier.set("name", CARRIER)
         for child in list(world):
             world.remove(child)
         world.append(carrier)

@@ -1,7 +1,15 @@
-"""File access rules for descriptions, and a restricted process for xacro, whose files are programs.
+"""File access rules for descriptions, and a restricted process for xacro, whose files contain expressions.
 
-The process only reads files that `may_read` allows, starts no programs, opens no connections, and is limited in time
-(SECONDS) and memory (MEMORY). The module runs as a script and imports nothing from signid.
+Three walls, each of which holds alone against an honest mistake in another:
+
+1. Expressions are walked as a syntax tree (simpleeval): numbers, strings, lists, dictionaries, operators, the functions
+   that xacro documents, and listed methods. Python never evaluates them.
+2. They run in a process of their own with limits of time (SECONDS) and memory (MEMORY). An audit hook lets it read only
+   files that `may_read` allows; it refuses other programs and connections.
+3. On Linux with Landlock the kernel refuses what the hook refuses, except reading; where there is RLIMIT_NPROC, the
+   process cannot start another one.
+
+The module runs as a script and imports nothing from signid.
 """
 
 from __future__ import annotations
@@ -16,6 +24,10 @@ from typing import Any
 
 SECONDS, MEMORY = 20, 4_000_000_000  # limits [s], [bytes]
 WHERE = "it lies neither beside the description nor in a package or a --package-dir"
+# system calls of every processor, https://docs.kernel.org/userspace-api/landlock.html
+LANDLOCK_CREATE, LANDLOCK_ADD, LANDLOCK_RESTRICT, NO_NEW_PRIVILEGES = 444, 445, 446, 38
+LANDLOCK_EXECUTE = 1  # access right
+LANDLOCK_WRITES = ((1, 1 << 1), *((1, 1 << k) for k in range(4, 13)), (2, 1 << 13), (3, 1 << 14))  # version, right
 MANIFESTS = ("package.xml", "manifest.xml", "stack.xml")
 REFUSED = tuple(
     "socket. subprocess. ctypes. shutil. os.system os.exec os.posix_spawn os.spawn os.fork os.kill os.remove os.rename "
@@ -66,11 +78,105 @@ def _limit() -> None:
         import resource
     except ImportError:  # Windows; the parent process limits the time
         return
-    for kind, most in ((resource.RLIMIT_CPU, SECONDS), (resource.RLIMIT_AS, MEMORY)):
+    limits = [(resource.RLIMIT_CPU, SECONDS), (resource.RLIMIT_AS, MEMORY)]
+    if hasattr(resource, "RLIMIT_NPROC"):
+        limits.append((resource.RLIMIT_NPROC, 0))
+    for kind, most in limits:
         known = resource.getrlimit(kind)[1]
         least = most if known == resource.RLIM_INFINITY else min(most, known)
         with contextlib.suppress(ValueError):  # macOS has no memory limit
             resource.setrlimit(kind, (least, least))
+
+
+def _landlock(scratch: str) -> bool:
+    """Restrict this process permanently by the kernel: it writes below `scratch` only, runs and connects to nothing.
+
+    Returns:
+        Whether the kernel has Landlock (Linux 5.13 or newer, unless it is switched off).
+    """
+    if sys.platform != "linux":
+        return False
+    import ctypes
+
+    system = ctypes.CDLL(None, use_errno=True)
+    version = system.syscall(LANDLOCK_CREATE, None, 0, 1)
+    if version < 1:
+        return False
+    writes = sum(bit for since, bit in LANDLOCK_WRITES if since <= version)
+    handled = [ctypes.c_uint64(writes | LANDLOCK_EXECUTE)]
+    if version >= 4:
+        handled.append(ctypes.c_uint64(0b11))  # bind and connect of TCP
+    if version >= 6:
+        handled.append(ctypes.c_uint64(0b11))  # abstract sockets and signals to other processes
+    rules = (ctypes.c_uint64 * len(handled))(*handled)
+    ruleset = system.syscall(LANDLOCK_CREATE, ctypes.byref(rules), ctypes.sizeof(rules), 0)
+    folder = os.open(scratch, os.O_PATH)
+    below = writes.to_bytes(8, sys.byteorder) + folder.to_bytes(4, sys.byteorder)
+    system.syscall(LANDLOCK_ADD, ruleset, 1, below, 0)
+    system.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0)
+    held = bool(system.syscall(LANDLOCK_RESTRICT, ruleset, 0) == 0)
+    os.close(folder)
+    os.close(ruleset)
+    return held
+
+
+def _expression_class() -> Any:
+    """Class of simpleeval's evaluators with the names and attributes of a xacro file."""
+    import ast
+
+    import simpleeval
+    import xacro
+
+    named, methods = (xacro.NameSpace, xacro.YamlDictWrapper), simpleeval.BASIC_ALLOWED_ATTRS
+
+    class Expression(simpleeval.EvalWithCompoundTypes):  # type: ignore[misc]
+        """Syntax-tree evaluator."""
+
+        def __init__(self, names: Any) -> None:
+            super().__init__(functions={})
+            self.names = names
+            for kind in (ast.JoinedStr, ast.FormattedValue, ast.Assign, ast.AugAssign):
+                del self.nodes[kind]
+
+        def _check_disallowed_items(self, item: Any) -> None:  # attributes and names are listed one by one
+            pass
+
+        def _eval_call(self, node: ast.Call) -> Any:
+            function = self._eval(node.func)
+            named_arguments = dict(self._eval(keyword) for keyword in node.keywords)
+            return function(*self._eval_list(ast.List(node.args)), **named_arguments)
+
+        def _eval_attribute(self, node: ast.Attribute) -> Any:
+            owner = self._eval(node.value)
+            if isinstance(owner, named) and node.attr not in methods[dict]:
+                return owner[node.attr]
+            kind = next((kind for kind in methods if kind is not None and isinstance(owner, kind)), None)
+            if kind is None or node.attr not in methods[kind] or node.attr in simpleeval.DISALLOW_METHODS:
+                raise simpleeval.FeatureNotAvailable(f"an expression may not use .{node.attr} here")
+            return getattr(owner, node.attr)
+
+    return Expression
+
+
+def _restrict_expressions() -> None:
+    """Let xacro and its `$(eval ...)` walk expressions as syntax trees, in place of Python's `eval`."""
+    import xacro
+    from xacro import substitution_args
+
+    expression_class = _expression_class()
+
+    def evaluate(expression: str, names: Any, _: Any = None) -> Any:
+        return expression_class(names).eval(expression)
+
+    def substitute(expression: str, context: dict[str, Any]) -> str:
+        given = {name: substitution_args.convert_value(text, "auto") for name, text in context.get("arg", {}).items()}
+        own = {"arg": given.__getitem__, "dirname": lambda: os.path.dirname(context["filename"])}
+        known = {k: v for k, v in substitution_args._eval_dict.items() if not k.startswith("_")}
+        return str(evaluate(expression, {**given, **own, **known}))
+
+    for name in ("type", "vars", "issubclass"):  # they reach classes and their attributes
+        xacro._global_symbols["python"].pop(name, None)
+    xacro.safe_eval, substitution_args._eval = evaluate, substitute
 
 
 def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
@@ -78,7 +184,9 @@ def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
 
     from xacrodoc import XacroDoc, packages
 
+    _restrict_expressions()
     _limit()
+    _landlock(scratch)
     _guard([os.path.dirname(os.path.abspath(path)), *package_dirs], scratch)
     with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
         packages.reset()

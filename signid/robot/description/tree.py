@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from math import inf, isfinite, nan
+from math import inf, nan
 from typing import Any, NamedTuple
 
 from ...errors import RobotError, shorten
 from .document import Axis, Mimic, children
+from .limits import bounded, check_count, check_names, not_negative
 
 Vector = tuple[float, float, float]
 MOVING = ("revolute", "continuous", "prismatic")
 HELD = ("floating", "planar")
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-MOST = 1000  # maximum number of links
 _KINDS = (*MOVING, *HELD, "fixed")
 _BEYOND = 1e6  # [rad or m] limits from here on count as no limits
 _ZERO = (0.0, 0.0, 0.0)
@@ -62,10 +62,11 @@ def read_tree(robot: Any, fallback: str) -> Tree:
     Raises:
         RobotError: invalid name, number or tree.
     """
-    if len(children(robot, "link")) > MOST:
-        raise RobotError(f"the file has more than {MOST} links; give the description of one robot")
+    moving = [element for element in children(robot, "joint") if element.get("type") in MOVING]
+    check_count(len(children(robot, "link")), len(moving))
     links = [_link(element) for element in children(robot, "link")]
     joints = tuple(_joint(element) for element in children(robot, "joint"))
+    check_names(joint.name for joint in joints)
     return Tree(robot.get("name") or fallback, dict(links), joints, _root([name for name, _ in links], joints))
 
 
@@ -152,10 +153,15 @@ def _axis(element: Any, name: str, kind: str) -> Axis:
         upper=upper if limited and upper < _BEYOND else inf,
         velocity=abs(velocity) or inf,
         effort=abs(effort) or inf,
-        viscous=_number(dynamics, "damping", where, nan),
-        coulomb=_number(dynamics, "friction", where, nan),
+        viscous=_dissipative(dynamics, "damping", where),
+        coulomb=_dissipative(dynamics, "friction", where),
         mimic=_mimic(_child(element, "mimic"), where),
     )
+
+
+def _dissipative(element: Any, key: str, where: str) -> float:
+    value = _number(element, key, where, nan)
+    return not_negative(value, f"{where} has {key}={value:g}")
 
 
 def _mimic(element: Any, where: str) -> Mimic | None:
@@ -205,6 +211,8 @@ def _float(text: str, key: str, where: str, finite: bool = True) -> float:
     except ValueError:
         hint = "; if this is xacro, rename the file to end in .xacro" if "$" in text else ""
         raise RobotError(f"{where} has {key}={text!r}; expected a number{hint}") from None
-    if value != value or (finite and not isfinite(value)):
-        raise RobotError(f"{where} has {key}={text!r}; expected a finite number")
+    if finite:
+        return bounded(value, f"{where} has {key}={text!r}")
+    if value != value:
+        raise RobotError(f"{where} has {key}={text!r}; expected a number")
     return value

@@ -85,7 +85,9 @@ def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 
     try:
         geometry = pin.buildGeomFromUrdfString(robot.model, _placed(robot), pin.GeometryType.COLLISION)
         for item in geometry.geometryObjects:
-            item.geometry = _convex(item.geometry)
+            if hasattr(item.geometry, "buildConvexRepresentation"):  # a mesh; signed distances need convex shapes
+                item.geometry.buildConvexRepresentation(False)
+                item.geometry = item.geometry.convex
     except Exception as error:  # Pinocchio's exceptions have no common base class
         return None, f"self-collision was not checked: {' '.join(str(error).split())[:200]}"
     pairs = _pairs(robot, geometry)
@@ -102,11 +104,7 @@ def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 
 
 
 def _placed(robot: Robot) -> str:
-    """URDF with absolute paths of its collision meshes.
-
-    Raises:
-        RobotError: a mesh is not found.
-    """
+    """URDF with absolute paths of its collision meshes."""
     from lxml import etree
 
     root = parse(robot.document)
@@ -123,14 +121,6 @@ def _keep(geometry: Any, pairs: list[tuple[int, int]]) -> None:
     geometry.removeAllCollisionPairs()
     for first, second in pairs:
         geometry.addCollisionPair(pin.CollisionPair(first, second))
-
-
-def _convex(shape: Any) -> Any:
-    """The shape, or the convex hull of a mesh: signed distances need convex shapes."""
-    if not hasattr(shape, "buildConvexRepresentation"):
-        return shape
-    shape.buildConvexRepresentation(False)
-    return shape.convex
 
 
 def _pairs(robot: Robot, geometry: Any) -> list[tuple[int, int]]:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...types import Array, Frozen
-from .families import Family
+from .families import Family, combine
 from .problem import ExcitationProblem
 from .random_motions import column_sizes
 
@@ -89,7 +89,7 @@ class ExcitationCost(Frozen):
 
     def value(self, z: Array) -> float:
         """Cost of z (n * d,) [1]."""
-        states = self.basis @ self.parameters(z).T
+        states = combine(self.basis, self.parameters(z))
         rows = self._rows(states)
         cost = self.criterion(self.problem.information(rows) / len(self.t))[0]
         return cost + self.penalty * (self._excess(states)[0] + self._overload(rows)[0] + self._contact(states)[0])
@@ -97,7 +97,7 @@ class ExcitationCost(Frozen):
     def value_and_slope(self, z: Array) -> tuple[float, Array]:
         """Cost of z (n * d,) [1], and its gradient (n * d,) [1] by differences of the rows at every sample."""
         n, count = self.sizes.shape[0], len(self.t)
-        states = self.basis @ self.parameters(z).T
+        states = combine(self.basis, self.parameters(z))
         near = np.repeat(states[:, None], 1 + 3 * n, axis=1)  # (3, 1 + 3 n, N, n)
         for k in range(3):
             for j in range(n):
@@ -112,8 +112,9 @@ class ExcitationCost(Frozen):
         by_state[0] += self.penalty * by_place
         for x, x0, seen, load in zip(shifted, rows, self.problem.base.sees, by_load, strict=True):
             weight = 2 / count * x0 @ slope[np.ix_(seen, seen)] + self.penalty * load
-            moved = np.einsum("sim,im->si", x.reshape(-1, count, x.shape[1]), weight)
-            change = (moved[1:] - moved[0]).reshape(3, n, count) / STEPS[:, None, None]
+            each = x.reshape(-1, count, x.shape[1])
+            moved = np.einsum("sim,im->si", each[1:] - each[0], weight)  # differences first: no rounding of the weight
+            change = moved.reshape(3, n, count) / STEPS[:, None, None]
             by_state += change.transpose(0, 2, 1)
         by_parameter = np.einsum("kid,kij->jd", self.basis, by_state) * self.sizes
         return cost + self.penalty * (excess + overload + contact), by_parameter.ravel()

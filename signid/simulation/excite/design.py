@@ -11,13 +11,13 @@ import numpy as np
 from ...deadline import ends_in_time
 from ...effects import EFFECT_NAMES
 from ...errors import OptionError
-from ...model import Model
+from ...model import ModelSource, as_model
 from ...types import Array, Progress, Trajectory
 from .cost import CRITERIA, ExcitationCost
 from .families import FAMILIES
 from .limits import Limits, build_limits
 from .problem import ExcitationProblem, build_problem, usual_laws
-from .random_motions import at_rate, check_duration, random_parameters
+from .random_motions import at_rate, check_duration, check_rows, random_parameters
 from .result import Excitation, budget_notes
 from .search import GRID, SPARE, Budget, FeasibleMotion, FoundMotion, enforce_limits, grid, make_feasible, search
 
@@ -31,7 +31,7 @@ PENALTY = 100.0  # [1] on the mean square excess over a limit; the criterion is 
 
 @ends_in_time
 def excite(
-    model: Model,
+    model: ModelSource,
     *,
     kind: str = "fourier",
     criterion: str = "determinant",
@@ -50,7 +50,7 @@ def excite(
 
     The motion is at rest at both ends. The assumed torque noise is 1 % of each joint's torque limit; for joints without
     a limit, 1 % of the rms torque along random motions. Limits are obeyed on a grid of 1 ms, distances between links on
-    one of 5 ms. The search amplifies rounding errors: another processor may give another motion that is about as good.
+    one of 5 ms. The motion is the same on every processor (`steady`), but not with other versions of the libraries.
 
     Args:
         model: robot, inertials and laws as known so far; they give the torque.
@@ -70,6 +70,7 @@ def excite(
     Raises:
         OptionError: an option is unknown, a limit leaves no motion, or the duration is shorter than a period.
     """
+    model = as_model(model, "excite")
     frequency = 1 / duration if base_frequency is None and duration > 0 else base_frequency or 0.0
     _check(kind, criterion, rate, duration, harmonics, frequency)
     family = FAMILIES["fourier" if kind == RANDOM else kind](duration, harmonics, frequency)
@@ -117,8 +118,7 @@ def _check(kind: str, criterion: str, rate: float, duration: float, harmonics: i
             f"{duration:g} s are {waves:.0f} periods of the fastest harmonic, more than {WAVES}; "
             f"give a shorter duration, fewer harmonics or a lower base frequency"
         )
-    if not rate > 0:
-        raise OptionError(f"the rate is {rate:g} Hz; give a positive one")
+    check_rows(duration, rate)
 
 
 def _random(

@@ -15,8 +15,7 @@ from ...types import Array, Trajectory
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-RANK = 1e-9  # [1] share of the largest singular value below which an equation repeats another one
-DEPENDENT = 1e-7  # [1] length below which a projected unit vector is a combination of those before it
+DEPENDENT = 1e-7  # [1] length below which a projected vector is a combination of those before it
 DEGREE = 5  # of splines: all derivatives up to the fourth are continuous
 
 
@@ -39,7 +38,7 @@ class Family(ABC):
 
     def sample(self, joints: tuple[str, ...], x: Array, t: Array) -> Trajectory:
         """Motion of parameters x (n, d) [rad or m] at t (N,) [s]."""
-        q, v, a = self.basis(t) @ x.T
+        q, v, a = combine(self.basis(t), x)
         return Trajectory(joints, t, q, v, a)
 
 
@@ -63,7 +62,7 @@ class Fourier(Family):
         raw = self._series(np.asarray(t, float))
         constant = np.zeros((3, len(raw[0]), 1))
         constant[0] = 1
-        return np.concatenate([constant, raw @ self._free], axis=2)
+        return np.concatenate([constant, combine(raw, self._free.T)], axis=2)
 
     def _series(self, t: Array) -> Array:
         """Columns (3, N, 2 L) of a_1..a_L, b_1..b_L."""
@@ -125,21 +124,46 @@ class Spline(Family):
 FAMILIES = {"fourier": Fourier, "spline": Spline}
 
 
+def combine(basis: Array, x: Array) -> Array:
+    """Motions (..., N, n) of parameters x (n, d) in a basis (..., N, d) [units of the basis times those of x].
+
+    The same bytes for every BLAS kernel: matrix products would sum in the order of the kernel.
+    """
+    return np.asarray(np.einsum("...ij,nj->...in", basis, x))
+
+
+def steady(values: Array) -> Array:
+    """Values, rounded to about seven digits of the largest one.
+
+    values: (N,), or () for one number [any unit].
+
+    A search compares values and follows differences, and so amplifies rounding. Rounded values are the same for every
+    BLAS kernel, unless one lies within its rounding error of a half.
+    """
+    quantum = float(np.spacing(np.float32(np.abs(values).max(initial=0.0))))
+    return np.asarray(np.round(values / quantum) * quantum)
+
+
 def canonical_null_space(matrix: Array) -> Array:
     """Orthonormal basis (c, d) of the null space of a matrix (r, c) [1] with rows of unit length.
 
-    It does not depend on the BLAS kernel of the processor: the unit vectors, projected onto the null space, are
-    orthonormalised in their order (Gram and Schmidt). The projector is unique, while singular vectors of equal singular
-    values are not.
+    It does not depend on the BLAS kernel of the processor: the rows and then the unit vectors are orthonormalised in
+    their order (Gram and Schmidt), without matrix products. Singular vectors of equal singular values are not unique.
     """
-    _, singular, right = np.linalg.svd(matrix)
-    rows = right[: np.count_nonzero(singular > RANK * singular[0])]
-    projector = np.eye(matrix.shape[1]) - rows.T @ rows
-    basis = np.zeros((matrix.shape[1], 0))
-    for column in projector:
-        for _ in range(2):  # the second time removes the rounding of the first
-            column = column - basis @ (basis.T @ column)
-        size = np.linalg.norm(column)
-        if size > DEPENDENT:
-            basis = np.column_stack([basis, column / size])
-    return basis
+    found: list[Array] = []
+    for column in matrix:
+        _append_orthonormal(found, column)
+    rank = len(found)
+    for column in np.eye(matrix.shape[1]):
+        _append_orthonormal(found, column)
+    return np.array(found[rank:]).reshape(-1, matrix.shape[1]).T
+
+
+def _append_orthonormal(found: list[Array], vector: Array) -> None:
+    """Append the part of a vector that is orthogonal to unit vectors, unless it is zero, with unit length."""
+    for _ in range(2):  # the second time removes the rounding of the first
+        for other in found:
+            vector = vector - np.sum(other * vector) * other
+    size = np.sqrt(np.sum(vector**2))
+    if size > DEPENDENT:
+        found.append(vector / size)

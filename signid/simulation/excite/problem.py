@@ -108,9 +108,10 @@ def build_problem(
     torque = model.inverse(Motion(model.robot, times, q, v, a))
     rms = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9)
     noise = NOISE * np.where(np.isfinite(limits.torque), limits.torque, rms)
+    noise = noise.astype(np.float32).astype(float)  # scales of all rows: alike for every BLAS kernel
     bare = ExcitationProblem(model, laws, base, limits, noise, np.ones(base.rank), collision, clearance, home)
     size = np.sqrt(np.diag(bare.information(bare.rows(times, q, v, a))) / len(times))
-    return replace(bare, size=np.maximum(size, 1e-300)), (why,) if why else ()
+    return replace(bare, size=np.maximum(size.astype(np.float32), 1e-30).astype(float)), (why,) if why else ()
 
 
 def usual_laws(model: Model, effects: Sequence[str]) -> tuple[Law, ...]:

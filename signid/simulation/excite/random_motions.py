@@ -6,10 +6,12 @@ import numpy as np
 
 from ...errors import OptionError
 from ...types import Array, Robot, Trajectory
-from .families import Fourier
+from .families import Fourier, combine
 from .limits import Limits, build_limits
 
 MANY = 40  # largest number of harmonics
+LONGEST = 3600.0  # duration of a motion [s]
+MOST_ROWS = 5e6  # of a motion
 FREQUENCY, HARMONICS = 0.1, 5  # [Hz] lowest frequency and number of harmonics of `rest_to_rest_motion`
 AMPLITUDE = (0.3, 0.8)  # [1] smallest and largest share of the limits that it uses
 
@@ -62,7 +64,7 @@ def random_parameters(
     x = np.zeros((n, d))
     x[:, 1:] = rng.uniform(-1, 1, (n, d - 1)) * column_sizes(basis, limits)[:, 1:]
     x *= rng.uniform(*amplitude, (n, 1)) * _room(basis, limits, x)[:, None]
-    q = basis[0] @ x.T
+    q = combine(basis[0], x)
     least, most = limits.middle - limits.half - q.min(0), limits.middle + limits.half - q.max(0)
     x[:, 0] += least + rng.uniform(0, 1, n) * np.maximum(most - least, 0)
     return x
@@ -75,7 +77,7 @@ def fit_inside(basis: Array, limits: Limits, x: Array) -> Array:
     """
     scaled = x.copy()
     scaled[:, 1:] *= np.minimum(_room(basis, limits, x), 1.0)[:, None]
-    moved = basis[0, :, 1:] @ scaled[:, 1:].T
+    moved = combine(basis[0, :, 1:], scaled[:, 1:])
     least, most = limits.middle - limits.half - moved.min(0), limits.middle + limits.half - moved.max(0)
     scaled[:, 0] = np.clip(x[:, 0], least, np.maximum(least, most))
     return scaled
@@ -104,6 +106,19 @@ def check_duration(duration: float, harmonics: int, frequency: float) -> None:
         raise OptionError(f"the number of harmonics is {harmonics}; give 1 to {MANY}")
 
 
+def check_rows(duration: float, rate: float) -> None:
+    """Check the size of a motion before any search begins.
+
+    Raises:
+        OptionError: the duration [s] is too long, or the rate [Hz] is not positive or gives too many rows.
+    """
+    if duration > LONGEST:
+        raise OptionError(f"the duration is {duration:g} s; give at most {LONGEST:g} s, and repeat the motion")
+    if not 0 < rate <= MOST_ROWS / duration:
+        fault = f"{duration:g} s at {rate:g} Hz are not between 1 and {MOST_ROWS:.0e} rows"
+        raise OptionError(f"{fault}; the rate of the file must be positive, and lower than that")
+
+
 def at_rate(duration: float, rate: float) -> Array:
     """Instants (N,) [s] from 0 to at most the duration [s], at a rate [Hz]."""
     return np.asarray(np.arange(int(duration * rate + 1e-9) + 1) / rate)
@@ -111,7 +126,7 @@ def at_rate(duration: float, rate: float) -> Array:
 
 def _room(basis: Array, limits: Limits, x: Array) -> Array:
     """Factors (n,) by which the moving part of x may be scaled until a limit is met."""
-    q, v, a = basis[:, :, 1:] @ x[:, 1:].T
+    q, v, a = combine(basis[:, :, 1:], x[:, 1:])
     peaks = np.array([np.ptp(q, axis=0) / 2, *np.abs([v, a]).max(1)]) / limits.allowed
     return np.asarray(1 / np.maximum(peaks.max(0), 1e-300))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...types import Array, Frozen, Law, Trajectory
+from ...types import Array, Frozen, Law, Result, Trajectory
 
 ENOUGH = 100.0  # [1] lambda at which the right one of two hypotheses was always found
 
@@ -27,7 +27,7 @@ class Use(Frozen):
 
 
 @dataclass(frozen=True, eq=False)
-class Excitation(Frozen):
+class Excitation(Result):
     """Exciting motion, and the predicted precision of the parameters.
 
     The prediction assumes torque at the trajectory's rate with independent errors of standard deviation `noise`.
@@ -52,7 +52,7 @@ class Excitation(Frozen):
 
 
 @dataclass(frozen=True, eq=False)
-class Separation(Frozen):
+class Separation(Result):
     """Motion that distinguishes two laws, or the finding that none does."""
 
     trajectory: Trajectory

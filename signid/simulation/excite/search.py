@@ -14,7 +14,7 @@ from ...errors import OptionError
 from ...optimisers import OPTIMISERS, Optimum, Problem
 from ...types import Array, Frozen, Progress
 from .cost import ExcitationCost
-from .families import Family
+from .families import Family, steady
 from .problem import ExcitationProblem
 from .random_motions import fit_inside, random_parameters
 
@@ -102,7 +102,7 @@ class _Watched:
     def improve(self, z: Array, evaluations: int, stage: str) -> Optimum:
         """Best point of a local search from z (d,) [1]."""
         box, self.stage, self.last = np.full(len(z), BOX), stage, (b"", np.inf)
-        problem = Problem(self.value, -box, box, z, self.slope, SEARCH)
+        problem = Problem(self.value, -box, box, steady(z), self.slope, SEARCH)
         return OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=evaluations)
 
     def value(self, z: Array) -> float:
@@ -110,13 +110,13 @@ class _Watched:
         self.count += 1
         if self.progress is not None:
             self.progress(f"{self.stage} motions", min(1.0, (self.before + self.count) / self.budget.total))
-        return self.last[1] if self.last[0] == z.tobytes() else self.cost.value(z)
+        return self.last[1] if self.last[0] == z.tobytes() else float(steady(np.array(self.cost.value(z))))
 
     def slope(self, z: Array) -> Array:
         """Gradient (d,) [1] of the cost at z (d,) [1]."""
         value, slope = self.cost.value_and_slope(z)
-        self.last = z.tobytes(), value
-        return slope
+        self.last = z.tobytes(), float(steady(np.array(value)))
+        return steady(slope)
 
 
 class FeasibleMotion(NamedTuple):

@@ -13,16 +13,16 @@ from ...deadline import ends_in_time
 from ...effects import EFFECTS
 from ...effects.law import places
 from ...errors import OptionError
-from ...model import Model
+from ...model import Model, ModelSource, as_model
 from ...optimisers import OPTIMISERS, Problem
 from ...regression.motion import Motion
 from ...types import Array, Frozen, Law, Progress
 from .design import CLEARANCE
-from .families import Family, Fourier
+from .families import Family, Fourier, steady
 from .law_distance import INDEPENDENT, STRUCTURAL, Distance, LawPair
 from .limits import Limits, build_limits
 from .problem import build_problem, usual_laws
-from .random_motions import at_rate, check_duration, column_sizes, fit_inside, random_parameters
+from .random_motions import at_rate, check_duration, check_rows, column_sizes, fit_inside, random_parameters
 from .result import ENOUGH, Separation, budget_notes
 from .search import SEARCH, SPARE, grid, make_feasible
 
@@ -39,7 +39,7 @@ LEAST = 1e-30  # [1] smallest distance, since the log of zero is infinite
 
 @ends_in_time
 def separate(
-    model: Model,
+    model: ModelSource,
     first: Law,
     second: Law,
     *,
@@ -77,8 +77,10 @@ def separate(
 
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """
+    model = as_model(model, "separate")
     _refuse(model, first, second, nuisance)
     check_duration(duration, harmonics, 1 / duration if duration > 0 else 0.0)
+    check_rows(duration, rate)
     limits = limits or build_limits(model.robot)
     families = [Fourier(duration, harmonics, periods / duration) for periods in PERIODS]
     usual = [effect.name for effect in EFFECTS if effect.usual]
@@ -217,7 +219,7 @@ class _MotionSearch(Frozen):
             nonlocal count
             count += 1
             self._report("improving motions", turn * EVALUATIONS + count, POLISHED * EVALUATIONS)
-            return -self.objective(family, inside(change), ways)
+            return -float(steady(np.array(self.objective(family, inside(change), ways))))
 
         reach = np.full(sizes.size, REACH)
         problem = Problem(cost, -reach, reach, np.zeros(sizes.size), search=SEARCH)

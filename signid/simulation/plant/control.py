@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ...effects.base import BodyLaw
 from ...errors import InputError, OptionError, RecordingError
-from ...model import Model
+from ...model import Model, ModelSource, as_model
 from ...recording.columns import assign_columns
 from ...recording.source import Source, open_source
 from ...regression.motion import Motion
@@ -22,6 +22,7 @@ BANDWIDTH, DAMPING = 6.0, 0.9  # [Hz], [1] default natural frequency and damping
 PLACES = 10  # positions of a motion at which the inertia is computed
 MASSLESS = 1e-12  # [1] inertia over the largest one, below which a joint moves no mass
 FEWEST = 4  # smallest number of rows of a motion
+LARGEST, SHORTEST = 1e12, 1e-12  # largest number in SI units; shortest step of time [s]
 START = 0.05  # [s] beginning of a recording that gives the initial velocity
 
 
@@ -93,7 +94,7 @@ class Torques(Frozen):
 
 
 def track(
-    known: Model,
+    known: ModelSource,
     trajectory: Trajectory,
     *,
     bandwidth: float = BANDWIDTH,
@@ -115,6 +116,7 @@ def track(
         InputError: the trajectory is of other joints.
         OptionError: a gain is negative, or bandwidth or damping are invalid.
     """
+    known = as_model(known, "track")
     robot = known.robot
     if trajectory.joints != robot.joints:
         raise InputError(
@@ -226,9 +228,12 @@ def _check(name: str, t: Array, *values: Array) -> None:
     if len(t) < FEWEST:
         raise RecordingError(f"{name} has {len(t)} rows; give at least {FEWEST}")
     for x in (t[:, None], *values):
-        if not np.isfinite(x).all():
-            row = int(np.flatnonzero(~np.isfinite(x).all(1))[0]) + 1
-            raise RecordingError(f"{name} has a missing or infinite number in row {row}; complete or remove that row")
-    if not np.all(np.diff(t) > 0):
-        row = int(np.flatnonzero(np.diff(t) <= 0)[0]) + 2
+        usable = (np.abs(x) <= LARGEST).all(1)
+        if not usable.all():
+            row = int(np.flatnonzero(~usable)[0]) + 1
+            raise RecordingError(
+                f"{name} has no number, or one beyond {LARGEST:.0e}, in row {row}; complete or remove that row"
+            )
+    if not np.all(np.diff(t) > SHORTEST):
+        row = int(np.flatnonzero(np.diff(t) <= SHORTEST)[0]) + 2
         raise RecordingError(f"{name}: time does not increase in row {row}; sort the rows by t, one per instant")

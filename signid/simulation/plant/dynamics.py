@@ -44,11 +44,7 @@ class PlantBodies(Frozen):
 
 
 def build_bodies(model: Model) -> PlantBodies:
-    """Bodies of a model with its body laws; each joint with a transmission law is split into motor and link side.
-
-    Raises:
-        OptionError: a transmission law acts at a joint that others follow, or whose motor has no armature.
-    """
+    """Bodies of a model with its body laws; each joint with a transmission law is split into motor and link side."""
     robot, whole, elastic = model.robot, model.bodies(), model.of(TransmissionLaw)
     soft = [law.joints[0] for law in elastic]
     _check(robot, whole, elastic)

@@ -36,6 +36,7 @@ class Moment(_Unknown):
     """
 
     soft, flex, at = NONE, NONE, ...
+    origin = 0.0  # [s] time stamp of the start of the recording, if it is far from 0
 
     def __init__(self, dynamics: Dynamics, copies: int) -> None:
         count = dynamics.bodies.drive.shape[1]
@@ -114,6 +115,10 @@ class MomentView(_Unknown):
     @property
     def t(self) -> Array:  # (1, B, 1) [s]
         return self.whole.t
+
+    @property
+    def origin(self) -> float:
+        return self.whole.origin
 
     @property
     def q(self) -> Array:

@@ -23,7 +23,11 @@ class DryFriction:
         for i in range(count):
             joints.append(model.addJoint(i, pin.JointModelRX(), pin.SE3.Identity(), f"{i}"))
         self.constraint = pin.JointFrictionConstraintModel(model, joints)
-        self.solver, self.result, self.settings = pin.PGSConstraintSolver(count), pin.PGSSolverResult(), _settings()
+        self.solver, self.result = pin.PGSConstraintSolver(count), pin.PGSSolverResult()
+        self.settings = settings = pin.PGSSolverSettings()  # precise to nearly rounding errors
+        settings.max_iterations = ITERATIONS
+        settings.absolute_complementarity_tol = settings.absolute_feasibility_tol = TOLERANCE
+        settings.relative_complementarity_tol = settings.relative_feasibility_tol = TOLERANCE / 100
 
     def __call__(self, free: Array, low: Array, high: Array, mobility: Array) -> Array:
         """Velocities (K, c), exactly zero for held joints [rad/s or m/s].
@@ -73,12 +77,3 @@ def _guess(free: Array, low: Array, high: Array, mobility: Array) -> tuple[Array
             break
         way = better
     return velocity, changed
-
-
-def _settings() -> pin.PGSSolverSettings:
-    """Solver settings for a precision near rounding errors."""
-    chosen = pin.PGSSolverSettings()
-    chosen.max_iterations = ITERATIONS
-    chosen.absolute_complementarity_tol = chosen.absolute_feasibility_tol = TOLERANCE
-    chosen.relative_complementarity_tol = chosen.relative_feasibility_tol = TOLERANCE / 100
-    return chosen

@@ -10,8 +10,8 @@ import numpy as np
 from ...effects.base import ActuatorLaw, RecordingLaw, of_kind
 from ...effects.trial import Trial
 from ...errors import OptionError
-from ...model import Model
-from ...types import Array, Frozen, Law, Progress
+from ...model import Model, ModelSource, as_model
+from ...types import Array, Law, Progress, Result
 from .control import Drive
 from .plant import Plant
 
@@ -20,7 +20,7 @@ MOST_SPEED = 1e4  # [rad/s or m/s] speed from which on a simulation has diverged
 
 
 @dataclass(frozen=True, eq=False)
-class Simulation(Frozen):
+class Simulation(Result):
     """Ideal recorded signals of n joints at K instants, and the true motion."""
 
     joints: tuple[str, ...]
@@ -36,7 +36,7 @@ class Simulation(Frozen):
 
 
 def simulate(
-    model: Model,
+    model: ModelSource,
     drive: Drive,
     duration: float,
     *,
@@ -61,6 +61,7 @@ def simulate(
     Raises:
         OptionError: the duration, the step or a law cannot be simulated, or the simulation diverges.
     """
+    model = as_model(model, "simulate")
     return simulate_many(
         model, [drive], duration, step=step, integrator=integrator, substeps=substeps, progress=progress
     )[0]

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ...errors import OptionError
+from ...errors import OptionError, unexpected
+from ...robot import as_robot
 from ...types import Array, Mask, Robot
 from .run import Simulation
 
 CORNER = 3.0  # [Hz] corner frequency of coloured noise
+MOST = {"noise": 10.0, "coloured noise": 10.0, "jitter": 10.0}  # largest shares; more would hide all
 BURST = 4.0  # mean number of consecutive rows that are lost
 LATE = 0.4  # [periods] largest error of a sampling time
 STAMP = 9  # decimals of time [s]: the clock of a logger counts nanoseconds
@@ -37,8 +39,8 @@ class Sensors:
         """
         shares = {"noise": self.noise, "coloured noise": self.coloured_noise, "jitter": self.jitter}
         for name, value in shares.items():
-            if not 0 <= value < np.inf:
-                raise OptionError(f"{name} is {value:g}; give a share of 0 or more")
+            if not 0 <= value <= MOST[name]:
+                raise OptionError(f"{name} is {value:g}; give a share from 0 to {MOST[name]:g}")
         if not 0 <= self.drop_outs < 1:
             raise OptionError(f"drop-outs are {self.drop_outs:g}; give the share of lost rows, from 0 to below 1")
         if self.encoder_bits is not None and not 1 <= self.encoder_bits <= 52:
@@ -74,7 +76,9 @@ def record(
     Raises:
         OptionError: the rate does not divide the rate of the steps, or a number is invalid.
     """
-    sensors = sensors or Sensors()
+    robot, sensors = as_robot(robot, "record"), sensors or Sensors()
+    if not isinstance(simulation, Simulation):
+        raise unexpected("record", "a Simulation", simulation, "what signid.simulate returns")
     step = float(simulation.t[1] - simulation.t[0]) if len(simulation.t) > 1 else 1.0
     every = sensors.every(step)
     noise, clock, zeros = (np.random.default_rng([seed, k]) for k in range(3))

@@ -11,11 +11,12 @@ import numpy as np
 from ...effects.base import TorqueLaw, of_kind
 from ...effects.trial import Trial
 from ...errors import OptionError
-from ...model import Model
+from ...model import Model, ModelSource, as_model
+from ...recording import Recordings, as_recordings
 from ...recording.sampling import survey
 from ...regression.bandwidth import Band, choose_band
 from ...regression.session import Session, common_rate, longest_piece
-from ...types import Array, Frozen, Indices, Recording
+from ...types import Array, Indices, Recording, Result, Robot
 from ..plant.plant import Plant
 from .joints import restrict_joints
 from .windows import Windows, cut_windows
@@ -26,7 +27,7 @@ BEYOND = 1e6  # [rad, m, rad/s or m/s] state from which on a simulation is stopp
 
 
 @dataclass(frozen=True, eq=False)
-class RollOut(Frozen):
+class RollOut(Result):
     """W short simulations of n joints and S samples, from measured states under recorded torque.
 
     `error` is simulated minus measured position. It is NaN for a joint without recorded torque, and infinite if the
@@ -77,8 +78,8 @@ class RollOut(Frozen):
 
 
 def roll_out(
-    model: Model,
-    recordings: Recording | Sequence[Recording] | Session,
+    model: ModelSource,
+    recordings: Recordings | Session,
     horizons: Sequence[float] = (0.2, 0.5),
     *,
     windows: int = COUNT,
@@ -108,7 +109,8 @@ def roll_out(
         OptionError: a horizon, the number of windows or the step is invalid, or a recording's torque has no sign.
         RecordingError: a recording cannot be used, or no stretch of it is long enough.
     """
-    each = _each(recordings)
+    model = as_model(model, "roll_out")
+    each = _each(recordings, model.robot)
     _check(each, horizons, windows, step)
     model, notes = restrict_joints(model, each)
     if isinstance(recordings, Session):
@@ -139,10 +141,10 @@ def roll_out(
     )
 
 
-def _each(given: Recording | Sequence[Recording] | Session) -> list[Recording]:
+def _each(given: Recordings | Session, robot: Robot) -> list[Recording]:
     if isinstance(given, Session):
         return [recording for recording, _ in given.held_out]
-    return [given] if isinstance(given, Recording) else list(given)
+    return as_recordings(given, robot, "roll_out")
 
 
 def _check(recordings: Sequence[Recording], horizons: Sequence[float], windows: int, step: float) -> None:
@@ -163,6 +165,7 @@ def _check(recordings: Sequence[Recording], horizons: Sequence[float], windows: 
 def _simulate(model: Model, windows: Windows, integrator: str) -> Array:
     """Simulated minus measured position (W, S, n) [rad or m] after each sample."""
     plant = Plant(model, windows.step, len(windows.t), integrator)
+    plant.moment.origin = windows.origin
     # [s] by which positions are ahead of velocities
     half = 0.0 if integrator == "rk4" else windows.step / plant.substeps / 2
     ahead = windows.q + half * windows.v

@@ -34,6 +34,7 @@ class Windows(Frozen):
     flex: Array  # (2, W, k) deflection and its rate of each elastic joint at the start [rad or m, rad/s or m/s]
     before: Array  # (W, L, n) velocities up to the start, for laws with memory [rad/s or m/s]
     measured: Mask  # (n,) whether the joint's torque is recorded
+    origin: float = 0.0  # [s] time stamp of the start of the recording, if it is far from 0
 
 
 def cut_windows(
@@ -80,6 +81,7 @@ def cut_windows(
         flex=np.stack([_deflections(model, m, lead) for m in motions], axis=1),
         before=v[:, lead - before : lead],
         measured=np.array([bool(c) for c in recording.columns["tau"]]),
+        origin=sampling.origin,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from ....errors import unexpected
 from ....types import Input
 
 if TYPE_CHECKING:
@@ -20,8 +21,12 @@ def report(result: Diagnosis | Identification | Validation, inputs: Sequence[Inp
         result: result of `signid.diagnose`, `signid.identify` or `signid.validate`.
         inputs: files read besides the recordings; default: the robot description.
         command: shell line that reproduces the page, if any.
+
+    Raises:
+        OptionError: the result is of another kind.
     """
     from ....diagnose import Diagnosis
+    from ....identify import Identification
     from ....validate import Validation
     from .diagnosis import diagnosis_page
     from .identification import identification_page
@@ -31,4 +36,7 @@ def report(result: Diagnosis | Identification | Validation, inputs: Sequence[Inp
         return diagnosis_page(result, inputs, command)
     if isinstance(result, Validation):
         return validation_page(result, inputs, command)
+    if not isinstance(result, Identification):
+        wanted = "a Diagnosis, an Identification or a Validation"
+        raise unexpected("report", wanted, result, "what signid.identify returns")
     return identification_page(result, inputs, command)

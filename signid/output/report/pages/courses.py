@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ....estimation.fit_quality import Course, Fit
-from ....types import Array, Indices
+from ....recording.sampling.clock import CHUNK
+from ....types import Array, Indices, Recording
 from ..layout import determination, figure
+from ..policy import plot_markup
 from .frame import AFTER, BEFORE, FAINT, INK, Plot, axis, curve, packed, thinned
 
 if TYPE_CHECKING:
@@ -22,6 +24,7 @@ BINS = 24  # number of means per scatter plot
 MOST = 60  # maximum number of points per line of a roll-out
 OPEN = 3  # maximum number of unfolded joints
 TOP, GAP = 0.42, 0.06  # share of a plot taken by the residual, and half of the gap above it
+TORQUE = "$name: %{y:.4g} $unit at %{x:.5g} s<extra></extra>"
 
 
 class JointPlots(NamedTuple):
@@ -83,7 +86,7 @@ def torque_plot(joint: str, rows: Course | ValidatedModel, unit: str, lines: Seq
             "y": packed(y),
             "yaxis": line.axis,
             "line": {"color": line.colour, **line.style},
-            "hovertemplate": f"{line.name}: %{{y:.4g}} {unit} at %{{x:.5g}} s<extra></extra>",
+            "hovertemplate": plot_markup(TORQUE, name=line.name, unit=unit),
         }
         for line, y in zip(lines, values.T, strict=True)
     ]
@@ -95,6 +98,33 @@ def torque_plot(joint: str, rows: Course | ValidatedModel, unit: str, lines: Seq
     return Plot(f"{joint}: torque over time, and measured - predicted", data, layout, 360, wide=True)
 
 
+def recording_plots(recording: Recording, joints: Sequence[str]) -> list[Plot]:
+    """Plot recorded position and torque over the time since the start, of some joints; read in chunks."""
+    rows, each = max(1, len(recording)), max(FEWEST, POINTS // len(recording.joints))
+    parts = []
+    for start in range(0, len(recording), CHUNK):
+        samples = recording.read(start, start + CHUNK)
+        lines = np.column_stack([samples.q, samples.tau])
+        parts.append(thinned(samples.t, lines, np.zeros(1, dtype=np.intp), max(2, each * len(lines) // rows)))
+    t, lines = (np.concatenate(each) for each in zip(*parts, strict=True))
+    found = []
+    for joint in joints:
+        j = recording.joints.index(joint)
+        style, x = {"color": INK, "width": 1.4}, packed(t - t[0])
+        values = (("position", "y", lines[:, j]), ("torque", "y2", lines[:, len(recording.joints) + j]))
+        data = [
+            {**curve(name, x, packed(y), {**style, "color": c}), "yaxis": at}
+            for (name, at, y), c in zip(values, (INK, AFTER), strict=True)
+        ]
+        layout = {
+            "xaxis": axis("time [s]", anchor="y2"),
+            "yaxis": axis("position [rad or m]", domain=[0.5 + GAP, 1], nticks=5),
+            "yaxis2": axis("torque [N.m or N]", domain=[0, 0.5 - GAP], nticks=5),
+        }
+        found.append(Plot(joint, data, layout, 300, wide=True))
+    return found
+
+
 def _against(course: Course, j: int, title: str, x: Array, unit: str) -> Plot:
     """Plot the residuals against x, with their means over intervals of x."""
     step = -(-len(course) * len(course.joints) * 6 // DOTS)
@@ -104,7 +134,7 @@ def _against(course: Course, j: int, title: str, x: Array, unit: str) -> Plot:
         dots = {"type": "scatter", "mode": "markers", "hoverinfo": "skip", "marker": {"color": colour, "size": 3}}
         data.append({**dots, "opacity": 0.35, "x": packed(x[known][::step]), "y": packed(left[known][::step])})
         middle, mean = _means(x[known], left[known])
-        hover = f"mean {name}: %{{y:.3g}} {unit} at %{{x:.3g}}<extra></extra>"
+        hover = plot_markup("mean $name: %{y:.3g} $unit at %{x:.3g}<extra></extra>", name=name, unit=unit)
         line = {"color": colour, "width": 2.4, **({"dash": "dot"} if name == "before" else {})}
         means = {"type": "scatter", "mode": "lines", "line": line, "hovertemplate": hover, "name": name}
         data.append({**means, "x": packed(middle), "y": packed(mean)})
@@ -147,7 +177,7 @@ def rollout_plots(rolled: Sequence[tuple[str, RollOut, str, str]]) -> list[Plot]
         kept = np.arange(len(one.t) - 1, -1, -step)[::-1]
         for j, key in enumerate(zip(one.joints, one.unit, strict=True)):
             error = np.sqrt(np.mean(one.error[:, kept, j] ** 2, axis=0))
-            hover = f"{name}: %{{y:.3g}} {key[1]} after %{{x:.3g}} s<extra></extra>"
+            hover = plot_markup("$name: %{y:.3g} $unit after %{x:.3g} s<extra></extra>", name=name, unit=key[1])
             line = {"color": colour, "width": 2, "dash": dash}
             y = packed(np.where(np.isfinite(error), error, np.nan))
             found.setdefault(key, []).append(curve(name, packed(one.t[kept]), y, line, hovertemplate=hover))

@@ -11,10 +11,11 @@ import numpy as np
 from ..layout import determination, figure
 from ..results import sentences as words
 from ..results.diagnosis import diagnosis_notes, rollout_errors
+from ..results.headline import finding_headline, named, sentence_case, subject
 from ..results.laws import law_words, number_cells
 from ..results.signs import confidence
 from .courses import joint_plots, rollout_plots, worst
-from .frame import AFTER, BEFORE, Card, render, shared
+from .frame import AFTER, BEFORE, Card, Plot, render, shared
 from .heat import heat_maps, hottest
 
 if TYPE_CHECKING:
@@ -23,24 +24,26 @@ if TYPE_CHECKING:
 
 SURE = 0.95  # probability from which a finding is considered certain
 LOUD = 1.5  # ratio of residual to irreducible rms from which a joint is unfolded
+PLACES = 8  # maximum number of joints whose residual is located before the others are unfolded
 LISTED = 5  # maximum number of alternatives drawn
 
 
 def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a diagnosis; `inputs` besides the recordings default to the description."""
-    learned, floor, order = result.train, result.before.irreducible_rms, worst(result.before)
+    floor, order = result.before.irreducible_rms, worst(result.before)
     chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]]
-    before, after = (left / floor for left in (learned.before, learned.after))
-    top = hottest(learned, before)
+    heat_before, heat_after, top = residual_maps(result)
     first, last = result.rollout_before, result.rollout_after
     rolled = first and last and rollout_plots([("before", first, BEFORE, "dot"), ("after", last, AFTER, "solid")])
     return render(
         "diagnosis.html",
         title=f"{result.robot.name}: {words.verdict_words(result)}",
-        cards=list(_cards(result, order[0])),
-        places=words.place_words(result),
-        heat_before=heat_maps(learned, before, top),
-        heat_after=heat_maps(learned, after, top) if result.findings else [],
+        unreliable=words.is_unreliable(result.flags),
+        cards=[card for card in _cards(result, order[0]) if "-" not in card.figure.split()],
+        places=words.place_words(result, PLACES),
+        every_place=words.place_words(result) if len(result.located) > PLACES else [],
+        heat_before=heat_before,
+        heat_after=heat_after if result.findings else [],
         heat_top=figure(top, 2),
         roles=[(title, list(_laws(result, role))) for role, title in words.role_words(result).items()],
         sure=SURE,
@@ -54,6 +57,14 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
         notes=diagnosis_notes(result),
         **shared(result, [result.robot], inputs, command),
     )
+
+
+def residual_maps(result: Diagnosis) -> tuple[list[Plot], list[Plot], float]:
+    """Heat maps of the residual before and after the extension, and the largest ratio of their colours [1]."""
+    learned, floor = result.train, result.before.irreducible_rms
+    before, after = (left / floor for left in (learned.before, learned.after))
+    top = hottest(learned, before)
+    return heat_maps(learned, before, top), heat_maps(learned, after, top), top
 
 
 def _cards(result: Diagnosis, j: int) -> Iterator[Card]:
@@ -88,9 +99,8 @@ def _laws(result: Diagnosis, role: str) -> Iterator[dict[str, Any]]:
 
 
 def _title(result: Diagnosis, finding: Finding) -> str:
-    """Name of a law without underscores in its effect."""
-    effect, of, where = law_words(result.robot, finding.law).partition(" of ")
-    return f"{effect.replace('_', ' ')}{of}{where}"
+    """A finding in words, with its main number."""
+    return sentence_case(finding_headline(named(result.robot, finding.law, finding.std, finding.stated)))
 
 
 def _alternatives(result: Diagnosis) -> Iterator[tuple[str, list[str], list[str]]]:
@@ -99,7 +109,8 @@ def _alternatives(result: Diagnosis) -> Iterator[tuple[str, list[str], list[str]
         if shown := words.alternative_words(result.robot, finding):
             whole = words.alternative_words(result.robot, finding, None)
             first = [line for line in shown if line in whole]
-            yield _title(result, finding), first, [line for line in whole if line not in first]
+            law = subject(named(result.robot, finding.law, finding.std))
+            yield sentence_case(law), first, [line for line in whole if line not in first]
 
 
 def _rivals(result: Diagnosis, finding: Finding) -> list[tuple[str, float, str]]:

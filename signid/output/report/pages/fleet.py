@@ -10,10 +10,12 @@ from urllib.parse import quote
 
 from ....types import TWO_SIDED
 from ..layout import figure, plural
+from ..policy import plot_markup
 from ..results import fleet
 from .frame import AFTER, BEFORE, Card, Plot, axis, render
 
 DRAWN, LISTED = 24, 60  # maximum number of drifts drawn and listed
+FOUND = (("changes", "Changes between sessions of a robot"), ("outliers", "Outliers between robots of one kind"))
 REPORT = "report.html"
 SHADE = "rgba(209,112,14,.16)"
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -33,6 +35,8 @@ def fleet_page(document: Mapping[str, Any], command: str = "") -> str:
         flagged=plural(flagged, "session") if flagged else "",
         rows=list(_rows(document["robots"], sessions)),
         causes=list(_causes(document["causes"])),
+        found=[(title, [one["sentence"] for one in fleet.findings(document, key)[:LISTED]]) for key, title in FOUND],
+        compared=document.get("comparison"),
         drifting=[_drift_plot(drift) for drift in beyond[:DRAWN]],
         drawn=[f"{drift['name']}, {drift['number']}: {fleet.drift_sentence(drift)}" for drift in beyond[:DRAWN]],
         drifts=[_drift_row(drift) for drift in drifts[:LISTED]],
@@ -51,7 +55,11 @@ def _cards(document: Mapping[str, Any]) -> Iterator[Card]:
         yield Card("largest mismatch", f"{figure(first['mismatch'])} times", beside)
     if document["causes"]:
         cause = document["causes"][0]
-        yield Card("most common cause", f"{len(cause['robots'])} of {plural(cause['of'], 'robot')}", cause["cause"])
+        beside = cause.get("title", cause["cause"])
+        yield Card("most common cause", f"{len(cause['robots'])} of {plural(cause['of'], 'robot')}", beside)
+    for key, title in FOUND:
+        if some := fleet.findings(document, key):
+            yield Card(title.lower(), plural(len(some), "parameter"), f"{some[0]['name']}: {some[0]['title']}")
     if document["drifts"]:
         count = sum(drift["beyond_noise"] for drift in document["drifts"])
         yield Card("significant drift", plural(count, "parameter"), f"of {len(document['drifts'])} tested")
@@ -97,7 +105,7 @@ def _drift_plot(drift: Mapping[str, Any]) -> Plot:
         "y": drift["value"],
         "error_y": {"type": "data", "array": [TWO_SIDED * std for std in drift["std"]], "thickness": 1.2, "width": 3},
         "marker": {"color": AFTER, "size": 6},
-        "hovertemplate": f"%{{y:.4g}} {unit}, %{{x}}<extra></extra>",
+        "hovertemplate": plot_markup("%{y:.4g} $unit, %{x}<extra></extra>", unit=unit),
     }
     ends, slope = [min(days), max(days)], drift["slope"]
     line = {"type": "scatter", "mode": "lines", "hoverinfo": "skip"}

@@ -13,6 +13,7 @@ import numpy as np
 from ....types import Array, Indices, Input, Robot
 from ....version import __version__
 from ..layout import determination, figure, share, with_interval
+from ..policy import content_policy, escaped
 from ..results.documents import description, once
 from ..results.signs import confidence
 
@@ -42,11 +43,15 @@ class Plot(NamedTuple):
     wide: bool = False  # full width of the page
 
     @property
+    def content(self) -> dict[str, Any]:
+        """Data and layout for Plotly; names in them are escaped."""
+        layout = {"font": FONT, "showlegend": False, "hovermode": "closest", **PLAIN, **self.layout}
+        return {"data": escaped(self.data), "layout": escaped({**layout, "height": self.height})}
+
+    @property
     def text(self) -> str:
         """JSON text, safe inside a page."""
-        layout = {"font": FONT, "showlegend": False, "hovermode": "closest", **PLAIN, **self.layout}
-        whole = {"data": self.data, "layout": {**layout, "height": self.height}}
-        return json.dumps(whole, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
+        return json.dumps(self.content, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:
@@ -70,8 +75,9 @@ def render(template: str, **content: Any) -> str:
     jinja = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, **spaces)
     for made in (figure, share, determination, with_interval, confidence):
         jinja.filters[made.__name__] = made
-    texts = {name: (TEMPLATES / f"page.{name}").read_text(encoding="utf-8") for name in ("css", "js")}
-    return jinja.get_template(template).render(plotly=get_plotlyjs(), **texts, **content)
+    css, script = ((TEMPLATES / f"page.{name}").read_text(encoding="utf-8") for name in ("css", "js"))
+    scripts = [get_plotlyjs(), script]
+    return jinja.get_template(template).render(policy=content_policy(scripts), scripts=scripts, css=css, **content)
 
 
 def shared(result: Any, robots: Iterable[Robot], inputs: Sequence[Input], command: str) -> dict[str, Any]:
@@ -81,7 +87,7 @@ def shared(result: Any, robots: Iterable[Robot], inputs: Sequence[Input], comman
 
 
 def curve(name: str, x: Any, y: Any, line: dict[str, Any], **hover: str) -> dict[str, Any]:
-    """A line of a plot; `hover` is a template or the mode of its hover text."""
+    """A line of a plot; `hover` is a template (PlotMarkup) or the mode of its hover text."""
     return {"type": "scatter", "mode": "lines", "name": name, "line": line, **hover, "x": x, "y": y}
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ....estimation.fit_quality import Course
 from ....types import Array
+from ..policy import plot_markup
 from .courses import clock
 from .frame import Plot, axis, packed
 
@@ -18,6 +19,8 @@ HOT = [[0, "rgba(209,80,14,0)"], [1, "rgba(209,80,14,1)"]]
 TIED = 0.95  # absolute correlation from which parameters are listed
 MOST = 160  # maximum number of correlated parameters drawn
 SCALE = [[0, "rgba(209,112,14,1)"], [0.5, "rgba(128,128,128,0)"], [1, "rgba(47,127,193,1)"]]
+HOVER = "%{customdata[0]}: %{customdata[1]} times what no model could predict<extra></extra>"
+LABEL = 16  # maximum length of the label of a joint [characters]
 ROW, ROOM = 26, 62  # height of a row, and of the axis below [pixels]
 
 
@@ -94,11 +97,30 @@ def _map(joints: Sequence[str], variable: Variable, over: Array, top: float) -> 
         "xgap": 1,
         "ygap": 1,
         "hoverongaps": False,
-        "hovertemplate": "%{customdata[0]}: %{customdata[1]} times what no model could predict<extra></extra>",
+        "hovertemplate": plot_markup(HOVER),
     }
-    names = axis("", autorange="reversed", showgrid=False, type="category")
+    ticks = {"tickmode": "array", "tickvals": list(joints), "ticktext": short_names(joints)}
+    names = axis("", autorange="reversed", showgrid=False, type="category", **ticks)
     layout = {"xaxis": axis(variable.title, showgrid=False), "yaxis": names}
     return Plot(name, [data], layout, ROW * len(joints) + ROOM)
+
+
+def short_names(names: Sequence[str], most: int = LABEL) -> list[str]:
+    """Names short enough for labels, all different: without common words, else without their middle, else numbered.
+
+    >>> short_names(["left_hip_roll_actuator_joint", "left_knee_pitch_actuator_joint"])
+    ['left_hip_roll', 'left_knee_pitch']
+    """
+    if all(len(name) <= most for name in names):
+        return list(names)
+    words = [name.split("_") for name in names]
+    end = 0
+    while len(names) > 1 and all(len(some) > end + 1 and some[-end - 1] == words[0][-end - 1] for some in words):
+        end += 1
+    short = ["_".join(some[: len(some) - end]) for some in words]
+    half = (most - 1) // 2
+    short = [name if len(name) <= most else f"{name[:half]}…{name[-half:]}" for name in short]
+    return short if len(set(short)) == len(short) else [f"{k + 1} {name[: most - 4]}" for k, name in enumerate(short)]
 
 
 def correlation_plot(covariance: Array) -> Plot:
@@ -114,7 +136,7 @@ def correlation_plot(covariance: Array) -> Plot:
         "zmax": 1,
         "colorscale": SCALE,
         "colorbar": {"title": {"text": "correlation [1]", "side": "right"}, "thickness": 12, "outlinewidth": 0},
-        "hovertemplate": "%{x} and %{y}: correlation %{z:.3f}<extra></extra>",
+        "hovertemplate": plot_markup("%{x} and %{y}: correlation %{z:.3f}<extra></extra>"),
         "hoverongaps": False,
     }
     title, size = "number of the base parameter [1]", {"showgrid": False, "nticks": 12}

@@ -17,6 +17,7 @@ from ....recording.sampling import split
 from ....regression.session import Part, Session
 from ....types import TWO_SIDED, Array, Input, pseudo_inertia
 from ..layout import determination, figure, plural, share, torque_units, with_interval
+from ..policy import plot_markup
 from ..results.documents import rms
 from ..results.identification import consistent_words, excited_words, fit_rows, identified_numbers
 from ..results.signs import proof_sentence
@@ -33,7 +34,7 @@ FEW = 20_000  # number of samples below which no further part of a recording is 
 def identification_page(result: Identification, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of an identification; `inputs` besides the recordings default to the description."""
     session, base = result.session, result.base
-    course, whole = _course(session, result.model) if session.held_out else (None, True)
+    course, whole = held_out_rows(session, result.model) if session.held_out else (None, True)
     order, r2 = worst(result.fit), result.fit.held_out_r2[np.isfinite(result.fit.held_out_r2)]
     quality = f"; held-out R2 at least {determination(r2.min())}" if len(r2) else ""
     before = None if course is None else replace(result.fit, held_out_rms=rms(course.before))
@@ -41,7 +42,7 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
         "identification.html",
         title=f"{result.robot.name}: {plural(base.rank, 'base parameter')}",
         sentence=f"{plural(base.rank, 'base parameter')} of {plural(len(result.robot.joints), 'joint')}{quality}",
-        cards=list(_cards(result, order[0])),
+        cards=[card for card in _cards(result, order[0]) if "-" not in card.figure.split()],
         fit=list(fit_rows(result.fit, *([] if before is None else [before.held_out_rms]))),
         joints=[] if course is None or before is None else joint_plots(course, before, result.fit, order),
         whole=whole,
@@ -52,7 +53,7 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
         links=list(_links(result)),
         consistent=consistent_words(result),
         excited=excited_words(result.excitation),
-        excitation=_excitation_plot(result),
+        excitation=excitation_plot(result),
         proof=result.signs and proof_sentence(result.signs),
         parts=result.signs and sign_plots(result.signs, torque_units(result.robot)),
         method=f"{result.estimate.method}, {result.method}",
@@ -60,7 +61,7 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
     )
 
 
-def _course(session: Session, after: Model) -> tuple[Course, bool]:
+def held_out_rows(session: Session, after: Model) -> tuple[Course, bool]:
     """Residuals of the description and the model on held-out data or its beginning; whether that is all of it."""
     parts = list(_beginning(session.held_out))
     stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))
@@ -122,7 +123,7 @@ def _centre(inertial: Array) -> str:
     return ", ".join(figure(round(1e3 * float(x) / mass, 6)) for x in inertial[1:4]) if mass else "-"
 
 
-def _excitation_plot(result: Identification) -> Plot:
+def excitation_plot(result: Identification) -> Plot:
     """Plot the share of information per direction, ascending, and the required share."""
     shares = np.maximum(result.excitation.shares, 1e-6)
     number = np.arange(1.0, len(shares) + 1)
@@ -131,7 +132,7 @@ def _excitation_plot(result: Identification) -> Plot:
         "x": packed(number),
         "y": packed(100 * shares),
         "marker": {"color": AFTER},
-        "hovertemplate": "direction %{x}: %{y:.3g} %<extra></extra>",
+        "hovertemplate": plot_markup("direction %{x}: %{y:.3g} %<extra></extra>"),
     }
     ends = [0.5, len(shares) + 0.5]
     line = {"type": "scatter", "mode": "lines", "x": ends, "y": [100 * ENOUGH] * 2, "hoverinfo": "skip"}

@@ -9,6 +9,7 @@ import numpy as np
 
 from ....signs import Signs, SignSegment, Trace
 from ....types import Array
+from ..policy import plot_markup
 from ..results.signs import CERTAIN, confidence, part_name, proof_sentence
 from .frame import BEFORE, FAINT, INK, Plot, axis, curve, packed, render, thinned
 
@@ -38,7 +39,7 @@ def _plot(signs: Signs, part: int, j: int, unit: str) -> Plot:
     trace, top = signs.traces[part], _top(signs.traces[part], j)
     data = [*_shades(signs, part, j, top), *_lines(signs, trace, j, unit)]
     layout = {
-        "xaxis": axis("time [s]", range=_range(trace.t)),
+        "xaxis": axis("time [s]", range=_range(trace.t - trace.origin)),
         "yaxis": axis(f"torque [{unit}]", range=[-top, top], nticks=7, zeroline=True, zerolinecolor=FAINT),
         "barmode": "overlay",
         "uniformtext": {"mode": "hide", "minsize": 10},
@@ -65,25 +66,28 @@ def _shades(signs: Signs, part: int, joint: int, top: float) -> list[dict[str, A
         if segment.part == part:
             shades[_mark(segment) if segment.confidence >= CERTAIN else "?"].append(segment)
     wide = float(np.median(np.diff(t))) if len(t) > 1 else 1.0  # minimum width, for segments of a single sample
-    return [_bars(shades[kind], name, colour, top, wide) for kind, name, colour in SHADES]
+    origin = signs.traces[part].origin
+    return [_bars(shades[kind], name, colour, top, wide, origin) for kind, name, colour in SHADES]
 
 
-def _bars(some: Sequence[SignSegment], name: str, colour: str, top: float, wide: float) -> dict[str, Any]:
-    shown = [[_mark(s), f"{s.start:.6g}", f"{s.end:.6g}", confidence(s.confidence)] for s in some]
+def _bars(
+    some: Sequence[SignSegment], name: str, colour: str, top: float, wide: float, origin: float
+) -> dict[str, Any]:
+    shown = [[_mark(s), f"{s.start - origin:.6g}", f"{s.end - origin:.6g}", confidence(s.confidence)] for s in some]
     return {
         "type": "bar",
-        "x": [(segment.start + segment.end) / 2 for segment in some],
+        "x": [(segment.start + segment.end) / 2 - origin for segment in some],
         "width": [segment.end - segment.start + wide for segment in some],
         "y": [2 * top] * len(some),
         "base": -top,
         "marker": {"color": colour, "opacity": 0.3 if colour == UNCERTAIN else 0.2, "line": {"width": 0}},
-        "text": [f"{mark}<br>{sure}" for mark, _, _, sure in shown],
+        "text": [plot_markup("$mark<br>$sure", mark=mark, sure=sure) for mark, _, _, sure in shown],
         "textposition": "inside",
         "insidetextanchor": "end",
         "textangle": 0,
         "textfont": {"color": INK, "size": 11},
         "customdata": shown,
-        "hovertemplate": HOVER,
+        "hovertemplate": plot_markup(HOVER),
         "name": name,
     }
 
@@ -102,9 +106,9 @@ def _lines(signs: Signs, trace: Trace, joint: int, unit: str) -> list[dict[str, 
     )
     lines = []
     for name, values, style in styles:
-        x, y = thinned(trace.t, values[:, None], trace.first, MOST)
-        hover = f"%{{y:.4g}} {unit} at %{{x:.6g}} s<extra>{name}</extra>"
+        x, y = thinned(trace.t - trace.origin, values[:, None], trace.first, MOST)
+        hover = plot_markup("%{y:.4g} $unit at %{x:.6g} s<extra>$name</extra>", unit=unit, name=name)
         lines.append(curve(name, packed(x), packed(y[:, 0]), style, hovertemplate=hover))
-    ends = trace.t[[0, -1]].tolist() if len(trace.t) else []
+    ends = (trace.t[[0, -1]] - trace.origin).tolist() if len(trace.t) else []
     dashed = {"color": FAINT, "width": 1, "dash": "dash"}
     return [lines[0], curve("threshold", ends, [level] * len(ends), dashed, hoverinfo="skip"), *lines[1:]]

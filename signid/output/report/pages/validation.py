@@ -11,7 +11,7 @@ from ....types import Input
 from ..layout import determination, figure
 from ..results.validation import joints_of, rollout_rows, torque_rows, validation_title
 from .courses import FEWEST, OPEN, POINTS, JointPlots, Line, rollout_plots, torque_plot, worst
-from .frame import AFTER, BEFORE, FLOOR, INK, Card, render, shared
+from .frame import AFTER, BEFORE, FLOOR, INK, Card, Plot, render, shared
 
 if TYPE_CHECKING:
     from ....validate import ValidatedModel, Validation
@@ -22,9 +22,7 @@ DASHES = ("solid", "dot", "dash")
 
 def validation_page(result: Validation, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a validation; `inputs` besides the recordings default to the models' descriptions."""
-    models = result.models
-    runs = [(k, one.rollout) for k, one in enumerate(models)]
-    rolled = [(f"model{_label(result, k)}", run, *_style(k)) for k, run in runs if run is not None]
+    models, rolled = result.models, validated_rollouts(result)
     return render(
         "validation.html",
         title=validation_title(result),
@@ -32,9 +30,9 @@ def validation_page(result: Validation, inputs: Sequence[Input] = (), command: s
         several=len(models) > 1,
         cards=list(_cards(models)),
         torque=torque_rows(result),
-        joints=list(_joints(result)),
+        joints=list(validated_plots(result)),
         errors=rollout_rows(result) if rolled else None,
-        rolled=rollout_plots(rolled),
+        rolled=rolled,
         **shared(result, (one.model.robot for one in models), inputs, command),
     )
 
@@ -49,7 +47,13 @@ def _cards(models: Sequence[ValidatedModel]) -> Iterator[Card]:
         yield Card(f"{one.name}: rms of its worst joint, {fit.joints[j]}", rms, f"{beside}, R2 {r2}")
 
 
-def _joints(result: Validation) -> Iterator[JointPlots]:
+def validated_rollouts(result: Validation) -> list[Plot]:
+    """Plot the roll-out errors of all models, per joint."""
+    runs = [(k, one.rollout) for k, one in enumerate(result.models)]
+    return rollout_plots([(f"model{_label(result, k)}", run, *_style(k)) for k, run in runs if run is not None])
+
+
+def validated_plots(result: Validation) -> Iterator[JointPlots]:
     """Plots per joint; those with the largest residual over noise floor are unfolded."""
     fit = result.models[0].fit
     shown = [fit.joints[j] for j in worst(fit)][:OPEN]

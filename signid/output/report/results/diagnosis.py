@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
 INFORMED = "The covariance of the simulation is used as prior for its inertials and laws"
 FURTHER = "their errors appear about {:g} times larger, which makes alternatives harder to distinguish"
+RED = "bold red"  # of a headline whose flags say that it is not reliable
 COLOURS = {"nothing_missing": "bold green", "named": "bold", "unknown": "bold yellow"}
-CAUSES, CORRECTIONS = 6, 3  # maximum number shown
+CAUSES, CORRECTIONS, PLACES = 6, 3, 8  # maximum number shown
 
 
 def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Document:
@@ -78,7 +79,11 @@ def _finding(robot: Robot, finding: Finding) -> Document:
         "parameters": finding_numbers(robot, finding),
         "meaning": finding.law.effect.meaning(finding.law.parameters),
         "torque_share": {name: share for name, share in shares if share > 0},
-        "where": {"joint": robot.joints[where.joint], **picked(where, "variable region share")},
+        "where": {
+            "joint": robot.joints[where.joint],
+            **picked(where, "variable region share"),
+            **({"time_origin": where.origin} if where.origin else {}),
+        },
         "evidence": picked(finding, "statistic threshold held_out_gain"),
         "alternatives": [
             {"effect": rival.law.effect.name, "joint": law_place(rival.law, robot)[0]}
@@ -90,11 +95,11 @@ def _finding(robot: Robot, finding: Finding) -> Document:
 
 def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
     """Verdict, location of the residual, findings, alternatives, unexplained residual and held-out validation."""
-    left = words.unexplained_words(result)
+    left, unreliable = words.unexplained_words(result), words.is_unreliable(result.flags)
     return [
-        Text(f"{result.robot.name}: {words.verdict_words(result)}", COLOURS[result.verdict]),
+        Text(f"{result.robot.name}: {words.verdict_words(result)}", RED if unreliable else COLOURS[result.verdict]),
         heading("Residual of the simulation"),
-        *map(paragraph, words.place_words(result)),
+        *map(paragraph, words.place_words(result, PLACES)),
         *_findings(result),
         *map(paragraph, words.trust_words(result)),
         *_alternatives(result),

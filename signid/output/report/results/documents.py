@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ....errors import readable
 from ....types import Array, Input, Robot
 from ....version import __version__
 
@@ -69,7 +70,7 @@ def rms(values: Array) -> Array:
 
 def description(robot: Robot) -> Input:
     """The description file of a robot."""
-    return Input(robot.path, robot.sha256, "description")
+    return Input(readable(robot.path), robot.sha256, "description")
 
 
 def once(files: Iterable[Input]) -> list[Input]:

@@ -32,7 +32,7 @@ def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: i
     return {
         "schema": "signid.inspection/1",
         "robot": robot.name,
-        "joints": _joints(robot),
+        "joints": joint_documents(robot),
         "links": list(robot.links),
         "base_parameters": base_documents(found.base),
         **picked(found, "invisible combined"),
@@ -44,10 +44,7 @@ def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: i
 def inspection_tables(found: Inspection) -> list[RenderableType]:
     """Joints, links, base parameters as formulas, and unidentifiable parameters."""
     robot, base = found.robot, found.base
-    joints = new_table("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")
-    for joint in _joints(robot):
-        name, number, kind, link, *limits, unit = joint.values()
-        joints.add_row(name, str(number), kind, link, *map(figure, limits), unit)
+    joints = joint_table(robot)
     formulas = new_table("base parameter", "unit", rows=zip(base.expressions, base.units, strict=True))
     bodies: dict[int | None, list[str]] = {}
     for label in base.invisible:
@@ -68,7 +65,16 @@ def inspection_tables(found: Inspection) -> list[RenderableType]:
     ]
 
 
-def _joints(robot: Robot) -> list[Document]:
+def joint_table(robot: Robot) -> Table:
+    """Joints with their limits."""
+    table = new_table("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")
+    for joint in joint_documents(robot):
+        name, number, kind, link, *limits, unit = joint.values()
+        table.add_row(name, str(number), kind, link, *map(figure, limits), unit)
+    return table
+
+
+def joint_documents(robot: Robot) -> list[Document]:
     """Actuated joints; limits in `unit`, `unit`/s and N.m or N, infinite if not stated."""
     bounded = np.isfinite(robot.upper - robot.lower)
     return [

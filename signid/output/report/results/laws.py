@@ -96,7 +96,9 @@ def finding_numbers(robot: Robot, finding: Finding) -> Document:
 
 def number_cells(robot: Robot, finding: Finding) -> list[NumberCells]:
     """Parameters of a finding; optional ones consistent with zero are only counted."""
-    numbers = finding_numbers(robot, finding)
+    numbers, origin = finding_numbers(robot, finding), finding.where.origin
+    for key in numbers.keys() & {"start", "end"} if origin else ():
+        numbers[key] |= {"value": numbers[key]["value"] - origin, "unit": "s since the start"}
     optional = [key for key in numbers if key in finding.law.effect.optional and key not in finding.stated]
     sizes = {key: (abs(numbers[key]["value"]), numbers[key]["std"]) for key in optional}
     hidden = [key for key, (size, std) in sizes.items() if std is not None and size < TWO_SIDED * std]
@@ -112,15 +114,6 @@ def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
     lines = [f"{x.key}: {x.compared}" if x.stated else f"{x.key} {x.interval}".rstrip() for x in cells]
     absent = "" if finding.in_model else "not in the extended simulation"
     return (*lines, *filter(None, [finding.law.effect.meaning(finding.law.parameters), absent]))
-
-
-def stated_words(robot: Robot, finding: Finding) -> str:
-    """Comparison of the single parameter of a law with its stated value; "" if there are several or none is stated.
-
-    Example: "coulomb_friction of joint_2: 0.300 in the simulation, 1.200 ± 0.010 N.m recorded".
-    """
-    cells = number_cells(robot, finding)
-    return f"{law_words(robot, finding.law)}: {cells[0].compared}" if len(cells) == 1 and cells[0].stated else ""
 
 
 def _cells(key: str, value: float, std: float | None, unit: str, stated: float | None = None) -> NumberCells:

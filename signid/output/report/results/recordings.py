@@ -21,7 +21,9 @@ from .documents import Document, ending, opening, picked
 
 if TYPE_CHECKING:
     from ....recording.convert import Conversion, Pace
+    from ....recording.draft import DraftedMap
     from ....regression.reduced import Reduced
+    from ....types import Robot
 
 SHOWN = 4  # number of joints listed per topic
 
@@ -62,6 +64,26 @@ def conversion_tables(found: Conversion) -> list[RenderableType]:
         *([heading("Suggested column map; check it before use"), *lines] if lines else []),
         *note_lines(found.notes),
     ]
+
+
+def map_document(found: DraftedMap, robot: Robot, file: str) -> Document:
+    """Build the output of `signid convert --map FILE --json` for a file that was written."""
+    columns = [
+        {
+            "signal": line.signal,
+            "column": line.guess.column,
+            "unit": line.noticed.unit if isinstance(line.noticed.unit, str) else None,
+            "reason": line.noticed.why,
+        }
+        for line in found.lines
+    ]
+    known = {"robot": robot.name, "columns": columns, "unused": list(found.unused), "flags": list(found.lacking)}
+    return {"schema": "signid.column_map/1", **known, "map": found.text, "written": file, "version": __version__}
+
+
+def map_text(found: DraftedMap, file: str, again: str) -> str:
+    """A drafted column map that was written to a file, and the command that uses it, for the terminal."""
+    return f"{found.text}\nwritten:\n  {file}\n\nRead and correct it, then run:\n  {again}\n"
 
 
 def _rows(found: Conversion) -> int:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import compress
+from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
+from ....diagnose.findings.thresholds import AMBIGUOUS
 from ....errors import shorten
-from ..layout import figure, share
-from .laws import law_words, number_lines, stated_words
+from ..layout import figure, plural, share
+from .headline import causes_words, named
+from .laws import law_words, number_lines
 from .signs import confidence
 
 if TYPE_CHECKING:
@@ -23,7 +26,6 @@ LITTLE = 0.3  # explained share below which no variable is named
 WORSE = 1.02  # ratio of errors, after to before, above which a result is worse
 GONE = 0.005  # share of torque below which a joint is not counted
 RIVALS = 3  # maximum number of alternatives shown on the terminal
-COMPARED = 3  # maximum number of wrong parameters in the verdict; if more, it names the laws only
 
 
 class FindingWords(NamedTuple):
@@ -41,29 +43,17 @@ def verdict_words(result: Diagnosis) -> str:
     if result.verdict == "nothing_missing":
         better = [joint for joint, gain in zip(result.robot.joints, result.gain, strict=True) if gain < BETTER]
         refit = f", but stated parameters are wrong (at {shorten(better)})" if better else ""
-        return f"{'no law' if better else 'nothing'} is missing, within {share(result.tolerance)} of the torque{refit}"
-    if result.verdict == "named":
-        alone = len(result.causes) == 1
-        sure = f" (probability {confidence(result.causes[0].probability)})" if alone else ""
-        return "; ".join(_cause_words(result)) + sure
-    unexplained = "the simulation lacks physics that no law explains"
-    if not result.causes:
-        return unexplained
-    leave, explain = ("leave", "they explain") if len(result.causes) > 1 else ("leaves", "it explains")
-    causes = _together(result.robot, result.causes)
-    return f"{causes} {leave} more torque unexplained than {explain}; {unexplained}"
+        within = f", within {share(result.tolerance)} of the torque" if isfinite(result.tolerance) else ""
+        return f"{'no law' if better else 'nothing'} is missing{within}{refit}"
+    causes = [named(result.robot, finding.law, finding.std, finding.stated) for finding in result.causes]
+    words = causes_words(causes, result.verdict == "named", len(result.robot.joints))
+    alone = result.verdict == "named" and len(causes) == 1 and isfinite(result.causes[0].probability)
+    return words + (f" (probability {confidence(result.causes[0].probability)})" if alone else "")
 
 
-def _cause_words(result: Diagnosis) -> Iterator[str]:
-    """Yield missing laws, then wrong parameters: compared if few, named by their laws if many."""
-    missing, wrong = ([f for f in result.causes if bool(f.stated) == stated] for stated in (False, True))
-    if missing:
-        yield f"the simulation lacks {_together(result.robot, missing)}"
-    compared = {k: words for k, finding in enumerate(wrong) if (words := stated_words(result.robot, finding))}
-    compared = compared if len(compared) <= COMPARED else {}
-    yield from compared.values()
-    if others := [finding for k, finding in enumerate(wrong) if k not in compared]:
-        yield f"parameters of the simulation are wrong: {_together(result.robot, others)}"
+def is_unreliable(flags: Sequence[str]) -> bool:
+    """Whether a flag of a diagnosis says more than that other laws explain the recordings as well."""
+    return any(AMBIGUOUS not in flag for flag in flags)
 
 
 def role_words(result: Diagnosis) -> dict[str, str]:
@@ -75,16 +65,24 @@ def role_words(result: Diagnosis) -> dict[str, str]:
     return {"cause": causes, "secondary": "Small corrections"}
 
 
-def place_words(result: Diagnosis) -> list[str]:
-    """Location of each joint's residual before the extension; joints with noise only share a sentence."""
-    fit, said, quiet = result.before, list[str](), list[str]()
+def place_words(result: Diagnosis, most: int | None = None) -> list[str]:
+    """Location of each joint's residual before the extension; joints with noise only share a sentence.
+
+    At most `most` joints are listed, those with the largest residual over its irreducible part; the others are counted.
+    """
+    fit, quiet = result.before, list[str]()
+    said: list[tuple[float, str]] = []
     for place in result.located:
-        joint = result.robot.joints[place.joint]
-        if fit.train_rms[place.joint] <= NOISE * fit.irreducible_rms[place.joint]:
+        joint, ratio = result.robot.joints[place.joint], fit.train_rms[place.joint] / fit.irreducible_rms[place.joint]
+        if ratio <= NOISE:
             quiet.append(joint)
             continue
-        said.append(f"{joint} {place.region}: {share(place.share)} of its residual torque; {_follows(place)}")
-    return [*said, *([f"{shorten(quiet)}: noise only"] if quiet else [])]
+        words = f"{joint} {place.region}: {share(place.share)} of its residual torque; {_follows(place)}"
+        said.append((float(ratio), words))
+    least = sorted((ratio for ratio, _ in said), reverse=True)[most - 1] if most and len(said) > most else 0.0
+    shown = [words for ratio, words in said if not ratio < least]
+    more = [f"and {plural(len(said) - len(shown), 'more joint')} in diagnosis.json"] if len(shown) < len(said) else []
+    return [*shown, *more, *([f"{shorten(quiet)}: noise only"] if quiet else [])]
 
 
 def finding_words(robot: Robot, finding: Finding) -> FindingWords:
@@ -148,16 +146,3 @@ def _follows(place: Location) -> str:
     if place.explained < LITTLE:
         return "no single variable explains it"
     return f"{place.variable} explains {share(place.explained)}"
-
-
-def _together(robot: Robot, findings: Sequence[Finding]) -> str:
-    """Laws grouped by effect and joints."""
-    joints, effects = dict[str, list[str]](), dict[str, list[str]]()
-    for finding in findings:
-        effect, _, where = law_words(robot, finding.law).partition(" of ")
-        known = joints.setdefault(effect, [])
-        known += [where] if where not in known else []
-    for effect, places in joints.items():
-        everywhere = len(places) == len(robot.joints) > 1
-        effects.setdefault("all joints" if everywhere else ", ".join(places), []).append(effect)
-    return "; ".join(", ".join(names) + (f" of {where}" if where else "") for where, names in effects.items())

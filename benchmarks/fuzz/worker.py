@@ -1,0 +1,126 @@
+"""A process that gives inputs to readers: `python -m benchmarks.fuzz.worker STATE NOISE MODULE`; orders come by stdin.
+
+The file STATE holds the number and the start of the current input, so that the supervisor sees which input hangs or
+ends the process. All that libraries print goes to the file NOISE.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import os
+import re
+import struct
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from importlib import import_module
+from pathlib import Path
+from random import Random
+from typing import Any, NamedTuple
+
+from .mutate import mutated
+
+STATE = struct.Struct("qdqqd")
+SECONDS, MEMORY, GROWTH = 10.0, 3_000_000_000, 1_000_000  # [s] of processor; [bytes] address space; [kB] of one input
+HERE = Path(__file__).parents[2]
+
+
+class Progress(NamedTuple):
+    """Contents of STATE."""
+
+    number: int = -1  # of the current input
+    start: float = 0.0  # [s] of it, monotonic
+    refused: int = 0
+    accepted: int = 0
+    seconds: float = 0.0  # of the processor, for all inputs of the order
+
+
+def content_of(reader: Any, tokens: Any, seed: int, number: int) -> bytes:
+    """The input of this number."""
+    return mutated(reader.seeds, tokens, Random(f"{seed} {reader.name} {number}"))
+
+
+def give(reader: Any, content: bytes, place: Path) -> tuple[bool, str]:
+    """Whether an input was accepted, and the fault: "" if it ended in a result or in a refusal."""
+    before, start = peak_memory(), time.process_time()
+    try:
+        accepted, fault = reader(content, place), ""
+    except Exception as error:
+        accepted, fault = False, f"{type(error).__name__}: {_first(str(error))} ({_where(error)})"
+    if time.process_time() - start > SECONDS:
+        fault = fault or f"over {SECONDS:.0f} s"
+    if peak_memory() - before > GROWTH:
+        fault = fault or f"over {GROWTH / 1000:.0f} MB"
+    return accepted, fault
+
+
+def _first(text: str) -> str:
+    return re.sub(r"\S{80,}", "...", text)[:100].replace("\n", " ")
+
+
+def _where(error: Exception) -> str:
+    """Place of the last line of signid in a traceback."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename.startswith(str(HERE))]
+    return f"{Path(frames[-1].filename).relative_to(HERE)}:{frames[-1].lineno}" if frames else "unknown"
+
+
+def limit_memory() -> None:
+    """Limit the address space to that of now and MEMORY, where the system states it."""
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if (pages := Path("/proc/self/statm")).exists():
+        size = int(pages.read_text(encoding="utf-8").split()[0]) * mmap.PAGESIZE + MEMORY
+        resource.setrlimit(resource.RLIMIT_AS, (size, resource.getrlimit(resource.RLIMIT_AS)[1]))
+
+
+def peak_memory() -> int:
+    """Largest memory of this process [kB]."""
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def main(state_file: str, noise_file: str, module: str) -> None:
+    """Carry out orders until standard input ends; print findings and the end of each order as JSON lines."""
+    answers = os.fdopen(os.dup(1), "w", buffering=1, encoding="utf-8")
+    noise = os.open(noise_file, os.O_RDWR | os.O_CREAT | os.O_TRUNC)
+    os.dup2(noise, 1)
+    os.dup2(noise, 2)
+    source = import_module(module)
+    known = {reader.name: reader for reader in source.readers()}
+    warnings.simplefilter("ignore")
+    with open(state_file, "r+b") as file, tempfile.TemporaryDirectory(dir=_quick()) as folder:
+        state, place = mmap.mmap(file.fileno(), STATE.size), Path(folder)
+        for line in sys.stdin:
+            order = json.loads(line)
+            reader = known[order["reader"]]
+            reader(reader.seeds[0], place)  # imports
+            limit_memory()
+            now, begun, heard = Progress(), time.process_time(), os.fstat(noise).st_size
+            for number in range(order["start"], order["stop"]):
+                content = content_of(reader, source.TOKENS, order["seed"], number)
+                now = now._replace(number=number, start=time.monotonic(), seconds=time.process_time() - begun)
+                STATE.pack_into(state, 0, *now)
+                accepted, fault = give(reader, content, place)
+                if (size := os.fstat(noise).st_size) > heard:
+                    printed = os.pread(noise, 300, heard).decode("utf-8", "replace")
+                    fault, heard = fault or f"printed: {_first(printed)}", size
+                now = now._replace(accepted=now.accepted + accepted, refused=now.refused + (not accepted))
+                if fault:
+                    answers.write(json.dumps({"number": number, "fault": fault}) + "\n")
+            now = now._replace(number=-1, seconds=time.process_time() - begun)
+            STATE.pack_into(state, 0, *now)
+            answers.write(json.dumps({"done": True, "peak": peak_memory() // 1000}) + "\n")
+
+
+def _quick() -> str | None:
+    """A folder in memory, if there is one."""
+    return "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

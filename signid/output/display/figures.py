@@ -1,0 +1,187 @@
+"""Figures of results by name: the plots of report.html, composed into one Plotly figure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from ...errors import OptionError, shorten
+from .series import held_out_course
+
+if TYPE_CHECKING:
+    from ...signs import Signs
+    from ..report.pages.courses import JointPlots
+    from ..report.pages.frame import Plot
+
+    Plots = Sequence[Plot]
+    Maker = Callable[[Any, Sequence[str]], Plots]
+
+
+def figure(result: Any, name: str | None = None, joint: str | None = None) -> Any:
+    """Return a figure of a result by name, of one joint or all; None: the first figure.
+
+    Raises:
+        OptionError: the result has no such figure or joint, or no figure at all.
+    """
+    from .compose import compose
+
+    kind, known = type(result).__name__, figure_names(result)
+    if not known:
+        raise OptionError(f"{kind} has no figures; its tables are given by to_frame()")
+    name = known[0] if name is None else name
+    if name not in known:
+        raise OptionError(f"{kind} has no figure {name!r}; choose from {', '.join(known)}")
+    joints = _joints(result)
+    if joint is not None and joint not in joints:
+        raise OptionError(f"{kind} has no joint {joint!r}; choose from {shorten(joints)}")
+    plots = FIGURES[kind][name](result, [joint] if joint else joints)
+    if not plots:
+        raise OptionError(f"{kind} has nothing to draw as {name} here: no such data was recorded or simulated")
+    short = max(map(len, joints), default=0) <= LONGEST
+    return compose(plots, 2 if name in GRIDS and short else 1)
+
+
+def figure_names(result: Any) -> tuple[str, ...]:
+    """Names of the figures of a result; signs only where some were recovered."""
+    signed = not hasattr(result, "signs") or result.signs is not None
+    return tuple(name for name in FIGURES.get(type(result).__name__, ()) if signed or name != "signs")
+
+
+def _joints(result: Any) -> tuple[str, ...]:
+    if hasattr(result, "models"):
+        return tuple(dict.fromkeys(joint for one in result.models for joint in one.fit.joints))
+    owner = next((getattr(result, key) for key in ("robot", "trajectory") if hasattr(result, key)), result)
+    return tuple(owner.joints)
+
+
+def _safe(joints: Sequence[str]) -> tuple[str, ...]:
+    """Names whose markup Plotly shows as text."""
+    return tuple(escape(joint, quote=False) for joint in joints)
+
+
+def _of(found: Sequence[JointPlots], joints: Sequence[str], part: slice) -> Plots:
+    return [plot for one in found if one.name in _safe(joints) for plot in one.plots[part]]
+
+
+def _torque(result: Any) -> Sequence[JointPlots]:
+    """Plots of each joint of the report: torque and residual on what was held out, before and after."""
+    from ..report.pages.courses import joint_plots
+    from ..report.results.documents import rms
+
+    course = held_out_course(result)
+    course = replace(course, joints=_safe(course.joints))
+    after = result.after if hasattr(result, "after") else result.fit
+    return joint_plots(course, replace(after, held_out_rms=rms(course.before)), after, ())
+
+
+def _residuals(result: Any, joints: Sequence[str]) -> Plots:
+    return _of(_torque(result), joints, slice(1))
+
+
+def _states(result: Any, joints: Sequence[str]) -> Plots:
+    return _of(_torque(result), joints, slice(1, None))
+
+
+def _heat(after: bool) -> Maker:
+    def made(result: Any, joints: Sequence[str]) -> Plots:
+        from ..report.pages.diagnosis import residual_maps
+
+        safe = replace(result, train=replace(result.train, joints=_safe(result.train.joints)))
+        before, extended, _ = residual_maps(safe)
+        return extended if after else before
+
+    return made
+
+
+def _rollouts(result: Any, joints: Sequence[str]) -> Plots:
+    from ..report.pages.courses import rollout_plots
+    from ..report.pages.frame import AFTER, BEFORE
+
+    if hasattr(result, "rollout_before"):
+        runs = [("before", result.rollout_before, BEFORE, "dot"), ("after", result.rollout_after, AFTER, "solid")]
+    else:
+        runs = [("simulation", result, AFTER, "solid")]
+    shown = [(name, replace(run, joints=_safe(run.joints)), *style) for name, run, *style in runs if run is not None]
+    return [plot for plot in rollout_plots(shown) if plot.name in _safe(joints)]
+
+
+def _signs(result: Any, joints: Sequence[str]) -> Plots:
+    from ..report.layout import torque_units
+    from ..report.pages.signs import sign_plots
+
+    signs: Signs = getattr(result, "signs", result)
+    parts = sign_plots(
+        replace(signs, joints=_safe(signs.joints)), torque_units(result.robot) if signs is not result else ()
+    )
+    several = len(parts) > 1
+    named = (
+        plot._replace(name=f"{plot.name}, {escape(part['name'], quote=False)}") if several else plot
+        for part in parts
+        for plot in part["plots"]
+        if plot.name in _safe(joints)
+    )
+    return list(named)
+
+
+def _validated(result: Any, joints: Sequence[str]) -> Plots:
+    from ..report.pages.validation import validated_plots
+
+    models = (replace(one, fit=replace(one.fit, joints=_safe(one.fit.joints))) for one in result.models)
+    return _of(list(validated_plots(replace(result, models=tuple(models)))), joints, slice(None))
+
+
+def _validated_rollouts(result: Any, joints: Sequence[str]) -> Plots:
+    from ..report.pages.validation import validated_rollouts
+
+    found = [one if one.rollout is None else replace(one, rollout=_renamed(one.rollout)) for one in result.models]
+    return [plot for plot in validated_rollouts(replace(result, models=tuple(found))) if plot.name in _safe(joints)]
+
+
+def _renamed(run: Any) -> Any:
+    return replace(run, joints=_safe(run.joints))
+
+
+def _correlation(result: Any, joints: Sequence[str]) -> Plots:
+    from ..report.pages.heat import correlation_plot
+
+    return [correlation_plot(result.estimate.covariance)]
+
+
+def _excitation(result: Any, joints: Sequence[str]) -> Plots:
+    from ..report.pages.identification import excitation_plot
+
+    return [excitation_plot(result)]
+
+
+def _samples(recording: Any, joints: Sequence[str]) -> Plots:
+    from ..report.pages.courses import recording_plots
+
+    return recording_plots(replace(recording, joints=_safe(recording.joints)), _safe(joints))
+
+
+LONGEST = 12  # characters of a joint name from which on plots do not stand side by side
+GRIDS = ("heat_maps", "heat_maps_after")
+FIGURES: dict[str, dict[str, Maker]] = {
+    "Check": {"signs": _signs, "excitation": _excitation},
+    "Diagnosis": {
+        "residuals": _residuals,
+        "residuals_by_state": _states,
+        "heat_maps": _heat(False),
+        "heat_maps_after": _heat(True),
+        "rollouts": _rollouts,
+        "signs": _signs,
+    },
+    "Identification": {
+        "residuals": _residuals,
+        "residuals_by_state": _states,
+        "correlation": _correlation,
+        "excitation": _excitation,
+        "signs": _signs,
+    },
+    "Recording": {"samples": _samples},
+    "RollOut": {"rollouts": _rollouts},
+    "Signs": {"signs": _signs},
+    "Validation": {"residuals": _validated, "rollouts": _validated_rollouts},
+}

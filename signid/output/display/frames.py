@@ -1,0 +1,235 @@
+"""Tables of results by name, as polars frames; numbers are in SI units, intervals are standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ...effects.naming import law_place
+from ...errors import OptionError
+from ...estimation.fit_quality import Fit
+from ...types import INERTIAL, INERTIAL_UNITS, Law, Robot
+from ..report.results.documents import picked
+from ..report.results.identification import identified_numbers
+from ..report.results.inspection import joint_documents
+from ..report.results.laws import finding_numbers, law_numbers
+from .series import held_out_residuals, motion_rows, rolled_rows, sample_rows, simulated_rows, validated_residuals
+
+Maker = Callable[[Any], pl.DataFrame]
+KINDS: dict[str, type[pl.DataType]] = {"s": pl.String, "f": pl.Float64, "i": pl.Int64, "b": pl.Boolean}
+LAWS = "law:s joint:s partner:s parameter:s value:f std:f unit:s"
+FIT = "joint:s unit:s train_rms:f held_out_rms:f noise_floor:f irreducible_rms:f held_out_r2:f"
+SEGMENTS = "recording:i joint:s start:f end:f sign:i confidence:f"
+
+
+def frame(result: Any, name: str | None = None) -> pl.DataFrame:
+    """Return a table of a result by name; None: the first one.
+
+    Raises:
+        OptionError: the result has no such table, or none at all.
+    """
+    makers = FRAMES.get(type(result).__name__, {})
+    if name is None and makers:
+        name = next(iter(makers))
+    if name not in makers:
+        kind = type(result).__name__
+        advice = f"choose from {', '.join(makers)}" if makers else "evaluate it to see what it holds"
+        raise OptionError(f"{kind} has no table {'' if name is None else repr(name)}; {advice}".replace(" ;", ";"))
+    return makers[name](result)
+
+
+def frame_names(result: Any) -> tuple[str, ...]:
+    """Names of the tables of a result."""
+    return tuple(FRAMES.get(type(result).__name__, ()))
+
+
+def table_of(columns: str, rows: Iterable[tuple[Any, ...]]) -> pl.DataFrame:
+    """A frame with columns `name:kind`, kind s (text), f (number), i (integer) or b (truth value)."""
+    schema = {name: KINDS[kind] for name, kind in (column.split(":") for column in columns.split())}
+    plain = [tuple(x.item() if isinstance(x, np.generic) else x for x in row) for row in rows]
+    return pl.DataFrame(plain, schema=schema, orient="row", strict=False)
+
+
+def _base(result: Any) -> pl.DataFrame:
+    columns = (result.base.expressions, result.base_value, result.estimate.std, result.estimate.value)
+    rows = zip(*columns, result.base.units, strict=True)
+    return table_of("expression:s value:f std:f estimate:f unit:s", rows)
+
+
+def _checked(result: Any) -> pl.DataFrame:
+    rows = zip(result.base.expressions, result.std, result.base.units, result.verdicts, strict=True)
+    return table_of("expression:s std:f unit:s verdict:s", rows)
+
+
+def _identified_laws(result: Any) -> pl.DataFrame:
+    numbers = (n for numbers in identified_numbers(result) for n in numbers)
+    return table_of(LAWS, ((n.effect, n.joint, None, n.key, n.value, n.std, n.unit) for n in numbers))
+
+
+def _stated_laws(model: Any) -> pl.DataFrame:
+    robot, rows = model.robot, list[tuple[Any, ...]]()
+    for law in model.laws:
+        rows += _law_rows(robot, law, law_numbers(robot, law, {}))
+    return table_of(LAWS, (row[:-1] for row in rows))
+
+
+def _found_laws(result: Any) -> pl.DataFrame:
+    robot, rows = result.robot, list[tuple[Any, ...]]()
+    for finding in result.findings:
+        rows += _law_rows(robot, finding.law, finding_numbers(robot, finding))
+    return table_of(f"{LAWS} stated:f", rows)
+
+
+def _law_rows(robot: Robot, law: Law, numbers: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
+    """Law, joint, partner, parameter, value, std, unit, stated value; a law without parameters has one row."""
+    first = (law.effect.name, law_place(law, robot)[0], numbers.get("partner", {}).get("value"))
+    own = {key: number for key, number in numbers.items() if key != "partner"}
+    for key, n in own.items():
+        yield *first, key, n["value"], n["std"], n["unit"], n.get("stated")
+    if not own:
+        yield *first, *[None] * 5
+
+
+def _bodies(result: Any) -> pl.DataFrame:
+    bodies = result.parameters.bodies() if hasattr(result, "parameters") else result.inertials
+    numbers = (zip(INERTIAL, x, INERTIAL_UNITS, strict=True) for x in bodies)
+    rows = ((link, *row) for link, some in zip(result.robot.links, numbers, strict=True) for row in some)
+    return table_of("link:s parameter:s value:f unit:s", rows)
+
+
+def _fit_rows(fit: Fit) -> Iterable[tuple[Any, ...]]:
+    sizes = picked(fit, "train_rms held_out_rms noise_floor irreducible_rms held_out_r2").values()
+    return zip(fit.joints, fit.unit, *sizes, strict=True)
+
+
+def _fit(fit: Fit) -> pl.DataFrame:
+    return table_of(FIT, _fit_rows(fit))
+
+
+def _compared(result: Any) -> pl.DataFrame:
+    pairs = (("before", result.before), ("after", result.after))
+    return table_of(f"simulation:s {FIT}", ((name, *row) for name, fit in pairs for row in _fit_rows(fit)))
+
+
+def _segments(result: Any) -> pl.DataFrame:
+    """Segments of recovered signs; no rows if every sign was recorded."""
+    signs = getattr(result, "signs", result)
+    if signs is None:
+        return table_of(SEGMENTS, ())
+    rows = ((s.part, signs.joints[s.joint], s.start, s.end, s.sign, s.confidence) for s in signs.segments)
+    return table_of(SEGMENTS, rows)
+
+
+def _findings(result: Any) -> pl.DataFrame:
+    robot, rows = result.robot, list[tuple[Any, ...]]()
+    for f in result.findings:
+        place = (robot.joints[f.where.joint], f.where.variable, f.where.region)
+        share = float(np.max(f.torque_share, initial=0.0))
+        gain = (f.held_out_gain, len(f.alternatives), f.in_model)
+        rows.append((f.law.effect.name, law_place(f.law, robot)[0], f.role, f.probability, share, *place, *gain))
+    names = "law:s joint:s role:s probability:f torque_share:f where:s variable:s region:s"
+    return table_of(f"{names} held_out_gain:f alternatives:i in_model:b", rows)
+
+
+def _alternatives(result: Any) -> pl.DataFrame:
+    robot, rows = result.robot, list[tuple[Any, ...]]()
+    for f in result.findings:
+        first = (f.law.effect.name, law_place(f.law, robot)[0])
+        rows += [
+            (*first, x.law.effect.name, law_place(x.law, robot)[0], x.probability, x.separating_motion)
+            for x in f.alternatives
+        ]
+    return table_of("law:s joint:s alternative:s alternative_joint:s probability:f separating_motion:s", rows)
+
+
+def _unexplained(result: Any) -> pl.DataFrame:
+    rows = (
+        (result.robot.joints[x.joint], x.place.variable, x.place.region, x.share, x.held_out_gain, x.modelled)
+        for x in result.unexplained
+    )
+    return table_of("joint:s variable:s region:s share:f held_out_gain:f in_model:b", rows)
+
+
+def _validated(result: Any) -> pl.DataFrame:
+    rows = ((one.name, *row) for one in result.models for row in _fit_rows(one.fit))
+    return (
+        table_of(f"model:s {FIT}", rows)
+        .drop("train_rms", "irreducible_rms")
+        .rename({"held_out_rms": "rms", "held_out_r2": "r2"})
+    )
+
+
+def _joints(robot: Robot) -> pl.DataFrame:
+    return pl.DataFrame(joint_documents(robot))
+
+
+def _predicted(found: Any) -> pl.DataFrame:
+    rows = zip(found.expressions, found.std, found.relative_std, strict=True)
+    return table_of("expression:s std:f relative_std:f", rows)
+
+
+def _structural(found: Any) -> pl.DataFrame:
+    return table_of("expression:s unit:s", zip(found.base.expressions, found.base.units, strict=True))
+
+
+def _payload(found: Any) -> pl.DataFrame:
+    centre = zip((f"centre_{axis}" for axis in "xyz"), *found.centre, "m" * 3, strict=True)
+    inertia = zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)
+    return table_of("parameter:s value:f std:f unit:s", [("mass", *found.mass, "kg"), *centre, *inertia])
+
+
+def _robots(fleet: Any) -> pl.DataFrame:
+    """One row per robot of a fleet, with its latest diagnosis."""
+    keys = "name verdict joint mismatch left explained".split()
+    rows = (tuple(robot.get(key) for key in keys) for robot in fleet.document()["robots"])
+    return table_of("robot:s verdict:s joint:s mismatch:f after:f explained:f", rows)
+
+
+def _sessions(fleet: Any) -> pl.DataFrame:
+    keys = "session name robot task state".split()
+    rows = (tuple(session.get(key) for key in keys) for session in fleet.document()["sessions"])
+    return table_of("session:s name:s robot:s task:s state:s", rows)
+
+
+FRAMES: dict[str, dict[str, Maker]] = {
+    "Check": {"base_parameters": _checked, "segments": _segments},
+    "Diagnosis": {
+        "findings": _findings,
+        "laws": _found_laws,
+        "alternatives": _alternatives,
+        "unexplained": _unexplained,
+        "fit": _compared,
+        "rollouts": lambda result: rolled_rows([("before", result.rollout_before), ("after", result.rollout_after)]),
+        "residuals": held_out_residuals,
+        "segments": _segments,
+    },
+    "Excitation": {"motion": motion_rows, "base_parameters": _predicted},
+    "Fit": {"fit": _fit},
+    "Fleet": {"robots": _robots, "sessions": _sessions},
+    "Identification": {
+        "base_parameters": _base,
+        "laws": _identified_laws,
+        "standard_parameters": _bodies,
+        "fit": lambda result: _fit(result.fit),
+        "residuals": held_out_residuals,
+        "segments": _segments,
+    },
+    "Inspection": {"base_parameters": _structural, "joints": lambda result: _joints(result.robot)},
+    "Model": {"laws": _stated_laws, "standard_parameters": _bodies},
+    "Payload": {"payload": _payload},
+    "Recording": {"samples": sample_rows},
+    "Robot": {"joints": _joints},
+    "RollOut": {"rollouts": lambda result: rolled_rows([("simulation", result)])},
+    "Separation": {"motion": motion_rows},
+    "Signs": {"segments": _segments},
+    "Simulation": {"samples": simulated_rows},
+    "ValidatedModel": {"fit": lambda one: _fit(one.fit)},
+    "Validation": {
+        "fit": _validated,
+        "rollouts": lambda result: rolled_rows([(one.name, one.rollout) for one in result.models]),
+        "residuals": validated_residuals,
+    },
+}

@@ -1,0 +1,146 @@
+"""Renderables of each result: those of its command, or short ones for results that no command prints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from rich.console import RenderableType
+
+from ...model import stated_inertials
+from ...types import Recording, Robot
+from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, torque_units
+from ..report.results.diagnosis import diagnosis_tables
+from ..report.results.documents import rms
+from ..report.results.fleet import fleet_tables
+from ..report.results.identification import fit_rows, identification_tables, payload_tables
+from ..report.results.inspection import check_tables, inspection_tables, joint_table
+from ..report.results.laws import law_document
+from ..report.results.signs import signs_tables
+from ..report.results.validation import validation_tables
+
+Renderables = list[RenderableType]
+
+
+def tables(result: Any) -> Renderables:
+    """Heading, tables and notes of a result."""
+    return TABLES[type(result).__name__](result)
+
+
+def _robot(robot: Robot) -> Renderables:
+    size = f"{plural(len(robot.joints), 'joint')}, {plural(len(robot.links), 'moving link')}"
+    return [heading(f"{robot.name}: {size}", below=False), joint_table(robot), *note_lines(robot.notes)]
+
+
+def _recording(recording: Recording) -> Renderables:
+    rows = len(recording)
+    ends = [float(recording.read(k, k + 1).t[0]) for k in (0, rows - 1)] if rows else [0.0, 0.0]
+    name = Path(recording.path).name or "recording"
+    title = f"{name}: {plural(rows, 'row')}, {figure(ends[1] - ends[0])} s"
+    table = new_table("joint", "columns", "torque")
+    columns = [group for key, group in recording.columns.items() if key != "t" and group]
+    for j, joint in enumerate(recording.joints):
+        known = ("signed" if recording.signed[j] else "absolute") if recording.columns["tau"][j] else "not recorded"
+        table.add_row(joint, ", ".join(group[j] for group in columns if group[j]), known)
+    return [heading(title, below=False), table, *note_lines(recording.notes)]
+
+
+def _model(model: Any) -> Renderables:
+    robot = model.robot
+    title = f"{robot.name}: model of {plural(len(robot.links), 'link')} with {plural(len(model.laws), 'law')}"
+    bodies = new_table("link", "mass>", "stated>", "unit", "centre of mass [m]")
+    for link, x, stated in zip(robot.links, model.inertials, stated_inertials(robot), strict=True):
+        centre = ", ".join(figure(float(c)) for c in x[1:4] / x[0]) if x[0] else "-"
+        bodies.add_row(link, figure(float(x[0])), figure(float(stated[0])), "kg", centre)
+    laws = new_table("law", "joint", "parameter", "value>", "unit")
+    for law in model.laws:
+        entry = law_document(robot, law)
+        for key, number in entry["parameters"].items() or [("", {"value": "", "unit": ""})]:
+            value = figure(number["value"]) if isinstance(number["value"], float) else str(number["value"])
+            laws.add_row(entry["effect"], entry["joint"] or "(robot)", key, value, number["unit"])
+    return [heading(title, below=False), bodies, *([heading("Laws"), laws] if model.laws else [])]
+
+
+def _fit(fit: Any) -> Renderables:
+    heads = ("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
+    title = heading("Fit: rms of the residual torque", below=False)
+    return [title, new_table(*heads, rows=fit_rows(fit))]
+
+
+def _roll_out(rolled: Any) -> Renderables:
+    table = new_table("joint", *(f"after {horizon:g} s>" for horizon in rolled.horizons), "unit")
+    errors = [rolled.rms(horizon) for horizon in rolled.horizons]
+    for j, (joint, unit) in enumerate(zip(rolled.joints, rolled.unit, strict=True)):
+        table.add_row(joint, *(figure(float(error[j])) for error in errors), unit)
+    title = f"{plural(len(rolled.start), 'roll-out')} from measured states: rms position error"
+    return [heading(title, below=False), table, *note_lines(rolled.notes)]
+
+
+def _validated(one: Any) -> Renderables:
+    rolled = [] if one.rollout is None else _roll_out(one.rollout)
+    return [heading(one.name, below=False), *_fit(one.fit), *rolled]
+
+
+def _simulation(simulation: Any) -> Renderables:
+    table = new_table("joint", "lowest position>", "highest position>", "rms torque>")
+    columns = (simulation.joints, simulation.q.min(axis=0), simulation.q.max(axis=0), rms(simulation.tau))
+    for joint, *numbers in zip(*columns, strict=True):
+        table.add_row(joint, *(figure(float(x)) for x in numbers))
+    seconds = figure(float(simulation.t[-1] - simulation.t[0]))
+    title = f"simulation: {plural(len(simulation.t), 'row')}, {seconds} s; rad or m, N.m or N"
+    return [heading(title, below=False), table]
+
+
+def _motion(found: Any) -> Renderables:
+    """Use of the limits of an exciting or a separating motion."""
+    names = ("position", "velocity", "acceleration", "torque")
+    table = new_table("share of limit", *(f"{name}>" for name in names))
+    for j, joint in enumerate(found.trajectory.joints):
+        table.add_row(joint, *(share(float(getattr(found.use, name)[j])) for name in names))
+    t = found.trajectory.t
+    title = (
+        f"motion of {plural(len(found.trajectory.joints), 'joint')}: {plural(len(t), 'row')}, {figure(float(t[-1]))} s"
+    )
+    return [heading(title, below=False), table, *_precision(found), *note_lines(found.notes)]
+
+
+def _precision(found: Any) -> Iterable[RenderableType]:
+    if hasattr(found, "expressions"):
+        rows = ((e, share(float(x))) for e, x in zip(found.expressions, found.relative_std, strict=True))
+        yield heading("Predicted standard deviations")
+        yield new_table("base parameter", "of its value>", rows=rows)
+    else:
+        names = " and ".join(law.effect.name for law in found.laws)
+        verdict = "distinguishes" if found.enough else "does not reliably distinguish"
+        yield paragraph(f"The motion {verdict} {names}.")
+
+
+def _reduced(reduced: Any) -> Renderables:
+    kept = [sum(node.factors.rows for node in nodes) for nodes in (reduced.train, reduced.held_out)]
+    joints = new_table("joint", "torque", rows=zip(reduced.robot.joints, torque_units(reduced.robot), strict=True))
+    title = f"{reduced.robot.name}: factors of {plural(len(reduced.inputs), 'recording')}"
+    counted = f"{kept[0]} training rows and {kept[1]} held-out rows, for {reduced.task.base.rank} base parameters"
+    return [heading(title, below=False), paragraph(counted), joints, *note_lines(reduced.notes)]
+
+
+TABLES: dict[str, Callable[[Any], Renderables]] = {
+    "Check": check_tables,
+    "Diagnosis": diagnosis_tables,
+    "Excitation": _motion,
+    "Fit": _fit,
+    "Fleet": lambda fleet: fleet_tables(fleet.document()),
+    "Identification": identification_tables,
+    "Inspection": inspection_tables,
+    "Model": _model,
+    "Payload": payload_tables,
+    "Recording": _recording,
+    "Reduced": _reduced,
+    "Robot": _robot,
+    "RollOut": _roll_out,
+    "Separation": _motion,
+    "Signs": signs_tables,
+    "Simulation": _simulation,
+    "ValidatedModel": _validated,
+    "Validation": validation_tables,
+}

@@ -1,0 +1,243 @@
+"""Draft a complete column map from the names and numbers of the columns of a log; the user checks it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import RecordingError, shorten
+from ..types import Array, Robot
+from .columns import TORQUES
+from .mapping import Change, change_of
+from .meaning import Guess, guess
+from .names import key_of, known_joints, match_signals, quoted
+from .noticed import Noticed, current_unit, position_units, time_unit, torque_unit, velocity_unit
+from .source import Opened, Source, open_source
+
+ROWS = 200_000  # rows whose numbers are examined
+ORDER = ("q", "dq", "ddq", "tau", "abs_tau", "current", "abs_current", "q_des")
+TITLES = {
+    "q": "positions",
+    "dq": "velocities",
+    "ddq": "accelerations",
+    "tau": "torques",
+    "abs_tau": "torques without their signs",
+    "current": "motor currents (torque_constant of the actuators file makes torques of them)",
+    "abs_current": "motor currents without their signs",
+    "q_des": "desired positions",
+}
+
+
+class MappedColumn(NamedTuple):
+    """A signal, its column and its unit."""
+
+    signal: str  # "q_elbow"
+    kind: str
+    joint: int  # -1 for t
+    guess: Guess
+    noticed: Noticed
+
+
+class DraftedMap(NamedTuple):
+    """A drafted column map."""
+
+    text: str  # TOML
+    lines: tuple[MappedColumn, ...]
+    unused: tuple[str, ...]  # columns without a meaning
+    lacking: tuple[str, ...]  # what identification needs and no column seems to have, one sentence each
+
+
+def draft_map(source: Source, robot: Robot, topics: Sequence[str] = ()) -> DraftedMap:
+    """Draft a column map of a log for a robot; names of columns and their first 200,000 rows give joints and units.
+
+    Raises:
+        OptionError: topics of a source without topics.
+        RecordingError: the source cannot be read.
+    """
+    opened = open_source(source, topics)
+    values = dict(_numbers(opened))
+    known = known_joints(robot)
+    guesses = [found for name in values if (found := guess(name, known))]
+    chosen = {f"{key}|{one.desired}": (key, one) for key, one in match_signals(guesses, robot)}
+    signals = {key: one for key, one in chosen.values() if not one.desired}
+    spare = [(key, one) for key, one in chosen.values() if one.desired]
+    signals = _unsigned(signals, values)
+    time = _time(guesses, values)
+    lines = tuple(_lines(signals, time, values, robot))
+    used = {line.guess.column for line in lines}
+    unused = tuple(name for name in opened.table.columns if name not in used)
+    lacking = tuple(_lacking(lines, robot, opened.name))
+    return DraftedMap(_text(opened.name, robot, lines, spare, unused, lacking), lines, unused, lacking)
+
+
+def _numbers(opened: Opened) -> Iterator[tuple[str, Array]]:
+    """Columns of numbers, (rows,) each."""
+    for name in opened.table.columns:
+        try:
+            yield name, opened.table.read([name], 0, min(opened.table.rows, ROWS))[:, 0]
+        except RecordingError:  # a column of texts
+            continue
+
+
+def _unsigned(signals: Mapping[str, Guess], values: Mapping[str, Array]) -> dict[str, Guess]:
+    """Signals, where torques of which none is ever negative become absolute values."""
+    found = dict(signals)
+    for kind in ("tau", "current"):
+        mine = [key for key, one in signals.items() if one.kind == kind]
+        if len(mine) > 1 and all(np.nanmin(values[signals[key].column], initial=np.inf) >= 0 for key in mine):
+            for key in mine:
+                one = found.pop(key)
+                found.setdefault(f"abs_{key}", one._replace(kind=f"abs_{kind}"))
+    return found
+
+
+def _time(guesses: Sequence[Guess], values: Mapping[str, Array]) -> Guess | None:
+    """Column of time that increases most steadily; the one named t first."""
+    best: tuple[float, Guess] | None = None
+    for one in sorted((one for one in guesses if one.kind == "t"), key=lambda one: not one.plain):
+        steps = np.diff(values[one.column])
+        share = float(np.mean(steps > 0)) if len(steps) else 0.0
+        if best is None or share > best[0] + 0.05:
+            best = share, one
+    return best[1] if best else None
+
+
+def _lines(
+    signals: Mapping[str, Guess], time: Guess | None, values: Mapping[str, Array], robot: Robot
+) -> Iterator[MappedColumn]:
+    t, seconds = np.zeros(0), np.zeros(0)
+    if time is not None:
+        t = values[time.column]
+        noticed = time_unit(t, time.unit)
+        seconds = change_of(str(noticed.unit), "t", None, "t").apply(t - t[0] if len(t) else t)
+        yield MappedColumn("t", "t", -1, time, noticed)
+    place = {name: j for j, name in enumerate(robot.joints)}
+    positions: dict[int, Array] = {}
+    for kind in ORDER:
+        mine = {place[key[len(kind) + 1 :]]: (key, one) for key, one in signals.items() if one.kind == kind}
+        columns = {j: values[one.column] for j, (_, one) in mine.items()}
+        noticed_units = _units(kind, {j: one for j, (_, one) in mine.items()}, columns, positions, seconds, robot)
+        for j in sorted(mine):
+            key, one = mine[j]
+            yield MappedColumn(key, kind, j, one, noticed_units[j])
+        if kind == "q":
+            positions = {j: _converted(columns[j], noticed_units[j].unit) for j in mine}
+
+
+def _converted(x: Array, unit: str | Change) -> Array:
+    """Positions (N,) [unit] in rad or m."""
+    return (unit if isinstance(unit, Change) else change_of(unit, "q", None, "q")).apply(x)
+
+
+def _units(
+    kind: str,
+    guesses: Mapping[int, Guess],
+    columns: Mapping[int, Array],
+    positions: Mapping[int, Array],
+    seconds: Array,
+    robot: Robot,
+) -> dict[int, Noticed]:
+    """Unit of each column of a kind, by index of the joint; positions are in rad or m."""
+    if kind in ("q", "q_des"):
+        counts = any(one.counts for one in guesses.values())
+        return position_units(columns, {j: one.unit for j, one in guesses.items()}, counts, robot)
+    found: dict[int, Noticed] = {}
+    for slides in (False, True):
+        mine = [j for j in guesses if bool(robot.prismatic[j]) == slides]
+        if not mine:
+            continue
+        if kind == "dq":
+            pairs = [(positions[j], columns[j]) for j in mine if j in positions and len(seconds)]
+            unit = velocity_unit(pairs, seconds, slides)
+        elif kind == "ddq":
+            unit = Noticed("m/s2" if slides else "rad/s2", "assumed")
+        elif kind.endswith("current"):
+            unit = current_unit({j: columns[j] for j in mine})
+        else:
+            unit = torque_unit({j: columns[j] for j in mine}, robot, slides)
+            if any(guesses[j].load for j in mine):
+                unit = Noticed(unit.unit, f"{unit.why}; a load may be in per mille of the largest torque: CHECK")
+        for j in mine:
+            named = guesses[j].unit
+            found[j] = Noticed(named, "named in the column") if named else unit
+    return found
+
+
+def _lacking(lines: Sequence[MappedColumn], robot: Robot, source: str) -> Iterator[str]:
+    kinds = {line.kind for line in lines}
+    for has, what in (
+        ("t" in kinds, "time"),
+        ("q" in kinds, "positions"),
+        (bool(kinds & {*TORQUES}), "torques or currents"),
+    ):
+        if not has:
+            yield f"{source}: no column of {what} was recognised; add lines for them to the map"
+
+
+def _text(
+    source: str,
+    robot: Robot,
+    lines: Sequence[MappedColumn],
+    spare: Sequence[tuple[str, Guess]],
+    unused: Sequence[str],
+    lacking: Sequence[str],
+) -> str:
+    """The map as TOML, one line per signal with its reason."""
+    shared = {kind: _shared([line for line in lines if line.kind == kind]) for kind in ("t", *ORDER)}
+    out = [
+        f"# Column map of {quoted(source)} for the robot {quoted(robot.name)}, guessed by signid convert",
+        "# from the names of the columns and from their numbers. Read it, correct it, and run signid convert again.",
+        "# Units: deg, rad, mm, m, ms, us, ns, s, mN.m, N.m, mA, A, ...; or scale and offset: value * scale + offset.",
+    ]
+    for kind in ("t", *ORDER):
+        mine = [line for line in lines if line.kind == kind]
+        if not mine:
+            continue
+        reasons = {line.noticed.why for line in mine}
+        alike = bool(shared[kind]) or len(reasons) == 1
+        why = f": {_plain(reasons.pop())}" if alike and not shared[kind] else ""
+        out += ["", f"# {TITLES.get(kind, 'time')}{why}"]
+        out += [_entry(line, bool(shared[kind]), alike) for line in mine]
+    out += ["", *(f"# {_plain(sentence)}" for sentence in lacking)] if lacking else []
+    absent = [
+        name for j, name in enumerate(robot.joints) if j not in {line.joint for line in lines if line.kind == "q"}
+    ]
+    out += ["", f"# without a position, and held fixed: {_names(absent)}"] if absent else []
+    commands = [name for name in unused if name in {one.column for _, one in spare}]
+    others = [name for name in unused if name not in commands]
+    out += ["", f"# commanded, not measured, and not used: {_names(commands)}"] if commands else []
+    out += ["", f"# not used: {_names(others)}"] if others else []
+    stated = [f"{kind} = {quoted(str(one.unit))}  # {_plain(one.why)}" for kind, one in shared.items() if one]
+    return "\n".join([*out, *(["", "[units]  # of all columns of a kind", *stated] if stated else []), ""])
+
+
+def _shared(lines: Sequence[MappedColumn]) -> Noticed | None:
+    """The unit that all lines of a kind have, with the reason of the clearest; None if they differ."""
+    units = {line.noticed.unit for line in lines}
+    if len(units) != 1 or isinstance(next(iter(units)), Change):
+        return None
+    return max((line.noticed for line in lines), key=lambda one: "assumed" not in one.why)
+
+
+def _entry(line: MappedColumn, shared: bool, alike: bool) -> str:
+    """Line of a signal; with its unit unless it is shared, and the reason unless it is alike in all lines."""
+    column, unit = quoted(line.guess.column), line.noticed.unit
+    if shared:
+        return f"{key_of(line.signal)} = {column}"
+    if isinstance(unit, Change):
+        fields = f"scale = {unit.scale!r}, offset = {unit.offset!r}"
+    else:
+        fields = f"unit = {quoted(unit)}"
+    why = "" if alike else f"  # {_plain(line.noticed.why)}"
+    return f"{key_of(line.signal)} = {{ column = {column}, {fields} }}{why}"
+
+
+def _plain(text: str) -> str:
+    """Text of one line that may stand in a comment."""
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+
+
+def _names(names: Sequence[str]) -> str:
+    return shorten([quoted(name) for name in names], 12)

@@ -1,0 +1,140 @@
+"""Meaning of a column by its name: kind of signal, joint, unit; a guess for the user to check."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+from .mapping import split
+
+WORDS: Mapping[str, tuple[str, ...]] = {
+    "q": ("q", "pos", "position", "positions", "angle", "angles", "theta", "qpos", "jpos", "winkel", "istposition"),
+    "dq": ("dq", "qd", "qdot", "vel", "velocity", "velocities", "speed", "omega", "qvel", "jvel", "geschwindigkeit"),
+    "ddq": ("ddq", "qdd", "qddot", "acc", "accel", "acceleration", "accelerations", "qacc"),
+    "tau": ("tau", "torque", "torques", "trq", "eff", "effort", "efforts", "moment", "drehmoment", "qfrc", "jtrq"),
+    "current": ("current", "currents", "cur", "curr", "amps", "strom"),
+    "t": ("t", "time", "timestamp", "timestamps", "stamp", "clock", "zeit"),
+}
+COUNTS = ("enc", "encoder", "ticks", "tick", "count", "counts")  # positions, beside which other words win
+LOADS = ("load", "force", "last", "kraft")  # torques, beside which other words win
+DESIRED = ("des", "desired", "cmd", "command", "commanded", "target", "ref", "reference", "goal", "setpoint", "soll")
+MEASURED = ("actual", "measured", "meas", "present", "feedback", "fb", "ist", "value", "val", "raw", "state", "states")
+ABSOLUTE = ("abs", "absolute", "magnitude", "unsigned")
+UNITS = {  # unit by its spellings at the end of a name
+    "deg/s": ("deg/s", "deg_s", "degs", "dps"),
+    "rad/s": ("rad/s", "rad_s", "rads"),
+    "rpm": ("rpm",),
+    "deg": ("deg", "degree", "degrees", "°"),
+    "mrad": ("mrad",),
+    "rad": ("rad", "radian", "radians"),
+    "mm": ("mm",),
+    "ms": ("ms", "msec", "msecs", "millis", "milliseconds"),
+    "us": ("us", "usec", "usecs", "micros", "microseconds"),
+    "ns": ("ns", "nsec", "nsecs", "nanos", "nanoseconds"),
+    "s": ("s", "sec", "secs", "seconds"),
+    "mN.m": ("mnm", "mn.m"),
+    "N.cm": ("ncm", "n.cm"),
+    "N.m": ("nm", "n.m", "n*m"),
+    "mA": ("ma",),
+}
+BRACKETED = {"a": "A", "m": "m", "n": "N"}  # units that only brackets distinguish from names
+FROM_BASE = ("rad", "rad/s", "s", "N.m", "A", "m", "N")  # units of recordings
+SPELLINGS = {spelt: unit for unit, known in UNITS.items() for spelt in known}
+ENDING = re.compile(
+    r"[\s_./([-]+(" + "|".join(map(re.escape, sorted(SPELLINGS, key=len, reverse=True))) + r")[\])]*$", re.IGNORECASE
+)
+WITHIN = re.compile(r"(?<![a-z])(deg[_/]s|rad[_/]s|deg|rpm|ms|us|ns|mm|mnm)(?![a-z])", re.IGNORECASE)
+BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()\d]+?)\s*[\])]\s*$")
+LONGEST = 200  # characters of a name that has a meaning
+PREFIX = re.compile(r"(joint|motor|axis|servo|arm)(?=[a-z])")
+
+
+class Guess(NamedTuple):
+    """Possible meaning of a column."""
+
+    column: str
+    kind: str  # q, dq, ddq, tau, current, abs_tau, abs_current, q_des, t
+    joint: str  # name in the source, "" for t
+    unit: str  # "" if the name has none
+    plain: bool  # whether the column is named like a signal: kind, underscore, joint
+    desired: bool = False  # a commanded velocity, torque or current, which no recording uses
+    counts: bool = False  # whether the name says that these are counts of an encoder
+    load: bool = False  # a load, whose unit differs between makers
+
+
+def guess(column: str, known: Collection[str] = ()) -> Guess | None:
+    """Guess the meaning of a column by the words of its name; None without a kind of signal or without a joint.
+
+    `known` are names and numbers of joints: a column such as q_elbow is then one of the joint elbow. Names of more than
+    200 characters have no meaning.
+    """
+    if len(column) > LONGEST:
+        return None
+    if column == "t":
+        return Guess(column, "t", "", "", True)
+    found = _by_words(column)
+    if pairs := split(column):
+        for kind, token in pairs:
+            if token in known:
+                return Guess(column, kind, token, "", True)
+        words = _words(pairs[0][1])
+        other = found is not None and (found.desired or found.kind != pairs[0][0])
+        if not other or not ({*words} & {*DESIRED, *ABSOLUTE, "d"} or pairs[0][0] == "current"):
+            return Guess(column, *pairs[0], "", True)
+    return found
+
+
+def _by_words(column: str) -> Guess | None:
+    """Guess by the words of a name that is not one of a signal."""
+    text, unit = _unit(column)
+    lower = _words(text)
+    symbols = {"q", "dq", "tau"} & {*lower}
+    desired = any(word in DESIRED or (word == "d" and symbols) for word in lower) or "sollposition" in lower
+    lower = ["position" if word == "sollposition" else word for word in lower]
+    drop = (*DESIRED, *MEASURED, *ABSOLUTE, *(["d"] if desired and symbols else []))
+    rest = [word for word in lower if word not in drop]
+    kinds = [kind for kind, words in WORDS.items() if any(word in words for word in rest)]
+    named: list[str] = [word for kind in kinds for word in WORDS[kind]]
+    kinds = [kind for kind in kinds if kind != "current"] if len(kinds) > 1 else kinds  # "current position"
+    counts, load = (any(word in words for word in rest) for words in (COUNTS, LOADS))
+    if not kinds and (counts or load):
+        kinds = ["q"] if counts else ["tau"]
+    if len(kinds) != 1:
+        return None
+    [kind] = kinds
+    token = "_".join(word for word in rest if word not in (*named, *COUNTS, *LOADS))
+    if bool(token) == (kind == "t"):
+        return None
+    if kind in ("tau", "current") and any(word in ABSOLUTE for word in lower):
+        kind = f"abs_{kind}"
+    unit = {"dq": {"deg": "deg/s", "rad": "rad/s"}, "ddq": {"deg": "deg/s2"}}.get(kind, {}).get(unit, unit)
+    if desired and kind == "q":
+        return Guess(column, "q_des", token, unit, False, counts=counts)
+    return Guess(column, kind, token, unit, False, desired, kind == "q" and counts, load and kind == "tau")
+
+
+def _words(text: str) -> list[str]:
+    """Words of a name in lower case: "jointPos_1" has joint, pos and 1."""
+    found = (word.lower() for word in re.findall(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![a-z])|\d+", text))
+    known = {word for words in WORDS.values() for word in words}
+    return [part for word in found for part in _parts(word, known)]
+
+
+def _parts(word: str, known: Collection[str]) -> list[str]:
+    """A word, in two parts if it is one such as jointpos."""
+    begun = PREFIX.match(word)
+    return [begun[1], word[begun.end() :]] if begun and word[begun.end() :] in known else [word]
+
+
+def _unit(column: str) -> tuple[str, str]:
+    """A name without its unit, and the unit, "" if there is none."""
+    if inside := BRACKETS.search(column):
+        spelt = inside[1].lower()
+        if unit := SPELLINGS.get(spelt) or BRACKETED.get(spelt):
+            return column[: inside.start()], unit
+    if ended := ENDING.search(column):
+        return column[: ended.start()], SPELLINGS[ended[1].lower()]
+    if within := WITHIN.search(column):
+        return f"{column[: within.start()]} {column[within.end() :]}", SPELLINGS[within[1].lower()]
+    return column, ""

@@ -1,0 +1,193 @@
+"""Results in a Python session: short reprs, escaped HTML, tables, figures, saved models, completion."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import polars as pl
+import pytest
+
+import signid
+from signid.cli import run
+from signid.output.display.compose import compose
+from signid.output.display.figures import FIGURES, figure_names
+from signid.output.display.frames import FRAMES, frame_names
+from signid.output.display.tables import TABLES
+from signid.output.report.pages.frame import Plot, axis, packed
+
+HERE = Path(__file__).parents[1] / "robots" / "3r"
+RECORDING, HELD_OUT = HERE / "recording.parquet", HERE / "held_out.parquet"
+HOSTILE = '"><img src=x onerror=alert(1)>'
+
+
+@pytest.fixture(scope="module")
+def results() -> dict[str, Any]:
+    """One result of each kind that the verbs return, by the name of its class."""
+    robot = signid.load_robot("3r")
+    recording, unsigned = (signid.read_recording(RECORDING, robot, unsigned=lost) for lost in (False, True))
+    identified, stated = signid.identify(robot, unsigned, held_out=HELD_OUT), signid.load_model(robot)
+    validated = signid.validate({"stated": stated, "identified": identified}, HELD_OUT)
+    motion = signid.excite(robot, kind="random", duration=5.0)
+    found = (
+        *(robot, recording, identified, identified.signs, identified.fit, identified.model, validated),
+        *(signid.check(robot, recording), signid.inspect(robot), signid.diagnose(robot, recording, held_out=HELD_OUT)),
+        *(signid.payload(robot, HELD_OUT, RECORDING), signid.roll_out(identified, HELD_OUT), validated.models[0]),
+        *(signid.reduce(robot, recording), motion),
+        signid.simulate(robot, signid.track(robot, motion.trajectory), 0.5),
+    )
+    return {type(each).__name__: each for each in found}
+
+
+def test_a_repr_has_at_most_forty_lines_of_plain_text(results: dict[str, Any]) -> None:
+    assert set(TABLES) - set(results) <= {"Fleet", "Separation"}, "every other kind is tested here"
+    for name, result in results.items():
+        lines = repr(result).splitlines()
+        assert 2 <= len(lines) <= 40 and max(map(len, lines)) <= 100, name
+        assert lines[0] and "\x1b" not in repr(result) and "array(" not in repr(result), name
+    text = repr(results["Identification"])
+    assert "3r: 25 base parameters, 3 joints" in text and "coulomb friction" in text and "Torque signs" in text
+    assert "tables, to_frame(name): base_parameters, laws" in text and "plot(name): residuals" in text
+    assert all(word in repr(results["Diagnosis"]) for word in ("coulomb_friction of joint_1", "Held-out", "Roll-outs"))
+
+
+def test_flags_are_in_the_repr(results: dict[str, Any]) -> None:
+    flagged = replace(results["Identification"], flags=("joint_2 did not move",))
+    assert "\nflag: joint_2 did not move\n" in repr(flagged) and "flag: joint_2 did not move" in flagged._repr_html_()
+    many = replace(flagged, flags=tuple(f"{k} is wrong" for k in range(99)), notes=("a note",) * 99)
+    assert len(repr(many).splitlines()) == 40
+
+
+def test_parts_of_results_have_one_line(results: dict[str, Any]) -> None:
+    finding, base = results["Diagnosis"].findings[0], results["Identification"].base
+    assert repr(finding).startswith("Finding(law=Law(effect=<coulomb_friction>") and "\n" not in repr(finding)
+    assert "combination=<array (25, 42)>" in repr(base) and len(repr(base)) < 1000
+    assert len(repr(signid.export(results["Model"], "mjcf"))) < 1000
+
+
+def test_html_escapes_names(results: dict[str, Any]) -> None:
+    robot = replace(results["Robot"], joints=(HOSTILE, "joint_2", "joint_3"), name=HOSTILE)
+    for name in ("Identification", "Diagnosis", "Check", "Inspection", "Model"):
+        html = replace(results[name], robot=robot)._repr_html_()
+        assert "<img" not in html and "&lt;img" in html and html.count("<tr>") < 120, name
+    assert "<img" not in robot._repr_html_()
+
+
+def test_figures_escape_names_once(results: dict[str, Any]) -> None:
+    joints = (HOSTILE, "joint_2", "joint_3")
+    found = results["Diagnosis"]
+    hostile = replace(
+        found,
+        robot=replace(found.robot, joints=joints),
+        train=replace(found.train, joints=joints),
+        held_out=replace(found.held_out, joints=joints),
+        rollout_before=replace(found.rollout_before, joints=joints),
+        rollout_after=replace(found.rollout_after, joints=joints),
+    )
+    for name in ("residuals", "heat_maps", "rollouts"):
+        drawn = hostile.plot(name).to_json()
+        assert "<img" not in drawn and "\\u003cimg" not in drawn, name
+        assert "&lt;img" in drawn and "&amp;lt;" not in drawn, name
+
+
+def test_every_table_and_figure_is_made(results: dict[str, Any]) -> None:
+    for kind, result in results.items():
+        for name in frame_names(result):
+            frame = result.to_frame(name)
+            assert isinstance(frame, pl.DataFrame) and frame.width >= 2, (kind, name)
+        for name in figure_names(result):
+            drawn = result.plot(name)
+            assert isinstance(drawn, go.Figure) and len(drawn.data), (kind, name)
+    assert set(FRAMES) | set(FIGURES) <= set(TABLES)
+
+
+def test_tables_hold_the_numbers(results: dict[str, Any]) -> None:
+    result, found = results["Identification"], results["Diagnosis"]
+    base = result.to_frame()
+    assert base.columns == ["expression", "value", "std", "estimate", "unit"]
+    assert np.array_equal(base["value"], result.base_value) and np.array_equal(base["std"], result.estimate.std)
+    levels = result.to_frame("laws").filter(pl.col("law") == "coulomb_friction")
+    assert levels["joint"].to_list() == list(result.robot.joints) and (levels["std"] > 0).all()
+    assert result.to_frame("fit")["held_out_r2"].to_list() == result.fit.held_out_r2.tolist()
+    assert len(result.to_frame("segments")) == len(result.signs.segments) > 30
+    assert result.to_frame("standard_parameters").filter(pl.col("parameter") == "m").height == len(result.robot.links)
+    findings = found.to_frame("findings")
+    assert findings["probability"].to_list() == [finding.probability for finding in found.findings]
+    rows = found.to_frame("residuals").filter(pl.col("joint") == "joint_2")
+    assert np.array_equal(rows["after"], found.held_out.after[:, 1], equal_nan=True)
+    assert found.to_frame("segments").is_empty() and "confidence" in found.to_frame("segments").columns
+    samples = results["Recording"].to_frame()
+    assert samples.shape == (6000, 7) and samples.columns[:2] == ["t", "q_joint_1"]
+
+
+def test_pandas_frames_or_a_sentence(results: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pandas")
+    frame = results["Identification"].to_pandas("fit")
+    assert type(frame).__module__.startswith("pandas") and list(frame["joint"]) == ["joint_1", "joint_2", "joint_3"]
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(signid.SignidError, match=r"pandas is not installed; .* to_frame\(\)"):
+        results["Identification"].to_pandas("fit")
+
+
+def test_unknown_names_list_the_known_ones(results: dict[str, Any]) -> None:
+    for act, sentence in (
+        (lambda: results["Identification"].to_frame("law"), "no table 'law'; choose from base_parameters, laws"),
+        (lambda: results["Identification"].plot("heat"), "no figure 'heat'; choose from residuals"),
+        (lambda: results["Diagnosis"].plot("signs"), "no figure 'signs'"),
+        (lambda: results["RollOut"].plot(joint="elbow"), "no joint 'elbow'; choose from joint_1"),
+        (lambda: results["Model"].plot(), "Model has no figures"),
+        (lambda: results["Reduced"].to_frame(), "Reduced has no table"),
+    ):
+        with pytest.raises(signid.SignidError, match=sentence):
+            act()
+
+
+def test_a_figure_shows_one_joint_or_all(results: dict[str, Any]) -> None:
+    found = results["Diagnosis"]
+    one, every = found.plot("residuals", joint="joint_2"), found.plot("residuals")
+    assert 3 * len(one.data) == len(every.data) and "joint_2" in one.layout.annotations[0].text
+    measured = next(trace for trace in one.data if trace.name == "measured")
+    assert isinstance(measured.y, np.ndarray) and measured.y.max() < 10
+    assert sum(bool(trace.showlegend) for trace in every.data) == 5, "each name once"
+
+
+def test_composed_plots_keep_their_axes() -> None:
+    trace = {"type": "scatter", "x": packed(np.arange(3.0)), "y": packed(np.ones(3)), "yaxis": "y2", "name": "a"}
+    layout = {
+        "xaxis": axis("t", anchor="y2"),
+        "yaxis": axis("top", domain=[0.5, 1]),
+        "yaxis2": axis("b", domain=[0, 0.4]),
+    }
+    drawn = compose([Plot(f"plot {k}", [trace], layout) for k in range(3)], columns=2)
+    assert [each.yaxis for each in drawn.data] == ["y2", "y4", "y6"] and drawn.layout.xaxis3.anchor == "y6"
+    assert drawn.layout.yaxis4.domain[1] < drawn.layout.yaxis3.domain[0], "one above the other"
+    assert drawn.layout.xaxis.domain[1] < drawn.layout.xaxis2.domain[0], "side by side"
+    assert drawn.layout.yaxis5.domain[1] < drawn.layout.yaxis2.domain[0], "the third in a second row"
+
+
+def test_a_saved_model_has_the_bytes_of_the_command(results: dict[str, Any], tmp_path: Path) -> None:
+    assert run(["identify", "3r", str(RECORDING), "-o", str(tmp_path / "result")]) == 0
+    written = tmp_path / "result" / "model.json"
+    loaded = signid.load_model(written)
+    saved = loaded.save(tmp_path / "new" / "copy.json")
+    assert saved == tmp_path / "new" / "copy.json" and saved.read_bytes() == written.read_bytes()
+    assert signid.identify("3r", RECORDING).model.save(saved).read_bytes() == written.read_bytes(), "replaced"
+    assert [path.name for path in saved.parent.iterdir()] == ["copy.json"]
+    with pytest.raises(signid.SignidError, match=r"does not end in .json; name it model.json"):
+        loaded.save(tmp_path / "model.txt")
+    with pytest.raises(signid.SignidError, match="cannot write"):
+        loaded.save(written / "below.json")
+
+
+def test_completion_lists_the_public_names_without_importing_them() -> None:
+    code = "import signid, sys; print(*dir(signid)); print('numpy' in sys.modules or 'pinocchio' in sys.modules)"
+    listed, heavy = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    assert {"identify", "diagnose", "load_model", "Options", "__version__"} <= set(listed.split())
+    assert not {"sys", "TYPE_CHECKING", "NAMES"} & set(listed.split()) and heavy == "False"

@@ -1,0 +1,113 @@
+"""Findings in words with their main number, at most three in a headline."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_output_report_diagnosis import ROBOT, finding, made
+
+import signid
+from signid.diagnose import Diagnosis
+from signid.effects import EFFECTS
+from signid.effects.naming import law_syntax, parse_law
+from signid.output.report.pages.heat import LABEL, short_names
+from signid.output.report.results.headline import finding_headline, named, quantity
+from signid.output.report.results.sentences import place_words, verdict_words
+from signid.types import Robot
+
+
+def words(law: str, std: dict[str, float | None] | None = None, robot: Robot = ROBOT) -> str:
+    return finding_headline(named(robot, parse_law(law, robot), std or {}))
+
+
+@pytest.mark.parametrize(
+    ("law", "std", "said"),
+    [
+        ("payload:mass=2.7731,first_moment_x=0.1", {"mass": 0.0093}, "a payload of 2.77 ± 0.02 kg"),
+        ("coulomb_friction@2:level=1.2", {"level": 0.02}, "Coulomb friction of joint_2: 1.20 ± 0.04 N.m"),
+        ("time_delay@2:delay=0.005", {"delay": 1e-4}, "time delay of joint_2: 5.0 ± 0.2 ms"),
+        ("time_delay:delay=-0.005", {}, "time delay: -5.00 ms"),
+        ("torque_gain@1:error=0.05", {"error": 0.01}, "torque gain error of joint_1: 5 ± 2 %"),
+        ("spring@1:stiffness=3,rest=1", {"stiffness": float("inf")}, "spring of joint_1: stiffness not identifiable"),
+        (
+            "joint_coupling@1:partner=2,inertia=0.001,viscous=0,coulomb=0.3",
+            {"inertia": 0.01, "coulomb": 0.01},
+            "joint coupling of joint_1 and joint_2: coulomb 0.30 ± 0.02 N.m",
+        ),
+        ("torque_sign@3", {}, "a wrong sign of the torque of joint_3"),
+        (
+            "external_contact:force_x=3,force_y=4,force_z=0,start=1,end=2",
+            {"force_x": 0.1, "force_y": 0.1},
+            "an external contact from 1.00 s to 2.00 s: 5.0 ± 0.2 N",
+        ),
+    ],
+)
+def test_a_finding_is_a_few_words_with_its_number(law: str, std: dict[str, float | None], said: str) -> None:
+    assert words(law, std) == said
+
+
+def test_every_effect_has_words_with_a_number_and_no_gap() -> None:
+    for name in EFFECTS.names:
+        effect = EFFECTS[name]
+        if name == "empirical":
+            continue
+        law = law_syntax(effect).replace("[@JOINT]", "").replace("@JOINT", "@2").replace("JOINT", "1")
+        law = law.replace("@2", "@3") if effect.scope == "tip" else law
+        said = words(law)
+        assert not re.search(r"(?:^|\s)-(?:\s|$)|[{}_](?!\d)|None|nan|inf\b", said), said
+        assert re.search(r"\d", said), said
+
+
+def test_numbers_that_are_not_known_are_no_dash() -> None:
+    assert quantity(float("nan"), None, "N.m") == quantity(1.0, float("nan"), "N.m") == "not identifiable"
+    assert quantity(0.0, 0.0, "N.m") == "0 N.m" and quantity(1e-7, 1e-9, "m") == "1.00e-07 ± 2e-09 m"
+    nothing = made(verdict="nothing_missing", findings=(), tolerance=float("nan"))
+    assert verdict_words(nothing) == "no law is missing, but stated parameters are wrong (at joint_2)"
+
+
+def many(robot: Robot, effects: tuple[str, ...], joints: int) -> Diagnosis:
+    laws = [f"{effect}@{j + 1}" for j in range(joints) for effect in effects]
+    findings = [replace(finding("spring@1", {}), law=parse_law(law, robot)) for law in laws]
+    return made(robot=robot, findings=tuple(findings))
+
+
+def test_at_most_three_causes_and_the_number_of_all_others() -> None:
+    robot = signid.load_robot("panda")
+    said = verdict_words(
+        many(robot, ("spring", "coulomb_friction", "viscous_friction", "torque_offset", "backlash"), 2)
+    )
+    assert said.count(";") == 3 and said.endswith("; and 4 more") and "springs" not in said
+    assert "Coulomb friction of panda_joint1, panda_joint2: 3.00 N.m" in said
+    said = verdict_words(many(robot, ("coulomb_friction",), 5))
+    assert said == "the simulation lacks Coulomb friction of 5 joints: 3.00 N.m"
+    mixed = [finding(law, {}) for law in ("coulomb_friction@1:level=0.5", "coulomb_friction@2:level=1.5")]
+    mixed += [finding(law, {}) for law in ("coulomb_friction@3:level=1", "payload:mass=2")]
+    said = verdict_words(made(findings=tuple(mixed)))
+    assert said == "the simulation lacks Coulomb friction of all joints: 0.500 to 1.50 N.m; a payload of 2.00 kg"
+
+
+def test_labels_of_heat_maps_are_short_and_different() -> None:
+    long = [f"left_shoulder_roll_actuator_joint_{k:02d}" for k in range(29)]
+    for names in (
+        long,
+        [f"{side}_hip_{axis}_actuator_joint" for side in ("left", "right") for axis in "xyz"],
+        ["a" * 40],
+    ):
+        labels = short_names(names)
+        assert len(set(labels)) == len(names) and max(map(len, labels)) <= LABEL, labels
+    assert short_names(["joint_1", "joint_2"]) == ["joint_1", "joint_2"]
+    clash = short_names([f"left_shoulder_{k:02d}_actuator" for k in range(12)] + ["x"])
+    assert len(set(clash)) == 13 and max(map(len, clash)) <= LABEL
+
+
+def test_many_joints_are_listed_by_the_largest_residuals() -> None:
+    robot = signid.load_robot("panda")
+    result = made(robot=robot, located=tuple(made().located[0]._replace(joint=j) for j in range(7)), findings=())
+    rms = np.array([9.0, 1, 8, 7, 1, 6, 5])
+    fit = replace(result.before, joints=robot.joints, train_rms=rms, irreducible_rms=np.ones(7))
+    said = place_words(replace(result, before=fit), 3)
+    assert [words.split()[0] for words in said[:3]] == ["panda_joint1", "panda_joint3", "panda_joint4"]
+    assert said[3:] == ["and 2 more joints in diagnosis.json", "panda_joint2, panda_joint5: noise only"]

@@ -1,0 +1,133 @@
+"""Numbers, names and sizes of descriptions that would crash the reader or take hours are refused in one sentence."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toys import joint, link, toy, urdf
+
+from signid.errors import RobotError
+from signid.robot import load_robot, robot_from_text
+from signid.robot.description.limits import LARGEST, MOST_JOINTS
+from signid.robot.dynamics import check_masses
+
+ROOT = Path(__file__).parents[1]
+THREE = (ROOT / "robots/3r/robot.urdf").read_text()
+BODY = '<mujoco><worldbody><body name="{}"{}><joint name="{}"{}/><geom size="{}"/></body></worldbody></mujoco>'
+
+
+def mjcf(body: str = "b", joint: str = "j", size: str = ".1", more: str = "", place: str = "") -> str:
+    return BODY.format(body, place, joint, more, size)
+
+
+def within_joint_3() -> tuple[str, str]:
+    """Text before and after the end of joint 3."""
+    place = THREE.index("</joint>", THREE.index('<joint name="joint_3"'))
+    return THREE[:place], THREE[place + len("</joint>") :]
+
+
+@pytest.mark.parametrize("number", ["1e300", "1e150", "-1e300", "1e400", "nan"])
+@pytest.mark.parametrize("old", ['mass value="', 'ixx="', 'origin xyz="', ' rpy="', 'axis xyz="'])
+def test_huge_numbers_of_a_urdf_are_refused(old: str, number: str) -> None:
+    before, found, after = THREE.rpartition(old)
+    if not found:
+        pytest.skip(f"3r has no {old}")
+    value, _, rest = after.partition('"')
+    changed = " ".join([number, *value.split()[1:]])
+    with pytest.raises(RobotError, match=r"expected a (finite )?number"):
+        robot_from_text(f'{before}{old}{changed}"{rest}', "urdf", "3r")
+
+
+@pytest.mark.parametrize("more", ['<mimic joint="joint_2" multiplier="{}"/>', '<dynamics damping="{}" friction="{}"/>'])
+def test_huge_multipliers_and_friction_are_refused(more: str) -> None:
+    head, end = within_joint_3()
+    with pytest.raises(RobotError, match="1e\\+09"):
+        robot_from_text(f"{head}{more.replace('{}', '1e300')}</joint>{end}", "urdf", "3r")
+
+
+def test_negligible_numbers_are_zero_and_limits_may_be_huge() -> None:
+    head, end = within_joint_3()
+    robot = robot_from_text(f'{head}<dynamics damping="1e-310"/></joint>{end}', "urdf", "3r")
+    assert robot.actuators.viscous_friction[-1] == 0
+    wide = toy(link("a"), link("b"), joint("z", "a", "b", more='<limit lower="-1e308" upper="1e308" effort="1e308"/>'))
+    assert np.isinf(wide.upper[0])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        mjcf(size="1e300"),
+        mjcf(place=' pos="0 0 1e150"'),
+        mjcf(more=' damping="1e300"'),
+        mjcf(more=' armature="1e12"'),
+        mjcf(more=' axis="1e300 0 0"'),
+    ],
+)
+def test_huge_numbers_of_an_mjcf_are_refused(text: str) -> None:
+    with pytest.raises(RobotError, match="number up to 1e\\+09"):
+        robot_from_text(text, "mjcf", "m")
+
+
+@pytest.mark.parametrize(
+    "text", [mjcf(joint="universe"), mjcf(body="universe"), mjcf(body="world"), mjcf(body="world body")]
+)
+def test_names_that_the_reader_uses_itself_are_refused(text: str) -> None:
+    with pytest.raises(RobotError, match="Pinocchio uses itself"):
+        robot_from_text(text, "mjcf", "m")
+    with pytest.raises(RobotError, match="Pinocchio uses itself"):
+        robot_from_text(THREE.replace("joint_1", "universe"), "urdf", "3r")
+
+
+def chain(joints: int) -> str:
+    links = (link(f"l{i}") for i in range(joints + 1))
+    return urdf(*links, *(joint(f"j{i}", f"l{i}", f"l{i + 1}") for i in range(joints)))
+
+
+def test_long_chains_are_refused_at_once() -> None:
+    assert len(robot_from_text(chain(MOST_JOINTS), "urdf", "c").joints) == MOST_JOINTS
+    bodies = "".join(f'<body><joint name="j{i}"/><geom size="1"/></body>' for i in range(999))
+    start = time.monotonic()
+    for kind, text in (("urdf", chain(999)), ("mjcf", f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")):
+        with pytest.raises(RobotError, match=f"999 moving joints, more than {MOST_JOINTS}"):
+            robot_from_text(text, kind, "c")
+    assert time.monotonic() - start < 5
+
+
+def test_devices_pipes_and_giants_are_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    os = pytest.importorskip("os")
+    if not hasattr(os, "mkfifo"):
+        pytest.skip("no pipes")
+    os.mkfifo(tmp_path / "pipe.xml")
+    (tmp_path / "r.xml").write_text(mjcf().replace("<worldbody>", '<include file="pipe.xml"/><worldbody>'))
+    with pytest.raises(RobotError, match=r"pipe.xml: it is no regular file"):
+        load_robot(tmp_path / "r.xml")
+    with pytest.raises(RobotError, match="pipe.xml"):
+        load_robot(tmp_path / "pipe.xml")
+    monkeypatch.setattr("signid.robot.description.limits.MOST_BYTES", 10)
+    with pytest.raises(RobotError, match="more than 0 MB"):
+        load_robot("3r")
+
+
+def test_negative_masses_are_named() -> None:
+    heavy = robot_from_text(THREE, "urdf", "3r")
+    check_masses(heavy)
+    head, _, tail = THREE.rpartition('mass value="')
+    with pytest.raises(RobotError, match=r"link_3 .* mass of -2 kg"):
+        check_masses(robot_from_text(f'{head}mass value="-2{tail[tail.index(chr(34)) :]}', "urdf", "3r"))
+    assert LARGEST >= 1e6
+
+
+@pytest.mark.parametrize("stated", ['damping="-1"', 'friction="-0.1"'])
+def test_friction_of_a_urdf_is_not_negative(stated: str) -> None:
+    before, after = within_joint_3()
+    with pytest.raises(RobotError, match=r"joint 'joint_3' has (damping|friction)=-.*expected 0 or more"):
+        robot_from_text(f"{before}<dynamics {stated}/></joint>{after}", "urdf", "r")
+
+
+@pytest.mark.parametrize("stated", ['damping="-1"', 'frictionloss="-0.1"', 'armature="-0.1"'])
+def test_friction_of_an_mjcf_is_not_negative(stated: str) -> None:
+    with pytest.raises(RobotError, match=r"<joint> has \w+='-.*expected 0 or more"):
+        robot_from_text(mjcf(more=f" {stated}"), "mjcf", "r")
