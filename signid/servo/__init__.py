@@ -1,0 +1,1 @@
+"""Servo mode: robots that log commands and positions, and no torque."""

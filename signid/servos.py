@@ -1,0 +1,112 @@
+"""Position servos: the numbers of a drive that follows commanded positions, and recordings of it on a uniform grid.
+
+Torque of a drive at one joint, with e = dead_band(q_des(t - delay) - q), gain g of the firmware relative to its
+nominal value, supply voltage V relative to its nominal value, and v_ref = 0 (kd_on "velocity") or the speed of the
+command (kd_on "error"):
+
+    effort        tau_m = clip(g kp e + kd (v_ref - v) + tau_ff, -T, T)
+    duty          tau_m = V clip(g kp e, -T, T) + kd (v_ref - v)         kd includes the back-EMF
+    torque_speed  tau_m = effort, with T (1 - |v|/speed_limit) where the drive pushes along the motion
+
+and tau_m is divided by 1 + droop |tau_m|. The joint obeys
+
+    M a + armature a + bias + offset + viscous_friction v + (coulomb_friction + load_friction |tau_m|) sign v = tau_m
+
+Torque off (`on` = 0): tau_m = 0. Source: methods of BAM (Duclusaud et al. 2025), PACE (2025) and Isaac Lab's actuators.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from .frozen import Frozen
+from .parameters import Array
+
+DRIVE_LAWS = ("effort", "duty", "torque_speed")
+KD_ON = ("velocity", "error")
+
+
+@dataclass(frozen=True)
+class Servo:
+    """Numbers of the drive of one revolute joint (prismatic joints: N, m in place of N.m, rad)."""
+
+    law: str = "effort"  # one of DRIVE_LAWS
+    kd_on: str = "velocity"  # one of KD_ON
+    kp: float = 0.0  # [N.m/rad] at the nominal gain of the firmware
+    kd: float = 0.0  # [N.m.s/rad] of the drive while on; includes back-EMF
+    delay: float = 0.0  # [s] from the command's stamp to its effect
+    effort_limit: float = np.inf  # [N.m] at zero speed; stall torque of `duty` and `torque_speed`
+    speed_limit: float = np.inf  # [rad/s] speed without torque of `torque_speed`
+    dead_band: float = 0.0  # [rad] errors below it give no torque
+    profile_speed: float = np.inf  # [rad/s] largest speed at which the firmware moves its own command
+    coulomb_friction: float = 0.0  # [N.m]
+    viscous_friction: float = 0.0  # [N.m.s/rad] of the joint, drive on or off
+    load_friction: float = 0.0  # [1] friction per motor torque
+    armature: float = 0.0  # [kg.m2]
+    torque_offset: float = 0.0  # [N.m]
+    droop: float = 0.0  # [1/N.m] torque is divided by 1 + droop |torque|
+    kp_register: float | None = None  # firmware gain that `kp` belongs to; a recording's own is relative to it
+
+    @property
+    def damping(self) -> float:
+        """Damping while the drive is on [N.m.s/rad]: kd + viscous_friction."""
+        return self.kd + self.viscous_friction
+
+    @property
+    def lag(self) -> float:
+        """Delay of a slow ramp [s]: delay + damping / kp."""
+        return self.delay + self.damping / self.kp if self.kp > 0 else np.inf
+
+    def with_(self, **numbers: float) -> Servo:
+        """The same drive with other numbers."""
+        return replace(self, **numbers)  # type: ignore[arg-type]
+
+
+SERVO_NUMBERS = tuple(f.name for f in fields(Servo) if f.name not in ("law", "kd_on", "kp_register"))
+SERVO_UNITS = {
+    "kp": "N.m/rad",
+    "kd": "N.m.s/rad",
+    "delay": "s",
+    "effort_limit": "N.m",
+    "speed_limit": "rad/s",
+    "dead_band": "rad",
+    "profile_speed": "rad/s",
+    "coulomb_friction": "N.m",
+    "viscous_friction": "N.m.s/rad",
+    "load_friction": "1",
+    "armature": "kg.m2",
+    "torque_offset": "N.m",
+    "droop": "1/N.m",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ServoGrid(Frozen):
+    """One recording of n servo joints on a uniform grid of N rows; commands are held from row to row.
+
+    The joints are all those of the robot that the recording moves; `driven` says which of them have commands.
+    """
+
+    joints: tuple[str, ...]  # n
+    rate: float  # [Hz]
+    origin: float  # [s] stamp of the first row
+    q: Array  # (N, n) [rad or m] measured
+    command: Array  # (N, n) [rad or m] q_des in force at each row; measured q where a joint has none
+    command_speed: Array | None  # (N, n) [rad/s or m/s]
+    feed_forward: Array | None  # (N, n) [N.m or N]
+    on: Array  # (N, n) 1 while the drive holds, else 0
+    voltage: Array  # (N, n) relative to the nominal supply [1]
+    gain: Array  # (n,) firmware gain relative to the nominal one [1]
+    driven: tuple[bool, ...]  # (n,)
+    path: str = ""
+    sha256: str = ""
+
+    @property
+    def step(self) -> float:
+        """Time between rows [s]."""
+        return 1.0 / self.rate
+
+    def __len__(self) -> int:
+        return len(self.q)
