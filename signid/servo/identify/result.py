@@ -1,0 +1,102 @@
+"""Result of a servo identification: numbers of each drive with intervals, what is identifiable, roll-outs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ...frozen import Frozen, Result
+from ...model import Model
+from ...parameters import Array
+from ...servos import Servo
+from ...types import Input, Robot
+
+BY_INERTIALS = "inertials of the description"  # what the scale of torque is known by
+BY_GAIN = "stated kp"
+BY_NOTHING = "none"
+
+
+@dataclass(frozen=True)
+class ServoNumber:
+    """One number of a drive. `value` is None where the recordings do not identify it; `sentence` then says why."""
+
+    name: str  # one of servos.SERVO_NUMBERS, or "damping" or "lag"
+    unit: str
+    value: float | None
+    std: float | None = None  # None where the number is stated or not identifiable
+    stated: bool = False  # known before, not estimated
+    sentence: str = ""
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """95 % interval; None without a standard deviation."""
+        if self.value is None or self.std is None:
+            return None
+        return self.value - 1.96 * self.std, self.value + 1.96 * self.std
+
+
+@dataclass(frozen=True)
+class ServoJoint:
+    """Drive of one joint as identified."""
+
+    joint: str
+    law: str  # one of servos.DRIVE_LAWS
+    law_probability: float | None  # posterior among the laws that were tried; None where the law is stated
+    laws: Mapping[str, float]  # posterior of each law that was tried; empty where it is stated
+    numbers: Mapping[str, ServoNumber]  # by name; kp, damping, delay, lag, armature, coulomb_friction, ...
+    saturated_share: float  # share of samples in which the drive gives its limit [1]
+    known_load_share: float  # share of the rms torque of the joint that its known masses explain [1]
+    not_identifiable: tuple[str, ...]  # one sentence each
+
+
+@dataclass(frozen=True)
+class ServoScale:
+    """What the common scale of torque and mass rests on."""
+
+    known_by: str  # BY_INERTIALS, BY_GAIN or BY_NOTHING
+    sentence: str
+    alternatives: tuple[str, ...] = ()  # "if the firmware's kp is 20 as stated, FL_thigh is 1.4 times as heavy ..."
+
+
+@dataclass(frozen=True, eq=False)
+class ServoRollOut(Frozen):
+    """Closed-loop simulation from commands alone, n joints [rad or m]; NaN for joints without commands."""
+
+    joints: tuple[str, ...]  # n
+    units: tuple[str, ...]  # n, "rad" or "m"
+    whole_rms: Array  # (n,) over whole recordings
+    one_second_rms: Array  # (n,) restarted from the measured state every second
+    nominal_whole_rms: Array  # (n,) of the stated numbers, or of q = q_des where no gain is stated
+    nominal_one_second_rms: Array  # (n,)
+    nominal: str  # "stated numbers" or "q = q_des"
+    held_out: bool  # whether the recordings took no part in the fit
+
+
+@dataclass(frozen=True, eq=False)
+class ServoTrace(Frozen):
+    """One held-out recording and its simulation, N rows on a uniform grid, n joints."""
+
+    path: str
+    joints: tuple[str, ...]
+    t: Array  # (N,) [s]
+    command: Array  # (N, n) [rad or m]
+    measured: Array  # (N, n) [rad or m]
+    simulated: Array  # (N, n) [rad or m] whole recording from commands alone
+    nominal: Array  # (N, n) [rad or m] the same with the stated numbers, or q = q_des
+
+
+@dataclass(frozen=True, eq=False)
+class ServoIdentification(Result):
+    """Drives of a robot, identified from commands and positions. `flags` say what not to rely on."""
+
+    robot: Robot
+    model: Model  # with `servos`
+    servos: Mapping[str, Servo]  # by joint, as they simulate; unidentifiable numbers keep the value used there
+    joints: tuple[ServoJoint, ...]
+    scale: ServoScale
+    rollout: ServoRollOut
+    traces: tuple[ServoTrace, ...]  # of the held-out recordings
+    inputs: tuple[Input, ...]  # the recordings with their roles
+    flags: tuple[str, ...]  # exit 3
+    notes: tuple[str, ...]
+    seed: int
