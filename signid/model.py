@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,13 @@ from .regression.covariance import Covariance, read_covariance
 from .regression.motion import Motion
 from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text
-from .robot.dynamics import joint_of_row, own_row
+from .robot.dynamics import joint_of_row, own_row, standard_parameters as standard_parameters
+from .servos import Servo, servos_document, servos_from
 from .toml_json import check_schema, read_json
 from .types import Array, Law, Parameters, Result, Robot
 
 SCHEMA = "signid.model/1"
+SERVO_LAWS = ("armature", "viscous_friction", "coulomb_friction", "load_friction", "torque_offset")  # fields of Servo
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,7 @@ class Model(Result):
     inertials: Array  # (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2]
     laws: tuple[Law, ...] = ()
     covariance: Covariance | None = None  # of the identified base parameters
+    servos: Mapping[str, Servo] = field(default_factory=dict)  # position drives by joint
 
     def bodies(self) -> pin.Model:
         """New pin.Model with these inertials and the changes by body laws; rotor inertia is its armature."""
@@ -119,6 +122,7 @@ class Model(Result):
                 for joint, parameters in [law_place(law, robot)]
             ],
             **({} if self.covariance is None else {"covariance": self.covariance.document()}),
+            **({"servos": servos_document(self.servos, robot.joints)} if self.servos else {}),
         }
 
 
@@ -194,15 +198,11 @@ def fitted_model(task: Task, parameters: Parameters) -> Model:
     return Model(task.robot, parameters.bodies(), tuple(laws))
 
 
-def standard_parameters(robot: Robot, inertials: Array) -> dict[str, dict[str, Any]]:
-    """Mass, first moment and inertia of each link about the frame of its joint.
-
-    inertials: (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2].
-    """
-    return {
-        link: {"mass": float(x[0]), "first_moment": x[1:4].tolist(), "inertia": x[4:].tolist()}
-        for link, x in zip(robot.links, inertials, strict=True)
-    }
+def with_servos(model: Model, servos: Mapping[str, Servo]) -> Model:
+    """Model whose joints of these names have these drives, which replace the laws of SERVO_LAWS there."""
+    driven = {model.robot.index(joint) for joint in servos}
+    laws = (law for law in model.laws if law.effect.name not in SERVO_LAWS or not driven.issuperset(law.joints))
+    return replace(model, laws=tuple(laws), servos={**model.servos, **servos})
 
 
 def _read(path: Path) -> Model:
@@ -226,6 +226,7 @@ def _read(path: Path) -> Model:
         covariance = _covariance(path, content.get("covariance"), len(robot.links))
         if covariance is None:  # estimates may lie below zero; the laws of a description or a diagnosis do not
             laws = tuple(map(possible, laws))
+        servos = servos_from(content.get("servos", {}), robot.joints)
     except OSError as error:
         raise RobotError(f"cannot read {path}: {error.strerror}") from None
     except OptionError as error:
@@ -236,14 +237,12 @@ def _read(path: Path) -> Model:
         optional = isinstance(error, ValueError) and str(error).startswith("covariance")
         mend = "identify again, or remove the key `covariance`" if optional else "give one that `signid identify` wrote"
         raise RobotError(f"{path} is not a valid model.json ({error}); {mend}") from None
-    return Model(robot, np.array(inertials), laws, covariance)
+    return with_servos(Model(robot, np.array(inertials), laws, covariance), servos)
 
 
 def _covariance(path: Path, content: Any, bodies: int) -> Covariance | None:
-    if content is None:
-        return None
     try:
-        return read_covariance(content, bodies)
+        return None if content is None else read_covariance(content, bodies)
     except ValueError as error:
         raise RobotError(
             f"the covariance in {path} cannot be read: {error}; identify again, or remove the key `covariance`"

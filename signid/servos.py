@@ -17,10 +17,13 @@ Torque off (`on` = 0): tau_m = 0. Source: methods of BAM (Duclusaud et al. 2025)
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
+from .errors import shorten
 from .frozen import Frozen
 from .parameters import Array
 
@@ -110,3 +113,36 @@ class ServoGrid(Frozen):
 
     def __len__(self) -> int:
         return len(self.q)
+
+
+def servos_document(servos: Mapping[str, Servo], joints: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Drives by joint as JSON, in the units of SERVO_UNITS; infinite numbers and unknown registers are left out."""
+    return {joint: _document(servos[joint]) for joint in joints if joint in servos}
+
+
+def _document(servo: Servo) -> dict[str, Any]:
+    numbers = {name: float(getattr(servo, name)) for name in SERVO_NUMBERS}
+    finite = {name: value for name, value in numbers.items() if np.isfinite(value)}
+    register = {} if servo.kp_register is None else {"kp_register": float(servo.kp_register)}
+    return {"law": servo.law, "kd_on": servo.kd_on, **finite, **register}
+
+
+def servos_from(content: Mapping[str, Mapping[str, Any]], joints: Sequence[str]) -> dict[str, Servo]:
+    """Drives by joint from JSON, in the order of the joints; inverse of `servos_document`.
+
+    Raises:
+        ValueError: unknown joint, law or number, or a number that no drive has; the message says which.
+    """
+    if strangers := [joint for joint in content if joint not in joints]:
+        raise ValueError(f"servos: the robot moves {shorten(joints)}, and no joint {strangers[0]!r}")
+    found = {joint: Servo(**content[joint]) for joint in joints if joint in content}
+    for joint, servo in found.items():
+        for key, known in (("law", DRIVE_LAWS), ("kd_on", KD_ON)):
+            if getattr(servo, key) not in known:
+                raise ValueError(f"servos.{joint}.{key}: {getattr(servo, key)!r} is none of {', '.join(known)}")
+        for name in SERVO_NUMBERS:
+            if not getattr(servo, name) >= 0 and name != "torque_offset":
+                raise ValueError(f"servos.{joint}.{name}: {getattr(servo, name)} {SERVO_UNITS[name]} is negative")
+        if servo.kp_register is not None and not servo.kp_register > 0:
+            raise ValueError(f"servos.{joint}.kp_register: {servo.kp_register} is not positive")
+    return found

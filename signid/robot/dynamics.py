@@ -154,3 +154,14 @@ def _symmetric(mass: Array) -> Array:
     """Symmetric matrices (..., nv, nv) from upper triangles."""
     below = np.tri(mass.shape[-1], k=-1, dtype=bool)
     return np.where(below, mass.swapaxes(-1, -2), mass)
+
+
+def standard_parameters(robot: Robot, inertials: Array) -> dict[str, dict[str, Any]]:
+    """Mass, first moment and inertia of each link about the frame of its joint.
+
+    inertials: (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2].
+    """
+    return {
+        link: {"mass": float(x[0]), "first_moment": x[1:4].tolist(), "inertia": x[4:].tolist()}
+        for link, x in zip(robot.links, inertials, strict=True)
+    }
