@@ -1,0 +1,171 @@
+"""Numbers of a drive that the recordings identify, and a sentence on each that they do not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...parameters import Array
+from ...servos import SERVO_UNITS, Servo
+from .result import ServoNumber
+
+LIGHT = 0.15  # share of the torque that is known load, below which the scale is not identifiable (MuJoCo so101)
+VAGUE = 0.5  # std over value of a positive number beyond which it is not identifiable
+SPLIT = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
+RARE = 2e-3  # share of saturated samples below which the limit is not identifiable
+SCALED = ("kp", "kd", "viscous_friction", "damping", "coulomb_friction", "armature", "effort_limit", "torque_offset")
+INVERSE_SCALED = ("droop",)
+SIGNED = ("torque_offset", "delay", "lag")
+LIMITS = ("effort_limit", "speed_limit", "profile_speed")
+WORDS = {"effort_limit": "effort limit", "speed_limit": "speed limit", "profile_speed": "profile speed"}
+
+
+@dataclass(frozen=True)
+class JointFacts:
+    """What the recordings contain of one joint."""
+
+    joint: str
+    prismatic: bool = False
+    scale_known: bool = True  # by masses or by a stated gain
+    known_load_share: float = 1.0  # [1]
+    masses_set_scale: bool = True  # no gain of the joint is stated
+    saturated_share: float = 0.0  # [1]
+    largest_torque: float = 0.0  # [N.m or N] that the drive gives
+    largest_speed: float = 0.0  # [rad/s or m/s]
+    torque_off: bool = False  # whether the joint moves while the drive is off
+    command_speed: bool = False  # whether the law contains a recorded speed of the command
+    stated: Mapping[str, float] = field(default_factory=dict)
+
+
+def unit_of(name: str, prismatic: bool) -> str:
+    """Unit of a number, N and m in place of N.m and rad at a prismatic joint."""
+    unit = {**SERVO_UNITS, "damping": "N.m.s/rad", "lag": "s"}[name]
+    if not prismatic:
+        return unit
+    return {
+        "N.m/rad": "N/m", "N.m.s/rad": "N.s/m", "N.m": "N", "rad": "m", "rad/s": "m/s", "kg.m2": "kg", "1/N.m": "1/N",
+    }.get(unit, unit)  # fmt: skip
+
+
+def joint_numbers(
+    servo: Servo, free: Sequence[str], covariance: Array, facts: JointFacts
+) -> tuple[dict[str, ServoNumber], tuple[str, ...]]:
+    """Numbers of a drive by name, and sentences on those that are not identifiable.
+
+    free: names that were fitted; covariance: (k, k) of them, in their units.
+    """
+    values = {name: getattr(servo, name) for name in SERVO_UNITS}
+    std = dict(zip(free, np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
+    values.update(damping=servo.damping, lag=servo.lag)
+    std.update(_derived(servo, free, covariance))
+    lost = dict(_lost(servo, free, values, std, facts))
+    numbers = {}
+    for name in ("kp", "damping", *[n for n in SERVO_UNITS if n != "kp"], "lag"):
+        if name in lost or name in std or name in facts.stated:
+            stated = name in facts.stated and name not in std
+            keep = name not in lost and np.isfinite(values[name])
+            numbers[name] = ServoNumber(
+                name,
+                unit_of(name, facts.prismatic),
+                float(values[name]) if keep else None,
+                float(std[name]) if keep and name in std else None,
+                stated,
+                lost.get(name, _remark(name, servo)),
+            )
+    return numbers, tuple(dict.fromkeys(lost.values()))
+
+
+def _derived(servo: Servo, free: Sequence[str], covariance: Array) -> dict[str, float]:
+    """Standard deviations of damping and lag."""
+    found = {}
+    damping = np.array([float(name in ("kd", "viscous_friction")) for name in free])
+    if damping.any():
+        found["damping"] = float(np.sqrt(max(damping @ covariance @ damping, 0.0)))
+    if servo.kp > 0 and (damping.any() or {"kp", "delay"} & set(free)):
+        slope = {"delay": 1.0, "kp": -servo.damping / servo.kp**2}
+        lag = damping / servo.kp + np.array([slope.get(name, 0.0) for name in free])
+        found["lag"] = float(np.sqrt(max(lag @ covariance @ lag, 0.0)))
+    return found
+
+
+def _lost(
+    servo: Servo, free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float], facts: JointFacts
+) -> Iterator[tuple[str, str]]:
+    """Name and sentence of each number that is not identifiable; later ones replace earlier ones."""
+    yield from _vague(free, values, std, facts)
+    if not _apart(facts):
+        said = (
+            f"{facts.joint}: kd and viscous friction are one number here, the damping; torque off while the joint "
+            f"moves, or a recorded speed of the command, tells them apart"
+        )
+        yield from ((name, said) for name in ("kd", "viscous_friction") if name not in facts.stated)
+    if _one_with_lag(free, values, std):
+        yield (
+            "delay",
+            f"{facts.joint}: delay and damping/kp are one number here, the lag of {1e3 * values['lag']:.3g} ms; their "
+            f"split needs faster motion, near sqrt(kp/inertia)",
+        )
+    if "effort_limit" not in facts.stated and facts.saturated_share < RARE:
+        above = f"above {facts.largest_torque:.3g} {unit_of('effort_limit', facts.prismatic)}"
+        if not _scale_known(facts):
+            above = "above all torques of the recordings"
+        yield "effort_limit", f"{facts.joint}: no sample saturates, so the effort limit is {above}"
+    if sentence := _scale_sentence(servo, facts):
+        yield from ((n, sentence) for n in (*SCALED, *INVERSE_SCALED) if n in std or n in free)
+
+
+def _vague(
+    free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float], facts: JointFacts
+) -> Iterator[tuple[str, str]]:
+    for name in (*free, "damping"):
+        if name in std and name not in SIGNED and not std[name] <= VAGUE * abs(values[name]):
+            words, unit = WORDS.get(name, name.replace("_", " ")), unit_of(name, facts.prismatic)
+            most = values[name] + 1.96 * std[name]
+            limit = (
+                f": it is below {most:.2g} {unit}" if np.isfinite(most) and name not in LIMITS and name != "kp" else ""
+            )
+            yield name, f"{facts.joint}: {words} is not identifiable from this motion{limit}"
+
+
+def _apart(facts: JointFacts) -> bool:
+    """Whether damping of the drive and of the joint are separate numbers."""
+    return facts.torque_off or facts.command_speed or bool({"kd", "viscous_friction"} & set(facts.stated))
+
+
+def _one_with_lag(free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float]) -> bool:
+    if "delay" not in free or "lag" not in std or not np.isfinite(values["lag"]):
+        return False
+    wide = 1.96 * std["delay"] > SPLIT * abs(values["lag"])
+    return bool(wide and std["lag"] < 0.5 * std["delay"])
+
+
+def _scale_known(facts: JointFacts) -> bool:
+    return facts.scale_known and not (facts.masses_set_scale and facts.known_load_share < LIGHT)
+
+
+def _scale_sentence(servo: Servo, facts: JointFacts) -> str:
+    if _scale_known(facts):
+        return ""
+    ratios = [f"damping/kp {servo.damping / servo.kp:.3g} s"] if servo.kp > 0 else []
+    if servo.armature > 0:
+        ratios.append(f"kp/armature {servo.kp / servo.armature:.3g} 1/s2")
+    known = f"; known ratios: {', '.join(ratios)}" if ratios else ""
+    if not facts.scale_known:
+        return (
+            f"{facts.joint}: kp, friction and masses are identifiable only relative to each other; state one kp, or "
+            f"use the masses of the description, or repeat with a known payload{known}"
+        )
+    return (
+        f"{facts.joint}: only {facts.known_load_share:.0%} of the torque of this joint is known load, so its scale is "
+        f"not identifiable; state its kp or add a known payload{known}"
+    )
+
+
+def _remark(name: str, servo: Servo) -> str:
+    if name == "damping":
+        return "kd + viscous_friction + back_emf" if servo.law == "duty" else "kd + viscous_friction"
+    if name == "torque_offset":
+        return "includes kp times the zero error of the command"
+    return "delay + damping/kp" if name == "lag" else ""
