@@ -87,6 +87,17 @@ class Robot(Result):
         return self.joints.index(joint)
 
 
+class ServoSamples(NamedTuple):
+    """What drives that follow commanded positions record besides; NaN for missing values, None without a column."""
+
+    dq_des: Array | None = None  # (N, n) [rad/s or m/s] commanded velocity
+    tau_ff: Array | None = None  # (N, n) [N.m or N] feed-forward torque
+    on: Array | None = None  # (N, n) [1] 1 while the drive holds, else 0
+    pwm: Array | None = None  # (N, n) [1] duty, -1 to 1
+    volt: Array | None = None  # (N, n) [V] supply
+    temp: Array | None = None  # (N, n) [C]
+
+
 class Samples(NamedTuple):
     """Consecutive rows of a recording; NaN for missing values, None if no joint has the column."""
 
@@ -97,6 +108,7 @@ class Samples(NamedTuple):
     ddq: Array | None  # (N, n) [rad/s2 or m/s2]
     q_des: Array | None  # (N, n) [rad or m]
     origin: float = 0.0  # [s] time stamp of the start of the recording, if it is far from 0
+    servo: ServoSamples | None = None  # None if no joint has any of its columns
 
 
 class Table(Protocol):
@@ -119,7 +131,7 @@ class Recording(Result):
 
     joints: tuple[str, ...]  # n names: joints with a position column, in the robot's order
     table: Table
-    columns: Mapping[str, tuple[str, ...]]  # "t" (1), "q", "tau", "dq", "ddq", "q_des" (n each, "" where absent)
+    columns: Mapping[str, tuple[str, ...]]  # "t" (1), "q", "tau", "dq", ..., of ServoSamples (n each, "" if absent)
     torque_per_unit: Array  # (n,) [N.m/A where a current is recorded, else 1]; 1 where unknown
     signed: Mask  # (n,) False where only the absolute value is recorded
     path: str = ""
@@ -131,15 +143,23 @@ class Recording(Result):
     def __len__(self) -> int:
         return self.table.rows
 
-    def read(self, start: int = 0, stop: int | None = None) -> Samples:
-        """Read rows start..stop of the file; torques in N.m or N."""
+    @property
+    def servo(self) -> tuple[bool, ...]:
+        """Servo joints (n,): those with a commanded position and without torque and current."""
+        absent = ("",) * len(self.joints)
+        desired, torque = (self.columns.get(key) or absent for key in ("q_des", "tau"))
+        return tuple(bool(q) and not tau for q, tau in zip(desired, torque, strict=True))
+
+    def read(self, start: int = 0, stop: int | None = None, *, servo: bool = True) -> Samples:
+        """Read rows start..stop of the file; torques in N.m or N. Unless `servo`, columns of ServoSamples are left."""
         stop = len(self) if stop is None else min(stop, len(self))
-        names = [c for group in self.columns.values() for c in group if c]
+        left = () if servo else ServoSamples._fields
+        names = [c for key, group in self.columns.items() for c in group if c and key not in left]
         values = dict(zip(names, self.table.read(names, start, stop).T, strict=True))
 
         def signal(key: str) -> Array | None:
             group = self.columns.get(key, ())
-            if not any(group):
+            if not any(group) or key in left:
                 return None
             absent = np.full(stop - start, np.nan)
             return np.column_stack([values.get(c, absent) for c in group])
@@ -147,7 +167,9 @@ class Recording(Result):
         q, tau = signal("q"), signal("tau")
         assert q is not None, "a recording has positions by construction"
         tau = np.full_like(q, np.nan) if tau is None else tau * self.torque_per_unit
-        return Samples(values[self.columns["t"][0]], q, tau, signal("dq"), signal("ddq"), signal("q_des"))
+        t, more = values[self.columns["t"][0]], ServoSamples(*map(signal, ServoSamples._fields))
+        seen = more if any(each is not None for each in more) else None
+        return Samples(t, q, tau, signal("dq"), signal("ddq"), signal("q_des"), servo=seen)
 
 
 class Input(NamedTuple):

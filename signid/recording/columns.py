@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 
 import numpy as np
 
 from ..errors import RecordingError, shorten
-from ..types import Robot, Table
+from ..types import Array, Robot, ServoSamples, Table
 from .formats.base import About
-from .mapping import Change, ColumnMap, DerivedTable, ParsedColumns, Signal, change_of, read_map, split
+from .mapping import Change, ColumnMap, DerivedTable, ParsedColumns, Signal, change_of, read_map, signed_register, split
 from .names import suggest
 from .source import Opened
 
@@ -76,8 +76,8 @@ def assign_columns(opened: Opened, given: ColumnMap | None, robot: Robot) -> Ass
     changes = {}
     for (kind, joint), signal in signals.items():
         prismatic = None if kind == "t" else bool(robot.prismatic[joint])
-        if change := conversion(opened, columns, signal, kind, prismatic):
-            changes[signal.column] = change.apply
+        if change := function(kind, conversion(opened, columns, signal, kind, prismatic)):
+            changes[signal.column] = change
     return Assignment(signals, notes, DerivedTable(opened.table, changes) if changes else opened.table, flags)
 
 
@@ -96,10 +96,26 @@ def conversion(
         return change_of(unit, kind, prismatic, f"{opened.name}: column {signal.column!r}")
     if signal.column not in About.of(opened.table).unstated:
         return None
-    typical = {"q": "deg, or rad", "q_des": "deg, or rad", "tau": "N.m", "current": "mA"}.get(kind, "rad/s")
+    typical = {
+        "q": "deg, or rad",
+        "q_des": "deg, or rad",
+        "tau": "N.m",
+        "current": "mA",
+        "volt": "V",
+        "temp": "C",
+        "pwm": "%",
+    }.get(kind, "rad/s")
     fault, unit = f"does not state the unit of column {signal.column!r} (such as {typical})", typical.partition(",")[0]
     advice = f'write [units] {kind} = "{unit}", on two lines, into a column map (--columns)'
     raise RecordingError(f"{opened.name} {fault}; {advice}, or state it by signid convert --unit {kind}={unit}")
+
+
+def function(kind: str, change: Change | None) -> Callable[[Array, int], Array] | None:
+    """What makes of a column (N,) as recorded the values of a recording; None if they are the same."""
+    if kind != "pwm":
+        return change.apply if change else None
+    convert = change or Change()
+    return lambda values, start: convert.apply(signed_register(values))
 
 
 def resolve(logical: str, robot: Robot) -> tuple[str, int] | None:
@@ -124,6 +140,8 @@ def _ignored(
     ignored = []
     for signal in unassigned:
         kind, token = split(signal.logical)[0]
+        if kind in ServoSamples._fields and not signal.mapped:
+            continue
         same = TORQUES if kind in TORQUES else (kind,)
         lacking = [name for j, name in enumerate(robot.joints) if not any((k, j) in signals for k in same)]
         lower = {name.lower(): name for name in reversed(robot.joints if signal.mapped else lacking)}

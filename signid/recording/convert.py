@@ -11,9 +11,9 @@ import numpy as np
 from ..errors import RecordingError, shorten
 from ..types import Array, Frozen, Input, Recording, Robot
 from . import read_recording
-from .columns import TORQUES, conversion, resolve
+from .columns import TORQUES, conversion, function, resolve
 from .formats.base import About, MemoryTable
-from .mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
+from .mapping import DRIVE, ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
 from .names import MEANT, OFFER, propose
 from .sampling.clock import read_clock
 from .source import Opened, Source, open_source
@@ -45,8 +45,11 @@ class Conversion(Frozen):
     def joints(self) -> dict[str, list[str]]:
         """Kinds of columns by joint."""
         found: dict[str, list[str]] = {}
-        for kind, joint in (split(name)[0] for name in self.columns if split(name)):
-            found.setdefault(joint, []).append(kind)
+        pairs = [split(name)[0] for name in self.columns if split(name)]
+        sure = {joint for kind, joint in pairs if kind not in DRIVE}  # temp_room is no joint
+        for kind, joint in pairs:
+            if joint in sure:
+                found.setdefault(joint, []).append(kind)
         return found
 
 
@@ -127,7 +130,8 @@ def _values(opened: Opened, mapping: ParsedColumns, signal: Signal, robot: Robot
         if signal.mapped:
             raise
         return None, ""
-    converted = DerivedTable(table, {signal.column: change.apply}) if change else table
+    change_values = function(kind, change)
+    converted = DerivedTable(table, {signal.column: change_values}) if change_values else table
     own = mapping.own.get(signal.logical, "") if signal.mapped else ""
     unit = own if isinstance(own, str) else f"value * {own.scale:g} + {own.offset:g}"
     unit = unit or (mapping.units.get(kind, "") if change else "")
@@ -165,6 +169,7 @@ def _pace(name: str, found: Mapping[str, Array]) -> tuple[Pace | None, list[str]
 def _lacking(found: Mapping[str, Array], about: About) -> Iterator[str]:
     """Notes on missing columns that identification needs."""
     kinds = {*map(_kind, found)}
-    for has, signal in (("t" in kinds, "time t"), ("q" in kinds, "position q_J"), (kinds & {*TORQUES}, "torque tau_J")):
+    driven = kinds & {*TORQUES} or "q_des" in kinds
+    for has, signal in (("t" in kinds, "time t"), ("q" in kinds, "position q_J"), (driven, "torque tau_J")):
         if not has and not any("no torque" in note for note in about.notes if signal.startswith("torque")):
             yield f"there is no column of {signal}, which identification needs"

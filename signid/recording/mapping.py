@@ -10,6 +10,8 @@ from math import isfinite, pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ..errors import RecordingError, shorten
 from ..toml_json import read_toml
 from ..types import Array, Table
@@ -29,6 +31,9 @@ TORQUE: Units = {
     "kgf.cm": (9.80665, 100),
 }
 CURRENT: Units = {"A": (1, 1), "mA": (1, 1e3)}
+DUTY: Units = {"1": (1, 1), "%": (1, 100)}
+VOLTAGE: Units = {"V": (1, 1), "mV": (1, 1e3), "dV": (1, 10)}
+TEMPERATURE: Units = {"C": (1, 1), "degC": (1, 1)}
 
 
 def _rates(units: Units, power: str) -> Units:
@@ -45,8 +50,19 @@ OF: Mapping[str, tuple[Units, Units]] = {  # at revolute and at prismatic joints
     "abs_tau": (TORQUE, FORCE),
     "current": (CURRENT, CURRENT),
     "abs_current": (CURRENT, CURRENT),
+    "dq_des": ({**_rates(ANGLE, ""), "rpm": (pi, 30)}, _rates(LENGTH, "")),
+    "tau_ff": (TORQUE, FORCE),
+    "on": ({"1": (1, 1)}, {"1": (1, 1)}),
+    "pwm": (DUTY, DUTY),
+    "volt": (VOLTAGE, VOLTAGE),
+    "temp": (TEMPERATURE, TEMPERATURE),
 }
-KINDS = ("abs_current", "abs_tau", "current", "q_des", "ddq", "dq", "tau", "q")  # longer prefixes first
+KINDS = (  # longer prefixes first
+    *("abs_current", "abs_tau", "current", "dq_des", "tau_ff", "q_des", "volt", "temp", "pwm", "ddq"),
+    *("tau", "dq", "on", "q"),
+)
+DRIVE = ("on", "pwm", "volt", "temp")  # kinds of columns whose names often mean something else
+TURN = 65536.0  # values of a register of 16 bits
 FIELDS = ("column", "unit", "scale", "offset")  # keys of a column in the long form
 
 ColumnMap = str | Path | Mapping[str, Any]
@@ -62,6 +78,14 @@ class Change(NamedTuple):
     def apply(self, values: Array, start: int = 0) -> Array:
         """Convert values (N,) [unit of the source]; `start` is not used."""
         return values * self.scale / self.over + self.offset
+
+
+def signed_register(values: Array, start: int = 0) -> Array:
+    """Duties whose signed numbers were read as unsigned ones of 16 bits, with their sign.
+
+    values: (N,) [any unit] of a register; `start` is not used.
+    """
+    return np.where(values > TURN / 2 - 1, values - TURN, values)
 
 
 class DerivedTable:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
-from .mapping import split
+from .mapping import DRIVE, split
 
 WORDS: Mapping[str, tuple[str, ...]] = {
     "q": ("q", "pos", "position", "positions", "angle", "angles", "theta", "qpos", "jpos", "winkel", "istposition"),
@@ -78,6 +78,8 @@ def guess(column: str, known: Collection[str] = ()) -> Guess | None:
         for kind, token in pairs:
             if token in known:
                 return Guess(column, kind, token, "", True)
+        pairs = [pair for pair in pairs if pair[0] not in DRIVE]
+    if pairs:
         words = _words(pairs[0][1])
         other = found is not None and (found.desired or found.kind != pairs[0][0])
         if not other or not ({*words} & {*DESIRED, *ABSOLUTE, "d"} or pairs[0][0] == "current"):

@@ -13,13 +13,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import RecordingError, shorten
 from ..robot import as_robot
-from ..types import Array, Recording, Robot, Table
+from ..types import Array, Recording, Robot, ServoSamples, Table
 from .columns import TORQUES, Assignment, assign_columns
 from .formats.base import About
 from .mapping import ColumnMap, DerivedTable
 from .names import suggest
 from .sampling.clock import CHUNK
 from .source import Opened, Source, columns_of, open_source
+
+POSITIONS = ("q", "dq", "ddq", "q_des")
+PLAUSIBLE = {  # smallest and largest accepted value of columns of drives
+    "pwm": (-1.01, 1.01, 'duties from -1 to 1: state [units] pwm = "%" or a scale in a column map (--columns)'),
+    "on": (0.0, 1.0, "1 while the drive holds and 0 while it does not"),
+    "volt": (0.0, 1e3, 'volts: state [units] volt = "mV" or "dV" in a column map (--columns)'),
+}
 
 
 def read_recording(
@@ -33,9 +40,10 @@ def read_recording(
     """Read a recording of a robot.
 
     Required columns are `t` and, for each joint J by name or number, `q_J` and one of `tau_J`, `current_J`,
-    `abs_tau_J` and `abs_current_J` (absolute values); `dq_J`, `ddq_J` and `q_des_J` are optional. A signed current
-    requires the torque constant of the joint; for an absolute current, sign recovery can estimate it. Samples of a
-    Parquet file are read on demand.
+    `abs_tau_J` and `abs_current_J` (absolute values), or the commanded position `q_des_J` of a servo; `dq_J`, `ddq_J`,
+    `q_des_J` and the columns of `ServoSamples` (`on_J`, `pwm_J`, ...) are optional. A signed current requires the
+    torque constant of the joint; for an absolute current, sign recovery can estimate it. Samples of a Parquet file are
+    read on demand.
 
     Args:
         source: a file, a ROS bag, a LeRobot dataset, a frame of pandas or polars, or arrays by column name: (N,), or
@@ -59,9 +67,11 @@ def read_recording(
     chosen = {
         "t": (found.column("t", 0),),
         "tau": tuple(found.column(kind, j) for kind, j in zip(torques, joints, strict=True)),
-        **{key: tuple(found.column(key, j) for j in joints) for key in ("q", "dq", "ddq", "q_des")},
+        **{key: tuple(found.column(key, j) for j in joints) for key in POSITIONS},
+        **{key: tuple(found.column(key, j) for j in joints) for key in ServoSamples._fields},
     }
     _check_samples(found.table, opened.name, chosen, torques)
+    chosen, dropped = _plausible(found.table, chosen)
     constants = _torque_constants(robot, joints, torques, absolute, opened.name)
     absolutes = {c: _absolute for c, kind in zip(chosen["tau"], torques, strict=True) if unsigned and kind}
     return Recording(
@@ -72,7 +82,7 @@ def read_recording(
         ~np.array(absolute),
         opened.path,
         opened.sha256,
-        (*About.of(opened.table).notes, *_notes(found, robot, joints), *found.notes),
+        (*About.of(opened.table).notes, *_notes(found, robot, joints, opened), *found.notes, *dropped),
         ~np.isnan(constants) if np.isnan(constants).any() else None,
         found.flags,
     )
@@ -104,6 +114,19 @@ def need_constants(recordings: Sequence[Recording]) -> None:
             names = [joint for joint, known in zip(recording.joints, recording.scaled, strict=True) if not known]
             source, advice = recording.path or "the recording", "let identification estimate it"
             raise RecordingError(_no_constant(source, names, advice))
+
+
+def need_torque(recordings: Sequence[Recording]) -> None:
+    """Reject recordings of servos, which have commanded positions and no torque.
+
+    Raises:
+        RecordingError: a recording has no torque of any joint.
+    """
+    for recording in recordings:
+        if not any(recording.columns["tau"]):
+            source, joint = recording.path or "the recording", recording.joints[0]
+            fault = f"{source} has commanded and measured positions, but no torque of a joint"
+            raise RecordingError(f"{fault}; add columns such as tau_{joint} or current_{joint}")
 
 
 def with_signs(recording: Recording, signs: NDArray[np.int8] | NDArray[np.float32]) -> Recording:
@@ -152,7 +175,7 @@ def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
         lack = f"column 't' of time in seconds; {advice}"
     elif not joints:
         lack = f"position column such as q_{robot.joints[0]} or q_{robot.numbers[0]}; {advice}"
-    elif not any(found.torque(j) for j in joints):
+    elif not any(found.torque(j) or found.column("q_des", j) for j in joints):
         example = " or ".join(f"{kind}_{robot.numbers[joints[0]]}" for kind in TORQUES)
         lack = f"torque of a joint whose position it has; add columns such as {example}"
     else:
@@ -195,7 +218,24 @@ def _no_constant(source: str, names: Sequence[str], advice: str) -> str:
     return f"{source} records {fact.format(shorten(names))} not known; {state}, or {advice}"
 
 
-def _notes(found: Assignment, robot: Robot, joints: Sequence[int]) -> Iterator[str]:
+def _plausible(table: Table, chosen: dict[str, tuple[str, ...]]) -> tuple[dict[str, tuple[str, ...]], list[str]]:
+    """Columns without those of drives whose numbers cannot be meant, and a note for each of these."""
+    chosen, said = dict(chosen), []
+    for key, (low, high, expected) in PLAUSIBLE.items():
+        names = [name for name in chosen[key] if name]
+        pieces = (table.read(names, start, start + CHUNK) for start in range(0, table.rows if names else 0, CHUNK))
+        ends = [(np.nanmin(x, axis=0, initial=0.0), np.nanmax(x, axis=0, initial=0.0)) for x in pieces]
+        for k, name in enumerate(names):
+            least, most = min(float(a[k]) for a, _ in ends), max(float(b[k]) for _, b in ends)
+            if least < low or most > high:
+                chosen[key] = tuple("" if each == name else each for each in chosen[key])
+                said.append(f"column {name!r} goes from {least:.4g} to {most:.4g} and is ignored; expected {expected}")
+    return chosen, said
+
+
+def _notes(found: Assignment, robot: Robot, joints: Sequence[int], opened: Opened) -> Iterator[str]:
+    if not any(found.torque(j) for j in joints):
+        yield f"no torque and no current: a recording of servos{suggest(opened.table.columns, robot)}"
     if absent := [name for j, name in enumerate(robot.joints) if j not in joints]:
         subject, verbs = ("joint", ("has", "is")) if len(absent) == 1 else ("joints", ("have", "are"))
         yield f"{subject} {', '.join(absent)} {verbs[0]} no position column and {verbs[1]} held fixed"

@@ -9,7 +9,7 @@ import numpy as np
 from ..effects import EFFECTS
 from ..effects.base import ActuatorLaw, RecordingLaw
 from ..errors import OptionError
-from ..recording import need_constants, same_joints
+from ..recording import need_constants, need_torque, same_joints
 from ..recording.sampling import Sampling, samples, split, survey
 from ..robot import hold, resting
 from ..robot.dynamics import check_masses
@@ -54,6 +54,7 @@ def prepare(
     if not recordings:
         raise OptionError("no recording was given; at least one is needed")
     everything = [*recordings, *held_out]
+    need_torque(everything)
     if scaled:
         need_constants(everything)
     check_masses(robot)

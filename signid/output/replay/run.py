@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import OptionError
 from ...model import Model, ModelSource, as_model
-from ...recording import as_recording
+from ...recording import as_recording, need_torque
 from ...recording.sampling import time_origin
 from ...recording.source import Source
 from ...simulation.rollout.joints import restrict_joints
@@ -58,6 +58,7 @@ def replay(
     """
     model = as_model(model, "replay")
     recording = as_recording(recording, model.robot, "replay")
+    need_torque([recording])
     _check(recording, horizon, rate)
     shown = part(recording, start, LONGEST if duration is None else duration)
     cut = len(shown) < len(recording)

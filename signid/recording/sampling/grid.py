@@ -150,11 +150,11 @@ def _rows(recording: Recording, sampling: Sampling, stretch: Stretch, low: int, 
     place = dropped - np.arange(len(dropped))  # number of kept rows before each dropped one
     begin, end = (stretch.start + k + int(np.searchsorted(place, k, side="right")) for k in (low, high - 1))
     end = end + 1 if high > low else begin
-    found = recording.read(begin, end)
+    found = recording.read(begin, end, servo=False)
     inside = dropped[slice(*np.searchsorted(dropped + stretch.start, [begin, end]))] + stretch.start - begin
     if len(inside):
         signals: Any = found._asdict()
-        kept = [np.delete(x, inside, axis=0) if np.ndim(x) else x for x in signals.values()]
+        kept = [np.delete(x, inside, axis=0) if isinstance(x, np.ndarray) else x for x in signals.values()]
         found = Samples._make(kept)
     if len(sampling.turn_rows):
         found = _unwrap(found, sampling, np.delete(np.arange(begin, end), inside), stretch.start)
@@ -173,13 +173,13 @@ def _unwrap(found: Samples, sampling: Sampling, rows: NDArray[np.intp], start: i
 
 
 def _interpolate(rows: Samples, t: Array, unsigned: NDArray[np.bool_]) -> Samples:
-    signals = [x for x in rows[1:-1] if x is not None]
+    signals = [x for x in rows[1:6] if x is not None]
     n = rows.q.shape[1]
     linear = np.zeros(n * len(signals), bool)
     linear[n : 2 * n] = unsigned
     values = _hermite(rows.t, np.concatenate(signals, axis=1), t, linear)
     parts = iter(np.split(values, len(signals), axis=1))
-    return Samples._make([t, *(None if x is None else next(parts) for x in rows[1:-1]), rows.origin])
+    return Samples._make([t, *(None if x is None else next(parts) for x in rows[1:6]), rows.origin, None])
 
 
 def _hermite(stamps: Array, y: Array, t: Array, linear: NDArray[np.bool_]) -> Array:

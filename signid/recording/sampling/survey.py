@@ -87,7 +87,7 @@ def survey(recording: Recording, robot: Robot) -> Sampling:
     wraps = ~robot.prismatic[place] & ((room >= ROUND) | (room <= 0))
     columns, accumulated = _Columns(recording, name), Accumulator(clock, wraps)
     for start in range(0, len(recording), CHUNK):
-        chunk = recording.read(start, start + CHUNK)
+        chunk = recording.read(start, start + CHUNK, servo=False)
         repeated = columns.repeated_rows(chunk.t, start, clock.close)
         missing = columns.missing_rows(chunk, start) & ~repeated
         columns.incomplete += int(missing.sum())

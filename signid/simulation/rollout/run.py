@@ -12,7 +12,7 @@ from ...effects.base import TorqueLaw, of_kind
 from ...effects.trial import Trial
 from ...errors import OptionError
 from ...model import Model, ModelSource, as_model
-from ...recording import Recordings, as_recordings
+from ...recording import Recordings, as_recordings, need_torque
 from ...recording.sampling import survey
 from ...regression.bandwidth import Band, choose_band
 from ...regression.session import Session, common_rate, longest_piece
@@ -111,6 +111,7 @@ def roll_out(
     """
     model = as_model(model, "roll_out")
     each = _each(recordings, model.robot)
+    need_torque(each)
     _check(each, horizons, windows, step)
     model, notes = restrict_joints(model, each)
     if isinstance(recordings, Session):

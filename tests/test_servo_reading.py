@@ -1,0 +1,106 @@
+"""Columns of servos: commanded positions instead of torque, what drives record besides, and stated numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import signid
+from signid.errors import RecordingError
+from signid.recording.convert import convert
+from signid.types import Array, Robot
+
+ROBOTS = Path(__file__).parents[1] / "robots"
+ROWS = 300
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return signid.load_robot("3r")
+
+
+def columns(joints: int = 3) -> dict[str, Array]:
+    t = np.arange(ROWS) / 100
+    found = {"t": t}
+    for j in range(1, joints + 1):
+        found[f"q_des_{j}"] = np.sin(t + j)
+        found[f"q_{j}"] = np.sin(t + j - 0.05)
+    return found
+
+
+def test_servo_recording_without_torque(robot: Robot) -> None:
+    more = {"on_1": np.ones(ROWS), "pwm_2": np.full(ROWS, 0.5), "tau_ff_joint_3": np.full(ROWS, 2.0)}
+    recording = signid.read_recording({**columns(), **more}, robot)
+    assert recording.servo == (True, True, True)
+    samples = recording.read(10, 20)
+    assert samples.servo is not None and samples.servo.dq_des is None and samples.servo.volt is None
+    assert samples.servo.on is not None and samples.servo.on.shape == (10, 3)
+    assert samples.servo.on[:, 0].tolist() == [1.0] * 10 and np.isnan(samples.servo.on[:, 1:]).all()
+    assert samples.servo.tau_ff is not None and samples.servo.tau_ff[0, 2] == 2
+    assert np.isnan(samples.tau).all()
+    assert recording.read(servo=False).servo is None
+    assert any("servos" in note for note in recording.notes)
+
+
+def test_torque_makes_no_servo(robot: Robot) -> None:
+    recording = signid.read_recording(
+        {**columns(), "tau_2": np.ones(ROWS), "current_3": np.ones(ROWS)}, robot, unsigned=True
+    )
+    assert recording.servo == (True, False, False)
+    assert recording.read().servo is None
+
+
+@pytest.mark.parametrize("verb", ["payload", "reduce", "roll_out", "replay"])
+def test_torque_verbs_refuse_servos(robot: Robot, verb: str) -> None:
+    recording = signid.read_recording(columns(), robot)
+    model = signid.load_model("3r")
+    calls = {
+        "payload": lambda: signid.payload(
+            robot, [recording], [signid.read_recording({**columns(), "dq_1": np.ones(ROWS)}, robot)]
+        ),
+        "reduce": lambda: signid.reduce(robot, [recording]),
+        "roll_out": lambda: signid.roll_out(model, [recording]),
+        "replay": lambda: signid.replay(model, recording),
+    }
+    with pytest.raises(RecordingError, match="commanded and measured positions, but no torque") as error:
+        calls[verb]()
+    assert "\n" not in str(error.value)
+
+
+def test_neither_torque_nor_command(robot: Robot) -> None:
+    given = {name: values for name, values in columns().items() if "des" not in name}
+    with pytest.raises(RecordingError, match="no torque of a joint"):
+        signid.read_recording(given, robot)
+
+
+def test_register_of_16_bits(robot: Robot) -> None:
+    raw = np.where(np.arange(ROWS) % 2, 65536.0 - 443, 885.0)
+    given = {**columns(), "duty": raw}
+    chosen = {"pwm_1": {"column": "duty", "scale": 1 / 885}}
+    servo = signid.read_recording(given, robot, columns=chosen).read().servo
+    assert servo is not None and servo.pwm is not None
+    assert servo.pwm[:2, 0] == pytest.approx([1.0, -443 / 885])
+
+
+def test_units_of_drives(robot: Robot) -> None:
+    given = {**columns(), "pwm_1": np.full(ROWS, 50.0), "volt_1": np.full(ROWS, 74.0), "dq_des_1": np.full(ROWS, 180.0)}
+    units = {"units": {"pwm": "%", "volt": "dV", "dq_des": "deg/s"}}
+    servo = signid.read_recording(given, robot, columns=units).read().servo
+    assert servo is not None and servo.pwm is not None and servo.volt is not None and servo.dq_des is not None
+    assert [each[0, 0] for each in (servo.pwm, servo.volt, servo.dq_des)] == pytest.approx([0.5, 7.4, np.pi])
+
+
+def test_implausible_duties_are_ignored(robot: Robot) -> None:
+    recording = signid.read_recording({**columns(), "pwm_1": np.full(ROWS, 885.0)}, robot)
+    assert recording.read().servo is None
+    assert any("pwm_1" in note and "-1 to 1" in note for note in recording.notes)
+
+
+def test_other_columns_that_begin_alike(robot: Robot) -> None:
+    more = {"temp_room": np.ones(ROWS), "on_ground": np.ones(ROWS), "temp_9": np.ones(ROWS), "on_time": np.ones(ROWS)}
+    recording = signid.read_recording({**columns(), **more}, robot)
+    assert recording.read().servo is None
+    converted = convert({**columns(), **more}, robot=robot)
+    assert set(converted.joints) == {"1", "2", "3"} and not converted.suggested
