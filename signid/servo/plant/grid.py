@@ -1,0 +1,216 @@
+"""Recordings of servo joints on uniform grids: positions interpolated, held commands averaged over each row.
+
+The average of a held command over a row keeps its time exactly; sampling it would shift it by half a row where
+stamps are uneven.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...errors import RecordingError
+from ...servos import ServoGrid
+from ...types import Array, Mask, Recording, Robot
+
+FASTEST = 250.0  # [Hz] of a grid by default; enough for loops of position drives
+GAP = 0.25  # [s] without samples, beyond 5 periods, ends a grid
+SHORTEST = 0.4  # [s] shorter stretches between gaps are left out
+
+
+def servo_grids(recording: Recording, robot: Robot, rate: float | None = None) -> tuple[ServoGrid, ...]:
+    """Grids of a recording, one for each stretch without gaps.
+
+    Args:
+        recording: recording with q_des of at least one joint.
+        robot: its robot; `Robot.registers` and `Robot.servo` give gains and nominal voltages.
+        rate: of the grid [Hz]; by default the rate of the stamps, at most 250 Hz.
+
+    Raises:
+        RecordingError: no joint has commands, or every stretch is too short.
+    """
+    x = recording.read()
+    if x.q_des is None:
+        raise RecordingError(f"{_name(recording)} has no commanded position; add columns q_des_J of the servo joints")
+    servo: Any = getattr(x, "servo", None)
+    more = {key: getattr(servo, key, None) for key in ("dq_des", "tau_ff", "on", "volt")}
+    return grids_of_arrays(
+        recording.joints,
+        x.t,
+        x.q,
+        x.q_des,
+        command_speed=more["dq_des"],
+        feed_forward=more["tau_ff"],
+        on=more["on"],
+        voltage=_relative(more["volt"], _nominal(robot, recording.joints, "voltage")),
+        gain=_gain(recording, robot),
+        rate=rate,
+        path=recording.path,
+        sha256=recording.sha256,
+        origin=x.origin,
+    )
+
+
+def servo_grid(recording: Recording, robot: Robot, rate: float | None = None) -> ServoGrid:
+    """Longest grid of `servo_grids`."""
+    return max(servo_grids(recording, robot, rate), key=len)
+
+
+def grids_of_arrays(
+    joints: Sequence[str],
+    t: ArrayLike,
+    q: ArrayLike,
+    q_des: ArrayLike,
+    *,
+    command_speed: ArrayLike | None = None,
+    feed_forward: ArrayLike | None = None,
+    on: ArrayLike | None = None,
+    voltage: ArrayLike | None = None,
+    gain: ArrayLike = 1.0,
+    rate: float | None = None,
+    path: str = "",
+    sha256: str = "",
+    origin: float = 0.0,
+) -> tuple[ServoGrid, ...]:
+    """Grids of arrays, one for each stretch without gaps.
+
+    Args:
+        joints: n names.
+        t: (N,) stamps [s], ascending; rows without a position are left out.
+        q: (N, n) or (N,) measured positions [rad or m].
+        q_des: (N, n) commands in force from each stamp; NaN where the drive is without command, which turns it off.
+        command_speed: (N, n) [rad/s or m/s].
+        feed_forward: (N, n) torque of the command [N.m or N].
+        on: (N, n) 1 while the drive holds.
+        voltage: (N, n) relative to the nominal supply [1].
+        gain: (n,) firmware gain relative to the nominal one [1].
+        rate: of the grid [Hz]; by default the rate of the stamps, at most 250 Hz.
+        path: of the file.
+        sha256: of the file.
+        origin: added to the stamps [s].
+
+    Raises:
+        RecordingError: no joint has commands, or every stretch is too short.
+    """
+    n, stamps = len(joints), np.asarray(t, float)
+    table = {"q": q, "u": q_des, "speed": command_speed, "forward": feed_forward, "on": on, "volt": voltage}
+    columns = {k: np.reshape(np.asarray(x, float), (len(stamps), n)) for k, x in table.items() if x is not None}
+    keep = np.isfinite(stamps) & np.isfinite(columns["q"]).all(1)
+    keep[keep] = np.diff(stamps[keep], prepend=-np.inf) > 0
+    stamps, columns = stamps[keep], {k: x[keep] for k, x in columns.items()}
+    source = path or "the recording"
+    driven = np.asarray(np.isfinite(columns["u"]).any(0))
+    if not driven.any():
+        raise RecordingError(f"{source} has no commanded position; give q_des of at least one joint")
+    columns = _held(columns, driven)
+    if len(stamps) < 3:
+        raise RecordingError(f"{source} has {len(stamps)} usable rows; record the robot in motion")
+    period = float(np.median(np.diff(stamps)))
+    rate = min(_round(1 / period), FASTEST) if rate is None else float(rate)
+    cuts = np.flatnonzero(np.diff(stamps) > max(GAP, 5 * period)) + 1
+    edges = [0, *cuts.tolist(), len(stamps)]
+    parts = [slice(a, b) for a, b in zip(edges, edges[1:], strict=False) if b - a > 3]
+    parts = [part for part in parts if stamps[part][-1] - stamps[part][0] >= SHORTEST]
+    if not parts:
+        raise RecordingError(
+            f"{source} has no stretch of {SHORTEST:g} s without gaps; record for longer, or check the stamps"
+        )
+    flags = tuple(bool(x) for x in driven)
+    gains = np.broadcast_to(np.asarray(gain, float), (n,))
+    return tuple(
+        ServoGrid(
+            tuple(joints),
+            rate,
+            origin + float(stamps[part][0]),
+            **_resample(stamps[part], {k: x[part] for k, x in columns.items()}, rate),
+            gain=gains,
+            driven=flags,
+            path=path,
+            sha256=sha256,
+        )
+        for part in parts
+    )
+
+
+def _held(columns: Mapping[str, Array], driven: Mask) -> dict[str, Array]:
+    """Columns without NaN: the last value is held; joints without a command are off, their command is q."""
+    u = columns["u"]
+    on = np.isfinite(u) * np.nan_to_num(columns.get("on", np.ones_like(u)), nan=1.0)
+    filled = {k: _fill(x) for k, x in columns.items()}
+    filled["u"] = np.where(driven, filled["u"], columns["q"])
+    filled["volt"] = np.where(np.isfinite(filled["volt"]), filled["volt"], 1.0) if "volt" in filled else np.ones_like(u)
+    for key in ("speed", "forward"):
+        if key in filled:
+            filled[key] = np.nan_to_num(filled[key])
+    return filled | {"q": columns["q"], "on": np.where(driven, on > 0.5, False).astype(float)}
+
+
+def _fill(x: Array) -> Array:
+    """Columns with NaN replaced by the last value before, or the first one after."""
+    out = x.copy()
+    for column in out.T:
+        known = np.flatnonzero(np.isfinite(column))
+        if 0 < len(known) < len(column):
+            place = np.maximum(np.searchsorted(known, np.arange(len(column)), side="right") - 1, 0)
+            column[:] = column[known[place]]
+    return out
+
+
+def _resample(t: Array, columns: Mapping[str, Array], rate: float) -> dict[str, Any]:
+    rows = int(np.floor((t[-1] - t[0]) * rate * (1 + 1e-9) + 1e-6)) + 1
+    at = t[0] + np.arange(rows) / rate
+    edges = np.append(at, at[-1] + 1 / rate)
+    row = np.clip(np.searchsorted(t, at + 0.01 / rate, side="right") - 1, 0, len(t) - 1)
+    held = {key: _averaged(t, columns[key], edges) for key in ("u", "speed", "forward") if key in columns}
+    return {
+        "q": _linear(t, columns["q"], at),
+        "command": held["u"],
+        "command_speed": held.get("speed"),
+        "feed_forward": held.get("forward"),
+        "on": columns["on"][row],
+        "voltage": _linear(t, columns["volt"], at),
+    }
+
+
+def _linear(t: Array, x: Array, at: Array) -> Array:
+    return np.column_stack([np.interp(at, t, column) for column in x.T])
+
+
+def _averaged(t: Array, x: Array, edges: Array) -> Array:
+    """Averages (rows, n) of held values between edges."""
+    offset = x[0]
+    area = np.vstack([np.zeros((1, x.shape[1])), np.cumsum((x[:-1] - offset) * np.diff(t)[:, None], axis=0)])
+    inside = _linear(t, area, edges)
+    beyond = np.maximum(edges - t[-1], 0)[:, None] * (x[-1] - offset)
+    return np.asarray(offset + np.diff(inside + beyond, axis=0) / np.diff(edges)[:, None])
+
+
+def _round(rate: float) -> float:
+    """Nearest whole rate if it is within 0.5 %, else three digits."""
+    return float(round(rate)) if abs(rate - round(rate)) < 0.005 * rate else float(f"{rate:.4g}")
+
+
+def _nominal(robot: Robot, joints: Sequence[str], key: str) -> Array:
+    stated: Mapping[str, Mapping[str, Any]] = getattr(robot, "servo", {})
+    return np.array([float(stated.get(joint, {}).get(key, np.nan)) for joint in joints])
+
+
+def _relative(voltage: Array | None, nominal: Array) -> Array | None:
+    return None if voltage is None else np.where(np.isfinite(nominal), voltage / nominal, 1.0)
+
+
+def _gain(recording: Recording, robot: Robot) -> Array:
+    """Gain register of the recording over the one that kp belongs to; 1 where either is not stated."""
+    registers: Mapping[tuple[str, str], Mapping[str, float]] = getattr(robot, "registers", {})
+    name = Path(recording.path).name
+    here = [registers.get((name, joint), {}).get("kp_register", np.nan) for joint in recording.joints]
+    gain = np.array(here, float) / _nominal(robot, recording.joints, "kp_register")
+    return np.where(np.isfinite(gain), gain, 1.0)
+
+
+def _name(recording: Recording) -> str:
+    return recording.path or "the recording"

@@ -1,0 +1,114 @@
+"""Roll-outs of the closed loop from commands alone, with the exact dynamics of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ...model import Model
+from ...robot import configuration
+from ...robot.joints import is_plain
+from ...servos import DRIVE_LAWS, Servo, ServoGrid
+from ...types import Array, Robot
+from .commands import commands_at
+from .course import Moved, bodies_of, motion_of
+from .kernel import ARMATURE, actuate, kick, numbers
+from .substeps import substeps
+
+
+def roll_out(model: Model, servos: Mapping[str, Servo], grid: ServoGrid, horizon: float | None = None) -> Array:
+    """Simulate a recording from its commands alone.
+
+    Args:
+        model: bodies and laws of the robot.
+        servos: drives by joint; joints without one follow the recorded motion.
+        grid: the recording.
+        horizon: time [s] after which the state is set to the measured one again; None: never.
+
+    Returns:
+        Positions (N, n) [rad or m]; the recorded ones where the robot is set to them.
+    """
+    robot = bodies_of(model, grid.joints)
+    motion = motion_of(grid)
+    driven = [j for j, joint in enumerate(grid.joints) if joint in servos]
+    if not driven:
+        return grid.q.copy()
+    acting = [servos[grid.joints[j]] for j in driven]
+    restart = len(grid) if horizon is None else max(int(round(horizon * grid.rate)), 1)
+    parts = substeps(grid.step, acting, effective(robot, motion, driven))
+    return _Loop(robot, grid, motion, driven, acting, parts).run(restart)
+
+
+def effective(robot: Robot, motion: Moved, joints: Sequence[int]) -> Array:
+    """Smallest inertia (n,) [kg.m2 or kg] that each joint feels alone, others free, over some rows of a motion."""
+    data = robot.model.createData()
+    rows = configuration(robot, motion.q[:: max(len(motion.q) // 20, 1)])
+    out = []
+    for q in rows:
+        mass = _full(pin.crba(robot.model, data, q), robot)[np.ix_(joints, joints)]
+        out.append(np.diag(mass))
+    return np.asarray(np.min(out, axis=0))
+
+
+class _Loop:
+    """Closed loop with Pinocchio in every substep."""
+
+    def __init__(
+        self, robot: Robot, grid: ServoGrid, motion: Moved, driven: list[int], acting: list[Servo], parts: int
+    ) -> None:
+        self.robot, self.grid, self.motion, self.driven, self.parts = robot, grid, motion, driven, parts
+        self.data = robot.model.createData()
+        self.plain = all(is_plain(joint) for joint in list(robot.model.joints)[1:])
+        self.h = grid.step / parts
+        self.numbers = np.array([numbers(servo) for servo in acting])
+        self.laws = np.array([DRIVE_LAWS.index(servo.law) for servo in acting])
+        each = [
+            commands_at(grid, j, servo.kd_on, servo.delay, servo.profile_speed, parts)
+            for j, servo in zip(driven, acting, strict=True)
+        ]
+        self.commands = np.ascontiguousarray(np.moveaxis(np.array(each), 0, 2))  # (3, N parts, n)
+
+    def run(self, restart: int) -> Array:
+        """Positions (N, n), with the state set to the measured one every `restart` rows."""
+        out, rows = self.grid.q.copy(), len(self.grid)
+        q, v = np.empty(len(self.driven)), np.empty(len(self.driven))
+        for k in range(rows - 1):
+            if k % restart == 0:
+                q[:], v[:] = self.motion.q[k, self.driven], self.motion.v[k, self.driven]
+                out[k, self.driven] = q
+            self._row(k, q, v)
+            out[k + 1, self.driven] = q
+        return out
+
+    def _row(self, k: int, q: Array, v: Array) -> None:
+        """Advance a row in place."""
+        motion, j, grid = self.motion, self.driven, self.grid
+        on, voltage, gain = grid.on[k, j], grid.voltage[k, j], grid.gain[j]
+        act = np.empty((4, len(j)))
+        for s in range(self.parts):
+            far = (s + 0.5) / self.parts
+            whole, speed, rate = ((1 - far) * x[k] + far * x[k + 1] for x in motion)
+            half = q + 0.5 * self.h * v
+            whole[j], speed[j], rate[j] = half, v, 0.0
+            command, reference, forward = self.commands[:, k * self.parts + s]
+            actuate(self.numbers, self.laws, half, v, command, reference, forward, on, voltage, gain, act)
+            mass, load = self._dynamics(whole, speed, rate)
+            kick(v, mass, act[0] - load, self.numbers[:, ARMATURE], act[1], act[2], self.h)
+            q[:] = half + 0.5 * self.h * v
+
+    def _dynamics(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Mass matrix and torque of the driven joints; those that follow the recording keep its acceleration."""
+        robot, j = self.robot, self.driven
+        state = robot.drive @ q + robot.rest if self.plain else configuration(robot, q)
+        torque = pin.rnea(robot.model, self.data, state, robot.drive @ v, robot.drive @ a) @ robot.drive
+        mass = _full(pin.crba(robot.model, self.data, state), robot)
+        return np.ascontiguousarray(mass[np.ix_(j, j)]), np.asarray(torque[j])
+
+
+def _full(upper: Any, robot: Robot) -> Array:
+    mass = np.triu(np.reshape(upper, (robot.model.nv, robot.model.nv)))
+    mass = mass + np.triu(mass, 1).T
+    return np.asarray(robot.drive.T @ mass @ robot.drive)
