@@ -6,7 +6,7 @@ Shapes: N samples, n independent joints, nb bodies.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -81,6 +81,8 @@ class Robot(Result):
     path: str
     sha256: str
     notes: tuple[str, ...] = ()  # defects of the description, one sentence each
+    servo: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)  # stated numbers of drives by joint
+    registers: Mapping[tuple[str, str], Mapping[str, float]] = field(default_factory=dict)  # by recording file, joint
 
     def index(self, joint: str) -> int:
         """Index of a joint by name; ValueError if there is none."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import signid
-from signid.errors import RecordingError
+from signid.errors import RecordingError, RobotError
 from signid.recording.convert import convert
 from signid.types import Array, Robot
 
@@ -96,6 +96,69 @@ def test_implausible_duties_are_ignored(robot: Robot) -> None:
     recording = signid.read_recording({**columns(), "pwm_1": np.full(ROWS, 885.0)}, robot)
     assert recording.read().servo is None
     assert any("pwm_1" in note and "-1 to 1" in note for note in recording.notes)
+
+
+STATED = """
+[joint.1]
+armature = 0.1
+[joint.1.servo]
+law = "duty"
+kp = 20
+kd_on = "error"
+delay = "find"
+kp_register = 400
+[joint.joint_2.servo]
+kp = "find"
+[recording."kp100.csv".joint_1]
+kp_register = 100
+"""
+
+
+def test_stated_numbers_of_drives(tmp_path: Path) -> None:
+    file = tmp_path / "drives.toml"
+    file.write_text(STATED)
+    robot = signid.load_robot("3r", actuators=file)
+    assert robot.actuators.armature[0] == 0.1
+    assert robot.servo == {"joint_1": {"law": "duty", "kp": 20.0, "kd_on": "error", "kp_register": 400.0}}
+    assert robot.registers == {("kp100.csv", "joint_1"): {"kp_register": 100.0}}
+    held = signid.load_robot("3r", actuators=file, lock={"joint_1": 0})
+    assert not held.servo and not held.registers
+    assert not signid.load_robot("3r").servo and not signid.load_robot("3r").registers
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[joint.1.servo]\nkpp = 1", "did you mean kp"),
+        ("[joint.1.servo]\nflavour = 1", "choose from law, kp"),
+        ("[joint.1.servo]\nkp = '20'", "expected a finite number"),
+        ("[joint.1.servo]\nkp = true", "expected a finite number"),
+        ("[joint.1.servo]\nkp = 0", "expected a positive number"),
+        ("[joint.1.servo]\nkd = -1", "expected zero or a positive number"),
+        ("[joint.1.servo]\neffort_limit = inf", "expected a finite number"),
+        ("[joint.1.servo]\ndelay = nan", "expected a finite number"),
+        ("[joint.1.servo]\nlaw = 'torque-speed'", "did you mean 'torque_speed'"),
+        ("[joint.1.servo]\nlaw = 3", "expected effort, duty, torque_speed or find"),
+        ("[joint.1.servo]\nkd_on = 'nothing'", "expected velocity, error or find"),
+        ("[joint.1]\nservo = 3", "write .joint.1.servo."),
+        ("[joint.1]\nkp = 3", "kp belongs below .joint.1.servo."),
+        ("[joint.9.servo]\nkp = 3", "no joint '9'"),
+        ("recording = 3", "'recording' is not a table"),
+        ('[recording]\n"a.csv" = 3', "is not a table of joints"),
+        ('[recording."a.csv"]\n1 = 3', "no table of numbers"),
+        ("[recording.a.csv.1]\nkp_register = 3", "with its quotes"),
+        ('[recording."a.csv".1]\nkp = 3', "expected kp_register"),
+        ('[recording."a.csv".1]\nkp_register = 0', "expected a positive number"),
+        ('[recording."a.csv".nobody]\nkp_register = 1', "no joint 'nobody'"),
+        ('[recording."a.csv".1]\nkp_register = 1\n[recording."a.csv".joint_1]\nkp_register = 1', "two tables"),
+    ],
+)
+def test_bad_numbers_of_drives_get_a_sentence(text: str, sentence: str, tmp_path: Path) -> None:
+    file = tmp_path / "drives.toml"
+    file.write_text(text)
+    with pytest.raises(RobotError, match=sentence) as caught:
+        signid.load_robot("3r", actuators=file)
+    assert "\n" not in str(caught.value) and str(caught.value).startswith("drives.toml: ")
 
 
 def test_other_columns_that_begin_alike(robot: Robot) -> None:
