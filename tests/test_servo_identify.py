@@ -8,7 +8,7 @@ import pytest
 from signid.servo.identify.evidence import improves, law_probabilities, window_scores
 from signid.servo.identify.identifiable import JointFacts, joint_numbers
 from signid.servo.identify.rank import dependent_numbers, sentences
-from signid.servo.identify.scale import alternatives, connected_sets, mass_ratio
+from signid.servo.identify.scale import alternatives, mass_ratio
 from signid.servos import Servo
 
 ELBOW = Servo(kp=20.0, kd=1.0, delay=0.01, coulomb_friction=0.2, armature=0.01)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 import pytest
 from jsonschema import Draft202012Validator
+from servo_results import invented
 
 import signid
 from signid.errors import RobotError
 from signid.model import SERVO_LAWS, Model, load_model, with_servos
+from signid.output.report import servo_identification_document, to_json
 from signid.servos import Servo
-from signid.toml_json import SCHEMAS
+from signid.toml_json import SCHEMAS, check_schema
 
 DUTY = Servo(law="duty", kp=1.1, kd=0.05, delay=0.01, effort_limit=0.8, coulomb_friction=0.1, torque_offset=-0.2)
 REGISTER = Servo(kp=20.0, kd=0.5, kp_register=400.0)
@@ -72,3 +76,42 @@ def test_a_drive_of_a_strange_joint_is_refused(servo_model: Model, tmp_path: Pat
     path.write_text(json.dumps(document))
     with pytest.raises(RobotError, match="no joint"):
         load_model(path)
+
+
+def test_the_document_follows_its_schema_and_the_contract() -> None:
+    result = invented()
+    content = json.loads(to_json(servo_identification_document(result)))
+    check_schema(content, "identification")
+    servo = content["servo"]
+    assert servo["scale"]["told_by"] == "inertials of the description"
+    assert servo["scale"]["share_of_known_load"] == {"joint_1": 0.62, "joint_2": 0.9, "joint_3": 0.03}
+    first, stated, unknown = servo["joints"]
+    assert first["kp"] == {"value": 1.1, "std": 0.06, "unit": "N.m/rad"}
+    assert first["damping"]["is"] == "kd + viscous_friction + back_emf"
+    assert first["effort_limit"]["saturated_share"] == 0.03
+    assert stated["kp"]["stated"] == 20.0 and stated["kp"]["std"] is None and stated["law_probability"] is None
+    assert unknown["kp"]["value"] is None and "known load" in unknown["kp"]["sentence"]
+    assert servo["rollout"]["held_out"] and servo["rollout"]["whole_rms"] == [0.0123, 0.0456, 0.00789]
+    assert [entry["effect"] for entry in content["effects"]] == ["armature", "coulomb_friction"]
+
+
+def test_what_is_not_identifiable_has_no_number_on_the_terminal() -> None:
+    shown = repr(invented())
+    assert "not identifiable" in shown and "20.0 (stated)" in shown and "1.10 ± 0.12" in shown
+    assert "joint_1, joint_2: kd apart" in shown
+    assert len(shown.splitlines()) <= 40
+
+
+def test_the_page_shows_hostile_names_as_text() -> None:
+    page = signid.report(invented())
+    assert "<b>out</b>" not in page.replace("\\u003c", "<") and "held &lt;b&gt;out&lt;/b&gt;.csv" in page
+    assert signid.report(invented()) == page
+    assert "http://" not in re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)
+
+
+def test_results_have_tables_and_figures() -> None:
+    result = invented()
+    assert result.to_frame("drives").filter(pl.col("value").is_null()).height == 6
+    assert result.to_frame("closed_loops").height == 3 and result.to_frame("positions").height == 1500
+    assert len(result.plot("positions", joint="joint_2").data) == 10
+    assert "not identifiable" in result._repr_html_()

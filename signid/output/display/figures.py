@@ -143,6 +143,13 @@ def _renamed(run: Any) -> Any:
     return replace(run, joints=_safe(run.joints))
 
 
+def _positions(result: Any, joints: Sequence[str]) -> Plots:
+    from ..report.pages.servos import closed_loop_plots
+
+    traces = [_renamed(trace) for trace in result.traces]
+    return _of(list(closed_loop_plots(traces, _renamed(result.rollout))), joints, slice(None))
+
+
 def _correlation(result: Any, joints: Sequence[str]) -> Plots:
     from ..report.pages.heat import correlation_plot
 
@@ -182,6 +189,7 @@ FIGURES: dict[str, dict[str, Maker]] = {
     },
     "Recording": {"samples": _samples},
     "RollOut": {"rollouts": _rollouts},
+    "ServoIdentification": {"positions": _positions},
     "Signs": {"signs": _signs},
     "Validation": {"residuals": _validated, "rollouts": _validated_rollouts},
 }

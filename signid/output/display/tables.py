@@ -17,6 +17,7 @@ from ..report.results.fleet import fleet_tables
 from ..report.results.identification import fit_rows, identification_tables, payload_tables
 from ..report.results.inspection import check_tables, inspection_tables, joint_table
 from ..report.results.laws import law_document
+from ..report.results.servos import servo_identification_tables
 from ..report.results.signs import signs_tables
 from ..report.results.validation import validation_tables
 
@@ -139,6 +140,7 @@ TABLES: dict[str, Callable[[Any], Renderables]] = {
     "Robot": _robot,
     "RollOut": _roll_out,
     "Separation": _motion,
+    "ServoIdentification": servo_identification_tables,
     "Signs": signs_tables,
     "Simulation": _simulation,
     "ValidatedModel": _validated,

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .pages.diagnosis import diagnosis_page as diagnosis_page
     from .pages.fleet import fleet_page as fleet_page
     from .pages.identification import identification_page as identification_page
+    from .pages.servos import servo_page as servo_page
     from .pages.signs import signs_page as signs_page
     from .pages.validation import validation_page as validation_page
     from .results.diagnosis import diagnosis_document as diagnosis_document, diagnosis_tables as diagnosis_tables
@@ -37,6 +38,10 @@ if TYPE_CHECKING:
         data_tables as data_tables,
         factors_document as factors_document,
         factors_tables as factors_tables,
+    )
+    from .results.servos import (
+        servo_identification_document as servo_identification_document,
+        servo_identification_tables as servo_identification_tables,
     )
     from .results.signs import signed_csv as signed_csv, signs_document as signs_document, signs_tables as signs_tables
     from .results.simulation import (

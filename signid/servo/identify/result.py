@@ -83,6 +83,7 @@ class ServoTrace(Frozen):
     measured: Array  # (N, n) [rad or m]
     simulated: Array  # (N, n) [rad or m] whole recording from commands alone
     nominal: Array  # (N, n) [rad or m] the same with the stated numbers, or q = q_des
+    one_second: Array | None = None  # (N, n) [rad or m] simulated, restarted from the measured state every second
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,14 +11,17 @@ from ....types import Input
 if TYPE_CHECKING:
     from ....diagnose import Diagnosis
     from ....identify import Identification
+    from ....servo.identify import ServoIdentification
     from ....validate import Validation
 
+    Reported = Diagnosis | Identification | ServoIdentification | Validation
 
-def report(result: Diagnosis | Identification | Validation, inputs: Sequence[Input] = (), command: str = "") -> str:
+
+def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a result: a self-contained page, reproducible to the byte.
 
     Args:
-        result: result of `signid.diagnose`, `signid.identify` or `signid.validate`.
+        result: result of `signid.diagnose`, `signid.identify`, `signid.identify_servos` or `signid.validate`.
         inputs: files read besides the recordings; default: the robot description.
         command: shell line that reproduces the page, if any.
 
@@ -27,15 +30,19 @@ def report(result: Diagnosis | Identification | Validation, inputs: Sequence[Inp
     """
     from ....diagnose import Diagnosis
     from ....identify import Identification
+    from ....servo.identify import ServoIdentification
     from ....validate import Validation
     from .diagnosis import diagnosis_page
     from .identification import identification_page
+    from .servos import servo_page
     from .validation import validation_page
 
     if isinstance(result, Diagnosis):
         return diagnosis_page(result, inputs, command)
     if isinstance(result, Validation):
         return validation_page(result, inputs, command)
+    if isinstance(result, ServoIdentification):
+        return servo_page(result, inputs, command)
     if not isinstance(result, Identification):
         wanted = "a Diagnosis, an Identification or a Validation"
         raise unexpected("report", wanted, result, "what signid.identify returns")

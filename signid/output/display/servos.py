@@ -1,0 +1,43 @@
+"""Tables of a servo identification, as polars frames."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import polars as pl
+
+from ..report.results.documents import picked
+
+DRIVES = {"joint": pl.String, "law": pl.String, "parameter": pl.String}
+NUMBERS = {"value": pl.Float64, "std": pl.Float64, "unit": pl.String, "stated": pl.Boolean}
+LOOPS = "whole_rms one_second_rms nominal_whole_rms nominal_one_second_rms"
+
+
+def drive_rows(result: Any) -> pl.DataFrame:
+    """Numbers of the drives; null where not identifiable."""
+    numbers = ((one.joint, one.law, number) for one in result.joints for number in one.numbers.values())
+    rows = [(joint, law, x.name, x.value, x.std, x.unit, x.stated) for joint, law, x in numbers]
+    return pl.DataFrame(rows, schema={**DRIVES, **NUMBERS}, orient="row", strict=False)
+
+
+def loop_rows(result: Any) -> pl.DataFrame:
+    """Rms position error of closed loops from commands alone, per joint."""
+    found = result.rollout
+    return pl.DataFrame({"joint": list(found.joints), "unit": list(found.units), **picked(found, LOOPS)})
+
+
+def traced_rows(result: Any) -> pl.DataFrame:
+    """Positions of each held-out recording and joint: command, measured, simulated before and after."""
+    parts = [
+        pl.DataFrame(
+            {
+                "recording": [trace.path] * len(trace.t),
+                "t": trace.t,
+                "joint": [joint] * len(trace.t),
+                **{key: values[:, j] for key, values in picked(trace, "command measured nominal simulated").items()},
+            }
+        )
+        for trace in result.traces
+        for j, joint in enumerate(trace.joints)
+    ]
+    return pl.concat(parts) if parts else pl.DataFrame()
