@@ -155,7 +155,7 @@ def test_a_dataset_without_torque_says_so(tmp_path: Path) -> None:
         {"data/c/f.parquet": rows(0, 30, action=motion()["action"], **{"observation.state": motion()["action"]})},
     )
     table = FORMATS["lerobot"].open(path)
-    assert "identification is not possible" in "; ".join(About.of(table).notes)
+    assert "a recording of servos" in "; ".join(About.of(table).notes)
 
 
 Change = Callable[[Path], object]

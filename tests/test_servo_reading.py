@@ -10,6 +10,8 @@ import pytest
 import signid
 from signid.errors import RecordingError, RobotError
 from signid.recording.convert import convert
+from signid.recording.draft import draft_map
+from signid.recording.meaning import guess
 from signid.types import Array, Robot
 
 ROBOTS = Path(__file__).parents[1] / "robots"
@@ -159,6 +161,46 @@ def test_bad_numbers_of_drives_get_a_sentence(text: str, sentence: str, tmp_path
     with pytest.raises(RobotError, match=sentence) as caught:
         signid.load_robot("3r", actuators=file)
     assert "\n" not in str(caught.value) and str(caught.value).startswith("drives.toml: ")
+
+
+GUESSES = {
+    "goal_position_2": ("q_des", "2"),
+    "elbow_present_position": ("q", "elbow"),
+    "goal_velocity_elbow": ("dq_des", "elbow"),
+    "present_pwm_3": ("pwm", "3"),
+    "present_input_voltage_3": ("volt", "input_3"),
+    "present_voltage_3": ("volt", "3"),
+    "present_temperature_3": ("temp", "3"),
+    "torque_enable_3": ("on", "3"),
+    "tau_ff_1": ("tau_ff", "1"),
+    "joint1_torque_feedforward": ("tau_ff", "joint_1"),
+    "on_time": ("t", ""),
+}
+
+
+def test_meaning_of_names_of_drives() -> None:
+    found = {column: guess(column, {"1", "2", "3"}) for column in GUESSES}
+    assert {column: one and (one.kind, one.joint) for column, one in found.items()} | {"on_time": ("t", "")} == GUESSES
+
+
+def test_draft_of_a_log_of_servos(robot: Robot, tmp_path: Path) -> None:
+    t = np.arange(ROWS) / 100
+    log = {"time": t}
+    for j in (1, 2, 3):
+        log[f"goal_position_{j}"], log[f"present_position_{j}"] = np.sin(t + j), np.sin(t + j - 0.05)
+        log[f"present_pwm_{j}"] = np.where(np.sin(t) < 0, 65536.0, 0.0) + np.rint(800 * np.sin(t))
+        log[f"present_voltage_{j}"] = np.full(ROWS, 74.0)
+        log[f"torque_enable_{j}"] = np.ones(ROWS)
+    draft = draft_map(log, robot)
+    assert not draft.lacking and not draft.unused, draft.text
+    file = tmp_path / "map.toml"
+    file.write_text(draft.text)
+    recording = signid.read_recording(log, robot, columns=file)
+    servo = recording.read().servo
+    assert recording.servo == (True, True, True) and servo is not None
+    assert servo.pwm is not None and servo.volt is not None and servo.on is not None
+    np.testing.assert_allclose(servo.pwm[:, 1], np.rint(800 * np.sin(t)) / 885)
+    assert servo.volt[0, 0] == pytest.approx(7.4) and (servo.on == 1).all()
 
 
 def test_other_columns_that_begin_alike(robot: Robot) -> None:

@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import RecordingError, shorten
-from ..types import Array, Robot
+from ..types import Array, Robot, ServoSamples
 from .columns import TORQUES
-from .mapping import Change, change_of
+from .mapping import DRIVE, Change, change_of
 from .meaning import Guess, guess
 from .names import key_of, known_joints, match_signals, quoted
-from .noticed import Noticed, current_unit, position_units, time_unit, torque_unit, velocity_unit
+from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .source import Opened, Source, open_source
 
 ROWS = 200_000  # rows whose numbers are examined
-ORDER = ("q", "dq", "ddq", "tau", "abs_tau", "current", "abs_current", "q_des")
+ORDER = ("q", "dq", "ddq", "tau", "abs_tau", "current", "abs_current", "q_des", *ServoSamples._fields)
 TITLES = {
     "q": "positions",
     "dq": "velocities",
@@ -27,6 +27,10 @@ TITLES = {
     "current": "motor currents (torque_constant of the actuators file makes torques of them)",
     "abs_current": "motor currents without their signs",
     "q_des": "desired positions",
+    "dq_des": "desired velocities",
+    "tau_ff": "torques fed forward",
+    "on": "whether the drives hold, 1 or 0",
+    **{"pwm": "duties, -1 to 1", "volt": "supply voltages", "temp": "temperatures"},
 }
 
 
@@ -148,7 +152,9 @@ def _units(
         mine = [j for j in guesses if bool(robot.prismatic[j]) == slides]
         if not mine:
             continue
-        if kind == "dq":
+        if kind in DRIVE:
+            unit = drive_unit(kind, {j: columns[j] for j in mine})
+        elif kind in ("dq", "dq_des"):
             pairs = [(positions[j], columns[j]) for j in mine if j in positions and len(seconds)]
             unit = velocity_unit(pairs, seconds, slides)
         elif kind == "ddq":
@@ -170,7 +176,7 @@ def _lacking(lines: Sequence[MappedColumn], robot: Robot, source: str) -> Iterat
     for has, what in (
         ("t" in kinds, "time"),
         ("q" in kinds, "positions"),
-        (bool(kinds & {*TORQUES}), "torques or currents"),
+        (bool(kinds & {*TORQUES, "q_des"}), "torques, currents or desired positions"),
     ):
         if not has:
             yield f"{source}: no column of {what} was recognised; add lines for them to the map"

@@ -57,10 +57,7 @@ OF: Mapping[str, tuple[Units, Units]] = {  # at revolute and at prismatic joints
     "volt": (VOLTAGE, VOLTAGE),
     "temp": (TEMPERATURE, TEMPERATURE),
 }
-KINDS = (  # longer prefixes first
-    *("abs_current", "abs_tau", "current", "dq_des", "tau_ff", "q_des", "volt", "temp", "pwm", "ddq"),
-    *("tau", "dq", "on", "q"),
-)
+KINDS = (*"abs_current abs_tau current dq_des tau_ff q_des volt temp pwm ddq tau dq on q".split(),)  # longest first
 DRIVE = ("on", "pwm", "volt", "temp")  # kinds of columns whose names often mean something else
 TURN = 65536.0  # values of a register of 16 bits
 FIELDS = ("column", "unit", "scale", "offset")  # keys of a column in the long form

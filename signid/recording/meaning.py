@@ -13,10 +13,15 @@ WORDS: Mapping[str, tuple[str, ...]] = {
     "dq": ("dq", "qd", "qdot", "vel", "velocity", "velocities", "speed", "omega", "qvel", "jvel", "geschwindigkeit"),
     "ddq": ("ddq", "qdd", "qddot", "acc", "accel", "acceleration", "accelerations", "qacc"),
     "tau": ("tau", "torque", "torques", "trq", "eff", "effort", "efforts", "moment", "drehmoment", "qfrc", "jtrq"),
+    "pwm": ("pwm", "duty", "dutycycle"),
+    "volt": ("volt", "volts", "voltage", "voltages", "spannung"),
+    "temp": ("temp", "temperature", "temperatures", "temperatur"),
     "current": ("current", "currents", "cur", "curr", "amps", "strom"),
     "t": ("t", "time", "timestamp", "timestamps", "stamp", "clock", "zeit"),
 }
 COUNTS = ("enc", "encoder", "ticks", "tick", "count", "counts")  # positions, beside which other words win
+ENABLED = ("on", "enable", "enabled")  # whether a drive holds; beside words of other kinds
+FORWARD = ("ff", "feedforward", "feedfwd")  # torque that is fed forward
 LOADS = ("load", "force", "last", "kraft")  # torques, beside which other words win
 DESIRED = ("des", "desired", "cmd", "command", "commanded", "target", "ref", "reference", "goal", "setpoint", "soll")
 MEASURED = ("actual", "measured", "meas", "present", "feedback", "fb", "ist", "value", "val", "raw", "state", "states")
@@ -54,11 +59,11 @@ class Guess(NamedTuple):
     """Possible meaning of a column."""
 
     column: str
-    kind: str  # q, dq, ddq, tau, current, abs_tau, abs_current, q_des, t
+    kind: str  # q, dq, ddq, tau, current, abs_tau, abs_current, q_des, dq_des, tau_ff, on, pwm, volt, temp, t
     joint: str  # name in the source, "" for t
     unit: str  # "" if the name has none
     plain: bool  # whether the column is named like a signal: kind, underscore, joint
-    desired: bool = False  # a commanded velocity, torque or current, which no recording uses
+    desired: bool = False  # a commanded acceleration, torque, current or duty, which no recording uses
     counts: bool = False  # whether the name says that these are counts of an encoder
     load: bool = False  # a load, whose unit differs between makers
 
@@ -99,21 +104,32 @@ def _by_words(column: str) -> Guess | None:
     kinds = [kind for kind, words in WORDS.items() if any(word in words for word in rest)]
     named: list[str] = [word for kind in kinds for word in WORDS[kind]]
     kinds = [kind for kind in kinds if kind != "current"] if len(kinds) > 1 else kinds  # "current position"
+    if "torque" in rest and any(word in ENABLED for word in rest):
+        return _named(column, "on", rest, ("torque", *ENABLED))
     counts, load = (any(word in words for word in rest) for words in (COUNTS, LOADS))
     if not kinds and (counts or load):
         kinds = ["q"] if counts else ["tau"]
     if len(kinds) != 1:
         return None
     [kind] = kinds
-    token = "_".join(word for word in rest if word not in (*named, *COUNTS, *LOADS))
+    forward = kind == "tau" and any(word in FORWARD for word in rest)
+    token = "_".join(word for word in rest if word not in (*named, *COUNTS, *LOADS, *(FORWARD if forward else ())))
     if bool(token) == (kind == "t"):
         return None
     if kind in ("tau", "current") and any(word in ABSOLUTE for word in lower):
         kind = f"abs_{kind}"
     unit = {"dq": {"deg": "deg/s", "rad": "rad/s"}, "ddq": {"deg": "deg/s2"}}.get(kind, {}).get(unit, unit)
-    if desired and kind == "q":
-        return Guess(column, "q_des", token, unit, False, counts=counts)
+    if forward:
+        return Guess(column, "tau_ff", token, unit, False)
+    if desired and kind in ("q", "dq"):
+        return Guess(column, f"{kind}_des", token, unit, False, counts=counts and kind == "q")
     return Guess(column, kind, token, unit, False, desired, kind == "q" and counts, load and kind == "tau")
+
+
+def _named(column: str, kind: str, words: Collection[str], without: Collection[str]) -> Guess | None:
+    """Guess of a kind without a unit, whose other words are those of its joint; None without a joint."""
+    token = "_".join(word for word in words if word not in without)
+    return Guess(column, kind, token, "", False) if token else None
 
 
 def _words(text: str) -> list[str]:

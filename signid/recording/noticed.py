@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Array, Robot
-from .mapping import OF, Change, Units
+from .mapping import OF, TURN, Change, Units, signed_register
 from .sampling.clock import FASTEST, SLOWEST
 
 EPOCH = 1.0e9, 2.5e9  # [s] time stamps since 1970 of the years 2001 to 2049
@@ -20,6 +20,8 @@ TURNS = (1024, 4096, 16384, 65536)  # usual counts of a turn
 DRIFT = 0.1  # [s] intervals over which velocity is compared with position
 ALIKE = 0.3  # largest logarithm of the ratio of both for a unit
 STRONG = 20.0  # torque over the limit of the description beyond which the unit is smaller than N.m
+DUTY, REGISTERS = 1.01, (100.0, 885.0, 1000.0, 1023.0)  # largest duty; registers of a full one: %, XL330, STS, AX
+VOLTS, MILLIVOLTS = 60.0, 1000.0  # [V] larger voltages are in tenths, or in thousandths, of a volt
 MILLIAMPERES = 60.0  # [A] larger currents are in milliamperes
 
 
@@ -134,6 +136,24 @@ def torque_unit(values: Mapping[int, Array], robot: Robot, slides: bool) -> Noti
         if 0 < limit < np.inf and STRONG * limit < most < STRONG * limit * 1e3:
             return Noticed(small, f"{robot.joints[j]} reaches {most:.4g}, its limit is {limit:.4g} {base}")
     return Noticed(base, "assumed")
+
+
+def drive_unit(kind: str, values: Mapping[int, Array]) -> Noticed:
+    """Unit of what drives record, by index of the joint.
+
+    kind: on, pwm, volt or temp; values: (N,) [any unit] of each.
+    """
+    sizes = [float(np.nanmax(np.abs(signed_register(x)), initial=0.0)) for x in values.values()]
+    most = max(sizes, default=0.0)
+    wrapped = any(bool(np.any(x > TURN / 2)) for x in values.values())
+    if kind == "pwm" and most > DUTY:
+        scale = next((full for full in REGISTERS if most <= full * (1 + 1e-9)), most)
+        how = ", read as unsigned numbers of 16 bits" if wrapped else ""
+        why = f"reaches {most:.4g}{how}: a full duty of {scale:.4g} is assumed, CHECK"
+        return Noticed("%" if scale == 100 else Change(1.0 / scale), why)
+    if kind == "volt" and most > VOLTS:
+        return Noticed("mV" if most > MILLIVOLTS else "dV", f"reaches {most:.4g}")
+    return Noticed("C" if kind == "temp" else "V" if kind == "volt" else "1", f"assumed; reaches {most:.4g}")
 
 
 def current_unit(values: Mapping[int, Array]) -> Noticed:

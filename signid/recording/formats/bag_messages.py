@@ -121,7 +121,7 @@ def _controller_state(message: Any) -> Iterator[Reading]:
         return next((values for point in points if len(values := getattr(point, part))), ())
 
     values = {kind: first(actual, part) for kind, part in (("q", "positions"), ("dq", "velocities"), ("tau", "effort"))}
-    values["q_des"] = first(desired, "positions")
+    values |= {"q_des": first(desired, "positions"), "dq_des": first(desired, "velocities")}
     yield Reading(message.joint_names, _nanoseconds(message.header.stamp), 0, values)
 
 

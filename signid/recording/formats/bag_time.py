@@ -14,7 +14,10 @@ from ...types import Array
 from .bag_messages import Gather, Layout, Stamps
 from .base import About, MemoryTable, Topic
 
-NAMES = {"q": "position", "dq": "velocity", "ddq": "acceleration", "tau": "effort", "q_des": "desired position"}
+NAMES = {
+    **{"q": "position", "dq": "velocity", "ddq": "acceleration", "tau": "effort"},
+    **{"q_des": "desired position", "dq_des": "desired velocity"},
+}
 BACK = 0.01  # accepted share of header stamps that decrease or repeat
 APART = 0.5e9  # accepted difference between the clocks of header stamps [ns]
 SLOWER = 1.1  # maximum period of interpolated topics [periods of the base topic]
@@ -56,7 +59,9 @@ def join(gathered: Sequence[Gather], topics: Sequence[Topic], source: str) -> Me
     if only_plans:
         notes.append("the values are those of a commanded trajectory, unless measured values were published as one")
     if not any(name.startswith("tau_") for name in columns):
-        notes.append("no torque was recorded (effort is empty), so identification is not possible")
+        servo = any(name.startswith("q_des_") for name in columns)
+        consequence = ": it is a recording of servos" if servo else ", so identification is not possible"
+        notes.append(f"no torque was recorded (effort is empty){consequence}")
     origin = f"{clock}, counted from {_date(int(t[0]))}"
     about = About(tuple(dict.fromkeys(notes)), topics=tuple(topics), clock=origin)
     return MemoryTable({"t": (t - t[0]) / 1e9, **columns}, {}, source, about)
@@ -100,6 +105,8 @@ def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]
                     columns[name] = values
         yield _Stream(gather.topic, t, columns)
     for kind, joints in lacking.items():
+        if kind == "dq_des":
+            continue
         notes.append(f"{gather.topic}: {NAMES[kind]} of {shorten(joints)} is NaN or zero throughout: omitted")
 
 
@@ -160,7 +167,7 @@ def _joined(base: _Stream, others: Sequence[_Stream], notes: list[str]) -> tuple
             notes.append(f"{stream.topic}: {shorten(list(fresh))} omitted: {slow}")
         elif fresh:
             columns |= {name: _onto(base.t, stream, name) for name in fresh}
-            used += [] if all(name.startswith("q_des_") for name in fresh) else [stream]
+            used += [] if all(name.startswith(("q_des_", "dq_des_")) for name in fresh) else [stream]
             if stream.topic != base.topic:
                 notes.append(f"{stream.topic}: interpolated at the times of {base.topic}, not across gaps")
     first, last = max(x.t[0] for x in (base, *used)), min(x.t[-1] for x in (base, *used))

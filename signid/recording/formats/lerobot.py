@@ -21,9 +21,15 @@ KINDS = {  # kind of column by feature
     "observation.effort": "tau",
     "observation.torque": "tau",
     "observation.current": "current",
+    "observation.pwm": "pwm",
+    "observation.voltage": "volt",
+    "observation.temperature": "temp",
     "action": "q_des",
 }
-ENDINGS = {"pos": "q", "vel": "dq", "effort": "tau", "torque": "tau", "current": "current"}  # kind by suffix: elbow.pos
+ENDINGS = {  # kind by suffix: elbow.pos
+    **{"pos": "q", "vel": "dq", "effort": "tau", "torque": "tau", "current": "current"},
+    **{"pwm": "pwm", "voltage": "volt", "temperature": "temp"},
+}
 TIMES = 6  # peak memory while reading [times the size of the numbers]
 DEPTH = 2  # number of folders between the dataset and a file: data/chunk-000
 BREAK = 1.0, 10.0  # gap between two episodes, the longer of [s] and [frames]
@@ -103,7 +109,10 @@ def _table(path: Path, frame: pl.DataFrame, info: Mapping[str, Any]) -> MemoryTa
     if not any(name.startswith("q_") and not name.startswith("q_des_") for name in columns):
         raise RecordingError(f"{path} has no observation.state; give a dataset that records the joints")
     if not any(name.startswith(("tau_", "current_")) for name in columns):
-        notes += ("no torque and no current was recorded, so identification is not possible",)
+        servo = any(name.startswith("q_des_") for name in columns)
+        how = "it is a recording of servos, with actions as commanded positions"
+        consequence = how if servo else "so identification is not possible"
+        notes += (f"no torque and no current was recorded{': ' if servo else ', '}{consequence}",)
     return MemoryTable({"t": t, **columns}, {}, str(path), About(notes, frozenset(columns), clock="the dataset's own"))
 
 
