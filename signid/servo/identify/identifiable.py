@@ -14,6 +14,7 @@ from .result import ServoNumber
 LIGHT = 0.15  # share of the torque that is known load, below which the scale is not identifiable (MuJoCo so101)
 VAGUE = 0.5  # std over value of a positive number beyond which it is not identifiable
 SPLIT = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
+ONE_NUMBER = "kd and viscous friction are one number here"
 RARE = 2e-3  # share of saturated samples below which the limit is not identifiable
 SCALED = ("kp", "kd", "viscous_friction", "damping", "coulomb_friction", "armature", "effort_limit", "torque_offset")
 INVERSE_SCALED = ("droop",)
@@ -97,7 +98,7 @@ def _lost(
     yield from _vague(free, values, std, facts)
     if not _apart(facts):
         said = (
-            f"{facts.joint}: kd and viscous friction are one number here, the damping; torque off while the joint "
+            f"{facts.joint}: {ONE_NUMBER}, the damping; torque off while the joint "
             f"moves, or a recorded speed of the command, tells them apart"
         )
         yield from ((name, said) for name in ("kd", "viscous_friction") if name not in facts.stated)

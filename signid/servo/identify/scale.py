@@ -3,34 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ...errors import shorten
+from ...model import Model
 from ...parameters import Array
+from ...robot.dynamics import moved_bodies
 from ...servos import Servo
-from ...types import Robot
+from ..plant.course import bodies_of, groups
+from .identifiable import VAGUE
 from .result import BY_GAIN, BY_INERTIALS, BY_NOTHING, ServoScale
 
 NOTABLE = 1.1  # ratio of masses from which it is said
 FEW_DEVIATIONS = 3.0
 
 
-def connected_sets(robot: Robot, joints: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Joints that share moved bodies, as sets in the order of the joints: each has one common scale."""
-    model, count = robot.model, len(joints)
-    supports = np.zeros((model.njoints, model.nv))
-    for k in range(1, model.njoints):
-        supports[k] = supports[model.parents[k]]
-        supports[k, model.idx_vs[k] : model.idx_vs[k] + model.nvs[k]] = 1.0
-    columns = [robot.index(joint) for joint in joints]
-    moves = (supports @ np.abs(robot.drive[:, columns])) > 0  # (bodies, joints)
-    label = np.arange(count)
-    for body in moves:
-        members = np.flatnonzero(body)
-        if len(members):
-            label[np.isin(label, label[members])] = label[members].min()
-    return tuple(tuple(joints[k] for k in np.flatnonzero(label == one)) for one in dict.fromkeys(label.tolist()))
+def connected_sets(model: Model, joints: Sequence[str], driven: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Driven joints that share moved bodies: each set has one common scale. joints: those of the recordings."""
+    numbers = [joints.index(joint) for joint in driven]
+    return tuple(tuple(joints[k] for k in members) for members in groups(bodies_of(model, joints), numbers))
+
+
+def scaled_masses(model: Model, joints: Sequence[str], ratio: float) -> Model:
+    """Model whose bodies that some joints move are `ratio` times as heavy."""
+    columns = [model.robot.index(joint) for joint in joints]
+    moved = moved_bodies(model.robot)[columns].any(axis=0)
+    factor = np.where(moved, ratio, 1.0)
+    return replace(model, inertials=model.inertials * factor[:, None])
 
 
 def mass_ratio(kp: Array, std: Array, stated: Array) -> tuple[float, float]:
@@ -44,13 +45,14 @@ def mass_ratio(kp: Array, std: Array, stated: Array) -> tuple[float, float]:
     return float(np.exp(log)), float(np.exp(log)) * spread
 
 
-def known_scale(known: str, stated: Mapping[str, float]) -> ServoScale:
-    """What the scale rests on. known: "masses", "kp" or "nothing"; stated: gains by joint [N.m/rad]."""
+def known_scale(known: str, stated: Mapping[str, float], other: Sequence[str]) -> ServoScale:
+    """What the scale rests on. known: "masses", "kp" or "nothing"; stated: gains by joint; other: alternatives."""
     if known == "masses":
-        return ServoScale(BY_INERTIALS, "the scale of gains and friction is that of the masses of the description")
+        said = "the scale of gains and friction is that of the masses of the description"
+        return ServoScale(BY_INERTIALS, said, tuple(other))
     if known == "kp":
-        joints = shorten(list(stated))
-        return ServoScale(BY_GAIN, f"the scale of friction, armature and masses is that of the stated kp of {joints}")
+        said = f"the scale of friction, armature and masses is that of the stated kp of {shorten(list(stated))}"
+        return ServoScale(BY_GAIN, said)
     return ServoScale(
         BY_NOTHING,
         "kp and masses are identifiable only relative to each other; state one kp, or use the masses of the "
@@ -58,28 +60,39 @@ def known_scale(known: str, stated: Mapping[str, float]) -> ServoScale:
     )
 
 
+def implied_ratios(
+    sets: Sequence[Sequence[str]],
+    servos: Mapping[str, Servo],
+    std: Mapping[str, float],
+    stated: Mapping[str, float],
+) -> list[tuple[Sequence[str], float, float]]:
+    """Connected sets whose masses differ notably from the description if stated gains are true: ratio and its std.
+
+    servos: identified with the masses of the description; std: of their kp where it is identifiable [N.m/rad];
+    stated: kp by joint [N.m/rad].
+    """
+    found = []
+    for members in sets:
+        used = [j for j in members if stated.get(j, 0) > 0 and 0 < std.get(j, 0) < VAGUE * servos[j].kp]
+        if not used:
+            continue
+        kp, spread, nominal = (np.array([of[j] for j in used]) for of in ({j: servos[j].kp for j in used}, std, stated))
+        ratio, error = mass_ratio(kp, spread, nominal)
+        if max(ratio, 1 / ratio) > NOTABLE and abs(np.log(ratio)) > FEW_DEVIATIONS * error / ratio:
+            found.append((members, ratio, error))
+    return found
+
+
 def alternatives(
     sets: Sequence[Sequence[str]],
     servos: Mapping[str, Servo],
     std: Mapping[str, float],
     stated: Mapping[str, float],
-    sure: Mapping[str, bool],
 ) -> tuple[str, ...]:
-    """One sentence for each connected set: the masses if the stated gains are true.
-
-    servos: identified with the masses of the description; std: of their kp [N.m/rad]; stated: kp by joint [N.m/rad];
-    sure: whether the scale of a joint is identifiable.
-    """
+    """One sentence for each connected set: the masses if the stated gains are true. Arguments as `implied_ratios`."""
     said = []
-    for members in sets:
-        used = [j for j in members if stated.get(j, 0) > 0 and sure.get(j, False) and std.get(j, 0) > 0]
-        if not used:
-            continue
-        kp, spread, nominal = (np.array([of[j] for j in used]) for of in ({j: servos[j].kp for j in used}, std, stated))
-        ratio, error = mass_ratio(kp, spread, nominal)
-        if max(ratio, 1 / ratio) < NOTABLE or abs(np.log(ratio)) < FEW_DEVIATIONS * error / ratio:
-            continue
-        gain = ", ".join(dict.fromkeys(f"{x:.4g}" for x in nominal))
+    for members, ratio, error in implied_ratios(sets, servos, std, stated):
+        gain = ", ".join(dict.fromkeys(f"{stated[j]:.4g}" for j in members if j in stated))
         which = f"the part that {shorten(list(members))} move{'s' if len(members) == 1 else ''}"
         said.append(
             f"if the firmware's kp is {gain} as stated, {which} is {ratio:.2f} +- {1.96 * error:.2f} times as heavy as "

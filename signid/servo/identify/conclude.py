@@ -1,0 +1,113 @@
+"""Fitted drives -> result: identifiable numbers, scale, roll-outs, flags."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from ...model import Model, with_servos
+from ..fit import ServoFit
+from .assess import assess, nominal_servos
+from .data import ServoData
+from .facts import joint_facts
+from .fits import block, number_std
+from .flags import (
+    joint_flags,
+    joint_notes,
+    lag_flags,
+    law_flags,
+    law_notes,
+    rollout_flags,
+    worse_flag,
+    worse_than_stated,
+)
+from .identifiable import RARE, JointFacts, joint_numbers
+from .rank import dependent_numbers, sentences
+from .result import ServoIdentification, ServoJoint
+from .scale import alternatives, known_scale
+from .search import Chosen, ServoOptions
+from .start import Stated
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known before the fit."""
+
+    scale: str  # "masses", "kp" or "nothing"
+    stated: Stated  # by the actuators file
+    fixed: Stated  # of these, what the fit keeps
+    laws: Mapping[str, str]  # stated laws by joint
+    sets: Sequence[Sequence[str]]  # connected joints
+
+
+def conclude(
+    models: tuple[Model, Model],
+    data: ServoData,
+    chosen: Chosen,
+    fit: ServoFit,
+    known: Known,
+    remarks: Sequence[str],
+    options: ServoOptions,
+) -> ServoIdentification:
+    """Result of a fit. models: as described, and with the masses that were used; remarks: flags of earlier steps."""
+    described, model = models
+    saturated = {joint: float(fit.saturated_share[data.joints.index(joint)]) for joint in fit.servos}
+    facts = joint_facts(model, data, fit.servos, saturated, known.fixed, known.scale != "nothing")
+    joints = tuple(_joint(joint, fit, chosen, facts[joint]) for joint in fit.servos)
+    held_out = data.held_out is not data.train
+    rolled, traces = assess(model, described, fit.servos, known.stated, data.held_out, held_out)
+    servos, robot, added = dict(fit.servos), model.robot, list(remarks)
+    if worse_than_stated(rolled):
+        servos = nominal_servos(robot, fit.servos, known.stated)
+        model, added = described, [*added, worse_flag(rolled)]
+    limited = [joint for joint, share in saturated.items() if share >= RARE]
+    gains = {joint: of["kp"] for joint, of in known.stated.items() if "kp" in of}
+    std = {joint: s for joint, s in number_std(fit, "kp").items() if _has_value(joints, joint)}
+    other = alternatives(known.sets, fit.servos, std, gains) if known.scale == "masses" else ()
+    scale = known_scale(known.scale, gains, other)
+    return ServoIdentification(
+        robot=robot,
+        model=with_servos(model, servos),
+        servos=servos,
+        joints=joints,
+        scale=scale,
+        rollout=rolled,
+        traces=traces,
+        inputs=data.inputs,
+        flags=tuple(
+            dict.fromkeys(
+                (
+                    *added,
+                    *([scale.sentence] if known.scale == "nothing" else []),
+                    *joint_flags(joints),
+                    *sentences(dependent_numbers(fit.information, fit.names)),
+                    *law_flags(joints, limited),
+                    *lag_flags(joints, data),
+                    *rollout_flags(rolled),
+                )
+            )
+        ),
+        notes=(*model.robot.notes, *joint_notes(joints), *law_notes(joints, known.laws, limited), *fit.notes),
+        seed=options.seed,
+    )
+
+
+def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts) -> ServoJoint:
+    names, covariance = block(fit, joint)
+    servo = fit.servos[joint]
+    numbers, lost = joint_numbers(servo, names, covariance, facts)
+    laws = dict(chosen.laws.get(joint, {}))
+    return ServoJoint(
+        joint=joint,
+        law=servo.law,
+        law_probability=laws.get(servo.law),
+        laws=laws,
+        numbers=numbers,
+        saturated_share=facts.saturated_share,
+        known_load_share=facts.known_load_share,
+        not_identifiable=lost,
+    )
+
+
+def _has_value(joints: Sequence[ServoJoint], name: str) -> bool:
+    return any(one.joint == name and one.numbers["kp"].value is not None for one in joints if "kp" in one.numbers)

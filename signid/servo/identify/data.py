@@ -1,0 +1,124 @@
+"""Recordings -> grids to learn from, grids held out, and folds for cross-validation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import RecordingError
+from ...regression.session import TRAINING_SHARE, recordings_used
+from ...servos import ServoGrid
+from ...types import Input, Recording, Robot
+from ..plant import servo_grids
+
+BLOCK = 3.0  # [s] of the blocks that a single recording is cut into for cross-validation
+MOST_BLOCKS = 8
+FOLDS = 2
+SHORTEST = 1.0  # [s] of a grid that can be held out or validate
+
+
+@dataclass(frozen=True)
+class ServoData:
+    """Grids of one robot's recordings, all of the same joints and rate."""
+
+    train: tuple[ServoGrid, ...]
+    held_out: tuple[ServoGrid, ...]  # the same object as `train` where nothing is held out
+    folds: tuple[tuple[tuple[ServoGrid, ...], tuple[ServoGrid, ...]], ...]  # to fit, to validate; all of `train`
+    inputs: tuple[Input, ...]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints of the grids."""
+        return self.train[0].joints
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Joints with commands in every grid."""
+        every = np.all([grid.driven for grid in (*self.train, *self.held_out)], axis=0)
+        return tuple(joint for joint, yes in zip(self.joints, every, strict=True) if yes)
+
+
+def servo_data(
+    robot: Robot, recordings: Sequence[Recording], held_out: Sequence[Recording], rate: float | None = None
+) -> ServoData:
+    """Grids of recordings: the last of several is held out, or the last 30 % of the only one, unless some are given.
+
+    Raises:
+        RecordingError: no joint has commands in all recordings, or they are too short.
+    """
+    rate = rate or float(np.median([servo_grids(r, robot)[0].rate for r in (*recordings, *held_out)]))
+    grids = [servo_grids(recording, robot, rate) for recording in recordings]
+    if held_out:
+        unseen = [grid for recording in held_out for grid in servo_grids(recording, robot, rate)]
+    elif len(grids) > 1:
+        *grids, last = grids
+        unseen = list(last)
+    else:
+        first, unseen = _cut(grids[0], TRAINING_SHARE)
+        grids = [tuple(first)]
+    train = tuple(grid for some in grids for grid in some)
+    data = ServoData(train, tuple(unseen) or train, _folds(grids), recordings_used(recordings, held_out))
+    _check(data, recordings, held_out)
+    return data
+
+
+def rows_of(grid: ServoGrid, start: int, stop: int) -> ServoGrid:
+    """Rows start..stop of a grid."""
+    rows = {key: getattr(grid, key)[start:stop] for key in ("q", "command", "on", "voltage")}
+    more = {key: None if getattr(grid, key) is None else getattr(grid, key)[start:stop] for key in _OPTIONAL}
+    return replace(grid, origin=grid.origin + start / grid.rate, **rows, **more)
+
+
+_OPTIONAL = ("command_speed", "feed_forward")
+
+
+def _cut(grids: Sequence[ServoGrid], share: float) -> tuple[list[ServoGrid], list[ServoGrid]]:
+    """Grids before and after a share of all rows."""
+    left = round(share * sum(map(len, grids)))
+    before, after = [], []
+    for grid in grids:
+        stop = min(max(left, 0), len(grid))
+        before += [rows_of(grid, 0, stop)] if stop > 3 else []
+        after += [rows_of(grid, stop, len(grid))] if len(grid) - stop > grid.rate * SHORTEST else []
+        left -= len(grid)
+    return before, after
+
+
+def _folds(
+    grids: Sequence[Sequence[ServoGrid]],
+) -> tuple[tuple[tuple[ServoGrid, ...], tuple[ServoGrid, ...]], ...]:
+    """Folds of whole recordings; of blocks of the only one."""
+    units = [list(some) for some in grids] if len(grids) > 1 else [[block] for block in _blocks(grids[0])]
+    folds = []
+    for k in range(min(FOLDS, len(units))):
+        fit = tuple(grid for i, some in enumerate(units) if i % FOLDS != k for grid in some)
+        unseen = tuple(grid for i, some in enumerate(units) if i % FOLDS == k for grid in some)
+        unseen = tuple(grid for grid in unseen if len(grid) > SHORTEST * grid.rate)
+        if fit and unseen:
+            folds.append((fit, unseen))
+    return tuple(folds)
+
+
+def _blocks(grids: Sequence[ServoGrid]) -> list[ServoGrid]:
+    if len(grids) > 1:
+        return list(grids)
+    (grid,) = grids
+    count = int(np.clip(len(grid) / grid.rate / BLOCK, 1, MOST_BLOCKS))
+    edges = np.linspace(0, len(grid), count + 1).astype(int).tolist()
+    return [rows_of(grid, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def _check(data: ServoData, recordings: Sequence[Recording], held_out: Sequence[Recording]) -> None:
+    names = ", ".join(r.path or "a recording" for r in (*recordings, *held_out))
+    if not data.driven:
+        raise RecordingError(
+            f"no joint has commands q_des_J in all of {names}; give recordings of the same joints with their commands"
+        )
+    seconds = sum(len(grid) / grid.rate for grid in data.train)
+    if seconds < 2 * SHORTEST:
+        raise RecordingError(
+            f"{names}: {seconds:.2g} s remain to learn from, and at least {2 * SHORTEST:g} s are needed; record for "
+            f"longer"
+        )

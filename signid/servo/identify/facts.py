@@ -1,0 +1,87 @@
+"""What the recordings contain of each joint: known load, torque and speed of the drive, saturation, periods."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ...model import Model
+from ...parameters import Array
+from ...servos import Servo, ServoGrid
+from ..plant.course import bodies_of, course, motion_of
+from .data import ServoData
+from .identifiable import JointFacts
+from .start import Stated, moves_while_off
+
+POWER = 0.95  # share of the power of the commands below the frequency of the shortest period
+
+
+def joint_facts(
+    model: Model,
+    data: ServoData,
+    servos: Mapping[str, Servo],
+    saturated: Mapping[str, float],
+    stated: Stated,
+    scale_known: bool,
+) -> dict[str, JointFacts]:
+    """Facts of each servo joint. saturated: share of saturated samples by joint [1]."""
+    robot = bodies_of(model, data.joints)
+    parts = [(grid, motion_of(grid)) for grid in data.train]
+    loads = np.vstack([course(robot, motion).torque for _, motion in parts])
+    v, a = (np.vstack([getattr(motion, key) for _, motion in parts]) for key in "va")
+    facts = {}
+    for joint, servo in servos.items():
+        j = data.joints.index(joint)
+        rows = np.concatenate([motor_torque(servo, grid, j) for grid, _ in parts])
+        facts[joint] = JointFacts(
+            joint,
+            prismatic=bool(robot.prismatic[j]),
+            scale_known=scale_known,
+            known_load_share=known_load_share(loads[:, j], v[:, j], a[:, j], servo),
+            masses_set_scale="kp" not in stated.get(joint, {}),
+            saturated_share=float(np.nan_to_num(saturated.get(joint, 0.0))),
+            largest_torque=float(np.abs(rows).max(initial=0.0)),
+            largest_speed=float(np.quantile(np.abs(v[:, j]), 0.999)),
+            torque_off=moves_while_off(data, joint),
+            command_speed=servo.kd_on == "error",
+            stated=stated.get(joint, {}),
+        )
+    return facts
+
+
+def known_load_share(load: Array, v: Array, a: Array, servo: Servo) -> float:
+    """Share [1] of a joint's torque that only the known masses explain.
+
+    load: (N,) torque of the masses [N.m or N]; v, a: (N,). The part of the load that armature, friction and offset of
+    the joint could produce as well does not count.
+    """
+    own = np.column_stack([a, v, np.tanh(v / 0.05), np.ones_like(v)])
+    unique = load - own @ np.linalg.lstsq(own, load, rcond=None)[0]
+    friction = servo.coulomb_friction * np.tanh(v / 0.05) + servo.damping * v
+    total = load + servo.armature * a + friction + servo.torque_offset
+    return float(np.sqrt(np.mean(unique**2) / max(np.mean(total**2), 1e-300)))
+
+
+def motor_torque(servo: Servo, grid: ServoGrid, joint: int) -> Array:
+    """Torque (N,) [N.m or N] of a drive along measured positions, without its limit at the torque that it reaches."""
+    rows = np.arange(len(grid))
+    command = np.interp(rows - servo.delay * grid.rate, rows, grid.command[:, joint])
+    error = command - grid.q[:, joint]
+    error = np.sign(error) * np.maximum(np.abs(error) - servo.dead_band, 0)
+    torque = grid.gain[joint] * servo.kp * error
+    return np.asarray(np.clip(torque, -servo.effort_limit, servo.effort_limit) * grid.on[:, joint])
+
+
+def shortest_period(grids: Sequence[ServoGrid], joint: str) -> float:
+    """Period [s] below which 5 % of the power of a joint's commands lie; inf where it does not move."""
+    power, frequency = np.zeros(0), np.zeros(0)
+    for grid in grids:
+        x = grid.command[:, grid.joints.index(joint)]
+        own = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)))) ** 2
+        power, frequency = np.append(power, own), np.append(frequency, np.fft.rfftfreq(len(x), grid.step))
+    order = np.argsort(frequency, kind="stable")
+    total = np.cumsum(power[order])
+    if total[-1] < 1e-12:
+        return np.inf
+    return float(1.0 / max(frequency[order][np.searchsorted(total, POWER * total[-1])], 1e-6))

@@ -1,0 +1,66 @@
+"""Fits of chosen drives to all training data, and of the weight of bodies under stated gains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ...errors import shorten
+from ...model import Model
+from ...parameters import Array
+from ...servos import Servo
+from ..fit import ServoFit, fit_servos
+from .choice import Candidate
+from .data import ServoData
+from .scale import implied_ratios, scaled_masses
+from .search import ServoOptions
+from .start import Stated, first_candidate
+
+SHORT = 0.2  # [s] of the first windows where drives saturate: nearly linear
+
+
+def final_fit(model: Model, data: ServoData, candidate: Candidate, options: ServoOptions) -> ServoFit:
+    """Fit to all training data, about the simulated motion in the end; short windows first where drives saturate."""
+    servos: Mapping[str, Servo] = candidate.servos
+    if any(name == "effort_limit" for _, name in candidate.free):
+        servos = fit_servos(
+            model, data.train, servos, candidate.free, window=SHORT, shared=("delay",), relinearise=False
+        ).servos
+    return fit_servos(model, data.train, servos, candidate.free, window=options.window, shared=("delay",))
+
+
+def number_std(fit: ServoFit, name: str) -> dict[str, float]:
+    """Standard deviation of one number of each joint where it is free."""
+    std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    return {joint: float(s) for (joint, number), s in zip(fit.names, std, strict=True) if number == name}
+
+
+def weigh_bodies(
+    model: Model,
+    data: ServoData,
+    started: Mapping[str, Servo],
+    stated: Stated,
+    sets: Sequence[Sequence[str]],
+    options: ServoOptions,
+) -> tuple[Model, tuple[str, ...]]:
+    """Model whose bodies have the weight that stated gains imply, and a sentence on each part that changes."""
+    free_gains = {joint: {key: x for key, x in of.items() if key != "kp"} for joint, of in stated.items()}
+    start = first_candidate(model.robot, data, started, free_gains, {})
+    fit = fit_servos(model, data.train, start.servos, start.free, window=options.window, shared=("delay",))
+    gains = {joint: of["kp"] for joint, of in stated.items() if "kp" in of}
+    said = []
+    for members, ratio, error in implied_ratios(sets, fit.servos, number_std(fit, "kp"), gains):
+        model = scaled_masses(model, members, ratio)
+        said.append(
+            f"with the stated kp, the part that {shorten(list(members))} move is {ratio:.2f} +- {1.96 * error:.2f} times "
+            f"as heavy as the description says, and the model has these masses; give known='masses' if the description "
+            f"is right"
+        )
+    return model, tuple(said)
+
+
+def block(fit: ServoFit, joint: str) -> tuple[tuple[str, ...], Array]:
+    """Free numbers of a joint and their covariance; a delay that the joints of a branch share counts for each."""
+    own = [k for k, (owner, _) in enumerate(fit.names) if owner == joint]
+    return tuple(fit.names[k][1] for k in own), np.asarray(fit.covariance[np.ix_(own, own)])

@@ -1,0 +1,98 @@
+"""Sentences on what not to rely on in a servo identification."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from ...errors import shorten
+from .assess import STATED
+from .data import ServoData
+from .facts import shortest_period
+from .identifiable import ONE_NUMBER
+from .result import ServoJoint, ServoRollOut
+
+UNSURE = 0.95  # probability of a law below which it is said
+SLOW = 0.25  # lag over the shortest period of the commands from which it is said
+
+
+def joint_flags(joints: Sequence[ServoJoint]) -> Iterator[str]:
+    """What is not identifiable, each sentence once with the joints that it is about."""
+    return (line for line in _by_sentence(joints) if ONE_NUMBER not in line)
+
+
+def joint_notes(joints: Sequence[ServoJoint]) -> Iterator[str]:
+    """Numbers that position drives never give apart."""
+    return (line for line in _by_sentence(joints) if ONE_NUMBER in line)
+
+
+def _by_sentence(joints: Sequence[ServoJoint]) -> Iterator[str]:
+    shared: dict[str, list[str]] = {}
+    for joint in joints:
+        for sentence in joint.not_identifiable:
+            shared.setdefault(sentence.removeprefix(f"{joint.joint}: "), []).append(joint.joint)
+    for sentence, names in shared.items():
+        yield f"{shorten(names)}: {sentence}"
+
+
+def law_flags(joints: Sequence[ServoJoint], limited: Sequence[str]) -> Iterator[str]:
+    """Joints that saturate, whose law is not sure."""
+    for joint in joints:
+        if joint.joint in limited and joint.law_probability is not None and joint.law_probability < UNSURE:
+            listed = ", ".join(f"{law} {p:.2f}" for law, p in sorted(joint.laws.items(), key=lambda x: -x[1]))
+            yield (
+                f"{joint.joint}: the law of the drive is not sure (probability: {listed}); record motion that saturates "
+                f"the drive more often, or state the law"
+            )
+
+
+def lag_flags(joints: Sequence[ServoJoint], data: ServoData) -> Iterator[str]:
+    """Joints whose lag is a large part of the shortest period of their commands."""
+    for joint in joints:
+        lag = joint.numbers["lag"].value if "lag" in joint.numbers else None
+        period = shortest_period(data.train, joint.joint)
+        if lag is not None and lag > SLOW * period:
+            yield (
+                f"{joint.joint}: the lag of {1e3 * lag:.3g} ms is more than a quarter of the shortest period of the "
+                f"commands ({period:.2g} s); the joint does not follow such motion"
+            )
+
+
+def rollout_flags(rolled: ServoRollOut) -> Iterator[str]:
+    """Roll-outs that are worse than the nominal ones, diverge, or are not of held-out data."""
+    if not rolled.held_out:
+        yield "nothing is held out: the errors of the roll-outs are those of the data that were learned from"
+    diverged = [joint for joint, rms in zip(rolled.joints, rolled.whole_rms, strict=True) if np.isinf(rms)]
+    if diverged:
+        yield f"the simulation of {shorten(diverged)} diverges over whole recordings; give more or faster motion"
+    if rolled.nominal != STATED:
+        worse = np.flatnonzero(rolled.whole_rms > rolled.nominal_whole_rms)
+        if len(worse):
+            listed = shorten([rolled.joints[j] for j in worse])
+            yield f"{listed}: the model predicts held-out recordings no better than q = q_des; do not use it there"
+
+
+def worse_than_stated(rolled: ServoRollOut) -> bool:
+    """Whether the stated numbers predict held-out whole recordings better."""
+    if rolled.nominal != STATED:
+        return False
+    driven = np.isfinite(rolled.nominal_whole_rms)
+    own, usual = rolled.whole_rms[driven], rolled.nominal_whole_rms[driven]
+    return bool(len(own) and np.mean(own**2) > np.mean(usual**2))
+
+
+def worse_flag(rolled: ServoRollOut) -> str:
+    """Sentence where the stated numbers are handed out."""
+    own, usual = (np.sqrt(np.nanmean(x**2)) for x in (rolled.whole_rms, rolled.nominal_whole_rms))
+    return (
+        f"the numbers found predict held-out recordings worse than the stated ones (rms {own:.3g} against {usual:.3g}), "
+        f"so the model has the stated ones; give more recordings"
+    )
+
+
+def law_notes(joints: Sequence[ServoJoint], given: Mapping[str, str], limited: Sequence[str]) -> Iterator[str]:
+    """Joints where the law does not matter."""
+    same = [joint.joint for joint in joints if joint.joint not in given and joint.joint not in limited]
+    if same:
+        yield f"{shorten(same)}: nothing saturates, so the laws effort and duty are the same here; effort is written"

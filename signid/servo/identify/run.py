@@ -1,0 +1,90 @@
+"""Recordings of commands and positions -> drives of a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...deadline import ends_in_time
+from ...model import ModelSource, as_model, with_servos
+from ...recording import Recordings, as_recordings
+from ...regression.session import only_once
+from ...servos import Servo
+from ...types import Progress
+from ..fit import start_servos
+from .conclude import Known, conclude
+from .data import servo_data
+from .fits import final_fit, weigh_bodies
+from .result import ServoIdentification
+from .scale import connected_sets
+from .search import ServoOptions, search
+from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
+
+
+@ends_in_time
+def identify_servos(
+    robot: ModelSource,
+    recordings: Recordings,
+    *,
+    held_out: Recordings = (),
+    laws: Mapping[str, str] | str | None = None,
+    known: str | None = None,
+    options: ServoOptions | None = None,
+    progress: Progress | None = None,
+) -> ServoIdentification:
+    """Identify position drives from commanded and measured positions; no torque is needed.
+
+    Args:
+        robot: as `load_robot` gives it, or what it reads; a model counts with its bodies.
+        recordings: one recording or several to learn from, with q_des_J of the servo joints.
+        held_out: held-out recordings; without any, the last of several recordings or the last 30 % of the only one.
+        laws: law of all drives, or by joint: effort, duty or torque_speed. None: as stated, else by evidence.
+        known: what sets the scale of torque: "masses" of the description, stated "kp", "kp=20" for all joints, or
+            "nothing". None: stated gains where there are any, else masses.
+        options: rate, window, additional numbers and seed.
+        progress: called with the current step and the share that is done.
+
+    Raises:
+        OptionError: unknown law, joint or scale; a recording given twice.
+        RecordingError: no joint has commands, or a recording is too short.
+    """
+    options = options or ServoOptions()
+    model = as_model(robot, "identify_servos")
+    given = as_recordings(recordings, model.robot, "identify_servos")
+    unseen = as_recordings(held_out, model.robot, "identify_servos")
+    only_once((*given, *unseen))
+    data = servo_data(model.robot, given, unseen, options.rate)
+    stated = stated_numbers(model.robot, data.driven)
+    scale, wanted = known_scale_of(known, stated)
+    fixed = wanted if scale == "kp" else {j: {k: x for k, x in of.items() if k != "kp"} for j, of in wanted.items()}
+    law = stated_laws(model.robot, data.driven, laws)
+    sets = connected_sets(model, data.joints, data.driven)
+    _say(progress, "starting servos", 0.0)
+    plain = with_servos(model, {joint: Servo() for joint in data.driven})
+    started = {joint: servo for joint, servo in start_servos(plain, data.train).items() if joint in data.driven}
+    weighed, remarks = plain, ()
+    if scale == "kp":
+        _say(progress, "weighing bodies", 0.05)
+        weighed, remarks = weigh_bodies(plain, data, started, fixed, sets, options)
+    start = first_candidate(model.robot, data, started, fixed, law)
+    chosen = search(weighed, data, start, _limits(started, fixed), law, options, progress)
+    _say(progress, "fitting servos", 0.8)
+    fit = final_fit(weighed, data, chosen.candidate, options)
+    _say(progress, "simulating held-out recordings", 0.95)
+    case = Known(scale, wanted, fixed, law, sets)
+    return conclude((plain, weighed), data, chosen, fit, case, remarks, options)
+
+
+def _limits(started: Mapping[str, Servo], fixed: Stated) -> dict[str, float]:
+    """Effort limit to start from at joints that seem to saturate, or whose limit is stated."""
+    return {
+        joint: fixed.get(joint, {}).get("effort_limit", servo.effort_limit)
+        for joint, servo in started.items()
+        if np.isfinite(servo.effort_limit) or "effort_limit" in fixed.get(joint, {})
+    }
+
+
+def _say(progress: Progress | None, step: str, share: float) -> None:
+    if progress is not None:
+        progress(step, share)
