@@ -36,7 +36,7 @@ def assess(
             ServoTrace(
                 path=grid.path,
                 joints=grid.joints,
-                t=grid.origin + np.arange(len(grid)) * grid.step,
+                t=np.asarray(grid.origin + np.arange(len(grid)) * grid.step, float),
                 command=grid.command,
                 measured=grid.q,
                 simulated=roll_out(model, servos, grid),

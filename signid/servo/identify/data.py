@@ -66,12 +66,17 @@ def servo_data(
 
 def rows_of(grid: ServoGrid, start: int, stop: int) -> ServoGrid:
     """Rows start..stop of a grid."""
-    rows = {key: getattr(grid, key)[start:stop] for key in ("q", "command", "on", "voltage")}
-    more = {key: None if getattr(grid, key) is None else getattr(grid, key)[start:stop] for key in _OPTIONAL}
-    return replace(grid, origin=grid.origin + start / grid.rate, **rows, **more)
-
-
-_OPTIONAL = ("command_speed", "feed_forward")
+    rows, speed, forward = slice(start, stop), grid.command_speed, grid.feed_forward
+    return replace(
+        grid,
+        origin=grid.origin + start / grid.rate,
+        q=grid.q[rows],
+        command=grid.command[rows],
+        command_speed=None if speed is None else speed[rows],
+        feed_forward=None if forward is None else forward[rows],
+        on=grid.on[rows],
+        voltage=grid.voltage[rows],
+    )
 
 
 def _cut(grids: Sequence[ServoGrid], share: float) -> tuple[list[ServoGrid], list[ServoGrid]]:

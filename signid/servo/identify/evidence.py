@@ -18,7 +18,7 @@ FLOOR = 1e-6  # [rad or m] rms below which windows are equally good
 def window_scores(error: Array, windows: Sequence[slice]) -> Array:
     """Log rms (W, n) of a simulation error (N, n) [rad or m] over windows of rows; NaN where a window has no rows."""
     rows = [np.sqrt(np.nanmean(error[window] ** 2, axis=0)) for window in windows if len(error[window])]
-    return np.log(np.maximum(np.array(rows).reshape(-1, error.shape[1]), FLOOR))
+    return np.asarray(np.log(np.maximum(np.array(rows).reshape(-1, error.shape[1]), FLOOR)))
 
 
 def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, float]:

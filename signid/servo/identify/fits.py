@@ -53,9 +53,9 @@ def weigh_bodies(
     for members, ratio, error in implied_ratios(sets, fit.servos, number_std(fit, "kp"), gains):
         model = scaled_masses(model, members, ratio)
         said.append(
-            f"with the stated kp, the part that {shorten(list(members))} move is {ratio:.2f} +- {1.96 * error:.2f} times "
-            f"as heavy as the description says, and the model has these masses; give known='masses' if the description "
-            f"is right"
+            f"with the stated kp, the part that {shorten(list(members))} move is {ratio:.2f} +- {1.96 * error:.2f} "
+            f"times as heavy as the description says, and the model has these masses; give known='masses' if the "
+            f"description is right"
         )
     return model, tuple(said)
 

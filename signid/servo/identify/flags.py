@@ -42,8 +42,8 @@ def law_flags(joints: Sequence[ServoJoint], limited: Sequence[str]) -> Iterator[
         if joint.joint in limited and joint.law_probability is not None and joint.law_probability < UNSURE:
             listed = ", ".join(f"{law} {p:.2f}" for law, p in sorted(joint.laws.items(), key=lambda x: -x[1]))
             yield (
-                f"{joint.joint}: the law of the drive is not sure (probability: {listed}); record motion that saturates "
-                f"the drive more often, or state the law"
+                f"{joint.joint}: the law of the drive is not sure (probability: {listed}); record motion that "
+                f"saturates the drive more often, or state the law"
             )
 
 
@@ -86,8 +86,8 @@ def worse_flag(rolled: ServoRollOut) -> str:
     """Sentence where the stated numbers are handed out."""
     own, usual = (np.sqrt(np.nanmean(x**2)) for x in (rolled.whole_rms, rolled.nominal_whole_rms))
     return (
-        f"the numbers found predict held-out recordings worse than the stated ones (rms {own:.3g} against {usual:.3g}), "
-        f"so the model has the stated ones; give more recordings"
+        f"the numbers found predict held-out recordings worse than the stated ones (rms {own:.3g} against "
+        f"{usual:.3g}), so the model has the stated ones; give more recordings"
     )
 
 

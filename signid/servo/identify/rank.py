@@ -22,13 +22,13 @@ def dependent_numbers(information: Array, names: Sequence[Name]) -> tuple[tuple[
     """
     size = np.sqrt(np.maximum(np.diag(information), 0.0))
     alone = size <= RANK * max(float(size.max(initial=0.0)), 1e-300)
-    found = [(names[k],) for k in np.flatnonzero(alone)]
+    found = [(names[k],) for k in np.flatnonzero(alone).tolist()]
     kept = np.flatnonzero(~alone)
     if len(kept):
         normal = information[np.ix_(kept, kept)] / np.outer(size[kept], size[kept])
         values, vectors = np.linalg.eigh((normal + normal.T) / 2)
         for vector in vectors.T[values < RANK * max(1.0, float(values[-1]))]:
-            found.append(tuple(names[k] for k in kept[np.abs(vector) > MEMBER]))
+            found.append(tuple(names[k] for k in kept[np.abs(vector) > MEMBER].tolist()))
     return tuple(found)
 
 

@@ -63,7 +63,7 @@ def identify_servos(
     _say(progress, "starting servos", 0.0)
     plain = with_servos(model, {joint: Servo() for joint in data.driven})
     started = {joint: servo for joint, servo in start_servos(plain, data.train).items() if joint in data.driven}
-    weighed, remarks = plain, ()
+    weighed, remarks = plain, tuple[str, ...]()
     if scale == "kp":
         _say(progress, "weighing bodies", 0.05)
         weighed, remarks = weigh_bodies(plain, data, started, fixed, sets, options)

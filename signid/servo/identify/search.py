@@ -64,7 +64,8 @@ def search(
     if not data.folds:
         return Chosen(_limited(start, limits, given), laws)
     _say(progress, "trying servos without limits", 0.2)
-    candidate, scores = start, unseen_scores(model, data, start, options.window)
+    candidate = start
+    scores: Scores = unseen_scores(model, data, start, options.window)
     if limits:
         candidate, scores, found = _laws(model, data, (candidate, scores), limits, given, options, progress)
         laws.update({joint: p for joint, p in found.items() if joint not in given})
