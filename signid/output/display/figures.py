@@ -144,7 +144,7 @@ def _renamed(run: Any) -> Any:
 
 
 def _positions(result: Any, joints: Sequence[str]) -> Plots:
-    from ..report.pages.servos import closed_loop_plots
+    from ..report.pages.closed_loops import closed_loop_plots
 
     traces = [_renamed(trace) for trace in result.traces]
     return _of(list(closed_loop_plots(traces, _renamed(result.rollout))), joints, slice(None))
@@ -190,6 +190,7 @@ FIGURES: dict[str, dict[str, Maker]] = {
     "Recording": {"samples": _samples},
     "RollOut": {"rollouts": _rollouts},
     "ServoIdentification": {"positions": _positions},
+    "ServoValidatedModel": {"positions": _positions},
     "Signs": {"signs": _signs},
     "Validation": {"residuals": _validated, "rollouts": _validated_rollouts},
 }

@@ -26,6 +26,11 @@ def loop_rows(result: Any) -> pl.DataFrame:
     return pl.DataFrame({"joint": list(found.joints), "unit": list(found.units), **picked(found, LOOPS)})
 
 
+def validated_loops(result: Any) -> pl.DataFrame:
+    """Rms position error of closed loops of each model, per joint."""
+    return pl.concat([loop_rows(one).insert_column(0, pl.lit(one.name).alias("model")) for one in result.models])
+
+
 def traced_rows(result: Any) -> pl.DataFrame:
     """Positions of each held-out recording and joint: command, measured, simulated before and after."""
     parts = [

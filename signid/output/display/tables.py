@@ -9,8 +9,9 @@ from typing import Any
 from rich.console import RenderableType
 
 from ...model import stated_inertials
-from ...types import Recording, Robot
+from ...types import Input, Recording, Robot
 from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, torque_units
+from ..report.results.closed_loops import servo_validation_tables
 from ..report.results.diagnosis import diagnosis_tables
 from ..report.results.documents import rms
 from ..report.results.fleet import fleet_tables
@@ -83,6 +84,13 @@ def _validated(one: Any) -> Renderables:
     return [heading(one.name, below=False), *_fit(one.fit), *rolled]
 
 
+def _alone(one: Any) -> Any:
+    """A validation of one model."""
+    from ...servo.validate import ServoValidation
+
+    return ServoValidation((one,), tuple(Input(trace.path, "") for trace in one.traces), (), (), 0)
+
+
 def _simulation(simulation: Any) -> Renderables:
     table = new_table("joint", "lowest position>", "highest position>", "rms torque>")
     columns = (simulation.joints, simulation.q.min(axis=0), simulation.q.max(axis=0), rms(simulation.tau))
@@ -141,6 +149,8 @@ TABLES: dict[str, Callable[[Any], Renderables]] = {
     "RollOut": _roll_out,
     "Separation": _motion,
     "ServoIdentification": servo_identification_tables,
+    "ServoValidatedModel": lambda one: servo_validation_tables(_alone(one)),
+    "ServoValidation": servo_validation_tables,
     "Signs": signs_tables,
     "Simulation": _simulation,
     "ValidatedModel": _validated,

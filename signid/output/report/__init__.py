@@ -8,12 +8,17 @@ from ...registry import inner_package as _package, public_names as _names
 if TYPE_CHECKING:
     from .layout import Screen as Screen, figure as figure, with_interval as with_interval
     from .pages import report as report
+    from .pages.closed_loops import servo_validation_page as servo_validation_page
     from .pages.diagnosis import diagnosis_page as diagnosis_page
     from .pages.fleet import fleet_page as fleet_page
     from .pages.identification import identification_page as identification_page
     from .pages.servos import servo_page as servo_page
     from .pages.signs import signs_page as signs_page
     from .pages.validation import validation_page as validation_page
+    from .results.closed_loops import (
+        servo_validation_document as servo_validation_document,
+        servo_validation_tables as servo_validation_tables,
+    )
     from .results.diagnosis import diagnosis_document as diagnosis_document, diagnosis_tables as diagnosis_tables
     from .results.documents import to_json as to_json
     from .results.fleet import fleet_tables as fleet_tables

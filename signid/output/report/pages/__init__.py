@@ -12,9 +12,10 @@ if TYPE_CHECKING:
     from ....diagnose import Diagnosis
     from ....identify import Identification
     from ....servo.identify import ServoIdentification
+    from ....servo.validate import ServoValidation
     from ....validate import Validation
 
-    Reported = Diagnosis | Identification | ServoIdentification | Validation
+    Reported = Diagnosis | Identification | ServoIdentification | ServoValidation | Validation
 
 
 def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") -> str:
@@ -31,7 +32,9 @@ def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") ->
     from ....diagnose import Diagnosis
     from ....identify import Identification
     from ....servo.identify import ServoIdentification
+    from ....servo.validate import ServoValidation
     from ....validate import Validation
+    from .closed_loops import servo_validation_page
     from .diagnosis import diagnosis_page
     from .identification import identification_page
     from .servos import servo_page
@@ -43,6 +46,8 @@ def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") ->
         return validation_page(result, inputs, command)
     if isinstance(result, ServoIdentification):
         return servo_page(result, inputs, command)
+    if isinstance(result, ServoValidation):
+        return servo_validation_page(result, inputs, command)
     if not isinstance(result, Identification):
         wanted = "a Diagnosis, an Identification or a Validation"
         raise unexpected("report", wanted, result, "what signid.identify returns")

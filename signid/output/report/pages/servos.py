@@ -5,28 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ....types import Array, Input
+from ....types import Input
 from ..layout import figure, plural, share
-from ..policy import plot_markup
-from ..results.servos import (
-    closed_loop_rows,
-    closed_loop_title,
-    number_cell,
-    scale_lines,
-    servo_rows,
-    unidentifiable_lines,
-)
-from .courses import FEWEST, GAP, OPEN, POINTS, TOP, JointPlots, Line
-from .frame import AFTER, BEFORE, FAINT, FLOOR, INK, Card, Plot, axis, curve, packed, render, shared, thinned
+from ..results.closed_loops import closed_loop_rows, closed_loop_title
+from ..results.servos import number_cell, scale_lines, servo_rows, unidentifiable_lines
+from .closed_loops import MOST_TRACES, closed_loop_plots, worst_joints
+from .frame import Card, render, shared
 
 if TYPE_CHECKING:
-    from ....servo.identify import ServoIdentification, ServoRollOut, ServoTrace
-
-POSITION = "$name: %{y:.5g} $unit at %{x:.5g} s<extra></extra>"
-MOST_TRACES = 4  # maximum number of recordings that are drawn
-LEGEND = (("command", FLOOR), ("measured", INK), ("before", BEFORE), ("identified", AFTER))
+    from ....servo.identify import ServoIdentification
 
 
 def servo_page(result: ServoIdentification, inputs: Sequence[Input] = (), command: str = "") -> str:
@@ -73,75 +60,8 @@ def _cards(result: ServoIdentification) -> Iterator[Card]:
             yield Card(f"stiffness kp of {one.joint}", number_cell(kp), f"{kp.unit}, ± 95 %; law {one.law}")
 
 
-def worst_joints(found: ServoRollOut) -> list[int]:
-    """Joints with commands in descending order of the error of whole recordings."""
-    order = np.argsort(-np.nan_to_num(found.whole_rms, nan=-1.0, posinf=1e300), kind="stable")
-    return [int(j) for j in order if not np.isnan(found.whole_rms[j])]
-
-
 def _laws(result: ServoIdentification) -> Iterator[tuple[str, ...]]:
     """Posterior of each law that was tried, per joint."""
     for one in result.joints:
         for law, probability in sorted(one.laws.items(), key=lambda item: -item[1]):
             yield one.joint, law, ">0.999" if probability > 0.999 else figure(probability)
-
-
-def closed_loop_plots(traces: Sequence[ServoTrace], found: ServoRollOut) -> Iterator[JointPlots]:
-    """Positions over time per joint: whole recordings and windows of 1 s; the worst joints are unfolded."""
-    order = worst_joints(found)
-    drawn = traces[:MOST_TRACES]
-    lines = 6 * max(1, len(drawn)) * 2
-    most = max(FEWEST, 6 * POINTS // (lines * max(1, len(order))))
-    for j in order:
-        joint, unit = found.joints[j], found.units[j]
-        plots = [plot for trace in drawn if joint in trace.joints for plot in _plots(trace, joint, unit, most)]
-        sizes = (found.nominal_whole_rms[j], found.whole_rms[j])
-        summary = " → ".join(figure(float(rms)) for rms in sizes)
-        yield JointPlots(joint, f"{summary} {unit}, whole recordings", j in order[:OPEN], tuple(plots))
-
-
-def _plots(trace: ServoTrace, joint: str, unit: str, most: int) -> Iterator[Plot]:
-    j = trace.joints.index(joint)
-    command, measured, nominal = trace.command[:, j], trace.measured[:, j], trace.nominal[:, j]
-    whole = trace.simulated[:, j]
-    given = [
-        Line("command", "y", FLOOR, {"width": 1.2, "dash": "dash", "shape": "hv"}, command),
-        Line("measured", "y", INK, {"width": 1.6}, measured),
-    ]
-    before = [
-        Line("before", "y", BEFORE, {"width": 1.3, "dash": "dot"}, nominal),
-        Line("measured - before", "y2", BEFORE, {"width": 1.2, "dash": "dot"}, measured - nominal),
-    ]
-    after = [
-        Line("identified", "y", AFTER, {"width": 1.4}, whole),
-        Line("measured - identified", "y2", AFTER, {"width": 1.2}, measured - whole),
-    ]
-    name = trace.path.rpartition("/")[2] or "recording"
-    yield _positions(
-        f"{joint}, {name}: whole recording from commands alone", trace.t, unit, [*given, *before, *after], most
-    )
-    if trace.one_second is not None:
-        short = trace.one_second[:, j]
-        after = [
-            Line("identified", "y", AFTER, {"width": 1.4}, short),
-            Line("measured - identified", "y2", AFTER, {"width": 1.2}, measured - short),
-        ]
-        title = f"{joint}, {name}: restarted from the measured state every second"
-        yield _positions(title, trace.t, unit, [*given, *after], most)
-
-
-def _positions(title: str, t: Array, unit: str, lines: Sequence[Line], most: int) -> Plot:
-    """Plot positions over time, with errors below."""
-    values = np.column_stack([np.where(np.isfinite(line.values), line.values, np.nan) for line in lines])
-    t, values = thinned(t - t[:1], values, np.zeros(1, dtype=np.intp), most)
-    data = []
-    for line, y in zip(lines, values.T, strict=True):
-        hover = plot_markup(POSITION, name=line.name, unit=unit)
-        style = {"color": line.colour, **line.style}
-        data.append({**curve(line.name, packed(t), packed(y), style, hovertemplate=hover), "yaxis": line.axis})
-    layout = {
-        "xaxis": axis("time [s]", anchor="y2"),
-        "yaxis": axis(f"position [{unit}]", domain=[TOP + GAP, 1], nticks=6),
-        "yaxis2": axis(f"error [{unit}]", domain=[0, TOP - GAP], nticks=5, zeroline=True, zerolinecolor=FAINT),
-    }
-    return Plot(title, data, layout, 360, wide=True)

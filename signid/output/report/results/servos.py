@@ -13,10 +13,11 @@ from ....model import standard_parameters
 from ....parameters import Array, pseudo_inertia
 from ....types import Input
 from ..layout import UNKNOWN, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
+from .closed_loops import closed_loop_rows, closed_loop_title, position_fit, rollout_document
 from .documents import Document, description, ending, opening
 
 if TYPE_CHECKING:
-    from ....servo.identify import ServoIdentification, ServoJoint, ServoNumber, ServoRollOut
+    from ....servo.identify import ServoIdentification, ServoJoint, ServoNumber
 
 FIRST = ("kp", "damping", "delay", "lag", "effort_limit", "armature", "coulomb_friction", "load_friction")
 LAWS = {  # passive numbers of a drive -> key of the effect of the same name
@@ -56,33 +57,6 @@ def _is_possible(inertial: Array) -> bool:
     """Whether a body, which may have no mass, could have these ten inertial parameters."""
     matrix = pseudo_inertia(inertial)
     return bool(np.linalg.eigvalsh(matrix)[0] >= -ROUNDING * abs(np.trace(matrix)))
-
-
-def position_fit(found: ServoRollOut) -> Document:
-    """Rms position error of closed loops over whole recordings, in the form of a fit."""
-    nothing = [None] * len(found.joints)
-    return {
-        "joints": list(found.joints),
-        "unit": list(found.units),
-        "train_rms": nothing,
-        "held_out_rms": found.whole_rms,
-        "noise_floor": nothing,
-        "held_out_r2": nothing,
-    }
-
-
-def rollout_document(found: ServoRollOut) -> Document:
-    """Rms position error per joint of closed loops from commands alone."""
-    return {
-        "joints": list(found.joints),
-        "whole_rms": found.whole_rms,
-        "one_second_rms": found.one_second_rms,
-        "nominal": found.nominal,
-        "nominal_whole_rms": found.nominal_whole_rms,
-        "nominal_one_second_rms": found.nominal_one_second_rms,
-        "unit": list(found.units),
-        "held_out": found.held_out,
-    }
 
 
 def _scale(result: ServoIdentification) -> Document:
@@ -213,20 +187,3 @@ def unidentifiable_lines(joints: Sequence[ServoJoint]) -> list[str]:
         sentence if any(joint in sentence for joint in named) else f"{shorten(named)}: {sentence}"
         for sentence, named in where.items()
     ]
-
-
-def closed_loop_title(found: ServoRollOut) -> str:
-    """Title of a table of closed-loop errors."""
-    data = "held-out data" if found.held_out else "data of the fit (none was held out)"
-    return f"Closed loop from commands alone, {data}: rms position error"
-
-
-def closed_loop_rows(found: ServoRollOut) -> tuple[list[str], list[list[str]]]:
-    """Table heads and rows: rms of the nominal and of the identified loop, whole recordings and 1 s windows."""
-    columns = (found.nominal_whole_rms, found.whole_rms, found.nominal_one_second_rms, found.one_second_rms)
-    rows = [
-        [joint, *(figure(float(rms[j])) for rms in columns), found.units[j]] for j, joint in enumerate(found.joints)
-    ]
-    before = f"{found.nominal}" if found.nominal else "before"
-    heads = ["joint", f"whole,\n{before}>", "whole,\nidentified>", f"1 s,\n{before}>", "1 s,\nidentified>", "unit"]
-    return heads, rows

@@ -1,0 +1,209 @@
+"""Models with position drives and recordings -> how well closed loops from commands alone predict the positions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import OptionError, RecordingError, shorten
+from ..model import Model, ModelSource, as_model, with_servos
+from ..recording import Recordings, as_recordings, same_joints
+from ..robot.actuators import state_actuators
+from ..servos import Servo, ServoGrid
+from ..simulation.rollout.joints import restrict_joints
+from ..types import Array, Input, Progress, Recording, Result, Robot
+from .identify.result import ServoRollOut, ServoTrace
+from .plant import roll_out, servo_grids
+from .stated import stated_servos
+
+HORIZON = 1.0  # [s] between measured states of short roll-outs
+FARTHEST = 1e3  # error from which on a simulation counts as diverged [rad or m]
+IDEAL = "q = q_des"
+
+
+@dataclass(frozen=True, eq=False)
+class ServoValidatedModel(Result):
+    """Closed loops of one model on all recordings, from commands alone."""
+
+    name: str  # path of the model, or its given name
+    model: Model  # with `servos`, restricted to the joints of the recordings
+    rollout: ServoRollOut
+    traces: tuple[ServoTrace, ...]  # one for each stretch of a recording without gaps
+
+
+@dataclass(frozen=True, eq=False)
+class ServoValidation(Result):
+    """Comparison of models with position drives and recordings. `flags` name unreliable results."""
+
+    models: tuple[ServoValidatedModel, ...]
+    inputs: tuple[Input, ...]  # the recordings
+    flags: tuple[str, ...]
+    notes: tuple[str, ...]
+    seed: int
+
+
+def validate_servos(
+    models: ModelSource | Sequence[ModelSource] | Mapping[str, ModelSource],
+    recordings: Recordings,
+    *,
+    actuators: str | Path | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> ServoValidation:
+    """How well models with position drives predict recorded positions from the commands alone; nothing is fitted.
+
+    Per joint: rms position error of closed loops over whole recordings, and restarted from the measured state every
+    second.
+
+    Args:
+        models: one or several with `servos`, as `load_model` gives them, or robots whose actuators file states kp.
+        recordings: with commanded positions q_des_J, of the same joints.
+        actuators: TOML whose tables [recording."FILE NAME".JOINT] state firmware gains; None: those of the robots.
+        seed: recorded in the result; nothing is random.
+        progress: called with what is being done and the share of it that is done.
+
+    Raises:
+        OptionError: a model or a recording is missing, or a model has no drive of a commanded joint.
+        RecordingError: a recording cannot be used; the sentence says which and why.
+        RobotError: invalid actuators file.
+    """
+    named = _named(models)
+    if not named:
+        raise OptionError("no model was given; at least one is needed")
+    given = as_recordings(recordings, next(iter(named.values())).robot, "validate_servos")
+    if not given:
+        raise OptionError("no recording was given; at least one is needed")
+    need_commands(given)
+    validated, flags, notes = list[ServoValidatedModel](), list[str](), list[str]()
+    for k, (name, model) in enumerate(named.items()):
+        if progress is not None:
+            progress(f"validating {name}", k / len(named))
+        driven, remarks = _restricted(name, model, given)
+        notes += remarks
+        robot, missing = _registered(name, driven, actuators)
+        flags += missing
+        grids = [grid for recording in given for grid in servo_grids(recording, robot)]
+        found = ServoValidatedModel(name, driven, *closed_loops(driven, driven.servos, grids))
+        validated.append(found)
+        flags += _flags(found, grids)
+        notes += _poor(found)
+    return ServoValidation(
+        models=tuple(validated),
+        inputs=tuple(Input(r.path, r.sha256, "recording") for r in given),
+        flags=tuple(dict.fromkeys(flags)),
+        notes=tuple(dict.fromkeys(notes)),
+        seed=seed,
+    )
+
+
+def need_commands(recordings: Sequence[Recording]) -> None:
+    """Reject recordings whose drives never hold a commanded position.
+
+    Raises:
+        RecordingError: no commanded position, too few rows, commands that are no numbers, or drives always off.
+    """
+    for recording in recordings:
+        name = recording.path or "the recording"
+        samples = recording.read()
+        if samples.q_des is None:
+            raise RecordingError(f"{name} has no commanded position; add columns q_des_J of the servo joints")
+        if len(samples.t) < 2:
+            raise RecordingError(f"{name} has {len(samples.t)} rows; record the robot in motion")
+        if not np.isfinite(samples.q_des).any():
+            raise RecordingError(f"{name} has commanded positions that are all empty or no numbers; check q_des_J")
+        on = None if samples.servo is None else samples.servo.on
+        commanded = np.isfinite(samples.q_des).any(axis=0)
+        if on is not None and not (np.nan_to_num(on[:, commanded], nan=1.0) > 0).any():
+            raise RecordingError(f"{name} has the drives off in all rows (on_J is 0); record with the drives on")
+
+
+def closed_loops(
+    model: Model, servos: Mapping[str, Servo], grids: Sequence[ServoGrid], held_out: bool = True
+) -> tuple[ServoRollOut, tuple[ServoTrace, ...]]:
+    """Roll-outs of recordings from commands alone, whole and from measured states every second, beside q = q_des."""
+    traces = tuple(_trace(model, servos, grid) for grid in grids)
+    joints = grids[0].joints
+    driven = np.array([joint in servos for joint in joints]) & np.any([grid.driven for grid in grids], axis=0)
+
+    def rms(key: str) -> Array:
+        errors = np.vstack([getattr(trace, key) - trace.measured for trace in traces])
+        with np.errstate(over="ignore", invalid="ignore"):
+            size = np.sqrt(np.mean(errors**2, axis=0))
+        return np.where(driven, np.where(size <= FARTHEST, size, np.inf), np.nan)
+
+    units = tuple("m" if model.robot.prismatic[model.robot.index(joint)] else "rad" for joint in joints)
+    ideal = rms("nominal")
+    sizes = (rms("simulated"), rms("one_second"), ideal, ideal)
+    return ServoRollOut(joints, units, *sizes, IDEAL, held_out), traces
+
+
+def _trace(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) -> ServoTrace:
+    with np.errstate(all="ignore"):
+        whole, short = (roll_out(model, servos, grid, horizon) for horizon in (None, HORIZON))
+    t = np.asarray(grid.origin + np.arange(len(grid)) * grid.step, dtype=np.float64)
+    return ServoTrace(grid.path, grid.joints, t, grid.command, grid.q, whole, grid.command, short)
+
+
+def _named(models: ModelSource | Sequence[ModelSource] | Mapping[str, ModelSource]) -> dict[str, Model]:
+    if isinstance(models, Mapping):
+        return {name: as_model(model, "validate_servos") for name, model in models.items()}
+    named: dict[str, Model] = {}
+    for each in models if isinstance(models, list | tuple) else [models]:
+        model = as_model(each, "validate_servos")
+        same = sum(other.robot.name == model.robot.name for other in named.values())
+        named[f"{model.robot.name} ({same + 1})" if same else model.robot.name] = model
+    return named
+
+
+def _restricted(name: str, model: Model, recordings: Sequence[Recording]) -> tuple[Model, Sequence[str]]:
+    """Model with drives, of the joints of the recordings; notes on what was left out."""
+    servos = {**stated_servos(model.robot), **model.servos}
+    commanded = [
+        joint for joint in same_joints(recordings) if any(r.columns["q_des"][r.joints.index(joint)] for r in recordings)
+    ]
+    if not set(servos) & set(commanded):
+        raise OptionError(
+            f"{name} has no drive of {shorten(commanded)}, which the recordings command; identify it with signid "
+            f"identify, or state kp below [joint.{commanded[0]}.servo] in actuators.toml"
+        )
+    restricted, notes = restrict_joints(model, recordings)
+    kept = {joint: servo for joint, servo in servos.items() if joint in restricted.robot.joints}
+    return with_servos(replace(restricted, servos={}), kept), [f"{name}: {note}" for note in notes]
+
+
+def _registered(name: str, model: Model, actuators: str | Path | None) -> tuple[Robot, list[str]]:
+    """Robot that states the firmware gains of recordings, relative to those of the drives; flags where it cannot."""
+    robot = model.robot if actuators is None else state_actuators(model.robot, Path(actuators))
+    stated = {joint: dict(robot.servo.get(joint, {})) for joint in robot.joints}
+    for joint, servo in model.servos.items():
+        if servo.kp_register is not None:
+            stated[joint]["kp_register"] = servo.kp_register
+    lacking = [joint for joint in model.servos if "kp_register" not in stated[joint]]
+    unknown = dict.fromkeys(joint for _, joint in robot.registers if joint in lacking)
+    flags = [
+        f"{name} states no kp_register of {shorten(list(unknown))}, so the registers of the recordings do not count; "
+        f"state kp_register below [joint.{next(iter(unknown))}.servo] and identify again"
+    ]
+    return replace(robot, servo=stated), flags if unknown else []
+
+
+def _flags(found: ServoValidatedModel, grids: Sequence[ServoGrid]) -> Iterator[str]:
+    """Sentences on drives that are missing, and on simulations that diverge."""
+    commanded = np.any([grid.driven for grid in grids], axis=0)
+    pairs = zip(grids[0].joints, commanded, strict=True)
+    if lacking := [joint for joint, driven in pairs if driven and joint not in found.model.servos]:
+        yield f"{found.name} has no drive of {shorten(lacking)}: these joints follow the recorded motion"
+    rms = np.maximum(found.rollout.whole_rms, found.rollout.one_second_rms)
+    if diverged := [joint for joint, x in zip(found.rollout.joints, rms, strict=True) if np.isinf(x)]:
+        yield f"the closed loop of {found.name} diverges at {shorten(diverged)}; check its kp, kd, delay and inertias"
+
+
+def _poor(found: ServoValidatedModel) -> Iterator[str]:
+    """A sentence on joints that the model predicts no better than the command itself."""
+    rolled = found.rollout
+    worse = rolled.whole_rms > rolled.nominal_whole_rms
+    if named := [joint for joint, poor in zip(rolled.joints, worse, strict=True) if poor]:
+        yield f"{found.name} predicts {shorten(named)} no better than q = q_des"
