@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from ...errors import OptionError, shorten
 from ...frozen import Frozen
 from ...model import Model
-from ...servos import Servo, ServoGrid
-from ...types import Array
+from ...servos import SERVO_NUMBERS, Servo, ServoGrid
+from ...types import Array, Robot
+from ..plant.course import Course, Moved, bodies_of, course, groups, motion_of, part, single
+from ..plant.substeps import substeps
+from .coordinates import Coordinates, Slot
+from .intervals import covariance
+from .shots import Shots, build_shots, shoot, window_starts
+from .solve import Solved, first_point, solve
+from .typical import started, typical
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +43,10 @@ class ServoFit(Frozen):
     @property
     def std(self) -> Array:
         """Standard deviations (P,) in SERVO_UNITS."""
-        raise NotImplementedError
+        return np.sqrt(np.diag(self.covariance))
+
+
+AGAIN = 8  # most steps about the simulated motion
 
 
 def fit_servos(
@@ -62,4 +75,152 @@ def fit_servos(
     Raises:
         OptionError: unknown joint or number, or no free number.
     """
-    raise NotImplementedError
+    grids = tuple(grids)
+    _check(grids, servos, free)
+    robot = bodies_of(model, grids[0].joints)
+    courses = tuple(course(robot, motion_of(grid)) for grid in grids)
+    acting = [j for j, joint in enumerate(grids[0].joints) if joint in servos]
+    task = _Task(grids, robot, courses, dict(servos), tuple(free), window, tuple(shared))
+    joints = groups(robot, acting)
+    fits = [_fit_group(task, group, iterations) for group in joints]
+    if relinearise and not single(robot):
+        task = replace(task, about=_about(task, joints, fits))
+        fits = [_fit_group(task, g, min(AGAIN, iterations), f) for g, f in zip(joints, fits, strict=True)]
+    return _collect(task, joints, fits)
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    grids: tuple[ServoGrid, ...]
+    robot: Robot
+    courses: tuple[Course, ...]  # along the recorded motion
+    servos: Mapping[str, Servo]
+    free: tuple[tuple[str, str], ...]
+    window: float
+    shared: tuple[str, ...]
+    about: tuple[Course, ...] = ()  # along the simulated motion
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    shots: tuple[Shots, ...]
+    where: Coordinates
+    solved: Solved
+
+
+def _check(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], free: Sequence[tuple[str, str]]) -> None:
+    if not grids:
+        raise OptionError("no recording was given to the fit of servos; give at least one")
+    joints = grids[0].joints
+    for grid in grids:
+        if grid.joints != joints:
+            raise OptionError(f"{grid.path or 'a recording'} moves other joints; fit recordings of the same joints")
+    for joint in servos:
+        if joint not in joints or not all(grid.driven[joints.index(joint)] for grid in grids):
+            raise OptionError(f"joint {joint!r} has no commands; choose from {shorten(joints)}")
+    for joint, number in free:
+        if joint not in servos or number not in SERVO_NUMBERS:
+            raise OptionError(f"no number {number!r} of a servo at {joint!r}; choose from {shorten(SERVO_NUMBERS, 20)}")
+
+
+def _fit_group(task: _Task, joints: tuple[int, ...], iterations: int, before: _Group | None = None) -> _Group:
+    names = [task.robot.joints[j] for j in joints]
+    sizes = [typical(task.servos[name], j, task.grids, task.courses) for name, j in zip(names, joints, strict=True)]
+    free = [[number for joint, number in task.free if joint == name] for name in names]
+    drives = tuple(started(task.servos[name], mine, size) for name, mine, size in zip(names, free, sizes, strict=True))
+    where = Coordinates(drives, _slots(free, sizes, task.shared))
+    shots = tuple(_shots(task, k, joints, drives) for k in range(len(task.grids)))
+    point = before.solved.point if before else first_point(shots, where)
+    return _Group(shots, where, solve(shots, where, point, iterations if where.slots else 0))
+
+
+def _slots(free: Sequence[Sequence[str]], sizes: Sequence[dict[str, float]], shared: Sequence[str]) -> tuple[Slot, ...]:
+    out, common = [], set()
+    for j, numbers in enumerate(free):
+        for number in numbers:
+            if number in shared and number in common:
+                continue
+            if number in shared:
+                common.add(number)
+            out.append(Slot(j, number, sizes[j][number], number in shared))
+    return tuple(out)
+
+
+def _shots(task: _Task, k: int, joints: tuple[int, ...], drives: Sequence[Servo]) -> Shots:
+    grid, measured = task.grids[k], part(task.courses[k], joints)
+    about = part(task.about[k], joints) if task.about else measured
+    inertia = np.diagonal(measured.mass, axis1=1, axis2=2).min(0)
+    return build_shots(grid, joints, about, measured, task.window, substeps(grid.step, drives, inertia))
+
+
+def _about(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Group]) -> tuple[Course, ...]:
+    """Courses along the simulated motions."""
+    out = []
+    for k, grid in enumerate(task.grids):
+        q, v = task.courses[k].motion.q.copy(), task.courses[k].motion.v.copy()
+        for group, fit in zip(joints, fits, strict=True):
+            shots = fit.shots[k]
+            paths = fit.solved.normal.residual[k] + shots.measured
+            for places, path in zip(shots.places, paths, strict=True):
+                q[np.ix_(places, group)] = path
+                v[np.ix_(places, group)] = np.gradient(path, grid.step, axis=0)
+        out.append(course(task.robot, Moved(q, v, np.gradient(v, grid.step, axis=0))))
+    return tuple(out)
+
+
+def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Group]) -> ServoFit:
+    names = [
+        tuple((task.robot.joints[g[s.joint]], s.number) for s in f.where.slots)
+        for g, f in zip(joints, fits, strict=True)
+    ]
+    flat = [name for group in names for name in group]
+    order = [flat.index(name) for name in task.free if name in flat]
+    windows = tuple((k, int(i)) for k, grid in enumerate(task.grids) for i in window_starts(grid, task.window)[0])
+    n = len(task.robot.joints)
+    squares, share = np.full((len(windows), n), np.nan), np.full(n, np.nan)
+    servos = dict(task.servos)
+    for group, fit in zip(joints, fits, strict=True):
+        columns = list(group)
+        squares[:, columns] = np.concatenate([np.mean(r**2, axis=1) for r in fit.solved.normal.residual])
+        share[columns] = _saturated(fit)
+        for j, servo in zip(group, fit.where.servos_at(fit.solved.point.values), strict=True):
+            servos[task.robot.joints[j]] = servo
+    rms = np.sqrt(np.average(squares, axis=0, weights=_lengths(task, windows)))
+    return ServoFit(
+        servos,
+        tuple(flat[i] for i in order),
+        np.concatenate([f.solved.point.values for f in fits])[order],
+        _blocks([covariance(f.solved.normal.information, f.solved.normal.scores) for f in fits], order),
+        _blocks([f.solved.normal.information for f in fits], order),
+        rms,
+        windows,
+        squares,
+        share,
+        max(f.solved.steps for f in fits),
+    )
+
+
+def _lengths(task: _Task, windows: Sequence[tuple[int, int]]) -> list[int]:
+    rows = [window_starts(grid, task.window)[1] for grid in task.grids]
+    return [rows[k] for k, _ in windows]
+
+
+def _saturated(fit: _Group) -> Array:
+    """Share (n,) of the time with the drive on that it spends at its limit."""
+    point, hits, on = fit.solved.point, np.zeros(len(fit.where.servos)), np.zeros(len(fit.where.servos))
+    copies = fit.where.table(point.values[None])
+    for shots, q0, v0 in zip(fit.shots, point.q0, point.v0, strict=True):
+        hits += shoot(shots, fit.where.servos, copies, q0[None], v0[None])[1][0].sum(0)
+        held = shots.grid.on[:, list(shots.joints)] > 0.5
+        on += shots.parts * held[shots.places[:, :-1]].sum((0, 1))
+    return np.asarray(hits / np.maximum(on, 1))
+
+
+def _blocks(parts: Sequence[Array], order: Sequence[int]) -> Array:
+    """Matrix of independent blocks, in another order."""
+    total = sum(map(len, parts))
+    out, k = np.zeros((total, total)), 0
+    for one in parts:
+        out[k : k + len(one), k : k + len(one)] = one
+        k += len(one)
+    return out[np.ix_(order, order)]

@@ -121,7 +121,7 @@ def simulate(  # type: ignore[no-untyped-def]
 
     starts (W,) first rows; parts substeps of a row, of h [s]; along R rows: mass (R, n, n) in the middle of a row,
     bias, qs, vs (R, n), by_q, by_v (R, n, n), wave (n, 2) torque of sin q and cos q; commands (3, V, R parts): command,
-    reference speed and feed-forward of each variant; variant (C, n); on, voltage, gain (R, n); numbers (C, n, P);
+    reference speed and feed-forward of each variant; variant (C, n); on, voltage (R, n); gain (n,); numbers (C, n, P);
     laws (n,); q0, v0 (C, W, n).
     """
     copies, windows, n = q0.shape
@@ -144,7 +144,7 @@ def simulate(  # type: ignore[no-untyped-def]
                         u[i] = commands[0, variant[c, i], step]
                         reference[i] = commands[1, variant[c, i], step]
                         forward[i] = commands[2, variant[c, i], step]
-                    actuate(numbers[c], laws, half, v, u, reference, forward, on[r], voltage[r], gain[r], act)
+                    actuate(numbers[c], laws, half, v, u, reference, forward, on[r], voltage[r], gain, act)
                     for i in range(n):
                         load = near * bias[r, i] + far * bias[r + 1, i]
                         load += wave[i, 0] * np.sin(half[i]) + wave[i, 1] * np.cos(half[i])

@@ -1,0 +1,139 @@
+"""Normal equations of the output error over windows; initial states of the windows are eliminated (Schur)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...types import Array
+from .coordinates import DIFFERENCE, Coordinates
+from .shots import MOST_VALUES, Shots, shoot
+
+STATE = (2e-3, 0.3)  # prior of an initial state about the smoothed one: [rad or m], [rad/s or m/s]
+NUDGE = (1e-4, 1e-2)  # differences of initial states
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Where a fit stands: values (P,), and initial states (W, n) of the windows of each grid."""
+
+    values: Array
+    q0: tuple[Array, ...]
+    v0: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """Quadratic model of half the cost about a point, for steps of the values (in SERVO_UNITS)."""
+
+    residual: tuple[Array, ...]  # (W, rows + 1, n) of each grid
+    information: Array  # (P, P)
+    scores: Array  # (W, P) gradient of each window, states eliminated
+    across: Array  # (W, P, 2n) values and states
+    inverse: Array  # (W, 2n, 2n) of the states' information
+    state: Array  # (W, 2n) gradient of the states
+
+
+def residuals(shots: Sequence[Shots], where: Coordinates, point: Point) -> tuple[Array, ...]:
+    """Simulated minus measured positions (W, rows + 1, n) of each grid."""
+    copies = where.table(point.values[None])
+    return tuple(
+        shoot(s, where.servos, copies, q0[None], v0[None])[0][0] - s.measured
+        for s, q0, v0 in zip(shots, point.q0, point.v0, strict=True)
+    )
+
+
+def cost(shots: Sequence[Shots], residual: Sequence[Array], point: Point, noise: Array) -> float:
+    """Weighted squares of residuals and of the states against their prior; noise: (n,) [rad or m]."""
+    total = 0.0
+    for s, r, q0, v0 in zip(shots, residual, point.q0, point.v0, strict=True):
+        total += float(np.sum((r / noise) ** 2))
+        total += float(np.sum(((q0 - s.q0) / STATE[0]) ** 2) + np.sum(((v0 - s.v0) / STATE[1]) ** 2))
+    return total
+
+
+def normal(shots: Sequence[Shots], where: Coordinates, point: Point, noise: Array) -> Normal:
+    """Normal equations at a point."""
+    copies, back = _copies(where, point.values)
+    parts = []
+    for s, q0, v0 in zip(shots, point.q0, point.v0, strict=True):
+        n = len(s.joints)
+        most = max(MOST_VALUES // ((len(copies) + 2 * n) * (s.rows + 1) * n), 1)
+        for k in range(0, len(s.starts), most):
+            cut = slice(k, k + most)
+            some = replace(s, starts=s.starts[cut], q0=s.q0[cut], v0=s.v0[cut])
+            parts.append(_windows(some, where, copies, back, point.values, q0[cut], v0[cut], noise))
+    joined = [np.concatenate([part[i] for part in parts]) for i in range(2, 6)]
+    information = sum((part[1] for part in parts), np.zeros((len(where.slots),) * 2))
+    return Normal(tuple(_by_grid(shots, [part[0] for part in parts])), information, *joined)
+
+
+def _by_grid(shots: Sequence[Shots], parts: list[Array]) -> list[Array]:
+    out, rest = [], list(parts)
+    for s in shots:
+        own = [rest.pop(0)]
+        while sum(map(len, own)) < len(s.starts):
+            own.append(rest.pop(0))
+        out.append(np.concatenate(own))
+    return out
+
+
+def _copies(where: Coordinates, values: Array) -> tuple[Array, Array]:
+    """Numbers of the base, of P forward and P backward points; (P, 2) signed steps of the forward and backward ones."""
+    steps = where.differences(values)
+    forward, backward, size = [], [], np.empty((len(values), 2))
+    for i in range(len(values)):
+        one = np.zeros(len(values))
+        if scale := where.scaled(i):
+            one[scale] = DIFFERENCE * values[scale]
+            size[i] = DIFFERENCE, DIFFERENCE
+        else:
+            one[i] = steps[i]
+            size[i] = steps[i], steps[i]
+            if values[i] - steps[i] < 0 and where.slots[i].number != "torque_offset":
+                size[i, 1] = values[i]
+        forward.append(values + one)
+        backward.append(values - one * size[i, 1] / size[i, 0])
+    return where.table(np.array([values, *forward, *backward])), size
+
+
+def _windows(
+    s: Shots, where: Coordinates, copies: Array, size: Array, values: Array, q0: Array, v0: Array, noise: Array
+) -> tuple[Array, ...]:
+    """Residual, information, scores, across, inverse and state of some windows of one grid."""
+    n, count = len(s.joints), len(values)
+    c = len(copies) + 2 * n
+    table = np.concatenate([copies, np.repeat(copies[:1], 2 * n, 0)])
+    starts = np.repeat(q0[None], c, 0), np.repeat(v0[None], c, 0)
+    for k in range(2):
+        for j in range(n):
+            starts[k][len(copies) + k * n + j, :, j] += NUDGE[k]
+    out = shoot(s, where.servos, table, *starts)[0]
+    residual = out[0] - s.measured
+    windows = len(residual)
+    slope = (out[1 : 1 + count] - out[1 + count : 1 + 2 * count]) / size.sum(1)[:, None, None, None]
+    slope = _single(slope, where, values)
+    by_state = (out[len(copies) :] - out[0]) / np.repeat(NUDGE, n)[:, None, None, None]
+    a, b = (np.moveaxis((x / noise).reshape(len(x), windows, -1), 0, 2) for x in (slope, by_state))
+    z = (residual / noise).reshape(windows, -1, 1)
+    prior = np.repeat([STATE[0] ** -2.0, STATE[1] ** -2.0], n)
+    state = (np.swapaxes(b, 1, 2) @ z)[:, :, 0] + prior * np.concatenate([q0 - s.q0, v0 - s.v0], 1)
+    across = np.swapaxes(a, 1, 2) @ b
+    inverse = np.linalg.inv(np.swapaxes(b, 1, 2) @ b + np.diag(prior))
+    whole = (np.swapaxes(a, 1, 2) @ a - across @ inverse @ np.swapaxes(across, 1, 2)).sum(0)
+    scores = (np.swapaxes(a, 1, 2) @ z)[:, :, 0] - np.einsum("wps,wsu,wu->wp", across, inverse, state)
+    return residual, whole, scores, across, inverse, state
+
+
+def _single(slope: Array, where: Coordinates, values: Array) -> Array:
+    """Derivatives by each value alone, from those where kp stands for the common scale of its joint."""
+    out = slope.copy()
+    for i in range(len(values)):
+        if scale := where.scaled(i):
+            for k in scale:
+                if k != i:
+                    out[i] -= values[k] * slope[k]
+            out[i] /= values[i]
+    return out

@@ -1,0 +1,97 @@
+"""Gauss-Newton with Levenberg damping along ratios and common scales, and with bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...types import Array
+from .coordinates import Coordinates
+from .normal import Normal, Point, cost, normal, residuals
+from .shots import Shots
+
+TOLERANCE = 1e-6  # relative gain of the cost that ends the fit
+FIRST, LEAST, WORSE, BETTER, TRIALS = 1e-2, 1e-7, 6.0, 0.1, 6  # damping
+SMALLEST_NOISE = 1e-5  # [rad or m]
+
+
+class Solved(NamedTuple):
+    """End of a fit."""
+
+    point: Point
+    normal: Normal  # at the point
+    noise: Array  # (n,) [rad or m]
+    steps: int
+
+
+def first_point(shots: Sequence[Shots], where: Coordinates) -> Point:
+    """Values of the drives, and smoothed states."""
+    return Point(where.start(), tuple(s.q0 for s in shots), tuple(s.v0 for s in shots))
+
+
+def solve(shots: Sequence[Shots], where: Coordinates, point: Point, iterations: int) -> Solved:
+    """Minimise the weighted output error from a point."""
+    damping, steps = FIRST, 0
+    here = normal(shots, where, point, np.ones(len(where.servos)))
+    noise = noise_of(here.residual, robust=True)
+    for _ in range(iterations):
+        here = normal(shots, where, point, noise)
+        now = cost(shots, here.residual, point, noise)
+        for _ in range(TRIALS):
+            new = _step(where, here, point, shots, damping)
+            then = cost(shots, residuals(shots, where, new), new, noise)
+            if np.isfinite(then) and then < now:
+                break
+            damping *= WORSE
+        else:
+            break
+        point, damping, steps = new, max(damping * BETTER, LEAST), steps + 1
+        noise = noise_of(residuals(shots, where, point))
+        if now - then < TOLERANCE * now:
+            break
+    return Solved(point, normal(shots, where, point, noise), noise, steps)
+
+
+def noise_of(residual: Sequence[Array], robust: bool = False) -> Array:
+    """Size (n,) of the residual of each joint [rad or m]; `robust`: by its median."""
+    squares = np.concatenate([(r**2).reshape(-1, r.shape[-1]) for r in residual])
+    middle = np.median(squares, axis=0) / 0.455 if robust else np.mean(squares, axis=0)
+    return np.asarray(np.maximum(np.sqrt(middle), SMALLEST_NOISE))
+
+
+def _step(where: Coordinates, here: Normal, point: Point, shots: Sequence[Shots], damping: float) -> Point:
+    """Damped step within the bounds."""
+    slope, x = where.slope(point.values), where.x(point.values)
+    information = here.information * np.outer(slope, slope)
+    gradient = here.scores.sum(0) * slope
+    ratios = where.ratios(point.values)
+    size = np.diag(ratios.T @ information @ ratios) + 1e-12
+    back = np.linalg.inv(ratios)
+    damped = information + damping * back.T @ (size[:, None] * back)
+    dx = _bounded(damped, gradient, where.low - x, where.most)
+    values = where.values(np.maximum(x + dx, where.low))
+    dz = values - point.values
+    ds = -np.einsum("wsu,wu->ws", here.inverse, here.state + np.einsum("wps,p->ws", here.across, dz))
+    cuts = np.cumsum([len(s.starts) for s in shots])[:-1]
+    n = len(where.servos)
+    return Point(
+        values,
+        tuple(q0 + d[:, :n] for q0, d in zip(point.q0, np.split(ds, cuts), strict=True)),
+        tuple(v0 + d[:, n:] for v0, d in zip(point.v0, np.split(ds, cuts), strict=True)),
+    )
+
+
+def _bounded(matrix: Array, gradient: Array, room: Array, most: Array) -> Array:
+    """Step (P,) of a quadratic model; coordinates that would leave their bounds stay there."""
+    step, free = np.zeros(len(gradient)), np.ones(len(gradient), dtype=bool)
+    for _ in range(len(gradient)):
+        step[~free] = room[~free]
+        rest = gradient + matrix[:, ~free] @ step[~free]
+        step[free] = -np.linalg.solve(matrix[np.ix_(free, free)], rest[free])
+        out = free & (step < room)
+        if not out.any() or (free & ~out).sum() == 0:
+            break
+        free &= ~out
+    return np.clip(step, -most, most)
