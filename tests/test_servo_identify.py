@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from signid.servo.identify.evidence import improves, law_probabilities, window_scores
-from signid.servo.identify.identifiable import JointFacts, joint_numbers
-from signid.servo.identify.rank import dependent_numbers, sentences
+from signid.servo.identify.identifiable import JointFacts, dependence, dependent_numbers, joint_numbers
 from signid.servo.identify.scale import alternatives, mass_ratio
 from signid.servos import Servo
 
@@ -99,7 +98,7 @@ def test_null_directions_of_the_information_name_their_numbers() -> None:
     columns = np.column_stack([rows[:, 0], rows[:, 1], rows[:, 1], 0 * rows[:, 0]])
     found = dependent_numbers(columns.T @ columns, names)
     assert found == ((names[3],), (names[1], names[2]))
-    lines = sentences(found)
+    lines = dependence(found)
     assert "dead band of wrist does not act" in lines[0] and "only in combination" in lines[1]
     assert dependent_numbers(np.eye(4), names) == ()
 

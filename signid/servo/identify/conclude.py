@@ -21,8 +21,7 @@ from .flags import (
     worse_flag,
     worse_than_stated,
 )
-from .identifiable import RARE, JointFacts, joint_numbers
-from .rank import dependent_numbers, sentences
+from .identifiable import RARE, JointFacts, dependence, dependent_numbers, joint_numbers
 from .result import ServoIdentification, ServoJoint
 from .scale import alternatives, known_scale
 from .search import Chosen, ServoOptions
@@ -53,7 +52,7 @@ def conclude(
     described, model = models
     saturated = {joint: float(fit.saturated_share[data.joints.index(joint)]) for joint in fit.servos}
     facts = joint_facts(model, data, fit.servos, saturated, known.fixed, known.scale != "nothing")
-    joints = tuple(_joint(joint, fit, chosen, facts[joint]) for joint in fit.servos)
+    joints = tuple(_joint(joint, fit, chosen, facts[joint], known.sets) for joint in fit.servos)
     held_out = data.held_out is not data.train
     rolled, traces = assess(model, described, fit.servos, known.stated, data.held_out, held_out)
     servos, robot, added = dict(fit.servos), model.robot, list(remarks)
@@ -80,7 +79,7 @@ def conclude(
                     *added,
                     *([scale.sentence] if known.scale == "nothing" else []),
                     *joint_flags(joints),
-                    *sentences(dependent_numbers(fit.information, fit.names)),
+                    *dependence(dependent_numbers(fit.information, fit.names)),
                     *law_flags(joints, limited),
                     *lag_flags(joints, data),
                     *rollout_flags(rolled),
@@ -92,8 +91,9 @@ def conclude(
     )
 
 
-def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts) -> ServoJoint:
-    names, covariance = block(fit, joint)
+def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, sets: Sequence[Sequence[str]]) -> ServoJoint:
+    members = next((some for some in sets if joint in some), (joint,))
+    names, covariance = block(fit, joint, members)
     servo = fit.servos[joint]
     numbers, lost = joint_numbers(servo, names, covariance, facts)
     laws = dict(chosen.laws.get(joint, {}))

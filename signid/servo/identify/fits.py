@@ -60,7 +60,9 @@ def weigh_bodies(
     return model, tuple(said)
 
 
-def block(fit: ServoFit, joint: str) -> tuple[tuple[str, ...], Array]:
-    """Free numbers of a joint and their covariance; a delay that the joints of a branch share counts for each."""
+def block(fit: ServoFit, joint: str, members: Sequence[str]) -> tuple[tuple[str, ...], Array]:
+    """Free numbers of a joint and their covariance; the delay that connected joints share counts for each of them."""
     own = [k for k, (owner, _) in enumerate(fit.names) if owner == joint]
+    if (joint, "delay") not in fit.names:
+        own += [k for k, (owner, name) in enumerate(fit.names) if name == "delay" and owner in members]
     return tuple(fit.names[k][1] for k in own), np.asarray(fit.covariance[np.ix_(own, own)])

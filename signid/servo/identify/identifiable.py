@@ -16,11 +16,17 @@ VAGUE = 0.5  # std over value of a positive number beyond which it is not identi
 SPLIT = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
 ONE_NUMBER = "kd and viscous friction are one number here"
 RARE = 2e-3  # share of saturated samples below which the limit is not identifiable
+RANK = 1e-9  # eigenvalue of the normalised information, relative to 1, below which a direction is not identifiable
+MEMBER = 0.1  # component of a unit direction beyond which a number belongs to it
+
 SCALED = ("kp", "kd", "viscous_friction", "damping", "coulomb_friction", "armature", "effort_limit", "torque_offset")
 INVERSE_SCALED = ("droop",)
 SIGNED = ("torque_offset", "delay", "lag")
 LIMITS = ("effort_limit", "speed_limit", "profile_speed")
 WORDS = {"effort_limit": "effort limit", "speed_limit": "speed limit", "profile_speed": "profile speed"}
+
+
+Name = tuple[str, str]  # joint, number
 
 
 @dataclass(frozen=True)
@@ -170,3 +176,33 @@ def _remark(name: str, servo: Servo) -> str:
     if name == "torque_offset":
         return "includes kp times the zero error of the command"
     return "delay + damping/kp" if name == "lag" else ""
+
+
+def dependent_numbers(information: Array, names: Sequence[Name]) -> tuple[tuple[Name, ...], ...]:
+    """Sets of numbers that the recordings identify only in combination, one for each direction without information.
+
+    information: (P, P) of the numbers `names`; its scale and units do not matter. A number without any information
+    stands alone in its set.
+    """
+    size = np.sqrt(np.maximum(np.diag(information), 0.0))
+    alone = size <= RANK * max(float(size.max(initial=0.0)), 1e-300)
+    found = [(names[k],) for k in np.flatnonzero(alone).tolist()]
+    kept = np.flatnonzero(~alone)
+    if len(kept):
+        normal = information[np.ix_(kept, kept)] / np.outer(size[kept], size[kept])
+        values, vectors = np.linalg.eigh((normal + normal.T) / 2)
+        for vector in vectors.T[values < RANK * max(1.0, float(values[-1]))]:
+            found.append(tuple(names[k] for k in kept[np.abs(vector) > MEMBER].tolist()))
+    return tuple(found)
+
+
+def dependence(sets: Sequence[Sequence[Name]]) -> tuple[str, ...]:
+    """One sentence for each set of `dependent_numbers`."""
+    said = []
+    for members in sets:
+        listed = ", ".join(f"{number.replace('_', ' ')} of {joint}" for joint, number in members)
+        if len(members) == 1:
+            said.append(f"{listed} does not act in these recordings, so it is not identifiable")
+        else:
+            said.append(f"{listed} are identifiable only in combination; state one of them")
+    return tuple(said)
