@@ -36,59 +36,68 @@ def numbers(servo: Servo) -> Array:
     return np.array([getattr(servo, name) for name in SERVO_NUMBERS], float)
 
 
-@njit(cache=True)
-def drive_torque(p, law, error, v, v_ref, forward, voltage, gain):  # type: ignore[no-untyped-def]
-    """Torque of a drive that is on: (constant, damping, torque, saturated); torque = constant - damping v."""
-    if error > p[DEAD]:
-        error -= p[DEAD]
-    elif error < -p[DEAD]:
-        error += p[DEAD]
-    else:
-        error = 0.0
-    limit, damping, saturated = p[EFFORT], p[KD], False
-    constant = gain * p[KP] * error
-    if law == DUTY:
-        saturated = abs(constant) > limit
-        constant = voltage * min(max(constant, -limit), limit) + damping * v_ref
-    else:
-        constant += damping * v_ref + forward
-        torque = constant - damping * v
-        bound = limit
-        along = law == TORQUE_SPEED and torque * v > 0.0
-        if along:
-            bound = limit * max(1.0 - abs(v) / p[SPEED], 0.0)
-        if abs(torque) > bound:
-            saturated = True
-            constant = np.sign(torque) * limit if bound > 0.0 else 0.0
-            damping = limit / p[SPEED] if along and bound > 0.0 else 0.0
-    torque = constant - damping * v
-    if p[DROOP] > 0.0:
-        share = 1.0 / (1.0 + p[DROOP] * abs(torque))
-        constant, damping, torque = share * constant, share * damping, share * torque
-    return constant, damping, torque, saturated
+@njit(cache=True, error_model="numpy")
+def actuate(numbers, c, laws, q, v, commands, variant, step, on, voltage, r, gain, out):  # type: ignore[no-untyped-def]
+    """Drives of n joints: out (4, n) = constant torque, damping, friction bound, saturated.
+
+    The motor's torque is constant - damping v. numbers (C, n, P) and variant (C, n) of copy c; commands (3, V, S) at
+    substep `step`; on and voltage (R, n) at row r; gain (n,).
+    """
+    for i in range(len(q)):
+        constant, damping, torque, saturated = 0.0, 0.0, 0.0, False
+        if on[r, i] > 0.5:
+            j, limit, dead, speed = variant[c, i], numbers[c, i, EFFORT], numbers[c, i, DEAD], v[i]
+            damping = numbers[c, i, KD]
+            error = commands[0, j, step] - q[i]
+            error = max(error - dead, 0.0) + min(error + dead, 0.0)
+            constant = gain[i] * numbers[c, i, KP] * error
+            if laws[i] == DUTY:
+                saturated = abs(constant) > limit
+                constant = voltage[r, i] * min(max(constant, -limit), limit) + damping * commands[1, j, step]
+            else:
+                constant += damping * commands[1, j, step] + commands[2, j, step]
+                torque = constant - damping * speed
+                bound = limit
+                along = laws[i] == TORQUE_SPEED and torque * speed > 0.0
+                if along:
+                    bound = limit * max(1.0 - abs(speed) / numbers[c, i, SPEED], 0.0)
+                if abs(torque) > bound:
+                    saturated = True
+                    constant = np.sign(torque) * limit if bound > 0.0 else 0.0
+                    damping = limit / numbers[c, i, SPEED] if along and bound > 0.0 else 0.0
+            torque = constant - damping * speed
+            if numbers[c, i, DROOP] > 0.0:
+                share = 1.0 / (1.0 + numbers[c, i, DROOP] * abs(torque))
+                constant, damping, torque = share * constant, share * damping, share * torque
+        out[0, i] = constant - numbers[c, i, OFFSET]
+        out[1, i] = damping + numbers[c, i, VISCOUS]
+        out[2, i] = numbers[c, i, COULOMB] + numbers[c, i, LOAD] * abs(torque)
+        out[3, i] = 1.0 if saturated else 0.0
 
 
-@njit(cache=True)
-def kick(v, mass, force, inertia, damping, friction, h):  # type: ignore[no-untyped-def]
-    """Advance speeds (n,) by h in place: (mass + inertia) dv/dt = force - damping v - friction sign v."""
+@njit(cache=True, error_model="numpy")
+def kick(v, mass, r, force, numbers, c, act, h, b, room):  # type: ignore[no-untyped-def]
+    """Advance speeds (n,) by h in place: (mass + armature) dv/dt = force - damping v - friction sign v.
+
+    mass (R, n, n) at row r; numbers (C, n, P) of copy c; act (4, n) as `actuate` leaves it; b (n,), room (n, n + 2).
+    """
     n = len(v)
-    b = np.empty(n)
     for i in range(n):
-        total = (inertia[i] - 0.5 * h * damping[i]) * v[i] + h * force[i]
+        inertia, half = numbers[c, i, ARMATURE], 0.5 * h * act[1, i]
+        total = (inertia - half) * v[i] + h * force[i]
         for j in range(n):
-            total += mass[i, j] * v[j]
-        b[i] = total
+            total += mass[r, i, j] * v[j]
+        b[i], room[i, n] = total, inertia + half
+    if n > 1 and slide(v, mass, r, act, h, b, room):
+        return
     for _ in range(SWEEPS):
         change, size = 0.0, 0.0
         for i in range(n):
-            rest = b[i]
+            rest = b[i] + mass[r, i, i] * v[i]
             for j in range(n):
-                if j != i:
-                    rest -= mass[i, j] * v[j]
-            slip = abs(rest) - h * friction[i]
-            new = 0.0
-            if slip > 0.0:
-                new = np.sign(rest) * slip / (mass[i, i] + inertia[i] + 0.5 * h * damping[i])
+                rest -= mass[r, i, j] * v[j]
+            bound = h * act[2, i]
+            new = (max(rest - bound, 0.0) + min(rest + bound, 0.0)) / (mass[r, i, i] + room[i, n])
             change = max(change, abs(new - v[i]))
             size = max(size, abs(new))
             v[i] = new
@@ -96,23 +105,48 @@ def kick(v, mass, force, inertia, damping, friction, h):  # type: ignore[no-unty
             break
 
 
-@njit(cache=True)
-def actuate(numbers, laws, q, v, command, reference, forward, on, voltage, gain, out):  # type: ignore[no-untyped-def]
-    """Drives of n joints: out (4, n) = constant torque, damping, friction bound, saturated."""
-    for i in range(len(q)):
-        p = numbers[i]
-        constant, damping, torque, saturated = 0.0, 0.0, 0.0, False
-        if on[i] > 0.5:
-            constant, damping, torque, saturated = drive_torque(
-                p, laws[i], command[i] - q[i], v[i], reference[i], forward[i], voltage[i], gain[i]
-            )
-        out[0, i] = constant - p[OFFSET]
-        out[1, i] = damping + p[VISCOUS]
-        out[2, i] = p[COULOMB] + p[LOAD] * abs(torque)
-        out[3, i] = 1.0 if saturated else 0.0
+@njit(cache=True, error_model="numpy")
+def slide(v, mass, r, act, h, b, room):  # type: ignore[no-untyped-def]
+    """Solve for speeds in place if no joint starts, stops or turns: whether that is so; else v is not changed."""
+    n = len(v)
+    for i in range(n):  # Cholesky factor; joints at rest are left out
+        for j in range(i + 1):
+            total = 0.0
+            if v[i] != 0.0 and v[j] != 0.0:
+                total = mass[r, i, j]
+                for k in range(j):
+                    total -= room[i, k] * room[j, k]
+            if i == j:
+                room[i, i] = np.sqrt(total + room[i, n]) if v[i] != 0.0 else 1.0
+            else:
+                room[i, j] = total / room[j, j]
+    for i in range(n):
+        total = b[i] - h * act[2, i] * np.sign(v[i]) if v[i] != 0.0 else 0.0
+        for k in range(i):
+            total -= room[i, k] * room[k, n + 1]
+        room[i, n + 1] = total / room[i, i]
+    for i in range(n - 1, -1, -1):
+        total = room[i, n + 1]
+        for k in range(i + 1, n):
+            total -= room[k, i] * room[k, n + 1]
+        room[i, n + 1] = total / room[i, i]
+    for i in range(n):
+        new = room[i, n + 1]
+        if v[i] != 0.0:
+            if new * v[i] <= 0.0:
+                return False
+        else:
+            rest = b[i]
+            for k in range(n):
+                rest -= mass[r, i, k] * room[k, n + 1]
+            if abs(rest) > h * act[2, i]:
+                return False
+    for i in range(n):
+        v[i] = room[i, n + 1]
+    return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def simulate(  # type: ignore[no-untyped-def]
     starts, rows, parts, h, mass, bias, by_q, by_v, qs, vs, wave, commands, variant, on, voltage, gain, numbers, laws,
     q0, v0, out, saturated,
@@ -121,14 +155,13 @@ def simulate(  # type: ignore[no-untyped-def]
 
     starts (W,) first rows; parts substeps of a row, of h [s]; along R rows: mass (R, n, n) in the middle of a row,
     bias, qs, vs (R, n), by_q, by_v (R, n, n), wave (n, 2) torque of sin q and cos q; commands (3, V, R parts): command,
-    reference speed and feed-forward of each variant; variant (C, n); on, voltage (R, n); gain (n,); numbers (C, n, P);
-    laws (n,); q0, v0 (C, W, n).
+    reference speed and feed-forward of each variant; variant (C, n); on, voltage (R, n); gain (n,);
+    numbers (C, n, P); laws (n,); q0, v0 (C, W, n).
     """
     copies, windows, n = q0.shape
-    q, v, half, force = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    u, reference, forward, act = np.empty(n), np.empty(n), np.empty(n), np.empty((4, n))
+    q, v, half, force, act = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty((4, n))
+    b, room, waves = np.empty(n), np.empty((n, n + 2)), np.any(wave != 0.0)
     for c in range(copies):
-        inertia = numbers[c, :, ARMATURE].copy()
         for w in range(windows):
             for i in range(n):
                 q[i], v[i] = q0[c, w, i], v0[c, w, i]
@@ -138,22 +171,20 @@ def simulate(  # type: ignore[no-untyped-def]
                 r = starts[w] + row
                 for part in range(parts):
                     far = (part + 0.5) / parts
-                    near, step = 1.0 - far, r * parts + part
+                    near = 1.0 - far
                     for i in range(n):
                         half[i] = q[i] + 0.5 * h * v[i]
-                        u[i] = commands[0, variant[c, i], step]
-                        reference[i] = commands[1, variant[c, i], step]
-                        forward[i] = commands[2, variant[c, i], step]
-                    actuate(numbers[c], laws, half, v, u, reference, forward, on[r], voltage[r], gain, act)
+                    actuate(numbers, c, laws, half, v, commands, variant, r * parts + part, on, voltage, r, gain, act)
                     for i in range(n):
                         load = near * bias[r, i] + far * bias[r + 1, i]
-                        load += wave[i, 0] * np.sin(half[i]) + wave[i, 1] * np.cos(half[i])
+                        if waves:
+                            load += wave[i, 0] * np.sin(half[i]) + wave[i, 1] * np.cos(half[i])
                         for j in range(n):
                             load += by_q[r, i, j] * (half[j] - near * qs[r, j] - far * qs[r + 1, j])
                             load += by_v[r, i, j] * (v[j] - near * vs[r, j] - far * vs[r + 1, j])
                         force[i] = act[0, i] - load
                         saturated[c, w, i] += act[3, i]
-                    kick(v, mass[r], force, inertia, act[1], act[2], h)
+                    kick(v, mass, r, force, numbers, c, act, h, b, room)
                     for i in range(n):
                         q[i] = half[i] + 0.5 * h * v[i]
                 for i in range(n):

@@ -15,7 +15,7 @@ from ...servos import DRIVE_LAWS, Servo, ServoGrid
 from ...types import Array, Robot
 from .commands import commands_at
 from .course import Moved, bodies_of, motion_of
-from .kernel import ARMATURE, actuate, kick, numbers
+from .kernel import actuate, kick, numbers
 from .substeps import substeps
 
 
@@ -63,13 +63,15 @@ class _Loop:
         self.data = robot.model.createData()
         self.plain = all(is_plain(joint) for joint in list(robot.model.joints)[1:])
         self.h = grid.step / parts
-        self.numbers = np.array([numbers(servo) for servo in acting])
+        self.numbers = np.array([[numbers(servo) for servo in acting]])
         self.laws = np.array([DRIVE_LAWS.index(servo.law) for servo in acting])
         each = [
             commands_at(grid, j, servo.kd_on, servo.delay, servo.profile_speed, parts)
             for j, servo in zip(driven, acting, strict=True)
         ]
-        self.commands = np.ascontiguousarray(np.moveaxis(np.array(each), 0, 2))  # (3, N parts, n)
+        self.commands = np.ascontiguousarray(np.moveaxis(np.array(each), 0, 1))  # (3, n, N parts)
+        self.variant = np.arange(len(driven))[None]
+        self.on, self.voltage, self.gain = grid.on[:, driven], grid.voltage[:, driven], grid.gain[driven]
 
     def run(self, restart: int) -> Array:
         """Positions (N, n), with the state set to the measured one every `restart` rows."""
@@ -85,18 +87,16 @@ class _Loop:
 
     def _row(self, k: int, q: Array, v: Array) -> None:
         """Advance a row in place."""
-        motion, j, grid = self.motion, self.driven, self.grid
-        on, voltage, gain = grid.on[k, j], grid.voltage[k, j], grid.gain[j]
-        act = np.empty((4, len(j)))
+        motion, j, n = self.motion, self.driven, len(q)
+        act, b, room = np.empty((4, n)), np.empty(n), np.empty((n, n + 2))
         for s in range(self.parts):
             far = (s + 0.5) / self.parts
             whole, speed, rate = ((1 - far) * x[k] + far * x[k + 1] for x in motion)
-            half = q + 0.5 * self.h * v
+            half, step = q + 0.5 * self.h * v, k * self.parts + s
             whole[j], speed[j], rate[j] = half, v, 0.0
-            command, reference, forward = self.commands[:, k * self.parts + s]
-            actuate(self.numbers, self.laws, half, v, command, reference, forward, on, voltage, gain, act)
+            actuate(self.numbers, 0, self.laws, half, v, self.commands, self.variant, step, self.on, self.voltage, k, self.gain, act)
             mass, load = self._dynamics(whole, speed, rate)
-            kick(v, mass, act[0] - load, self.numbers[:, ARMATURE], act[1], act[2], self.h)
+            kick(v, mass[None], 0, act[0] - load, self.numbers, 0, act, self.h, b, room)
             q[:] = half + 0.5 * self.h * v
 
     def _dynamics(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
