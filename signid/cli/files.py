@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from ..diagnose import Diagnosis
     from ..identify import Identification
     from ..output.report import Content
+    from ..servo.identify import ServoIdentification
+    from ..servo.validate import ServoValidation
     from ..signs import Signs
     from ..types import Array, Input, Law, Recording, Robot
     from ..validate import Validation
@@ -39,6 +41,19 @@ def deliver(result: Identification, inputs: Sequence[Input], output: str | None,
     document = to_json(identification_document(result, inputs))
     files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
     return show(document if json else identification_tables(result), result.flags, _written(output, files))
+
+
+def deliver_servos(
+    result: ServoIdentification, inputs: Sequence[Input], output: str | None, json: bool, command: str
+) -> int:
+    """Write and print an identification of position drives; return the exit code."""
+    from ..output.report import servo_identification_document, servo_identification_tables, servo_page, to_json
+
+    document = to_json(servo_identification_document(result, inputs))
+    files: dict[str, Content] = {"identification.json": document, "model.json": to_json(result.model.document())}
+    if output is not None:
+        files["report.html"] = servo_page(result, inputs, command)
+    return show(document if json else servo_identification_tables(result), result.flags, _written(output, files))
 
 
 def deliver_diagnosis(result: Diagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
@@ -73,6 +88,18 @@ def deliver_validation(found: Validation, inputs: Sequence[Input], output: str |
     page = {} if output is None else {"report.html": validation_page(found, inputs, command)}
     written = _written(output, {"validation.json": document, **page})
     return show(document if json else validation_tables(found), found.flags, written)
+
+
+def deliver_servo_validation(
+    found: ServoValidation, inputs: Sequence[Input], output: str | None, json: bool, command: str
+) -> int:
+    """Write and print a validation of models with position drives; return the exit code."""
+    from ..output.report import servo_validation_document, servo_validation_page, servo_validation_tables, to_json
+
+    document = to_json(servo_validation_document(found, inputs))
+    page = {} if output is None else {"report.html": servo_validation_page(found, inputs, command)}
+    written = _written(output, {"validation.json": document, **page})
+    return show(document if json else servo_validation_tables(found), found.flags, written)
 
 
 def _written(output: str | None, files: Mapping[str, Content]) -> Sequence[Path]:

@@ -104,6 +104,23 @@ class RowOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class DriveOptions:
+    """Position drives: joints with commanded positions and without torque."""
+
+    servo: bool = option(False, "Identify position drives even if torque is recorded.", "--servo")
+    known: Texts = option(
+        None,
+        "Scale of torque in servo mode: masses, kp=20 or kp.J=20 [N.m/rad]. Default: stated kp, else masses.",
+        metavar="WHAT",
+    )
+    law: Texts = option(
+        None,
+        "Law of the drives, or J=LAW: effort, duty or torque_speed. Default: by evidence. Repeatable.",
+        metavar="LAW",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunOptions:
     """Options of every command that computes."""
 

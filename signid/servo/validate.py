@@ -99,25 +99,36 @@ def validate_servos(
     )
 
 
-def need_commands(recordings: Sequence[Recording]) -> None:
-    """Reject recordings whose drives never hold a commanded position.
+def need_commands(recordings: Sequence[Recording], moving: bool = False) -> None:
+    """Reject recordings whose drives never hold a commanded position or, if `moving`, whose commands never change.
 
     Raises:
         RecordingError: no commanded position, too few rows, commands that are no numbers, or drives always off.
     """
     for recording in recordings:
-        name = recording.path or "the recording"
-        samples = recording.read()
+        name, samples = recording.path or "the recording", recording.read()
         if samples.q_des is None:
             raise RecordingError(f"{name} has no commanded position; add columns q_des_J of the servo joints")
         if len(samples.t) < 2:
-            raise RecordingError(f"{name} has {len(samples.t)} rows; record the robot in motion")
+            raise RecordingError(f"{name} has {len(samples.t)} usable rows; record the robot in motion")
         if not np.isfinite(samples.q_des).any():
             raise RecordingError(f"{name} has commanded positions that are all empty or no numbers; check q_des_J")
-        on = None if samples.servo is None else samples.servo.on
         commanded = np.isfinite(samples.q_des).any(axis=0)
+        on = None if samples.servo is None else samples.servo.on
         if on is not None and not (np.nan_to_num(on[:, commanded], nan=1.0) > 0).any():
             raise RecordingError(f"{name} has the drives off in all rows (on_J is 0); record with the drives on")
+    if moving and not any(_changes(recording) for recording in recordings):
+        names = shorten([recording.path or "a recording" for recording in recordings])
+        raise RecordingError(
+            f"the commanded positions of {names} never change; record a motion that q_des_J commands, or check that "
+            f"q_des_J is the command"
+        )
+
+
+def _changes(recording: Recording) -> bool:
+    """Whether the command of a joint changes."""
+    q_des = recording.read().q_des
+    return q_des is not None and any(np.ptp(x[np.isfinite(x)]) > 0 for x in q_des.T if np.isfinite(x).any())
 
 
 def closed_loops(
@@ -183,11 +194,14 @@ def _registered(name: str, model: Model, actuators: str | Path | None) -> tuple[
             stated[joint]["kp_register"] = servo.kp_register
     lacking = [joint for joint in model.servos if "kp_register" not in stated[joint]]
     unknown = dict.fromkeys(joint for _, joint in robot.registers if joint in lacking)
-    flags = [
+    robot = replace(robot, servo=stated)
+    if not unknown:
+        return robot, []
+    first = next(iter(unknown))
+    return robot, [
         f"{name} states no kp_register of {shorten(list(unknown))}, so the registers of the recordings do not count; "
-        f"state kp_register below [joint.{next(iter(unknown))}.servo] and identify again"
+        f"state kp_register below [joint.{first}.servo] and identify again"
     ]
-    return replace(robot, servo=stated), flags if unknown else []
 
 
 def _flags(found: ServoValidatedModel, grids: Sequence[ServoGrid]) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -113,26 +113,42 @@ def validate(
     measured states. Several models are compared on the same rows. Each argument is recognised as a model or as a
     recording. --joints, --lock and --actuators apply to robot descriptions, not to a model.json. DIR gets
     validation.json and report.html.
+
+    Recordings with commanded positions (q_des_J) and without torque are compared with closed loops of models with
+    position drives: rms position error over whole recordings and over 1 s. --actuators then states the firmware gains
+    of recordings, for a model.json too.
     """
     from ...regression.session import Options
+    from ...servo.validate import validate_servos
     from ...validate import validate as judge
-    from ..files import VALIDATED, deliver_validation
+    from ..files import VALIDATED, deliver_servo_validation, deliver_validation
+    from .drives import has_drives, registers_beside
 
     check_folder(validation.output, True, VALIDATED)
     names, recordings = _sort_arguments(given)
     sources = [SimulationArguments(simulation=name, **vars(robot)) for name in names]
     if not all(source.saved for source in sources):
         sources = [SimulationArguments(simulation=one.simulation) if one.saved else one for one in sources]
+    stated = robot.actuators is not None and all(source.saved for source in sources)
+    sources = [replace(one, actuators=None) if stated else one for one in sources]
     models = {readable(source.simulation): given_model(source)[0] for source in sources}
     read = given_recordings(recordings, _reader(list(models.values())), validation.columns)
-    options = Options(cutoff=validation.cutoff, seed=run.seed)
-    with bars(run.json) as progress:
-        result = judge(models, read, options=options, rollout=validation.rollout, progress=progress)
+    servo = has_drives(read)
+    if stated and not servo:
+        given_model(replace(sources[0], actuators=robot.actuators))
     inputs = [
         file
         for one in sources
         for file in simulation_inputs(one, models[readable(one.simulation)].robot, columns=validation.columns)
     ]
+    if servo:
+        gains, file = registers_beside(robot.actuators, names)
+        with bars(run.json) as progress:
+            loops = validate_servos(models, read, actuators=gains, seed=run.seed, progress=progress)
+        return deliver_servo_validation(loops, [*inputs, *file], validation.output, run.json, given_command(context))
+    options = Options(cutoff=validation.cutoff, seed=run.seed)
+    with bars(run.json) as progress:
+        result = judge(models, read, options=options, rollout=validation.rollout, progress=progress)
     return deliver_validation(result, inputs, validation.output, run.json, given_command(context))
 
 

@@ -11,7 +11,7 @@ from ...deadline import USUAL, time_limit
 from ...errors import OptionError
 from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_command, given_effects, given_inputs, given_options, given_recordings, given_robot
-from ..options import Effects, Recordings, RobotArguments, RowOptions, RunOptions, TimeLimit, Unsigned
+from ..options import DriveOptions, Effects, Recordings, RobotArguments, RowOptions, RunOptions, TimeLimit, Unsigned
 from ..terminal import bars, check_folder, show
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ def identify(
     robot: RobotArguments,
     recordings: Recordings,
     rows: RowOptions,
+    drives: DriveOptions,
     run: RunOptions,
 ) -> int:
     """Identify a dynamics model with intervals from recordings.
@@ -90,23 +91,33 @@ def identify(
     recordings, or the last 30 % of a single one, is held out. Lost torque signs (abs_tau_J, abs_current_J or
     --unsigned) are recovered first and written to signed.csv and signs.html. Files from signid reduce can replace
     recordings; several such files are added.
+
+    Recordings with commanded positions (q_des_J) and without torque give the position drives instead: kp, damping,
+    delay, friction, armature and limits, by simulation of the closed loop (servo mode).
     """
     from ...identify import identify as learn
-    from ..files import IDENTIFIED, deliver
+    from ..files import IDENTIFIED, deliver, deliver_servos
+    from .drives import check_options, has_drives, identify_drives
     from .factors import factor_inputs, given_factors
 
     check_folder(fit.output, run.json, IDENTIFIED)
     described = given_robot(robot.robot, robot)
-    given = given_factors(recordings, described, context) or given_recordings(
-        recordings, described, rows.columns, fit.unsigned
-    )
+    reduced = given_factors(recordings, described, context)
+    given = [] if reduced else given_recordings(recordings, described, rows.columns, fit.unsigned)
     held_out = given_recordings(fit.held_out, described, rows.columns, fit.unsigned)
+    servo = reduced is None and has_drives((*given, *held_out), drives.servo)
+    check_options(context, servo)
+    read = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns, bounds=fit.bounds)
+    if servo:
+        with time_limit(fit.time_limit):
+            found = identify_drives(described, given, held_out, drives, run.seed, run.json)
+            return deliver_servos(found, read, fit.output, run.json, given_command(context))
     options, search = given_options(rows, run.seed, fit.robust), _search(fit)
     with time_limit(fit.time_limit):
         with bars(run.json) as progress:
             result = learn(
                 described,
-                given,
+                reduced or given,
                 held_out=held_out,
                 method=fit.method,
                 signs=fit.signs,
@@ -115,7 +126,6 @@ def identify(
                 options=options,
                 progress=progress,
             )
-        read = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns, bounds=fit.bounds)
         read += factor_inputs(recordings)
         return deliver(result, read, fit.output, run.json, given_command(context))
 

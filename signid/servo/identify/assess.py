@@ -32,6 +32,8 @@ def assess(
     traces, short = [], []
     for grid in grids:
         usual = roll_out(nominal_model, nominal, grid) if nominal else grid.command
+        again = roll_out(nominal_model, nominal, grid, SHORT) if nominal else grid.command
+        short.append((roll_out(model, servos, grid, SHORT), again))
         traces.append(
             ServoTrace(
                 path=grid.path,
@@ -41,10 +43,9 @@ def assess(
                 measured=grid.q,
                 simulated=roll_out(model, servos, grid),
                 nominal=usual,
+                one_second=short[-1][0],
             )
         )
-        again = roll_out(nominal_model, nominal, grid, SHORT) if nominal else grid.command
-        short.append((roll_out(model, servos, grid, SHORT), again))
     joints = grids[0].joints
     driven = np.array([joint in servos for joint in joints])
     measured = np.vstack([grid.q for grid in grids])

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ....servo.validate import ServoValidation
 
 POSITION = "$name: %{y:.5g} $unit at %{x:.5g} s<extra></extra>"
+SPAN = 6.0  # largest drawn error, as a multiple of the largest error of the identified loop
 MOST_TRACES = 4  # maximum number of recordings that are drawn
 
 
@@ -81,10 +82,13 @@ def _positions(title: str, t: Array, unit: str, lines: Sequence[Line], most: int
         hover = plot_markup(POSITION, name=line.name, unit=unit)
         style = {"color": line.colour, **line.style}
         data.append({**curve(line.name, packed(t), packed(y), style, hovertemplate=hover), "yaxis": line.axis})
+    errors = {line.name: np.nanmax(np.abs(y), initial=0.0) for line, y in zip(lines, values.T, strict=True)}
+    span = SPAN * float(errors["measured - identified"])
+    cut = {"range": [-span, span]} if 0 < span < errors.get("measured - before", 0.0) else {}
     layout = {
         "xaxis": axis("time [s]", anchor="y2"),
         "yaxis": axis(f"position [{unit}]", domain=[TOP + GAP, 1], nticks=6),
-        "yaxis2": axis(f"error [{unit}]", domain=[0, TOP - GAP], nticks=5, zeroline=True, zerolinecolor=FAINT),
+        "yaxis2": axis(f"error [{unit}]", domain=[0, TOP - GAP], nticks=5, zeroline=True, zerolinecolor=FAINT, **cut),
     }
     return Plot(title, data, layout, 360, wide=True)
 

@@ -69,7 +69,7 @@ def servo_validation_document(result: ServoValidation, inputs: Sequence[Input] =
                 "path": one.name,
                 "robot": one.model.robot.name,
                 "fit": {**position_fit(one.rollout), "train_rms": None},
-                "rollout": rollout_document(one.rollout),
+                "rollout": {k: x for k, x in rollout_document(one.rollout).items() if k != "held_out"},
             }
             for one in result.models
         ],

@@ -182,8 +182,5 @@ def unidentifiable_lines(joints: Sequence[ServoJoint]) -> list[str]:
     where: dict[str, list[str]] = {}
     for one in joints:
         for sentence in one.not_identifiable:
-            where.setdefault(sentence, []).append(one.joint)
-    return [
-        sentence if any(joint in sentence for joint in named) else f"{shorten(named)}: {sentence}"
-        for sentence, named in where.items()
-    ]
+            where.setdefault(sentence.removeprefix(f"{one.joint}: "), []).append(one.joint)
+    return [f"{shorten(named)}: {sentence}" for sentence, named in where.items()]

@@ -1,0 +1,139 @@
+"""Position drives in `identify` and `validate`: recordings of commands and positions, without torque."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ...errors import OptionError, readable
+from ...robot.joints import find
+from ..options import DriveOptions
+from ..terminal import bars
+
+if TYPE_CHECKING:
+    from ...servo.identify import ServoIdentification
+    from ...types import Input, Recording, Robot
+
+TORQUE_ONLY = (  # options of `identify` that act on torque
+    *("method", "estimator", "robust", "unsigned", "signs", "bounds", "global_algorithm", "local_algorithm"),
+    *("total_mass", "effects", "cutoff", "derivatives", "no_instruments", "white"),
+)
+
+
+def has_drives(recordings: Sequence[Recording], forced: bool = False) -> bool:
+    """Whether recordings have commanded positions and no torque, or commands at all if servo mode is `forced`.
+
+    Raises:
+        OptionError: servo mode is forced, and a recording has no commanded position.
+    """
+    for recording in recordings:
+        if not any(recording.columns.get("q_des", ())):
+            if forced:
+                raise OptionError(
+                    f"--servo needs commanded positions, and {recording.path or 'the recording'} has none; add columns "
+                    f"q_des_J"
+                )
+            return False
+    return forced or not any(any(recording.columns["tau"]) for recording in recordings)
+
+
+def check_options(context: typer.Context, drives: bool) -> None:
+    """Reject options that do not apply to position drives, or to torque.
+
+    Raises:
+        OptionError: such an option was given.
+    """
+    own = [item.name for item in fields(DriveOptions) if item.name != "servo"]
+    defaults = {parameter.name: parameter.default for parameter in context.command.params}
+    for name in TORQUE_ONLY if drives else own:
+        if context.params.get(name) and context.params[name] != defaults[name]:
+            shown = f"--{name.replace('_', '-')}"
+            if drives:
+                raise OptionError(
+                    f"{shown} applies to torque, and these recordings have commands instead; leave it out"
+                )
+            raise OptionError(f"{shown} applies to position drives, and the recordings have torque; add --servo")
+
+
+def identify_drives(
+    robot: Robot, given: Sequence[Recording], held_out: Sequence[Recording], drives: DriveOptions, seed: int, json: bool
+) -> ServoIdentification:
+    """Identify position drives; `robot` is the description with its actuators file."""
+    from ...servo.identify import ServoOptions, identify_servos
+    from ...servo.validate import need_commands
+
+    need_commands((*given, *held_out), moving=True)
+    described, known = _known(robot, drives.known or ())
+    laws = _laws(robot, drives.law or ())
+    with bars(json) as progress:
+        return identify_servos(
+            described,
+            given,
+            held_out=held_out,
+            laws=laws,
+            known=known,
+            options=ServoOptions(seed=seed),
+            progress=progress,
+        )
+
+
+def registers_beside(actuators: str | None, models: Sequence[str]) -> tuple[str | None, list[Input]]:
+    """Actuators file with firmware gains of recordings: the given one, or the one beside a model.json; as an input."""
+    from ...recording.source import digest_of
+    from ...types import Input
+
+    beside = [Path(model).with_name("actuators.toml") for model in models if model.endswith(".json")]
+    found = actuators or next((str(path) for path in beside if path.is_file()), None)
+    if found is None or not Path(found).is_file():
+        return found, []
+    return found, [Input(readable(found), digest_of(Path(found)), "actuators")]
+
+
+def _known(robot: Robot, texts: Sequence[str]) -> tuple[Robot, str | None]:
+    """Robot with the gains kp.JOINT=VALUE stated, and what sets the scale of torque."""
+    servo: dict[str, Mapping[str, float | str]] = dict(robot.servo)
+    general = [text for text in texts if not text.startswith("kp.")]
+    if len(general) > 1 or (general and len(general) < len(texts)):
+        raise OptionError("--known sets the scale once; give masses, kp=20, or kp.JOINT=20 for single joints")
+    for text in (text for text in texts if text.startswith("kp.")):
+        joint, _, number = text[3:].rpartition("=")
+        value = _positive(number)
+        if not joint or value is None:
+            raise OptionError(f"--known {text!r} is no gain of a joint; write kp.JOINT=20, in N.m/rad")
+        name = robot.joints[find(joint, robot)]
+        servo[name] = {**servo.get(name, {}), "kp": value}
+    return replace(robot, servo=servo), general[0] if general else "kp" if texts else None
+
+
+def _positive(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if 0 < value < 1e9 else None
+
+
+def _laws(robot: Robot, texts: Sequence[str]) -> Mapping[str, str] | str | None:
+    """Law of all drives, or by joint."""
+    from ...servos import DRIVE_LAWS
+
+    if not texts:
+        return None
+    pairs = list(_pairs(robot, texts))
+    if wrong := next((law for _, law in pairs if law not in DRIVE_LAWS), None):
+        raise OptionError(f"--law {wrong!r} is none of {', '.join(DRIVE_LAWS)}; write LAW, or J=LAW for joint J")
+    if any(joint is None for joint, _ in pairs):
+        if len(pairs) > 1:
+            raise OptionError("--law names a law of all drives and another one; give one law, or J=LAW for each joint")
+        return pairs[0][1]
+    return {joint: law for joint, law in pairs if joint is not None}
+
+
+def _pairs(robot: Robot, texts: Sequence[str]) -> Iterator[tuple[str | None, str]]:
+    for text in texts:
+        joint, _, law = text.rpartition("=")
+        yield (robot.joints[find(joint, robot)] if joint else None), law
