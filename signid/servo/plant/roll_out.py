@@ -94,7 +94,21 @@ class _Loop:
             whole, speed, rate = ((1 - far) * x[k] + far * x[k + 1] for x in motion)
             half, step = q + 0.5 * self.h * v, k * self.parts + s
             whole[j], speed[j], rate[j] = half, v, 0.0
-            actuate(self.numbers, 0, self.laws, half, v, self.commands, self.variant, step, self.on, self.voltage, k, self.gain, act)
+            actuate(
+                self.numbers,
+                0,
+                self.laws,
+                half,
+                v,
+                self.commands,
+                self.variant,
+                step,
+                self.on,
+                self.voltage,
+                k,
+                self.gain,
+                act,
+            )
             mass, load = self._dynamics(whole, speed, rate)
             kick(v, mass[None], 0, act[0] - load, self.numbers, 0, act, self.h, b, room)
             q[:] = half + 0.5 * self.h * v
