@@ -83,10 +83,12 @@ def fit_servos(
     task = _Task(grids, robot, courses, dict(servos), tuple(free), window, tuple(shared))
     joints = groups(robot, acting)
     fits = [_fit_group(task, group, iterations) for group in joints]
+    steps = 0
     if relinearise and not single(robot):
+        steps = max(f.solved.steps for f in fits)
         task = replace(task, about=_about(task, joints, fits))
         fits = [_fit_group(task, g, min(AGAIN, iterations), f) for g, f in zip(joints, fits, strict=True)]
-    return _collect(task, joints, fits)
+    return _collect(task, joints, fits, steps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +170,7 @@ def _about(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Group
     return tuple(out)
 
 
-def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Group]) -> ServoFit:
+def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Group], steps: int) -> ServoFit:
     names = [
         tuple((task.robot.joints[g[s.joint]], s.number) for s in f.where.slots)
         for g, f in zip(joints, fits, strict=True)
@@ -196,7 +198,7 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
         windows,
         squares,
         share,
-        max(f.solved.steps for f in fits),
+        steps + max(f.solved.steps for f in fits),
     )
 
 

@@ -54,9 +54,9 @@ def cost(shots: Sequence[Shots], residual: Sequence[Array], point: Point, noise:
     return total
 
 
-def normal(shots: Sequence[Shots], where: Coordinates, point: Point, noise: Array) -> Normal:
-    """Normal equations at a point."""
-    copies, back = _copies(where, point.values)
+def normal(shots: Sequence[Shots], where: Coordinates, point: Point, noise: Array, wide: float = 1.0) -> Normal:
+    """Normal equations at a point; `wide` multiplies the differences."""
+    copies, back = _copies(where, point.values, wide)
     parts = []
     for s, q0, v0 in zip(shots, point.q0, point.v0, strict=True):
         n = len(s.joints)
@@ -80,15 +80,15 @@ def _by_grid(shots: Sequence[Shots], parts: list[Array]) -> list[Array]:
     return out
 
 
-def _copies(where: Coordinates, values: Array) -> tuple[Array, Array]:
+def _copies(where: Coordinates, values: Array, wide: float) -> tuple[Array, Array]:
     """Numbers of the base, of P forward and P backward points; (P, 2) signed steps of the forward and backward ones."""
-    steps = where.differences(values)
+    steps = wide * where.differences(values)
     forward, backward, size = [], [], np.empty((len(values), 2))
     for i in range(len(values)):
         one = np.zeros(len(values))
         if scale := where.scaled(i):
-            one[scale] = DIFFERENCE * values[scale]
-            size[i] = DIFFERENCE, DIFFERENCE
+            one[scale] = wide * DIFFERENCE * values[scale]
+            size[i] = wide * DIFFERENCE
         else:
             one[i] = steps[i]
             size[i] = steps[i], steps[i]

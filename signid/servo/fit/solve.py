@@ -12,7 +12,8 @@ from .coordinates import Coordinates
 from .normal import Normal, Point, cost, normal, residuals
 from .shots import Shots
 
-TOLERANCE = 1e-6  # relative gain of the cost that ends the fit
+COARSE, TOLERANCE = 1e-3, 1e-5  # relative gain of the cost below which differences widen, or the fit ends
+WIDER = (1.0, 4.0)  # differences that are tried one after another
 FIRST, LEAST, WORSE, BETTER, TRIALS = 1e-2, 1e-7, 6.0, 0.1, 6  # damping
 SMALLEST_NOISE = 1e-5  # [rad or m]
 
@@ -25,6 +26,11 @@ class Solved(NamedTuple):
     noise: Array  # (n,) [rad or m]
     steps: int
 
+    @property
+    def badness(self) -> float:
+        """Sum over joints of the logarithm of the squared residual, to compare ends of one fit."""
+        return float(2 * np.log(self.noise).sum())
+
 
 def first_point(shots: Sequence[Shots], where: Coordinates) -> Point:
     """Values of the drives, and smoothed states."""
@@ -32,25 +38,32 @@ def first_point(shots: Sequence[Shots], where: Coordinates) -> Point:
 
 
 def solve(shots: Sequence[Shots], where: Coordinates, point: Point, iterations: int) -> Solved:
-    """Minimise the weighted output error from a point."""
-    damping, steps = FIRST, 0
-    here = normal(shots, where, point, np.ones(len(where.servos)))
-    noise = noise_of(here.residual, robust=True)
+    """Minimise the weighted output error from a point.
+
+    Dry friction makes the cost rough: where no step along the model of small differences brings it down, larger
+    differences see over the roughness.
+    """
+    damping, steps, wide = FIRST, 0, 0
+    noise = noise_of(residuals(shots, where, point), robust=True)
+    here = normal(shots, where, point, noise)
     for _ in range(iterations):
-        here = normal(shots, where, point, noise)
         now = cost(shots, here.residual, point, noise)
         for _ in range(TRIALS):
             new = _step(where, here, point, shots, damping)
-            then = cost(shots, residuals(shots, where, new), new, noise)
+            residual = residuals(shots, where, new)
+            then = cost(shots, residual, new, noise)
             if np.isfinite(then) and then < now:
                 break
             damping *= WORSE
-        else:
+        small = not then < now * (1 - (COARSE if wide + 1 < len(WIDER) else TOLERANCE))
+        if then < now:
+            point, damping, steps = new, max(damping * BETTER, LEAST), steps + 1
+            noise = noise_of(residual)
+        if small:
+            wide, damping = wide + 1, min(damping, FIRST)
+        if wide == len(WIDER):
             break
-        point, damping, steps = new, max(damping * BETTER, LEAST), steps + 1
-        noise = noise_of(residuals(shots, where, point))
-        if now - then < TOLERANCE * now:
-            break
+        here = normal(shots, where, point, noise, WIDER[wide])
     return Solved(point, normal(shots, where, point, noise), noise, steps)
 
 

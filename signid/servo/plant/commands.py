@@ -19,11 +19,12 @@ def commands_at(grid: ServoGrid, joint: int, kd_on: str, delay: float, profile: 
     u, h = np.repeat(grid.command[:, joint], parts), grid.step / parts
     if np.isfinite(profile):
         limit(u, np.repeat(grid.q[:, joint], parts), np.repeat(grid.on[:, joint], parts), profile * h)
-    held[0] = _delayed(u, delay / h)
+    late = max(delay, 0.0) / h
+    held[0] = _delayed(u, late)
     if kd_on == "error":
-        held[1] = _delayed(np.repeat(_speed(grid, joint), parts), delay / h)
+        held[1] = _delayed(np.repeat(_speed(grid, joint), parts), late)
     if grid.feed_forward is not None:
-        held[2] = _delayed(np.repeat(grid.feed_forward[:, joint], parts), delay / h)
+        held[2] = _delayed(np.repeat(grid.feed_forward[:, joint], parts), late)
     return held
 
 
