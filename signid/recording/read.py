@@ -72,6 +72,7 @@ def read_recording(
     }
     _check_samples(found.table, opened.name, chosen, torques)
     chosen, dropped = _plausible(found.table, chosen)
+    flags = () if any(torques) else tuple(dropped)
     constants = _torque_constants(robot, joints, torques, absolute, opened.name)
     absolutes = {c: _absolute for c, kind in zip(chosen["tau"], torques, strict=True) if unsigned and kind}
     return Recording(
@@ -82,9 +83,9 @@ def read_recording(
         ~np.array(absolute),
         opened.path,
         opened.sha256,
-        (*About.of(opened.table).notes, *_notes(found, robot, joints, opened), *found.notes, *dropped),
+        (*About.of(opened.table).notes, *_notes(found, robot, joints, opened), *found.notes, *(() if flags else dropped)),
         ~np.isnan(constants) if np.isnan(constants).any() else None,
-        found.flags,
+        (*found.flags, *flags),
     )
 
 

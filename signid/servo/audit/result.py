@@ -1,0 +1,69 @@
+"""What an audit of servo recordings states of each joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+from ...types import Frozen, Recording
+
+SCHEMA = "signid.check/1"
+
+
+@dataclass(frozen=True)
+class JointAudit:
+    """How one joint follows its commanded position; NaN where the recordings do not show it.
+
+    Lengths are in `unit`, "" where the recording does not state one.
+    """
+
+    joint: str
+    unit: str
+    samples: int  # rows with a command while the drive holds
+    range: float  # [unit] of the commanded position
+    lag: float  # [s] delay of a slow ramp: `delay` and twice damping ratio over natural frequency
+    shift: float  # [s] best shift of the command, sign and scale free
+    delay: float  # [s] pure delay of the second-order response
+    bandwidth: float  # [Hz] at which the second-order response falls to 71 %
+    residual: float  # [1] rms that the second-order response leaves, over the rms motion
+    scale: float  # [1] motion per command; negative: against it
+    width: float  # [unit] half width of the hysteresis in motion: dry friction over stiffness, or a dead band
+    zero: float  # [unit] mean of q_des - q
+    droop: float  # [unit] median of |q_des - q| at rest
+    droop_most: float  # [unit] its maximum
+    holds: int  # times at rest
+    dead_band: float  # [unit] half of what the error at rest differs by direction of approach; dry friction adds to it
+    saturated: float  # [1] share of rows at full duty, or at the largest speed while the error changes
+    command_period: float  # [s] between changes of the command
+    command_noise: float  # [unit] std of white noise of the command
+    held: float  # [1] share of moving rows that repeat the position before
+    quantum: float  # [unit] smallest step of q
+    flags: tuple[str, ...] = ()
+
+    def numbers(self) -> dict[str, Any]:
+        """All numbers by name, for JSON."""
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "flags"}
+
+
+@dataclass(frozen=True, eq=False)
+class ServoAudit(Frozen):
+    """Audit of the servo joints of recordings."""
+
+    joints: tuple[JointAudit, ...]
+    recordings: tuple[Recording, ...]
+    rates: tuple[float, ...]  # [Hz] per recording
+    durations: tuple[float, ...]  # [s] per recording, with a command
+    uneven: tuple[float, ...]  # [1] per recording: share of time steps that differ by half from the median
+    stamps: tuple[str, ...]  # faults of stamps, one sentence each
+    notes: tuple[str, ...] = ()
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Reasons not to rely on the recordings, one sentence each; empty for healthy ones."""
+        columns = [flag for recording in self.recordings for flag in recording.flags]
+        own: dict[str, list[str]] = {}  # joints by what is said of them
+        for joint in self.joints:
+            for flag in joint.flags:
+                own.setdefault(flag.removeprefix(joint.joint), []).append(joint.joint)
+        joints = (f"{', '.join(names)}{said}" for said, names in own.items())
+        return tuple(dict.fromkeys((*columns, *self.stamps, *joints)))

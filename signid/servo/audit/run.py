@@ -1,0 +1,115 @@
+"""Recordings of servos -> audit, joint by joint, without a model of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...errors import RecordingError
+from ...types import Recording, Samples
+from .faults import command_noise, command_period, held_share, quantum, saturated_share
+from .response import find_response
+from .rest import at_rest
+from .result import JointAudit, ServoAudit
+from .sentences import COARSE, judge_joint, judge_stamps
+from .tracks import Clock, Part, cut, driven, joined, on_grid, read_samples, read_stamps
+
+SLOWEST_GRID = 1e-3  # [s] shortest period of the grid
+
+
+def audit_servos(recordings: Recording | Sequence[Recording], units: Mapping[str, str] | None = None) -> ServoAudit:
+    """Audit how joints follow their commanded positions; a description of the robot is not needed.
+
+    Args:
+        recordings: one or several recordings with q_J and q_des_J of the same robot.
+        units: unit of the positions of each joint, "" if unknown; rad where not given.
+
+    Raises:
+        RecordingError: no joint has a commanded position, or there are too few rows.
+    """
+    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    read = [(recording, read_samples(recording)) for recording in given]
+    clocks = [_clock(samples) for _, samples in read]
+    names = dict.fromkeys(joint for recording in given for joint in _commanded(recording))
+    if not names:
+        source = given[0].path or "the recording"
+        raise RecordingError(f"{source} has no commanded position of a joint that it records; add columns q_des_J")
+    parts = {joint: _parts(joint, read, clocks) for joint in names}
+    coarsest = max((quantum(each) for each in parts.values() if each), default=0.0)
+    periods = [clock.period for clock in clocks if np.isfinite(clock.period)]
+    audits = [
+        _audit(joint, (units or {}).get(joint, "rad"), each, float(np.median(periods)), coarsest)
+        for joint, each in parts.items()
+        if each
+    ]
+    silent = [joint for joint, each in parts.items() if not each]
+    notes = [note for recording in given for note in recording.notes]
+    if silent:
+        notes.append(f"commanded nowhere long enough, and not audited: {', '.join(silent)}")
+    return ServoAudit(
+        tuple(audits),
+        tuple(given),
+        tuple(1 / clock.period for clock in clocks),
+        tuple(clock.duration for clock in clocks),
+        tuple(clock.uneven for clock in clocks),
+        tuple(judge_stamps(given, clocks)),
+        tuple(dict.fromkeys(notes)),
+    )
+
+
+def _commanded(recording: Recording) -> list[str]:
+    columns = recording.columns.get("q_des", ())
+    return [joint for joint, column in zip(recording.joints, columns, strict=True) if column] if any(columns) else []
+
+
+def _clock(samples: Samples) -> Clock:
+    rows = np.any([driven(samples, j) for j in range(samples.q.shape[1])], axis=0)
+    return read_stamps(samples.t, rows)
+
+
+def _parts(joint: str, read: Sequence[tuple[Recording, Samples]], clocks: Sequence[Clock]) -> list[Part]:
+    parts = []
+    for (recording, samples), clock in zip(read, clocks, strict=True):
+        if joint in _commanded(recording) and np.isfinite(clock.period):
+            j = recording.joints.index(joint)
+            parts += cut(samples, j, driven(samples, j), clock.period)
+    return parts
+
+
+def _audit(joint: str, unit: str, parts: Sequence[Part], period: float, coarsest: float) -> JointAudit:
+    """Audit one joint; period of the rows [s], coarsest: largest step of an encoder [rad or m]."""
+    q, command = joined(parts, "q"), joined(parts, "command")
+    step, span = quantum(parts), float(np.ptp(command))
+    grids = [on_grid(part, max(period, SLOWEST_GRID)) for part in parts]
+    moved = span > 0 and float(np.ptp(q)) > 0
+    found = find_response(grids) if moved else None
+    lag = found.lag if found else np.nan
+    rest = at_rest(parts, lag, step, max(span, 1e-12))
+    nan = np.nan
+    audit = JointAudit(
+        joint=joint,
+        unit=unit,
+        samples=len(q),
+        range=span,
+        lag=lag,
+        shift=found.shift if found else nan,
+        delay=found.delay if found else nan,
+        bandwidth=found.bandwidth if found else nan,
+        residual=found.residual if found else nan,
+        scale=found.scale if found else nan,
+        zero=float(np.mean(command - q)),
+        width=found.width if found else nan,
+        droop=rest.droop,
+        droop_most=rest.most,
+        holds=rest.holds,
+        dead_band=rest.dead_band,
+        saturated=saturated_share(parts, grids),
+        command_period=command_period(parts),
+        command_noise=command_noise(grids),
+        held=held_share(parts, step),
+        quantum=step,
+    )
+    said = judge_joint(audit, found, parts, period) if span > COARSE * max(step, coarsest) else ()
+    return replace(audit, flags=tuple(said))

@@ -1,0 +1,111 @@
+"""Numbers of an audit -> flags, one sentence each: the fact, what follows, what to do.
+
+Limits were set on public recordings of six servos (SO-101, XL330, STS3250, a hobby servo, Go2, OpenArm), which stay
+silent unless they have the fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import pi
+
+from ...types import Recording
+from .faults import copied, jumps
+from .response import Response
+from .result import JointAudit
+from .tracks import Clock, Part
+
+COARSE = 10.0  # steps of the encoder below which a command says nothing
+STUCK = 0.05  # motion over the range of the command
+SURE, CERTAIN = 0.5, 0.95  # correlations
+LEAD, LATE, EXACT = 1.0, 0.12, 0.06  # [rows], [s], residual below which the delay is no dry friction
+STIFF = 0.3  # difference of the scale from one, beyond which droop may look like a lead
+SCALES, DEGREES = (0.1, 1.5), 0.1  # motion per command; tolerance of 180 / pi
+ZERO, ZERO_LEAST, CLOSE, QUIET = 0.25, 0.15, 0.15, 0.2  # [range], [rad], |scale - 1|, residual
+HELD = 0.08  # share of moving rows
+SATURATED = 0.4  # share of rows
+NOISE = 0.02  # [range]
+UNEVEN, REPEATED = 0.1, 0.01  # shares of rows
+TURN = 2 * pi  # [rad]
+
+
+def judge_joint(audit: JointAudit, found: Response | None, parts: Sequence[Part], period: float) -> Iterator[str]:
+    """Flags of one joint; period: of its rows [s]."""
+    if (shift := copied(parts)) is not None:
+        rows = (
+            f", {abs(shift)} row{'s' if abs(shift) > 1 else ''} {'later' if shift > 0 else 'earlier'}" if shift else ""
+        )
+        advice = "it is no command; record what is sent to the drive"
+        yield f"{audit.joint}: q_des equals q{rows}: {advice}"
+        return
+    moved = max(float(part.q.max()) for part in parts) - min(float(part.q.min()) for part in parts)
+    if moved < STUCK * audit.range:
+        how = f"{_length(moved, audit)} of the {_length(audit.range, audit)} that are commanded"
+        yield f"{audit.joint} does not follow: it moves by {how}; check that its drive is on, or record on_J"
+        return
+    if found is not None:
+        yield from _response(audit, found, period)
+    yield from _log(audit, parts)
+
+
+def _response(audit: JointAudit, found: Response, period: float) -> Iterator[str]:
+    joint = audit.joint
+    if found.correlation < -SURE:
+        fact = f"{joint} moves against its command (correlation {found.correlation:.2f})"
+        yield f"{fact}: q or q_des has the wrong sign; negate one of them in a column map (--columns)"
+        return
+    if found.shift < -LEAD * period and found.correlation > CERTAIN and abs(found.scale - 1) < STIFF:
+        fact = f"{joint}: q leads q_des by {-1e3 * found.shift:.0f} ms"
+        yield f"{fact}, which no drive can do; the two are from different clocks or rows: correct the log"
+    if found.delay > max(LATE, 3 * period) and found.residual < EXACT:
+        fact = f"{joint} begins to answer {1e3 * found.delay:.0f} ms after its command"
+        yield f"{fact}: a slow bus, or q_des is from earlier rows than q; check the log"
+    if found.correlation > CERTAIN and not SCALES[0] <= found.scale <= SCALES[1]:
+        near = next((k for k in (180 / pi, pi / 180) if abs(found.scale / k - 1) < DEGREES), None)
+        why = "one is in degrees and the other in rad" if near else "they have different units or gear ratios"
+        yield f"{joint}: q moves by {found.scale:.3g} of q_des: {why}; state the units in a column map (--columns)"
+    elif _shifted(audit):
+        fact = f"{joint} stays {_length(abs(audit.zero), audit)} {'below' if audit.zero > 0 else 'above'} its command"
+        yield f"{fact} over its whole motion: the zeros of q and q_des differ, or a load pulls at it"
+
+
+def _shifted(audit: JointAudit) -> bool:
+    least = ZERO_LEAST if audit.unit in ("rad", "m") else 0.0
+    follows = abs(audit.scale - 1) < CLOSE and audit.residual < QUIET
+    return follows and abs(audit.zero) > max(least, ZERO * audit.range)
+
+
+def _log(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
+    joint = audit.joint
+    count, size = jumps(parts)
+    if count:
+        turn = audit.unit != "m" and min(abs(size / k - 1) for k in (TURN, 360.0)) < 0.05
+        why = "the encoder wraps around" if turn else "the position wraps around, or rows are damaged"
+        times = "once" if count == 1 else f"{count} times"
+        yield f"{joint}: q jumps {times} by {_length(size, audit)} from row to row: {why}; unwrap it"
+    if audit.held > HELD:
+        fact = f"{joint}: {audit.held:.0%} of the moving rows repeat the position before"
+        yield f"{fact}; q is read less often than rows are written, so lag and delay are too long by part of a row"
+    if audit.saturated > SATURATED:
+        fact = f"{joint} is at its limit in {audit.saturated:.0%} of the rows"
+        yield f"{fact}: stiffness hardly shows there; command smaller or slower motion"
+    if audit.command_noise > NOISE * audit.range:
+        fact = f"{joint}: q_des has noise of {_length(audit.command_noise, audit)}"
+        yield f"{fact}, {audit.command_noise / audit.range:.0%} of its range; record the command that is sent"
+
+
+def judge_stamps(recordings: Sequence[Recording], clocks: Sequence[Clock]) -> Iterator[str]:
+    """Flags of the time stamps of recordings."""
+    for recording, clock in zip(recordings, clocks, strict=True):
+        name = recording.path or "the recording"
+        if clock.back:
+            yield f"{name}: time goes back in {clock.back} rows; sort the rows, or record with one clock"
+        if clock.repeated > REPEATED * len(recording):
+            yield f"{name}: {clock.repeated} rows repeat the time of the row before; write the time with more digits"
+        if clock.uneven > UNEVEN:
+            fact = f"{name}: {clock.uneven:.0%} of the time steps differ by half from their median"
+            yield f"{fact}, {1e3 * clock.period:.3g} ms; log at a steady rate, or delay is known to a step only"
+
+
+def _length(value: float, audit: JointAudit) -> str:
+    return f"{value:.3g} {audit.unit}".rstrip()

@@ -1,0 +1,111 @@
+"""Recordings -> stretches of each joint in which its drive holds, with commands as they were recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...errors import RecordingError
+from ...types import Array, Mask, Recording, Samples, ServoSamples
+
+GAP, GAP_SECONDS = 3.5, 0.01  # a gap exceeds both [periods], [s]
+SHORTEST, BRIEFEST = 12, 0.3  # of a stretch [rows], [s]
+EVEN = 0.5  # accepted difference of a time step from the median [1]
+
+
+class Part(NamedTuple):
+    """Consecutive rows of one joint with a command."""
+
+    t: Array  # (N,) [s]
+    q: Array  # (N,) [rad or m]
+    command: Array  # (N,) [rad or m]
+    pwm: Array | None  # (N,) [1]
+
+
+class Grid(NamedTuple):
+    """A part on a uniform grid; the command is held from row to row."""
+
+    period: float  # [s]
+    q: Array  # (N,) [rad or m]
+    command: Array  # (N,) [rad or m]
+
+
+class Clock(NamedTuple):
+    """Time stamps of the rows with a command."""
+
+    period: float  # [s] median
+    duration: float  # [s] without gaps
+    uneven: float  # [1] share of steps that differ from the median
+    repeated: int  # rows with the time of the row before
+    back: int  # rows before the row before
+
+
+def read_samples(recording: Recording) -> Samples:
+    """Read a recording; rows without time are left out.
+
+    Raises:
+        RecordingError: too few rows.
+    """
+    samples = recording.read()
+    known = np.isfinite(samples.t)
+    if known.sum() < SHORTEST:
+        raise RecordingError(f"{recording.path or 'the recording'} has {known.sum()} rows; record for longer")
+    if known.all():
+        return samples
+    servo = samples.servo and ServoSamples(*(None if x is None else x[known] for x in samples.servo))
+    q_des = None if samples.q_des is None else samples.q_des[known]
+    return samples._replace(t=samples.t[known], q=samples.q[known], q_des=q_des, servo=servo)
+
+
+def driven(samples: Samples, joint: int) -> Mask:
+    """Rows (N,) in which a joint has a command and its drive is not off."""
+    if samples.q_des is None:
+        return np.zeros(len(samples.t), bool)
+    found = np.isfinite(samples.q[:, joint]) & np.isfinite(samples.q_des[:, joint])
+    if samples.servo is not None and samples.servo.on is not None:
+        found &= ~(samples.servo.on[:, joint] < 0.5)  # unknown counts as on
+    return np.asarray(found)
+
+
+def read_stamps(t: Array, rows: Mask) -> Clock:
+    """Clock of the rows; t: (N,) [s], rows: (N,) with a command."""
+    steps = np.diff(t)[rows[1:] & rows[:-1]]
+    forward = steps[steps > 0]
+    if not len(forward):
+        return Clock(np.nan, 0.0, 0.0, int(np.sum(steps == 0)), int(np.sum(steps < 0)))
+    period = float(np.median(forward))
+    near = forward[forward <= max(GAP * period, GAP_SECONDS)]
+    uneven = float(np.mean(np.abs(near / period - 1) > EVEN)) if len(near) else 0.0
+    return Clock(period, float(near.sum()), uneven, int(np.sum(steps == 0)), int(np.sum(steps < 0)))
+
+
+def cut(samples: Samples, joint: int, rows: Mask, period: float) -> list[Part]:
+    """Parts of one joint; rows: (N,) with a command, period [s] of the stamps."""
+    assert samples.q_des is not None, "a joint with a command has the column"
+    steps = np.diff(samples.t)
+    broken = ~(rows[1:] & rows[:-1]) | (steps > max(GAP * period, GAP_SECONDS)) | (steps <= 0)
+    edges = np.concatenate([[0], np.flatnonzero(broken) + 1, [len(rows)]])
+    pwm = samples.servo.pwm if samples.servo is not None else None
+    has_pwm = pwm is not None and bool(np.isfinite(pwm[:, joint]).any())
+    parts = []
+    for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        if high - low < SHORTEST or not rows[low] or samples.t[high - 1] - samples.t[low] < BRIEFEST:
+            continue
+        at = slice(low, high)
+        duty = pwm[at, joint] if has_pwm and pwm is not None else None
+        parts.append(Part(samples.t[at], samples.q[at, joint], samples.q_des[at, joint], duty))
+    return parts
+
+
+def on_grid(part: Part, period: float) -> Grid:
+    """A part on a grid of a period [s], from its first row."""
+    t = part.t[0] + period * np.arange(int((part.t[-1] - part.t[0]) / period * (1 + 1e-9)) + 1)
+    held = np.searchsorted(part.t, t + 0.01 * period, side="right") - 1
+    return Grid(period, np.interp(t, part.t, part.q), part.command[held])
+
+
+def joined(parts: Sequence[Part], key: str) -> Array:
+    """Values of all parts one after another, (N,) [unit of the column]."""
+    return np.concatenate([getattr(part, key) for part in parts])
