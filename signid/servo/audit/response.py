@@ -14,7 +14,7 @@ LONGEST = 0.6  # [s] largest shift
 AGAINST = 0.9  # weight of correlations of motion against the command: periodic motion has both signs
 NEAREST = 0.98  # correlation of a peak over the largest, from which on the smallest shift is chosen
 ROWS, WINDOW = 8000, 1000  # rows that are fitted, and of one window where there are more
-MOST = 60  # windows that are fitted
+MOST = 30  # windows that are fitted
 SHARES = (0.0, 0.3, 0.6, 0.9)  # starts: share of the lag that is delay
 DAMPINGS = (0.4, 0.8, 1.5, 3.0)  # starts: damping ratio [1]
 LOWER, UPPER = (np.log(1e-4), 0.0, np.log(0.05)), (np.log(1.0), 0.98, np.log(8.0))  # of lag [s], share, damping
@@ -107,7 +107,8 @@ def _windows(grids: Sequence[Grid]) -> list[_Window]:
         for start in range(0, len(grid.q) - size + 1, size):
             own = _Window(grid.q[start : start + size], padded[start : start + size + history], grid.period)
             cuts.append((float(np.std(own.command[history:])), own))
-    chosen, room = [], ROWS
+    chosen: list[int] = []
+    room = ROWS
     for k in sorted(range(len(cuts)), key=lambda k: -cuts[k][0])[:MOST]:
         room -= len(cuts[k][1].q)
         chosen += [k] if room >= 0 or not chosen else []
@@ -131,7 +132,7 @@ def _fitted(windows: Sequence[_Window], lag: float) -> Array:
         starts[int(np.argmin(costs))],
         bounds=(LOWER, UPPER),
         diff_step=1e-4,
-        max_nfev=25,
+        max_nfev=15,
         ftol=1e-5,
     )
     return np.asarray(found.x)
@@ -148,15 +149,16 @@ def _residual(x: Array, windows: Sequence[_Window]) -> tuple[Array, Array]:
 
     period, (w, z, delay) = windows[0].period, _numbers(x)
     b, a = _discrete(w, z, period)
-    whole, share = divmod(delay / period, 1.0)
     answers = [_answer(window, b, a, delay / period) for window in windows]
     rates = [np.gradient(answer) for answer in answers]
     slow = SLOW * float(np.sqrt(np.mean(np.concatenate(rates) ** 2))) + 1e-12
-    columns = []
+    columns, pulse = [], np.zeros(max(len(window.q) for window in windows) + 1)
+    pulse[1] = 1.0
+    impulse = lfilter([1.0], a, pulse)
     for window, answer, rate in zip(windows, answers, rates, strict=True):
         size = len(window.q)
         own = np.column_stack([answer, np.ones(size), -np.tanh(rate / slow), window.q])
-        free = np.column_stack([lfilter([1.0, 0.0], a, _pulse(size)), lfilter([0.0, 1.0], a, _pulse(size))])
+        free = np.column_stack([impulse[1 : size + 1], impulse[:size]])
         basis, _ = np.linalg.qr(free)
         columns.append(own - basis @ (basis.T @ own))
     return _solved(np.concatenate(columns))
@@ -185,12 +187,6 @@ def _solved(table: Array) -> tuple[Array, Array]:
         if value[2] >= 0:
             break
     return table[:, 3] - table[:, :3] @ value, value
-
-
-def _pulse(size: int) -> Array:
-    pulse = np.zeros(size)
-    pulse[0] = 1.0
-    return pulse
 
 
 def _discrete(w: float, z: float, period: float) -> tuple[Array, Array]:

@@ -40,8 +40,8 @@ def judge_joint(audit: JointAudit, found: Response | None, parts: Sequence[Part]
         return
     moved = max(float(part.q.max()) for part in parts) - min(float(part.q.min()) for part in parts)
     if moved < STUCK * audit.range:
-        how = f"{_length(moved, audit)} of the {_length(audit.range, audit)} that are commanded"
-        yield f"{audit.joint} does not follow: it moves by {how}; check that its drive is on, or record on_J"
+        fact = f"{audit.joint}: q does not follow q_des, it moves by less than {STUCK:.0%} of it"
+        yield f"{fact}; check that the drive is on, or record when it is off (on_J)"
         return
     if found is not None:
         yield from _response(audit, found, period)

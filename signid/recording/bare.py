@@ -1,0 +1,103 @@
+"""Recordings of robots that are not described: columns by the names that they have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import RecordingError, shorten
+from ..types import Recording, ServoSamples
+from .columns import TORQUES, conversion, function
+from .formats import FORMATS
+from .formats.base import About
+from .mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
+from .source import Opened, Source, open_source
+
+DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf", ".json", ".toml")  # suffixes that are of no recording
+KINDS = ("q", "dq", "q_des", *ServoSamples._fields)
+
+
+def is_recording(name: str) -> bool:
+    """Whether a file or folder of that name exists and has the format of a recording."""
+    path = Path(name)
+    if not path.exists() or path.name.lower().endswith(DESCRIPTIONS):
+        return False
+    return any(FORMATS[each].recognises(path) for each in FORMATS.names)
+
+
+def read_bare(
+    source: Source, *, columns: ColumnMap | None = None, topics: Sequence[str] = ()
+) -> tuple[Recording, dict[str, str]]:
+    """Read positions, commands and what drives record of every joint with `q_J` and `q_des_J`, without a description.
+
+    Torques are not read. Also returned is the unit of the positions of each joint: "" where the source states none,
+    as LeRobot datasets; all others are rad, or m at prismatic joints, which cannot be told apart.
+
+    Raises:
+        OptionError: topics of a source without topics.
+        RecordingError: invalid file, columns or column map, or no joint has both columns.
+    """
+    opened = open_source(source, topics)
+    mapping = read_map(columns)
+    signals = {signal.logical: signal for signal in mapping.signals(opened.table.columns, opened.name)}
+    joints = _joints(opened, signals)
+    chosen = {kind: tuple(_column(signals, kind, joint) for joint in joints) for kind in KINDS}
+    functions, unknown = {}, set()
+    for kind, names in chosen.items():
+        for joint, name in zip(joints, names, strict=True):
+            if not name:
+                continue
+            signal = signals[f"{kind}_{joint}"]
+            if _unstated(opened, mapping, signal, kind):
+                unknown.add((kind, joint))
+                change = function(kind, None)
+            else:
+                change = function(kind, conversion(opened, mapping, signal, kind, None))
+            functions |= {name: change} if change else {}
+    time = conversion(opened, mapping, signals["t"], "t", None)
+    functions |= {signals["t"].column: time.apply} if time else {}
+    table = DerivedTable(opened.table, functions) if functions else opened.table
+    used = [signals["t"].column, *(name for names in chosen.values() for name in names if name)]
+    table.read(used, 0, 0)  # raises if a column is not numeric
+    notes = tuple(note for note in About.of(opened.table).notes if "no torque" not in note)
+    recording = Recording(
+        joints,
+        table,
+        {"t": (signals["t"].column,), "tau": ("",) * len(joints), **chosen},
+        np.ones(len(joints)),
+        np.ones(len(joints), bool),
+        opened.path,
+        opened.sha256,
+        notes,
+    )
+    return recording, {joint: "" if ("q", joint) in unknown else "rad" for joint in joints}
+
+
+def _column(signals: dict[str, Signal], kind: str, joint: str) -> str:
+    signal = signals.get(f"{kind}_{joint}")
+    return signal.column if signal else ""
+
+
+def _unstated(opened: Opened, mapping: ParsedColumns, signal: Signal, kind: str) -> bool:
+    """Whether neither the source nor the map states the unit of a column."""
+    stated = mapping.units.get(kind) or (signal.mapped and mapping.own.get(signal.logical))
+    return not stated and signal.column in About.of(opened.table).unstated
+
+
+def _joints(opened: Opened, signals: dict[str, Signal]) -> tuple[str, ...]:
+    """Joints with a position and a command, in the order of the columns."""
+    joints = [token for name in signals for kind, token in split(name)[:1] if kind == "q"]
+    found = tuple(joint for joint in joints if f"q_des_{joint}" in signals)
+    have = f"it has {shorten(opened.table.columns, 12)}"
+    advice = "name them in a column map (--columns), or give the description of the robot before the recording"
+    if "t" not in signals:
+        raise RecordingError(f"{opened.name} has no column 't' of time in seconds; {have}; {advice}")
+    if not found:
+        torque = any(name.startswith(tuple(f"{kind}_" for kind in TORQUES)) for name in signals)
+        also = "; a recording of torque needs a description: signid check ROBOT RECORDING" if torque else ""
+        raise RecordingError(
+            f"{opened.name} has no joint J with both columns q_J and q_des_J; {have}; {advice}{also}"
+        )
+    return found
