@@ -11,10 +11,12 @@ from pathlib import Path
 
 from ...errors import OptionError
 from ...model import ModelSource, as_model
-from .actuators import write_actuators, write_isaaclab, write_ros
+from .actuators import write_actuators, write_ros
 from .beyond import Exported
+from .drives import with_drive_laws
 from .function import write_function
 from .mjcf import write_mjcf
+from .training import write_isaaclab, write_mjlab
 from .urdf import urdf_with, with_comment, write_urdf
 
 __all__ = ["KINDS", "Exported", "export", "urdf_with", "with_comment"]
@@ -26,6 +28,7 @@ _WRITERS: dict[str, Callable[..., Exported]] = {
     "function": write_function,
     "ros": write_ros,
     "isaaclab": write_isaaclab,
+    "mjlab": write_mjlab,
 }
 KINDS = tuple(_WRITERS)
 
@@ -44,7 +47,7 @@ def export(model: ModelSource, kind: str, package_dirs: Sequence[str | Path] = (
         OptionError: the kind is unknown.
         RobotError: the format cannot hold the bodies of the model, or the robot has no URDF.
     """
-    model = as_model(model, "export")
+    model = with_drive_laws(as_model(model, "export"))
     if kind == "mjcf":
         return write_mjcf(model, package_dirs)
     if kind not in _WRITERS:

@@ -1,4 +1,4 @@
-"""Export of a model's actuators: actuators.toml, parameters of a ROS 2 node, actuator group of Isaac Lab."""
+"""Export of a model's actuators: actuators.toml, and parameters of a ROS 2 node."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ import pinocchio as pin
 from ...model import Model
 from ...types import Actuators, Array
 from .beyond import BODIES, Exported, beyond, fixed_note, remarks, summed
+from .drives import drive_note
+from .training import FIELDS
 
 _UNITS = {
     "armature": "kg.m2",
@@ -28,17 +30,6 @@ HEAD = """\
 # * acceleration + viscous_friction * velocity + coulomb_friction * sign(velocity) + torque_offset. Inertia is about the
 # centre of mass, along the axes of the link's joint frame.
 """
-FIELDS = {"armature": "armature", "viscous_friction": "viscous_friction", "coulomb_friction": "friction"}
-ISAAC_HEAD = '''\
-"""Actuators of {name} for Isaac Lab 2.2 or newer on Isaac Sim 5: ArticulationCfg(actuators=ACTUATORS, ...).
-
-kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. Friction is an effort (PhysX 5.6, PxJointFrictionParams),
-static and dynamic alike. Set stiffness and damping to the gains of your controller.
-"""
-
-from isaaclab.actuators import ImplicitActuatorCfg
-
-'''
 
 
 def write_actuators(model: Model) -> Exported:
@@ -97,18 +88,3 @@ def _inertial(body: pin.Inertia) -> dict[str, Any]:
     moments = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
     return {"mass": float(body.mass), "centre_of_mass": np.asarray(body.lever).tolist(), "inertia": moments}
 
-
-def write_isaaclab(model: Model) -> Exported:
-    """Write a Python file with armature, viscous and dry friction of each joint."""
-    robot = model.robot
-    names = [re.escape(joint) for joint in robot.joints]
-    notes = beyond("an actuator group of Isaac Lab", model, FIELDS)
-    lines = [f"joint_names_expr={names!r}", "stiffness=None", "damping=None"]
-    for effect, field in FIELDS.items():
-        value = np.maximum(0.0, np.nan_to_num(summed(model, effect)))
-        table = repr(dict(zip(names, value.tolist(), strict=True)))
-        lines += [f"{name}={table}" for name in ([field, "dynamic_friction"] if field == "friction" else [field])]
-    body = "".join(f"        {line},\n" for line in lines)
-    head = ISAAC_HEAD.format(name=" ".join(robot.name.split()).replace('"', "'").replace("\\", "/"))
-    group = f'ACTUATORS = {{\n    "all": ImplicitActuatorCfg(\n{body}    )\n}}\n'
-    return Exported(head + remarks(notes) + group, tuple(notes))

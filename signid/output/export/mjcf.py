@@ -17,6 +17,7 @@ from ...robot.joints import is_plain
 from ...types import Array, Law, Robot
 from .beyond import BODIES, Exported, commented, fixed_note, held, lacking, summed
 from .bodies import LEAST, PossibleBodies, Principal, possible_bodies
+from .drives import STEP, mjcf_actuators, mjcf_joint, mjcf_notes
 from .shapes import Shapes, pose_words, read_shapes, words
 
 _NUMBERS = {"damping": "viscous_friction", "frictionloss": "coulomb_friction", "armature": "armature"}
@@ -34,7 +35,7 @@ class _Place(NamedTuple):
 def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exported:
     """Write MJCF with bodies, joints, gravity, ranges, armature, friction and springs, and a motor per joint.
 
-    Mimic joints become equality constraints. Shapes are visual only: mass comes from inertials, and nothing collides.
+    Joints with a position drive get its actuator instead. Mimic joints become equality constraints. Shapes are visual only: mass comes from inertials, and nothing collides.
 
     Raises:
         RobotError: no physically consistent bodies, as MuJoCo requires, give the torque of the model.
@@ -46,12 +47,13 @@ def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exporte
     ties = _ties(robot, placed)
     root = etree.Element("mujoco", model=robot.name)
     _add(root, "compiler", {"angle": "radian", "autolimits": "true"})
-    _add(root, "option", {"gravity": words(model.bodies().gravity.linear), "integrator": "implicitfast"})
+    option = {"gravity": words(model.bodies().gravity.linear), "integrator": "implicitfast"}
+    _add(root, "option", option | ({"timestep": repr(STEP)} if model.servos else {}))
     _add(_add(root, "default"), "geom", {"contype": "0", "conaffinity": "0", "group": "2"})
     _group(root, "asset", "mesh", shapes.meshes)
     _tree(_add(root, "worldbody"), model, shapes, bodies, placed)
     _group(root, "equality", "joint", ties)
-    _group(root, "actuator", "motor", _motors(model))
+    _actuators(_add(root, "actuator"), model)
     notes = [*_notes(model, ties, bodies), *shapes.notes]
     if notes:
         root.insert(0, etree.Comment("\n    " + "\n    ".join(commented(notes).splitlines()) + "\n  "))
@@ -62,6 +64,7 @@ def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exporte
 def mjcf_laws(model: Model) -> list[Law]:
     """Laws of a model that its MJCF holds."""
     whole = [law for law in model.laws if law.effect.name in (*BODIES, "base_tilt", "torque_saturation")]
+    whole += [law for law in model.laws if law.effect.name == "torque_offset" and _joint_name(model, law) in model.servos]
     return [*held(model, _NUMBERS.values()), *(law for law in _springs(model) if _stiffness(model, law)[0] > 0), *whole]
 
 
@@ -122,7 +125,12 @@ def _joint(model: Model, name: str) -> dict[str, str]:
     sums = {key: float(summed(model, effect)[j]) for key, effect in _NUMBERS.items()}
     stated |= {key: repr(value) for key, value in sums.items() if value > 0}
     stiffness, rest = next((_stiffness(model, law) for law in _springs(model) if law.joints == (j,)), (0.0, 0.0))
-    return stated | ({"stiffness": repr(stiffness), "springref": repr(rest)} if stiffness > 0 else {})
+    stated |= {"stiffness": repr(stiffness), "springref": repr(rest)} if stiffness > 0 else {}
+    return stated | (mjcf_joint(model.servos[name]) if name in model.servos else {})
+
+
+def _joint_name(model: Model, law: Law) -> str:
+    return model.robot.joints[law.joints[0]]
 
 
 def _springs(model: Model) -> list[Law]:
@@ -134,6 +142,14 @@ def _stiffness(model: Model, law: Law) -> tuple[float, float]:
     each = [(x.parameters["stiffness"], x.parameters["rest"]) for x in _springs(model) if x.joints == law.joints]
     total = float(sum(k for k, _ in each))
     return total, float(sum(k * rest for k, rest in each)) / total if total else 0.0
+
+
+def _actuators(group: Any, model: Model) -> None:
+    """Add the actuators of the drives, and motors at the other joints."""
+    for motor in _motors(model):
+        servo = model.servos.get(motor["joint"])
+        for tag, entry in [("motor", motor)] if servo is None else mjcf_actuators(motor["joint"], servo):
+            _add(group, tag, entry)
 
 
 def _motors(model: Model) -> list[dict[str, str]]:
@@ -161,7 +177,7 @@ def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodi
     if ties:
         each = ", ".join(f"{tie['joint1']} of {tie['joint2']}" for tie in ties)
         notes.append(f"mimic joints are equality constraints, which are slightly compliant in MuJoCo: {each}")
-    notes += bodies.notes
+    notes += [*mjcf_notes(model), *bodies.notes]
     if empty := [link for link, body in zip(robot.links, bodies.links, strict=True) if body.mass <= LEAST]:
         notes.append(f"massless links get {LEAST:g} kg, since MuJoCo rejects zero mass: {', '.join(empty)}")
     return notes

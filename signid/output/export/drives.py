@@ -1,0 +1,153 @@
+"""Position drives in formats of simulators: actuators and joint attributes of MJCF, and the notes on both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ...effects import EFFECTS
+from ...errors import shorten
+from ...model import Model
+from ...servos import Servo
+from ...types import Law
+from .beyond import MOST
+from .shapes import words
+
+STEP = 5e-4  # time step of an exported MJCF with drives [s]
+LEAST_STEP = 2.5e-4  # time step for which the history of commands is long enough [s]
+DRY = ("armature", "viscous_friction", "coulomb_friction", "torque_offset")  # numbers of a drive that are laws as well
+_LACKED = {  # numbers that no format of a simulator holds: words, value without the effect
+    "load_friction": ("friction per motor torque", 0.0),
+    "dead_band": ("the dead band", 0.0),
+    "profile_speed": ("the profile speed", np.inf),
+    "droop": ("the droop of the torque", 0.0),
+}
+_HARD = {"solreffriction": "0.001 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # else dry friction creeps
+_APART = 1.0 + 1e-9  # keeps MuJoCo from reading a positive coefficient of the speed as a damping ratio
+
+
+def with_drive_laws(model: Model) -> Model:
+    """The model with armature, friction and offset of its drives as laws, in the order of the joints."""
+    laws = [
+        Law(EFFECTS[name], (j,), EFFECTS[name].physical([getattr(model.servos[joint], name)], {}))
+        for j, joint in enumerate(model.robot.joints)
+        if joint in model.servos
+        for name in DRY
+        if getattr(model.servos[joint], name) != 0.0
+    ]
+    return replace(model, laws=(*model.laws, *laws)) if laws else model
+
+
+def drive_note(subject: str, model: Model) -> list[str]:
+    """Note on the drives, for a format that holds none."""
+    joints = [joint for joint in model.robot.joints if joint in model.servos]
+    return [f"{subject} cannot hold the position drives of {shorten(joints, MOST)}"] if joints else []
+
+
+def lacked_notes(subject: str, servos: Mapping[str, Servo]) -> list[str]:
+    """One note for each number of the drives that no simulator's actuator has."""
+    found = []
+    for name, (what, none) in _LACKED.items():
+        joints = [joint for joint, servo in servos.items() if getattr(servo, name) != none]
+        if joints:
+            found.append(f"{subject} cannot hold {what} ({name}) of {shorten(joints, MOST)}")
+    return found
+
+
+def curved(servo: Servo) -> bool:
+    """Whether the limit of the torque falls with the speed."""
+    return servo.law == "torque_speed" and bool(np.isfinite([servo.effort_limit, servo.speed_limit]).all())
+
+
+def mjcf_joint(servo: Servo) -> dict[str, str]:
+    """Attributes of an MJCF joint that its drive sets, besides armature and dry friction."""
+    damping = servo.damping if servo.law == "duty" else servo.viscous_friction
+    stated = {"damping": repr(float(damping))} if damping > 0 else {}
+    if servo.coulomb_friction > 0:
+        stated |= _HARD
+    if curved(servo) or (servo.law != "duty" and servo.kd_on == "error" and servo.kd > 0):
+        stated |= _range("actuatorfrcrange", servo)
+    return stated
+
+
+def mjcf_actuators(joint: str, servo: Servo) -> list[tuple[str, dict[str, str]]]:
+    """Actuators of MJCF for a drive, as tags and attributes; the first takes the position, a second the speed."""
+    speed = servo.kd_on == "error" and servo.kd > 0 and not curved(servo)
+    kd = 0.0 if speed or servo.law == "duty" else servo.kd
+    first = {"name": joint, "joint": joint}
+    limit = {} if speed and servo.law != "duty" else _range("forcerange", servo)
+    if curved(servo):
+        slope = servo.effort_limit / servo.speed_limit
+        bias = [-servo.torque_offset, -servo.kp * _APART, slope - kd]
+        line = {"name": f"{joint}_torque_speed", "joint": joint, "motorconst": "1", "resistance": repr(1 / slope)}
+        return [_general(first, servo, bias, limit), ("dcmotor", {**line, "input": "none"})]
+    if servo.torque_offset:
+        made = _general(first, servo, [-servo.torque_offset, -servo.kp, -kd], limit)
+    else:
+        gains = {"kp": repr(float(servo.kp)), **({"kv": repr(float(kd))} if kd > 0 else {})}
+        made = ("position", {**first, **gains, **limit, **_delayed(servo)})
+    if not speed:
+        return [made]
+    second = {"name": f"{joint}_speed", "joint": joint, **_delayed(servo)}
+    if servo.law == "duty":
+        return [made, ("motor", {**second, "gear": repr(float(servo.kd))})]
+    return [made, ("velocity", {**second, "kv": repr(float(servo.kd))})]
+
+
+def mjcf_notes(model: Model) -> list[str]:
+    """What an MJCF with drives needs, and what it lacks, one sentence each."""
+    servos = {joint: model.servos[joint] for joint in model.robot.joints if joint in model.servos}
+    if not servos:
+        return []
+    notes = [f"actuators of {shorten(list(servos), MOST)} take commanded positions [rad or m]"]
+    delays = [f"{joint} {1e3 * servo.delay:.4g} ms" for joint, servo in servos.items()]
+    notes.append(
+        f"commands are delayed ({shorten(delays, MOST)}, and half a step of {1e3 * STEP:g} ms, since MuJoCo applies a "
+        f"command that much early), which needs MuJoCo 3.5 or newer and steps of {1e3 * LEAST_STEP:g} ms or more"
+    )
+    notes.append("mj_initCtrlHistory sets the commands before the start; without it they are 0 until the delay is over")
+    notes += _law_notes(servos)
+    if any(servo.coulomb_friction > 0 for servo in servos.values()):
+        notes.append("dry friction is as hard as MuJoCo allows (solreffriction, solimpfriction)")
+    return [*notes, *lacked_notes("an MJCF", servos)]
+
+
+def _law_notes(servos: Mapping[str, Servo]) -> Iterable[str]:
+    def of(test: Callable[[Servo], bool]) -> str:
+        return shorten([joint for joint, servo in servos.items() if test(servo)], MOST)
+
+    if joints := of(lambda servo: servo.law == "duty" and servo.kd > 0):
+        yield f"kd of {joints} is part of the damping of the joint, since a duty limit leaves the back-EMF unclipped"
+    if joints := of(lambda servo: servo.kd_on == "error" and servo.kd > 0 and not curved(servo)):
+        yield f"the second actuator of {joints} takes the commanded speed [rad/s or m/s]"
+    if joints := of(curved):
+        yield f"a passive dcmotor, which needs MuJoCo 3.12 or newer, lets the torque of {joints} fall with the speed"
+    if joints := of(lambda servo: curved(servo) and servo.kd_on == "error" and servo.kd > 0):
+        yield f"kd of {joints} acts on the speed, not on its error"
+
+
+def _general(
+    first: Mapping[str, str], servo: Servo, bias: list[float], limit: Mapping[str, str]
+) -> tuple[str, dict[str, str]]:
+    """Actuator with a constant torque: kp command + bias . (1, position, speed), clipped."""
+    gains = {"gainprm": repr(float(servo.kp)), "biastype": "affine", "biasprm": words(bias)}
+    return "general", {**first, **gains, **limit, **_delayed(servo)}
+
+
+def _range(name: str, servo: Servo) -> dict[str, str]:
+    """Attribute of the limit, moved by the offset, which is not clipped."""
+    if not np.isfinite(servo.effort_limit):
+        return {}
+    return {name: words([-servo.effort_limit - servo.torque_offset, servo.effort_limit - servo.torque_offset])}
+
+
+def _delayed(servo: Servo) -> dict[str, str]:
+    """Delay of the command; interpolation averages a held command over each step.
+
+    MuJoCo's force at the beginning of a step acts as the mean over the interval around that instant, so that a command
+    acts half a step early: the delay is longer by it.
+    """
+    delay = servo.delay + STEP / 2
+    return {"delay": repr(float(delay)), "nsample": str(int(np.ceil(delay / LEAST_STEP)) + 2), "interp": "linear"}

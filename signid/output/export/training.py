@@ -1,0 +1,176 @@
+"""Export of a model's actuators to Isaac Lab and mjlab, as Python files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...model import Model
+from ...servos import Servo
+from .beyond import Exported, beyond, remarks, summed
+from .drives import curved, lacked_notes
+
+FIELDS = {"armature": "armature", "viscous_friction": "viscous_friction", "coulomb_friction": "friction"}
+_ISAACLAB_HEAD = '''\
+"""Actuators of {name} for Isaac Lab 2.2 or newer on Isaac Sim 5: ArticulationCfg(actuators=ACTUATORS, ...).
+
+kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. Friction is an effort (PhysX 5.6, PxJointFrictionParams),
+static and dynamic alike. {gains}
+"""
+
+from isaaclab.actuators import {classes}
+
+'''
+_MJLAB_HEAD = '''\
+"""Actuators of {name} for mjlab 1.6 or newer: EntityArticulationInfoCfg(actuators=ACTUATORS, ...).
+
+kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. {gains}
+"""
+
+from mjlab.actuator import {classes}
+
+'''
+_GAINS = "Set stiffness and damping to the gains of your controller."
+_LOOP = "Commands are positions; a delay between two steps varies between both."
+_STEP = '''\
+PHYSICS_STEP = 0.005  # s; set it to the time step of the physics
+
+
+def delayed(seconds):
+    """Delay in physics steps, rounded down and up."""
+    steps = seconds / PHYSICS_STEP
+    return {{"{least}": int(steps + 1e-6), "{most}": -int(-steps + 1e-6)}}
+
+
+'''
+
+
+def write_isaaclab(model: Model) -> Exported:
+    """Write a Python file with armature, viscous and dry friction of each joint, and with the drives of servo joints.
+
+    `effort` and `duty` become DelayedPDActuatorCfg, `torque_speed` DCMotorCfg.
+    """
+    servos = _servos(model)
+    subject = "an actuator group of Isaac Lab"
+    notes = beyond(subject, model, FIELDS)
+    notes += _isaaclab_notes(subject, servos)
+    groups = {joint: _isaaclab_drive(joint, servo) for joint, servo in servos.items()}
+    others = [joint for joint in model.robot.joints if joint not in servos]
+    if others:
+        groups["others" if servos else "all"] = _isaaclab_free(model, others)
+    body = "".join(f"    {_key(name)}: {_call(kind, lines)},\n" for name, (kind, lines) in groups.items())
+    head = _ISAACLAB_HEAD.format(
+        name=_name(model), gains=_LOOP if servos else _GAINS, classes=", ".join(sorted({x for x, _ in groups.values()}))
+    )
+    step = _STEP.format(least="min_delay", most="max_delay") if servos else ""
+    return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = {{\n{body}}}\n", tuple(notes))
+
+
+def write_mjlab(model: Model) -> Exported:
+    """Write a Python file with an actuator of mjlab for each joint; joints without a drive get a motor."""
+    servos, subject = _servos(model), "an actuator of mjlab"
+    notes = beyond(subject, model, FIELDS) + lacked_notes(subject, servos)
+    if any(servo.coulomb_friction > 0 for servo in servos.values()):
+        notes.append('dry friction creeps unless joints have solreffriction="0.001 1" solimpfriction="0.9999 0.9999"')
+    made = []
+    for j, joint in enumerate(model.robot.joints):
+        numbers = {key: max(0.0, float(np.nan_to_num(summed(model, effect)[j]))) for effect, key in _MJLAB.items()}
+        kind, loop = _mjlab_drive(servos.get(joint), float(model.robot.effort_limit[j]))
+        if joint in servos and servos[joint].law == "duty":
+            numbers["viscous_damping"] = servos[joint].damping
+        lines = [f"target_names_expr=({_text(re.escape(joint))},)", *loop, *(f"{k}={x!r}" for k, x in numbers.items())]
+        made.append((kind, lines))
+    body = "".join(f"    {_call(kind, lines)},\n" for kind, lines in made)
+    head = _MJLAB_HEAD.format(
+        name=_name(model), gains=_LOOP if servos else "", classes=", ".join(sorted({kind for kind, _ in made}))
+    ).replace("N. \n", "N.\n")
+    step = _STEP.format(least="delay_min_lag", most="delay_max_lag") if servos else ""
+    return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = (\n{body})\n", tuple(notes))
+
+
+_MJLAB = {"armature": "armature", "viscous_friction": "viscous_damping", "coulomb_friction": "frictionloss"}
+
+
+def _servos(model: Model) -> dict[str, Servo]:
+    return {joint: model.servos[joint] for joint in model.robot.joints if joint in model.servos}
+
+
+def _isaaclab_drive(joint: str, servo: Servo) -> tuple[str, list[str]]:
+    """Class and arguments of a drive; below a duty limit, damping of the drive is friction, since it is not clipped."""
+    duty = servo.law == "duty"
+    friction = float(servo.coulomb_friction)
+    lines = [
+        f"joint_names_expr=[{_text(re.escape(joint))}]",
+        f"stiffness={float(servo.kp)!r}",
+        f"damping={0.0 if duty else float(servo.kd)!r}",
+        *_limit(servo),
+        f"armature={float(servo.armature)!r}",
+        f"friction={friction!r}",
+        f"dynamic_friction={friction!r}",
+        f"viscous_friction={float(servo.damping if duty else servo.viscous_friction)!r}",
+    ]
+    if curved(servo):
+        return "DCMotorCfg", lines
+    return "DelayedPDActuatorCfg", [*lines, f"**delayed({float(servo.delay)!r})"]
+
+
+def _limit(servo: Servo) -> list[str]:
+    lines = [f"effort_limit={float(servo.effort_limit)!r}"] if np.isfinite(servo.effort_limit) else []
+    if curved(servo):
+        lines += [f"saturation_effort={float(servo.effort_limit)!r}", f"velocity_limit={float(servo.speed_limit)!r}"]
+    return lines
+
+
+def _isaaclab_free(model: Model, joints: list[str]) -> tuple[str, list[str]]:
+    """Class and arguments of joints without a drive."""
+    names = [re.escape(joint) for joint in joints]
+    at = [model.robot.index(joint) for joint in joints]
+    lines = [f"joint_names_expr={names!r}", "stiffness=None", "damping=None"]
+    for effect, field in FIELDS.items():
+        value = np.maximum(0.0, np.nan_to_num(summed(model, effect)[at]))
+        table = repr(dict(zip(names, value.tolist(), strict=True)))
+        lines += [f"{name}={table}" for name in ([field, "dynamic_friction"] if field == "friction" else [field])]
+    return "ImplicitActuatorCfg", lines
+
+
+def _isaaclab_notes(subject: str, servos: Mapping[str, Servo]) -> list[str]:
+    notes = lacked_notes(subject, servos)
+    late = [f"{joint} ({1e3 * x.delay:.4g} ms)" for joint, x in servos.items() if curved(x) and x.delay > 0]
+    if late:
+        notes.append(f"DCMotorCfg cannot hold the delay of {', '.join(late)}")
+    free = [joint for joint, servo in servos.items() if not np.isfinite(servo.effort_limit)]
+    if free:
+        notes.append(f"the effort limit of {', '.join(free)} is that of the asset, since none was identified")
+    still = [joint for joint, servo in servos.items() if servo.kd_on == "error" and servo.kd > 0]
+    if still:
+        notes.append(f"set velocity targets too for {', '.join(still)}: kd acts on the error of the speed")
+    return notes
+
+
+def _mjlab_drive(servo: Servo | None, limit: float) -> tuple[str, list[str]]:
+    """Class and arguments of the loop of a joint."""
+    if servo is None:
+        return "BuiltinMotorActuatorCfg", [f"effort_limit={limit!r}" if np.isfinite(limit) else "effort_limit=1e9"]
+    duty = servo.law == "duty"
+    lines = [f"stiffness={float(servo.kp)!r}", f"damping={0.0 if duty else float(servo.kd)!r}", *_limit(servo)]
+    kind = "BuiltinPositionActuatorCfg" if duty or servo.kd_on == "velocity" else "IdealPdActuatorCfg"
+    return "DcMotorActuatorCfg" if curved(servo) else kind, [*lines, f"**delayed({float(servo.delay)!r})"]
+
+
+def _call(kind: str, lines: list[str]) -> str:
+    return f"{kind}(\n{''.join(f'        {line},{chr(10)}' for line in lines)}    )"
+
+
+def _text(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _key(text: str) -> str:
+    return _text(" ".join(text.split()))
+
+
+def _name(model: Model) -> str:
+    return " ".join(model.robot.name.split()).replace('"', "'").replace("\\", "/")
+
