@@ -141,6 +141,9 @@ class ExportFiles:
     function: Text = option(None, "Python: torque(q, v, a) of the laws.", metavar="FILE")
     ros: Text = option(None, "YAML: actuators and inertials for a ROS 2 node.", metavar="FILE")
     isaaclab: Text = option(None, "Python: actuators for Isaac Lab.", metavar="FILE")
+    mjlab: Text = option(None, "Python: actuators for mjlab.", metavar="FILE")
+    lerobot: Text = option(None, "JSON: position drives by motor, for LeRobot.", metavar="FILE")
+    expected: Text = option(None, "Python without packages: positions expected from commands.", metavar="FILE")
 
 
 @command("signid export result/model.json --urdf arm.urdf --mjcf arm.xml")
@@ -148,8 +151,8 @@ def export(simulation: SimulationName, exports: ExportFiles, package_dir: Packag
     """Write a model in the file formats of other programs.
 
     Options can be combined; content that a format cannot hold is listed. The URDF gets inertials (including a payload),
-    damping and friction, and is otherwise unchanged. The MJCF also gets armature, springs, gravity, ranges and motors.
-    The Python file needs only NumPy and holds the laws that both lack.
+    damping and friction, and is otherwise unchanged. The MJCF also gets armature, springs, gravity, ranges and motors,
+    or position drives with their delay and limits. --function needs only NumPy and holds the laws that both lack.
     """
     from ...output.export import export as write
     from ...output.report import Screen, to_json
@@ -181,7 +184,7 @@ def _check_exports(asked: dict[str, Text], paths: dict[str, Path]) -> None:
     from ...output.report import probe_folder
 
     if not paths:
-        raise OptionError("no file was named; add --urdf, --mjcf, --actuators, --function, --ros or --isaaclab FILE")
+        raise OptionError(f"no file was named; add {', '.join(f'--{kind}' for kind in asked)} FILE")
     for kind, path in paths.items():
         if not asked[kind] or path.is_dir():
             raise OptionError(f"--{kind} {asked[kind]!r} is not a file name; give the path of the file to write")

@@ -1,4 +1,4 @@
-"""Export of models to URDF, MJCF, actuators.toml, a Python function, ROS 2 and Isaac Lab.
+"""Export of models to URDF, MJCF, actuators.toml, Python functions, ROS 2, Isaac Lab, mjlab and LeRobot.
 
 `Exported.notes` and a comment in the file list the content that a format cannot hold. The Python function holds the
 laws that neither URDF nor MJCF can express, and needs only NumPy.
@@ -15,6 +15,7 @@ from .actuators import write_actuators, write_ros
 from .beyond import Exported
 from .drives import with_drive_laws
 from .function import write_function
+from .lerobot import write_expected, write_lerobot
 from .mjcf import write_mjcf
 from .training import write_isaaclab, write_mjlab
 from .urdf import urdf_with, with_comment, write_urdf
@@ -29,6 +30,8 @@ _WRITERS: dict[str, Callable[..., Exported]] = {
     "ros": write_ros,
     "isaaclab": write_isaaclab,
     "mjlab": write_mjlab,
+    "lerobot": write_lerobot,
+    "expected": write_expected,
 }
 KINDS = tuple(_WRITERS)
 
@@ -40,7 +43,8 @@ def export(model: ModelSource, kind: str, package_dirs: Sequence[str | Path] = (
         model: rigid bodies and laws.
         kind: "urdf" (the robot's URDF with inertials, damping and friction), "mjcf" (for MuJoCo), "actuators" (TOML
             file for use with a URDF), "function" (laws as Python code that needs only NumPy), "ros" (parameters of a
-            ROS 2 node) or "isaaclab" (actuator group).
+            ROS 2 node), "isaaclab" (actuator groups), "mjlab" (actuators); of position drives alone, "lerobot" (numbers
+            as JSON) and "expected" (Python function of the commands without packages).
         package_dirs: folders to search for meshes of an MJCF, besides those of example-robot-data.
 
     Raises:

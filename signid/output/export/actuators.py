@@ -11,9 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from ...model import Model
+from ...servos import SERVO_NUMBERS, SERVO_UNITS, Servo, servos_document
 from ...types import Actuators, Array
 from .beyond import BODIES, Exported, beyond, fixed_note, remarks, summed
-from .drives import drive_note
+from .drives import DRY
 from .training import FIELDS
 
 _UNITS = {
@@ -33,18 +34,35 @@ HEAD = """\
 
 
 def write_actuators(model: Model) -> Exported:
-    """Write an actuators file (TOML): armature, friction, offset and torque constant of each joint.
+    """Write an actuators file (TOML): armature, friction, offset, torque constant and position drive of each joint.
 
     Values that the description states and the model lacks are zero, since the file overrides the description.
     """
-    notes = beyond("an actuators file", model, FIELDS, ("torque_offset",))
+    notes = beyond("an actuators file", model, FIELDS, ("torque_offset",)) + _droop_note(model)
     head = f"Actuators of {model.robot.name}; prismatic joints: N for N.m, m for rad, kg for kg.m2"
     lines = remarks([head, *notes]).splitlines()
     for joint, stated in _driven(model).items():
+        table = f"joint.{joint if _BARE.fullmatch(joint) else json.dumps(joint, ensure_ascii=False)}"
         if stated:
-            lines += ["", f"[joint.{joint if _BARE.fullmatch(joint) else json.dumps(joint, ensure_ascii=False)}]"]
-            lines += [f"{key} = {value!r}  # {_UNITS[key]}" for key, value in stated.items()]
+            lines += ["", f"[{table}]", *(f"{key} = {value!r}  # {_UNITS[key]}" for key, value in stated.items())]
+        if joint in model.servos:
+            lines += ["", f"[{table}.servo]", *_servo_lines(model.servos[joint])]
     return Exported("\n".join(lines) + "\n", tuple(notes))
+
+
+def _servo_lines(servo: Servo) -> list[str]:
+    """Keys of a drive that are not keys of its joint; numbers without an effect are left out."""
+    lines = [f'law = "{servo.law}"', *([f'kd_on = "{servo.kd_on}"'] if servo.kd_on != Servo.kd_on else [])]
+    for key in (name for name in SERVO_NUMBERS if name not in (*DRY, "droop")):
+        value = float(getattr(servo, key))
+        if np.isfinite(value) and (value > 0 or key in ("kd", "delay")):
+            lines.append(f"{key} = {value!r}  # {SERVO_UNITS[key]}")
+    return [*lines, *([] if servo.kp_register is None else [f"kp_register = {float(servo.kp_register)!r}"])]
+
+
+def _droop_note(model: Model) -> list[str]:
+    joints = [joint for joint in model.robot.joints if joint in model.servos and model.servos[joint].droop > 0]
+    return [f"an actuators file cannot hold the droop of the torque (droop) of {', '.join(joints)}"] if joints else []
 
 
 def _driven(model: Model) -> dict[str, dict[str, float]]:
@@ -68,13 +86,14 @@ def _values(model: Model, key: str) -> Array:
 
 
 def write_ros(model: Model) -> Exported:
-    """Write a parameter file (YAML) with actuator parameters per joint and inertials per link."""
+    """Write a parameter file (YAML) with actuator parameters and position drives per joint, and inertials per link."""
     from yaml import safe_dump
 
     robot, bodies = model.robot, list(model.bodies().inertias)[1:]
     parameters = {
         "joints": list(robot.joints),
         "joint": {joint: stated for joint, stated in _driven(model).items() if stated},
+        **({"servo": servos_document(model.servos, robot.joints)} if model.servos else {}),
         "link": {link: _inertial(body) for link, body in zip(robot.links, bodies, strict=True)},
     }
     lacks = beyond("a ROS parameter file", model, FIELDS, ("torque_offset", *BODIES))
@@ -87,4 +106,3 @@ def _inertial(body: pin.Inertia) -> dict[str, Any]:
     xx, xy, xz, _, yy, yz, *_, zz = np.asarray(body.inertia).ravel().tolist()
     moments = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
     return {"mass": float(body.mass), "centre_of_mass": np.asarray(body.lever).tolist(), "inertia": moments}
-

@@ -15,8 +15,7 @@ from ...types import Law
 from .beyond import MOST
 from .shapes import words
 
-STEP = 5e-4  # time step of an exported MJCF with drives [s]
-LEAST_STEP = 2.5e-4  # time step for which the history of commands is long enough [s]
+STEP = 1e-4  # time step of an exported MJCF with drives: 1 mrad beside exact roll-outs, also saturated [s]
 DRY = ("armature", "viscous_friction", "coulomb_friction", "torque_offset")  # numbers of a drive that are laws as well
 _LACKED = {  # numbers that no format of a simulator holds: words, value without the effect
     "load_friction": ("friction per motor torque", 0.0),
@@ -24,7 +23,7 @@ _LACKED = {  # numbers that no format of a simulator holds: words, value without
     "profile_speed": ("the profile speed", np.inf),
     "droop": ("the droop of the torque", 0.0),
 }
-_HARD = {"solreffriction": "0.001 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # else dry friction creeps
+_HARD = {"solreffriction": "0.0002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # else dry friction creeps
 _APART = 1.0 + 1e-9  # keeps MuJoCo from reading a positive coefficient of the speed as a damping ratio
 
 
@@ -97,7 +96,7 @@ def mjcf_actuators(joint: str, servo: Servo) -> list[tuple[str, dict[str, str]]]
 
 
 def mjcf_notes(model: Model) -> list[str]:
-    """What an MJCF with drives needs, and what it lacks, one sentence each."""
+    """Requirements and gaps of an MJCF with drives, one sentence each."""
     servos = {joint: model.servos[joint] for joint in model.robot.joints if joint in model.servos}
     if not servos:
         return []
@@ -105,7 +104,11 @@ def mjcf_notes(model: Model) -> list[str]:
     delays = [f"{joint} {1e3 * servo.delay:.4g} ms" for joint, servo in servos.items()]
     notes.append(
         f"commands are delayed ({shorten(delays, MOST)}, and half a step of {1e3 * STEP:g} ms, since MuJoCo applies a "
-        f"command that much early), which needs MuJoCo 3.5 or newer and steps of {1e3 * LEAST_STEP:g} ms or more"
+        f"command that much early), which needs MuJoCo 3.5 or newer"
+    )
+    notes.append(
+        f"the time step of {1e3 * STEP:g} ms repeats the loop to 1 mrad; at 1 ms, positions differ by half a step "
+        f"times the speed, and by some mrad where torque is limited"
     )
     notes.append("mj_initCtrlHistory sets the commands before the start; without it they are 0 until the delay is over")
     notes += _law_notes(servos)
@@ -150,4 +153,4 @@ def _delayed(servo: Servo) -> dict[str, str]:
     acts half a step early: the delay is longer by it.
     """
     delay = servo.delay + STEP / 2
-    return {"delay": repr(float(delay)), "nsample": str(int(np.ceil(delay / LEAST_STEP)) + 2), "interp": "linear"}
+    return {"delay": repr(float(delay)), "nsample": str(int(np.ceil(delay / STEP)) + 2), "interp": "linear"}

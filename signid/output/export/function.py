@@ -11,6 +11,7 @@ from ...model import Model
 from ...types import Law
 from ..report.layout import torque_units
 from .beyond import BODIES, Exported, among, lacking
+from .drives import drive_note
 from .mjcf import mjcf_laws
 
 _SIGNALS = ("t", "q", "v", "a", "load", "jacobian")
@@ -64,7 +65,7 @@ def write_function(model: Model) -> Exported:
     """
     robot, inside = model.robot, mjcf_laws(model)
     written = [(law, code) for law in model.laws if (code := _code_of(law)) is not None]
-    notes = _notes(model, [law for law, _ in written])
+    notes = _notes(model, [law for law, _ in written]) + drive_note("this file", model)
     more = [key for key in _EXPLAINED if any(key in code.signals for _, code in written)]
     keyword = {"t": "t=0.0", "load": "load", "jacobian": "jacobian"}
     signals = [key for key in ("q", "v", "a", *more) if key != "t"]

@@ -35,7 +35,8 @@ class _Place(NamedTuple):
 def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exported:
     """Write MJCF with bodies, joints, gravity, ranges, armature, friction and springs, and a motor per joint.
 
-    Joints with a position drive get its actuator instead. Mimic joints become equality constraints. Shapes are visual only: mass comes from inertials, and nothing collides.
+    Joints with a position drive get its actuator instead. Mimic joints become equality constraints. Shapes are visual
+    only: mass comes from inertials, and nothing collides.
 
     Raises:
         RobotError: no physically consistent bodies, as MuJoCo requires, give the torque of the model.
@@ -64,7 +65,8 @@ def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exporte
 def mjcf_laws(model: Model) -> list[Law]:
     """Laws of a model that its MJCF holds."""
     whole = [law for law in model.laws if law.effect.name in (*BODIES, "base_tilt", "torque_saturation")]
-    whole += [law for law in model.laws if law.effect.name == "torque_offset" and _joint_name(model, law) in model.servos]
+    servo = {model.robot.index(joint) for joint in model.servos}
+    whole += [law for law in model.laws if law.effect.name == "torque_offset" and servo.issuperset(law.joints)]
     return [*held(model, _NUMBERS.values()), *(law for law in _springs(model) if _stiffness(model, law)[0] > 0), *whole]
 
 
@@ -127,10 +129,6 @@ def _joint(model: Model, name: str) -> dict[str, str]:
     stiffness, rest = next((_stiffness(model, law) for law in _springs(model) if law.joints == (j,)), (0.0, 0.0))
     stated |= {"stiffness": repr(stiffness), "springref": repr(rest)} if stiffness > 0 else {}
     return stated | (mjcf_joint(model.servos[name]) if name in model.servos else {})
-
-
-def _joint_name(model: Model, law: Law) -> str:
-    return model.robot.joints[law.joints[0]]
 
 
 def _springs(model: Model) -> list[Law]:

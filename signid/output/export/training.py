@@ -20,7 +20,7 @@ kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. Friction is an effo
 static and dynamic alike. {gains}
 """
 
-from isaaclab.actuators import {classes}
+{imports}from isaaclab.actuators import {classes}
 
 '''
 _MJLAB_HEAD = '''\
@@ -29,11 +29,12 @@ _MJLAB_HEAD = '''\
 kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. {gains}
 """
 
-from mjlab.actuator import {classes}
+{imports}from mjlab.actuator import {classes}
 
 '''
 _GAINS = "Set stiffness and damping to the gains of your controller."
 _LOOP = "Commands are positions; a delay between two steps varies between both."
+_IMPORT = "import math\n\n"
 _STEP = '''\
 PHYSICS_STEP = 0.005  # s; set it to the time step of the physics
 
@@ -41,7 +42,7 @@ PHYSICS_STEP = 0.005  # s; set it to the time step of the physics
 def delayed(seconds):
     """Delay in physics steps, rounded down and up."""
     steps = seconds / PHYSICS_STEP
-    return {{"{least}": int(steps + 1e-6), "{most}": -int(-steps + 1e-6)}}
+    return {{"{least}": math.floor(steps + 1e-6), "{most}": math.ceil(steps - 1e-6)}}
 
 
 '''
@@ -62,7 +63,10 @@ def write_isaaclab(model: Model) -> Exported:
         groups["others" if servos else "all"] = _isaaclab_free(model, others)
     body = "".join(f"    {_key(name)}: {_call(kind, lines)},\n" for name, (kind, lines) in groups.items())
     head = _ISAACLAB_HEAD.format(
-        name=_name(model), gains=_LOOP if servos else _GAINS, classes=", ".join(sorted({x for x, _ in groups.values()}))
+        name=_name(model),
+        gains=_LOOP if servos else _GAINS,
+        imports=_IMPORT if servos else "",
+        classes=", ".join(sorted({x for x, _ in groups.values()})),
     )
     step = _STEP.format(least="min_delay", most="max_delay") if servos else ""
     return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = {{\n{body}}}\n", tuple(notes))
@@ -84,7 +88,10 @@ def write_mjlab(model: Model) -> Exported:
         made.append((kind, lines))
     body = "".join(f"    {_call(kind, lines)},\n" for kind, lines in made)
     head = _MJLAB_HEAD.format(
-        name=_name(model), gains=_LOOP if servos else "", classes=", ".join(sorted({kind for kind, _ in made}))
+        name=_name(model),
+        gains=_LOOP if servos else "",
+        imports=_IMPORT if servos else "",
+        classes=", ".join(sorted({kind for kind, _ in made})),
     ).replace("N. \n", "N.\n")
     step = _STEP.format(least="delay_min_lag", most="delay_max_lag") if servos else ""
     return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = (\n{body})\n", tuple(notes))
@@ -173,4 +180,3 @@ def _key(text: str) -> str:
 
 def _name(model: Model) -> str:
     return " ".join(model.robot.name.split()).replace('"', "'").replace("\\", "/")
-

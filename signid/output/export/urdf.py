@@ -16,6 +16,7 @@ from ...robot.description.document import without_declaration
 from ...types import Array, Robot
 from .beyond import Exported, beyond, commented, fixed_note, summed
 from .bodies import about_centre
+from .drives import drive_note
 
 FRICTION = ("viscous_friction", "coulomb_friction")
 _DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
@@ -57,7 +58,8 @@ def write_urdf(model: Model) -> Exported:
     same = np.all(np.isclose(bodies, stated_inertials(robot), rtol=1e-12, atol=1e-15), axis=1, keepdims=True)
     friction = (np.maximum(0.0, np.nan_to_num(summed(model, name))) for name in FRICTION)
     text = urdf_with(robot, np.where(same, np.nan, bodies), *friction)
-    notes = [*fixed_note(robot, "they move in the URDF"), *beyond("a URDF", model, FRICTION)]
+    notes = fixed_note(robot, "they move in the URDF")
+    notes += beyond("a URDF", model, FRICTION) + drive_note("a URDF", model)
     if any(law.effect.name == "base_tilt" for law in model.laws):
         gravity = " ".join(repr(float(x)) for x in model.bodies().gravity.linear)
         notes.append(f"the gravity of the model is {gravity} m/s2")
