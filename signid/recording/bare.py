@@ -97,7 +97,5 @@ def _joints(opened: Opened, signals: dict[str, Signal]) -> tuple[str, ...]:
     if not found:
         torque = any(name.startswith(tuple(f"{kind}_" for kind in TORQUES)) for name in signals)
         also = "; a recording of torque needs a description: signid check ROBOT RECORDING" if torque else ""
-        raise RecordingError(
-            f"{opened.name} has no joint J with both columns q_J and q_des_J; {have}; {advice}{also}"
-        )
+        raise RecordingError(f"{opened.name} has no joint J with both columns q_J and q_des_J; {have}; {advice}{also}")
     return found

@@ -83,7 +83,12 @@ def read_recording(
         ~np.array(absolute),
         opened.path,
         opened.sha256,
-        (*About.of(opened.table).notes, *_notes(found, robot, joints, opened), *found.notes, *(() if flags else dropped)),
+        (
+            *About.of(opened.table).notes,
+            *_notes(found, robot, joints, opened),
+            *found.notes,
+            *(() if flags else dropped),
+        ),
         ~np.isnan(constants) if np.isnan(constants).any() else None,
         (*found.flags, *flags),
     )

@@ -20,6 +20,7 @@ from .plant import roll_out, servo_grids
 from .stated import stated_servos
 
 HORIZON = 1.0  # [s] between measured states of short roll-outs
+LARGEST = 1e4  # commanded position [rad or m]
 FARTHEST = 1e3  # error from which on a simulation counts as diverged [rad or m]
 IDEAL = "q = q_des"
 
@@ -117,6 +118,8 @@ def need_commands(recordings: Sequence[Recording], moving: bool = False) -> None
         on = None if samples.servo is None else samples.servo.on
         if on is not None and not (np.nan_to_num(on[:, commanded], nan=1.0) > 0).any():
             raise RecordingError(f"{name} has the drives off in all rows (on_J is 0); record with the drives on")
+        if np.nanmax(np.abs(samples.q_des)) > LARGEST:
+            raise RecordingError(f"{name} has commanded positions beyond {LARGEST:g} rad or m; check units of q_des_J")
     if moving and not any(_changes(recording) for recording in recordings):
         names = shorten([recording.path or "a recording" for recording in recordings])
         raise RecordingError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -13,27 +14,40 @@ from .facts import shortest_period
 from .identifiable import ONE_NUMBER
 from .result import ServoJoint, ServoRollOut
 
+NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")  # that stands alone in a sentence
 UNSURE = 0.95  # probability of a law below which it is said
 SLOW = 0.25  # lag over the shortest period of the commands from which it is said
 
 
 def joint_flags(joints: Sequence[ServoJoint]) -> Iterator[str]:
     """What is not identifiable, each sentence once with the joints that it is about."""
-    return (line for line in _by_sentence(joints) if ONE_NUMBER not in line)
+    return (line for line in by_sentence(joints) if ONE_NUMBER not in line)
 
 
 def joint_notes(joints: Sequence[ServoJoint]) -> Iterator[str]:
     """Numbers that position drives never give apart."""
-    return (line for line in _by_sentence(joints) if ONE_NUMBER in line)
+    return (line for line in by_sentence(joints) if ONE_NUMBER in line)
 
 
-def _by_sentence(joints: Sequence[ServoJoint]) -> Iterator[str]:
-    shared: dict[str, list[str]] = {}
+def by_sentence(joints: Sequence[ServoJoint]) -> Iterator[str]:
+    """What is not identifiable: sentences that differ in numbers only are one, with the ranges of these numbers."""
+    shared: dict[tuple[str, ...], list[tuple[str, str]]] = {}
     for joint in joints:
         for sentence in joint.not_identifiable:
-            shared.setdefault(sentence.removeprefix(f"{joint.joint}: "), []).append(joint.joint)
-    for sentence, names in shared.items():
-        yield f"{shorten(names)}: {sentence}"
+            plain = sentence.removeprefix(f"{joint.joint}: ")
+            shared.setdefault(tuple(NUMBER.split(plain)), []).append((joint.joint, plain))
+    for words, said in shared.items():
+        numbers = zip(*(NUMBER.findall(plain) for _, plain in said), strict=True)
+        ranges = [*map(_range, numbers), ""]
+        text = "".join(word + number for word, number in zip(words, ranges, strict=True))
+        names = list(dict.fromkeys(name for name, _ in said))
+        yield f"{'all joints' if len(names) == len(joints) > 2 else shorten(names)}: {text}"
+
+
+def _range(numbers: Sequence[str]) -> str:
+    """One number, or the least and the largest of several."""
+    least, most = (f(numbers, key=float) for f in (min, max))
+    return least if float(least) == float(most) else f"{least} to {most}"
 
 
 def law_flags(joints: Sequence[ServoJoint], limited: Sequence[str]) -> Iterator[str]:

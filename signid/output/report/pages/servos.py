@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def servo_page(result: ServoIdentification, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a servo identification; `inputs` besides the recordings default to the description."""
-    counted = plural(len(result.joints), "position drive")
+    counted, lines = plural(len(result.joints), "position drive"), unidentifiable_lines(result.joints)
     return render(
         "servos.html",
         title=f"{result.robot.name}: {counted}",
@@ -33,7 +33,8 @@ def servo_page(result: ServoIdentification, inputs: Sequence[Input] = (), comman
         laws=list(_laws(result)),
         scale=scale_lines(result),
         shares=[(one.joint, share(one.known_load_share), share(one.saturated_share)) for one in result.joints],
-        unidentifiable=unidentifiable_lines(result.joints),
+        unidentifiable=lines,
+        notes=[note for note in result.notes if note not in lines],
         **shared(result, [result.robot], inputs, command),
     )
 

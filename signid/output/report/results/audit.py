@@ -15,7 +15,9 @@ from .documents import Document, ending
 if TYPE_CHECKING:
     from ....servo.audit import JointAudit, ServoAudit
 
-BRIEF = "lag: delay of a slow ramp; 71 %: frequency at which the motion is 71 % of the command; hysteresis: half its width"
+BRIEF = (
+    "lag: delay of a slow ramp; 71 %: frequency at which the motion is 71 % of the command; hysteresis: half its width"
+)
 
 
 def audit_document(found: ServoAudit, inputs: Sequence[Input] = (), seed: int = 0, robot: str = "") -> Document:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import RenderableType
 
-from ....errors import shorten
 from ....model import standard_parameters
 from ....parameters import Array, pseudo_inertia
 from ....types import Input
@@ -127,7 +126,7 @@ def servo_identification_tables(result: ServoIdentification) -> list[RenderableT
         *([heading("Not identifiable from these recordings"), *map(paragraph, lines)] if lines else []),
         heading(closed_loop_title(result.rollout)),
         new_table(*rolled, rows=errors),
-        *note_lines(result.notes),
+        *note_lines(note for note in result.notes if note not in lines),
     ]
 
 
@@ -174,13 +173,12 @@ def number_cell(number: ServoNumber | None) -> str:
 
 def scale_lines(result: ServoIdentification) -> list[str]:
     """What the scale of torque rests on, and what holds otherwise."""
-    return [text for text in (result.scale.sentence, *result.scale.alternatives) if text]
+    given = (result.scale.sentence, *result.scale.alternatives)
+    return [f"{text[:1].upper()}{text[1:]}" for text in given if text]
 
 
 def unidentifiable_lines(joints: Sequence[ServoJoint]) -> list[str]:
     """Sentences on what is not identifiable, each once, with its joints."""
-    where: dict[str, list[str]] = {}
-    for one in joints:
-        for sentence in one.not_identifiable:
-            where.setdefault(sentence.removeprefix(f"{one.joint}: "), []).append(one.joint)
-    return [f"{shorten(named)}: {sentence}" for sentence, named in where.items()]
+    from ....servo.identify.flags import by_sentence
+
+    return list(by_sentence(joints))
