@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from .data import ServoData
 from .evidence import improves, law_probabilities, window_scores
 
 WINDOW = 1.0  # [s] of the scores
+STEPS, REFIT = 15, 5  # most iterations on all training data, and from there without a fold
 DIVERGED = 10.0  # [rad or m] an error beyond this counts as this
 
 Free = tuple[tuple[str, str], ...]
@@ -37,8 +38,9 @@ class Candidate:
 def unseen_scores(model: Model, data: ServoData, candidate: Candidate, window: float) -> dict[str, Array]:
     """Log rms (W,) of each joint on windows of whole roll-outs that took no part in the fit."""
     found: dict[str, list[Array]] = {joint: [] for joint in candidate.servos}
+    near = replace(candidate, servos=fitted(model, data.train, candidate, window, STEPS))
     for fit, unseen in data.folds:
-        servos = fitted(model, fit, candidate, window)
+        servos = fitted(model, fit, near, window, REFIT)
         for grid in unseen:
             scores = roll_out_scores(model, servos, grid)
             for joint in found:
@@ -46,10 +48,19 @@ def unseen_scores(model: Model, data: ServoData, candidate: Candidate, window: f
     return {joint: np.concatenate(some) if some else np.zeros(0) for joint, some in found.items()}
 
 
-def fitted(model: Model, grids: Sequence[ServoGrid], candidate: Candidate, window: float) -> Mapping[str, Servo]:
+def fitted(
+    model: Model, grids: Sequence[ServoGrid], candidate: Candidate, window: float, steps: int
+) -> Mapping[str, Servo]:
     """Drives fitted to some grids, without the second linearisation."""
     return fit_servos(
-        model, grids, candidate.servos, candidate.free, window=window, shared=("delay",), relinearise=False
+        model,
+        grids,
+        candidate.servos,
+        candidate.free,
+        window=window,
+        shared=("delay",),
+        relinearise=False,
+        iterations=steps,
     ).servos
 
 

@@ -15,7 +15,7 @@ from ..plant import servo_grids
 
 BLOCK = 3.0  # [s] of the blocks that a single recording is cut into for cross-validation
 MOST_BLOCKS = 8
-FOLDS = 2
+FOLDS = 4
 SHORTEST = 1.0  # [s] of a grid that can be held out or validate
 
 
@@ -96,10 +96,13 @@ def _folds(
 ) -> tuple[tuple[tuple[ServoGrid, ...], tuple[ServoGrid, ...]], ...]:
     """Folds of whole recordings; of blocks of the only one."""
     units = [list(some) for some in grids] if len(grids) > 1 else [[block] for block in _blocks(grids[0])]
+    count = min(FOLDS, len(units))
+    turn = [*range(count), *reversed(range(count))]  # back and forth: neighbours in the order of names are often alike
+    fold = [turn[i % len(turn)] for i in range(len(units))]
     folds = []
-    for k in range(min(FOLDS, len(units))):
-        fit = tuple(grid for i, some in enumerate(units) if i % FOLDS != k for grid in some)
-        unseen = tuple(grid for i, some in enumerate(units) if i % FOLDS == k for grid in some)
+    for k in range(count):
+        fit = tuple(grid for i, some in zip(fold, units, strict=True) if i != k for grid in some)
+        unseen = tuple(grid for i, some in zip(fold, units, strict=True) if i == k for grid in some)
         unseen = tuple(grid for grid in unseen if len(grid) > SHORTEST * grid.rate)
         if fit and unseen:
             folds.append((fit, unseen))
