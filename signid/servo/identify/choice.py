@@ -1,26 +1,26 @@
-"""Cross-validated choice of the law of each drive and of additional numbers."""
+"""Trials of drives: fits to all training data, and errors on windows that took no part."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ...model import Model
 from ...parameters import Array
 from ...servos import Servo, ServoGrid
-from ..fit import fit_servos
+from ..fit import ServoFit, fit_servos
 from ..plant import roll_out
 from .data import ServoData
-from .evidence import improves, law_probabilities, window_scores
+from .evidence import improves, window_scores
 
 WINDOW = 1.0  # [s] of the scores
 STEPS, REFIT = 15, 5  # most iterations on all training data, and from there without a fold
+SHORT = 0.2  # [s] of the first windows where drives saturate: nearly linear
+ROUNDS = 3  # fits in which a limit that is tied to kp follows it
 DIVERGED = 10.0  # [rad or m] an error beyond this counts as this
-
-Free = tuple[tuple[str, str], ...]
-Fitter = Callable[[Model, Sequence[ServoGrid], Mapping[str, Servo], Free], Mapping[str, Servo]]
+WORTH = 0.98  # error on the training data, over that without a number, from which the number is cross-validated
 
 
 @dataclass(frozen=True)
@@ -28,40 +28,70 @@ class Candidate:
     """Drives to start a fit from, and their free numbers."""
 
     servos: Mapping[str, Servo]
-    free: Free
+    free: tuple[tuple[str, str], ...]
+    tied: Mapping[str, float] = field(default_factory=dict)  # effort limit over kp [rad or m], by joint
 
     def changed(self, servos: Mapping[str, Servo], free: Sequence[tuple[str, str]] = ()) -> Candidate:
         """With other drives at some joints, and more free numbers."""
-        return Candidate({**self.servos, **servos}, tuple(dict.fromkeys((*self.free, *free))))
+        return replace(self, servos={**self.servos, **servos}, free=tuple(dict.fromkeys((*self.free, *free))))
+
+    def follow(self, servos: Mapping[str, Servo]) -> Candidate:
+        """With other drives, whose tied limits follow their gains."""
+        tied = {j: servos[j].with_(effort_limit=servos[j].kp * error) for j, error in self.tied.items()}
+        return replace(self, servos={**servos, **tied})
 
 
-def unseen_scores(model: Model, data: ServoData, candidate: Candidate, window: float) -> dict[str, Array]:
-    """Log rms (W,) of each joint on windows of whole roll-outs that took no part in the fit."""
-    found: dict[str, list[Array]] = {joint: [] for joint in candidate.servos}
-    near = replace(candidate, servos=fitted(model, data.train, candidate, window, STEPS))
-    for fit, unseen in data.folds:
-        servos = fitted(model, fit, near, window, REFIT)
+@dataclass(frozen=True)
+class Trial:
+    """A candidate, fitted to all training data."""
+
+    candidate: Candidate  # with the fitted drives
+    residual: Mapping[str, float]  # rms on windows of the training data [rad or m], by joint
+    scores: Mapping[str, Array] = field(default_factory=dict)  # log rms (W,) of windows that took no part, by joint
+
+
+def fit_candidate(
+    model: Model,
+    grids: Sequence[ServoGrid],
+    candidate: Candidate,
+    window: float,
+    steps: int = STEPS,
+    relinearise: bool = False,
+) -> tuple[Candidate, ServoFit]:
+    """Fit a candidate; limits that are tied to gains follow them."""
+    for last in range(ROUNDS if candidate.tied else 1):
+        fit = fit_servos(
+            model,
+            grids,
+            candidate.servos,
+            candidate.free,
+            window=window,
+            shared=("delay",),
+            relinearise=relinearise and last == (ROUNDS - 1 if candidate.tied else 0),
+            iterations=steps,
+        )
+        candidate = candidate.follow(fit.servos)
+    return candidate, fit
+
+
+def tried(model: Model, data: ServoData, candidate: Candidate, window: float) -> Trial:
+    """Fit a candidate to all training data; short windows first where a limit is free."""
+    if any(name == "effort_limit" for _, name in candidate.free):
+        candidate, _ = fit_candidate(model, data.train, candidate, SHORT)
+    candidate, fit = fit_candidate(model, data.train, candidate, window)
+    return Trial(candidate, {joint: float(fit.residual_rms[data.joints.index(joint)]) for joint in candidate.servos})
+
+
+def scored(model: Model, data: ServoData, trial: Trial, window: float) -> Trial:
+    """The same with its scores on windows that took no part in refits."""
+    found: dict[str, list[Array]] = {joint: [] for joint in trial.residual}
+    for part, unseen in data.folds:
+        candidate, _ = fit_candidate(model, part, trial.candidate, window, REFIT)
         for grid in unseen:
-            scores = roll_out_scores(model, servos, grid)
+            scores = roll_out_scores(model, candidate.servos, grid)
             for joint in found:
                 found[joint].append(scores[:, grid.joints.index(joint)])
-    return {joint: np.concatenate(some) if some else np.zeros(0) for joint, some in found.items()}
-
-
-def fitted(
-    model: Model, grids: Sequence[ServoGrid], candidate: Candidate, window: float, steps: int
-) -> Mapping[str, Servo]:
-    """Drives fitted to some grids, without the second linearisation."""
-    return fit_servos(
-        model,
-        grids,
-        candidate.servos,
-        candidate.free,
-        window=window,
-        shared=("delay",),
-        relinearise=False,
-        iterations=steps,
-    ).servos
+    return replace(trial, scores={joint: np.concatenate(some) for joint, some in found.items() if some})
 
 
 def roll_out_scores(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) -> Array:
@@ -72,13 +102,11 @@ def roll_out_scores(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) 
     return window_scores(np.clip(error, -DIVERGED, DIVERGED), windows)
 
 
-def choose_laws(
-    scores: Mapping[str, Mapping[str, Array]], joints: Sequence[str], seed: int
-) -> dict[str, dict[str, float]]:
-    """Probability of each law at each joint. scores: by law, by joint, (W,)."""
-    return {joint: law_probabilities({law: of[joint] for law, of in scores.items()}, seed) for joint in joints}
+def worth(before: Trial, after: Trial, joints: Sequence[str]) -> list[str]:
+    """Joints whose training data a change fits notably better."""
+    return [joint for joint in joints if after.residual[joint] < WORTH * before.residual[joint]]
 
 
-def improved(before: Mapping[str, Array], after: Mapping[str, Array]) -> list[str]:
+def improved(before: Trial, after: Trial, joints: Sequence[str]) -> list[str]:
     """Joints whose windows that took no part improve surely."""
-    return [joint for joint in before if improves(before[joint], after[joint])]
+    return [joint for joint in joints if improves(before.scores[joint], after.scores[joint])]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...model import Model, with_servos
 from ..fit import ServoFit
@@ -12,6 +12,7 @@ from .data import ServoData
 from .facts import joint_facts
 from .fits import block, number_std
 from .flags import (
+    duty_notes,
     joint_flags,
     joint_notes,
     lag_flags,
@@ -36,6 +37,7 @@ class Known:
     stated: Stated  # by the actuators file
     fixed: Stated  # of these, what the fit keeps
     laws: Mapping[str, str]  # stated laws by joint
+    tied: Mapping[str, float]  # error of full duty [rad or m] by joint, from the recorded PWM
     sets: Sequence[Sequence[str]]  # connected joints
 
 
@@ -51,7 +53,12 @@ def conclude(
     """Result of a fit. models: as described, and with the masses that were used; remarks: flags of earlier steps."""
     described, model = models
     saturated = {joint: float(fit.saturated_share[data.joints.index(joint)]) for joint in fit.servos}
-    facts = joint_facts(model, data, fit.servos, saturated, known.fixed, known.scale != "nothing")
+    facts = {
+        joint: replace(fact, full_duty_error=known.tied.get(joint, 0.0))
+        for joint, fact in joint_facts(
+            model, data, fit.servos, saturated, known.fixed, known.scale != "nothing"
+        ).items()
+    }
     joints = tuple(_joint(joint, fit, chosen, facts[joint], known.sets) for joint in fit.servos)
     held_out = data.held_out is not data.train
     rolled, traces = assess(model, described, fit.servos, known.stated, data.held_out, held_out)
@@ -86,7 +93,13 @@ def conclude(
                 )
             )
         ),
-        notes=(*model.robot.notes, *joint_notes(joints), *law_notes(joints, known.laws, limited), *fit.notes),
+        notes=(
+            *model.robot.notes,
+            *joint_notes(joints),
+            *law_notes(joints, known.laws, limited),
+            *duty_notes(known.tied),
+            *fit.notes,
+        ),
         seed=options.seed,
     )
 

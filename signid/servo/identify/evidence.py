@@ -12,6 +12,7 @@ DRAWS = 2000  # Bayesian bootstrap (Rubin, Annals of Statistics 9(1), 1981)
 SAME = 1e-3  # log rms; closer scores count as equal
 GAIN = 0.01  # log rms that an additional number must save on windows that took no part
 SURE = 2.0  # standard errors of that saving
+LOUDER = 1.02  # ratio by which the rms over all these windows may grow
 FLOOR = 1e-6  # [rad or m] rms below which windows are equally good
 
 
@@ -33,7 +34,8 @@ def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, f
     if values.shape[1] == 0:
         return {law: 1.0 / len(laws) for law in laws}
     weights = np.random.default_rng(seed).dirichlet(np.ones(values.shape[1]), DRAWS)
-    means = weights @ values.T  # (DRAWS, laws)
+    top = np.exp(2 * (values - values.max()))
+    means = (weights @ values.T + 0.5 * np.log(weights @ top.T)) / 2  # (DRAWS, laws); typical windows, and loud ones
     best = means <= means.min(axis=1, keepdims=True) + SAME
     share = np.mean(best / best.sum(axis=1, keepdims=True), axis=0)
     count = values.shape[1]
@@ -47,4 +49,5 @@ def improves(before: Array, after: Array) -> bool:
     if len(saved) < 2:
         return False
     error = saved.std(ddof=1) / np.sqrt(len(saved))
-    return bool(saved.mean() > GAIN and saved.mean() > SURE * error)
+    loud = np.nanmean(np.exp(2 * after)) <= LOUDER**2 * np.nanmean(np.exp(2 * before))
+    return bool(loud and saved.mean() > GAIN and saved.mean() > SURE * error)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,23 +12,17 @@ from ...model import Model
 from ...parameters import Array
 from ...servos import Servo
 from ..fit import ServoFit, fit_servos
-from .choice import Candidate
+from .choice import Candidate, fit_candidate
 from .data import ServoData
 from .scale import implied_ratios, scaled_masses
 from .search import ServoOptions
 from .start import Stated, first_candidate
 
-SHORT = 0.2  # [s] of the first windows where drives saturate: nearly linear
-
 
 def final_fit(model: Model, data: ServoData, candidate: Candidate, options: ServoOptions) -> ServoFit:
-    """Fit to all training data, about the simulated motion in the end; short windows first where drives saturate."""
-    servos: Mapping[str, Servo] = candidate.servos
-    if any(name == "effort_limit" for _, name in candidate.free):
-        servos = fit_servos(
-            model, data.train, servos, candidate.free, window=SHORT, shared=("delay",), relinearise=False
-        ).servos
-    return fit_servos(model, data.train, servos, candidate.free, window=options.window, shared=("delay",))
+    """Fit to all training data, about the simulated motion in the end."""
+    candidate, fit = fit_candidate(model, data.train, candidate, options.window, relinearise=True)
+    return replace(fit, servos=candidate.servos)
 
 
 def number_std(fit: ServoFit, name: str) -> dict[str, float]:

@@ -105,6 +105,12 @@ def worse_flag(rolled: ServoRollOut) -> str:
     )
 
 
+def duty_notes(errors: Mapping[str, float]) -> Iterator[str]:
+    """Joints whose recorded PWM shows the law and the error of full duty [rad or m]."""
+    for joint, error in errors.items():
+        yield f"{joint}: the recorded PWM is proportional to the error, full at {error:.3g}: the law is duty"
+
+
 def law_notes(joints: Sequence[ServoJoint], given: Mapping[str, str], limited: Sequence[str]) -> Iterator[str]:
     """Joints where the law does not matter."""
     same = [joint.joint for joint in joints if joint.joint not in given and joint.joint not in limited]

@@ -43,6 +43,7 @@ class JointFacts:
     largest_speed: float = 0.0  # [rad/s or m/s]
     torque_off: bool = False  # whether the joint moves while the drive is off
     command_speed: bool = False  # whether the law contains a recorded speed of the command
+    full_duty_error: float = 0.0  # [rad or m] at the nominal gain, where the recorded PWM shows it; else 0
     stated: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -67,6 +68,8 @@ def joint_numbers(
     std = dict(zip(free, np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
     values.update(damping=servo.damping, lag=servo.lag)
     std.update(_derived(servo, free, covariance))
+    if facts.full_duty_error > 0 and "kp" in std:
+        std["effort_limit"] = facts.full_duty_error * std["kp"]
     lost = dict(_lost(servo, free, values, std, facts))
     numbers = {}
     for name in ("kp", "damping", *[n for n in SERVO_UNITS if n != "kp"], "lag"):
@@ -114,7 +117,7 @@ def _lost(
             f"{facts.joint}: delay and damping/kp are one number here, the lag of {1e3 * values['lag']:.3g} ms; their "
             f"split needs faster motion, near sqrt(kp/inertia)",
         )
-    if "effort_limit" not in facts.stated and facts.saturated_share < RARE:
+    if not ("effort_limit" in facts.stated or facts.full_duty_error) and facts.saturated_share < RARE:
         above = f"above {facts.largest_torque:.3g} {unit_of('effort_limit', facts.prismatic)}"
         if not _scale_known(facts):
             above = "above all torques of the recordings"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,9 +17,10 @@ from ..fit import start_servos
 from .conclude import Known, conclude
 from .data import servo_data
 from .fits import final_fit, weigh_bodies
+from .pwm import full_duty_errors
 from .result import ServoIdentification
 from .scale import connected_sets
-from .search import ServoOptions, search
+from .search import Limits, Searcher, ServoOptions, search
 from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
 
 
@@ -67,22 +69,31 @@ def identify_servos(
     if scale == "kp":
         _say(progress, "weighing bodies", 0.05)
         weighed, remarks = weigh_bodies(plain, data, started, fixed, sets, options)
-    start = first_candidate(model.robot, data, started, fixed, law)
-    chosen = search(weighed, data, start, _limits(started, fixed), law, options, progress)
+    duty = _recorded_duty(full_duty_errors(model.robot, given), fixed, law)
+    limits = Limits(_errors(started, fixed), {**law, **dict.fromkeys(duty, "duty")})
+    start = first_candidate(model.robot, data, started, fixed, limits.laws)
+    start = replace(start, tied=duty).follow(start.servos)
+    chosen = search(Searcher(weighed, data, options, progress), start, limits)
     _say(progress, "fitting servos", 0.8)
     fit = final_fit(weighed, data, chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.95)
-    case = Known(scale, wanted, fixed, law, sets)
+    case = Known(scale, wanted, fixed, limits.laws, duty, sets)
     return conclude((plain, weighed), data, chosen, fit, case, remarks, options)
 
 
-def _limits(started: Mapping[str, Servo], fixed: Stated) -> dict[str, float]:
-    """Effort limit to start from at joints that seem to saturate, or whose limit is stated."""
+def _recorded_duty(errors: Mapping[str, float], fixed: Stated, laws: Mapping[str, str]) -> dict[str, float]:
+    """Error of full duty [rad or m] of joints whose law and limit are not stated otherwise."""
     return {
-        joint: fixed.get(joint, {}).get("effort_limit", servo.effort_limit)
-        for joint, servo in started.items()
-        if np.isfinite(servo.effort_limit) or "effort_limit" in fixed.get(joint, {})
+        joint: error
+        for joint, error in errors.items()
+        if laws.get(joint, "duty") == "duty" and "effort_limit" not in fixed.get(joint, {})
     }
+
+
+def _errors(started: Mapping[str, Servo], fixed: Stated) -> dict[str, float]:
+    """Error at the limit [rad or m] of joints that seem to saturate, or whose limit is stated."""
+    limits = {joint: fixed.get(joint, {}).get("effort_limit", servo.effort_limit) for joint, servo in started.items()}
+    return {joint: limit / started[joint].kp for joint, limit in limits.items() if np.isfinite(limit)}
 
 
 def _say(progress: Progress | None, step: str, share: float) -> None:

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...model import Model
-from ...parameters import Array
 from ...servos import DRIVE_LAWS, Servo
 from ...types import Progress
-from .choice import Candidate, choose_laws, improved, unseen_scores
+from .choice import Candidate, Trial, improved, scored, tried, worth
 from .data import ServoData
+from .evidence import law_probabilities
 
-ADDITIONAL = ("load_friction", "dead_band", "droop", "profile_speed")
+FIRST = "load_friction"  # tried before the laws: without it, limits are fitted to friction
+ADDITIONAL = (FIRST, "dead_band", "droop", "profile_speed")
 EQUAL = ("effort", "duty")  # the same law while nothing saturates
-
-Scores = Mapping[str, Array]  # log rms (W,) of windows that took no part, by joint
+NEAR_TOP = 0.9  # second start of a limit, over the largest torque that the loop asks for
 
 
 @dataclass(frozen=True)
@@ -38,81 +38,132 @@ class Chosen:
     laws: Mapping[str, Mapping[str, float]]  # empty at joints whose law is stated
 
 
-def search(
-    model: Model,
-    data: ServoData,
-    start: Candidate,
-    limits: Mapping[str, float],
-    given: Mapping[str, str],
-    options: ServoOptions,
-    progress: Progress | None,
-) -> Chosen:
-    """Choose laws, then additional numbers.
+@dataclass(frozen=True)
+class Limits:
+    """What is known of the limits of drives before the search, by joint."""
+
+    errors: Mapping[str, float]  # error [rad or m] at the limit, of joints that seem to saturate or state a limit
+    laws: Mapping[str, str]  # stated laws, and `duty` where the recorded PWM shows it
+
+
+@dataclass(frozen=True)
+class Searcher:
+    """Model, data and options of a search."""
+
+    model: Model
+    data: ServoData
+    options: ServoOptions
+    progress: Progress | None = None
+
+    def fit(self, candidate: Candidate) -> Trial:
+        """Fit to all training data."""
+        return tried(self.model, self.data, candidate, self.options.window)
+
+    def score(self, trial: Trial) -> Trial:
+        """Score on windows that took no part."""
+        return trial if trial.scores else scored(self.model, self.data, trial, self.options.window)
+
+    def say(self, step: str, share: float) -> None:
+        """Report progress."""
+        if self.progress is not None:
+            self.progress(step, share)
+
+
+def search(by: Searcher, start: Candidate, limits: Limits) -> Chosen:
+    """Choose load friction, then laws, then other additional numbers.
 
     Args:
-        model: bodies and laws of the robot.
-        data: grids and folds.
-        start: drives without limits, unless they are stated.
-        limits: effort limit [N.m or N] to start from, at joints whose drive seems to saturate or has a stated limit.
-        given: laws that are stated.
-        options: additional numbers that are tried, seed.
-        progress: called with the current step and the share that is done.
+        by: model, data and options.
+        start: drives without limits, unless they are stated or tied to a gain.
+        limits: of joints that seem to saturate, and stated laws.
     """
     laws: dict[str, Mapping[str, float]] = {
-        joint: {law: 0.5 for law in EQUAL} for joint in start.servos if joint not in given
+        joint: {law: 1 / len(EQUAL) for law in EQUAL} for joint in start.servos if joint not in limits.laws
     }
-    if not data.folds:
-        return Chosen(_limited(start, limits, given), laws)
-    _say(progress, "trying servos without limits", 0.2)
-    candidate = start
-    scores: Scores = unseen_scores(model, data, start, options.window)
-    if limits:
-        candidate, scores, found = _laws(model, data, (candidate, scores), limits, given, options, progress)
-        laws.update({joint: p for joint, p in found.items() if joint not in given})
-    for k, name in enumerate(options.additional):
-        _say(progress, f"trying {name} of servos", 0.5 + 0.3 * k / len(options.additional))
-        candidate, scores = _try_number(model, data, (candidate, scores), name, options)
-    return Chosen(candidate, laws)
+    by.say("fitting servos without limits", 0.1)
+    base = by.fit(start)
+    if not by.data.folds:
+        return Chosen(base.candidate, laws)
+    for k, name in enumerate(by.options.additional):
+        if k == 1 or name != FIRST:
+            break
+        by.say(f"trying {name} of servos", 0.2)
+        base = _try_number(by, base, name)
+    if open_ := [joint for joint in limits.errors if joint not in start.tied]:
+        by.say("trying laws of servos", 0.3)
+        base, found = _try_laws(by, base, {joint: limits.errors[joint] for joint in open_}, limits.laws)
+        laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
+    for k, name in enumerate(by.options.additional):
+        by.say(f"trying {name} of servos", 0.5 + 0.3 * k / len(by.options.additional))
+        base = _try_number(by, base, name)
+    return Chosen(base.candidate, laws)
 
 
-def _laws(
-    model: Model,
-    data: ServoData,
-    base: tuple[Candidate, Scores],
-    limits: Mapping[str, float],
-    given: Mapping[str, str],
-    options: ServoOptions,
-    progress: Progress | None,
-) -> tuple[Candidate, Scores, dict[str, dict[str, float]]]:
+def _try_number(by: Searcher, base: Trial, name: str) -> Trial:
+    """Free a number at all joints, and keep it where windows that took no part improve."""
+    start, neutral = base.candidate, getattr(Servo(), name)
+    joints = [joint for joint, servo in start.servos.items() if getattr(servo, name) == neutral]
+    if not joints:
+        return base
+    new = by.fit(start.changed({}, [(joint, name) for joint in joints]))
+    if not (promising := worth(base, new, joints)):
+        return base
+    base = by.score(base)
+    if set(promising) != set(joints):
+        new = by.fit(start.changed({}, [(joint, name) for joint in promising]))
+    kept = improved(base, by.score(new), promising)
+    if not kept:
+        return base
+    return by.score(new) if kept == promising else by.fit(start.changed({}, [(joint, name) for joint in kept]))
+
+
+def _try_laws(
+    by: Searcher, base: Trial, errors: Mapping[str, float], given: Mapping[str, str]
+) -> tuple[Trial, dict[str, dict[str, float]]]:
     """Law of each joint that seems to saturate, by windows that took no part; none if a limit does not help."""
-    start, without = base
-    tried: dict[str, tuple[Candidate, Scores]] = {}
-    for k, law in enumerate(DRIVE_LAWS):
-        own = {joint: limit for joint, limit in limits.items() if given.get(joint, law) == law}
-        if own:
-            _say(progress, f"trying the law {law} of servos", 0.3 + 0.07 * k)
-            candidate = _limited(start, own, dict.fromkeys(own, law))
-            tried[law] = candidate, unseen_scores(model, data, candidate, options.window)
-    probabilities = choose_laws({law: scores for law, (_, scores) in tried.items()}, list(limits), options.seed)
-    chosen, found = start, {}
-    scores = dict(without)
-    for joint in limits:
-        allowed = {law: p for law, p in probabilities[joint].items() if given.get(joint, law) == law}
-        law = max(allowed, key=lambda name: allowed[name])
-        stated = np.isfinite(start.servos[joint].effort_limit)
-        if stated or joint in improved({joint: without[joint]}, {joint: tried[law][1][joint]}):
-            free = [name for name in tried[law][0].free if name[0] == joint]
-            chosen = chosen.changed({joint: tried[law][0].servos[joint]}, free)
-            found[joint] = probabilities[joint]
-            scores[joint] = tried[law][1][joint]
-    return chosen, scores, found
+    base, trials = by.score(base), dict[str, Trial]()
+    for law in DRIVE_LAWS:
+        if own := {joint: error for joint, error in errors.items() if given.get(joint, law) == law}:
+            trials[law] = by.score(_best_start(by, base, own, law))
+    chosen, found = base.candidate, {}
+    for joint in errors:
+        allowed = {law: trial for law, trial in trials.items() if given.get(joint, law) == law}
+        p = law_probabilities({law: trial.scores[joint] for law, trial in allowed.items()}, by.options.seed)
+        law = max(p, key=lambda name: p[name])
+        stated = np.isfinite(base.candidate.servos[joint].effort_limit)
+        if stated or improved(base, trials[law], [joint]):
+            mine = trials[law].candidate
+            chosen = chosen.changed({joint: mine.servos[joint]}, [name for name in mine.free if name[0] == joint])
+            found[joint] = p
+    if not found:
+        return base, found
+    same = [trial for trial in trials.values() if trial.candidate == chosen]
+    return (same[0] if same else by.fit(chosen)), found
 
 
-def _limited(start: Candidate, limits: Mapping[str, float], laws: Mapping[str, str]) -> Candidate:
+def _best_start(by: Searcher, base: Trial, errors: Mapping[str, float], law: str) -> Trial:
+    """Fits from two starts of the limits; the better one."""
+    start, trials = base.candidate, []
+    for ratio in (0.0, NEAR_TOP):
+        limits = {}
+        for joint, error in errors.items():
+            top = max(abs(_asked(by.data, joint)), error)
+            limits[joint] = start.servos[joint].kp * max(error, ratio * top)
+        trials.append(by.fit(limited(start, limits, law)))
+    return min(trials, key=lambda trial: sum(np.log(trial.residual[joint]) for joint in errors))
+
+
+def _asked(data: ServoData, joint: str) -> float:
+    """Largest error of a joint [rad or m] at the nominal gain, while its drive is on."""
+    j = data.joints.index(joint)
+    return max(float(np.abs(g.on[:, j] * g.gain[j] * (g.command - g.q)[:, j]).max(initial=0.0)) for g in data.train)
+
+
+def limited(start: Candidate, limits: Mapping[str, float], law: str) -> Candidate:
     """Drives with a law and a limit to start from; a stated limit stays."""
     servos, free = {}, list[tuple[str, str]]()
     for joint, limit in limits.items():
-        servo = replace(start.servos[joint], law=laws.get(joint, DRIVE_LAWS[0]))
+        servo = replace(start.servos[joint], law=law)
         if not np.isfinite(servo.effort_limit):
             servo, free = servo.with_(effort_limit=limit), [*free, (joint, "effort_limit")]
         if servo.law == "torque_speed" and not np.isfinite(servo.speed_limit):
@@ -121,30 +172,6 @@ def _limited(start: Candidate, limits: Mapping[str, float], laws: Mapping[str, s
     return start.changed(servos, free)
 
 
-def _try_number(
-    model: Model, data: ServoData, base: tuple[Candidate, Scores], name: str, options: ServoOptions
-) -> tuple[Candidate, Scores]:
-    """Free a number at all joints, and keep it where windows that took no part improve."""
-    start, before = base
-    neutral = getattr(Servo(), name)
-    joints = [joint for joint, servo in start.servos.items() if getattr(servo, name) == neutral]
-    if not joints:
-        return base
-    after = unseen_scores(model, data, start.changed({}, [(joint, name) for joint in joints]), options.window)
-    kept = [joint for joint in improved(before, after) if joint in joints]
-    if not kept:
-        return base
-    candidate = start.changed({}, [(joint, name) for joint in kept])
-    if set(kept) != set(joints):
-        after = unseen_scores(model, data, candidate, options.window)
-    return candidate, after
-
-
-def known_names(free: Sequence[tuple[str, str]], joint: str) -> tuple[str, ...]:
+def free_names(free: Sequence[tuple[str, str]], joint: str) -> tuple[str, ...]:
     """Free numbers of a joint."""
     return tuple(name for owner, name in free if owner == joint)
-
-
-def _say(progress: Progress | None, step: str, share: float) -> None:
-    if progress is not None:
-        progress(step, share)
