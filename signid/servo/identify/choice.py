@@ -16,9 +16,9 @@ from .data import ServoData
 from .evidence import improves, window_scores
 
 WINDOW = 1.0  # [s] of the scores
-STEPS, REFIT = 15, 5  # most iterations on all training data, and from there without a fold
+STEPS, REFIT = 15, 3  # most iterations on all training data, and from there without a fold
 SHORT = 0.2  # [s] of the first windows where drives saturate: nearly linear
-ROUNDS = 3  # fits in which a limit that is tied to kp follows it
+ROUNDS = 2  # fits in which a limit that is tied to kp follows it
 DIVERGED = 10.0  # [rad or m] an error beyond this counts as this
 WORTH = 0.98  # error on the training data, over that without a number, from which the number is cross-validated
 
@@ -57,9 +57,11 @@ def fit_candidate(
     window: float,
     steps: int = STEPS,
     relinearise: bool = False,
+    rounds: int = ROUNDS,
 ) -> tuple[Candidate, ServoFit]:
     """Fit a candidate; limits that are tied to gains follow them."""
-    for last in range(ROUNDS if candidate.tied else 1):
+    rounds = rounds if candidate.tied else 1
+    for k in range(rounds):
         fit = fit_servos(
             model,
             grids,
@@ -67,7 +69,7 @@ def fit_candidate(
             candidate.free,
             window=window,
             shared=("delay",),
-            relinearise=relinearise and last == (ROUNDS - 1 if candidate.tied else 0),
+            relinearise=relinearise and k == rounds - 1,
             iterations=steps,
         )
         candidate = candidate.follow(fit.servos)
@@ -86,7 +88,7 @@ def scored(model: Model, data: ServoData, trial: Trial, window: float) -> Trial:
     """The same with its scores on windows that took no part in refits."""
     found: dict[str, list[Array]] = {joint: [] for joint in trial.residual}
     for part, unseen in data.folds:
-        candidate, _ = fit_candidate(model, part, trial.candidate, window, REFIT)
+        candidate, _ = fit_candidate(model, part, trial.candidate, window, REFIT, rounds=1)
         for grid in unseen:
             scores = roll_out_scores(model, candidate.servos, grid)
             for joint in found:

@@ -14,6 +14,7 @@ from .data import ServoData
 from .identifiable import JointFacts
 from .start import Stated, moves_while_off
 
+SLIDING = 0.05  # [rad/s or m/s] over which friction turns
 POWER = 0.95  # share of the power of the commands below the frequency of the shortest period
 
 
@@ -34,11 +35,13 @@ def joint_facts(
     for joint, servo in servos.items():
         j = data.joints.index(joint)
         rows = np.concatenate([motor_torque(servo, grid, j) for grid, _ in parts])
+        share, unique = known_load_share(loads[:, j], v[:, j], a[:, j], servo)
         facts[joint] = JointFacts(
             joint,
             prismatic=bool(robot.prismatic[j]),
             scale_known=scale_known,
-            known_load_share=known_load_share(loads[:, j], v[:, j], a[:, j], servo),
+            known_load_share=share,
+            unique_load_share=unique,
             masses_set_scale="kp" not in stated.get(joint, {}),
             saturated_share=float(np.nan_to_num(saturated.get(joint, 0.0))),
             largest_torque=float(np.abs(rows).max(initial=0.0)),
@@ -50,17 +53,18 @@ def joint_facts(
     return facts
 
 
-def known_load_share(load: Array, v: Array, a: Array, servo: Servo) -> float:
-    """Share [1] of a joint's torque that only the known masses explain.
+def known_load_share(load: Array, v: Array, a: Array, servo: Servo) -> tuple[float, float]:
+    """Share of a joint's varying torque [1] that its known masses give, and the share that only they can give.
 
-    load: (N,) torque of the masses [N.m or N]; v, a: (N,). The part of the load that armature, friction and offset of
-    the joint could produce as well does not count.
+    load: (N,) torque of the masses [N.m or N]; v, a: (N,). Armature, friction and offset of the joint could produce
+    the rest of the load as well, so it does not set the scale.
     """
-    own = np.column_stack([a, v, np.tanh(v / 0.05), np.ones_like(v)])
+    friction = np.tanh(v / SLIDING)
+    own = np.column_stack([a, v, friction, np.ones_like(v)])
     unique = load - own @ np.linalg.lstsq(own, load, rcond=None)[0]
-    friction = servo.coulomb_friction * np.tanh(v / 0.05) + servo.damping * v
-    total = load + servo.armature * a + friction + servo.torque_offset
-    return float(np.sqrt(np.mean(unique**2) / max(np.mean(total**2), 1e-300)))
+    total = load + servo.armature * a + servo.coulomb_friction * friction + servo.damping * v
+    size = max(float(total.std()), 1e-150)
+    return float(min(load.std() / size, 1.0)), float(min(np.sqrt(np.mean(unique**2)) / size, 1.0))
 
 
 def motor_torque(servo: Servo, grid: ServoGrid, joint: int) -> Array:

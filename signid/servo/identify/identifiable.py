@@ -12,6 +12,7 @@ from ...servos import SERVO_UNITS, Servo
 from .result import ServoNumber
 
 LIGHT = 0.15  # share of the torque that is known load, below which the scale is not identifiable (MuJoCo so101)
+UNIQUE = 0.05  # the same for load that armature, friction and offset of the joint cannot give
 VAGUE = 0.5  # std over value of a positive number beyond which it is not identifiable
 SPLIT = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
 ONE_NUMBER = "kd and viscous friction are one number here"
@@ -36,7 +37,8 @@ class JointFacts:
     joint: str
     prismatic: bool = False
     scale_known: bool = True  # by masses or by a stated gain
-    known_load_share: float = 1.0  # [1]
+    known_load_share: float = 1.0  # [1] of the varying torque
+    unique_load_share: float = 1.0  # [1] that armature, friction and offset cannot give
     masses_set_scale: bool = True  # no gain of the joint is stated
     saturated_share: float = 0.0  # [1]
     largest_torque: float = 0.0  # [N.m or N] that the drive gives
@@ -152,7 +154,8 @@ def _one_with_lag(free: Sequence[str], values: Mapping[str, float], std: Mapping
 
 
 def _scale_known(facts: JointFacts) -> bool:
-    return facts.scale_known and not (facts.masses_set_scale and facts.known_load_share < LIGHT)
+    light = facts.known_load_share < LIGHT or facts.unique_load_share < UNIQUE
+    return facts.scale_known and not (facts.masses_set_scale and light)
 
 
 def _scale_sentence(servo: Servo, facts: JointFacts) -> str:
@@ -166,6 +169,11 @@ def _scale_sentence(servo: Servo, facts: JointFacts) -> str:
         return (
             f"{facts.joint}: kp, friction and masses are identifiable only relative to each other; state one kp, or "
             f"use the masses of the description, or repeat with a known payload{known}"
+        )
+    if facts.known_load_share >= LIGHT:
+        return (
+            f"{facts.joint}: the known load acts like armature and friction of the joint, except {facts.unique_load_share:.0%} of its "
+            f"torque, so its scale is not identifiable; state its kp or move it against gravity{known}"
         )
     return (
         f"{facts.joint}: only {facts.known_load_share:.0%} of the torque of this joint is known load, so its scale is "

@@ -12,7 +12,7 @@ from ...model import ModelSource, as_model, with_servos
 from ...recording import Recordings, as_recordings
 from ...regression.session import only_once
 from ...servos import Servo
-from ...types import Progress
+from ...types import Progress, Recording
 from ..fit import start_servos
 from .conclude import Known, conclude
 from .data import servo_data
@@ -73,12 +73,20 @@ def identify_servos(
     limits = Limits(_errors(started, fixed), {**law, **dict.fromkeys(duty, "duty")})
     start = first_candidate(model.robot, data, started, fixed, limits.laws)
     start = replace(start, tied=duty).follow(start.servos)
+    if any(_has_voltage(recording) for recording in given):
+        options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
     chosen = search(Searcher(weighed, data, options, progress), start, limits)
     _say(progress, "fitting servos", 0.8)
     fit = final_fit(weighed, data, chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.95)
     case = Known(scale, wanted, fixed, limits.laws, duty, sets)
     return conclude((plain, weighed), data, chosen, fit, case, remarks, options)
+
+
+def _has_voltage(recording: Recording) -> bool:
+    """Whether the supply is recorded, which takes the place of a droop."""
+    servo = recording.read(0, 1).servo
+    return servo is not None and servo.volt is not None
 
 
 def _recorded_duty(errors: Mapping[str, float], fixed: Stated, laws: Mapping[str, str]) -> dict[str, float]:
