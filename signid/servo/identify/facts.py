@@ -54,7 +54,7 @@ def joint_facts(
 
 
 def known_load_share(load: Array, v: Array, a: Array, servo: Servo) -> tuple[float, float]:
-    """Share of a joint's varying torque [1] that its known masses give, and the share that only they can give.
+    """Share of a joint's rms torque [1] that its known masses give, and the share that only they can give.
 
     load: (N,) torque of the masses [N.m or N]; v, a: (N,). Armature, friction and offset of the joint could produce
     the rest of the load as well, so it does not set the scale.
@@ -63,8 +63,12 @@ def known_load_share(load: Array, v: Array, a: Array, servo: Servo) -> tuple[flo
     own = np.column_stack([a, v, friction, np.ones_like(v)])
     unique = load - own @ np.linalg.lstsq(own, load, rcond=None)[0]
     total = load + servo.armature * a + servo.coulomb_friction * friction + servo.damping * v
-    size = max(float(total.std()), 1e-150)
-    return float(min(load.std() / size, 1.0)), float(min(np.sqrt(np.mean(unique**2)) / size, 1.0))
+    size = max(_rms(total), 1e-150)
+    return float(min(_rms(load) / size, 1.0)), float(min(_rms(unique) / size, 1.0))
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
 
 
 def motor_torque(servo: Servo, grid: ServoGrid, joint: int) -> Array:

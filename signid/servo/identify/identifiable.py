@@ -37,7 +37,7 @@ class JointFacts:
     joint: str
     prismatic: bool = False
     scale_known: bool = True  # by masses or by a stated gain
-    known_load_share: float = 1.0  # [1] of the varying torque
+    known_load_share: float = 1.0  # [1] of the rms torque
     unique_load_share: float = 1.0  # [1] that armature, friction and offset cannot give
     masses_set_scale: bool = True  # no gain of the joint is stated
     saturated_share: float = 0.0  # [1]
@@ -172,8 +172,9 @@ def _scale_sentence(servo: Servo, facts: JointFacts) -> str:
         )
     if facts.known_load_share >= LIGHT:
         return (
-            f"{facts.joint}: the known load acts like armature and friction of the joint, except {facts.unique_load_share:.0%} of its "
-            f"torque, so its scale is not identifiable; state its kp or move it against gravity{known}"
+            f"{facts.joint}: the known load acts like armature and friction of the joint, except "
+            f"{facts.unique_load_share:.0%} of its torque, so its scale is not identifiable; state its kp or move it "
+            f"against gravity{known}"
         )
     return (
         f"{facts.joint}: only {facts.known_load_share:.0%} of the torque of this joint is known load, so its scale is "

@@ -121,10 +121,17 @@ def _try_laws(
     by: Searcher, base: Trial, errors: Mapping[str, float], given: Mapping[str, str]
 ) -> tuple[Trial, dict[str, dict[str, float]]]:
     """Law of each joint that seems to saturate, by windows that took no part; none if a limit does not help."""
-    base, trials = by.score(base), dict[str, Trial]()
+    trials = dict[str, Trial]()
     for law in DRIVE_LAWS:
         if own := {joint: error for joint, error in errors.items() if given.get(joint, law) == law}:
-            trials[law] = by.score(_best_start(by, base, own, law))
+            trials[law] = _best_start(by, base, own, law)
+            fixed = [joint for joint in own if np.isfinite(base.candidate.servos[joint].effort_limit)]
+            keep = {*fixed, *worth(base, trials[law], list(own))}
+            errors = {joint: error for joint, error in errors.items() if joint in keep or joint not in own}
+    if not errors:
+        return base, {}
+    base = by.score(base)
+    trials = {law: by.score(trial) for law, trial in trials.items()}
     chosen, found = base.candidate, {}
     for joint in errors:
         allowed = {law: trial for law, trial in trials.items() if given.get(joint, law) == law}
