@@ -1,0 +1,229 @@
+"""Closed loops of one group of coupled joints over short windows: residuals in rad of many drives at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ...model import Model
+from ...robot.dynamics import moved_bodies, own_row
+from ...servos import DRIVE_LAWS, Servo, ServoGrid
+from ...types import Array, Robot
+from ..plant.commands import commands_at
+from ..plant.course import Course, Moved, bodies_of, course, motion_of, part
+from ..plant.kernel import numbers, simulate
+from ..plant.substeps import substeps
+
+STATE = (2e-3, 0.3)  # [rad, rad/s] prior standard deviations of the state at the start of a window
+NUDGE = (1e-4, 1e-2)  # [rad, rad/s] differences of initial states
+FINE = 5e-4  # [rad] residual of a good simulation
+MARGIN = 2.0  # [1] a gain may grow by this factor before substeps are too long
+
+
+class Point(NamedTuple):
+    """Drives of a group, and a body at its last link: mass [kg] and first moment [kg.m]."""
+
+    servos: tuple[Servo, ...]  # n
+    body: tuple[float, float, float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Along:
+    """Courses of a group over all recordings, one after another: R rows."""
+
+    mass: Array
+    bias: Array
+    by_q: Array
+    by_v: Array
+    wave: Array
+    motion: Moved
+    torque: Array
+
+
+class ClosedLoop:
+    """Windows of T = rows + 1 positions of n joints; W windows of all recordings."""
+
+    def __init__(
+        self,
+        model: Model,
+        grids: Sequence[ServoGrid],
+        joints: Sequence[int],
+        servos: Sequence[Servo],
+        window: float,
+        most: int | None = None,
+    ) -> None:
+        self.model, self.grids, self.joints = model, list(grids), list(joints)
+        self.names = tuple(grids[0].joints[j] for j in joints)
+        self.robot = bodies_of(model, grids[0].joints)
+        moves = moved_bodies(self.robot)[self.joints].sum(axis=1)
+        self.leaf = int(len(moves) - 1 - np.argmin(moves[::-1]))  # joint of the group that moves the fewest bodies
+        self.leaf_body = own_row(self.robot, self.joints[self.leaf]) + 1
+        self.motions = [motion_of(grid) for grid in grids]
+        self.rows = max(int(round(window * grids[0].rate)), 3)
+        self.places = _thinned(_starts(grids, self.rows), most)
+        offset = np.cumsum([0, *[len(grid) for grid in grids]])
+        self.starts = np.array([offset[g] + k for g, k in self.places], np.int64)
+        self.column = {key: np.vstack([getattr(g, key)[:, self.joints] for g in grids]) for key in ("q", "on", "voltage")}
+        self.gain = np.vstack([np.tile(g.gain[self.joints], (len(g), 1)) for g in grids])
+        self._courses: dict[object, Along] = {}
+        self._commands: dict[tuple[object, ...], Array] = {}
+        inertia = np.einsum("tii->ti", self.along(None).mass).min(axis=0)
+        stiff = [servo.with_(kp=servo.kp * MARGIN) for servo in servos]
+        self.parts = substeps(grids[0].step, stiff, inertia)
+        span = self.starts[:, None] + np.arange(self.rows + 1)
+        self.measured = self.column["q"][span]  # (W, T, n)
+        self.driven = self.column["on"][span] > 0.5  # (W, T, n)
+        motion = self.along(None).motion
+        self.q0, self.v0 = motion.q[self.starts], motion.v[self.starts]
+
+    @property
+    def windows(self) -> int:
+        """Number of windows."""
+        return len(self.starts)
+
+    def along(self, body: tuple[float, float, float, float] | None) -> Along:
+        """Courses with a body at the last link, or without."""
+        if body not in self._courses:
+            if len(self._courses) > 24:
+                self._courses = {None: self._courses[None]}
+            robot = self.robot if body is None else carrying(self.robot, self.leaf_body, body)
+            parts = [part(course(robot, motion), self.joints) for motion in self.motions]
+            self._courses[body] = _joined(parts)
+        return self._courses[body]
+
+    def residuals(self, points: Sequence[Point]) -> Array:
+        """Simulated minus measured positions (C, W, T, n) [rad or m] from the measured states."""
+        return np.asarray(self._roll(points, self.q0, self.v0)[0] - self.measured)
+
+    def relinearised(self, point: Point) -> ClosedLoop:
+        """The same windows, the robot linear about the simulated motion of drives, which is free of noise."""
+        states = self.state_columns(point)
+        sigma = np.full(len(self.joints), FINE)
+        path = leave_states(self.residuals([point]), states, sigma)[0] + self.measured  # (W, T, n)
+        new, row = copy(self), {g: np.cumsum([0, *map(len, self.grids)])[g] for g in range(len(self.grids))}
+        moved = [Moved(*(x.copy() for x in motion)) for motion in self.motions]
+        for w, (g, k) in enumerate(self.places):
+            assert self.starts[w] == row[g] + k
+            span, rate = slice(k, k + self.rows + 1), self.grids[g].rate
+            v = np.gradient(path[w], 1 / rate, axis=0, edge_order=2)
+            a = np.gradient(v, 1 / rate, axis=0)
+            for x, own in zip(moved[g], (path[w], v, a), strict=True):
+                x[span, self.joints] = own
+        new.motions, new._courses = moved, {}
+        return new
+
+    def state_columns(self, point: Point) -> Array:
+        """Derivatives (2n, W, T, n) by the position and the speed of each joint at the start of a window."""
+        n, out = len(self.joints), []
+        base = self._roll([point], self.q0, self.v0)[0][0]
+        for kind, size in enumerate(NUDGE):
+            for j in range(n):
+                q0, v0 = self.q0.copy(), self.v0.copy()
+                (q0, v0)[kind][:, j] += size
+                out.append((self._roll([point], q0, v0)[0][0] - base) / size)
+        return np.array(out)
+
+    def saturated(self, point: Point) -> Array:
+        """Share of substeps at the limit, (n,) [1]."""
+        return np.asarray(self._roll([point], self.q0, self.v0)[1][0].mean(axis=0) / (self.rows * self.parts))
+
+    def _roll(self, points: Sequence[Point], q0: Array, v0: Array) -> tuple[Array, Array]:
+        out = np.empty((len(points), self.windows, self.rows + 1, len(self.joints)))
+        saturated = np.zeros((len(points), self.windows, len(self.joints)))
+        groups: dict[tuple[object, ...], list[int]] = {}
+        for c, point in enumerate(points):
+            groups.setdefault((point.body, tuple(s.law for s in point.servos)), []).append(c)
+        for chosen in groups.values():
+            out[chosen], saturated[chosen] = self._same_laws([points[c] for c in chosen], q0, v0)
+        return out, saturated
+
+    def _same_laws(self, points: Sequence[Point], q0: Array, v0: Array) -> tuple[Array, Array]:
+        at, copies, n = self.along(points[0].body), len(points), len(self.joints)
+        variants: dict[tuple[object, ...], int] = {}
+        variant = np.empty((copies, n), np.int64)
+        for c, point in enumerate(points):
+            for i, servo in enumerate(point.servos):
+                key = (i, servo.kd_on, servo.delay, servo.profile_speed)
+                variant[c, i] = variants.setdefault(key, len(variants))
+        commands = np.stack([self._command(key) for key in variants], axis=1)
+        out = np.empty((copies, self.windows, self.rows + 1, n))
+        saturated = np.zeros((copies, self.windows, n))
+        simulate(
+            self.starts, self.rows, self.parts, self.grids[0].step / self.parts,
+            at.mass, at.bias, at.by_q, at.by_v, at.motion.q, at.motion.v, at.wave,
+            np.ascontiguousarray(commands), variant, self.column["on"], self.column["voltage"], self.gain,
+            np.array([[numbers(servo) for servo in point.servos] for point in points]),
+            np.array([DRIVE_LAWS.index(servo.law) for servo in points[0].servos]),
+            np.broadcast_to(q0, (copies, *q0.shape)).copy(), np.broadcast_to(v0, (copies, *v0.shape)).copy(),
+            out, saturated,
+        )  # fmt: skip
+        return out, saturated
+
+    def _command(self, key: tuple[object, ...]) -> Array:
+        if key not in self._commands:
+            if len(self._commands) > 400:
+                self._commands.clear()
+            i, kd_on, delay, profile = key
+            j = self.joints[int(i)]  # type: ignore[call-overload]
+            each = [commands_at(grid, j, kd_on, delay, profile, self.parts) for grid in self.grids]  # type: ignore[arg-type]
+            self._commands[key] = np.concatenate(each, axis=1)
+        return self._commands[key]
+
+
+def carrying(robot: Robot, index: int, body: tuple[float, float, float, float]) -> Robot:
+    """Robot with a point mass at a body of its model: mass [kg] and first moment [kg.m] in its frame."""
+    model = robot.model.copy()
+    old = np.array(model.inertias[index].toDynamicParameters())
+    m, x, y, z = body
+    c = np.array([x, y, z]) / m if m else np.zeros(3)
+    turning = m * (c @ c * np.eye(3) - np.outer(c, c))
+    more = np.r_[m, x, y, z, turning[0, 0], turning[0, 1], turning[1, 1], turning[0, 2], turning[1, 2], turning[2, 2]]
+    model.inertias[index] = pin.Inertia.FromDynamicParameters(old + more)
+    return replace(robot, model=model)
+
+
+def reduced_squares(residual: Array, states: Array, sigma: Array) -> Array:
+    """Sum of squares (C, W, n) of residuals (C, W, T, n) after the best initial states, weighted by sigma (n,)."""
+    return np.asarray(np.sum(leave_states(residual, states, sigma) ** 2, axis=2))
+
+
+def leave_states(residual: Array, states: Array, sigma: Array) -> Array:
+    """Residuals (C, W, T, n) after the best initial states of each window."""
+    n, (copies, windows, rows, _) = states.shape[-1], residual.shape
+    b = (states / sigma).transpose(1, 2, 3, 0).reshape(windows, -1, 2 * n)
+    prior = np.diag(np.r_[np.full(n, STATE[0] ** -2.0), np.full(n, STATE[1] ** -2.0)])
+    inverse = np.linalg.inv(np.einsum("wts,wtu->wsu", b, b) + prior)
+    z = (residual / sigma).reshape(copies, windows, -1)
+    d = -np.einsum("wsu,wtu,cwt->cws", inverse, b, z, optimize=True)
+    moved = np.einsum("swtn,cws->cwtn", states, d, optimize=True)
+    return np.asarray(residual + moved.reshape(copies, windows, rows, n))
+
+
+def _starts(grids: Sequence[ServoGrid], rows: int) -> list[tuple[int, int]]:
+    """Windows (grid, first row), one after another."""
+    first = [min(int(0.1 * grid.rate), max(len(grid) - rows - 1, 0)) for grid in grids]
+    return [(g, k) for g, grid in enumerate(grids) for k in range(first[g], len(grid) - rows, rows)]
+
+
+def _thinned(places: list[tuple[int, int]], most: int | None) -> list[tuple[int, int]]:
+    if most is None or len(places) <= most:
+        return places
+    return [places[k] for k in np.unique(np.linspace(0, len(places) - 1, most).round().astype(int))]
+
+
+def _joined(parts: Sequence[Course]) -> Along:
+    """One course of all recordings; mass in the middle of each row."""
+    get = lambda key: np.concatenate([getattr(x, key) for x in parts])  # noqa: E731
+    mass = np.concatenate([np.concatenate([0.5 * (x.mass[:-1] + x.mass[1:]), x.mass[-1:]]) for x in parts])
+    motion = Moved(*(np.concatenate([getattr(x.motion, key) for x in parts]) for key in ("q", "v", "a")))
+    return Along(mass, get("bias"), get("by_q"), get("by_v"), parts[0].wave, motion, get("torque"))
+
+
+def by_joint(servos: Mapping[str, Servo], names: Sequence[str]) -> tuple[Servo, ...]:
+    """Drives in the order of joints."""
+    return tuple(servos[name] for name in names)

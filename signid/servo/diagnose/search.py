@@ -1,0 +1,207 @@
+"""Stepwise search for the laws that drives lack, in one group of coupled joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...types import Array
+from .closed_loop import ClosedLoop, Point
+from .coordinates import BODY, Free, Scale
+from .laws import HYPOTHESES, DriveLaw, Reach
+from .refine import Setting, Trial, refine
+
+MOST = 3  # laws that are added to one group
+PER_WINDOW = 10  # samples of a window that count as independent, at most. Heuristic
+REFINED = 8  # hypotheses that are fitted in each step
+THRESHOLD = 5.0  # log posterior odds that a law needs. Heuristic
+CLUSTERED = 3.0  # [1] improvement over its standard error across windows that a law needs
+LEAST_GAIN = 0.02  # [1] share of the squared residual that a law explains, at least
+PAYLOAD = DriveLaw(
+    effect="payload",
+    numbers=BODY,
+    meaning="a body hangs at the last link",
+    variable="position",
+    trials=lambda *_: [],
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A law that was added."""
+
+    law: DriveLaw
+    joint: int  # in the group
+    before: Trial
+    after: Trial
+    log_odds: float
+    probability: float
+    rivals: tuple[tuple[DriveLaw, int, float], ...]  # law, joint, probability
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Laws that were added to a group, in their order."""
+
+    setting: Setting
+    base: Trial  # the given simulation
+    last: Trial
+    steps: tuple[Step, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """A hypothesis with its fitted trial and log evidence."""
+
+    law: DriveLaw
+    joint: int
+    trial: Trial
+    evidence: float = field(default=-np.inf)
+
+
+def search(loop: ClosedLoop, point: Point, floor: Array, skip: Sequence[str] = (), body: bool = True) -> Search:
+    """Add laws one after another while the evidence asks for them; floor: (n,) noise of positions [rad or m]."""
+    setting = _setting(loop, point, floor)
+    base = Trial(point, [], setting.evaluate([point])[0])
+    setting = setting.weighted(_sigma(setting, base, floor))
+    base = last = replace(base, squares=setting.evaluate([point])[0])
+    laws = [law for law in HYPOTHESES if law.effect not in skip]
+    steps: list[Step] = []
+    while len(steps) < MOST:
+        offers = offered(setting, last, laws, floor, body and "payload" not in skip)
+        step = choose(setting, last, offers, floor)
+        if step is None:
+            break
+        steps.append(step)
+        last = refine(setting, [step.after], 4)[0]
+        setting = _setting(loop, last.point, floor).weighted(_sigma(setting, last, floor))
+        last = refine(setting, [replace(last, squares=setting.evaluate([last.point])[0])], 3)[0]
+    base = replace(base, squares=setting.evaluate([point])[0])
+    return Search(setting, base, last, tuple(steps))
+
+
+def offered(setting: Setting, last: Trial, laws: Sequence[DriveLaw], floor: Array, body: bool) -> list[Offer]:
+    """The best trial of each law at each joint; the most promising ones fitted together with the laws before."""
+    found: list[Offer] = []
+    for law in laws:
+        for j in range(len(last.point.servos)):
+            for servo in law.trials(last.point.servos[j], reach(setting, last.point, j)):
+                servos = list(last.point.servos)
+                servos[j] = servo
+                frees = [*last.frees, *(f for f in (Free(j, number) for number in law.numbers) if f not in last.frees)]
+                if len(frees) > len(last.frees) or servo.law != last.point.servos[j].law:
+                    found.append(Offer(law, j, Trial(Point(tuple(servos), last.point.body), frees, np.empty(0))))
+    if body and last.point.body is None:
+        found += _bodies(setting, last)
+    squares = setting.evaluate([offer.trial.point for offer in found])
+    found = [
+        Offer(o.law, o.joint, replace(o.trial, squares=s), -_half_log(s, floor, setting))
+        for o, s in zip(found, squares, strict=True)
+    ]
+    best: dict[tuple[str, int], list[Offer]] = {}
+    for offer in sorted(found, key=lambda o: -o.evidence):
+        best.setdefault((offer.law.effect, offer.joint), []).append(offer)
+    first = [offers[0] for offers in best.values()]
+    polished = refine(setting, [o.trial for o in first if o.law is not PAYLOAD], 2)
+    again = iter(polished)
+    first = [replace(o, trial=o.trial if o.law is PAYLOAD else next(again)) for o in first]
+    first = sorted((_weighed(setting, last, o, floor) for o in first), key=lambda o: -o.evidence)
+    fitted = refine(setting, [offer.trial for offer in first[:REFINED]])
+    return sorted(
+        (_weighed(setting, last, replace(o, trial=t), floor) for o, t in zip(first[:REFINED], fitted, strict=True)),
+        key=lambda o: -o.evidence,
+    )
+
+
+def choose(setting: Setting, last: Trial, offers: Sequence[Offer], floor: Array) -> Step | None:
+    """The most probable law, if the evidence for it suffices."""
+    usable = [o for o in offers if significant(setting, last, o)]
+    if not usable:
+        return None
+    best = usable[0]
+    odds = best.evidence - _evidence(setting, last, last, floor)
+    if odds < THRESHOLD:
+        return None
+    weights = [1.0 if o is best else float(np.exp(-tempered(setting, best, o))) for o in usable]
+    whole = sum(weights) + float(np.exp(-odds))
+    rivals = tuple((o.law, o.joint, w / whole) for o, w in zip(usable, weights, strict=True) if o is not best)
+    return Step(best.law, best.joint, last, best.trial, odds, 1.0 / whole, rivals)
+
+
+def significant(setting: Setting, last: Trial, offer: Offer) -> bool:
+    """Whether a law changes a number beyond its tolerance and improves windows beyond chance."""
+    if offer.law is not PAYLOAD and offer.law.stated_exactly(
+        last.point.servos[offer.joint], offer.trial.point.servos[offer.joint]
+    ):
+        return False
+    gain = np.sum((last.squares - offer.trial.squares) / setting.sigma**2, axis=1)
+    error = float(np.std(gain)) * np.sqrt(len(gain)) + 1e-300
+    share = np.sum(gain) / np.sum(last.squares / setting.sigma**2)
+    return bool(np.sum(gain) > CLUSTERED * error and share > LEAST_GAIN) or bool(share > 0.5)
+
+
+def tempered(setting: Setting, best: Offer, rival: Offer) -> float:
+    """Log odds of the best over a rival, at most what the differences across windows allow (Vuong 1989)."""
+    odds = best.evidence - rival.evidence
+    difference = np.sum((rival.trial.squares - best.trial.squares) / setting.sigma**2, axis=1)
+    error = float(np.std(difference)) * np.sqrt(len(difference)) + 1e-300
+    z = max(float(np.sum(difference)) / error, 0.0)
+    return float(max(min(odds, 0.5 * z * z + 1.0), 0.0))
+
+
+def reach(setting: Setting, point: Point, j: int) -> Reach:
+    """Sizes at a joint."""
+    loop, scale = setting.loop, setting.scales[j]
+    a = loop.along(None).motion.a[:, j]
+    return Reach(scale.effort, scale.speed, _error(loop, j), float(np.sqrt(np.mean(a**2))))
+
+
+def _bodies(setting: Setting, last: Trial) -> list[Offer]:
+    j = setting.loop.leaf
+    whole = sum(body.mass for body in list(setting.loop.robot.model.inertias)[1:])
+    frees = [*last.frees, *(Free(-1, number) for number in BODY)]
+    centre = np.array(setting.loop.robot.model.inertias[setting.loop.leaf_body].lever)
+    masses = [x * whole for x in (0.02, 0.06, 0.15, 0.3)]
+    points = [Point(last.point.servos, (m, *(m * centre).tolist())) for m in masses]  # type: ignore[arg-type]
+    return [Offer(PAYLOAD, j, Trial(point, frees, np.empty(0))) for point in points]
+
+
+def _setting(loop: ClosedLoop, point: Point, floor: Array) -> Setting:
+    scales = []
+    at = loop.along(None)
+    for j, servo in enumerate(point.servos):
+        torque = at.torque[:, j] + servo.armature * at.motion.a[:, j] + servo.damping * at.motion.v[:, j]
+        effort = float(np.max(np.abs(torque)) + servo.coulomb_friction)
+        scales.append(Scale(effort, float(np.max(np.abs(at.motion.v[:, j]))), loop.grids[0].step))
+    return Setting(loop, loop.state_columns(point), floor * 2.0, tuple(scales))
+
+
+def _sigma(setting: Setting, trial: Trial, floor: Array) -> Array:
+    rows = setting.loop.rows + 1
+    return np.asarray(np.sqrt(np.mean(trial.squares, axis=0) / rows + floor**2))
+
+
+def _half_log(squares: Array, floor: Array, setting: Setting) -> float:
+    """Negative log likelihood: half the number of independent samples times the log of the mean square, all joints."""
+    windows, rows = squares.shape[0], setting.loop.rows + 1
+    mean = np.sum(squares, axis=0) / (windows * rows)
+    return float(0.5 * windows * min(rows, PER_WINDOW) * np.sum(np.log(mean + 0.1 * floor**2)))
+
+
+def _evidence(setting: Setting, last: Trial, trial: Trial, floor: Array) -> float:
+    samples = setting.loop.windows * min(setting.loop.rows + 1, PER_WINDOW)
+    more = len(trial.frees) - len(last.frees)
+    return -_half_log(trial.squares, floor, setting) - 0.5 * more * float(np.log(samples))
+
+
+def _weighed(setting: Setting, last: Trial, offer: Offer, floor: Array) -> Offer:
+    choices = len(HYPOTHESES) * len(last.point.servos)
+    prior = float(np.log(offer.law.prior / choices))
+    return replace(offer, evidence=_evidence(setting, last, offer.trial, floor) + prior)
+
+
+def _error(loop: ClosedLoop, j: int) -> float:
+    column = loop.joints[j]
+    return float(max(np.max(np.abs(g.command[:, column] - g.q[:, column])) for g in loop.grids))
