@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ..diagnose import Diagnosis
     from ..identify import Identification
     from ..output.report import Content
+    from ..servo.diagnose import ServoDiagnosis
     from ..servo.identify import ServoIdentification
     from ..servo.validate import ServoValidation
     from ..signs import Signs
@@ -100,6 +101,20 @@ def deliver_servo_validation(
     page = {} if output is None else {"report.html": servo_validation_page(found, inputs, command)}
     written = _written(output, {"validation.json": document, **page})
     return show(document if json else servo_validation_tables(found), found.flags, written)
+
+
+def deliver_servo_diagnosis(
+    result: ServoDiagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str
+) -> int:
+    """Write and print a diagnosis of position drives; return the exit code."""
+    from ..output.report import servo_diagnosis_document, servo_diagnosis_page, servo_diagnosis_tables, to_json
+
+    document = to_json(servo_diagnosis_document(result, inputs))
+    files: dict[str, Content] = {}
+    if output is not None:
+        page = servo_diagnosis_page(result, inputs, command)
+        files = {"diagnosis.json": document, "model.json": to_json(result.model.document()), "report.html": page}
+    return show(document if json else servo_diagnosis_tables(result), result.flags, _written(output, files))
 
 
 def _written(output: str | None, files: Mapping[str, Content]) -> Sequence[Path]:

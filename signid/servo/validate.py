@@ -82,9 +82,8 @@ def validate_servos(
     for k, (name, model) in enumerate(named.items()):
         if progress is not None:
             progress(f"validating {name}", k / len(named))
-        driven, remarks = _restricted(name, model, given)
+        driven, robot, missing, remarks = prepared_model(name, model, given, actuators)
         notes += remarks
-        robot, missing = _registered(name, driven, actuators)
         flags += missing
         grids = [grid for recording in given for grid in servo_grids(recording, robot)]
         found = ServoValidatedModel(name, driven, *closed_loops(driven, driven.servos, grids))
@@ -170,6 +169,20 @@ def _named(models: ModelSource | Sequence[ModelSource] | Mapping[str, ModelSourc
         same = sum(other.robot.name == model.robot.name for other in named.values())
         named[f"{model.robot.name} ({same + 1})" if same else model.robot.name] = model
     return named
+
+
+def prepared_model(
+    name: str, model: Model, recordings: Sequence[Recording], actuators: str | Path | None
+) -> tuple[Model, Robot, list[str], list[str]]:
+    """Model with drives of the joints of recordings, a robot that states their firmware gains, flags and notes.
+
+    Raises:
+        OptionError: the model has no drive of a commanded joint.
+        RobotError: invalid actuators file.
+    """
+    driven, notes = _restricted(name, model, recordings)
+    robot, flags = _registered(name, driven, actuators)
+    return driven, robot, flags, list(notes)
 
 
 def _restricted(name: str, model: Model, recordings: Sequence[Recording]) -> tuple[Model, Sequence[str]]:

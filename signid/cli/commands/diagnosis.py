@@ -39,6 +39,7 @@ class DiagnoseOptions:
     columns: Columns = None
     cutoff: Cutoff = None
     unsigned: Unsigned = False
+    servo: bool = option(False, "Diagnose position drives even if torque is recorded.", "--servo")
     time_limit: TimeLimit = USUAL
 
 
@@ -56,17 +57,30 @@ def diagnose(
     diagnosis.json, report.html, and the extended simulation as model.json and robot.urdf. Without --held-out the last
     of several recordings, or the last 30 % of a single one, is held out. Differences that --reference recordings show
     as well are not reported. Lost torque signs are recovered first, as in identify.
+
+    Recordings with commanded positions (q_des_J) and without torque are compared with the closed loop of drives and
+    robot, in rad: SIMULATION then has position drives, as a model.json of identify or by kp in its actuators file.
     """
     from ...diagnose import diagnose as search
     from ...regression.session import Options
-    from ..files import DIAGNOSED, deliver_diagnosis
+    from ..files import DIAGNOSED, deliver_diagnosis, deliver_servo_diagnosis
+    from .drives import diagnose_drives, has_drives, registers_beside
 
     check_folder(diagnosis.output, run.json, DIAGNOSED)
-    model, _ = given_model(simulation)
+    gains = simulation.actuators if simulation.saved else None
+    model, _ = given_model(replace(simulation, actuators=None) if gains else simulation)
     given, held_out, healthy = (
         given_recordings(paths, model.robot, diagnosis.columns, diagnosis.unsigned)
         for paths in (recordings, diagnosis.held_out, diagnosis.reference)
     )
+    if has_drives((*given, *held_out), diagnosis.servo):
+        file, read = registers_beside(gains, [simulation.simulation])
+        with time_limit(diagnosis.time_limit):
+            drives = diagnose_drives(model, given, held_out, healthy, diagnosis.skip, file, run.seed, run.json)
+            inputs = [*simulation_inputs(simulation, model.robot, columns=diagnosis.columns), *read]
+            return deliver_servo_diagnosis(drives, inputs, diagnosis.output, run.json, given_command(context))
+    if gains:
+        given_model(simulation)
     with time_limit(diagnosis.time_limit):
         with bars(run.json, one=True) as progress:
             result = search(

@@ -15,6 +15,8 @@ from ..options import DriveOptions
 from ..terminal import bars
 
 if TYPE_CHECKING:
+    from ...model import Model
+    from ...servo.diagnose import ServoDiagnosis
     from ...servo.identify import ServoIdentification
     from ...types import Input, Recording, Robot
 
@@ -78,6 +80,35 @@ def identify_drives(
             known=known,
             options=ServoOptions(seed=seed),
             progress=progress,
+        )
+
+
+def diagnose_drives(
+    model: Model,
+    given: Sequence[Recording],
+    held_out: Sequence[Recording],
+    healthy: Sequence[Recording],
+    skip: Sequence[str] | None,
+    actuators: str | None,
+    seed: int,
+    json: bool,
+) -> ServoDiagnosis:
+    """Diagnose a simulation of position drives; `actuators` states the firmware gains of recordings.
+
+    Raises:
+        OptionError: a reference was given.
+    """
+    from ...servo.diagnose import diagnose_servos
+
+    if healthy:
+        raise OptionError(
+            "--reference applies to torque; for position drives, identify them from the healthy recordings, and "
+            "diagnose the resulting model.json"
+        )
+    names = [name.strip() for text in skip or () for name in text.split(",")]
+    with bars(json) as progress:
+        return diagnose_servos(
+            model, given, held_out=held_out, skip=names, actuators=actuators, seed=seed, progress=progress
         )
 
 

@@ -14,6 +14,7 @@ from ..report.layout import figure, heading, new_table, note_lines, paragraph, p
 from ..report.results.closed_loops import servo_validation_tables
 from ..report.results.diagnosis import diagnosis_tables
 from ..report.results.documents import rms
+from ..report.results.drives.diagnosis import servo_diagnosis_tables
 from ..report.results.fleet import fleet_tables
 from ..report.results.identification import fit_rows, identification_tables, payload_tables
 from ..report.results.inspection import check_tables, inspection_tables, joint_table
@@ -148,6 +149,7 @@ TABLES: dict[str, Callable[[Any], Renderables]] = {
     "Robot": _robot,
     "RollOut": _roll_out,
     "Separation": _motion,
+    "ServoDiagnosis": servo_diagnosis_tables,
     "ServoIdentification": servo_identification_tables,
     "ServoValidatedModel": lambda one: servo_validation_tables(_alone(one)),
     "ServoValidation": servo_validation_tables,

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .pages import report as report
     from .pages.closed_loops import servo_validation_page as servo_validation_page
     from .pages.diagnosis import diagnosis_page as diagnosis_page
+    from .pages.drives import servo_diagnosis_page as servo_diagnosis_page
     from .pages.fleet import fleet_page as fleet_page
     from .pages.identification import identification_page as identification_page
     from .pages.servos import servo_page as servo_page
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
     )
     from .results.diagnosis import diagnosis_document as diagnosis_document, diagnosis_tables as diagnosis_tables
     from .results.documents import to_json as to_json
+    from .results.drives.diagnosis import (
+        servo_diagnosis_document as servo_diagnosis_document,
+        servo_diagnosis_tables as servo_diagnosis_tables,
+    )
     from .results.fleet import fleet_tables as fleet_tables
     from .results.identification import (
         identification_document as identification_document,

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from copy import copy
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
+from ...effects.bodies import body_inertia
 from ...model import Model
 from ...robot.dynamics import moved_bodies, own_row
 from ...servos import DRIVE_LAWS, Servo, ServoGrid
@@ -21,7 +20,6 @@ from ..plant.substeps import substeps
 
 STATE = (2e-3, 0.3)  # [rad, rad/s] prior standard deviations of the state at the start of a window
 NUDGE = (1e-4, 1e-2)  # [rad, rad/s] differences of initial states
-FINE = 5e-4  # [rad] residual of a good simulation
 MARGIN = 2.0  # [1] a gain may grow by this factor before substeps are too long
 
 
@@ -68,8 +66,10 @@ class ClosedLoop:
         self.places = _thinned(_starts(grids, self.rows), most)
         offset = np.cumsum([0, *[len(grid) for grid in grids]])
         self.starts = np.array([offset[g] + k for g, k in self.places], np.int64)
-        self.column = {key: np.vstack([getattr(g, key)[:, self.joints] for g in grids]) for key in ("q", "on", "voltage")}
-        self.gain = np.vstack([np.tile(g.gain[self.joints], (len(g), 1)) for g in grids])
+        self.column = {
+            key: np.vstack([getattr(g, key)[:, self.joints] for g in grids]) for key in ("q", "on", "voltage")
+        }
+        self.gains = np.array([grids[g].gain[self.joints] for g, _ in self.places])  # (W, n)
         self._courses: dict[object, Along] = {}
         self._commands: dict[tuple[object, ...], Array] = {}
         inertia = np.einsum("tii->ti", self.along(None).mass).min(axis=0)
@@ -99,23 +99,6 @@ class ClosedLoop:
     def residuals(self, points: Sequence[Point]) -> Array:
         """Simulated minus measured positions (C, W, T, n) [rad or m] from the measured states."""
         return np.asarray(self._roll(points, self.q0, self.v0)[0] - self.measured)
-
-    def relinearised(self, point: Point) -> ClosedLoop:
-        """The same windows, the robot linear about the simulated motion of drives, which is free of noise."""
-        states = self.state_columns(point)
-        sigma = np.full(len(self.joints), FINE)
-        path = leave_states(self.residuals([point]), states, sigma)[0] + self.measured  # (W, T, n)
-        new, row = copy(self), {g: np.cumsum([0, *map(len, self.grids)])[g] for g in range(len(self.grids))}
-        moved = [Moved(*(x.copy() for x in motion)) for motion in self.motions]
-        for w, (g, k) in enumerate(self.places):
-            assert self.starts[w] == row[g] + k
-            span, rate = slice(k, k + self.rows + 1), self.grids[g].rate
-            v = np.gradient(path[w], 1 / rate, axis=0, edge_order=2)
-            a = np.gradient(v, 1 / rate, axis=0)
-            for x, own in zip(moved[g], (path[w], v, a), strict=True):
-                x[span, self.joints] = own
-        new.motions, new._courses = moved, {}
-        return new
 
     def state_columns(self, point: Point) -> Array:
         """Derivatives (2n, W, T, n) by the position and the speed of each joint at the start of a window."""
@@ -153,15 +136,19 @@ class ClosedLoop:
         commands = np.stack([self._command(key) for key in variants], axis=1)
         out = np.empty((copies, self.windows, self.rows + 1, n))
         saturated = np.zeros((copies, self.windows, n))
-        simulate(
-            self.starts, self.rows, self.parts, self.grids[0].step / self.parts,
-            at.mass, at.bias, at.by_q, at.by_v, at.motion.q, at.motion.v, at.wave,
-            np.ascontiguousarray(commands), variant, self.column["on"], self.column["voltage"], self.gain,
-            np.array([[numbers(servo) for servo in point.servos] for point in points]),
-            np.array([DRIVE_LAWS.index(servo.law) for servo in points[0].servos]),
-            np.broadcast_to(q0, (copies, *q0.shape)).copy(), np.broadcast_to(v0, (copies, *v0.shape)).copy(),
-            out, saturated,
-        )  # fmt: skip
+        kinds = np.array([[numbers(servo) for servo in point.servos] for point in points])
+        laws = np.array([DRIVE_LAWS.index(servo.law) for servo in points[0].servos])
+        starts = [np.broadcast_to(x, (copies, *x.shape)).copy() for x in (q0, v0)]
+        for gain in np.unique(self.gains, axis=0):
+            at_gain = np.all(self.gains == gain, axis=1)
+            some = [np.ascontiguousarray(x[:, at_gain]) for x in (*starts, out, saturated)]
+            simulate(
+                self.starts[at_gain], self.rows, self.parts, self.grids[0].step / self.parts,
+                at.mass, at.bias, at.by_q, at.by_v, at.motion.q, at.motion.v, at.wave,
+                np.ascontiguousarray(commands), variant, self.column["on"], self.column["voltage"], gain,
+                kinds, laws, *some,
+            )  # fmt: skip
+            out[:, at_gain], saturated[:, at_gain] = some[2:]
         return out, saturated
 
     def _command(self, key: tuple[object, ...]) -> Array:
@@ -183,7 +170,7 @@ def carrying(robot: Robot, index: int, body: tuple[float, float, float, float]) 
     c = np.array([x, y, z]) / m if m else np.zeros(3)
     turning = m * (c @ c * np.eye(3) - np.outer(c, c))
     more = np.r_[m, x, y, z, turning[0, 0], turning[0, 1], turning[1, 1], turning[0, 2], turning[1, 2], turning[2, 2]]
-    model.inertias[index] = pin.Inertia.FromDynamicParameters(old + more)
+    model.inertias[index] = body_inertia(old + more)
     return replace(robot, model=model)
 
 
@@ -218,12 +205,9 @@ def _thinned(places: list[tuple[int, int]], most: int | None) -> list[tuple[int,
 
 def _joined(parts: Sequence[Course]) -> Along:
     """One course of all recordings; mass in the middle of each row."""
-    get = lambda key: np.concatenate([getattr(x, key) for x in parts])  # noqa: E731
     mass = np.concatenate([np.concatenate([0.5 * (x.mass[:-1] + x.mass[1:]), x.mass[-1:]]) for x in parts])
     motion = Moved(*(np.concatenate([getattr(x.motion, key) for x in parts]) for key in ("q", "v", "a")))
-    return Along(mass, get("bias"), get("by_q"), get("by_v"), parts[0].wave, motion, get("torque"))
-
-
-def by_joint(servos: Mapping[str, Servo], names: Sequence[str]) -> tuple[Servo, ...]:
-    """Drives in the order of joints."""
-    return tuple(servos[name] for name in names)
+    bias, by_q, by_v, torque = (
+        np.concatenate([getattr(x, k) for x in parts]) for k in ("bias", "by_q", "by_v", "torque")
+    )
+    return Along(mass, bias, by_q, by_v, parts[0].wave, motion, torque)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...servos import Servo
+from ...types import Array
 from .closed_loop import Point
 
 LOGARITHMIC = ("kp", "effort_limit", "speed_limit", "profile_speed", "armature")
@@ -43,7 +44,7 @@ def coordinate(point: Point, free: Free) -> float:
     return float(np.log(max(x, SMALLEST))) if free.number in LOGARITHMIC else x
 
 
-def with_coordinates(point: Point, frees: list[Free], x: np.ndarray) -> Point:  # type: ignore[type-arg]
+def with_coordinates(point: Point, frees: list[Free], x: Array) -> Point:
     """Point with other coordinates; numbers stay within their physical bounds."""
     servos, body = list(point.servos), None if point.body is None else list(point.body)
     for free, at in zip(frees, x.tolist(), strict=True):

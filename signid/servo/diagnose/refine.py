@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...servos import Servo
 from ...types import Array
 from .closed_loop import ClosedLoop, Point, leave_states, reduced_squares
 from .coordinates import Free, Scale, coordinate, difference, longest, with_coordinates
@@ -56,7 +57,9 @@ def refine(setting: Setting, trials: Sequence[Trial], iterations: int = 6, toler
     trials, active = list(trials), list(range(len(trials)))
     for _ in range(iterations):
         moved = _step(setting, [trials[k] for k in active])
-        gains = [1 - new.cost(setting.sigma) / trials[k].cost(setting.sigma) for k, new in zip(active, moved, strict=True)]
+        gains = [
+            1 - new.cost(setting.sigma) / trials[k].cost(setting.sigma) for k, new in zip(active, moved, strict=True)
+        ]
         for k, new in zip(active, moved, strict=True):
             trials[k] = new
         active = [k for k, gain in zip(active, gains, strict=True) if gain > tolerance]
@@ -121,7 +124,7 @@ def _coordinates(setting: Setting, trial: Trial) -> tuple[Array, Array]:
     return x, h
 
 
-def _servo(trial: Trial, free: Free):  # type: ignore[no-untyped-def]
+def _servo(trial: Trial, free: Free) -> Servo | None:
     return None if free.joint < 0 else trial.point.servos[free.joint]
 
 

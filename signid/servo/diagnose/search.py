@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,10 @@ PER_WINDOW = 10  # samples of a window that count as independent, at most. Heuri
 REFINED = 8  # hypotheses that are fitted in each step
 THRESHOLD = 5.0  # log posterior odds that a law needs. Heuristic
 CLUSTERED = 3.0  # [1] improvement over its standard error across windows that a law needs
+SLACK = 1.0  # log odds that differences across windows always allow. Heuristic
 LEAST_GAIN = 0.02  # [1] share of the squared residual that a law explains, at least
+FLOOR = 1.15  # [1] mean square over that of noise, below which nothing is missing
+SUSPECT = 0.03  # [1] of the largest excess of a joint over noise: joints with less are not searched. Heuristic
 PAYLOAD = DriveLaw(
     effect="payload",
     numbers=BODY,
@@ -58,7 +61,8 @@ class Offer:
     law: DriveLaw
     joint: int
     trial: Trial
-    evidence: float = field(default=-np.inf)
+    evidence: float = -np.inf  # log likelihood and prior
+    prior: float = 0.0  # log prior probability, with that of its numbers
 
 
 def search(loop: ClosedLoop, point: Point, floor: Array, skip: Sequence[str] = (), body: bool = True) -> Search:
@@ -69,7 +73,7 @@ def search(loop: ClosedLoop, point: Point, floor: Array, skip: Sequence[str] = (
     base = last = replace(base, squares=setting.evaluate([point])[0])
     laws = [law for law in HYPOTHESES if law.effect not in skip]
     steps: list[Step] = []
-    while len(steps) < MOST:
+    while len(steps) < MOST and not at_floor(setting, last, floor):
         offers = offered(setting, last, laws, floor, body and "payload" not in skip)
         step = choose(setting, last, offers, floor)
         if step is None:
@@ -86,7 +90,7 @@ def offered(setting: Setting, last: Trial, laws: Sequence[DriveLaw], floor: Arra
     """The best trial of each law at each joint; the most promising ones fitted together with the laws before."""
     found: list[Offer] = []
     for law in laws:
-        for j in range(len(last.point.servos)):
+        for j in suspects(setting, last, floor):
             for servo in law.trials(last.point.servos[j], reach(setting, last.point, j)):
                 servos = list(last.point.servos)
                 servos[j] = servo
@@ -115,13 +119,26 @@ def offered(setting: Setting, last: Trial, laws: Sequence[DriveLaw], floor: Arra
     )
 
 
+def suspects(setting: Setting, trial: Trial, floor: Array) -> list[int]:
+    """Joints whose residual exceeds noise, beside that of the worst joint."""
+    mean = np.sum(trial.squares, axis=0) / (setting.loop.windows * (setting.loop.rows + 1))
+    excess = np.maximum(mean - floor**2, 0.0)
+    return [int(j) for j in np.flatnonzero(excess >= SUSPECT * np.max(excess))]
+
+
+def at_floor(setting: Setting, trial: Trial, floor: Array) -> bool:
+    """Whether no joint has more than the noise of its positions."""
+    mean = np.sum(trial.squares, axis=0) / (setting.loop.windows * (setting.loop.rows + 1))
+    return bool(np.all(mean < FLOOR * floor**2))
+
+
 def choose(setting: Setting, last: Trial, offers: Sequence[Offer], floor: Array) -> Step | None:
     """The most probable law, if the evidence for it suffices."""
     usable = [o for o in offers if significant(setting, last, o)]
     if not usable:
         return None
     best = usable[0]
-    odds = best.evidence - _evidence(setting, last, last, floor)
+    odds = best.evidence + _half_log(last.squares, floor, setting)
     if odds < THRESHOLD:
         return None
     weights = [1.0 if o is best else float(np.exp(-tempered(setting, best, o))) for o in usable]
@@ -144,11 +161,12 @@ def significant(setting: Setting, last: Trial, offer: Offer) -> bool:
 
 def tempered(setting: Setting, best: Offer, rival: Offer) -> float:
     """Log odds of the best over a rival, at most what the differences across windows allow (Vuong 1989)."""
-    odds = best.evidence - rival.evidence
+    prior = best.prior - rival.prior
+    odds = best.evidence - rival.evidence - prior
     difference = np.sum((rival.trial.squares - best.trial.squares) / setting.sigma**2, axis=1)
     error = float(np.std(difference)) * np.sqrt(len(difference)) + 1e-300
     z = max(float(np.sum(difference)) / error, 0.0)
-    return float(max(min(odds, 0.5 * z * z + 1.0), 0.0))
+    return float(max(prior + min(odds, 0.5 * z * z + SLACK), 0.0))
 
 
 def reach(setting: Setting, point: Point, j: int) -> Reach:
@@ -164,7 +182,7 @@ def _bodies(setting: Setting, last: Trial) -> list[Offer]:
     frees = [*last.frees, *(Free(-1, number) for number in BODY)]
     centre = np.array(setting.loop.robot.model.inertias[setting.loop.leaf_body].lever)
     masses = [x * whole for x in (0.02, 0.06, 0.15, 0.3)]
-    points = [Point(last.point.servos, (m, *(m * centre).tolist())) for m in masses]  # type: ignore[arg-type]
+    points = [Point(last.point.servos, (m, *(m * centre).tolist())) for m in masses]
     return [Offer(PAYLOAD, j, Trial(point, frees, np.empty(0))) for point in points]
 
 
@@ -190,16 +208,17 @@ def _half_log(squares: Array, floor: Array, setting: Setting) -> float:
     return float(0.5 * windows * min(rows, PER_WINDOW) * np.sum(np.log(mean + 0.1 * floor**2)))
 
 
-def _evidence(setting: Setting, last: Trial, trial: Trial, floor: Array) -> float:
+def _occam(setting: Setting, last: Trial, trial: Trial) -> float:
+    """Log prior of the additional numbers (BIC)."""
     samples = setting.loop.windows * min(setting.loop.rows + 1, PER_WINDOW)
-    more = len(trial.frees) - len(last.frees)
-    return -_half_log(trial.squares, floor, setting) - 0.5 * more * float(np.log(samples))
+    return -0.5 * (len(trial.frees) - len(last.frees)) * float(np.log(samples))
 
 
 def _weighed(setting: Setting, last: Trial, offer: Offer, floor: Array) -> Offer:
     choices = len(HYPOTHESES) * len(last.point.servos)
-    prior = float(np.log(offer.law.prior / choices))
-    return replace(offer, evidence=_evidence(setting, last, offer.trial, floor) + prior)
+    before, after = last.point.servos[offer.joint], offer.trial.point.servos[offer.joint]
+    prior = float(np.log(offer.law.plausible(before, after) / choices)) + _occam(setting, last, offer.trial)
+    return replace(offer, evidence=prior - _half_log(offer.trial.squares, floor, setting), prior=prior)
 
 
 def _error(loop: ClosedLoop, j: int) -> float:

@@ -11,18 +11,20 @@ from ....types import Input
 if TYPE_CHECKING:
     from ....diagnose import Diagnosis
     from ....identify import Identification
+    from ....servo.diagnose import ServoDiagnosis
     from ....servo.identify import ServoIdentification
     from ....servo.validate import ServoValidation
     from ....validate import Validation
 
-    Reported = Diagnosis | Identification | ServoIdentification | ServoValidation | Validation
+    Reported = Diagnosis | Identification | ServoDiagnosis | ServoIdentification | ServoValidation | Validation
 
 
 def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a result: a self-contained page, reproducible to the byte.
 
     Args:
-        result: result of `signid.diagnose`, `signid.identify`, `signid.identify_servos` or `signid.validate`.
+        result: result of `diagnose`, `diagnose_servos`, `identify`, `identify_servos`, `validate` or
+            `validate_servos`.
         inputs: files read besides the recordings; default: the robot description.
         command: shell line that reproduces the page, if any.
 
@@ -31,11 +33,13 @@ def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") ->
     """
     from ....diagnose import Diagnosis
     from ....identify import Identification
+    from ....servo.diagnose import ServoDiagnosis
     from ....servo.identify import ServoIdentification
     from ....servo.validate import ServoValidation
     from ....validate import Validation
     from .closed_loops import servo_validation_page
     from .diagnosis import diagnosis_page
+    from .drives import servo_diagnosis_page
     from .identification import identification_page
     from .servos import servo_page
     from .validation import validation_page
@@ -44,6 +48,8 @@ def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") ->
         return diagnosis_page(result, inputs, command)
     if isinstance(result, Validation):
         return validation_page(result, inputs, command)
+    if isinstance(result, ServoDiagnosis):
+        return servo_diagnosis_page(result, inputs, command)
     if isinstance(result, ServoIdentification):
         return servo_page(result, inputs, command)
     if isinstance(result, ServoValidation):

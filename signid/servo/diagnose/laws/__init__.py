@@ -1,7 +1,18 @@
 """Laws that a diagnosis of position drives tries, one file each; `HYPOTHESES` holds all of them."""
 
-from . import command_delay, dead_band, droop, duty_limit, effort_limit, load_friction, profile_limit
-from . import register_gain, servo_damping, servo_gain, speed_limit
+from . import (
+    command_delay,
+    dead_band,
+    droop,
+    duty_limit,
+    effort_limit,
+    load_friction,
+    profile_limit,
+    register_gain,
+    servo_damping,
+    servo_gain,
+    speed_limit,
+)
 from .base import DriveLaw, Reach, Twin
 from .joint_laws import ARMATURE, COULOMB, OFFSET, VISCOUS
 

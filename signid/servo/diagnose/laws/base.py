@@ -30,6 +30,7 @@ class Twin(NamedTuple):
 
 
 Trials = Callable[[Servo, Reach], Sequence[Servo]]
+Plausible = Callable[[Servo, Servo], float]
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class DriveLaw:
     least: float = 0.0  # smallest value of the first number [unit of the number]
     twins: tuple[Twin, ...] = ()  # structural: no value of the fit tells them apart
     region: str = "whole recording"
-    prior: float = 1.0  # relative prior probability
+    plausible: Plausible = lambda before, after: 1.0  # relative prior probability of a change  # noqa: E731
     key: str = ""  # of the parameter in diagnosis.json; default: the first number
 
     def parameter(self, number: str) -> str:
@@ -70,6 +71,6 @@ def scaled(number: str, *factors: float) -> Trials:
 
     def trials(servo: Servo, _: Reach) -> list[Servo]:
         value = getattr(servo, number)
-        return [servo.with_(**{number: value * x}) for x in factors] if np.isfinite(value) and value > 0 else []
+        return [servo.with_(**{number: value * x}) for x in (1.0, *factors)] if np.isfinite(value) and value > 0 else []
 
     return trials

@@ -5,7 +5,7 @@ from .base import DriveLaw, Reach
 
 
 def _trials(servo: Servo, _: Reach) -> list[Servo]:
-    return [servo.with_(delay=max(servo.delay + x, 0.0)) for x in (-0.02, -0.005, 0.004, 0.01, 0.02, 0.04)]
+    return [servo.with_(delay=max(servo.delay + x, 0.0)) for x in (0.0, -0.015, 0.01, 0.03)]
 
 
 LAW = DriveLaw(

@@ -5,7 +5,7 @@ from .base import DriveLaw, Reach
 
 
 def _trials(servo: Servo, reach: Reach) -> list[Servo]:
-    return [servo.with_(droop=servo.droop + x / max(reach.effort, 1e-9)) for x in (0.1, 0.3, 0.8, 2.0)]
+    return [servo.with_(droop=servo.droop + x / max(reach.effort, 1e-9)) for x in (0.0, 0.2, 0.6, 2.0)]
 
 
 LAW = DriveLaw(

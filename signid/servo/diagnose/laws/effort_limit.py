@@ -1,5 +1,7 @@
 """Largest torque of a drive whose damping is inside the limit."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ....servos import Servo
@@ -11,7 +13,7 @@ def limits(servo: Servo, reach: Reach, law: str) -> list[Servo]:
     values = [x * reach.effort for x in (0.9, 0.75, 0.6, 0.45, 0.3)]
     if np.isfinite(servo.effort_limit):
         values += [x * servo.effort_limit for x in (0.8, 1.25, 1.6, 2.5)]
-    return [servo.with_(law=law, effort_limit=x) for x in values]
+    return [replace(servo, law=law, effort_limit=x) for x in values]
 
 
 def _trials(servo: Servo, reach: Reach) -> list[Servo]:

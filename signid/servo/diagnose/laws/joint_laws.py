@@ -9,16 +9,16 @@ GRAVITY = "repeat in a posture with another gravity torque: the offset stays, a 
 
 def _viscous(servo: Servo, reach: Reach) -> list[Servo]:
     size = max(servo.damping, 0.1 * reach.effort / max(reach.speed, 1e-6))
-    return [servo.with_(viscous_friction=max(servo.viscous_friction + x * size, 0.0)) for x in (-0.3, 0.2, 0.6, 1.5)]
+    return [servo.with_(viscous_friction=max(servo.viscous_friction + x * size, 0.0)) for x in (0.0, -0.3, 0.6, 1.5)]
 
 
 def _coulomb(servo: Servo, reach: Reach) -> list[Servo]:
-    values = [servo.coulomb_friction * 0.4, *(servo.coulomb_friction + x * reach.effort for x in (0.02, 0.06, 0.15))]
+    values = [servo.coulomb_friction + x * reach.effort for x in (0.0, 0.05, 0.15)]
     return [servo.with_(coulomb_friction=x) for x in values]
 
 
 def _offset(servo: Servo, reach: Reach) -> list[Servo]:
-    return [servo.with_(torque_offset=servo.torque_offset + x * reach.effort) for x in (-0.1, -0.02, 0.02, 0.1)]
+    return [servo.with_(torque_offset=servo.torque_offset + x * reach.effort) for x in (-0.1, 0.0, 0.1)]
 
 
 VISCOUS = DriveLaw(
@@ -45,7 +45,7 @@ ARMATURE = DriveLaw(
     numbers=("armature",),
     meaning="the inertia of the rotor is not the stated one",
     variable="acceleration",
-    trials=scaled("armature", 0.3, 0.7, 1.4, 2.5, 5.0),
+    trials=scaled("armature", 0.4, 2.0, 5.0),
     tolerance=0.05,
     key="inertia",
 )

@@ -5,7 +5,7 @@ from .base import DriveLaw, Reach
 
 
 def _trials(servo: Servo, _: Reach) -> list[Servo]:
-    return [servo.with_(load_friction=servo.load_friction + x) for x in (0.03, 0.1, 0.25, 0.5)]
+    return [servo.with_(load_friction=servo.load_friction + x) for x in (0.0, 0.05, 0.2, 0.5)]
 
 
 LAW = DriveLaw(

@@ -8,7 +8,7 @@ OFF = "let the joint swing with the drive off: viscous friction stays, the dampi
 
 def _trials(servo: Servo, reach: Reach) -> list[Servo]:
     size = max(servo.damping, 0.1 * reach.effort / max(reach.speed, 1e-6))
-    return [servo.with_(kd=max(servo.kd + x * size, 0.0)) for x in (-0.5, -0.2, 0.2, 0.6, 1.5)]
+    return [servo.with_(kd=max(servo.kd + x * size, 0.0)) for x in (0.0, -0.5, 0.6, 1.5)]
 
 
 LAW = DriveLaw(

@@ -1,5 +1,7 @@
 """Torque-speed line of a motor: less torque is left the faster it turns."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ....servos import Servo
@@ -10,7 +12,7 @@ def _trials(servo: Servo, reach: Reach) -> list[Servo]:
     stated = np.isfinite(servo.effort_limit)
     stalls = [servo.effort_limit] if stated else [x * reach.effort for x in (0.6, 0.9, 1.4)]
     tops = [x * reach.speed for x in (0.8, 1.2, 2.0, 4.0)]
-    return [servo.with_(law="torque_speed", effort_limit=stall, speed_limit=top) for stall in stalls for top in tops]
+    return [replace(servo, law="torque_speed", effort_limit=stall, speed_limit=top) for stall in stalls for top in tops]
 
 
 LAW = DriveLaw(

@@ -1,0 +1,1 @@
+"""Results on position drives beside their identification and validation."""

@@ -1,0 +1,140 @@
+"""Diagnosis of position drives: JSON document, terminal tables and sentences; mismatches in rad or m."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from .....servo.validate import HORIZON
+from .....types import Input
+from ...layout import figure, heading, new_table, note_lines, paragraph, share, with_interval
+from ..documents import Document, description, ending, opening, picked
+
+if TYPE_CHECKING:
+    from .....servo.diagnose import Number, PositionFit, ServoDiagnosis, ServoFinding
+
+VERDICTS = {
+    "nothing_missing": "nothing is missing: the simulation predicts the motion within the noise of the positions",
+    "unknown": "the simulation and the recordings differ, and no law explains the difference",
+}
+LIKELIHOOD = ("law", "joint", "numbers, ± 95 %", "stated>", "probability>", "mismatch explained>", "held-out gain>")
+FINE = 0.999  # probability that is shown as > 99.9 %
+
+
+def servo_diagnosis_document(result: ServoDiagnosis, inputs: Sequence[Input] = ()) -> Document:
+    """Build the content of diagnosis.json; `inputs` besides the recordings default to the robot description."""
+    before, after = result.rollout_before, result.rollout_after
+    return {
+        **opening("signid.diagnosis/1", result.robot),
+        "verdict": result.verdict,
+        "findings": [_finding(one) for one in result.findings],
+        "unexplained": [
+            {"joint": left.joint, "depends_on": left.variable, "share": left.share, "rms": left.rms}
+            for left in result.unexplained
+        ],
+        "fit": {"before": _fit(result.before), "after": _fit(result.after)},
+        "rollout": {
+            "horizon": HORIZON,
+            "before_rms": before.one_second_rms.tolist(),
+            "after_rms": after.one_second_rms.tolist(),
+            "before_whole_rms": before.whole_rms.tolist(),
+            "after_whole_rms": after.whole_rms.tolist(),
+            "unit": list(before.units),
+        },
+        **ending(result, result.inputs, inputs or [description(result.robot)], result.seed),
+    }
+
+
+def _fit(fit: PositionFit) -> Document:
+    sizes = picked(fit, "train_rms held_out_rms noise_floor held_out_r2")
+    return {"joints": list(fit.joints), "unit": list(fit.unit), **{key: x.tolist() for key, x in sizes.items()}}
+
+
+def _finding(one: ServoFinding) -> Document:
+    return {
+        **picked(one, "effect joint role probability"),
+        "parameters": {key: _number(number) for key, number in one.parameters.items()},
+        "meaning": one.meaning,
+        "torque_share": dict(one.share),
+        "where": {"joint": one.joint, "variable": one.variable, "region": one.region},
+        "evidence": picked(one, "statistic threshold held_out_gain"),
+        "alternatives": [picked(rival, "effect joint probability separating_motion") for rival in one.alternatives],
+    }
+
+
+def _number(number: Number) -> Document:
+    stated = {} if number.stated is None else {"stated": number.stated}
+    return {"value": number.value, "std": number.std, "unit": number.unit, **stated}
+
+
+def servo_diagnosis_tables(result: ServoDiagnosis) -> list[RenderableType]:
+    """Verdict, findings, alternatives, what is left, and errors before and after."""
+    rivals = servo_alternatives(result)
+    left = servo_unexplained(result)
+    rows = [[one.effect, one.joint, *cells] for one in result.findings for cells in [finding_cells(one)]]
+    return [
+        Text(f"{result.robot.name}: {servo_verdict(result)}", "bold red" if result.flags else "bold"),
+        *([heading("Missing or wrongly stated"), new_table(*LIKELIHOOD, rows=rows)] if rows else []),
+        *([heading("Alternatives"), *map(paragraph, rivals)] if rivals else []),
+        *([heading("Unexplained mismatch"), *map(paragraph, left)] if left else []),
+        heading("Held-out data: rms position error of closed loops from commands alone"),
+        new_table(*servo_error_heads(), rows=servo_errors(result)),
+        *note_lines(result.notes),
+    ]
+
+
+def servo_verdict(result: ServoDiagnosis) -> str:
+    """The verdict as a sentence."""
+    if result.verdict != "named":
+        return VERDICTS[result.verdict]
+    causes = [f"{one.effect} at {one.joint}" for one in result.causes]
+    return f"missing or wrongly stated: {', '.join(causes)}"
+
+
+def finding_cells(one: ServoFinding) -> list[str]:
+    """Numbers, stated values, probability, share of the mismatch, held-out gain."""
+    numbers, stated = [], []
+    for key, number in one.parameters.items():
+        value = figure(number.value) if not number.std else " ± ".join(with_interval(number.value, number.std))
+        numbers.append(f"{key} {value} {number.unit}")
+        stated.append("-" if number.stated is None else figure(number.stated))
+    sure = "> 99.9 %" if one.probability > FINE else share(one.probability)
+    explained = share(one.share.get(one.joint, 0.0))
+    return ["; ".join(numbers), "; ".join(stated), sure, explained, share(max(one.held_out_gain, 0.0))]
+
+
+def servo_alternatives(result: ServoDiagnosis) -> list[str]:
+    """A sentence for each alternative of a cause."""
+    return [
+        f"{one.effect} at {one.joint} or {rival.effect} at {rival.joint} (probability {share(rival.probability)}): "
+        f"{rival.separating_motion}"
+        for one in result.causes
+        for rival in one.alternatives
+    ]
+
+
+def servo_unexplained(result: ServoDiagnosis) -> list[str]:
+    """A sentence for each joint with mismatch that no law explains."""
+    return [
+        f"{left.joint}: {figure(left.rms)} rms remain over windows, most by {left.variable}, {share(left.share)} of "
+        f"the mismatch before"
+        for left in result.unexplained
+    ]
+
+
+def servo_error_heads() -> list[str]:
+    """Heads of the table of errors."""
+    pairs = (f"{span}: before>" if k == 0 else "after>" for span in ("whole", "1 s", "windows") for k in range(2))
+    return ["joint", *pairs, "noise>", "unit"]
+
+
+def servo_errors(result: ServoDiagnosis) -> Iterator[list[str]]:
+    """Errors of each joint before and after, over whole recordings, 1 s and the windows of the search."""
+    a, b = result.rollout_before, result.rollout_after
+    sizes = (a.whole_rms, b.whole_rms, a.one_second_rms, b.one_second_rms)
+    fits = (result.before.held_out_rms, result.after.held_out_rms, result.after.noise_floor)
+    for j, joint in enumerate(a.joints):
+        yield [joint, *(figure(float(x[j])) for x in (*sizes, *fits)), a.units[j]]
