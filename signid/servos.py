@@ -99,7 +99,7 @@ class ServoGrid(Frozen):
     command: Array  # (N, n) [rad or m] q_des in force at each row; measured q where a joint has none
     command_speed: Array | None  # (N, n) [rad/s or m/s]
     feed_forward: Array | None  # (N, n) [N.m or N]
-    on: Array  # (N, n) 1 while the drive holds, else 0
+    on: Array  # (N, n) [1] 1 while the drive holds, else 0
     voltage: Array  # (N, n) relative to the nominal supply [1]
     gain: Array  # (n,) firmware gain relative to the nominal one [1]
     driven: tuple[bool, ...]  # (n,)

@@ -29,7 +29,7 @@ def invented(
         model=with_servos(model, servos),
         servos=servos,
         joints=joints,
-        scale=ServoScale("inertials of the description", "The masses of the URDF are believed.", ("if kp is 20, x",)),
+        scale=ServoScale("inertials of the description", "The masses of the URDF are assumed.", ("if kp is 20, x",)),
         rollout=rollout,
         traces=(_trace(names),),
         inputs=(Input(PATH, "0" * 64, "recording, held out"),),

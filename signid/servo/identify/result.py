@@ -51,7 +51,7 @@ class ServoJoint:
 
 @dataclass(frozen=True)
 class ServoScale:
-    """What the common scale of torque and mass rests on."""
+    """Source of the common scale of torque and mass."""
 
     known_by: str  # BY_INERTIALS, BY_GAIN or BY_NOTHING
     sentence: str
@@ -64,10 +64,10 @@ class ServoRollOut(Frozen):
 
     joints: tuple[str, ...]  # n
     units: tuple[str, ...]  # n, "rad" or "m"
-    whole_rms: Array  # (n,) over whole recordings
-    one_second_rms: Array  # (n,) restarted from the measured state every second
-    nominal_whole_rms: Array  # (n,) of the stated numbers, or of q = q_des where no gain is stated
-    nominal_one_second_rms: Array  # (n,)
+    whole_rms: Array  # (n,) [rad or m] over whole recordings
+    one_second_rms: Array  # (n,) [rad or m] restarted from the measured state every second
+    nominal_whole_rms: Array  # (n,) [rad or m] of the stated numbers, or of q = q_des where no gain is stated
+    nominal_one_second_rms: Array  # (n,) [rad or m] the same every second
     nominal: str  # "stated numbers" or "q = q_des"
     held_out: bool  # whether the recordings took no part in the fit
 

@@ -172,7 +172,7 @@ def number_cell(number: ServoNumber | None) -> str:
 
 
 def scale_lines(result: ServoIdentification) -> list[str]:
-    """What the scale of torque rests on, and what holds otherwise."""
+    """Basis of the scale of torque, and its alternatives."""
     given = (result.scale.sentence, *result.scale.alternatives)
     return [f"{text[:1].upper()}{text[1:]}" for text in given if text]
 
