@@ -97,7 +97,7 @@ def test_units_of_drives(robot: Robot) -> None:
 def test_implausible_duties_are_ignored(robot: Robot) -> None:
     recording = signid.read_recording({**columns(), "pwm_1": np.full(ROWS, 885.0)}, robot)
     assert recording.read().servo is None
-    assert any("pwm_1" in note and "-1 to 1" in note for note in recording.notes)
+    assert any("pwm_1" in note and "-1 to 1" in note for note in recording.flags)
 
 
 STATED = """

@@ -31,6 +31,9 @@ RecordingName = Annotated[
 Recordings = Annotated[
     list[str], typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
 ]
+OptionalRecordings = Annotated[
+    Texts, typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
+]
 Columns = Annotated[Text, typer.Option(metavar="FILE", help='TOML of other column names: q_elbow = "elbow_pos".')]
 Effects = Annotated[
     Text,

@@ -8,14 +8,17 @@ Samples are read on demand and in chunks, so memory does not grow with the lengt
 """
 
 from .accept import Recordings, as_recording, as_recordings
+from .bare import is_recording, read_bare
 from .read import need_constants, need_torque, read_recording, same_joints, with_signs
 
 __all__ = [
     "Recordings",
     "as_recording",
     "as_recordings",
+    "is_recording",
     "need_constants",
     "need_torque",
+    "read_bare",
     "read_recording",
     "same_joints",
     "with_signs",

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import RecordingError, shorten
-from ..types import Recording, ServoSamples
+from ..types import Array, Recording, ServoSamples
 from .columns import TORQUES, conversion, function
 from .formats import FORMATS
 from .formats.base import About
 from .mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
+from .plausible import drop_implausible
 from .source import Opened, Source, open_source
 
 DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf", ".json", ".toml")  # suffixes that are of no recording
@@ -44,7 +45,8 @@ def read_bare(
     signals = {signal.logical: signal for signal in mapping.signals(opened.table.columns, opened.name)}
     joints = _joints(opened, signals)
     chosen = {kind: tuple(_column(signals, kind, joint) for joint in joints) for kind in KINDS}
-    functions, unknown = {}, set()
+    functions: dict[str, Callable[[Array, int], Array]] = {}
+    unknown: set[tuple[str, str]] = set()
     for kind, names in chosen.items():
         for joint, name in zip(joints, names, strict=True):
             if not name:
@@ -61,16 +63,18 @@ def read_bare(
     table = DerivedTable(opened.table, functions) if functions else opened.table
     used = [signals["t"].column, *(name for names in chosen.values() for name in names if name)]
     table.read(used, 0, 0)  # raises if a column is not numeric
+    plain, implausible = drop_implausible(table, chosen)
     notes = tuple(note for note in About.of(opened.table).notes if "no torque" not in note)
     recording = Recording(
         joints,
         table,
-        {"t": (signals["t"].column,), "tau": ("",) * len(joints), **chosen},
+        {"t": (signals["t"].column,), "tau": ("",) * len(joints), **plain},
         np.ones(len(joints)),
         np.ones(len(joints), bool),
         opened.path,
         opened.sha256,
         notes,
+        flags=tuple(implausible),
     )
     return recording, {joint: "" if ("q", joint) in unknown else "rad" for joint in joints}
 

@@ -18,15 +18,11 @@ from .columns import TORQUES, Assignment, assign_columns
 from .formats.base import About
 from .mapping import ColumnMap, DerivedTable
 from .names import suggest
+from .plausible import drop_implausible
 from .sampling.clock import CHUNK
 from .source import Opened, Source, columns_of, open_source
 
 POSITIONS = ("q", "dq", "ddq", "q_des")
-PLAUSIBLE = {  # smallest and largest accepted value of columns of drives
-    "pwm": (-1.01, 1.01, 'duties from -1 to 1: state [units] pwm = "%" or a scale in a column map (--columns)'),
-    "on": (0.0, 1.0, "1 while the drive holds and 0 while it does not"),
-    "volt": (0.0, 1e3, 'volts: state [units] volt = "mV" or "dV" in a column map (--columns)'),
-}
 
 
 def read_recording(
@@ -71,7 +67,7 @@ def read_recording(
         **{key: tuple(found.column(key, j) for j in joints) for key in ServoSamples._fields},
     }
     _check_samples(found.table, opened.name, chosen, torques)
-    chosen, dropped = _plausible(found.table, chosen)
+    chosen, dropped = drop_implausible(found.table, chosen)
     flags = () if any(torques) else tuple(dropped)
     constants = _torque_constants(robot, joints, torques, absolute, opened.name)
     absolutes = {c: _absolute for c, kind in zip(chosen["tau"], torques, strict=True) if unsigned and kind}
@@ -222,21 +218,6 @@ def _no_constant(source: str, names: Sequence[str], advice: str) -> str:
     fact = "the current of {}, but its torque constant is" if one else "currents of {}, but their torque constants are"
     state = "state torque_constant [N.m/A at the joint, N/A at a prismatic one] in an actuators file"
     return f"{source} records {fact.format(shorten(names))} not known; {state}, or {advice}"
-
-
-def _plausible(table: Table, chosen: dict[str, tuple[str, ...]]) -> tuple[dict[str, tuple[str, ...]], list[str]]:
-    """Columns without those of drives whose numbers cannot be meant, and a note for each of these."""
-    chosen, said = dict(chosen), []
-    for key, (low, high, expected) in PLAUSIBLE.items():
-        names = [name for name in chosen[key] if name]
-        pieces = (table.read(names, start, start + CHUNK) for start in range(0, table.rows if names else 0, CHUNK))
-        ends = [(np.nanmin(x, axis=0, initial=0.0), np.nanmax(x, axis=0, initial=0.0)) for x in pieces]
-        for k, name in enumerate(names):
-            least, most = min(float(a[k]) for a, _ in ends), max(float(b[k]) for _, b in ends)
-            if least < low or most > high:
-                chosen[key] = tuple("" if each == name else each for each in chosen[key])
-                said.append(f"column {name!r} goes from {least:.4g} to {most:.4g} and is ignored; expected {expected}")
-    return chosen, said
 
 
 def _notes(found: Assignment, robot: Robot, joints: Sequence[int], opened: Opened) -> Iterator[str]:

@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from ...deadline import USUAL, time_limit
-from ...errors import OptionError
+from ...errors import OptionError, readable
 from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_command, given_effects, given_inputs, given_options, given_recordings, given_robot
-from ..options import DriveOptions, Effects, Recordings, RobotArguments, RowOptions, RunOptions, TimeLimit, Unsigned
+from ..options import (
+    DriveOptions,
+    Effects,
+    OptionalRecordings,
+    Recordings,
+    RobotArguments,
+    RowOptions,
+    RunOptions,
+    TimeLimit,
+    Unsigned,
+)
 from ..terminal import bars, check_folder, show
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ...estimation.standard import Search
+    from ...types import Recording, Robot
 
 
 @command("signid inspect panda --joints panda_joint6,panda_joint7")
@@ -33,24 +47,70 @@ def inspect(robot: RobotArguments, run: RunOptions, effects: Effects = None) -> 
 
 @command("signid check 3r recording.csv")
 def check(
-    robot: RobotArguments, recordings: Recordings, rows: RowOptions, run: RunOptions, unsigned: Unsigned = False
+    robot: RobotArguments,
+    rows: RowOptions,
+    run: RunOptions,
+    recordings: OptionalRecordings = None,
+    unsigned: Unsigned = False,
 ) -> int:
     """Check what recordings can identify, before a model is fitted.
 
     Covers sampling, gaps, noise, cut-offs, recording faults and excitation, and advises what to improve. Lost torque
-    signs (abs_tau_J, abs_current_J or --unsigned) are recovered first, as in identify.
+    signs (abs_tau_J, abs_current_J or --unsigned) are recovered first, as in identify. Recordings of servos (q_J and
+    q_des_J, no torque) are audited: lag, droop, saturation and faults of the log; a description is not needed then,
+    signid check RECORDING.
     """
     from ...check import check as judge
     from ...output.report import check_document, check_tables, to_json
+    from ...recording import is_recording
 
+    if is_recording(robot.robot):
+        return _audit(None, [robot.robot, *(recordings or ())], robot, rows, run)
     described = given_robot(robot.robot, robot)
+    if not recordings:
+        raise OptionError(f"no recording was given; write signid check {robot.robot} RECORDING")
     given = given_recordings(recordings, described, rows.columns, unsigned)
+    if not any(any(recording.columns["tau"]) for recording in given):
+        return _audit(described, given, robot, rows, run)
     with bars(run.json) as progress:
         found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
     if not run.json:
         return show(check_tables(found), found.flags)
     inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
     return show(to_json(check_document(found, inputs, run.seed)), found.flags)
+
+
+def _audit(
+    described: Robot | None, given: Sequence[str | Recording], robot: RobotArguments, rows: RowOptions, run: RunOptions
+) -> int:
+    """Audit recordings of servos; without a description they are given by name."""
+    from ...output.report import audit_document, audit_tables, to_json
+    from ...recording import read_bare
+    from ...recording.source import digest_of
+    from ...servo.audit import audit_servos
+    from ...types import Input
+
+    units: dict[str, str] = {}
+    read: list[Recording] = []
+    for each in given:
+        if isinstance(each, str):
+            recording, own = read_bare(each, columns=rows.columns)
+            units |= own
+        else:
+            recording = each
+        read.append(recording)
+    if described is not None:
+        units = {
+            joint: "m" if slides else "rad" for joint, slides in zip(described.joints, described.prismatic, strict=True)
+        }
+    found, name = audit_servos(read, units), described.name if described else ""
+    if not run.json:
+        return show(audit_tables(found, name), found.flags)
+    if described is not None:
+        inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
+    else:
+        inputs = [Input(readable(rows.columns), digest_of(Path(rows.columns)), "columns")] if rows.columns else []
+    return show(to_json(audit_document(found, inputs, run.seed, name)), found.flags)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .pages.servos import servo_page as servo_page
     from .pages.signs import signs_page as signs_page
     from .pages.validation import validation_page as validation_page
+    from .results.audit import audit_document as audit_document, audit_tables as audit_tables
     from .results.closed_loops import (
         servo_validation_document as servo_validation_document,
         servo_validation_tables as servo_validation_tables,

@@ -14,6 +14,7 @@ JUMP = 3.0  # steps of the encoder that count as motion between two rows
 FULL = 0.98  # duty that counts as saturated
 TOP, APART, RUN = 0.93, 0.4, 3  # speed at its limit [1]; difference from the commanded one [1]; rows
 FASTEST = 0.999  # quantile of the speed that is its limit
+WRAPPED = 0.05  # tolerance of a full turn [1]
 OUTLIER = 20.0  # jumps over the 99.9 % quantile of the others that are no motion
 COPY, SHIFTS = 1e-6, range(-3, 4)  # [1] of the range of motion; rows
 ALTERNATES = -0.5  # largest correlation of successive second differences of white noise, which have -2/3
@@ -48,9 +49,23 @@ def jumps(parts: Sequence[Part]) -> tuple[int, float]:
     """Number of jumps of the position that are no motion, and their median size [rad or m]."""
     steps = np.concatenate([np.abs(np.diff(part.q)) for part in parts])
     size = max(float(part.q.max()) for part in parts) - min(float(part.q.min()) for part in parts)
-    usual = float(np.quantile(steps, FASTEST - 0.004))
-    far = steps[(steps > 0.5 * size) & (steps > OUTLIER * max(usual, TINY * size))]
+    near = steps[steps <= size / 2]
+    usual = float(np.quantile(near, FASTEST)) if len(near) else 0.0
+    far = steps[(steps > size / 2) & (steps > OUTLIER * max(usual, TINY * size))]
     return len(far), float(np.median(far)) if len(far) else 0.0
+
+
+def turn_of(size: float, unit: str) -> float:
+    """Full turn that a jump of a size is, 0 if it is none; size: [unit], which is "" where it is unknown."""
+    turns = {"rad": (2 * np.pi,), "m": ()}.get(unit, (2 * np.pi, 360.0))
+    return next((float(turn) for turn in turns if abs(size / turn - 1) < WRAPPED), 0.0)
+
+
+def unwrapped(part: Part, turn: float) -> Part:
+    """A part whose position and command do not jump by full turns [unit of the position]."""
+    q, command = (np.unwrap(x, period=turn) for x in (part.q, part.command))
+    away = turn * np.round(float(np.median(q - command)) / turn)
+    return part._replace(q=q - away, command=command)
 
 
 def copied(parts: Sequence[Part]) -> int | None:

@@ -19,14 +19,17 @@ SHARES = (0.0, 0.3, 0.6, 0.9)  # starts: share of the lag that is delay
 DAMPINGS = (0.4, 0.8, 1.5, 3.0)  # starts: damping ratio [1]
 LOWER, UPPER = (np.log(1e-4), 0.0, np.log(0.05)), (np.log(1.0), 0.98, np.log(8.0))  # of lag [s], share, damping
 FAR = 0.03, 1.3  # [s], [1] largest lag over the shift
+TINY = 1e-6  # [s] smaller delays are none
+LEAST = 0.05  # [1] lag over the shift from which on its interval is meaningful
 WORST = 0.5  # [1] largest residual of a response that is of second order
-SLOW = 0.2  # [1] speed over its rms at which friction reverses
+SLOW = 0.1  # [1] speed over its rms at which friction reverses
 
 
 class Response(NamedTuple):
     """Second-order response to the delayed command; NaN where another one would be nearer."""
 
     lag: float  # [s]
+    lag_std: float  # [s]
     shift: float  # [s]
     correlation: float  # [1] at the shift, with its sign
     scale: float  # [1] motion per command at the shift
@@ -41,18 +44,20 @@ def find_response(grids: Sequence[Grid]) -> Response:
     shift, correlation, scale = best_shift(grids)
     windows = _windows(grids)
     spread = float(np.sqrt(np.mean(np.concatenate([(w.q - w.q.mean()) ** 2 for w in windows]))))
-    unknown = Response(np.nan, shift, correlation, scale, np.nan, np.nan, np.nan, np.nan)
-    if spread <= 0 or not np.isfinite(correlation):
+    unknown = Response(np.nan, np.nan, shift, correlation, scale, np.nan, np.nan, np.nan, np.nan)
+    if spread <= 0 or not np.isfinite(shift):
         return unknown
-    x = _fitted(windows, max(shift, grids[0].period))
+    x, log_std = _fitted(windows, max(shift, grids[0].period))
     w, z, delay = _numbers(x)
     lag, flat = delay + 2 * z / w, 1 - 2 * z * z
     residual, (gain, _, width) = _residual(x, windows)
     rest = float(np.sqrt(np.mean(residual**2))) / spread
     if gain <= 0 or rest > WORST or lag > FAR[1] * shift + max(FAR[0], 2 * grids[0].period):
-        return unknown._replace(lag=shift)
+        return unknown
     bandwidth = w / (2 * np.pi) * np.sqrt(flat + np.sqrt(flat * flat + 1))
-    return Response(lag, shift, correlation, scale, delay, float(bandwidth), rest, float(width))
+    sure = delay if delay > TINY else 0.0
+    std = lag * log_std if lag > LEAST * shift else shift  # friction alone explains the lag
+    return Response(lag, std, shift, correlation, scale, sure, float(bandwidth), rest, float(width))
 
 
 def best_shift(grids: Sequence[Grid]) -> tuple[float, float, float]:
@@ -71,11 +76,15 @@ def best_shift(grids: Sequence[Grid]) -> tuple[float, float, float]:
         total, squares = (sums[len(inner) :] - sums[: -len(inner)])[::-1].T
         command_power += squares - total**2 / len(inner)
         power += inner @ inner
-    size = np.sqrt(command_power * power)
+    size = np.sqrt(np.maximum(command_power, 0.0) * power)
     if not (size > 0).any():
         return np.nan, np.nan, np.nan
     r = np.where(size > 1e-12 * size.max(), covariance / np.where(size > 0, size, 1.0), 0.0)
-    k, part = _peak(np.where(r > 0, r, -AGAINST * r), most)
+    likely = np.where(r > 0, r, -AGAINST * r)
+    best = int(np.argmax(likely))
+    if best in (0, 2 * most):  # beyond the shifts that were tried
+        return np.nan, float(r[best]), float(covariance[best] / command_power[best])
+    k, part = _peak(likely, most)
     return float((k + part - most) * period), float(r[k]), float(covariance[k] / command_power[k])
 
 
@@ -121,7 +130,8 @@ def _numbers(x: Array) -> tuple[float, float, float]:
     return 2 * damping / ((1 - share) * lag), damping, share * lag
 
 
-def _fitted(windows: Sequence[_Window], lag: float) -> Array:
+def _fitted(windows: Sequence[_Window], lag: float) -> tuple[Array, float]:
+    """Numbers (3,) as in `_numbers`, and the standard deviation of the first."""
     from scipy.optimize import least_squares  # slow import
 
     inside = [np.array(LOWER) + 1e-6, np.array(UPPER) - 1e-6]
@@ -135,7 +145,22 @@ def _fitted(windows: Sequence[_Window], lag: float) -> Array:
         max_nfev=15,
         ftol=1e-5,
     )
-    return np.asarray(found.x)
+    covariance = np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-10)[0, 0] * float(np.mean(found.fun**2))
+    return np.asarray(found.x), float(np.sqrt(covariance * _correlated(found.fun)))
+
+
+def _correlated(residual: Array) -> float:
+    """Rows of a residual (N,) for one that is independent: 1 for white noise."""
+    power = float(residual @ residual)
+    if power <= 0:
+        return 1.0
+    total = 1.0
+    for lag in range(1, len(residual) // 2):
+        r = float(residual[lag:] @ residual[:-lag]) / power
+        if r < 0:
+            break
+        total += 2 * r
+    return total
 
 
 def _residual(x: Array, windows: Sequence[_Window]) -> tuple[Array, Array]:
@@ -157,7 +182,7 @@ def _residual(x: Array, windows: Sequence[_Window]) -> tuple[Array, Array]:
     impulse = lfilter([1.0], a, pulse)
     for window, answer, rate in zip(windows, answers, rates, strict=True):
         size = len(window.q)
-        own = np.column_stack([answer, np.ones(size), -np.tanh(rate / slow), window.q])
+        own = np.column_stack([answer, np.ones(size), -lfilter(b, a, np.tanh(rate / slow)), window.q])
         free = np.column_stack([impulse[1 : size + 1], impulse[:size]])
         basis, _ = np.linalg.qr(free)
         columns.append(own - basis @ (basis.T @ own))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import RecordingError
 from ...types import Recording, Samples
-from .faults import command_noise, command_period, held_share, quantum, saturated_share
+from .faults import command_noise, command_period, held_share, jumps, quantum, saturated_share, turn_of, unwrapped
 from .response import find_response
 from .rest import at_rest
 from .result import JointAudit, ServoAudit
@@ -80,6 +80,8 @@ def _parts(joint: str, read: Sequence[tuple[Recording, Samples]], clocks: Sequen
 
 def _audit(joint: str, unit: str, parts: Sequence[Part], period: float, coarsest: float) -> JointAudit:
     """Audit one joint; period of the rows [s], coarsest: largest step of an encoder [rad or m]."""
+    given, turn = parts, turn_of(jumps(parts)[1], unit)
+    parts = [unwrapped(part, turn) for part in given] if turn else given
     q, command = joined(parts, "q"), joined(parts, "command")
     step, span = quantum(parts), float(np.ptp(command))
     grids = [on_grid(part, max(period, SLOWEST_GRID)) for part in parts]
@@ -94,6 +96,7 @@ def _audit(joint: str, unit: str, parts: Sequence[Part], period: float, coarsest
         samples=len(q),
         range=span,
         lag=lag,
+        lag_std=found.lag_std if found else nan,
         shift=found.shift if found else nan,
         delay=found.delay if found else nan,
         bandwidth=found.bandwidth if found else nan,
@@ -111,5 +114,5 @@ def _audit(joint: str, unit: str, parts: Sequence[Part], period: float, coarsest
         held=held_share(parts, step),
         quantum=step,
     )
-    said = judge_joint(audit, found, parts, period) if span > COARSE * max(step, coarsest) else ()
+    said = judge_joint(audit, found, given, period) if span > COARSE * max(step, coarsest) else ()
     return replace(audit, flags=tuple(said))

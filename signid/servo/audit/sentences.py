@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from math import pi
 
 from ...types import Recording
-from .faults import copied, jumps
+from .faults import copied, jumps, turn_of
 from .response import Response
 from .result import JointAudit
 from .tracks import Clock, Part
@@ -26,7 +26,6 @@ HELD = 0.08  # share of moving rows
 SATURATED = 0.4  # share of rows
 NOISE = 0.02  # [range]
 UNEVEN, REPEATED = 0.1, 0.01  # shares of rows
-TURN = 2 * pi  # [rad]
 
 
 def judge_joint(audit: JointAudit, found: Response | None, parts: Sequence[Part], period: float) -> Iterator[str]:
@@ -79,8 +78,11 @@ def _log(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
     joint = audit.joint
     count, size = jumps(parts)
     if count:
-        turn = audit.unit != "m" and min(abs(size / k - 1) for k in (TURN, 360.0)) < 0.05
-        why = "the encoder wraps around" if turn else "the position wraps around, or rows are damaged"
+        why = (
+            "the encoder wraps around"
+            if turn_of(size, audit.unit)
+            else "the position wraps around, or rows are damaged"
+        )
         times = "once" if count == 1 else f"{count} times"
         yield f"{joint}: q jumps {times} by {_length(size, audit)} from row to row: {why}; unwrap it"
     if audit.held > HELD:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 
-from ....types import Input
+from ....types import TWO_SIDED, Input
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural, share
 from .documents import Document, ending
 
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from ....servo.audit import JointAudit, ServoAudit
 
 BRIEF = (
-    "lag: delay of a slow ramp; 71 %: frequency at which the motion is 71 % of the command; hysteresis: half its width"
+    "lag: delay of a slow ramp beside that of dry friction (- where the motion does not separate them); shift: best "
+    "shift of the command; 71 % at: frequency at which the motion is 71 % of the command; hysteresis: half width, dry "
+    "friction or dead band; droop: error at rest; held: moving rows that repeat the position before."
 )
 
 
@@ -46,7 +48,8 @@ def audit_tables(found: ServoAudit, robot: str = "") -> list[RenderableType]:
         name = Path(recording.path).name or "(arrays)"
         recordings.add_row(name, figure(rate, 4), figure(duration), str(len(recording)), share(uneven))
     joints = new_table(
-        *("joint", "lag [ms]>", "71 % at [Hz]>", "hysteresis>", "droop>", "scale>", "at limit>", "held>", "unit")
+        *("joint", "lag [ms]>", "shift [ms]>", "71 % at [Hz]>", "hysteresis>", "droop>", "unit", "scale>", "at limit>"),
+        "held>",
     )
     for joint in found.joints:
         joints.add_row(*_cells(joint))
@@ -64,5 +67,8 @@ def _cells(joint: JointAudit) -> tuple[str, ...]:
     """One line a joint."""
     lengths = (figure(x, 2) for x in (joint.width, joint.droop))
     shares = (share(x) if x == x else "-" for x in (joint.saturated, joint.held))
-    numbers = figure(1e3 * joint.lag, 2), figure(joint.bandwidth, 2), *lengths, figure(joint.scale, 2)
-    return joint.joint, *numbers, *shares, joint.unit or "not stated"
+    wide = TWO_SIDED * joint.lag_std
+    lag = f"{1e3 * joint.lag:.0f} ± {1e3 * wide:.0f}" if wide < joint.lag else "-"
+    band = figure(joint.bandwidth, 2) if wide < joint.lag else "-"
+    unit = joint.unit or "not stated"
+    return joint.joint, lag, figure(1e3 * joint.shift, 3), band, *lengths, unit, figure(joint.scale, 2), *shares
