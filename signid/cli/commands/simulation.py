@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from ...errors import OptionError
 from ..app import LARGEST, Text, Texts, command, option, output_option
-from ..arguments import given_model, simulation_inputs
+from ..arguments import given_model, given_recordings, simulation_inputs
 from ..completion import complete_law
 from ..options import RunOptions, SimulationArguments
 from ..terminal import bars, check_file, show, write_columns
@@ -17,9 +19,11 @@ if TYPE_CHECKING:
     from ...output.report import SimulationRun
     from ...simulation.plant import Sensors, Torques
     from ...simulation.plant.control import Tracking
-    from ...types import Array, Robot, Trajectory
+    from ...types import Array, Recording, Robot, Trajectory
 
 DURATION = 20.0  # default length of random motions [s]
+RATE, COMMAND_RATE = 250.0, 100.0  # default rates of recordings, and of the commands of random motions [Hz]
+SERVO = "servo@"  # beginning of injected numbers of drives
 MOST_FORWARD = 10.0  # share of the rigid-body torque that can be fed forward
 
 
@@ -28,12 +32,14 @@ class SimulateOptions:
     """Motion, injected laws, integration and output of a simulation."""
 
     output: Text = output_option("The recording: .csv, .csv.gz, .parquet or .npz. Needed, unless --json.", "FILE")
+    servo: bool = option(False, "Drive the joints through the position drives of SIMULATION.", "--servo")
     motion: Text = option(None, "Desired motion: t, q_J (dq_J, ddq_J). Default: random.", metavar="FILE")
     torque: Text = option(None, "Play back its torque in open loop.", metavar="RECORDING")
     inject: Texts = option(
         None,
         "EFFECT[@JOINT][:key=value,...], added to the laws of SIMULATION and unknown to the controller. "
-        "Omitted parameters take their usual values. Repeatable; signid effects lists them.",
+        "Omitted parameters take their usual values. Repeatable; signid effects lists them. With --servo also "
+        "servo@JOINT:kp=20,delay=0.01.",
         metavar="LAW",
         autocompletion=complete_law,
     )
@@ -59,7 +65,9 @@ class LoopOptions:
 class SensorOptions:
     """Sensors of the simulated robot."""
 
-    rate: float = option(250.0, "Sampling rate of the recording [Hz].", metavar="HZ")
+    rate: float | None = option(
+        None, "Sampling rate of the recording [Hz]. Default: 250, with --servo that of the commands.", metavar="HZ"
+    )
     encoder_bits: float | None = option(None, "2**N counts per turn or metre. Default: exact.", metavar="N")
     noise: float = option(0.0, "White torque noise, relative to the rms torque.", metavar="SHARE")
     coloured_noise: float = option(0.0, "Torque noise below 3 Hz, relative to the rms torque.", metavar="SHARE")
@@ -70,19 +78,31 @@ class SensorOptions:
 
 @command("signid simulate 3r --inject coulomb_friction@2 -o recording.csv")
 def simulate(
-    plant: SimulateOptions, loop: LoopOptions, sensors: SensorOptions, simulation: SimulationArguments, run: RunOptions
+    plant: SimulateOptions,
+    loop: LoopOptions,
+    sensors: SensorOptions,
+    simulation: SimulationArguments,
+    run: RunOptions,
+    commands: Annotated[
+        str | None, typer.Argument(metavar="[COMMANDS]", help="With --servo: its q_des_J drive.")
+    ] = None,
 ) -> int:
     """Simulate a robot with injected laws, and record it.
 
     A position and velocity controller follows --motion, with the rigid-body torque of SIMULATION as feed-forward.
     Without --motion the robot moves at random within its limits, from rest to rest. Joints without a column in the
     motion are held.
+
+    With --servo the position drives of SIMULATION (a model.json with servos, or [joint.J.servo] of an actuators file)
+    follow the q_des_J of COMMANDS, or the motion; the recording holds q_J, dq_J, q_des_J and on_J, without torque.
     """
     from ...output.report import simulation_document, simulation_tables, to_json
     from ...simulation.plant import Sensors
 
-    check_file(plant.output, run.json, [plant.motion, plant.torque])
-    recorded = Sensors(**vars(sensors))
+    check_file(plant.output, run.json, [plant.motion, plant.torque, commands])
+    if plant.servo or commands is not None:
+        return _through_drives(commands, plant, loop, sensors, simulation, run)
+    recorded = Sensors(**{**vars(sensors), "rate": RATE if sensors.rate is None else sensors.rate})
     recorded.every(plant.step)
     known, asked = given_model(simulation, plant.motion, plant.torque)
     done = _run(known, asked, plant, loop, recorded, run)
@@ -90,6 +110,66 @@ def simulate(
     document = to_json(simulation_document(done, simulation_inputs(simulation, known.robot, **files), run.seed))
     written = write_columns(plant.output, done.columns)
     return show(document if run.json else simulation_tables(done), (), written)
+
+
+def _through_drives(
+    commands: str | None,
+    plant: SimulateOptions,
+    loop: LoopOptions,
+    sensors: SensorOptions,
+    simulation: SimulationArguments,
+    run: RunOptions,
+) -> int:
+    """Simulate and record the closed loop of position drives."""
+    from ...effects.naming import parse_law
+    from ...output.report import servo_simulation_document, servo_simulation_tables, to_json
+    from ...servo.simulate import simulate_servos
+    from ...simulation.plant import Sensors
+    from ...types import Trajectory
+
+    if plant.torque is not None or loop != LoopOptions():
+        raise OptionError("--servo takes kp and kd from the model; leave --torque, --bandwidth, --kp, --kd out")
+    if commands is not None and plant.motion is not None:
+        raise OptionError("the commands of a recording and --motion both drive the joints; give one of them")
+    if plant.duration is not None and (commands or plant.motion):
+        raise OptionError("--duration applies to random motions; with given commands, leave it out")
+    known, asked = given_model(simulation, plant.motion)
+    texts = plant.inject or ()
+    laws = [parse_law(text, known.robot) for text in texts if not text.startswith(SERVO)]
+    numbers = dict(_servo_numbers(text, known.robot) for text in texts if text.startswith(SERVO))
+    given: Recording | Trajectory
+    if commands is not None:
+        [given] = given_recordings([commands], known.robot, None)
+    else:
+        given = asked if isinstance(asked, Trajectory) else _random(known.robot, plant.duration, sensors.rate, run.seed)
+    done = simulate_servos(
+        known, given, Sensors(**vars(sensors)), inject=laws, numbers=numbers, injected=texts, seed=run.seed
+    )
+    inputs = simulation_inputs(simulation, known.robot, commands=commands, motion=plant.motion)
+    document = to_json(servo_simulation_document(done, inputs, run.seed))
+    written = write_columns(plant.output, done.columns)
+    return show(document if run.json else servo_simulation_tables(done), (), written)
+
+
+def _random(robot: Robot, duration: float | None, rate: float | None, seed: int) -> Trajectory:
+    from ...simulation.excite.random_motions import rest_to_rest_motion
+
+    return rest_to_rest_motion(robot, DURATION if duration is None else duration, 1 / (rate or COMMAND_RATE), seed)
+
+
+def _servo_numbers(text: str, robot: Robot) -> tuple[str, dict[str, float]]:
+    """Joint and numbers of `servo@JOINT:key=value,...`."""
+    from ...robot.joints import find
+
+    joint, colon, tail = text[len(SERVO) :].partition(":")
+    pairs = [pair.partition("=") for pair in tail.split(",")]
+    try:
+        numbers = {key.strip(): float(value) for key, _, value in pairs}
+    except ValueError:
+        numbers = {}
+    if not (colon and numbers and all(0 <= abs(x) <= LARGEST for x in numbers.values())):
+        raise OptionError(f"--inject {text!r} cannot be read; write {SERVO}JOINT:kp=20,delay=0.01")
+    return robot.joints[find(joint.strip(), robot)], numbers
 
 
 def _run(

@@ -59,6 +59,8 @@ if TYPE_CHECKING:
         SimulationRun as SimulationRun,
         excitation_document as excitation_document,
         excitation_tables as excitation_tables,
+        servo_simulation_document as servo_simulation_document,
+        servo_simulation_tables as servo_simulation_tables,
         simulation_document as simulation_document,
         simulation_tables as simulation_tables,
     )

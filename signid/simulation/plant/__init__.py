@@ -7,6 +7,16 @@ the signals of a perfect logger, `record` those of real encoders and amplifiers 
 
 from .control import Torques, read_motion, recorded_torques, track
 from .run import Simulation, simulate
-from .sensors import Sensors, record
+from .sensors import Sensors, record, record_held
 
-__all__ = ["Sensors", "Simulation", "Torques", "read_motion", "record", "recorded_torques", "simulate", "track"]
+__all__ = [
+    "Sensors",
+    "Simulation",
+    "Torques",
+    "read_motion",
+    "record",
+    "record_held",
+    "recorded_torques",
+    "simulate",
+    "track",
+]

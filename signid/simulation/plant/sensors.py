@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,6 +90,53 @@ def record(
     columns = {"t": t.round(STAMP)}
     for name, values in (("q", q), torque, *([("q_des", asked)] if desired else [])):
         columns |= {f"{name}_{joint}": x for joint, x in zip(robot.joints, values.T, strict=True)}
+    kept = _kept(len(t), sensors.drop_outs, clock)
+    return {name: x[kept] for name, x in columns.items()}
+
+
+def record_held(
+    prismatic: Mask,
+    joints: Sequence[str],
+    step: float,
+    q: Array,
+    v: Array,
+    held: Mapping[str, Mapping[str, Array]],
+    sensors: Sensors,
+    seed: int = 0,
+) -> dict[str, Array]:
+    """Columns of a recording without torque: t, q_J, dq_J and signals that are held between steps.
+
+    Args:
+        prismatic: (n,) whether a joint is prismatic [1].
+        joints: n names.
+        step: between the K instants [s].
+        q: (K, n) positions [rad or m].
+        v: (K, n) velocities [rad/s or m/s].
+        held: signals (K,) by kind and joint [units of their kinds]; each row gets the value in force at its time.
+        sensors: errors of the encoders and of the logger.
+        seed: of encoder zeros, sampling times and losses.
+
+    Raises:
+        OptionError: torque noise, or a rate that does not divide that of the steps.
+    """
+    if sensors.noise or sensors.coloured_noise or sensors.unsigned:
+        raise OptionError("noise and signs of torque do not apply to a recording without torque; leave them out")
+    every = sensors.every(step)
+    clock, zeros = (np.random.default_rng([seed, k]) for k in (1, 2))
+    at = np.arange(len(q)) * step
+    t = at[::every]
+    if sensors.jitter:
+        late = sensors.jitter * every * step * clock.standard_normal(len(t))
+        t = np.clip(t + np.clip(late, -LATE * every * step, LATE * every * step), 0.0, at[-1])
+    row = np.minimum(np.floor(t / step + 1e-6).astype(int), len(at) - 1)
+    positions = _counted(
+        q[row] if not sensors.jitter else CubicSpline(at, q)(t), sensors.encoder_bits, prismatic, zeros
+    )
+    speeds = np.column_stack([np.interp(t, at, x) for x in v.T])
+    columns: dict[str, Array] = {"t": np.round(np.asarray(t, float), STAMP)}
+    for name, values in (("q", positions), ("dq", speeds)):
+        columns |= {f"{name}_{joint}": x for joint, x in zip(joints, values.T, strict=True)}
+    columns |= {f"{kind}_{joint}": np.asarray(x[row]) for kind, each in held.items() for joint, x in each.items()}
     kept = _kept(len(t), sensors.drop_outs, clock)
     return {name: x[kept] for name, x in columns.items()}
 

@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from ....errors import shorten
+from ....servos import servos_document
 from ....types import Array, Input, Law, Robot
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural, position_units, share, torque_units
 from .documents import Document, description, ending, opening, picked, provenance
@@ -18,6 +19,7 @@ from .laws import law_document
 
 if TYPE_CHECKING:
     from ....model import Model
+    from ....servo.simulate import ServoSimulation
     from ....simulation.excite import Excitation, Separation
     from ....simulation.plant import Sensors, Simulation
     from ....simulation.plant.control import Drive
@@ -119,6 +121,42 @@ def simulation_tables(run: SimulationRun) -> list[RenderableType]:
         *([heading("Laws"), laws] if run.acting else [paragraph("No law acts in addition to the rigid bodies.")]),
         *note_lines(run.notes),
     ]
+
+
+def servo_simulation_document(run: ServoSimulation, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
+    """Build the output of `signid simulate --servo --json`; `inputs` defaults to the robot description."""
+    robot = run.model.robot
+    return {
+        **opening("signid.servo_simulation/1", robot),
+        "joints": list(robot.joints),
+        "servos": servos_document(run.model.servos, robot.joints),
+        "injected": list(run.injected),
+        "duration": float(run.t[-1]),
+        "step": float(run.t[1] - run.t[0]),
+        "sensors": asdict(run.sensors),
+        "rows": len(run.columns["t"]),
+        "columns": list(run.columns),
+        "error_rms": run.error_rms,
+        "position_unit": position_units(robot),
+        "saturated_share": run.saturated,
+        "notes": list(run.notes),
+        **provenance((), inputs or [description(robot)], seed),
+    }
+
+
+def servo_simulation_tables(run: ServoSimulation) -> list[RenderableType]:
+    """Drive, error of following and share of saturation of each joint."""
+    robot = run.model.robot
+    joints = new_table("joint", "law", "kp>", "lag [ms]>", "rms of q_des - q>", "unit", "saturated>")
+    columns = (robot.joints, run.error_rms, position_units(robot), run.saturated)
+    for joint, error, unit, full in zip(*columns, strict=True):
+        servo = run.model.servos.get(joint)
+        if servo is not None:
+            numbers = (figure(servo.kp), figure(1e3 * servo.lag), figure(float(error)), unit, share(float(full)))
+            joints.add_row(joint, servo.law, *numbers)
+    rows = plural(len(run.columns["t"]), "row")
+    title = heading(f"{robot.name}: {rows}, {figure(float(run.t[-1]))} s, closed loop from commands", below=False)
+    return [title, joints, *map(paragraph, (f"injected: {text}" for text in run.injected)), *note_lines(run.notes)]
 
 
 def _drive(drive: Drive) -> Document:

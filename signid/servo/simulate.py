@@ -1,0 +1,184 @@
+"""Models with position drives and commands -> simulated recordings: the closed loop from the commands alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..effects.base import BodyLaw
+from ..errors import OptionError, RecordingError, shorten
+from ..model import Model, with_servos
+from ..servos import SERVO_NUMBERS, Servo, ServoGrid
+from ..simulation.plant import Sensors, record_held
+from ..simulation.rollout.joints import restrict_joints
+from ..types import Array, Law, Recording, Result, Robot, Trajectory
+from .plant import grids_of_arrays, roll_out, servo_grid, servo_grids
+from .stated import stated_servos
+
+STEP = 1e-3  # [s] of the simulation
+MOST_SPEED = 1e4  # [rad/s or m/s] from which on a simulation has diverged
+FRICTIONS = {  # laws that are numbers of a drive: number by parameter
+    "armature": ("inertia", "armature"),
+    "viscous_friction": ("coefficient", "viscous_friction"),
+    "coulomb_friction": ("level", "coulomb_friction"),
+    "load_friction": ("coefficient", "load_friction"),
+    "torque_offset": ("offset", "torque_offset"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ServoSimulation(Result):
+    """Closed loops of a model, driven by commands: K instants of n joints, and the recording of it."""
+
+    model: Model  # with `servos`, of the joints that move
+    injected: tuple[str, ...]  # laws and numbers that were added, as given
+    t: Array  # (K,) [s]
+    q: Array  # (K, n) [rad or m] true positions
+    v: Array  # (K, n) [rad/s or m/s]
+    command: Array  # (K, n) [rad or m] in force at each instant
+    columns: Mapping[str, Array]  # (N,) each, as recorded [units of their names]
+    sensors: Sensors
+    notes: tuple[str, ...]
+
+    @property
+    def error_rms(self) -> Array:
+        """Rms of command - position (n,) [rad or m]; NaN for joints without a drive."""
+        driven = np.array([joint in self.model.servos for joint in self.model.robot.joints])
+        return np.where(driven, np.sqrt(np.mean((self.command - self.q) ** 2, axis=0)), np.nan)
+
+    @property
+    def saturated(self) -> Array:
+        """Share of time (n,) [1] at which the limit of the torque at rest cuts what the loop demands."""
+        return np.array([self._clipped(j, joint) for j, joint in enumerate(self.model.robot.joints)])
+
+    def _clipped(self, j: int, joint: str) -> float:
+        servo = self.model.servos.get(joint, Servo())
+        late = min(round(servo.delay / STEP), len(self.t) - 1)
+        command = np.concatenate([np.full(late, self.command[0, j]), self.command[: len(self.t) - late, j]])
+        demand = servo.kp * (command - self.q[:, j])
+        if servo.law != "duty":
+            demand = demand - servo.kd * self.v[:, j]
+        return float(np.mean(np.abs(demand) > servo.effort_limit))
+
+
+def simulate_servos(
+    model: Model,
+    commands: Recording | Trajectory,
+    sensors: Sensors | None = None,
+    *,
+    inject: Sequence[Law] = (),
+    numbers: Mapping[str, Mapping[str, float]] | None = None,
+    injected: Sequence[str] = (),
+    seed: int = 0,
+) -> ServoSimulation:
+    """Simulate drives that follow commands, and record the positions, the commands and whether the drives hold.
+
+    Args:
+        model: with `servos`, or with drives that its actuators file states.
+        commands: a recording with q_des_J, or a motion, each of whose positions is held until the next.
+        sensors: encoders and logger; without a rate, that of the commands.
+        inject: laws of bodies, frictions, armature and offset, added to those of the model.
+        numbers: numbers of drives by joint, in place of those of the model.
+        injected: description of both, kept in the result.
+        seed: of sampling times, encoder zeros and losses.
+
+    Raises:
+        OptionError: no joint has a drive and a command, a law cannot be injected, or the simulation diverges.
+        RecordingError: the recording cannot be used.
+    """
+    sensors = sensors or Sensors()
+    grid, model, notes = _grid(model, commands)
+    servos = _injected(model.robot, dict(model.servos), inject, numbers or {})
+    bodies = tuple(law for law in inject if isinstance(law.effect, BodyLaw) and law.effect.name not in FRICTIONS)
+    model = with_servos(replace(model, laws=(*model.laws, *bodies)), servos)
+    with np.errstate(all="ignore"):
+        q = roll_out(model, servos, grid)
+        v = np.gradient(q, grid.step, axis=0)
+    if not (np.abs(v) < MOST_SPEED).all():
+        wrong = [joint for joint, x in zip(grid.joints, v.T, strict=True) if not (np.abs(x) < MOST_SPEED).all()]
+        raise OptionError(f"the closed loop diverges at {shorten(wrong)}; check kp, kd, delay and inertias")
+    rate = sensors.rate or _command_rate(commands)
+    columns = record_held(
+        model.robot.prismatic, grid.joints, grid.step, q, v, _held(grid, servos), replace(sensors, rate=rate), seed
+    )
+    t = np.asarray(np.arange(len(grid)) * grid.step)
+    return ServoSimulation(
+        model, tuple(injected), t, q, v, grid.command, columns, replace(sensors, rate=rate), tuple(notes)
+    )
+
+
+def _grid(model: Model, commands: Recording | Trajectory) -> tuple[ServoGrid, Model, list[str]]:
+    """Commands in steps of the simulation, the model of their joints with its drives, and notes."""
+    servos = {**stated_servos(model.robot), **model.servos}
+    if isinstance(commands, Trajectory):
+        x = commands
+        grid = grids_of_arrays(x.joints, x.t, x.q, x.q, command_speed=x.v, rate=1 / STEP)[0]
+        restricted, notes = model, []
+        given = "the motion"
+    else:
+        given = commands.path or "the recording"
+        if not any(commands.columns["q_des"]):
+            raise RecordingError(f"{given} has no commanded position; add columns q_des_J, or give it as --motion")
+        restricted, remarks = restrict_joints(model, [commands])
+        robot = replace(restricted.robot, servo=_registers(restricted.robot, servos))
+        grid, notes = servo_grid(commands, robot, rate=1 / STEP), list(remarks)
+        if len(servo_grids(commands, robot)) > 1:
+            notes.append("only the longest stretch without gaps is simulated")
+    kept = {j: s for j, s in servos.items() if j in grid.joints and grid.driven[grid.joints.index(j)]}
+    if not kept:
+        raise OptionError(
+            f"{model.robot.name} has no drive of a joint that {given} commands; identify it with signid identify, or "
+            f"state kp below [joint.{grid.joints[0]}.servo] in actuators.toml"
+        )
+    if free := [joint for joint in grid.joints if joint not in kept]:
+        notes.append(f"{shorten(free)} without a drive follow the given motion")
+    return grid, with_servos(replace(restricted, servos={}), kept), notes
+
+
+def _registers(robot: Robot, servos: Mapping[str, Servo]) -> dict[str, Mapping[str, float | str]]:
+    """Stated numbers of drives, with the registers that their kp belong to."""
+    stated: dict[str, Mapping[str, float | str]] = {joint: dict(robot.servo.get(joint, {})) for joint in robot.joints}
+    for joint, servo in servos.items():
+        if servo.kp_register is not None and joint in stated:
+            stated[joint] = {**stated[joint], "kp_register": servo.kp_register}
+    return stated
+
+
+def _injected(
+    robot: Robot, servos: dict[str, Servo], laws: Sequence[Law], numbers: Mapping[str, Mapping[str, float]]
+) -> dict[str, Servo]:
+    """Drives with the laws added to their numbers, and with other numbers."""
+    for law in laws:
+        name = law.effect.name
+        if name not in FRICTIONS:
+            if isinstance(law.effect, BodyLaw):
+                continue
+            raise OptionError(f"--servo cannot inject {name}; choose laws of bodies, or {', '.join(FRICTIONS)}")
+        key, number = FRICTIONS[name]
+        for j in law.joints:
+            if (joint := robot.joints[j]) not in servos:
+                raise OptionError(f"--inject {name} is at {joint}, which has no drive; name a joint with a drive")
+            value = getattr(servos[joint], number) + float(law.parameters[key])
+            servos[joint] = servos[joint].with_(**{number: value})
+    for joint, given in numbers.items():
+        if joint not in servos:
+            raise OptionError(f"--inject servo@{joint}: {joint} has no drive; choose from {', '.join(servos)}")
+        if unknown := sorted(set(given) - set(SERVO_NUMBERS)):
+            raise OptionError(f"a drive has no number {unknown[0]!r}; choose from {', '.join(SERVO_NUMBERS)}")
+        servos[joint] = servos[joint].with_(**given)
+    return servos
+
+
+def _command_rate(commands: Recording | Trajectory) -> float:
+    """Rate [Hz] of the rows of the commands, such that it divides that of the simulation."""
+    t = commands.t if isinstance(commands, Trajectory) else commands.read().t
+    return 1 / (STEP * max(1, round(float(np.median(np.diff(t))) / STEP)))
+
+
+def _held(grid: ServoGrid, servos: Mapping[str, Servo]) -> dict[str, dict[str, Array]]:
+    """Columns by kind and joint that are held from row to row, (K,) each."""
+    at = {joint: j for j, joint in enumerate(grid.joints) if joint in servos}
+    kinds = {"q_des": grid.command, "dq_des": grid.command_speed, "tau_ff": grid.feed_forward, "on": grid.on}
+    return {kind: {joint: x[:, j] for joint, j in at.items()} for kind, x in kinds.items() if x is not None}
