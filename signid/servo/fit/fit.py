@@ -16,6 +16,7 @@ from ..plant.course import Course, Moved, bodies_of, course, groups, motion_of, 
 from ..plant.substeps import substeps
 from .coordinates import Coordinates, Slot
 from .intervals import covariance
+from .scan import scan
 from .shots import Shots, build_shots, shoot, window_starts
 from .solve import Solved, first_point, solve
 from .typical import started, typical
@@ -133,7 +134,8 @@ def _fit_group(task: _Task, joints: tuple[int, ...], iterations: int, before: _G
     where = Coordinates(drives, _slots(free, sizes, task.shared))
     shots = tuple(_shots(task, k, joints, drives) for k in range(len(task.grids)))
     point = before.solved.point if before else first_point(shots, where)
-    return _Group(shots, where, solve(shots, where, point, iterations if where.slots else 0))
+    solved = solve(shots, where, point, iterations if where.slots else 0)
+    return _Group(shots, where, solved if before else scan(shots, where, solved, iterations))
 
 
 def _slots(free: Sequence[Sequence[str]], sizes: Sequence[dict[str, float]], shared: Sequence[str]) -> tuple[Slot, ...]:

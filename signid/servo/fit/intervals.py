@@ -6,21 +6,28 @@ import numpy as np
 
 from ...types import Array
 
+NOTHING = 1e-9  # influence over the largest one, below which a number is not identifiable
 WEAK = 1e-12  # relative eigenvalue of the information below which a direction is not identifiable
 
 
 def covariance(information: Array, scores: Array) -> Array:
-    """Covariance (P, P) in the units of the values.
+    """Covariance (P, P) in the units of the values; infinite variance without influence.
 
     information: (P, P) of white residuals; scores: (W, P) gradient of each window at the optimum, in time order.
     """
-    count, windows = len(information), len(scores)
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    inverse = _inverse(information / np.outer(size, size)) / np.outer(size, size)
+    size = np.sqrt(np.diag(information))
+    seen = size > NOTHING * size.max(initial=0.0)
+    out = np.diag(np.where(seen, 0.0, np.inf))
+    count, windows = int(seen.sum()), len(scores)
+    if not count:
+        return out
+    scale, scores = np.outer(size[seen], size[seen]), scores[:, seen]
+    inverse = _inverse(information[np.ix_(seen, seen)] / scale) / scale
     meat = scores.T @ scores * windows / max(windows - count, 1)
     robust = inverse @ meat @ inverse
     wider = np.sqrt(np.maximum(np.diag(inverse) / np.maximum(np.diag(robust), 1e-300), 1.0))
-    return np.asarray(robust * np.outer(wider, wider))
+    out[np.ix_(seen, seen)] = robust * np.outer(wider, wider)
+    return out
 
 
 def _inverse(matrix: Array) -> Array:

@@ -1,0 +1,36 @@
+"""Other starts for joints whose scale of torque is weakly identifiable: the cost may have several valleys there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .coordinates import Coordinates
+from .intervals import covariance
+from .normal import Point
+from .shots import Shots
+from .solve import Solved, solve
+
+WEAK = 0.2  # standard deviation of kp over kp from which other scales are tried
+FACTORS = (10.0, 0.1)
+BETTER = 0.02  # gain of the logarithm of the squared residual that is worth another valley
+
+
+def scan(shots: Sequence[Shots], where: Coordinates, solved: Solved, iterations: int) -> Solved:
+    """Best end of a fit over the scales of its weak joints, one joint after another."""
+    best = solved
+    for i, slot in enumerate(where.slots):
+        if slot.number != "kp" or slot.shared:
+            continue
+        variance = covariance(best.normal.information, best.normal.scores)[i, i]
+        if not variance > (WEAK * best.point.values[i]) ** 2:
+            continue
+        ends = [best]
+        for factor in FACTORS:
+            values = best.point.values.copy()
+            values[where.scaled(i)] *= factor
+            ends.append(solve(shots, where, Point(values, best.point.q0, best.point.v0), iterations))
+        other = min(ends, key=lambda end: end.badness)
+        if other.badness < best.badness - BETTER:
+            best = other
+    return best
+
