@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ...servo.identify import ServoIdentification
     from ...types import Input, Recording, Robot
 
+SERVO = "servo@"  # beginning of injected numbers of drives
 TORQUE_ONLY = (  # options of `identify` that act on torque
     *("method", "estimator", "robust", "unsigned", "signs", "bounds", "global_algorithm", "local_algorithm"),
     *("total_mass", "effects", "cutoff", "derivatives", "no_instruments", "white"),
@@ -168,3 +169,20 @@ def _pairs(robot: Robot, texts: Sequence[str]) -> Iterator[tuple[str | None, str
     for text in texts:
         joint, _, law = text.rpartition("=")
         yield (robot.joints[find(joint, robot)] if joint else None), law
+
+
+def injected_numbers(text: str, robot: Robot) -> tuple[str, dict[str, float]]:
+    """Joint and numbers of `servo@JOINT:key=value,...` in --inject.
+
+    Raises:
+        OptionError: the text has another form.
+    """
+    joint, colon, tail = text[len(SERVO) :].partition(":")
+    pairs = [pair.partition("=") for pair in tail.split(",")]
+    try:
+        numbers = {key.strip(): float(value) for key, _, value in pairs}
+    except ValueError:
+        numbers = {}
+    if not (colon and numbers and all(0 <= abs(x) < 1e12 for x in numbers.values())):
+        raise OptionError(f"--inject {text!r} cannot be read; write {SERVO}JOINT:kp=20,delay=0.01")
+    return robot.joints[find(joint.strip(), robot)], numbers

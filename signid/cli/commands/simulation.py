@@ -13,6 +13,7 @@ from ..arguments import given_model, given_recordings, simulation_inputs
 from ..completion import complete_law
 from ..options import RunOptions, SimulationArguments
 from ..terminal import bars, check_file, show, write_columns
+from .drives import SERVO, injected_numbers
 
 if TYPE_CHECKING:
     from ...model import Model
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 DURATION = 20.0  # default length of random motions [s]
 RATE, COMMAND_RATE = 250.0, 100.0  # default rates of recordings, and of the commands of random motions [Hz]
-SERVO = "servo@"  # beginning of injected numbers of drives
 MOST_FORWARD = 10.0  # share of the rigid-body torque that can be fed forward
 
 
@@ -136,7 +136,7 @@ def _through_drives(
     known, asked = given_model(simulation, plant.motion)
     texts = plant.inject or ()
     laws = [parse_law(text, known.robot) for text in texts if not text.startswith(SERVO)]
-    numbers = dict(_servo_numbers(text, known.robot) for text in texts if text.startswith(SERVO))
+    numbers = dict(injected_numbers(text, known.robot) for text in texts if text.startswith(SERVO))
     given: Recording | Trajectory
     if commands is not None:
         [given] = given_recordings([commands], known.robot, None)
@@ -155,21 +155,6 @@ def _random(robot: Robot, duration: float | None, rate: float | None, seed: int)
     from ...simulation.excite.random_motions import rest_to_rest_motion
 
     return rest_to_rest_motion(robot, DURATION if duration is None else duration, 1 / (rate or COMMAND_RATE), seed)
-
-
-def _servo_numbers(text: str, robot: Robot) -> tuple[str, dict[str, float]]:
-    """Joint and numbers of `servo@JOINT:key=value,...`."""
-    from ...robot.joints import find
-
-    joint, colon, tail = text[len(SERVO) :].partition(":")
-    pairs = [pair.partition("=") for pair in tail.split(",")]
-    try:
-        numbers = {key.strip(): float(value) for key, _, value in pairs}
-    except ValueError:
-        numbers = {}
-    if not (colon and numbers and all(0 <= abs(x) <= LARGEST for x in numbers.values())):
-        raise OptionError(f"--inject {text!r} cannot be read; write {SERVO}JOINT:kp=20,delay=0.01")
-    return robot.joints[find(joint.strip(), robot)], numbers
 
 
 def _run(
