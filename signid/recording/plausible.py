@@ -41,4 +41,6 @@ def _wrapped(table: Table, name: str, most: float) -> bool:
     """Whether values are small or nearly the largest: negative numbers that were read as unsigned ones."""
     values = table.read([name], 0, min(table.rows, CHUNK))[:, 0]
     known = values[np.isfinite(values)]
-    return bool(np.mean((known > MIDDLE * most) & (known < (1 - MIDDLE) * most)) == 0)
+    small = known[known <= MIDDLE * most]
+    large = known >= (1 - MIDDLE) * most
+    return bool(len(small) and large.any() and len(small) + large.sum() == len(known) and small.max() <= 1.01)

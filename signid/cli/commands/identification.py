@@ -67,9 +67,7 @@ def check(
     if is_recording(robot.robot):
         return _audit(None, [robot.robot, *(recordings or ())], robot, rows, run)
     described = given_robot(robot.robot, robot)
-    if not recordings:
-        raise OptionError(f"no recording was given; write signid check {robot.robot} RECORDING")
-    given = given_recordings(recordings, described, rows.columns, unsigned)
+    given = given_recordings(_needed(recordings, robot), described, rows.columns, unsigned)
     if not any(any(recording.columns["tau"]) for recording in given):
         return _audit(described, given, robot, rows, run)
     with bars(run.json) as progress:
@@ -78,6 +76,12 @@ def check(
         return show(check_tables(found), found.flags)
     inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
     return show(to_json(check_document(found, inputs, run.seed)), found.flags)
+
+
+def _needed(recordings: Texts, robot: RobotArguments) -> list[str]:
+    if not recordings:
+        raise OptionError(f"no recording was given; write signid check {robot.robot} RECORDING")
+    return recordings
 
 
 def _audit(

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from .pages.servos import servo_page as servo_page
     from .pages.signs import signs_page as signs_page
     from .pages.validation import validation_page as validation_page
-    from .results.audit import audit_document as audit_document, audit_tables as audit_tables
     from .results.closed_loops import (
         servo_validation_document as servo_validation_document,
         servo_validation_tables as servo_validation_tables,
@@ -42,6 +41,8 @@ if TYPE_CHECKING:
     )
     from .results.laws import effects_document as effects_document, effects_tables as effects_tables
     from .results.recordings import (
+        audit_document as audit_document,
+        audit_tables as audit_tables,
         conversion_document as conversion_document,
         conversion_tables as conversion_tables,
         data_card as data_card,

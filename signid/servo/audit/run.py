@@ -14,7 +14,7 @@ from .response import find_response
 from .rest import at_rest
 from .result import JointAudit, ServoAudit
 from .sentences import COARSE, judge_joint, judge_stamps
-from .tracks import Clock, Part, cut, driven, joined, on_grid, read_samples, read_stamps
+from .tracks import RowClock, Part, cut, driven, joined, on_grid, read_samples, read_stamps
 
 SLOWEST_GRID = 1e-3  # [s] shortest period of the grid
 
@@ -64,12 +64,12 @@ def _commanded(recording: Recording) -> list[str]:
     return [joint for joint, column in zip(recording.joints, columns, strict=True) if column] if any(columns) else []
 
 
-def _clock(samples: Samples) -> Clock:
+def _clock(samples: Samples) -> RowClock:
     rows = np.any([driven(samples, j) for j in range(samples.q.shape[1])], axis=0)
     return read_stamps(samples.t, rows)
 
 
-def _parts(joint: str, read: Sequence[tuple[Recording, Samples]], clocks: Sequence[Clock]) -> list[Part]:
+def _parts(joint: str, read: Sequence[tuple[Recording, Samples]], clocks: Sequence[RowClock]) -> list[Part]:
     parts = []
     for (recording, samples), clock in zip(read, clocks, strict=True):
         if joint in _commanded(recording) and np.isfinite(clock.period):

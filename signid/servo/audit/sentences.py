@@ -13,7 +13,7 @@ from ...types import Recording
 from .faults import copied, jumps, turn_of
 from .response import Response
 from .result import JointAudit
-from .tracks import Clock, Part
+from .tracks import RowClock, Part
 
 COARSE = 10.0  # steps of the encoder below which a command says nothing
 STUCK = 0.05  # motion over the range of the command
@@ -96,7 +96,7 @@ def _log(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
         yield f"{fact}, {audit.command_noise / audit.range:.0%} of its range; record the command that is sent"
 
 
-def judge_stamps(recordings: Sequence[Recording], clocks: Sequence[Clock]) -> Iterator[str]:
+def judge_stamps(recordings: Sequence[Recording], clocks: Sequence[RowClock]) -> Iterator[str]:
     """Flags of the time stamps of recordings."""
     for recording, clock in zip(recordings, clocks, strict=True):
         name = recording.path or "the recording"

@@ -32,7 +32,7 @@ class Grid(NamedTuple):
     command: Array  # (N,) [rad or m]
 
 
-class Clock(NamedTuple):
+class RowClock(NamedTuple):
     """Time stamps of the rows with a command."""
 
     period: float  # [s] median
@@ -69,16 +69,16 @@ def driven(samples: Samples, joint: int) -> Mask:
     return np.asarray(found)
 
 
-def read_stamps(t: Array, rows: Mask) -> Clock:
-    """Clock of the rows; t: (N,) [s], rows: (N,) with a command."""
+def read_stamps(t: Array, rows: Mask) -> RowClock:
+    """RowClock of the rows; t: (N,) [s], rows: (N,) with a command."""
     steps = np.diff(t)[rows[1:] & rows[:-1]]
     forward = steps[steps > 0]
     if not len(forward):
-        return Clock(np.nan, 0.0, 0.0, int(np.sum(steps == 0)), int(np.sum(steps < 0)))
+        return RowClock(np.nan, 0.0, 0.0, int(np.sum(steps == 0)), int(np.sum(steps < 0)))
     period = float(np.median(forward))
     near = forward[forward <= max(GAP * period, GAP_SECONDS)]
     uneven = float(np.mean(np.abs(near / period - 1) > EVEN)) if len(near) else 0.0
-    return Clock(period, float(near.sum()), uneven, int(np.sum(steps == 0)), int(np.sum(steps < 0)))
+    return RowClock(period, float(near.sum()), uneven, int(np.sum(steps == 0)), int(np.sum(steps < 0)))
 
 
 def cut(samples: Samples, joint: int, rows: Mask, period: float) -> list[Part]:
