@@ -14,7 +14,7 @@ from .response import find_response
 from .rest import at_rest
 from .result import JointAudit, ServoAudit
 from .sentences import COARSE, judge_joint, judge_stamps
-from .tracks import RowClock, Part, cut, driven, joined, on_grid, read_samples, read_stamps
+from .tracks import Part, RowClock, cut, driven, joined, on_grid, read_samples, read_stamps
 
 SLOWEST_GRID = 1e-3  # [s] shortest period of the grid
 

@@ -13,7 +13,7 @@ from ...types import Recording
 from .faults import copied, jumps, turn_of
 from .response import Response
 from .result import JointAudit
-from .tracks import RowClock, Part
+from .tracks import Part, RowClock
 
 COARSE = 10.0  # steps of the encoder below which a command says nothing
 STUCK = 0.05  # motion over the range of the command

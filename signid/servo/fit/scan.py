@@ -33,4 +33,3 @@ def scan(shots: Sequence[Shots], where: Coordinates, solved: Solved, iterations:
         if other.badness < best.badness - BETTER:
             best = other
     return best
-
