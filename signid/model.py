@@ -14,7 +14,7 @@ from .effects import EFFECT_NAMES, EFFECTS
 from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw, of_kind
 from .effects.bodies import body_inertia
 from .effects.law import law_torque
-from .effects.naming import law_at, law_place, possible
+from .effects.naming import drive_laws, law_at, law_place, possible
 from .errors import OptionError, RobotError, SignidError, unexpected
 from .frozen import show_with
 from .regression.covariance import Covariance, read_covariance
@@ -67,7 +67,7 @@ class Model(Result):
         rotors, whole.armature = whole.armature.copy(), np.zeros(whole.nv)
         acting = replace(self.acted(motion), robot=replace(self.robot, model=whole), predicted=None)
         torque = acting.load + (acting.rates[1] * rotors) @ self.robot.drive
-        for law in self.laws:
+        for law in (*self.laws, *drive_laws(self.robot, self.servos)):
             known = not isinstance(law.effect, ActuatorLaw) or motion.recorded is not None
             if known and not isinstance(law.effect, BodyLaw | RecordingLaw):
                 rows, added = law_torque(law, acting)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from ..errors import OptionError
 from ..robot.joints import find
+from ..servos import Servo
 from ..types import Law, Robot, Shape
 from . import EFFECTS
 from .base import Effect
@@ -47,6 +48,17 @@ def law_place(law: Law, robot: Robot) -> tuple[str | None, dict[str, str | float
     if law.effect.scope == "pair":
         values = {"partner": robot.joints[law.joints[1]], **values}
     return robot.joints[law.joints[0]], values
+
+
+def drive_laws(robot: Robot, servos: Mapping[str, Servo]) -> tuple[Law, ...]:
+    """Armature, friction and offset of drives as laws, in the order of the joints."""
+    return tuple(
+        Law(EFFECTS[name], (j,), EFFECTS[name].physical([getattr(servos[joint], name)], {}))
+        for j, joint in enumerate(robot.joints)
+        if joint in servos
+        for name in ("armature", "viscous_friction", "coulomb_friction", "torque_offset")
+        if getattr(servos[joint], name) != 0.0
+    )
 
 
 def law_name(law: Law, robot: Robot) -> str:
