@@ -11,15 +11,15 @@ from rich.console import RenderableType
 from ...model import stated_inertials
 from ...types import Input, Recording, Robot
 from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, torque_units
-from ..report.results.closed_loops import servo_validation_tables
 from ..report.results.diagnosis import diagnosis_tables
 from ..report.results.documents import rms
+from ..report.results.drives.closed_loops import servo_validation_tables
 from ..report.results.drives.diagnosis import servo_diagnosis_tables
+from ..report.results.drives.identification import servo_identification_tables
 from ..report.results.fleet import fleet_tables
 from ..report.results.identification import fit_rows, identification_tables, payload_tables
 from ..report.results.inspection import check_tables, inspection_tables, joint_table
 from ..report.results.laws import law_document
-from ..report.results.servos import servo_identification_tables
 from ..report.results.signs import signs_tables
 from ..report.results.validation import validation_tables
 

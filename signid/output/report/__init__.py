@@ -16,15 +16,19 @@ if TYPE_CHECKING:
     from .pages.servos import servo_page as servo_page
     from .pages.signs import signs_page as signs_page
     from .pages.validation import validation_page as validation_page
-    from .results.closed_loops import (
+    from .results.diagnosis import diagnosis_document as diagnosis_document, diagnosis_tables as diagnosis_tables
+    from .results.documents import to_json as to_json
+    from .results.drives.closed_loops import (
         servo_validation_document as servo_validation_document,
         servo_validation_tables as servo_validation_tables,
     )
-    from .results.diagnosis import diagnosis_document as diagnosis_document, diagnosis_tables as diagnosis_tables
-    from .results.documents import to_json as to_json
     from .results.drives.diagnosis import (
         servo_diagnosis_document as servo_diagnosis_document,
         servo_diagnosis_tables as servo_diagnosis_tables,
+    )
+    from .results.drives.identification import (
+        servo_identification_document as servo_identification_document,
+        servo_identification_tables as servo_identification_tables,
     )
     from .results.fleet import fleet_tables as fleet_tables
     from .results.identification import (
@@ -50,10 +54,6 @@ if TYPE_CHECKING:
         data_tables as data_tables,
         factors_document as factors_document,
         factors_tables as factors_tables,
-    )
-    from .results.servos import (
-        servo_identification_document as servo_identification_document,
-        servo_identification_tables as servo_identification_tables,
     )
     from .results.signs import signed_csv as signed_csv, signs_document as signs_document, signs_tables as signs_tables
     from .results.simulation import (

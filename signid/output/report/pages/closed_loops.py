@@ -10,7 +10,7 @@ import numpy as np
 from ....types import Array, Input
 from ..layout import figure
 from ..policy import plot_markup
-from ..results.closed_loops import servo_validation_title, validated_loop_rows
+from ..results.drives.closed_loops import servo_validation_title, validated_loop_rows
 from .courses import FEWEST, GAP, OPEN, POINTS, TOP, JointPlots, Line
 from .frame import AFTER, BEFORE, FAINT, FLOOR, INK, Card, Plot, axis, curve, packed, render, shared, thinned
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from ....types import Input
 from ..layout import figure, plural, share
-from ..results.closed_loops import closed_loop_rows, closed_loop_title
-from ..results.servos import number_cell, scale_lines, servo_rows, unidentifiable_lines
+from ..results.drives.closed_loops import closed_loop_rows, closed_loop_title
+from ..results.drives.identification import number_cell, scale_lines, servo_rows, unidentifiable_lines
 from .closed_loops import MOST_TRACES, closed_loop_plots, worst_joints
 from .frame import Card, render, shared
 

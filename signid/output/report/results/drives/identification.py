@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import RenderableType
 
-from ....model import standard_parameters
-from ....parameters import Array, pseudo_inertia
-from ....types import Input
-from ..layout import UNKNOWN, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
+from .....model import standard_parameters
+from .....parameters import Array, pseudo_inertia
+from .....types import Input
+from ...layout import UNKNOWN, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
+from ..documents import Document, description, ending, opening
 from .closed_loops import closed_loop_rows, closed_loop_title, position_fit, rollout_document
-from .documents import Document, description, ending, opening
 
 if TYPE_CHECKING:
-    from ....servo.identify import ServoIdentification, ServoJoint, ServoNumber
+    from .....servo.identify import ServoIdentification, ServoJoint, ServoNumber
 
 FIRST = ("kp", "damping", "delay", "lag", "effort_limit", "armature", "coulomb_friction", "load_friction")
 LAWS = {  # passive numbers of a drive -> key of the effect of the same name
@@ -179,6 +179,6 @@ def scale_lines(result: ServoIdentification) -> list[str]:
 
 def unidentifiable_lines(joints: Sequence[ServoJoint]) -> list[str]:
     """Sentences on what is not identifiable, each once, with its joints."""
-    from ....servo.identify.flags import by_sentence
+    from .....servo.identify.flags import by_sentence
 
     return list(by_sentence(joints))

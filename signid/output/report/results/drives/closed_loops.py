@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 
-from ....types import Input
-from ..layout import figure, heading, new_table, note_lines, paragraph, plural
-from .documents import Document, description, ending
+from .....types import Input
+from ...layout import figure, heading, new_table, note_lines, paragraph, plural
+from ..documents import Document, description, ending
 
 if TYPE_CHECKING:
-    from ....servo.identify import ServoRollOut
-    from ....servo.validate import ServoValidation
+    from .....servo.identify import ServoRollOut
+    from .....servo.validate import ServoValidation
 
 
 def position_fit(found: ServoRollOut) -> Document:
