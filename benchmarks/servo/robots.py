@@ -16,6 +16,8 @@ PENDULUM = """<robot name="pendulum"><link name="base"/><link name="arm"><inerti
 <joint name="joint" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 -1 0"/>
 <limit lower="-3" upper="3" velocity="20" effort="20"/></joint></robot>"""
 
+BLOCK = 4.0  # [s] of sines and steps
+
 
 @dataclass(frozen=True)
 class Bench:
@@ -90,18 +92,18 @@ def leg(urdf: str, prefix: str) -> str:
 
 
 def motion(bench: Bench, seed: int, seconds: float, rate: float, fast: float = 2.5, steps: float = 0.35) -> Array:
-    """Held commands (N, n) [rad]: six sines a joint, then steps for the share `steps` of the time."""
+    """Held commands (N, n) [rad]: six sines a joint, and steps for the share `steps` of each block."""
     rng, n = np.random.default_rng([seed, 11]), len(bench.centre)
     t = np.arange(int(seconds * rate)) / rate
     f, phase = rng.uniform(0.15, fast, (n, 6)), rng.uniform(0, 2 * np.pi, (n, 6))
     sines = (np.sin(2 * np.pi * f * t[:, None, None] + phase) / np.sqrt(1 + f)).sum(axis=2)
     u = sines / np.abs(sines).max(axis=0)
-    first = int(len(t) * (1 - steps))
     for j in range(n):
-        k = first + int(rng.uniform(0, 0.3) * rate)
+        k = int(rng.uniform(0.3, 1.0) * rate)
         while k < len(t):
             end = k + int(rng.uniform(0.3, 0.9) * rate)
-            u[k:end, j] = rng.uniform(-1, 1)
+            if (k / rate) % BLOCK > BLOCK * (1 - steps):
+                u[k:end, j] = rng.uniform(-1, 1)
             k = end
     ramp = np.minimum(t / 0.5, 1.0)[:, None]
     return np.asarray(bench.centre + bench.size * u * ramp)

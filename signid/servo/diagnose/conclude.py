@@ -32,7 +32,7 @@ def conclude(
     """Findings, unexplained mismatch, verdict and flags."""
     findings = [finding for joints, one, unseen in found for finding in _findings(data, joints, one, unseen)]
     findings.sort(key=lambda f: (f.role != "cause", -f.statistic))
-    left = [x for joints, one, _ in found for x in _unexplained(data, joints, one, noise)]
+    left = [x for joints, one, unseen in found for x in _unexplained(data, joints, one, unseen, noise)]
     causes = any(finding.role == "cause" for finding in findings)
     verdict = "named" if causes else "unknown" if left else "nothing_missing"
     return tuple(findings), tuple(left), verdict, list(_flags(findings))
@@ -113,15 +113,20 @@ def _alternatives(data: ServoData, joints: Sequence[int], step: Step) -> Iterato
             yield ServoAlternative(twin.effect, here, share, twin.separating_motion)
 
 
-def _unexplained(data: ServoData, joints: Sequence[int], one: Search, noise: Array) -> Iterator[ServoUnexplained]:
-    loop = one.setting.loop
-    before, after = _rms(one.base.squares, loop), _rms(one.last.squares, loop)
-    tracking = _tracking(loop)
-    residual = one.setting.remaining([one.last.point])[0]
-    for k, j in enumerate(joints):
-        if after[k] > LEFT * noise[j] and after[k] > VISIBLE * tracking[k]:
-            variable = depends_on(loop, residual, k)
-            yield ServoUnexplained(data.joints[j], variable, float(after[k] / before[k]), float(after[k]))
+def _unexplained(
+    data: ServoData, joints: Sequence[int], one: Search, unseen: ClosedLoop, noise: Array
+) -> Iterator[ServoUnexplained]:
+    """Joints whose mismatch stays above noise, in what was searched or in what was held out."""
+    listed: set[int] = set()
+    for loop, setting in ((one.setting.loop, one.setting), (unseen, _setting(one, unseen))):
+        before = _rms(setting.evaluate([one.base.point])[0], loop)
+        residual = setting.remaining([one.last.point])[0]
+        after, tracking = np.sqrt(np.mean(residual**2, axis=(0, 1))), _tracking(loop)
+        for k, j in enumerate(joints):
+            if k not in listed and after[k] > LEFT * noise[j] and after[k] > VISIBLE * tracking[k]:
+                listed.add(k)
+                share = float(after[k] / max(before[k], 1e-12))
+                yield ServoUnexplained(data.joints[j], depends_on(loop, residual, k), share, float(after[k]))
 
 
 def _flags(findings: Sequence[ServoFinding]) -> Iterator[str]:

@@ -1,0 +1,1 @@
+"""Are faults of position drives named, from commands and positions alone?"""
