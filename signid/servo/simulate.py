@@ -122,7 +122,7 @@ def _grid(model: Model, commands: Recording | Trajectory) -> tuple[ServoGrid, Mo
         if not any(commands.columns["q_des"]):
             raise RecordingError(f"{given} has no commanded position; add columns q_des_J, or give it as --motion")
         restricted, remarks = restrict_joints(model, [commands])
-        robot = replace(restricted.robot, servo=_registers(restricted.robot, servos))
+        robot = replace(restricted.robot, servo=registered(restricted.robot, servos))
         grid, notes = servo_grid(commands, robot, rate=1 / STEP), list(remarks)
         if len(servo_grids(commands, robot)) > 1:
             notes.append("only the longest stretch without gaps is simulated")
@@ -137,8 +137,8 @@ def _grid(model: Model, commands: Recording | Trajectory) -> tuple[ServoGrid, Mo
     return grid, with_servos(replace(restricted, servos={}), kept), notes
 
 
-def _registers(robot: Robot, servos: Mapping[str, Servo]) -> dict[str, Mapping[str, float | str]]:
-    """Stated numbers of drives, with the registers that their kp belong to."""
+def registered(robot: Robot, servos: Mapping[str, Servo]) -> dict[str, Mapping[str, float | str]]:
+    """Stated numbers of the drives of a robot, with the registers that the kp of other drives belong to."""
     stated: dict[str, Mapping[str, float | str]] = {joint: dict(robot.servo.get(joint, {})) for joint in robot.joints}
     for joint, servo in servos.items():
         if servo.kp_register is not None and joint in stated:

@@ -24,7 +24,9 @@ class ReplayOptions:
     html: Text = option(None, "Write one self-contained file instead of opening a viewer.", metavar="FILE")
     start: float = option(0.0, "Start time in the recording [s].", "--from", metavar="S")
     duration: float | None = option(None, "Length to show [s]. Default: all, at most 60.", metavar="S")
-    horizon: float = option(0.5, "Time between restarts from the measured state [s].", metavar="S")
+    horizon: float | None = option(
+        None, "Time between restarts from the measured state [s]. Default: 0.5; with position drives none.", metavar="S"
+    )
     rate: float = option(30.0, "Frame rate [Hz].", metavar="HZ")
     browser: bool = option(True, "Open the browser.", "--open/--no-open")
     columns: Columns = None
@@ -42,6 +44,9 @@ def replay(
     Opens a Meshcat viewer or writes one HTML file. The simulation appears as a ghost that restarts from the measured
     state at regular intervals and is driven by the recorded torque. The colour of a link shows the residual torque of
     its joint. With --diagnosis the findings are marked, and a switch shows the extended simulation.
+
+    Position drives, recorded with q_des_J and without torque, are simulated from the commands alone; a second ghost
+    shows the commanded positions, and colours show the error of the simulated position.
     """
     from ...output.replay import replay as build
     from ...output.report import Screen, to_json, write_files
@@ -105,6 +110,14 @@ def _summary(shown: Replay) -> str:
     """Content of the animation, in a few lines."""
     t = shown.track.t - shown.origin
     since = " since the start of the recording" if shown.origin else ""
-    frames = f"{len(t)} frames, {t[0]:.4g} to {t[-1]:.4g} s{since}; simulation restarted every {shown.horizon:g} s"
+    frames = f"{len(t)} frames, {t[0]:.4g} to {t[-1]:.4g} s{since}; {_drive(shown)}"
     marked = [f"marked: {mark.title}" for mark in shown.marks if mark.cause]
     return "\n".join([f"{shown.title}: {frames}", *marked, *(f"note: {note}" for note in shown.notes)])
+
+
+def _drive(shown: Replay) -> str:
+    """What drives the simulation, and how often it restarts."""
+    often = "" if shown.horizon is None else f"restarted every {shown.horizon:g} s"
+    if shown.commanded is None:
+        return f"simulation {often}"
+    return f"simulation from the commands alone{', ' if often else ''}{often}"

@@ -47,6 +47,6 @@ function drawScale(figure, content, state) {
   const [low, , high] = figure.querySelectorAll("span");
   low.textContent = ends.map((end) => `\u2212${end}`).join(" or ");
   high.textContent = ends.map((end) => `+${end}`).join(" or ");
-  figure.querySelector("figcaption").textContent = state.byShare
+  figure.querySelector("figcaption").textContent = content.command ? "position: measured \u2212 simulated" : state.byShare
     ? "torque: measured \u2212 predicted, of the joint\u2019s rms" : "torque: measured \u2212 predicted";
 }

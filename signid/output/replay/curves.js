@@ -1,4 +1,5 @@
-// Curves of one joint over time: torque and position, measured and of each simulation.
+// Curves of one joint over time: torque (of position drives: error against the command) and position, measured and of
+// each simulation.
 const LINES = [["measured", "--ink", []], ["original", "--before", [4, 3]], ["extended", "--after", []]];
 const QUANTITIES = ["torque", "position"];
 
@@ -6,6 +7,8 @@ class Curves {
   constructor(content) {
     this.content = content;
     this.lines = LINES.slice(0, 1 + content.simulations);
+    if (content.command && content.simulations === 1) this.lines[1] = ["simulated", "--ghost", []];
+    this.command = content.command ? this.lines.push(["command", "--command", [2, 3]]) - 1 : -1; // line of the command
     const n = content.joints.length, loud = content.joints.map(({ torque }, j) => {
       let sum = 0;
       for (let at = j; at < content.residual[0].length; at += n) sum += content.residual[0][at] ** 2 || 0;
@@ -24,8 +27,10 @@ class Curves {
 
   value(quantity, line, frame) { // NaN where unknown
     const { content, joint } = this, at = frame * content.joints.length + joint;
+    const reached = line === 0 ? content.position[at] : line === this.command ? content.command[at] : content.strayed[line - 1][at];
+    if (content.command) return quantity === "position" ? reached : line === this.command ? NaN : content.command[at] - reached;
     if (quantity === "torque") return content.measured[at] - (line ? content.residual[line - 1][at] : 0);
-    return line ? content.strayed[line - 1][at] : content.position[at];
+    return reached;
   }
 
   unit(quantity) {
@@ -50,7 +55,7 @@ class Curves {
       if (low === high) [low, high] = [low - 1, high + 1];
       const [top, name, bottom] = $(`${quantity}-axis`).children;
       [top.textContent, bottom.textContent] = [high, low].map((end) => (+end.toPrecision(3)).toString().replace("-", "\u2212"));
-      name.textContent = `${quantity} [${this.unit(quantity)}]`;
+      name.textContent = `${this.content.command && quantity === "torque" ? "command \u2212 position" : quantity} [${this.unit(quantity)}]`;
       this.draw(canvas, quantity, low, high, scale);
     }
   }
@@ -70,11 +75,11 @@ class Curves {
       let drawn = false;
       for (let frame = 0; frame < frames; frame++) {
         const value = this.value(quantity, line, frame), x = frame / last * canvas.width;
-        const restarted = quantity === "position" && line && frame && window[frame] !== window[frame - 1];
+        const restarted = (quantity === "position" || this.command > 0) && line && line !== this.command && frame && window[frame] !== window[frame - 1];
         if (Number.isFinite(value)) context[drawn && !restarted ? "lineTo" : "moveTo"](x, place(value));
         drawn = Number.isFinite(value);
       }
-      Object.assign(context, { strokeStyle: style(colour), lineWidth: [1.2, 1.6, 3.2][line] * scale, lineJoin: "round" });
+      Object.assign(context, { strokeStyle: style(colour), lineWidth: (line === this.command ? 1.4 : [1.2, 1.6, 3.2][line]) * scale, lineJoin: "round" });
       context.setLineDash(dash.map((length) => length * scale));
       context.stroke();
     }
@@ -82,7 +87,8 @@ class Curves {
 
   report(frame) { // values at a frame
     this.values.forEach((item, line) => {
-      item.textContent = QUANTITIES.map((quantity) => {
+      const shown = line === this.command ? ["position"] : QUANTITIES;
+      item.textContent = shown.map((quantity) => {
         const value = this.value(quantity, line, frame);
         return Number.isFinite(value) ? `${value.toPrecision(3).replace("-", "\u2212")} ${this.unit(quantity)}` : "\u2013";
       }).join(", ");

@@ -46,9 +46,10 @@ class Replay(Frozen):
     marks: tuple[Mark, ...]
     verdict: str  # verdict of the diagnosis; "" without one
     headline: str  # the same in a sentence
-    horizon: float  # length of a roll-out [s]
+    horizon: float | None  # length of a roll-out [s]; None: the whole recording
     reach: float  # [m]
     notes: tuple[str, ...]
+    commanded: Array | None = None  # (F, b, 7) [m, 1] at the commands of position drives
     origin: float = 0.0  # [s] time stamp from which the page and the terminal count
 
     def page(self) -> str:
@@ -76,19 +77,21 @@ class Replay(Frozen):
     def document(self) -> dict[str, Any]:
         """Residual torque and position error of the original and the extended simulation, as JSON."""
         track = self.track
+        loop = track.command is not None
         strayed = track.simulated - track.recorded
         return {
             "schema": "signid.replay/1",
             "robot": self.robot.name,
             "joints": list(self.robot.joints),
             "unit": position_units(self.robot),
-            "torque_unit": torque_units(self.robot),
+            **({} if loop else {"torque_unit": torque_units(self.robot)}),
             "start": float(track.t[0]),
             "end": float(track.t[-1]),
             **({"time_origin": self.origin} if self.origin else {}),
             "frames": len(track.t),
             "horizon": self.horizon,
-            "residual_rms": [rms(residual).tolist() for residual in track.residual],
+            **({} if loop else {"residual_rms": [rms(residual).tolist() for residual in track.residual]}),
+            **({} if track.command is None else {"command_rms": rms(track.command - track.recorded).tolist()}),
             "strayed_rms": [rms(error).tolist() for error in strayed],
             "apart": track.apart.mean(axis=1).tolist(),
             "marks": [asdict(mark) for mark in self.marks],
@@ -137,7 +140,7 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "joints": [
             {"name": name, "unit": unit, "length": length, "torque": size if np.isfinite(size) else None}
             for name, unit, length, size in zip(
-                robot.joints, torque_units(robot), position_units(robot), track.torque.tolist(), strict=True
+                robot.joints, _units(replay), position_units(robot), track.torque.tolist(), strict=True
             )
         ],
         "scale": _scale(replay),
@@ -147,11 +150,18 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "window": blob.put(track.window, "i2" if track.window.max(initial=0) < 2**15 else "u4"),
         "measured": blob.put(track.measured, "f4"),
         "position": blob.put(track.recorded, "f4"),
+        "commanded": None if replay.commanded is None else blob.put(replay.commanded, "f4"),
+        "command": None if track.command is None else blob.put(track.command, "f4"),
         "strayed": [blob.put(path, "f4") for path in track.simulated],
         "residual": [blob.put(residual, "f4") for residual in track.residual],
         "apart": [blob.put(flags, "i2") for flags in track.apart],
         "marks": [asdict(mark) for mark in replay.marks],
     }
+
+
+def _units(replay: Replay) -> list[str]:
+    """Unit of the residual of each joint."""
+    return position_units(replay.robot) if replay.track.command is not None else torque_units(replay.robot)
 
 
 def _body(replay: Replay, k: int, blob: _Blob) -> dict[str, Any]:
@@ -186,7 +196,7 @@ def _rotated(quaternion: Any, points: Any) -> Any:
 def _scale(replay: Replay) -> dict[str, float]:
     """Rounded ends of the colour scale, per torque unit and for the share of each joint's torque."""
     size = np.abs(replay.track.residual[0])
-    units = np.array(torque_units(replay.robot))
+    units = np.array(_units(replay))
     found = {unit: _round(size[:, units == unit]) for unit in dict.fromkeys(units.tolist())}
     return {**found, "share": _round(size / replay.track.torque)}
 

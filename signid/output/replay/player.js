@@ -24,7 +24,9 @@ class Player {
     document.querySelector("h1").textContent = content.title;
     $("verdict").textContent = content.headline;
     $("marked").hidden = !causes.length;
-    document.querySelector("#legend li:nth-child(2) span").textContent = `simulated, restarted every ${+content.horizon.toPrecision(3)} s`;
+    const often = content.horizon ? `restarted every ${+content.horizon.toPrecision(3)} s` : "";
+    document.querySelector("#legend li:nth-child(2) span").textContent = ["simulated", content.command ? "from the commands alone" : "", often].filter(Boolean).join(", ").replace("simulated, from", "simulated from");
+    $("commanded").hidden = !content.command;
     const small = content.marks.filter((mark) => !mark.cause).map((mark) => `small correction: ${mark.title}`);
     $("notes").append(...[...small, ...content.notes, `grid: ${this.stage.grid} m`].map((note) => Object.assign(document.createElement("li"), { textContent: note })));
     const n = content.joints.length, height = Math.min(176, Math.max(26, 13 * n)), every = Math.ceil(11 * n / height);
@@ -75,12 +77,12 @@ class Player {
     this.choice("shown", ["no curves", "curves"], (k) => { $("curves").hidden = k === 0; this.stage.look(); this.repaint(); });
     if (innerHeight >= 720) $("shown").querySelectorAll("input")[1].click();
     $("joint").addEventListener("change", (event) => this.choose(Number(event.target.value)));
-    this.choice("colour", ["torque", "share of torque"], (k) => { state.byShare = k === 1; this.repaint(); });
+    this.choice("colour", content.command ? ["error"] : ["torque", "share of torque"], (k) => { state.byShare = k === 1; this.repaint(); });
     $("play").addEventListener("click", () => this.play(!state.playing));
     $("time").addEventListener("input", (event) => { this.play(false); this.seek(Number(event.target.value)); });
     $("speed").addEventListener("change", (event) => { state.speed = Number(event.target.value); });
     $("fold").addEventListener("click", () => this.fold(!$("more").hidden));
-    for (const name of ["recorded", "simulated"]) $(`show-${name}`).addEventListener("change", () => this.repaint());
+    for (const name of ["recorded", "simulated", "commanded"]) $(`show-${name}`).addEventListener("change", () => this.repaint());
     const scrub = (event) => {
       const box = $("map").getBoundingClientRect();
       this.seek(this.length * (event.clientX - box.left) / box.width);
@@ -158,6 +160,7 @@ class Player {
     this.stage.group(["signid", "recorded"]).visible = $("show-recorded").checked;
     this.stage.group(["signid", "marks"]).visible = $("show-recorded").checked;
     this.stage.group(["signid", "simulated"]).visible = $("show-simulated").checked;
+    if (this.content.command) this.stage.group(["signid", "commanded"]).visible = $("show-commanded").checked;
     this.draw();
   }
 
@@ -168,6 +171,7 @@ class Player {
     const same = share > 0 && content.window[frame] === content.window[frame + 1];
     const known = same && Number.isFinite(content.simulated[state.model][7 * content.bodies.length * (frame + 1)]);
     stage.pose(stage.simulated, content.simulated[state.model], frame, known ? share : 0);
+    if (content.command) stage.pose(stage.commanded, content.commanded, frame, 0); // held until the next
     stage.poseMarks(content.start + state.t);
     content.bodies.forEach(({ joint }, k) => {
       const { material } = stage.recorded[k].userData;

@@ -17,6 +17,7 @@ from ...recording.sampling import time_origin
 from ...recording.source import Source
 from ...simulation.rollout.joints import restrict_joints
 from ...types import Array, Recording, Robot, Table
+from .drives import commands_only, follow_commands, with_drives
 from .marks import ReplayFindings, headline, marks, read_found
 from .page import Replay
 from .shapes import look, reach
@@ -25,6 +26,7 @@ from .track import follow, movers, poses
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
 
+HORIZON = 0.5  # default length of a roll-out from recorded torque [s]
 LONGEST = 60.0  # default maximum duration [s]
 MOST = 150_000  # maximum number of poses (bodies x frames x robots), about 6 MB
 
@@ -36,19 +38,22 @@ def replay(
     *,
     start: float = 0.0,
     duration: float | None = None,
-    horizon: float = 0.5,
+    horizon: float | None = None,
     rate: float = 30.0,
     package_dirs: Sequence[str | Path] = (),
 ) -> Replay:
     """Animate the recorded robot and its simulation, which restarts from the measured state after each horizon.
 
+    Joints with position drives, whose recording has commands and no torque, are simulated from the commands alone; a
+    second ghost shows the commanded positions.
+
     Args:
         model: original simulation.
-        recording: recording with signed torque.
+        recording: recording with signed torque, or with commanded positions of position drives.
         diagnosis: diagnosis, or its diagnosis.json with model.json in the same folder.
         start: start time after the first row [s].
         duration: duration to show [s]; None: all, at most a minute.
-        horizon: length of a roll-out [s].
+        horizon: length of a roll-out [s]; None: 0.5, or the whole recording with position drives.
         rate: frame rate [Hz].
         package_dirs: folders that hold packages with meshes.
 
@@ -58,7 +63,10 @@ def replay(
     """
     model = as_model(model, "replay")
     recording = as_recording(recording, model.robot, "replay")
-    need_torque([recording])
+    drives = commands_only(recording)
+    if not drives:
+        need_torque([recording])
+    horizon = HORIZON if horizon is None and not drives else horizon
     _check(recording, horizon, rate)
     shown = part(recording, start, LONGEST if duration is None else duration)
     cut = len(shown) < len(recording)
@@ -66,17 +74,18 @@ def replay(
     found = None if diagnosis is None else read_found(diagnosis)
     given = [model] if found is None else [model, found.after]
     _check_same(model, found)
-    models, more = zip(*(restrict_joints(x, [shown]) for x in given), strict=True)
+    models, more = zip(*(with_drives(x, shown) if drives else restrict_joints(x, [shown]) for x in given), strict=True)
     robot: Robot = models[0].robot
     seen, far = look(robot, package_dirs), reach(robot)
     origin = time_origin(recording)
     marked = [] if found is None else marks(found.after.robot, found.findings, far, origin)
     bodies = sorted({*seen.bodies, *(mark.body for mark in marked)})
     span = shown.read(len(shown) - 1).t[0] - shown.read(0, 1).t[0]
-    slow = MOST / (len(bodies) * (1 + len(models)) * max(float(span), 1e-9))
+    slow = MOST / (len(bodies) * (1 + drives + len(models)) * max(float(span), 1e-9))
     if slow < rate:
         notes.append(f"{slow:.3g} frames per second instead of {rate:g}, to limit the size of the page")
-    track = follow(models, shown, horizon, min(rate, slow))
+    rate = min(rate, slow)
+    track = follow_commands(models, shown, horizon, rate) if drives else follow(models, shown, horizon or HORIZON, rate)
     return Replay(
         robot=robot,
         title=f"{robot.name}: {Path(recording.path).name or 'recording'}",
@@ -85,6 +94,7 @@ def replay(
         movers=tuple(movers(robot, bodies)),
         track=track,
         recorded=poses(robot, track.recorded, bodies),
+        commanded=None if track.command is None else poses(robot, _whole(track.command, track.recorded), bodies),
         simulated=np.stack([poses(robot, q, bodies) for q in track.simulated]),
         marks=tuple(marked),
         verdict="" if found is None else found.verdict,
@@ -96,10 +106,15 @@ def replay(
     )
 
 
-def _check(recording: Recording, horizon: float, rate: float) -> None:
+def _whole(command: Array, recorded: Array) -> Array:
+    """Commands (F, n) [rad or m], completed by recorded positions (F, n) [rad or m]."""
+    return np.where(np.isfinite(command), command, recorded)
+
+
+def _check(recording: Recording, horizon: float | None, rate: float) -> None:
     if not 0 < rate <= 240:
         raise OptionError(f"a rate of {rate:g} Hz cannot be shown; give a rate above 0 and up to 240 Hz")
-    if not 0 < horizon < float("inf"):
+    if horizon is not None and not 0 < horizon < float("inf"):
         raise OptionError(f"a horizon of {horizon:g} s is invalid; give one above 0 s, such as 0.5")
     unsigned = [joint for joint, signed in zip(recording.joints, recording.signed, strict=True) if not signed]
     if unsigned:

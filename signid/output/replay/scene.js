@@ -17,6 +17,7 @@ function readContent() { // content of the page, with arrays of the blob in plac
   content.outline = points.flatMap((x, i) => i % 3 ? [] : [new THREE.Vector3(x, points[i + 1], points[i + 2])]);
   content.bounds = [Math.min, Math.max].map((end) => [0, 1, 2].map((k) => end(...along(k))));
   content.simulated = content.simulated.map(read);
+  for (const key of ["commanded", "command"]) if (content[key]) content[key] = read(content[key]);
   [content.measured, content.position] = [read(content.measured), read(content.position)];
   [content.residual, content.strayed] = [content.residual.map(read), content.strayed.map(read)];
   content.apart = content.apart.map(read);
@@ -57,8 +58,9 @@ class Stage {
     this.content = content;
     this.viewer = new MeshCat.Viewer(document.getElementById("view"));
     this.geometries = content.bodies.map((body) => body.faces ? solid(body.vertices, body.faces) : null);
-    this.recorded = this.robot("recorded", false);
-    this.simulated = this.robot("simulated", true);
+    this.recorded = this.robot("recorded");
+    this.simulated = this.robot("simulated", "--ghost");
+    this.commanded = content.commanded ? this.robot("commanded", "--command") : [];
     this.marks = content.marks.map((mark, k) => this.mark(mark, k));
     this.surround();
     this.place(false);
@@ -79,7 +81,7 @@ class Stage {
       const group = this.group(path); // Meshcat's tree cannot hold names such as "constructor"
       if (this.geometries[k]) {
         const material = ghost
-          ? new THREE.MeshPhongMaterial({ color: style("--ghost"), transparent: true, opacity: 0.42, shininess: 10,
+          ? new THREE.MeshPhongMaterial({ color: style(ghost), transparent: true, opacity: ghost === "--ghost" ? 0.42 : 0.28, shininess: 10,
             polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2 })
           : new THREE.MeshPhongMaterial({ color: 0x59636e, shininess: 25, specular: 0x222222 });
         const mesh = this.add([...path, "<object>"], new THREE.Mesh(this.geometries[k], material));

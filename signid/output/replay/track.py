@@ -37,6 +37,7 @@ class Track(Frozen):
     measured: Array  # (F, n) low-passed torque [N.m or N]; NaN where it was not recorded
     residual: Array  # (M, F, n) measured - predicted torque, low-passed [N.m or N]; NaN without recorded torque
     torque: Array  # (n,) root mean square of the measured torque [N.m or N]
+    command: Array | None = None  # (F, n) [rad or m] of position drives, whose residual is one of position
 
 
 class _Read(NamedTuple):
