@@ -18,7 +18,7 @@ from signid.output.replay import Replay
 from signid.servo.plant import roll_out, servo_grid
 
 DRIVES = {"joint_2": SWING.with_(kp=300.0, kd=20.0, coulomb_friction=1.0), "joint_3": SWING.with_(kp=80.0, kd=5.0)}
-AREA = slice(60, 470), slice(320, 990)  # of the window: clear of cards, switches and curves
+AREA = slice(60, 420), slice(320, 990)  # of the window: clear of cards, switches and curves
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def test_one_joint(tmp_path: Path) -> None:
 def page(folder: Path, shown: Replay) -> Iterator[Chromium]:
     (folder / "replay.html").write_text(shown.page(), encoding="utf-8")
     window = Chromium(folder / "profile")
-    window.open(f"{(folder / 'replay.html').as_uri()}#t=3&joint=2", "window.player")
+    window.open(f"{(folder / 'replay.html').as_uri()}#t=3&joint=2&curves=1", "window.player")
     yield window
     window.close()
 
