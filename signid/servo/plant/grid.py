@@ -19,7 +19,7 @@ from ...types import Array, Mask, Recording, Robot
 
 FASTEST = 250.0  # [Hz] of a grid by default; enough for loops of position drives
 GAP = 0.25  # [s] without samples, beyond 5 periods, ends a grid
-SHORTEST = 0.4  # [s] shorter stretches between gaps are left out
+SHORTEST = 0.2  # [s] shorter stretches between gaps are left out
 
 
 def servo_grids(recording: Recording, robot: Robot, rate: float | None = None) -> tuple[ServoGrid, ...]:
