@@ -76,11 +76,9 @@ def fit_candidate(
     return candidate, fit
 
 
-def tried(model: Model, data: ServoData, candidate: Candidate, window: float) -> Trial:
-    """Fit a candidate to all training data; short windows first where a limit is free."""
-    if any(name == "effort_limit" for _, name in candidate.free):
-        candidate, _ = fit_candidate(model, data.train, candidate, SHORT)
-    candidate, fit = fit_candidate(model, data.train, candidate, window)
+def tried(model: Model, data: ServoData, candidate: Candidate, window: float, steps: int = STEPS) -> Trial:
+    """Fit a candidate to all training data."""
+    candidate, fit = fit_candidate(model, data.train, candidate, window, steps)
     return Trial(candidate, {joint: float(fit.residual_rms[data.joints.index(joint)]) for joint in candidate.servos})
 
 

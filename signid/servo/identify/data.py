@@ -15,7 +15,8 @@ from ..plant import servo_grids
 
 BLOCK = 3.0  # [s] of the blocks that a single recording is cut into for cross-validation
 MOST_BLOCKS = 8
-FOLDS = 4
+FOLDS = 4  # of whole recordings
+HALVES = 2  # of blocks of the only recording
 SHORTEST = 1.0  # [s] of a grid that can be held out or validate
 
 
@@ -96,7 +97,7 @@ def _folds(
 ) -> tuple[tuple[tuple[ServoGrid, ...], tuple[ServoGrid, ...]], ...]:
     """Folds of whole recordings; of blocks of the only one."""
     units = [list(some) for some in grids] if len(grids) > 1 else [[block] for block in _blocks(grids[0])]
-    count = min(FOLDS, len(units))
+    count = min(FOLDS if len(grids) > 1 else HALVES, len(units))
     turn = [*range(count), *reversed(range(count))]  # back and forth: neighbours in the order of names are often alike
     fold = [turn[i % len(turn)] for i in range(len(units))]
     folds = []

@@ -10,13 +10,14 @@ import numpy as np
 from ...model import Model
 from ...servos import DRIVE_LAWS, Servo
 from ...types import Progress
-from .choice import Candidate, Trial, improved, scored, tried, worth
+from .choice import SHORT, STEPS, Candidate, Trial, fit_candidate, improved, scored, tried, worth
 from .data import ServoData
 from .evidence import law_probabilities
 
 FIRST = "load_friction"  # tried before the laws: without it, limits are fitted to friction
 ADDITIONAL = (FIRST, "dead_band", "droop", "profile_speed")
 EQUAL = ("effort", "duty")  # the same law while nothing saturates
+MORE = 6  # most iterations from a fit with one number less
 NEAR_TOP = 0.9  # second start of a limit, over the largest torque that the loop asks for
 
 
@@ -55,9 +56,9 @@ class Searcher:
     options: ServoOptions
     progress: Progress | None = None
 
-    def fit(self, candidate: Candidate) -> Trial:
+    def fit(self, candidate: Candidate, steps: int = STEPS) -> Trial:
         """Fit to all training data."""
-        return tried(self.model, self.data, candidate, self.options.window)
+        return tried(self.model, self.data, candidate, self.options.window, steps)
 
     def score(self, trial: Trial) -> Trial:
         """Score on windows that took no part."""
@@ -105,26 +106,26 @@ def _try_number(by: Searcher, base: Trial, name: str) -> Trial:
     joints = [joint for joint, servo in start.servos.items() if getattr(servo, name) == neutral]
     if not joints:
         return base
-    new = by.fit(start.changed({}, [(joint, name) for joint in joints]))
+    new = by.fit(start.changed({}, [(joint, name) for joint in joints]), MORE)
     if not (promising := worth(base, new, joints)):
         return base
     base = by.score(base)
     if set(promising) != set(joints):
-        new = by.fit(start.changed({}, [(joint, name) for joint in promising]))
+        new = by.fit(start.changed({}, [(joint, name) for joint in promising]), MORE)
     kept = improved(base, by.score(new), promising)
     if not kept:
         return base
-    return by.score(new) if kept == promising else by.fit(start.changed({}, [(joint, name) for joint in kept]))
+    return by.score(new) if kept == promising else by.fit(start.changed({}, [(joint, name) for joint in kept]), MORE)
 
 
 def _try_laws(
     by: Searcher, base: Trial, errors: Mapping[str, float], given: Mapping[str, str]
 ) -> tuple[Trial, dict[str, dict[str, float]]]:
     """Law of each joint that seems to saturate, by windows that took no part; none if a limit does not help."""
-    trials = dict[str, Trial]()
+    trials, limits = dict[str, Trial](), _limits_of(by, base, errors)
     for law in DRIVE_LAWS:
-        if own := {joint: error for joint, error in errors.items() if given.get(joint, law) == law}:
-            trials[law] = _best_start(by, base, own, law)
+        if own := {joint: limits[joint] for joint in errors if given.get(joint, law) == law}:
+            trials[law] = by.fit(limited(base.candidate, own, law))
             fixed = [joint for joint in own if np.isfinite(base.candidate.servos[joint].effort_limit)]
             keep = {*fixed, *worth(base, trials[law], list(own))}
             errors = {joint: error for joint, error in errors.items() if joint in keep or joint not in own}
@@ -148,16 +149,18 @@ def _try_laws(
     return (same[0] if same else by.fit(chosen)), found
 
 
-def _best_start(by: Searcher, base: Trial, errors: Mapping[str, float], law: str) -> Trial:
-    """Fits from two starts of the limits; the better one."""
-    start, trials = base.candidate, []
+def _limits_of(by: Searcher, base: Trial, errors: Mapping[str, float]) -> dict[str, float]:
+    """Limit to start from at each joint [N.m or N]: the better one of two, by short windows."""
+    servos, trials = base.candidate.servos, []
     for ratio in (0.0, NEAR_TOP):
-        limits = {}
-        for joint, error in errors.items():
-            top = max(abs(_asked(by.data, joint)), error)
-            limits[joint] = start.servos[joint].kp * max(error, ratio * top)
-        trials.append(by.fit(limited(start, limits, law)))
-    return min(trials, key=lambda trial: sum(np.log(trial.residual[joint]) for joint in errors))
+        limits = {
+            joint: servos[joint].kp * max(error, ratio * _asked(by.data, joint)) for joint, error in errors.items()
+        }
+        start = limited(base.candidate, limits, DRIVE_LAWS[0])
+        candidate, fit = fit_candidate(by.model, by.data.train, start, SHORT, MORE)
+        size = sum(np.log(fit.residual_rms[by.data.joints.index(joint)]) for joint in errors)
+        trials.append((size, {joint: candidate.servos[joint].effort_limit for joint in errors}))
+    return min(trials, key=lambda pair: pair[0])[1]
 
 
 def _asked(data: ServoData, joint: str) -> float:
