@@ -1,0 +1,137 @@
+"""Command: `python -m benchmarks.servo [truth] [real] [rival] [--seeds 1 2] [--robots pendulum] [--json FILE]`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from rich.console import Console
+
+from ..summary import finite, frame, print_targets
+from .drive import Truth
+from .identified import KNOWN_LOAD, NUMBERS, RATE, SECONDS, Row, Trial, run
+from .plant import record
+from .real import sets
+from .rival import race
+from .robots import Bench, benches, motion
+
+WORST = {"kp": 0.03, "damping": 0.03, "coulomb_friction": 0.03, "armature": 0.05, "delay": 3e-4}
+MEDIAN = {"kp": 0.01, "damping": 0.01, "coulomb_friction": 0.01, "armature": 0.02, "delay": 3e-4}
+LAWS = ("effort", "duty")
+
+
+def main() -> int:
+    """Run the parts that were asked for; return 1 if a target is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("parts", nargs="*", default=["truth", "real", "rival"])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--robots", nargs="+", default=["pendulum", "go2_leg", "so101"])
+    parser.add_argument("--json", default=None)
+    given, console, kept, met = parser.parse_args(), Console(), dict[str, object](), True
+    with tempfile.TemporaryDirectory() as place:
+        found = benches(Path(place), tuple(given.robots))
+        if "truth" in given.parts:
+            free = _trials(found, given.seeds, Path(place), None)
+            clipped = [t for law in LAWS for t in _trials(found, given.seeds[:1], Path(place), law)]
+            met &= show_truth(console, free, clipped)
+            kept["truth"] = [asdict(row) for trial in (*free, *clipped) for row in trial.rows]
+        if "real" in given.parts:
+            kept["real"] = show_real(console, Path(place))
+        if "rival" in given.parts and find_spec("cma"):
+            kept["rival"] = show_rival(console, benches(Path(place), ("pendulum",))[0], Path(place))
+    if given.json:
+        Path(given.json).write_text(json.dumps(finite(kept), indent=1))
+    return 0 if met else 1
+
+
+def _trials(found: Sequence[Bench], seeds: Sequence[int], folder: Path, law: str | None) -> list[Trial]:
+    return [run(bench, seed, folder, law) for bench in found for seed in seeds]
+
+
+def show_truth(console: Console, free: Sequence[Trial], clipped: Sequence[Trial]) -> bool:
+    """Errors and coverage of unsaturated and saturated drives."""
+    rows = [row for trial in free for row in trial.rows if row.load > KNOWN_LOAD]
+    hard = [row for trial in clipped for row in trial.rows if row.load > KNOWN_LOAD]
+    table = frame(
+        "MuJoCo, truth known: relative error (delay: s)",
+        ["number", "median", "worst", "coverage", "of", "clipped: median", "worst"],
+    )
+    for name in NUMBERS:
+        some, more = ([row for row in each if row.number == name] for each in (rows, hard))
+        if some or more:
+            table.add_row(name, *_errors(some), _coverage(some), str(len(some)), *_errors(more))
+    console.print(table)
+    everything = [row.covered for row in rows if row.covered is not None]
+    named = [true == law for trial in clipped for true, law in trial.laws]
+    targets = [
+        (f"{name}: median {_median(rows, name):.4f} (target {MEDIAN[name]:g}), worst {_worst(rows, name):.4f} "
+         f"(target {WORST[name]:g})", _median(rows, name) <= MEDIAN[name] and _worst(rows, name) <= WORST[name])
+        for name in MEDIAN
+    ]  # fmt: skip
+    share = float(np.mean(everything)) if everything else 0.0
+    targets.append((f"coverage {share:.2f} of {len(everything)} intervals (target .93 to .97)", 0.93 <= share <= 0.97))
+    targets.append(
+        (f"law of saturated drives: {sum(named)} of {len(named)} (target 9 of 10)", sum(named) >= 0.9 * len(named))
+    )
+    seconds = [trial.seconds for trial in free]
+    console.print(f"processor seconds a robot: {min(seconds):.1f} to {max(seconds):.1f}", highlight=False)
+    return print_targets(console, targets)
+
+
+def show_real(console: Console, folder: Path) -> list[dict[str, object]]:
+    """Held-out errors of real servos."""
+    table = frame(
+        "real servos: rms [rad] of held-out recordings from commands alone",
+        ["set", "joints", "whole", "1 s", "q = q_des", "target", "s", "still missing"],
+    )
+    kept = []
+    for row in sets(folder):
+        sizes = (f"{x:.4f}" for x in (row.whole, row.second, row.ideal))
+        table.add_row(row.name, str(row.joints), *sizes, row.target, f"{row.seconds:.1f}", row.missing)
+        kept.append(asdict(row))
+    console.print(table)
+    return kept
+
+
+def show_rival(console: Console, bench: Bench, folder: Path) -> dict[str, object]:
+    """Time to the same error."""
+    path = folder / "race.csv"
+    command = motion(bench, 4, SECONDS, RATE, fast=3.0)
+    pl.DataFrame(record(bench.urdf, Truth(dict(bench.drives)), command, RATE, 4)).write_csv(path)
+    found = race(bench.urdf, path)
+    console.print(
+        f"pendulum, held-out windows: signid {1e3 * found.ours:.3f} mrad in {found.ours_seconds:.1f} s, CMA-ES "
+        f"{1e3 * found.cma:.3f} mrad in {found.cma_seconds:.1f} s ({found.cma_trials} trials): "
+        f"{found.cma_seconds / found.ours_seconds:.1f} times longer",
+        highlight=False,
+    )
+    return asdict(found)
+
+
+def _errors(rows: Sequence[Row]) -> tuple[str, str]:
+    sizes = [row.error for row in rows if np.isfinite(row.error)]
+    return (f"{np.median(sizes):.4f}", f"{max(sizes):.4f}") if sizes else ("-", "-")
+
+
+def _coverage(rows: Sequence[Row]) -> str:
+    held = [row.covered for row in rows if row.covered is not None]
+    return f"{np.mean(held):.2f}" if held else "-"
+
+
+def _median(rows: Sequence[Row], name: str) -> float:
+    return float(np.nanmedian([row.error for row in rows if row.number == name] or [np.inf]))
+
+
+def _worst(rows: Sequence[Row], name: str) -> float:
+    return float(np.nanmax([row.error for row in rows if row.number == name] or [np.inf]))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

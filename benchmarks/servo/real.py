@@ -1,0 +1,81 @@
+"""Identification of real servos: held-out error of whole recordings from commands alone."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from signid.robot import load_robot
+from signid.servo.diagnose import diagnose_servos
+from signid.servo.identify import ServoIdentification, identify_servos
+from signid.types import Robot
+
+from .robots import data_folder
+
+XL330 = ("lift_and_drop", "sin_sin", "sin_time_square", "up_and_down")
+MAUICV = (
+    ("chirp", "prbs_small", "square_large", "square_small", "step_large", "triangle"),
+    ("prbs_large", "ramp"),
+)
+
+
+@dataclass(frozen=True)
+class RealRow:
+    """One real set."""
+
+    name: str
+    joints: int
+    whole: float  # [rad] rms of held-out recordings, all joints
+    second: float  # [rad] restarted every second
+    ideal: float  # [rad] q = q_des, or stated numbers
+    seconds: float  # processor time
+    target: str
+    missing: str  # laws that a diagnosis still names
+
+
+def sets(folder: Path) -> Iterator[RealRow]:
+    """Each public set that is at hand."""
+    data = data_folder()
+    if data is None:
+        return
+    for held in ("sin_time_square", "up_and_down"):
+        robot = xl330(data, folder)
+        files = [data / "bam_xl330" / f"kp{kp}_{name}.csv.gz" for kp in (100, 400) for name in XL330]
+        unseen = [file for file in files if held in file.name]
+        yield _row(f"XL330, {held} held out", robot, [f for f in files if f not in unseen], unseen, "")
+    go2 = data / "go2_dls"
+    yield _row("Go2, last 30 %", load_robot(go2 / "go2.urdf"), [go2 / "held_base_first.csv.gz"], [], ".0065")
+    place = data / "mauicv_servo"
+    train, unseen = ([place / f"a_{name}.csv.gz" for name in names] for names in MAUICV)
+    yield _row("mauicv, other motions", load_robot(place / "arm.urdf"), train, unseen, ".060")
+
+
+def xl330(data: Path, folder: Path) -> Robot:
+    """The XL330 with the firmware gain of each recording."""
+    lines = ["[joint.servo.servo]", "kp_register = 400"]
+    for kp in (100, 400):
+        for name in XL330:
+            lines += [f'[recording."kp{kp}_{name}.csv.gz".servo]', f"kp_register = {kp}"]
+    file = folder / "actuators.toml"
+    file.write_text("\n".join(lines) + "\n")
+    return load_robot(data / "bam_xl330" / "pendulum.urdf", actuators=file)
+
+
+def _row(name: str, robot: Robot, train: Sequence[Path], unseen: Sequence[Path], target: str) -> RealRow:
+    start = time.process_time()
+    found = identify_servos(robot, [str(f) for f in train], held_out=[str(f) for f in unseen])
+    seconds = time.process_time() - start
+    missing = diagnose_servos(found.model, [str(f) for f in train], held_out=[str(f) for f in unseen])
+    names = ", ".join(f"{x.effect}@{x.joint} {x.probability:.2f}" for x in missing.causes[:3])
+    return RealRow(name, len(found.joints), *_errors(found), seconds, target, names or missing.verdict)
+
+
+def _errors(found: ServoIdentification) -> tuple[float, float, float]:
+    rolled = found.rollout
+    sizes = (rolled.whole_rms, rolled.one_second_rms, rolled.nominal_whole_rms)
+    whole, second, ideal = (float(np.sqrt(np.nanmean(x**2))) for x in sizes)
+    return whole, second, ideal
