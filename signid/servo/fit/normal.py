@@ -13,6 +13,7 @@ from .shots import MOST_VALUES, Shots, shoot
 
 STATE = (2e-3, 0.3)  # prior of an initial state about the smoothed one: [rad or m], [rad/s or m/s]
 NUDGE = (1e-4, 1e-2)  # differences of initial states
+SHARES = (1.0, 0.3, 0.0)  # of the step of a window's state that are tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +46,37 @@ def residuals(shots: Sequence[Shots], where: Coordinates, point: Point) -> tuple
     )
 
 
+def settle(
+    shots: Sequence[Shots], where: Coordinates, point: Point, values: Array, states: Array, noise: Array
+) -> tuple[Point, tuple[Array, ...]]:
+    """New values, and for each window the share of the step (W, 2n) of its state that fits best; with residuals."""
+    copies = where.table(np.repeat(values[None], len(SHARES), 0))
+    q: list[Array] = []
+    v: list[Array] = []
+    out: list[Array] = []
+    k = 0
+    for s, q0, v0 in zip(shots, point.q0, point.v0, strict=True):
+        step, n = states[k : k + len(q0)], len(s.joints)
+        k += len(q0)
+        qs = np.array([q0 + share * step[:, :n] for share in SHARES])
+        vs = np.array([v0 + share * step[:, n:] for share in SHARES])
+        residual = shoot(s, where.servos, copies, qs, vs)[0] - s.measured
+        best = np.argmin(_costs(s, residual, qs, vs, noise), axis=0), np.arange(len(q0))
+        q, v, out = [*q, qs[best]], [*v, vs[best]], [*out, residual[best]]
+    return Point(values, tuple(q), tuple(v)), tuple(out)
+
+
 def cost(shots: Sequence[Shots], residual: Sequence[Array], point: Point, noise: Array) -> float:
     """Weighted squares of residuals and of the states against their prior; noise: (n,) [rad or m]."""
-    total = 0.0
-    for s, r, q0, v0 in zip(shots, residual, point.q0, point.v0, strict=True):
-        total += float(np.sum((r / noise) ** 2))
-        total += float(np.sum(((q0 - s.q0) / STATE[0]) ** 2) + np.sum(((v0 - s.v0) / STATE[1]) ** 2))
-    return total
+    each = zip(shots, residual, point.q0, point.v0, strict=True)
+    return float(sum(_costs(s, r, q0, v0, noise).sum() for s, r, q0, v0 in each))
+
+
+def _costs(s: Shots, residual: Array, q0: Array, v0: Array, noise: Array) -> Array:
+    """Cost (..., W) of each window."""
+    squares = np.sum((residual / noise) ** 2, axis=(-1, -2))
+    prior = np.sum(((q0 - s.q0) / STATE[0]) ** 2 + ((v0 - s.v0) / STATE[1]) ** 2, axis=-1)
+    return np.asarray(np.where(np.isfinite(squares), squares, np.inf) + prior)
 
 
 def normal(shots: Sequence[Shots], where: Coordinates, point: Point, noise: Array, wide: float = 1.0) -> Normal:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...types import Array
 from .coordinates import Coordinates
-from .normal import Normal, Point, cost, normal, residuals
+from .normal import Normal, Point, cost, normal, residuals, settle
 from .shots import Shots
 
 COARSE, TOLERANCE = 1e-3, 1e-5  # relative gain of the cost below which differences widen, or the fit ends
@@ -49,8 +49,8 @@ def solve(shots: Sequence[Shots], where: Coordinates, point: Point, iterations: 
     for _ in range(iterations):
         now = cost(shots, here.residual, point, noise)
         for _ in range(TRIALS):
-            new = _step(where, here, point, shots, damping)
-            residual = residuals(shots, where, new)
+            values, states = _step(where, here, point, damping)
+            new, residual = settle(shots, where, point, values, states, noise)
             then = cost(shots, residual, new, noise)
             if np.isfinite(then) and then < now:
                 break
@@ -74,8 +74,8 @@ def noise_of(residual: Sequence[Array], robust: bool = False) -> Array:
     return np.asarray(np.maximum(np.sqrt(middle), SMALLEST_NOISE))
 
 
-def _step(where: Coordinates, here: Normal, point: Point, shots: Sequence[Shots], damping: float) -> Point:
-    """Damped step within the bounds."""
+def _step(where: Coordinates, here: Normal, point: Point, damping: float) -> tuple[Array, Array]:
+    """Values after a damped step within the bounds, and steps (W, 2n) of the states."""
     slope, x = where.slope(point.values), where.x(point.values)
     information = here.information * np.outer(slope, slope)
     gradient = here.scores.sum(0) * slope
@@ -86,14 +86,7 @@ def _step(where: Coordinates, here: Normal, point: Point, shots: Sequence[Shots]
     dx = _bounded(damped, gradient, where.low - x, where.most)
     values = where.values(np.maximum(x + dx, where.low))
     dz = values - point.values
-    ds = -np.einsum("wsu,wu->ws", here.inverse, here.state + np.einsum("wps,p->ws", here.across, dz))
-    cuts = np.cumsum([len(s.starts) for s in shots])[:-1]
-    n = len(where.servos)
-    return Point(
-        values,
-        tuple(q0 + d[:, :n] for q0, d in zip(point.q0, np.split(ds, cuts), strict=True)),
-        tuple(v0 + d[:, n:] for v0, d in zip(point.v0, np.split(ds, cuts), strict=True)),
-    )
+    return values, -np.einsum("wsu,wu->ws", here.inverse, here.state + np.einsum("wps,p->ws", here.across, dz))
 
 
 def _bounded(matrix: Array, gradient: Array, room: Array, most: Array) -> Array:

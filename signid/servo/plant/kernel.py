@@ -28,6 +28,7 @@ from ...types import Array
     DROOP,
 ) = range(len(SERVO_NUMBERS))  # columns of the numbers of a drive, in the order of SERVO_NUMBERS
 DUTY, TORQUE_SPEED = DRIVE_LAWS.index("duty"), DRIVE_LAWS.index("torque_speed")
+PASSES = 5  # of a substep, until it is consistent which drives are at their limits
 SWEEPS, SETTLED = 60, 1e-11  # of Gauss-Seidel; largest relative change of a speed that ends it
 
 
@@ -38,13 +39,14 @@ def numbers(servo: Servo) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def actuate(numbers, c, laws, q, v, commands, variant, step, on, voltage, r, gain, out):  # type: ignore[no-untyped-def]
-    """Drives of n joints: out (4, n) = constant torque, damping, friction bound, saturated.
+    """Drives of n joints at speeds v (n,): out (4, n) = constant torque, damping, friction bound, kind of limit.
 
-    The motor's torque is constant - damping v. numbers (C, n, P) and variant (C, n) of copy c; commands (3, V, S) at
-    substep `step`; on and voltage (R, n) at row r; gain (n,).
+    The torque is constant - damping v. A kind of limit is 0 or, with the sign of the torque: 1 a fixed torque, 2 a
+    torque that falls with speed, 3 none beyond the largest speed. numbers (C, n, P) and variant (C, n) of copy c;
+    commands (3, V, S) at substep `step`; on and voltage (R, n) at row r; gain (n,).
     """
     for i in range(len(q)):
-        constant, damping, torque, saturated = 0.0, 0.0, 0.0, False
+        constant, damping, torque, kind = 0.0, 0.0, 0.0, 0.0
         if on[r, i] > 0.5:
             j, limit, dead, speed = variant[c, i], numbers[c, i, EFFORT], numbers[c, i, DEAD], v[i]
             damping = numbers[c, i, KD]
@@ -52,7 +54,7 @@ def actuate(numbers, c, laws, q, v, commands, variant, step, on, voltage, r, gai
             error = max(error - dead, 0.0) + min(error + dead, 0.0)
             constant = gain[i] * numbers[c, i, KP] * error
             if laws[i] == DUTY:
-                saturated = abs(constant) > limit
+                kind = 1.0 if abs(constant) > limit else 0.0
                 constant = voltage[r, i] * min(max(constant, -limit), limit) + damping * commands[1, j, step]
             else:
                 constant += damping * commands[1, j, step] + commands[2, j, step]
@@ -62,8 +64,9 @@ def actuate(numbers, c, laws, q, v, commands, variant, step, on, voltage, r, gai
                 if along:
                     bound = limit * max(1.0 - abs(speed) / numbers[c, i, SPEED], 0.0)
                 if abs(torque) > bound:
-                    saturated = True
-                    constant = np.sign(torque) * limit if bound > 0.0 else 0.0
+                    side = 1.0 if torque > 0.0 else -1.0
+                    kind = (1.0 if not along else 2.0 if bound > 0.0 else 3.0) * side
+                    constant = side * limit if bound > 0.0 else 0.0
                     damping = limit / numbers[c, i, SPEED] if along and bound > 0.0 else 0.0
             torque = constant - damping * speed
             if numbers[c, i, DROOP] > 0.0:
@@ -72,7 +75,7 @@ def actuate(numbers, c, laws, q, v, commands, variant, step, on, voltage, r, gai
         out[0, i] = constant - numbers[c, i, OFFSET]
         out[1, i] = damping + numbers[c, i, VISCOUS]
         out[2, i] = numbers[c, i, COULOMB] + numbers[c, i, LOAD] * abs(torque)
-        out[3, i] = 1.0 if saturated else 0.0
+        out[3, i] = kind
 
 
 @njit(cache=True, error_model="numpy")
@@ -147,6 +150,27 @@ def slide(v, mass, r, act, h, b, room):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def limited(v, before, numbers, c, laws, half, commands, variant, step, on, voltage, r, gain, act, again):  # type: ignore[no-untyped-def]  # fmt: skip # noqa: E501
+    """Whether limits of torque were wrong in a substep that led from speeds `before` to v; if so, mend them in `act`.
+
+    A drive is at its limit if its torque in the middle of the substep would be beyond: positions are then continuous
+    in every number. `act` (4, n) as `actuate` left it; again (5, n): scratch.
+    """
+    n = len(v)
+    for i in range(n):
+        again[4, i] = 0.5 * (v[i] + before[i])
+    actuate(numbers, c, laws, half, again[4], commands, variant, step, on, voltage, r, gain, again)
+    wrong = False
+    for i in range(n):
+        if again[3, i] != act[3, i]:
+            wrong = True
+            act[0, i], act[1, i], act[3, i] = again[0, i], again[1, i], again[3, i]
+    if wrong:
+        v[:] = before
+    return wrong
+
+
+@njit(cache=True, error_model="numpy")
 def simulate(  # type: ignore[no-untyped-def]
     starts, rows, parts, h, mass, bias, by_q, by_v, qs, vs, wave, commands, variant, on, voltage, gain, numbers, laws,
     q0, v0, out, saturated,
@@ -161,7 +185,11 @@ def simulate(  # type: ignore[no-untyped-def]
     copies, windows, n = q0.shape
     q, v, half, force, act = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty((4, n))
     b, room, waves = np.empty(n), np.empty((n, n + 2)), np.any(wave != 0.0)
+    loads, before, again = np.empty(n), np.empty(n), np.empty((5, n))
     for c in range(copies):
+        limits = False
+        for i in range(n):
+            limits = limits or (laws[i] != DUTY and numbers[c, i, EFFORT] < np.inf)
         for w in range(windows):
             for i in range(n):
                 q[i], v[i] = q0[c, w, i], v0[c, w, i]
@@ -182,9 +210,19 @@ def simulate(  # type: ignore[no-untyped-def]
                         for j in range(n):
                             load += by_q[r, i, j] * (half[j] - near * qs[r, j] - far * qs[r + 1, j])
                             load += by_v[r, i, j] * (v[j] - near * vs[r, j] - far * vs[r + 1, j])
-                        force[i] = act[0, i] - load
-                        saturated[c, w, i] += act[3, i]
-                    kick(v, mass, r, force, numbers, c, act, h, b, room)
+                        loads[i] = load
+                        before[i] = v[i]
+                    for _ in range(PASSES):
+                        for i in range(n):
+                            force[i] = act[0, i] - loads[i]
+                        kick(v, mass, r, force, numbers, c, act, h, b, room)
+                        if not limits or not limited(
+                            v, before, numbers, c, laws, half, commands, variant, r * parts + part, on, voltage, r,
+                            gain, act, again,
+                        ):  # fmt: skip
+                            break
+                    for i in range(n):
+                        saturated[c, w, i] += 1.0 if act[3, i] != 0.0 else 0.0
                     for i in range(n):
                         q[i] = half[i] + 0.5 * h * v[i]
                 for i in range(n):

@@ -15,7 +15,7 @@ from ...servos import DRIVE_LAWS, Servo, ServoGrid
 from ...types import Array, Robot
 from .commands import commands_at
 from .course import Moved, bodies_of, motion_of
-from .kernel import actuate, kick, numbers
+from .kernel import PASSES, actuate, kick, limited, numbers
 from .substeps import substeps
 
 
@@ -88,7 +88,7 @@ class _Loop:
     def _row(self, k: int, q: Array, v: Array) -> None:
         """Advance a row in place."""
         motion, j, n = self.motion, self.driven, len(q)
-        act, b, room = np.empty((4, n)), np.empty(n), np.empty((n, n + 2))
+        act, again, b, room = np.empty((4, n)), np.empty((5, n)), np.empty(n), np.empty((n, n + 2))
         for s in range(self.parts):
             far = (s + 0.5) / self.parts
             whole, speed, rate = ((1 - far) * x[k] + far * x[k + 1] for x in motion)
@@ -110,7 +110,14 @@ class _Loop:
                 act,
             )
             mass, load = self._dynamics(whole, speed, rate)
-            kick(v, mass[None], 0, act[0] - load, self.numbers, 0, act, self.h, b, room)
+            before = v.copy()
+            for _ in range(PASSES):
+                kick(v, mass[None], 0, act[0] - load, self.numbers, 0, act, self.h, b, room)
+                if not limited(
+                    v, before, self.numbers, 0, self.laws, half, self.commands, self.variant, step,
+                    self.on, self.voltage, k, self.gain, act, again,
+                ):  # fmt: skip
+                    break
             q[:] = half + 0.5 * self.h * v
 
     def _dynamics(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
