@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -35,6 +35,14 @@ class Candidate:
         """With other drives at some joints, and more free numbers."""
         return replace(self, servos={**self.servos, **servos}, free=tuple(dict.fromkeys((*self.free, *free))))
 
+    def only(self, joints: Collection[str]) -> Candidate:
+        """Of some joints; the others follow the recorded motion."""
+        return Candidate(
+            {joint: servo for joint, servo in self.servos.items() if joint in joints},
+            tuple(name for name in self.free if name[0] in joints),
+            {joint: error for joint, error in self.tied.items() if joint in joints},
+        )
+
     def follow(self, servos: Mapping[str, Servo]) -> Candidate:
         """With other drives, whose tied limits follow their gains."""
         tied = {j: servos[j].with_(effort_limit=servos[j].kp * error) for j, error in self.tied.items()}
@@ -48,6 +56,17 @@ class Trial:
     candidate: Candidate  # with the fitted drives
     residual: Mapping[str, float]  # rms on windows of the training data [rad or m], by joint
     scores: Mapping[str, Array] = field(default_factory=dict)  # log rms (W,) of windows that took no part, by joint
+
+    def only(self, joints: Collection[str]) -> Trial:
+        """Of some joints."""
+        residual = {joint: x for joint, x in self.residual.items() if joint in joints}
+        scores = {joint: x for joint, x in self.scores.items() if joint in joints}
+        return Trial(self.candidate.only(joints), residual, scores)
+
+    def with_joints(self, other: Trial) -> Trial:
+        """With some joints of another trial."""
+        candidate = self.candidate.changed(other.candidate.servos, other.candidate.free)
+        return Trial(candidate, {**self.residual, **other.residual}, {**self.scores, **other.scores})
 
 
 def fit_candidate(

@@ -75,7 +75,7 @@ def identify_servos(
     start = replace(start, tied=duty).follow(start.servos)
     if any(_has_voltage(recording) for recording in given):
         options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
-    chosen = search(Searcher(weighed, data, options, progress), start, limits)
+    chosen = search(Searcher(weighed, data, sets, options, progress), start, limits)
     _say(progress, "fitting servos", 0.8)
     fit = final_fit(weighed, data, chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.95)

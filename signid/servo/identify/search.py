@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,6 +53,7 @@ class Searcher:
 
     model: Model
     data: ServoData
+    sets: Sequence[Sequence[str]]  # connected joints
     options: ServoOptions
     progress: Progress | None = None
 
@@ -60,9 +61,15 @@ class Searcher:
         """Fit to all training data."""
         return tried(self.model, self.data, candidate, self.options.window, steps)
 
-    def score(self, trial: Trial) -> Trial:
-        """Score on windows that took no part."""
-        return trial if trial.scores else scored(self.model, self.data, trial, self.options.window)
+    def score(self, trial: Trial, joints: Collection[str]) -> Trial:
+        """Score some joints, with those that share bodies with them, on windows that took no part."""
+        if all(joint in trial.scores for joint in joints):
+            return trial
+        return trial.with_joints(scored(self.model, self.data, trial.only(joints), self.options.window))
+
+    def near(self, joints: Collection[str]) -> set[str]:
+        """Joints that share moved bodies with some joints, and these."""
+        return {joint for members in self.sets if any(j in joints for j in members) for joint in members}
 
     def say(self, step: str, share: float) -> None:
         """Report progress."""
@@ -109,36 +116,44 @@ def _try_number(by: Searcher, base: Trial, name: str) -> Trial:
     new = by.fit(start.changed({}, [(joint, name) for joint in joints]), MORE)
     if not (promising := worth(base, new, joints)):
         return base
-    base = by.score(base)
+    near = by.near(promising)
     if set(promising) != set(joints):
-        new = by.fit(start.changed({}, [(joint, name) for joint in promising]), MORE)
-    kept = improved(base, by.score(new), promising)
+        new = by.fit(start.only(near).changed({}, [(joint, name) for joint in promising]), MORE)
+    base = by.score(base, near)
+    new = by.score(new, near)
+    kept = improved(base, new, promising)
     if not kept:
         return base
-    return by.score(new) if kept == promising else by.fit(start.changed({}, [(joint, name) for joint in kept]), MORE)
+    if kept != promising:
+        near = by.near(kept)
+        new = by.score(by.fit(start.only(near).changed({}, [(joint, name) for joint in kept]), MORE), near)
+    return base.with_joints(new)
 
 
 def _try_laws(
     by: Searcher, base: Trial, errors: Mapping[str, float], given: Mapping[str, str]
 ) -> tuple[Trial, dict[str, dict[str, float]]]:
     """Law of each joint that seems to saturate, by windows that took no part; none if a limit does not help."""
-    trials, limits = dict[str, Trial](), _limits_of(by, base, errors)
+    near = by.near(errors)
+    start = base.candidate.only(near)
+    trials, limits = dict[str, Trial](), _limits_of(by, start, errors)
     for law in DRIVE_LAWS:
         if own := {joint: limits[joint] for joint in errors if given.get(joint, law) == law}:
-            trials[law] = by.fit(limited(base.candidate, own, law))
-            fixed = [joint for joint in own if np.isfinite(base.candidate.servos[joint].effort_limit)]
+            trials[law] = by.fit(limited(start, own, law))
+            fixed = [joint for joint in own if np.isfinite(start.servos[joint].effort_limit)]
             keep = {*fixed, *worth(base, trials[law], list(own))}
             errors = {joint: error for joint, error in errors.items() if joint in keep or joint not in own}
     if not errors:
         return base, {}
-    base = by.score(base)
-    trials = {law: by.score(trial) for law, trial in trials.items()}
-    chosen, found = base.candidate, {}
+    near = by.near(errors)
+    base = by.score(base, near)
+    trials = {law: by.score(trial.only(near), near) for law, trial in trials.items()}
+    chosen, found = base.candidate.only(near), {}
     for joint in errors:
         allowed = {law: trial for law, trial in trials.items() if given.get(joint, law) == law}
         p = law_probabilities({law: trial.scores[joint] for law, trial in allowed.items()}, by.options.seed)
         law = max(p, key=lambda name: p[name])
-        stated = np.isfinite(base.candidate.servos[joint].effort_limit)
+        stated = np.isfinite(start.servos[joint].effort_limit)
         if stated or improved(base, trials[law], [joint]):
             mine = trials[law].candidate
             chosen = chosen.changed({joint: mine.servos[joint]}, [name for name in mine.free if name[0] == joint])
@@ -146,17 +161,17 @@ def _try_laws(
     if not found:
         return base, found
     same = [trial for trial in trials.values() if trial.candidate == chosen]
-    return (same[0] if same else by.fit(chosen)), found
+    return base.with_joints(same[0] if same else by.score(by.fit(chosen, MORE), near)), found
 
 
-def _limits_of(by: Searcher, base: Trial, errors: Mapping[str, float]) -> dict[str, float]:
+def _limits_of(by: Searcher, base: Candidate, errors: Mapping[str, float]) -> dict[str, float]:
     """Limit to start from at each joint [N.m or N]: the better one of two, by short windows."""
-    servos, trials = base.candidate.servos, []
+    servos, trials = base.servos, []
     for ratio in (0.0, NEAR_TOP):
         limits = {
             joint: servos[joint].kp * max(error, ratio * _asked(by.data, joint)) for joint, error in errors.items()
         }
-        start = limited(base.candidate, limits, DRIVE_LAWS[0])
+        start = limited(base, limits, DRIVE_LAWS[0])
         candidate, fit = fit_candidate(by.model, by.data.train, start, SHORT, MORE)
         size = sum(np.log(fit.residual_rms[by.data.joints.index(joint)]) for joint in errors)
         trials.append((size, {joint: candidate.servos[joint].effort_limit for joint in errors}))
