@@ -77,7 +77,7 @@ def test_identify_writes_the_drive(place: Path) -> None:
         assert joint[key]["value"] == pytest.approx(truth, rel=0.2), key
     assert joint["effort_limit"]["value"] is None and joint["effort_limit"]["sentence"]
     assert content["servo"]["rollout"]["held_out"] and content["servo"]["rollout"]["whole_rms"][0] < 0.01
-    assert load_model(place / "id" / "model.json").servos
+    assert load_model(place / "id" / "model.json").servos and (place / "id" / "robot.urdf").is_file()
     page = (place / "id" / "report.html").read_text()
     assert "held <b>out" not in page and "held &lt;b&gt;out" in page
 
@@ -160,3 +160,27 @@ def test_bad_recordings_are_refused_in_one_sentence(fault: str, capfd: pytest.Ca
     assert "bad.csv" in refused(capfd, "identify", "1r", "bad.csv", "-o", "refused")
     if fault not in ("zero", "short", "still"):
         refused(capfd, "validate", "truth.json", "bad.csv")
+
+
+def test_servo_mode_beside_torque_is_forced(capfd: pytest.CaptureFixture[str]) -> None:
+    (joint,) = load_model("1r").robot.joints
+    pl.read_csv("a.csv").with_columns(pl.lit(0.5).alias(f"tau_{joint}")).write_csv("torque.csv")
+    capfd.readouterr()
+    assert run(["identify", "1r", "torque.csv", "--servo", "--known", "kp=20", "--json"]) in (0, 3)
+    (one,) = json.loads(capfd.readouterr().out)["servo"]["joints"]
+    assert one["kp"]["stated"] == 20.0 and one["kp"]["std"] is None
+    assert "--servo needs commanded positions" in refused(
+        capfd,
+        "identify",
+        "3r",
+        str(Path(__file__).parents[1] / "robots" / "3r" / "recording.parquet"),
+        "--servo",
+        "--json",
+    )
+
+
+def test_a_gain_of_one_joint_sets_the_scale(capfd: pytest.CaptureFixture[str]) -> None:
+    capfd.readouterr()
+    assert run(["identify", "1r", "a.csv", "--known", "kp.1=20", "--law", "effort", "--json"]) in (0, 3)
+    (one,) = json.loads(capfd.readouterr().out)["servo"]["joints"]
+    assert one["kp"]["stated"] == 20.0 and one["law_probability"] is None

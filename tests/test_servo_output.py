@@ -115,3 +115,13 @@ def test_results_have_tables_and_figures() -> None:
     assert result.to_frame("closed_loops").height == 3 and result.to_frame("positions").height == 1500
     assert len(result.plot("positions", joint="joint_2").data) == 10
     assert "not identifiable" in result._repr_html_()
+
+
+def test_names_of_joints_are_text(tmp_path: Path) -> None:
+    text = load_model("3r").robot.document.replace("joint_2", "a&lt;b&gt;%{y}[red]")
+    (tmp_path / "robot.urdf").write_text(text)
+    result = invented(signid.load_robot(tmp_path / "robot.urdf"))
+    page = signid.report(result)
+    assert "a<b>" not in page and "a\\u003cb" not in page and "a&lt;b&gt;" in page
+    assert "a<b>%{y}[red]" in repr(result) and "a<b>" not in result._repr_html_()
+    assert json.loads(to_json(servo_identification_document(result)))["servo"]["joints"][1]["joint"] == "a<b>%{y}[red]"

@@ -111,6 +111,4 @@ def test_the_curves_show_command_measured_and_simulated(page: Chromium) -> None:
     words = page.value("document.querySelector('#key').textContent")
     assert all(word in words for word in ("measured", "simulated", "command", "rad"))
     assert "position: measured \u2212 simulated" in page.value("document.querySelector('figcaption').textContent")
-    assert (
-        page.value("document.querySelector('#torque-axis').textContent").count("command \u2212 position [rad]") == 1
-    )
+    assert page.value("document.querySelector('#torque-axis').textContent").count("command \u2212 position [rad]") == 1

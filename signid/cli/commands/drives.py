@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from ...errors import OptionError, readable
+from ...errors import InputError, OptionError, readable
 from ...robot.joints import find
 from ..options import DriveOptions
 from ..terminal import bars
@@ -42,6 +43,22 @@ def has_drives(recordings: Sequence[Recording], forced: bool = False) -> bool:
                 )
             return False
     return forced or not any(any(recording.columns["tau"]) for recording in recordings)
+
+
+@contextmanager
+def advising_servo_mode(recordings: Sequence[Recording]) -> Iterator[None]:
+    """Add to an error about torque that the recordings have commands as well, which servo mode needs.
+
+    Raises:
+        InputError: the error, with that advice if the torque of a current is unknown.
+    """
+    try:
+        yield
+    except InputError as error:
+        unscaled = any(recording.scaled is not None for recording in recordings)
+        if unscaled and all(any(recording.columns.get("q_des", ())) for recording in recordings):
+            raise type(error)(f"{error}; or add --servo to identify position drives from q_des_J") from None
+        raise
 
 
 def check_options(context: typer.Context, drives: bool) -> None:

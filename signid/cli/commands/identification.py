@@ -161,7 +161,7 @@ def identify(
     """
     from ...identify import identify as learn
     from ..files import IDENTIFIED, deliver, deliver_servos
-    from .drives import check_options, has_drives, identify_drives
+    from .drives import advising_servo_mode, check_options, has_drives, identify_drives
     from .factors import factor_inputs, given_factors
 
     check_folder(fit.output, run.json, IDENTIFIED)
@@ -178,7 +178,7 @@ def identify(
             return deliver_servos(found, read, fit.output, run.json, given_command(context))
     options, search = given_options(rows, run.seed, fit.robust), _search(fit)
     with time_limit(fit.time_limit):
-        with bars(run.json) as progress:
+        with bars(run.json) as progress, advising_servo_mode(given):
             result = learn(
                 described,
                 reduced or given,

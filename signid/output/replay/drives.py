@@ -77,9 +77,7 @@ def follow_commands(models: Sequence[Model], recording: Recording, window: float
     )
 
 
-def _simulated(
-    model: Model, grid: ServoGrid, window: float | None, t: Array, elapsed: Array
-) -> tuple[Array, Mask]:
+def _simulated(model: Model, grid: ServoGrid, window: float | None, t: Array, elapsed: Array) -> tuple[Array, Mask]:
     """Positions (F, n) [rad or m] of the closed loop at the frames, and whether it has diverged (F,)."""
     with np.errstate(all="ignore"):
         q = roll_out(model, model.servos, grid, window)
