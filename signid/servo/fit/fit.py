@@ -60,6 +60,7 @@ def fit_servos(
     shared: Sequence[str] = (),
     relinearise: bool = True,
     iterations: int = 15,
+    scales: bool = True,
 ) -> ServoFit:
     """Fit the free numbers of drives to the measured positions.
 
@@ -72,6 +73,7 @@ def fit_servos(
         shared: numbers with one value for all joints of a branch, "delay".
         relinearise: whether to fit again about the simulated motion.
         iterations: most steps of the first fit.
+        scales: whether to start again from other scales of joints whose scale is weakly identifiable.
 
     Raises:
         OptionError: unknown joint or number, or no free number.
@@ -83,7 +85,7 @@ def fit_servos(
     acting = [j for j, joint in enumerate(grids[0].joints) if joint in servos]
     task = _Task(grids, robot, courses, dict(servos), tuple(free), window, tuple(shared))
     joints = groups(robot, acting)
-    fits = [_fit_group(task, group, iterations) for group in joints]
+    fits = [_fit_group(task, group, iterations, scales=scales) for group in joints]
     steps = 0
     if relinearise and not single(robot):
         steps = max(f.solved.steps for f in fits)
@@ -126,7 +128,9 @@ def _check(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], free: Sequen
             raise OptionError(f"no number {number!r} of a servo at {joint!r}; choose from {shorten(SERVO_NUMBERS, 20)}")
 
 
-def _fit_group(task: _Task, joints: tuple[int, ...], iterations: int, before: _Group | None = None) -> _Group:
+def _fit_group(
+    task: _Task, joints: tuple[int, ...], iterations: int, before: _Group | None = None, scales: bool = True
+) -> _Group:
     names = [task.robot.joints[j] for j in joints]
     sizes = [typical(task.servos[name], j, task.grids, task.courses) for name, j in zip(names, joints, strict=True)]
     free = [[number for joint, number in task.free if joint == name] for name in names]
@@ -135,7 +139,7 @@ def _fit_group(task: _Task, joints: tuple[int, ...], iterations: int, before: _G
     shots = tuple(_shots(task, k, joints, drives) for k in range(len(task.grids)))
     point = before.solved.point if before else first_point(shots, where)
     solved = solve(shots, where, point, iterations if where.slots else 0)
-    return _Group(shots, where, solved if before else scan(shots, where, solved, iterations))
+    return _Group(shots, where, solved if before or not scales else scan(shots, where, solved, iterations))
 
 
 def _slots(free: Sequence[Sequence[str]], sizes: Sequence[dict[str, float]], shared: Sequence[str]) -> tuple[Slot, ...]:
