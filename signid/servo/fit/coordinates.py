@@ -18,6 +18,7 @@ SCALED = ("kp", "kd", "viscous_friction", "coulomb_friction", "armature", "torqu
 LINEAR = ("delay", "torque_offset")  # no logarithm
 FLAT = ("effort_limit", "speed_limit", "profile_speed")  # without influence beyond the motion: short steps
 SHORT, LONG = 0.15, 1.0  # largest step of a logarithm
+LARGEST = 100.0  # number over its typical size
 SOFT = 0.02  # c over the typical size of a number
 DIFFERENCE, FLOOR = 0.01, 0.003  # difference over the number; smallest one over its typical size
 
@@ -88,6 +89,11 @@ class Coordinates:
     def low(self) -> Array:
         """Lower bounds (P,) of the coordinates."""
         return np.array([_low(slot) for slot in self.slots])
+
+    @property
+    def high(self) -> Array:
+        """Upper bounds (P,) of the coordinates: without them an unidentifiable scale could run away."""
+        return np.array([np.inf if s.number in LINEAR else np.log(LARGEST * s.typical + s.soft) for s in self.slots])
 
     @property
     def most(self) -> Array:

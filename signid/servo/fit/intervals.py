@@ -1,4 +1,11 @@
-"""Covariance of fitted numbers: sandwich clustered by window, never below the classical one."""
+"""Covariance of fitted numbers: sandwich clustered by window, never below the classical one.
+
+Residuals are correlated within a window and, less, between windows that follow each other: the sandwich is also
+formed with the products of neighbouring windows, and each number gets the widest of its intervals.
+
+Source: Newey and West, A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
+matrix, Econometrica 1987.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +13,8 @@ import numpy as np
 
 from ...types import Array
 
-NOTHING = 1e-9  # influence over the largest one, below which a number is not identifiable
+NEIGHBOURS = 3  # windows apart that may be correlated
+NOTHING = 1e-12  # influence over the largest one, below which a number is not identifiable
 WEAK = 1e-12  # relative eigenvalue of the information below which a direction is not identifiable
 
 
@@ -23,11 +31,22 @@ def covariance(information: Array, scores: Array) -> Array:
         return out
     scale, scores = np.outer(size[seen], size[seen]), scores[:, seen]
     inverse = _inverse(information[np.ix_(seen, seen)] / scale) / scale
-    meat = scores.T @ scores * windows / max(windows - count, 1)
-    robust = inverse @ meat @ inverse
-    wider = np.sqrt(np.maximum(np.diag(inverse) / np.maximum(np.diag(robust), 1e-300), 1.0))
-    out[np.ix_(seen, seen)] = robust * np.outer(wider, wider)
+    factor = windows / max(windows - count, 1)
+    meat = [factor * _meat(scores, lags) for lags in (0, min(NEIGHBOURS, windows // (2 * NEIGHBOURS)))]
+    robust = [inverse @ one @ inverse for one in meat]
+    widest = np.max([np.diag(one) for one in (*robust, inverse)], axis=0)
+    wider = np.sqrt(widest / np.maximum(np.diag(robust[0]), 1e-300))
+    out[np.ix_(seen, seen)] = robust[0] * np.outer(wider, wider)
     return out
+
+
+def _meat(scores: Array, lags: int) -> Array:
+    """Sum (P, P) of products of the gradients of windows up to `lags` apart, with falling weights."""
+    out = scores.T @ scores
+    for lag in range(1, lags + 1):
+        product = scores[lag:].T @ scores[:-lag]
+        out = out + (1 - lag / (lags + 1)) * (product + product.T)
+    return np.asarray(out)
 
 
 def _inverse(matrix: Array) -> Array:

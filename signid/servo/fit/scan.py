@@ -12,6 +12,7 @@ from .solve import Solved, solve
 
 WEAK = 0.2  # standard deviation of kp over kp from which other scales are tried
 FACTORS = (10.0, 0.1)
+BRIEF = 6  # steps from another scale
 BETTER = 0.02  # gain of the logarithm of the squared residual that is worth another valley
 
 
@@ -28,8 +29,8 @@ def scan(shots: Sequence[Shots], where: Coordinates, solved: Solved, iterations:
         for factor in FACTORS:
             values = best.point.values.copy()
             values[where.scaled(i)] *= factor
-            ends.append(solve(shots, where, Point(values, best.point.q0, best.point.v0), iterations))
+            ends.append(solve(shots, where, Point(values, best.point.q0, best.point.v0), min(BRIEF, iterations)))
         other = min(ends, key=lambda end: end.badness)
         if other.badness < best.badness - BETTER:
-            best = other
+            best = solve(shots, where, other.point, iterations)
     return best

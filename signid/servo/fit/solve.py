@@ -84,7 +84,7 @@ def _step(where: Coordinates, here: Normal, point: Point, damping: float) -> tup
     back = np.linalg.inv(ratios)
     damped = information + damping * back.T @ (size[:, None] * back)
     dx = _bounded(damped, gradient, where.low - x, where.most)
-    values = where.values(np.maximum(x + dx, where.low))
+    values = where.values(np.clip(x + dx, where.low, np.maximum(where.high, x)))
     dz = values - point.values
     return values, -np.einsum("wsu,wu->ws", here.inverse, here.state + np.einsum("wps,p->ws", here.across, dz))
 
