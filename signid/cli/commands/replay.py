@@ -116,7 +116,7 @@ def _summary(shown: Replay) -> str:
 
 
 def _drive(shown: Replay) -> str:
-    """What drives the simulation, and how often it restarts."""
+    """Source of the simulated motion, and time between restarts."""
     often = "" if shown.horizon is None else f"restarted every {shown.horizon:g} s"
     if shown.commanded is None:
         return f"simulation {often}"

@@ -44,12 +44,9 @@ def replay(
 ) -> Replay:
     """Animate the recorded robot and its simulation, which restarts from the measured state after each horizon.
 
-    Joints with position drives, whose recording has commands and no torque, are simulated from the commands alone; a
-    second ghost shows the commanded positions.
-
     Args:
         model: original simulation.
-        recording: recording with signed torque, or with commanded positions of position drives.
+        recording: recording with signed torque, or of commanded positions that drive the simulation.
         diagnosis: diagnosis, or its diagnosis.json with model.json in the same folder.
         start: start time after the first row [s].
         duration: duration to show [s]; None: all, at most a minute.
@@ -64,27 +61,24 @@ def replay(
     model = as_model(model, "replay")
     recording = as_recording(recording, model.robot, "replay")
     drives = commands_only(recording)
-    if not drives:
-        need_torque([recording])
     horizon = HORIZON if horizon is None and not drives else horizon
-    _check(recording, horizon, rate)
+    _check(recording, drives, horizon, rate)
     shown = part(recording, start, LONGEST if duration is None else duration)
-    cut = len(shown) < len(recording)
-    notes = [f"{len(shown)} of {len(recording)} rows are shown"] if cut and duration is None else []
+    cut = duration is None and len(shown) < len(recording)
+    notes = [f"{len(shown)} of {len(recording)} rows are shown"] if cut else []
     found = None if diagnosis is None else read_found(diagnosis)
     given = [model] if found is None else [model, found.after]
     _check_same(model, found)
     models, more = zip(*(with_drives(x, shown) if drives else restrict_joints(x, [shown]) for x in given), strict=True)
     robot: Robot = models[0].robot
     seen, far = look(robot, package_dirs), reach(robot)
-    origin = time_origin(recording)
-    marked = [] if found is None else marks(found.after.robot, found.findings, far, origin)
+    marked = [] if found is None else marks(found.after.robot, found.findings, far, time_origin(recording))
     bodies = sorted({*seen.bodies, *(mark.body for mark in marked)})
     span = shown.read(len(shown) - 1).t[0] - shown.read(0, 1).t[0]
     slow = MOST / (len(bodies) * (1 + drives + len(models)) * max(float(span), 1e-9))
     if slow < rate:
         notes.append(f"{slow:.3g} frames per second instead of {rate:g}, to limit the size of the page")
-    rate = min(rate, slow)
+        rate = slow
     track = follow_commands(models, shown, horizon, rate) if drives else follow(models, shown, horizon or HORIZON, rate)
     return Replay(
         robot=robot,
@@ -101,7 +95,7 @@ def replay(
         headline="" if found is None else headline(found.after.robot, found),
         horizon=horizon,
         reach=far,
-        origin=origin,
+        origin=time_origin(recording),
         notes=tuple(dict.fromkeys((*notes, *seen.notes, *(note for each in more for note in each)))),
     )
 
@@ -111,7 +105,9 @@ def _whole(command: Array, recorded: Array) -> Array:
     return np.where(np.isfinite(command), command, recorded)
 
 
-def _check(recording: Recording, horizon: float | None, rate: float) -> None:
+def _check(recording: Recording, drives: bool, horizon: float | None, rate: float) -> None:
+    if not drives:
+        need_torque([recording])
     if not 0 < rate <= 240:
         raise OptionError(f"a rate of {rate:g} Hz cannot be shown; give a rate above 0 and up to 240 Hz")
     if horizon is not None and not 0 < horizon < float("inf"):
