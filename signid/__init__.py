@@ -1,8 +1,7 @@
 """Identify a robot's dynamics from recordings, and find the physics that a simulation of it lacks.
 
-Start with `load_robot` and `read_recording`. `check` lists identifiable parameters; `identify` estimates a model with
-confidence intervals, `identify_servos` position drives; `diagnose` names the effects that a simulation (`load_model`)
-lacks; further verbs use models. Units are SI, errors derive from `SignidError`, the laws are in `signid.effects`.
+Start with `load_robot` and `read_recording`. `check` lists identifiable parameters, `identify` and `identify_servos` give
+models with intervals, `diagnose` names effects that a model lacks. Units are SI, errors derive from `SignidError`.
 """
 
 import sys  # isort: skip_file
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from .regression.session import Options as Options
     from .robot import load_robot as load_robot, urdf_from_dh as urdf_from_dh
     from .servo.identify import identify_servos as identify_servos
+    from .servo.validate import validate_servos as validate_servos
     from .simulation.excite import excite as excite, separate as separate
     from .simulation.plant import Sensors as Sensors, record as record, simulate as simulate, track as track
     from .simulation.rollout import roll_out as roll_out

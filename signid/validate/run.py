@@ -105,7 +105,10 @@ def _check(models: Mapping[str, Model], recordings: Sequence[Recording]) -> None
     for recording in recordings:
         name, tau = recording.path or "the recording", recording.columns["tau"]
         if not any(tau):
-            raise RecordingError(f"{name} has no torque to validate a model on; give tau_J or current_J columns")
+            advice = "; closed loops from q_des_J: signid.validate_servos" if any(recording.columns["q_des"]) else ""
+            raise RecordingError(
+                f"{name} has no torque to validate a model on; give tau_J or current_J columns{advice}"
+            )
         if unsigned := [joint for joint, known in zip(recording.joints, recording.signed, strict=True) if not known]:
             raise RecordingError(
                 f"{name} has no sign of the torque of {shorten(unsigned)}, and validation does not recover signs; run "
