@@ -87,7 +87,7 @@ def drawn(drive: Drive, rng: np.random.Generator) -> Drive:
         coulomb_friction=drive.coulomb_friction * dry,
         viscous_friction=drive.viscous_friction * viscous,
         armature=drive.armature * rotor,
-        delay=float(rng.uniform(0.01, 0.03)),
+        delay=round(float(rng.uniform(0.01, 0.03)), 4),  # whole steps of the simulator
     )
 
 
