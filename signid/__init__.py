@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .regression.reduced import encode_factors as encode_factors, load_factors as load_factors, reduce as reduce
     from .regression.session import Options as Options
     from .robot import load_robot as load_robot, urdf_from_dh as urdf_from_dh
+    from .servo.diagnose import diagnose_servos as diagnose_servos
     from .servo.identify import identify_servos as identify_servos
     from .servo.validate import validate_servos as validate_servos
     from .simulation.excite import excite as excite, separate as separate

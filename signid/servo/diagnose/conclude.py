@@ -20,6 +20,7 @@ Found = Sequence[tuple[tuple[int, ...], Search, ClosedLoop]]
 MAIN = 0.1  # [1] of the explained sum of squares, from which a law is a cause
 LEFT = 2.0  # [1] rms over noise, from which a mismatch is unexplained
 VISIBLE = 0.05  # [1] rms over that of the tracking error, below which a mismatch does not matter
+WORSE = 0.5  # [1] factor on the probability of a law that predicts held-out windows worse. Heuristic
 SHOWN = 1e-3  # probability below which an alternative is not listed
 CLOSE = 0.25  # probability of an alternative from which the result is flagged
 LIKELY = "commands near the natural frequency of the loop, and steps that saturate the drive"
@@ -68,7 +69,7 @@ def _findings(data: ServoData, joints: Sequence[int], one: Search, unseen: Close
             effect=step.law.effect,
             joint=joint,
             role="cause" if k == 0 or weight > MAIN else "secondary",
-            probability=step.probability,
+            probability=step.probability * (1.0 if new < old else WORSE),
             parameters=_numbers(one.last, given, step),
             meaning=step.law.meaning,
             share={data.joints[j]: float(x) for j, x in zip(joints, shares, strict=True) if x > 0.01},

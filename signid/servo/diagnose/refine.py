@@ -56,6 +56,8 @@ def refine(setting: Setting, trials: Sequence[Trial], iterations: int = 6, toler
     """Fit each hypothesis from its values; the covariance is that of the last step."""
     trials, active = list(trials), list(range(len(trials)))
     for _ in range(iterations):
+        if not active:
+            break
         moved = _step(setting, [trials[k] for k in active])
         gains = [
             1 - new.cost(setting.sigma) / trials[k].cost(setting.sigma) for k, new in zip(active, moved, strict=True)
@@ -63,8 +65,6 @@ def refine(setting: Setting, trials: Sequence[Trial], iterations: int = 6, toler
         for k, new in zip(active, moved, strict=True):
             trials[k] = new
         active = [k for k, gain in zip(active, gains, strict=True) if gain > tolerance]
-        if not active:
-            break
     return trials
 
 

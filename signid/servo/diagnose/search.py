@@ -20,6 +20,7 @@ THRESHOLD = 5.0  # log posterior odds that a law needs. Heuristic
 CLUSTERED = 3.0  # [1] improvement over its standard error across windows that a law needs
 SLACK = 1.0  # log odds that differences across windows always allow. Heuristic
 LEAST_GAIN = 0.02  # [1] share of the squared residual that a law explains, at least
+MOSTLY, FEW = 0.5, 1.5  # [1] share of a joint's squared residual, windows: what rare events such as limits explain
 FLOOR = 1.15  # [1] mean square over that of noise, below which nothing is missing
 SUSPECT = 0.03  # [1] of the largest excess of a joint over noise: joints with less are not searched. Heuristic
 PAYLOAD = DriveLaw(
@@ -99,6 +100,8 @@ def offered(setting: Setting, last: Trial, laws: Sequence[DriveLaw], floor: Arra
                     found.append(Offer(law, j, Trial(Point(tuple(servos), last.point.body), frees, np.empty(0))))
     if body and last.point.body is None:
         found += _bodies(setting, last)
+    if not found:
+        return []
     squares = setting.evaluate([offer.trial.point for offer in found])
     found = [
         Offer(o.law, o.joint, replace(o.trial, squares=s), -_half_log(s, floor, setting))
@@ -134,7 +137,7 @@ def at_floor(setting: Setting, trial: Trial, floor: Array) -> bool:
 
 def choose(setting: Setting, last: Trial, offers: Sequence[Offer], floor: Array) -> Step | None:
     """The most probable law, if the evidence for it suffices."""
-    usable = [o for o in offers if significant(setting, last, o)]
+    usable = [o for o in offers if significant(setting, last, o, floor)]
     if not usable:
         return None
     best = usable[0]
@@ -147,16 +150,21 @@ def choose(setting: Setting, last: Trial, offers: Sequence[Offer], floor: Array)
     return Step(best.law, best.joint, last, best.trial, odds, 1.0 / whole, rivals)
 
 
-def significant(setting: Setting, last: Trial, offer: Offer) -> bool:
+def significant(setting: Setting, last: Trial, offer: Offer, floor: Array) -> bool:
     """Whether a law changes a number beyond its tolerance and improves windows beyond chance."""
     if offer.law is not PAYLOAD and offer.law.stated_exactly(
         last.point.servos[offer.joint], offer.trial.point.servos[offer.joint]
     ):
         return False
-    gain = np.sum((last.squares - offer.trial.squares) / setting.sigma**2, axis=1)
+    change = last.squares - offer.trial.squares  # (W, n)
+    gain = np.sum(change / setting.sigma**2, axis=1)
     error = float(np.std(gain)) * np.sqrt(len(gain)) + 1e-300
     share = np.sum(gain) / np.sum(last.squares / setting.sigma**2)
-    return bool(np.sum(gain) > CLUSTERED * error and share > LEAST_GAIN) or bool(share > 0.5)
+    worst = int(np.argmax(np.sum(change, axis=0) / floor**2))
+    own = change[:, worst]
+    most = float(np.sum(own) / np.sum(last.squares[:, worst]))
+    windows = float(np.sum(np.abs(own)) ** 2 / (np.sum(own**2) + 1e-300))  # effective number with an improvement
+    return bool(np.sum(gain) > CLUSTERED * error and share > LEAST_GAIN) or bool(most > MOSTLY and windows > FEW)
 
 
 def tempered(setting: Setting, best: Offer, rival: Offer) -> float:

@@ -1,0 +1,165 @@
+"""Diagnosis of position drives: faults that signid's own closed loop has, healthy robots, twins, bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from signid.cli import run
+from signid.errors import OptionError, RecordingError
+from signid.model import Model, load_model, with_servos
+from signid.servo.diagnose import diagnose_servos
+from signid.servo.diagnose.laws import HYPOTHESES, Reach
+from signid.servo.diagnose.noise import position_noise
+from signid.servo.plant import grids_of_arrays, roll_out
+from signid.servos import SERVO_NUMBERS, Servo
+from signid.toml_json import check_schema
+
+STATED = Servo(kp=20.0, kd=0.8, delay=0.02, coulomb_friction=0.2, viscous_friction=0.1, armature=0.02)
+RATE, SECONDS = 100.0, 14.0
+FAULTS = {
+    "servo_gain": STATED.with_(kp=26.0),
+    "servo_damping": STATED.with_(kd=1.4),
+    "command_delay": STATED.with_(delay=0.032),
+    "effort_limit": STATED.with_(effort_limit=14.0),
+    "dead_band": STATED.with_(dead_band=0.03),
+    "profile_limit": STATED.with_(profile_speed=1.2),
+    "load_friction": STATED.with_(load_friction=0.15),
+    "coulomb_friction": STATED.with_(coulomb_friction=0.9),
+    "torque_offset": STATED.with_(torque_offset=1.0),
+}
+
+
+def commands(seed: int) -> tuple[Any, Any]:
+    """Stamps (N,) [s] and commands (N,) [rad] with steps."""
+    t, rng = np.arange(int(RATE * SECONDS)) / RATE, np.random.default_rng(seed)
+    waves = sum(np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) / (1 + f) for f in (0.3, 0.7, 1.3, 2.1))
+    steps = np.repeat(rng.uniform(-0.5, 0.5, len(t) // 70 + 1), 70)[: len(t)]
+    return t, 0.4 * np.asarray(waves) + np.where((t % 4) > 2.5, steps, 0.0)
+
+
+def record(path: Path, servo: Servo, seed: int = 1) -> Path:
+    """A recording of the 1r with this drive."""
+    model = load_model("1r")
+    (joint,) = model.robot.joints
+    t, u = commands(seed)
+    (grid,) = grids_of_arrays([joint], t, np.full_like(u, u[0]), u[:, None])
+    q = roll_out(with_servos(model, {joint: servo}), {joint: servo}, grid)[:, 0]
+    q = q + 3e-4 * np.random.default_rng(seed).standard_normal(len(q))
+    pl.DataFrame({"t": t, f"q_{joint}": q, f"q_des_{joint}": u}).write_csv(path)
+    return path
+
+
+def simulation() -> Model:
+    """The 1r with the stated drive."""
+    model = load_model("1r")
+    return with_servos(model, {model.robot.joints[0]: STATED})
+
+
+def test_a_healthy_robot_is_silent(tmp_path: Path) -> None:
+    found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", STATED)))
+    assert found.verdict == "nothing_missing" and not found.findings and not found.flags
+    assert found.after.held_out_rms[0] < 6e-4
+
+
+@pytest.mark.parametrize("effect", FAULTS)
+def test_a_fault_is_named_first_with_its_number(effect: str, tmp_path: Path) -> None:
+    found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", FAULTS[effect])))
+    first, joint = found.causes[0], found.model.robot.joints[0]
+    assert found.verdict == "named" and first.effect == effect and first.joint == joint
+    law = next(law for law in HYPOTHESES if law.effect == effect)
+    number = law.numbers[0]
+    assert getattr(found.model.servos[joint], number) == pytest.approx(getattr(FAULTS[effect], number), rel=0.03)
+    assert found.after.held_out_rms[0] < 0.2 * found.before.held_out_rms[0]
+    assert first.held_out_gain > 0.9
+
+
+def test_damping_and_viscous_friction_are_twins(tmp_path: Path) -> None:
+    found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", FAULTS["servo_damping"])))
+    (first,) = found.causes
+    rival = next(rival for rival in first.alternatives if rival.effect == "viscous_friction")
+    assert rival.probability == pytest.approx(first.probability, rel=0.3) and "drive off" in rival.separating_motion
+    assert any("viscous_friction" in flag for flag in found.flags)
+
+
+def test_the_stated_number_stands_beside_the_found_one(tmp_path: Path) -> None:
+    found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", FAULTS["servo_gain"])))
+    number = found.causes[0].parameters["kp"]
+    assert number.stated == 20.0 and number.value == pytest.approx(26.0, rel=0.01) and number.std and number.unit
+    assert not any(rival.effect == "register_gain" for rival in found.causes[0].alternatives)
+
+
+def test_a_gain_of_a_power_of_two_may_be_a_register(tmp_path: Path) -> None:
+    found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", STATED.with_(kp=10.0))))
+    first = found.causes[0]
+    assert {first.effect, *(x.effect for x in first.alternatives)} >= {"servo_gain", "register_gain"}
+
+
+def test_skipped_effects_are_not_named(tmp_path: Path) -> None:
+    path = str(record(tmp_path / "a.csv", FAULTS["servo_gain"]))
+    found = diagnose_servos(simulation(), path, skip=["servo_gain", "register_gain"])
+    assert not {"servo_gain", "register_gain"} & {finding.effect for finding in found.findings}
+    with pytest.raises(OptionError, match="no effect"):
+        diagnose_servos(simulation(), path, skip=["nonsense"])
+
+
+def test_a_drive_that_is_off_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    path = record(tmp_path / "a.csv", STATED.with_(kp=0.02, kd=0.0))
+    with pytest.raises(RecordingError, match="does not follow its command"):
+        diagnose_servos(simulation(), str(path), skip=[law.effect for law in HYPOTHESES if law.effect != "servo_gain"])
+
+
+def test_a_simulation_without_drives_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="no drive"):
+        diagnose_servos("1r", str(record(tmp_path / "a.csv", STATED)))
+
+
+def test_laws_have_numbers_and_trials() -> None:
+    reach = Reach(effort=20.0, speed=4.0, error=0.5, acceleration=10.0)
+    for law in HYPOTHESES:
+        assert set(law.numbers) <= set(SERVO_NUMBERS) and law.meaning and law.unit(law.numbers[0])
+        assert all(isinstance(servo, Servo) for servo in law.trials(STATED, reach)) and law.trials(STATED, reach)
+
+
+def test_noise_of_positions_is_at_least_a_step_of_the_encoder() -> None:
+    rng, t = np.random.default_rng(0), np.arange(4000) / 100
+    q = np.sin(t)[:, None]
+    (noisy,) = grids_of_arrays(["j"], t, q + 1e-3 * rng.standard_normal(q.shape), q)
+    assert position_noise([noisy])[0] == pytest.approx(1e-3, rel=0.1)
+    tick = 2 * np.pi / 4096
+    (rough,) = grids_of_arrays(["j"], t, np.round(q / tick) * tick, q)
+    assert position_noise([rough])[0] == pytest.approx(tick / np.sqrt(12), rel=0.3)
+
+
+def test_the_command_line_routes_servo_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    record(Path("a.csv"), FAULTS["servo_gain"])
+    simulation().save("model.json")
+    assert run(["diagnose", "model.json", "a.csv", "-o", "out"]) == 0
+    document = json.loads(Path("out/diagnosis.json").read_text())
+    check_schema(document, "diagnosis")
+    assert document["findings"][0]["effect"] == "servo_gain" and document["fit"]["after"]["unit"] == ["rad"]
+    again = load_model("out/model.json").servos
+    assert next(iter(again.values())).kp == pytest.approx(26.0, rel=0.01)
+    first = {path.name: path.read_bytes() for path in Path("out").iterdir()}
+    assert {"diagnosis.json", "model.json", "report.html"} <= set(first)
+    assert run(["diagnose", "model.json", "a.csv", "-o", "out"]) == 0
+    assert {path.name: path.read_bytes() for path in Path("out").iterdir()} == first
+
+
+def test_the_command_line_refuses_references_and_missing_drives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    record(Path("a.csv"), STATED)
+    record(Path("b.csv"), STATED, seed=2)
+    simulation().save("model.json")
+    assert run(["diagnose", "model.json", "a.csv", "--reference", "b.csv", "--json"]) == 2
+    assert "--reference" in capsys.readouterr().err
+    assert run(["diagnose", "1r", "a.csv", "--json"]) == 2
+    assert "no drive" in capsys.readouterr().err
