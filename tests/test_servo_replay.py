@@ -74,6 +74,22 @@ def test_a_model_without_the_drives_is_refused(folder: Path) -> None:
         signid.replay(str(folder / "model.json"), str(folder / "x.csv"), horizon=0.0)
 
 
+def test_findings_of_a_diagnosis_stand_at_their_joints(folder: Path) -> None:
+    place = folder / "diagnosis"
+    place.mkdir()
+    driven("3r", {**DRIVES, "joint_2": DRIVES["joint_2"].with_(kp=150.0, delay=0.05)}).save(place / "model.json")
+    finding = {"effect": "command_delay", "joint": "joint_2", "role": "cause", "probability": 0.9999}
+    finding["parameters"] = {"delay": {"value": 0.05, "std": 0.001, "unit": "s"}}
+    content = {"schema": "signid.diagnosis/1", "verdict": "named", "findings": [finding]}
+    (place / "diagnosis.json").write_text(json.dumps(content))
+    made = signid.replay(str(folder / "model.json"), str(folder / "x.csv"), place)
+    (mark,) = made.marks
+    assert (mark.title, mark.joints, mark.kind) == ("Command delay of joint_2", ("joint_2",), "joint")
+    assert mark.lines == ("delay 0.0500 ± 0.0020 s", "probability >0.999")
+    before, after = (np.nanstd(x[:, 1]) for x in made.track.residual)
+    assert after < 0.2 * before and made.headline == "Missing or wrongly stated: command delay of joint_2."
+
+
 def test_one_joint(tmp_path: Path) -> None:
     model = driven(pendulum(), {"swing": SWING})
     t = np.arange(200) / 50

@@ -17,8 +17,10 @@ from ...effects.naming import law_at, law_place
 from ...errors import OptionError, SignidError
 from ...model import Model, load_model
 from ...robot.dynamics import joint_of_row, own_row
+from ...servo.diagnose import ServoDiagnosis
 from ...toml_json import read_json
 from ...types import TWO_SIDED, Array, Law, Robot
+from ..report.results.drives.diagnosis import servo_diagnosis_document
 from ..report.results.headline import causes_words, finding_headline, named, sentence_case
 from ..report.results.laws import law_units
 from .track import axis
@@ -39,16 +41,27 @@ class ReplayFinding(NamedTuple):
     stated: Mapping[str, float]
 
 
+class DriveFinding(NamedTuple):
+    """A finding at a position drive, as far as it is displayed."""
+
+    effect: str
+    joint: str
+    numbers: Mapping[str, tuple[float, float, str]]  # value, std, unit
+    probability: float
+    cause: bool
+
+
 class ReplayFindings(NamedTuple):
     """A diagnosis, as far as it is displayed."""
 
     verdict: str
     after: Model  # the extended simulation
     findings: tuple[ReplayFinding, ...]
+    drives: tuple[DriveFinding, ...] = ()
 
 
-def read_found(diagnosis: Diagnosis | str | Path) -> ReplayFindings:
-    """Read the findings of a Diagnosis, or of diagnosis.json with model.json in the same folder.
+def read_found(diagnosis: Diagnosis | ServoDiagnosis | str | Path) -> ReplayFindings:
+    """Read the findings of a diagnosis, or of diagnosis.json with model.json in the same folder.
 
     Raises:
         OptionError: the file is not a diagnosis, or model.json is missing.
@@ -56,6 +69,9 @@ def read_found(diagnosis: Diagnosis | str | Path) -> ReplayFindings:
     if isinstance(diagnosis, Diagnosis):
         shown = (ReplayFinding(x.law, x.std, x.probability, x.role == "cause", x.stated) for x in diagnosis.findings)
         return ReplayFindings(diagnosis.verdict, diagnosis.model, tuple(shown))
+    if not isinstance(diagnosis, str | Path):
+        content = servo_diagnosis_document(diagnosis)
+        return ReplayFindings(diagnosis.verdict, diagnosis.model, (), tuple(map(_drive_finding, content["findings"])))
     path = Path(diagnosis)
     path = path / "diagnosis.json" if path.is_dir() else path
     if path.is_file() and not path.with_name(MODEL).is_file():
@@ -65,6 +81,9 @@ def read_found(diagnosis: Diagnosis | str | Path) -> ReplayFindings:
         if content["schema"] != SCHEMA:
             raise OptionError(f"{path} holds {content['schema']!r}; expected {SCHEMA!r} as `signid diagnose` writes it")
         after = load_model(path.with_name(MODEL))
+        if after.servos:
+            drives = tuple(map(_drive_finding, content["findings"]))
+            return ReplayFindings(str(content["verdict"]), after, (), drives)
         return ReplayFindings(str(content["verdict"]), after, tuple(_finding(x, after) for x in content["findings"]))
     except OSError as error:
         raise OptionError(f"cannot read {path}: {error.strerror}; give diagnosis.json of `signid diagnose`") from None
@@ -84,6 +103,14 @@ def _finding(entry: Mapping[str, Any], after: Model) -> ReplayFinding:
         cause=entry["role"] == "cause",
         stated={key: number["stated"] for key, number in numbers.items() if "stated" in number},
     )
+
+
+def _drive_finding(entry: Mapping[str, Any]) -> DriveFinding:
+    numbers = {
+        key: (float(x["value"]), float(x["std"] or 0.0), str(x["unit"])) for key, x in entry["parameters"].items()
+    }
+    where = str(entry["effect"]), str(entry["joint"])
+    return DriveFinding(*where, numbers, float(entry["probability"]), entry["role"] == "cause")
 
 
 @dataclass(frozen=True)
@@ -116,11 +143,33 @@ def headline(robot: Robot, found: ReplayFindings) -> str:
     if found.verdict == "nothing_missing":
         return "Nothing is missing in the simulation."
     causes = [named(robot, x.law, x.std, x.stated) for x in found.findings if x.cause]
+    if found.drives:
+        listed = [f"{x.effect.replace('_', ' ')} of {x.joint}" for x in found.drives if x.cause]
+        return f"Missing or wrongly stated: {', '.join(listed)}."
     return sentence_case(causes_words(causes, found.verdict == "named", len(robot.joints))) + "."
 
 
 def _places(robot: Robot, law: Law) -> tuple[str, ...]:
     return () if law_place(law, robot)[0] is None else tuple(robot.joints[j] for j in law.joints)
+
+
+def drive_marks(robot: Robot, findings: Sequence[DriveFinding]) -> list[Mark]:
+    """A ring at the joint of each finding at a position drive, causes first."""
+    found = []
+    for one in findings:
+        body, along, _ = axis(robot, robot.index(one.joint))
+        title = sentence_case(f"{one.effect.replace('_', ' ')} of {one.joint}")
+        shown = [
+            f"{key.replace('_', ' ')} {_figure(x, TWO_SIDED * std)} {unit}"
+            for key, (x, std, unit) in one.numbers.items()
+        ]
+        lines = (*shown[:MOST], _sure(one.probability))
+        found.append(Mark("joint", body, title, lines, one.cause, (0.0, 0.0, 0.0), _tuple(along), joints=(one.joint,)))
+    return sorted(found, key=lambda mark: not mark.cause)
+
+
+def _sure(probability: float) -> str:
+    return "probability >0.999" if probability > 0.999 else f"probability {probability:.3f}"
 
 
 def _mark(robot: Robot, finding: ReplayFinding, reach: float, since: float) -> Mark:
@@ -169,8 +218,7 @@ def _numbers(robot: Robot, finding: ReplayFinding, origin: float) -> tuple[str, 
         if shown and abs(value) < half:
             continue  # consistent with zero
         shown.append(f"{key.replace('_', ' ')} {_figure(value, half)}{'' if unit == '1' else f' {unit}'}")
-    sure = ">0.999" if finding.probability > 0.999 else f"{finding.probability:.3f}"
-    return (*shown, f"probability {sure}")
+    return (*shown, _sure(finding.probability))
 
 
 def _figure(value: float, half: float) -> str:

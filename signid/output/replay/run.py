@@ -18,13 +18,14 @@ from ...recording.source import Source
 from ...simulation.rollout.joints import restrict_joints
 from ...types import Array, Recording, Robot, Table
 from .drives import commands_only, follow_commands, with_drives
-from .marks import ReplayFindings, headline, marks, read_found
+from .marks import Mark, ReplayFindings, drive_marks, headline, marks, read_found
 from .page import Replay
 from .shapes import look, reach
 from .track import follow, movers, poses
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
+    from ...servo.diagnose import ServoDiagnosis
 
 HORIZON = 0.5  # default length of a roll-out from recorded torque [s]
 LONGEST = 60.0  # default maximum duration [s]
@@ -34,7 +35,7 @@ MOST = 150_000  # maximum number of poses (bodies x frames x robots), about 6 MB
 def replay(
     model: ModelSource,
     recording: Recording | Source,
-    diagnosis: Diagnosis | str | Path | None = None,
+    diagnosis: Diagnosis | ServoDiagnosis | str | Path | None = None,
     *,
     start: float = 0.0,
     duration: float | None = None,
@@ -72,7 +73,7 @@ def replay(
     models, more = zip(*(with_drives(x, shown) if drives else restrict_joints(x, [shown]) for x in given), strict=True)
     robot: Robot = models[0].robot
     seen, far = look(robot, package_dirs), reach(robot)
-    marked = [] if found is None else marks(found.after.robot, found.findings, far, time_origin(recording))
+    marked = [] if found is None else _marks(found, far, time_origin(recording))
     bodies = sorted({*seen.bodies, *(mark.body for mark in marked)})
     span = shown.read(len(shown) - 1).t[0] - shown.read(0, 1).t[0]
     slow = MOST / (len(bodies) * (1 + drives + len(models)) * max(float(span), 1e-9))
@@ -98,6 +99,11 @@ def replay(
         origin=time_origin(recording),
         notes=tuple(dict.fromkeys((*notes, *seen.notes, *(note for each in more for note in each)))),
     )
+
+
+def _marks(found: ReplayFindings, reach: float, origin: float) -> list[Mark]:
+    robot = found.after.robot
+    return [*marks(robot, found.findings, reach, origin), *drive_marks(robot, found.drives)]
 
 
 def _whole(command: Array, recorded: Array) -> Array:
