@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from .coordinates import Coordinates
 from .intervals import covariance
 from .normal import Point
@@ -12,6 +14,7 @@ from .solve import Solved, solve
 
 WEAK = 0.2  # standard deviation of kp over kp from which other scales are tried
 FACTORS = (10.0, 0.1)
+MOST = 2  # joints of a group that are tried
 BRIEF = 6  # steps from another scale
 BETTER = 0.02  # gain of the logarithm of the squared residual that is worth another valley
 
@@ -19,12 +22,7 @@ BETTER = 0.02  # gain of the logarithm of the squared residual that is worth ano
 def scan(shots: Sequence[Shots], where: Coordinates, solved: Solved, iterations: int) -> Solved:
     """Best end of a fit over the scales of its weak joints, one joint after another."""
     best = solved
-    for i, slot in enumerate(where.slots):
-        if slot.number != "kp" or slot.shared:
-            continue
-        variance = covariance(best.normal.information, best.normal.scores)[i, i]
-        if not variance > (WEAK * best.point.values[i]) ** 2:
-            continue
+    for i in weakest(where, solved):
         ends = [best]
         for factor in FACTORS:
             values = best.point.values.copy()
@@ -34,3 +32,14 @@ def scan(shots: Sequence[Shots], where: Coordinates, solved: Solved, iterations:
         if other.badness < best.badness - BETTER:
             best = solve(shots, where, other.point, iterations)
     return best
+
+
+def weakest(where: Coordinates, solved: Solved) -> list[int]:
+    """Slots of the stiffnesses with the widest intervals, if these are wide: at most MOST."""
+    std = np.sqrt(np.diag(covariance(solved.normal.information, solved.normal.scores)))
+    share = {
+        i: float(std[i] / solved.point.values[i])
+        for i, slot in enumerate(where.slots)
+        if slot.number == "kp" and not slot.shared
+    }
+    return sorted((i for i in share if share[i] > WEAK), key=lambda i: -share[i])[:MOST]
