@@ -77,7 +77,6 @@ def fit_candidate(
     steps: int = STEPS,
     relinearise: bool = False,
     rounds: int = ROUNDS,
-    scales: bool = False,
 ) -> tuple[Candidate, ServoFit]:
     """Fit a candidate; limits that are tied to gains follow them."""
     rounds = rounds if candidate.tied else 1
@@ -91,15 +90,15 @@ def fit_candidate(
             shared=("delay",),
             relinearise=relinearise and k == rounds - 1,
             iterations=steps,
-            scales=scales and k == 0,
+            scales=False,
         )
         candidate = candidate.follow(fit.servos)
     return candidate, fit
 
 
 def tried(model: Model, data: ServoData, candidate: Candidate, window: float, steps: int = STEPS) -> Trial:
-    """Fit a candidate to all training data; from several scales where it starts."""
-    candidate, fit = fit_candidate(model, data.train, candidate, window, steps, scales=steps == STEPS)
+    """Fit a candidate to all training data."""
+    candidate, fit = fit_candidate(model, data.train, candidate, window, steps)
     return Trial(candidate, {joint: float(fit.residual_rms[data.joints.index(joint)]) for joint in candidate.servos})
 
 
