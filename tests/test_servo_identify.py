@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+import signid
+from signid.model import load_model, with_servos
+from signid.servo.identify import ServoIdentification, ServoOptions
 from signid.servo.identify.evidence import improves, law_probabilities, window_scores
 from signid.servo.identify.identifiable import JointFacts, dependence, dependent_numbers, joint_numbers
 from signid.servo.identify.scale import alternatives, mass_ratio
+from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servos import Servo
+from signid.types import Array, Robot
 
 ELBOW = Servo(kp=20.0, kd=1.0, delay=0.01, coulomb_friction=0.2, armature=0.01)
 FREE = ("kp", "kd", "delay", "coulomb_friction", "armature")
@@ -111,3 +118,89 @@ def test_masses_that_a_stated_gain_implies() -> None:
     (said,) = alternatives(*args)
     assert said.startswith("if the firmware's kp is 20 as stated, the part that hip, thigh move is 1.39")
     assert alternatives(args[0], servos, {}, args[3]) == ()
+
+
+PENDULUM = """<robot name="pendulum"><link name="base"/>
+<link name="arm"><inertial><origin xyz="0 0 -0.2"/><mass value="1.0"/>
+<inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial></link>
+<joint name="swing" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-3.1" upper="3.1" effort="100" velocity="100"/></joint></robot>"""
+TRUE = Servo(kp=15.0, kd=0.8, delay=0.012, coulomb_friction=0.15, armature=0.01)
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, dict[str, Array]]:
+    """A pendulum with a position drive, 12 s at 100 Hz, encoder noise of 0.3 mrad."""
+    path = tmp_path_factory.mktemp("servo") / "pendulum.urdf"
+    path.write_text(PENDULUM)
+    robot, t = signid.load_robot(path), np.arange(0, 12, 0.01)
+    rng = np.random.default_rng(4)
+    waves = [
+        np.sin(2 * np.pi * f * t + p) / (1 + f)
+        for f, p in zip(*rng.uniform([[0.2], [0]], [[3], [6]], (2, 6)), strict=True)
+    ]
+    command = 0.9 * np.sum(waves, axis=0) * np.minimum(t, 1)
+    (grid,) = grids_of_arrays(["swing"], t, command, command)
+    model = with_servos(load_model(robot), {"swing": TRUE})
+    q = roll_out(model, {"swing": TRUE}, grid)[:, 0] + rng.normal(0, 3e-4, len(grid))
+    return robot, {"t": t[: len(grid)], "q_swing": q, "q_des_swing": command[: len(grid)]}
+
+
+@pytest.fixture(scope="module")
+def found(pendulum: tuple[Robot, dict[str, Array]]) -> ServoIdentification:
+    robot, columns = pendulum
+    return signid.identify_servos(robot, signid.read_recording(columns, robot))
+
+
+def test_numbers_of_a_simulated_drive_are_found(found: ServoIdentification) -> None:
+    numbers = found.joints[0].numbers
+    for name, tolerance in (("kp", 0.02), ("damping", 0.03), ("armature", 0.1), ("coulomb_friction", 0.05)):
+        true, number = getattr(TRUE, name), numbers[name]
+        assert number.value == pytest.approx(true, rel=tolerance), name
+    assert numbers["delay"].value == pytest.approx(0.012, abs=5e-4)
+    assert found.rollout.whole_rms[0] < 2e-3 < found.rollout.nominal_whole_rms[0]
+
+
+def test_what_no_motion_tells_is_said(found: ServoIdentification) -> None:
+    numbers = found.joints[0].numbers
+    assert numbers["kd"].value is None and numbers["effort_limit"].value is None
+    assert any("no sample saturates" in flag for flag in found.flags)
+    assert found.joints[0].laws == {"effort": 0.5, "duty": 0.5}
+    assert found.scale.known_by == "inertials of the description"
+    assert found.model.servos["swing"] == found.servos["swing"]
+    assert [one.role for one in found.inputs] == ["recording, learned from, except the last 30%, which is held out"]
+
+
+def test_without_a_known_scale_only_ratios_are_given(pendulum: tuple[Robot, dict[str, Array]]) -> None:
+    robot, columns = pendulum
+    options = ServoOptions(additional=())
+    result = signid.identify_servos(robot, signid.read_recording(columns, robot), known="nothing", options=options)
+    assert result.joints[0].numbers["kp"].value is None and result.joints[0].numbers["lag"].value is not None
+    assert result.scale.known_by == "none" and result.scale.sentence in result.flags
+
+
+def test_a_stated_gain_scales_the_masses(pendulum: tuple[Robot, dict[str, Array]]) -> None:
+    robot, columns = pendulum
+    options = ServoOptions(additional=())
+    result = signid.identify_servos(robot, signid.read_recording(columns, robot), known="kp=30", options=options)
+    assert result.servos["swing"].kp == 30 and result.joints[0].numbers["kp"].stated
+    assert result.model.inertials[0, 0] == pytest.approx(2.0, rel=0.03)
+    assert any("times as heavy as the description says" in flag for flag in result.flags)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"known": "mass"}, "give one of masses, kp, nothing"),
+        ({"known": "kp"}, "no kp is stated"),
+        ({"known": "kp=-1"}, "positive number"),
+        ({"laws": "pid"}, "none of effort, duty, torque_speed"),
+        ({"laws": {"elbow": "duty"}}, "the servo joints are swing; give one"),
+    ],
+)
+def test_wrong_options_are_one_sentence(
+    pendulum: tuple[Robot, dict[str, Array]], wrong: dict[str, Any], words: str
+) -> None:
+    robot, columns = pendulum
+    with pytest.raises(signid.SignidError, match=words):
+        signid.identify_servos(robot, signid.read_recording(columns, robot), **wrong)

@@ -65,6 +65,21 @@ def servo_data(
     return data
 
 
+def thinned(grids: Sequence[ServoGrid], most: int) -> tuple[ServoGrid, ...]:
+    """Blocks of a few seconds, spread evenly over all grids, with `most` rows in all; the grids if they are shorter."""
+    share = most / max(sum(map(len, grids)), 1)
+    if share >= 1:
+        return tuple(grids)
+    blocks = []
+    for grid in grids:
+        count = max(int(len(grid) / grid.rate / BLOCK * share), 1)
+        edges = np.linspace(0, len(grid), count + 1).astype(int).tolist()
+        for start, stop in zip(edges[:-1], edges[1:], strict=True):
+            kept = max(int((stop - start) * share), min(round(SHORTEST * grid.rate), stop - start))
+            blocks.append(rows_of(grid, start, start + kept))
+    return tuple(blocks)
+
+
 def rows_of(grid: ServoGrid, start: int, stop: int) -> ServoGrid:
     """Rows start..stop of a grid."""
     rows, speed, forward = slice(start, stop), grid.command_speed, grid.feed_forward

@@ -15,13 +15,15 @@ from ...servos import Servo
 from ...types import Progress, Recording
 from ..fit import start_servos
 from .conclude import Known, conclude
-from .data import servo_data
+from .data import servo_data, thinned
 from .fits import final_fit, weigh_bodies
 from .pwm import full_duty_errors
 from .result import ServoIdentification
 from .scale import connected_sets
 from .search import Limits, Searcher, ServoOptions, search
 from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
+
+SEARCHED, FITTED = 30_000, 90_000  # rows times squared joints of a branch: about 1 and 3 s a step of the fit
 
 
 @ends_in_time
@@ -63,21 +65,25 @@ def identify_servos(
     law = stated_laws(model.robot, data.driven, laws)
     sets = connected_sets(model, data.joints, data.driven)
     _say(progress, "starting servos", 0.0)
+    size = max(len(members) for members in sets) ** 2
+    few = replace(data, train=thinned(data.train, SEARCHED // size))
+    few = replace(few, folds=tuple((thinned(a, SEARCHED // size), thinned(b, SEARCHED // size)) for a, b in few.folds))
     plain = with_servos(model, {joint: Servo() for joint in data.driven})
-    started = {joint: servo for joint, servo in start_servos(plain, data.train).items() if joint in data.driven}
+    started = {joint: servo for joint, servo in start_servos(plain, few.train).items() if joint in data.driven}
     weighed, remarks = plain, tuple[str, ...]()
     if scale == "kp":
         _say(progress, "weighing bodies", 0.05)
-        weighed, remarks = weigh_bodies(plain, data, started, fixed, sets, options)
+        weighed, remarks = weigh_bodies(plain, few, started, fixed, sets, options)
     duty = _recorded_duty(full_duty_errors(model.robot, given), fixed, law)
     limits = Limits(_errors(started, fixed), {**law, **dict.fromkeys(duty, "duty")})
     start = first_candidate(model.robot, data, started, fixed, limits.laws)
     start = replace(start, tied=duty).follow(start.servos)
     if any(_has_voltage(recording) for recording in given):
         options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
-    chosen = search(Searcher(weighed, data, sets, options, progress), start, limits)
+    chosen = search(Searcher(weighed, few, sets, options, progress), start, limits)
     _say(progress, "fitting servos", 0.8)
-    fit = final_fit(weighed, data, chosen.candidate, options)
+    all_rows = replace(data, train=thinned(data.train, FITTED // size))
+    fit = final_fit(weighed, all_rows, chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.95)
     case = Known(scale, wanted, fixed, limits.laws, duty, sets)
     return conclude((plain, weighed), data, chosen, fit, case, remarks, options)
