@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bags import JOINTS, NEW, OLD, START, control, point, store, swung, write2
+from test_recording import arm
 
 import signid
 from signid.errors import RecordingError, RobotError
@@ -54,7 +56,7 @@ def test_torque_makes_no_servo(robot: Robot) -> None:
     assert recording.read().servo is None
 
 
-@pytest.mark.parametrize("verb", ["payload", "reduce", "roll_out", "replay"])
+@pytest.mark.parametrize("verb", ["payload", "reduce", "roll_out"])
 def test_torque_verbs_refuse_servos(robot: Robot, verb: str) -> None:
     recording = signid.read_recording(columns(), robot)
     model = signid.load_model("3r")
@@ -64,7 +66,6 @@ def test_torque_verbs_refuse_servos(robot: Robot, verb: str) -> None:
         ),
         "reduce": lambda: signid.reduce(robot, [recording]),
         "roll_out": lambda: signid.roll_out(model, [recording]),
-        "replay": lambda: signid.replay(model, recording),
     }
     with pytest.raises(RecordingError, match="commanded and measured positions, but no torque") as error:
         calls[verb]()
@@ -201,6 +202,23 @@ def test_draft_of_a_log_of_servos(robot: Robot, tmp_path: Path) -> None:
     assert servo.pwm is not None and servo.volt is not None and servo.on is not None
     np.testing.assert_allclose(servo.pwm[:, 1], np.rint(800 * np.sin(t)) / 885)
     assert servo.volt[0, 0] == pytest.approx(7.4) and (servo.on == 1).all()
+
+
+@pytest.mark.parametrize("parts", [OLD, NEW], ids=["desired", "reference"])
+def test_a_controllers_state_without_effort(parts: tuple[str, str], tmp_path: Path) -> None:
+    known, (t, q, dq, _) = store(False, parts), swung()
+    messages = []
+    for k, stamp in enumerate(START + t):
+        asked, done = point(known, 0, q[k] + 1, dq[k]), point(known, 0, q[k])
+        messages.append(("/arm/state", control(known, int(stamp), JOINTS, asked, done), int(stamp)))
+    recording = signid.read_recording(write2(tmp_path / "a", known, messages), arm())
+    samples = recording.read()
+    assert recording.servo == (True, True, True) and samples.servo is not None
+    order = [JOINTS.index(joint) for joint in recording.joints]
+    assert samples.q_des is not None and samples.servo.dq_des is not None
+    np.testing.assert_array_equal(samples.q_des, q[:, order] + 1)
+    np.testing.assert_array_equal(samples.servo.dq_des, dq[:, order])
+    assert "a recording of servos" in "; ".join(recording.notes)
 
 
 def test_other_columns_that_begin_alike(robot: Robot) -> None:
