@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from ...errors import InputError, OptionError, readable
-from ...robot.joints import find
 from ..options import DriveOptions
 from ..terminal import bars
 
@@ -153,7 +152,7 @@ def _known(robot: Robot, texts: Sequence[str]) -> tuple[Robot, str | None]:
         value = _positive(number)
         if not joint or value is None:
             raise OptionError(f"--known {text!r} is no gain of a joint; write kp.JOINT=20, in N.m/rad")
-        name = robot.joints[find(joint, robot)]
+        name = _joint(joint, robot)
         servo[name] = {**servo.get(name, {}), "kp": value}
     return replace(robot, servo=servo), general[0] if general else "kp" if texts else None
 
@@ -182,10 +181,17 @@ def _laws(robot: Robot, texts: Sequence[str]) -> Mapping[str, str] | str | None:
     return {joint: law for joint, law in pairs if joint is not None}
 
 
+def _joint(given: str, robot: Robot) -> str:
+    """Name of a joint that is given by name or number."""
+    from ...robot.joints import find
+
+    return robot.joints[find(given, robot)]
+
+
 def _pairs(robot: Robot, texts: Sequence[str]) -> Iterator[tuple[str | None, str]]:
     for text in texts:
         joint, _, law = text.rpartition("=")
-        yield (robot.joints[find(joint, robot)] if joint else None), law
+        yield (_joint(joint, robot) if joint else None), law
 
 
 def injected_numbers(text: str, robot: Robot) -> tuple[str, dict[str, float]]:
@@ -202,4 +208,4 @@ def injected_numbers(text: str, robot: Robot) -> tuple[str, dict[str, float]]:
         numbers = {}
     if not (colon and numbers and all(0 <= abs(x) < 1e12 for x in numbers.values())):
         raise OptionError(f"--inject {text!r} cannot be read; write {SERVO}JOINT:kp=20,delay=0.01")
-    return robot.joints[find(joint.strip(), robot)], numbers
+    return _joint(joint.strip(), robot), numbers
