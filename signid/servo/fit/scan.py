@@ -1,4 +1,4 @@
-"""Other starts for joints whose scale of torque is weakly identifiable: the cost may have several valleys there."""
+"""Other starts where the cost may have several valleys: weak scales of torque, and limits that are never reached."""
 
 from __future__ import annotations
 
@@ -14,19 +14,24 @@ from .solve import Solved, solve
 
 WEAK = 0.2  # standard deviation of kp over kp from which other scales are tried
 FACTORS = (10.0, 0.1)
+LIMITS = (0.6, 0.35)  # limits of torque over stiffness at the start times the largest error
+SEEN = 1.0  # squared influence of a relative change of a limit, over the noise, below which it is not reached
 MOST = 2  # joints of a group that are tried
 BRIEF = 6  # steps from another scale
 BETTER = 0.02  # gain of the logarithm of the squared residual that is worth another valley
 
 
 def scan(shots: Sequence[Shots], where: Coordinates, solved: Solved, iterations: int) -> Solved:
-    """Best end of a fit over the scales of its weak joints, one joint after another."""
+    """Best end of a fit over the scales of its weak joints and the limits that it does not reach, one by one."""
     best = solved
-    for i in weakest(where, solved):
+    for i in (*untouched(where, solved), *weakest(where, solved)):
         ends = [best]
-        for factor in FACTORS:
+        for factor in FACTORS if where.slots[i].number == "kp" else LIMITS:
             values = best.point.values.copy()
-            values[where.scaled(i)] *= factor
+            if where.slots[i].number == "kp":
+                values[where.scaled(i)] *= factor
+            else:
+                values[i] = factor * where.slots[i].typical
             ends.append(solve(shots, where, Point(values, best.point.q0, best.point.v0), min(BRIEF, iterations)))
         other = min(ends, key=lambda end: end.badness)
         if other.badness < best.badness - BETTER:
@@ -43,3 +48,10 @@ def weakest(where: Coordinates, solved: Solved) -> list[int]:
         if slot.number == "kp" and not slot.shared
     }
     return sorted((i for i in share if share[i] > WEAK), key=lambda i: -share[i])[:MOST]
+
+
+def untouched(where: Coordinates, solved: Solved) -> list[int]:
+    """Slots of the limits of torque without influence, at joints with the largest residuals: at most MOST."""
+    weight = np.diag(solved.normal.information) * solved.point.values**2
+    found = [i for i, s in enumerate(where.slots) if s.number == "effort_limit" and not s.shared and weight[i] < SEEN]
+    return sorted(found, key=lambda i: -float(solved.noise[where.slots[i].joint]))[:MOST]
