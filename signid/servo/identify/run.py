@@ -22,6 +22,7 @@ from .result import ServoIdentification
 from .scale import connected_sets
 from .search import Limits, Searcher, ServoOptions, search
 from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
+from .zeros import zero_flags
 
 SEARCHED, FITTED = 30_000, 90_000  # rows times squared joints of a branch: about 1 and 3 s a step of the fit
 
@@ -86,6 +87,8 @@ def identify_servos(
     fit = final_fit(weighed, all_rows, chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.95)
     case = Known(scale, wanted, fixed, limits.laws, duty, sets)
+    if scale == "masses":
+        remarks = (*remarks, *zero_flags(plain, few))
     return conclude((plain, weighed), data, chosen, fit, case, remarks, options)
 
 
