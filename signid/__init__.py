@@ -1,7 +1,7 @@
 """Identify a robot's dynamics from recordings, and find the physics that a simulation of it lacks.
 
-Start with `load_robot` and `read_recording`. `check` lists identifiable parameters, `identify` and `identify_servos` give
-models with intervals, `diagnose` names effects that a model lacks. Units are SI, errors derive from `SignidError`.
+Start with `load_robot` and `read_recording`. `check` lists identifiable parameters, `identify` and `identify_servos`
+estimate models, `diagnose` names effects that a model lacks. Units are SI, errors derive from `SignidError`.
 """
 
 import sys  # isort: skip_file
