@@ -12,6 +12,7 @@ import numpy as np
 import plotly.graph_objects as go
 import polars as pl
 import pytest
+from servo_results import invented
 
 import signid
 from signid.cli import run
@@ -20,6 +21,7 @@ from signid.output.display.figures import FIGURES, figure_names
 from signid.output.display.frames import FRAMES, frame_names
 from signid.output.display.tables import TABLES
 from signid.output.report.pages.frame import Plot, axis, packed
+from signid.servo.validate import ServoValidatedModel, ServoValidation
 
 HERE = Path(__file__).parents[1] / "robots" / "3r"
 RECORDING, HELD_OUT = HERE / "recording.parquet", HERE / "held_out.parquet"
@@ -34,7 +36,10 @@ def results() -> dict[str, Any]:
     identified, stated = signid.identify(robot, unsigned, held_out=HELD_OUT), signid.load_model(robot)
     validated = signid.validate({"stated": stated, "identified": identified}, HELD_OUT)
     motion = signid.excite(robot, kind="random", duration=5.0)
+    drives = invented()
+    loops = ServoValidatedModel("drives", drives.model, drives.rollout, drives.traces)
     found = (
+        *(drives, loops, ServoValidation((loops,), drives.inputs, (), (), 0)),
         *(robot, recording, identified, identified.signs, identified.fit, identified.model, validated),
         *(signid.check(robot, recording), signid.inspect(robot), signid.diagnose(robot, recording, held_out=HELD_OUT)),
         *(signid.payload(robot, HELD_OUT, RECORDING), signid.roll_out(identified, HELD_OUT), validated.models[0]),
@@ -45,7 +50,7 @@ def results() -> dict[str, Any]:
 
 
 def test_a_repr_has_at_most_forty_lines_of_plain_text(results: dict[str, Any]) -> None:
-    assert set(TABLES) - set(results) <= {"Fleet", "Separation"}, "every other kind is tested here"
+    assert set(TABLES) - set(results) <= {"Fleet", "Separation", "ServoDiagnosis"}, "every other kind is tested here"
     for name, result in results.items():
         lines = repr(result).splitlines()
         assert 2 <= len(lines) <= 40 and max(map(len, lines)) <= 100, name

@@ -52,7 +52,7 @@ def figure_names(result: Any) -> tuple[str, ...]:
 def _joints(result: Any) -> tuple[str, ...]:
     if hasattr(result, "models"):
         return tuple(dict.fromkeys(joint for one in result.models for joint in one.fit.joints))
-    owner = next((getattr(result, key) for key in ("robot", "trajectory") if hasattr(result, key)), result)
+    owner = next((getattr(result, key) for key in ("robot", "trajectory", "rollout") if hasattr(result, key)), result)
     return tuple(owner.joints)
 
 

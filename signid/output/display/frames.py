@@ -17,7 +17,7 @@ from ..report.results.identification import identified_numbers
 from ..report.results.inspection import joint_documents
 from ..report.results.laws import finding_numbers, law_numbers
 from .series import held_out_residuals, motion_rows, rolled_rows, sample_rows, simulated_rows, validated_residuals
-from .servos import drive_rows, loop_rows, traced_rows, validated_loops
+from .servos import drive_rows, loop_rows, stated_drives, traced_rows, validated_loops
 
 Maker = Callable[[Any], pl.DataFrame]
 KINDS: dict[str, type[pl.DataType]] = {"s": pl.String, "f": pl.Float64, "i": pl.Int64, "b": pl.Boolean}
@@ -219,7 +219,7 @@ FRAMES: dict[str, dict[str, Maker]] = {
         "segments": _segments,
     },
     "Inspection": {"base_parameters": _structural, "joints": lambda result: _joints(result.robot)},
-    "Model": {"laws": _stated_laws, "standard_parameters": _bodies},
+    "Model": {"laws": _stated_laws, "standard_parameters": _bodies, "drives": stated_drives},
     "Payload": {"payload": _payload},
     "Recording": {"samples": sample_rows},
     "Robot": {"joints": _joints},

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import polars as pl
 
+from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ..report.results.documents import picked
 
 DRIVES = {"joint": pl.String, "law": pl.String, "parameter": pl.String}
@@ -18,6 +20,17 @@ def drive_rows(result: Any) -> pl.DataFrame:
     numbers = ((one.joint, one.law, number) for one in result.joints for number in one.numbers.values())
     rows = [(joint, law, x.name, x.value, x.std, x.unit, x.stated) for joint, law, x in numbers]
     return pl.DataFrame(rows, schema={**DRIVES, **NUMBERS}, orient="row", strict=False)
+
+
+def stated_drives(model: Any) -> pl.DataFrame:
+    """Numbers of the drives of a model, without infinite ones."""
+    rows = [
+        (joint, servo.law, name, float(getattr(servo, name)), SERVO_UNITS[name])
+        for joint, servo in model.servos.items()
+        for name in SERVO_NUMBERS
+        if np.isfinite(getattr(servo, name))
+    ]
+    return pl.DataFrame(rows, schema={**DRIVES, "value": pl.Float64, "unit": pl.String}, orient="row")
 
 
 def loop_rows(result: Any) -> pl.DataFrame:

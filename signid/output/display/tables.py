@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from math import inf
 from pathlib import Path
 from typing import Any
 
 from rich.console import RenderableType
 
 from ...model import stated_inertials
+from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import Input, Recording, Robot
 from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, torque_units
 from ..report.results.diagnosis import diagnosis_tables
@@ -62,7 +64,16 @@ def _model(model: Any) -> Renderables:
         for key, number in entry["parameters"].items() or [("", {"value": "", "unit": ""})]:
             value = figure(number["value"]) if isinstance(number["value"], float) else str(number["value"])
             laws.add_row(entry["effect"], entry["joint"] or "(robot)", key, value, number["unit"])
-    return [heading(title, below=False), bodies, *([heading("Laws"), laws] if model.laws else [])]
+    parts = [heading(title, below=False), bodies, *([heading("Laws"), laws] if model.laws else [])]
+    return [*parts, *(_drives(model.servos) if model.servos else [])]
+
+
+def _drives(servos: Any) -> Renderables:
+    """Position drives of a model; numbers that are zero or infinite everywhere are left out."""
+    used = [name for name in SERVO_NUMBERS if any(0 < abs(getattr(x, name)) < inf for x in servos.values())]
+    heads = [f"{name.replace('_', ' ')}\n[{SERVO_UNITS[name]}]>" for name in used]
+    rows = ([joint, x.law, *(figure(getattr(x, name)) for name in used)] for joint, x in servos.items())
+    return [heading("Position drives"), new_table("joint", "law", *heads, rows=rows)]
 
 
 def _fit(fit: Any) -> Renderables:

@@ -20,7 +20,7 @@ SLOW = 0.25  # lag over the shortest period of the commands from which it is sai
 
 
 def joint_flags(joints: Sequence[ServoJoint]) -> Iterator[str]:
-    """What is not identifiable, each sentence once with the joints that it is about."""
+    """Numbers that are not identifiable, each sentence once with the joints that it is about."""
     return (line for line in by_sentence(joints) if ONE_NUMBER not in line)
 
 
@@ -30,7 +30,7 @@ def joint_notes(joints: Sequence[ServoJoint]) -> Iterator[str]:
 
 
 def by_sentence(joints: Sequence[ServoJoint]) -> Iterator[str]:
-    """What is not identifiable: sentences that differ in numbers only are one, with the ranges of these numbers."""
+    """Sentences on numbers that are not identifiable; those that differ in figures only are one, with their ranges."""
     shared: dict[tuple[str, ...], list[tuple[str, str]]] = {}
     for joint in joints:
         for sentence in joint.not_identifiable:
