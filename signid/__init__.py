@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from .robot import load_robot as load_robot, urdf_from_dh as urdf_from_dh
     from .servo.diagnose import diagnose_servos as diagnose_servos
     from .servo.identify import identify_servos as identify_servos
+    from .servo.simulate import simulate_servos as simulate_servos
     from .servo.validate import validate_servos as validate_servos
     from .simulation.excite import excite as excite, separate as separate
     from .simulation.plant import Sensors as Sensors, record as record, simulate as simulate, track as track

@@ -9,7 +9,9 @@ import numpy as np
 
 from ..effects.base import BodyLaw
 from ..errors import OptionError, RecordingError, shorten
-from ..model import Model, with_servos
+from ..model import Model, ModelSource, as_model, with_servos
+from ..recording import as_recording
+from ..recording.source import Source
 from ..servos import SERVO_NUMBERS, Servo, ServoGrid
 from ..simulation.plant import Sensors, record_held
 from ..simulation.rollout.joints import restrict_joints
@@ -64,8 +66,8 @@ class ServoSimulation(Result):
 
 
 def simulate_servos(
-    model: Model,
-    commands: Recording | Trajectory,
+    model: ModelSource,
+    commands: Recording | Source | Trajectory,
     sensors: Sensors | None = None,
     *,
     inject: Sequence[Law] = (),
@@ -88,7 +90,9 @@ def simulate_servos(
         OptionError: no joint has a drive and a command, a law cannot be injected, or the simulation diverges.
         RecordingError: the recording cannot be used.
     """
-    sensors = sensors or Sensors()
+    sensors, model = sensors or Sensors(), as_model(model, "simulate_servos")
+    if not isinstance(commands, Trajectory):
+        commands = as_recording(commands, model.robot, "simulate_servos")
     grid, model, notes = _grid(model, commands)
     servos = _injected(model.robot, dict(model.servos), inject, numbers or {})
     bodies = tuple(law for law in inject if isinstance(law.effect, BodyLaw) and law.effect.name not in FRICTIONS)

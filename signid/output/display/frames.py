@@ -17,7 +17,7 @@ from ..report.results.identification import identified_numbers
 from ..report.results.inspection import joint_documents
 from ..report.results.laws import finding_numbers, law_numbers
 from .series import held_out_residuals, motion_rows, rolled_rows, sample_rows, simulated_rows, validated_residuals
-from .servos import drive_rows, loop_rows, stated_drives, traced_rows, validated_loops
+from .servos import drive_rows, loop_rows, recorded_rows, stated_drives, traced_rows, validated_loops
 
 Maker = Callable[[Any], pl.DataFrame]
 KINDS: dict[str, type[pl.DataType]] = {"s": pl.String, "f": pl.Float64, "i": pl.Int64, "b": pl.Boolean}
@@ -226,6 +226,7 @@ FRAMES: dict[str, dict[str, Maker]] = {
     "RollOut": {"rollouts": lambda result: rolled_rows([("simulation", result)])},
     "Separation": {"motion": motion_rows},
     "ServoIdentification": {"drives": drive_rows, "closed_loops": loop_rows, "positions": traced_rows},
+    "ServoSimulation": {"samples": recorded_rows},
     "ServoValidatedModel": {"closed_loops": loop_rows, "positions": traced_rows},
     "ServoValidation": {"closed_loops": validated_loops},
     "Signs": {"segments": _segments},

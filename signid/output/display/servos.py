@@ -33,6 +33,11 @@ def stated_drives(model: Any) -> pl.DataFrame:
     return pl.DataFrame(rows, schema={**DRIVES, "value": pl.Float64, "unit": pl.String}, orient="row")
 
 
+def recorded_rows(result: Any) -> pl.DataFrame:
+    """Recording of a simulation of drives, with a column per signal and joint."""
+    return pl.DataFrame(dict(result.columns))
+
+
 def loop_rows(result: Any) -> pl.DataFrame:
     """Rms position error of closed loops from commands alone, per joint."""
     found = result.rollout

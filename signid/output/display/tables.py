@@ -23,6 +23,7 @@ from ..report.results.identification import fit_rows, identification_tables, pay
 from ..report.results.inspection import check_tables, inspection_tables, joint_table
 from ..report.results.laws import law_document
 from ..report.results.signs import signs_tables
+from ..report.results.simulation import servo_simulation_tables
 from ..report.results.validation import validation_tables
 
 Renderables = list[RenderableType]
@@ -162,6 +163,7 @@ TABLES: dict[str, Callable[[Any], Renderables]] = {
     "Separation": _motion,
     "ServoDiagnosis": servo_diagnosis_tables,
     "ServoIdentification": servo_identification_tables,
+    "ServoSimulation": servo_simulation_tables,
     "ServoValidatedModel": lambda one: servo_validation_tables(_alone(one)),
     "ServoValidation": servo_validation_tables,
     "Signs": signs_tables,
