@@ -14,7 +14,7 @@ from .response import find_response
 from .rest import at_rest
 from .result import JointAudit, ServoAudit
 from .sentences import COARSE, judge_joint, judge_stamps
-from .tracks import Part, RowClock, cut, driven, joined, on_grid, read_samples, read_stamps
+from .tracks import BRIEFEST, Part, RowClock, cut, driven, joined, on_grid, read_samples, read_stamps
 
 SLOWEST_GRID = 1e-3  # [s] shortest period of the grid
 
@@ -46,7 +46,11 @@ def audit_servos(recordings: Recording | Sequence[Recording], units: Mapping[str
     ]
     silent = [joint for joint, each in parts.items() if not each]
     notes = [note for recording in given for note in recording.notes]
-    if silent:
+    stamps = list(judge_stamps(given, clocks))
+    if not audits:
+        advice = "check the stamps, on_J and empty cells"
+        stamps.append(f"no joint has a position and a command for {BRIEFEST:g} s without a gap; {advice}")
+    elif silent:
         notes.append(f"commanded nowhere long enough, and not audited: {', '.join(silent)}")
     return ServoAudit(
         tuple(audits),
@@ -54,7 +58,7 @@ def audit_servos(recordings: Recording | Sequence[Recording], units: Mapping[str
         tuple(1 / clock.period for clock in clocks),
         tuple(clock.duration for clock in clocks),
         tuple(clock.uneven for clock in clocks),
-        tuple(judge_stamps(given, clocks)),
+        tuple(stamps),
         tuple(dict.fromkeys(notes)),
     )
 

@@ -8,9 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import RecordingError
+from ...recording.sampling.clock import read_clock
 from ...types import Array, Mask, Recording, Samples, ServoSamples
 
 GAP, GAP_SECONDS = 3.5, 0.01  # a gap exceeds both [periods], [s]
+HUGE = 1e9  # [rad or m] implausible position
 SHORTEST, BRIEFEST = 12, 0.3  # of a stretch [rows], [s]
 EVEN = 0.5  # accepted difference of a time step from the median [1]
 
@@ -46,12 +48,17 @@ def read_samples(recording: Recording) -> Samples:
     """Read a recording; rows without time are left out.
 
     Raises:
-        RecordingError: too few rows.
+        RecordingError: too few rows, time that is not in seconds, or implausible positions.
     """
+    name = recording.path or "the recording"
+    if len(recording) < SHORTEST:
+        raise RecordingError(f"{name} has {len(recording)} rows; record for longer")
+    read_clock(recording, name)
     samples = recording.read()
+    for values in (samples.q, samples.q_des):
+        if values is not None and np.any(np.abs(values[np.isfinite(values)]) > HUGE):
+            raise RecordingError(f"{name} has positions beyond {HUGE:.0e}; check the columns and their units")
     known = np.isfinite(samples.t)
-    if known.sum() < SHORTEST:
-        raise RecordingError(f"{recording.path or 'the recording'} has {known.sum()} rows; record for longer")
     if known.all():
         return samples
     servo = samples.servo and ServoSamples(*(None if x is None else x[known] for x in samples.servo))
