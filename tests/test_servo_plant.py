@@ -46,6 +46,8 @@ def test_gaps_split_a_recording_and_lost_commands_turn_a_drive_off() -> None:
     assert first.on[:, 0].sum() == 70 and first.driven == (True,)
     with pytest.raises(RecordingError, match="no commanded position"):
         grids_of_arrays(["a"], t, np.zeros(161), np.full(161, np.nan))
+    (drop,) = grids_of_arrays(["a"], t[:100], np.ones(100), np.full(100, np.nan), driven=[True])
+    assert drop.driven == (True,) and not drop.on.any() and (drop.command == 1).all()
     with pytest.raises(RecordingError, match="no stretch"):
         grids_of_arrays(["a"], np.arange(9) * 0.01, np.zeros(9), np.zeros(9))
 

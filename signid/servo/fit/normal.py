@@ -79,9 +79,11 @@ def _costs(s: Shots, residual: Array, q0: Array, v0: Array, noise: Array) -> Arr
     return np.asarray(np.where(np.isfinite(squares), squares, np.inf) + prior)
 
 
-def normal(shots: Sequence[Shots], where: Coordinates, point: Point, noise: Array, wide: float = 1.0) -> Normal:
-    """Normal equations at a point; `wide` multiplies the differences."""
-    copies, back = _copies(where, point.values, wide)
+def normal(
+    shots: Sequence[Shots], where: Coordinates, point: Point, noise: Array, wide: float = 1.0, central: bool = True
+) -> Normal:
+    """Normal equations at a point; `wide` multiplies the differences, which may be `central` or forward."""
+    copies, back = _copies(where, point.values, wide, central)
     parts = []
     for s, q0, v0 in zip(shots, point.q0, point.v0, strict=True):
         n = len(s.joints)
@@ -105,7 +107,7 @@ def _by_grid(shots: Sequence[Shots], parts: list[Array]) -> list[Array]:
     return out
 
 
-def _copies(where: Coordinates, values: Array, wide: float) -> tuple[Array, Array]:
+def _copies(where: Coordinates, values: Array, wide: float, central: bool) -> tuple[Array, Array]:
     """Numbers of the base, of P forward and P backward points; (P, 2) signed steps of the forward and backward ones."""
     steps = wide * where.differences(values)
     forward, backward, size = [], [], np.empty((len(values), 2))
@@ -121,7 +123,9 @@ def _copies(where: Coordinates, values: Array, wide: float) -> tuple[Array, Arra
                 size[i, 1] = values[i]
         forward.append(values + one)
         backward.append(values - one * size[i, 1] / size[i, 0])
-    return where.table(np.array([values, *forward, *backward])), size
+    if not central:
+        size[:, 1] = 0.0
+    return where.table(np.array([values, *forward, *(backward if central else ())])), size
 
 
 def _windows(
@@ -138,7 +142,8 @@ def _windows(
     out = shoot(s, where.servos, table, *starts)[0]
     residual = out[0] - s.measured
     windows = len(residual)
-    slope = (out[1 : 1 + count] - out[1 + count : 1 + 2 * count]) / size.sum(1)[:, None, None, None]
+    behind = out[1 + count : 1 + 2 * count] if size[:, 1].any() else out[:1]
+    slope = (out[1 : 1 + count] - behind) / size.sum(1)[:, None, None, None]
     slope = _single(slope, where, values)
     by_state = (out[len(copies) :] - out[0]) / np.repeat(NUDGE, n)[:, None, None, None]
     a, b = (np.moveaxis((x / noise).reshape(len(x), windows, -1), 0, 2) for x in (slope, by_state))

@@ -12,6 +12,7 @@ from .coordinates import Coordinates
 from .normal import Normal, Point, cost, normal, residuals, settle
 from .shots import Shots
 
+FAR = 0.05  # relative gain of the cost below which differences become central
 COARSE, TOLERANCE = 1e-3, 1e-5  # relative gain of the cost below which differences widen, or the fit ends
 WIDER = (1.0, 4.0)  # differences that are tried one after another
 FIRST, LEAST, WORSE, BETTER, TRIALS = 1e-2, 1e-7, 6.0, 0.1, 6  # damping
@@ -43,9 +44,9 @@ def solve(shots: Sequence[Shots], where: Coordinates, point: Point, iterations: 
     Dry friction makes the cost rough: where no step along the model of small differences brings it down, larger
     differences see over the roughness.
     """
-    damping, steps, wide = FIRST, 0, 0
+    damping, steps, wide, central = FIRST, 0, 0, False
     noise = noise_of(residuals(shots, where, point), robust=True)
-    here = normal(shots, where, point, noise)
+    here = normal(shots, where, point, noise, central=False)
     for _ in range(iterations):
         now = cost(shots, here.residual, point, noise)
         for _ in range(TRIALS):
@@ -56,14 +57,16 @@ def solve(shots: Sequence[Shots], where: Coordinates, point: Point, iterations: 
                 break
             damping *= WORSE
         small = not then < now * (1 - (COARSE if wide + 1 < len(WIDER) else TOLERANCE))
+        far = then < now * (1 - FAR)
         if then < now:
             point, damping, steps = new, max(damping * BETTER, LEAST), steps + 1
             noise = noise_of(residual)
         if small:
-            wide, damping = wide + 1, min(damping, FIRST)
+            wide, damping = wide + central, min(damping, FIRST)
         if wide == len(WIDER):
             break
-        here = normal(shots, where, point, noise, WIDER[wide])
+        central = central or not far
+        here = normal(shots, where, point, noise, WIDER[wide], central)
     return Solved(point, normal(shots, where, point, noise), noise, steps)
 
 

@@ -48,6 +48,7 @@ def servo_grids(recording: Recording, robot: Robot, rate: float | None = None) -
         on=more["on"],
         voltage=_relative(more["volt"], _nominal(robot, recording.joints, "voltage")),
         gain=_gain(recording, robot),
+        driven=[bool(column) for column in recording.columns.get("q_des", ())],
         rate=rate,
         path=recording.path,
         sha256=recording.sha256,
@@ -71,6 +72,7 @@ def grids_of_arrays(
     on: ArrayLike | None = None,
     voltage: ArrayLike | None = None,
     gain: ArrayLike = 1.0,
+    driven: Sequence[bool] | None = None,
     rate: float | None = None,
     path: str = "",
     sha256: str = "",
@@ -88,6 +90,8 @@ def grids_of_arrays(
         on: (N, n) 1 while the drive holds.
         voltage: (N, n) relative to the nominal supply [1].
         gain: (n,) firmware gain relative to the nominal one [1].
+        driven: (n,) whether each joint has a drive, also if it has no command here: torque off; by default those with
+            commands.
         rate: of the grid [Hz]; by default the rate of the stamps, at most 250 Hz.
         path: of the file.
         sha256: of the file.
@@ -103,10 +107,10 @@ def grids_of_arrays(
     keep[keep] = np.diff(stamps[keep], prepend=-np.inf) > 0
     stamps, columns = stamps[keep], {k: x[keep] for k, x in columns.items()}
     source = path or "the recording"
-    driven = np.asarray(np.isfinite(columns["u"]).any(0))
-    if not driven.any():
+    have = np.asarray(np.isfinite(columns["u"]).any(0) if driven is None else driven)
+    if not have.any():
         raise RecordingError(f"{source} has no commanded position; give q_des of at least one joint")
-    columns = _held(columns, driven)
+    columns = _held(columns, have)
     if len(stamps) < 3:
         raise RecordingError(f"{source} has {len(stamps)} usable rows; record the robot in motion")
     period = float(np.median(np.diff(stamps)))
@@ -119,7 +123,7 @@ def grids_of_arrays(
         raise RecordingError(
             f"{source} has no stretch of {SHORTEST:g} s without gaps; record for longer, or check the stamps"
         )
-    flags = tuple(bool(x) for x in driven)
+    flags = tuple(bool(x) for x in have)
     gains = np.broadcast_to(np.asarray(gain, float), (n,))
     return tuple(
         ServoGrid(
@@ -141,7 +145,7 @@ def _held(columns: Mapping[str, Array], driven: Mask) -> dict[str, Array]:
     u = columns["u"]
     on = np.isfinite(u) * np.nan_to_num(columns.get("on", np.ones_like(u)), nan=1.0)
     filled = {k: _fill(x) for k, x in columns.items()}
-    filled["u"] = np.where(driven, filled["u"], columns["q"])
+    filled["u"] = np.where(driven & np.isfinite(filled["u"]), filled["u"], columns["q"])
     filled["volt"] = np.where(np.isfinite(filled["volt"]), filled["volt"], 1.0) if "volt" in filled else np.ones_like(u)
     for key in ("speed", "forward"):
         if key in filled:
