@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -47,17 +48,12 @@ def read_bare(
     chosen = {kind: tuple(_column(signals, kind, joint) for joint in joints) for kind in KINDS}
     functions: dict[str, Callable[[Array, int], Array]] = {}
     unknown: set[tuple[str, str]] = set()
-    for kind, names in chosen.items():
-        for joint, name in zip(joints, names, strict=True):
-            if not name:
-                continue
-            signal = signals[f"{kind}_{joint}"]
-            if _unstated(opened, mapping, signal, kind):
-                unknown.add((kind, joint))
-                change = function(kind, None)
-            else:
-                change = function(kind, conversion(opened, mapping, signal, kind, None))
-            functions |= {name: change} if change else {}
+    for kind, joint in product(KINDS, joints):
+        if signal := signals.get(f"{kind}_{joint}"):
+            unstated = _unstated(opened, mapping, signal, kind)
+            unknown |= {(kind, joint)} if unstated else set()
+            change = function(kind, None if unstated else conversion(opened, mapping, signal, kind, None))
+            functions |= {signal.column: change} if change else {}
     time = conversion(opened, mapping, signals["t"], "t", None)
     functions |= {signals["t"].column: time.apply} if time else {}
     table = DerivedTable(opened.table, functions) if functions else opened.table

@@ -39,6 +39,9 @@ class Response(NamedTuple):
     width: float  # [rad or m] half width of the hysteresis: dry friction over stiffness, or a dead band
 
 
+UNKNOWN = Response(*[np.nan] * len(Response._fields))
+
+
 def find_response(grids: Sequence[Grid]) -> Response:
     """Fit the response of one joint over all its parts, which have the same period."""
     shift, correlation, scale = best_shift(grids)

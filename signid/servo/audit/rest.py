@@ -20,7 +20,7 @@ class Rest(NamedTuple):
     """Errors q_des - q at rest."""
 
     droop: float  # [rad or m] median size
-    most: float  # [rad or m]
+    droop_most: float  # [rad or m]
     holds: int
     dead_band: float  # [rad or m]
 

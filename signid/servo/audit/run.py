@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import RecordingError
 from ...types import Recording, Samples
 from .faults import command_noise, command_period, held_share, jumps, quantum, saturated_share, turn_of, unwrapped
-from .response import find_response
+from .response import UNKNOWN, find_response
 from .rest import at_rest
 from .result import JointAudit, ServoAudit
 from .sentences import COARSE, judge_joint, judge_stamps
@@ -91,32 +91,22 @@ def _audit(joint: str, unit: str, parts: Sequence[Part], period: float, coarsest
     grids = [on_grid(part, max(period, SLOWEST_GRID)) for part in parts]
     moved = span > 0 and float(np.ptp(q)) > 0
     found = find_response(grids) if moved else None
-    lag = found.lag if found else np.nan
-    rest = at_rest(parts, lag, step, max(span, 1e-12))
-    nan = np.nan
+    answer = (found or UNKNOWN)._asdict()
+    del answer["correlation"]
+    rest = at_rest(parts, answer["lag"], step, max(span, 1e-12))
     audit = JointAudit(
         joint=joint,
         unit=unit,
         samples=len(q),
         range=span,
-        lag=lag,
-        lag_std=found.lag_std if found else nan,
-        shift=found.shift if found else nan,
-        delay=found.delay if found else nan,
-        bandwidth=found.bandwidth if found else nan,
-        residual=found.residual if found else nan,
-        scale=found.scale if found else nan,
         zero=float(np.mean(command - q)),
-        width=found.width if found else nan,
-        droop=rest.droop,
-        droop_most=rest.most,
-        holds=rest.holds,
-        dead_band=rest.dead_band,
         saturated=saturated_share(parts, grids),
         command_period=command_period(parts),
         command_noise=command_noise(grids),
         held=held_share(parts, step),
         quantum=step,
+        **answer,
+        **rest._asdict(),
     )
     said = judge_joint(audit, found, given, period) if span > COARSE * max(step, coarsest) else ()
     return replace(audit, flags=tuple(said))
