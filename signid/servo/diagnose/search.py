@@ -18,6 +18,8 @@ PER_WINDOW = 10  # samples of a window that count as independent, at most. Heuri
 REFINED = 8  # hypotheses that are fitted in each step
 THRESHOLD = 5.0  # log posterior odds that a law needs. Heuristic
 CLUSTERED = 3.0  # [1] improvement over its standard error across windows that a law needs
+FORMS = ("speed_limit", "duty_limit", "effort_limit", "dead_band", "profile_limit", "load_friction", "voltage_droop")
+ROUNDS = 8  # iterations of fits with all numbers of a drive
 SLACK = 1.0  # log odds that differences across windows always allow. Heuristic
 LEAST_GAIN = 0.02  # [1] share of the squared residual that a law explains, at least
 MOSTLY, FEW = 0.5, 1.5  # [1] share of a joint's squared residual, windows: what rare events such as limits explain
@@ -83,8 +85,40 @@ def search(loop: ClosedLoop, point: Point, floor: Array, skip: Sequence[str] = (
         last = refine(setting, [step.after], 4)[0]
         setting = _setting(loop, last.point, floor).weighted(_sigma(setting, last, floor))
         last = refine(setting, [replace(last, squares=setting.evaluate([last.point])[0])], 3)[0]
+    if not steps and not at_floor(setting, last, floor):
+        last, steps = refitted(setting, last, laws, floor)
     base = replace(base, squares=setting.evaluate([point])[0])
     return Search(setting, base, last, tuple(steps))
+
+
+def refitted(setting: Setting, last: Trial, laws: Sequence[DriveLaw], floor: Array) -> tuple[Trial, list[Step]]:
+    """A law of another form at the worst joint, with the drive's own numbers fitted again beside it.
+
+    A simulation that was identified with the wrong law is at its optimum: no single number improves it.
+    """
+    mean = np.sum(last.squares, axis=0) / floor**2
+    j = int(np.argmax(mean))
+    own = own_numbers(last.point, j)
+    start = refine(setting, [replace(last, frees=own)], ROUNDS)[0]
+    forms = [law for law in laws if law.effect in FORMS]
+    offers = offered(setting.weighted(_sigma(setting, start, floor)), start, forms, floor, body=False)
+    offers = [offer for offer in offers if offer.joint == j]
+    trials = refine(setting, [offer.trial for offer in offers], ROUNDS)
+    offers = sorted(
+        (_weighed(setting, start, replace(o, trial=t), floor) for o, t in zip(offers, trials, strict=True)),
+        key=lambda o: -o.evidence,
+    )
+    step = choose(setting, start, offers, floor)
+    return (last, []) if step is None else (step.after, [replace(step, before=last)])
+
+
+def own_numbers(point: Point, j: int) -> list[Free]:
+    """Numbers that a drive has, without those that its law leaves out."""
+    servo = point.servos[j]
+    names = ["kp", "kd" if servo.kd > 0 else "viscous_friction", "coulomb_friction", "armature", "delay"]
+    names += [name for name in ("effort_limit", "speed_limit") if np.isfinite(getattr(servo, name))]
+    names += [name for name in ("load_friction", "dead_band", "droop") if getattr(servo, name) > 0]
+    return [Free(j, name) for name in names]
 
 
 def offered(setting: Setting, last: Trial, laws: Sequence[DriveLaw], floor: Array, body: bool) -> list[Offer]:
