@@ -42,7 +42,7 @@ def test_mujoco_and_signid_agree_on_a_drive(change: dict[str, object], pendulum:
     columns = record(pendulum.urdf, Truth({"joint": drive}), command, 100.0, 1)
     (grid,) = grids_of_arrays(["joint"], columns["t"], columns["q_joint"], columns["q_des_joint"])
     q = roll_out(simulation(pendulum), {"joint": stated(drive)}, grid)
-    assert np.sqrt(np.mean((q - grid.q)[100:] ** 2)) < 3e-3  # the speed at the start is not measured
+    assert np.sqrt(np.mean((q - grid.q)[100:] ** 2)) < 8e-3  # the speed at the start is not measured
 
 
 def test_torque_of_a_drive() -> None:
