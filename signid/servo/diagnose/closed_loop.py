@@ -14,7 +14,7 @@ from ...robot.dynamics import moved_bodies, own_row
 from ...servos import DRIVE_LAWS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..plant.commands import commands_at
-from ..plant.course import Course, Moved, bodies_of, course, motion_of, part
+from ..plant.course import Moved, RobotCourse as Course, bodies_of, course, motion_of, part
 from ..plant.kernel import numbers, simulate
 from ..plant.substeps import substeps
 

@@ -50,7 +50,7 @@ class Coordinates:
     slots: tuple[Slot, ...]  # P
 
     def table(self, values: Array) -> Array:
-        """Numbers (C, n, 13) of drives at C points (C, P)."""
+        """Numbers (C, n, 13) of drives at C points; values (C, P) [SERVO_UNITS]."""
         fixed = np.array([numbers(servo) for servo in self.servos])
         out = np.repeat(fixed[None], len(values), 0)
         for i, slot in enumerate(self.slots):
@@ -63,7 +63,7 @@ class Coordinates:
         return np.array([getattr(self.servos[slot.joint], slot.number) for slot in self.slots], float)
 
     def x(self, values: Array) -> Array:
-        """Coordinates (P,) of values (P,)."""
+        """Coordinates (P,) of values (P,) [SERVO_UNITS]."""
         return np.array(
             [
                 z if slot.number in LINEAR else np.log(max(z, 1e-12) + slot.soft)
@@ -72,7 +72,7 @@ class Coordinates:
         )
 
     def values(self, x: Array) -> Array:
-        """Values (P,) of coordinates (P,)."""
+        """Values (P,) of coordinates x (P,) [logarithms or SERVO_UNITS]."""
         out = [
             z if slot.number in LINEAR else max(np.exp(z) - slot.soft, 0.0)
             for z, slot in zip(x, self.slots, strict=True)
@@ -80,7 +80,7 @@ class Coordinates:
         return np.array(out)
 
     def slope(self, values: Array) -> Array:
-        """dz/dx (P,)."""
+        """dz/dx (P,) at values (P,) [SERVO_UNITS]."""
         return np.array(
             [1.0 if slot.number in LINEAR else z + slot.soft for z, slot in zip(values, self.slots, strict=True)]
         )
@@ -101,7 +101,7 @@ class Coordinates:
         return np.array([_most(slot) for slot in self.slots])
 
     def differences(self, values: Array) -> Array:
-        """Steps (P,) of finite differences, in SERVO_UNITS."""
+        """Steps (P,) of finite differences at values (P,) [SERVO_UNITS]."""
         return np.array(
             [
                 slot.typical if slot.number == "delay" else max(DIFFERENCE * abs(z), FLOOR * slot.typical)
@@ -117,7 +117,7 @@ class Coordinates:
         return [k for k, s in enumerate(self.slots) if s.number in SCALED and s.joint == own.joint and not s.shared]
 
     def ratios(self, values: Array) -> Array:
-        """Matrix (P, P): coordinates from ratios to kp and common scales."""
+        """Matrix (P, P): coordinates from ratios to kp and common scales, at values (P,) [SERVO_UNITS]."""
         out, slope = np.eye(len(self.slots)), self.slope(values)
         for i in range(len(self.slots)):
             for k in self.scaled(i):
@@ -125,7 +125,7 @@ class Coordinates:
         return out
 
     def servos_at(self, values: Array) -> tuple[Servo, ...]:
-        """Drives with the values (P,)."""
+        """Drives with the values (P,) [SERVO_UNITS]."""
         table = self.table(values[None])[0]
         changed: list[dict[str, float]] = [{} for _ in self.servos]
         for slot in self.slots:

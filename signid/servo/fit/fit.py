@@ -12,7 +12,7 @@ from ...frozen import Frozen
 from ...model import Model
 from ...servos import SERVO_NUMBERS, Servo, ServoGrid
 from ...types import Array, Robot
-from ..plant.course import Course, Moved, bodies_of, course, groups, motion_of, part, single
+from ..plant.course import Moved, RobotCourse, bodies_of, course, groups, motion_of, part, single
 from ..plant.substeps import substeps
 from .coordinates import Coordinates, Slot
 from .intervals import covariance
@@ -31,9 +31,9 @@ class ServoFit(Frozen):
 
     servos: Mapping[str, Servo]  # by joint, fitted
     names: tuple[tuple[str, str], ...]  # P: joint, number
-    values: Array  # (P,) in SERVO_UNITS
-    covariance: Array  # (P, P) products of SERVO_UNITS; robust, never below the classical one
-    information: Array  # (P, P) inverse products of SERVO_UNITS; Gauss-Newton, initial states eliminated
+    values: Array  # (P,) [SERVO_UNITS]
+    covariance: Array  # (P, P) [products of SERVO_UNITS] robust, never below the classical one
+    information: Array  # (P, P) [inverse products of SERVO_UNITS] Gauss-Newton, initial states eliminated
     residual_rms: Array  # (n,) [rad or m] over the windows; NaN for joints without a servo
     windows: tuple[tuple[int, int], ...]  # W: index of the grid, first row
     window_squares: Array  # (W, n) mean square of the residual of each window [rad2 or m2]; NaN without a servo
@@ -98,12 +98,12 @@ def fit_servos(
 class _Task:
     grids: tuple[ServoGrid, ...]
     robot: Robot
-    courses: tuple[Course, ...]  # along the recorded motion
+    courses: tuple[RobotCourse, ...]  # along the recorded motion
     servos: Mapping[str, Servo]
     free: tuple[tuple[str, str], ...]
     window: float
     shared: tuple[str, ...]
-    about: tuple[Course, ...] = ()  # along the simulated motion
+    about: tuple[RobotCourse, ...] = ()  # along the simulated motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ def _shots(task: _Task, k: int, joints: tuple[int, ...], drives: Sequence[Servo]
     return build_shots(grid, joints, about, measured, task.window, substeps(grid.step, drives, inertia))
 
 
-def _about(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Group]) -> tuple[Course, ...]:
+def _about(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Group]) -> tuple[RobotCourse, ...]:
     """Courses along the simulated motions."""
     out = []
     for k, grid in enumerate(task.grids):

@@ -22,7 +22,8 @@ WEAK = 1e-12  # relative eigenvalue of the information below which a direction i
 def covariance(information: Array, scores: Array) -> Array:
     """Covariance (P, P) in the units of the values; infinite variance without influence.
 
-    information: (P, P) of white residuals; scores: (W, P) gradient of each window at the optimum, in time order.
+    information: (P, P) of white residuals [inverse products of SERVO_UNITS].
+    scores: (W, P) gradient of each window at the optimum, in time order [1/SERVO_UNITS].
     """
     size = np.sqrt(np.diag(information))
     seen = size > NOTHING * size.max(initial=0.0)

@@ -17,27 +17,27 @@ SHARES = (1.0, 0.3, 0.0)  # of the step of a window's state that are tried
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class FitPoint:
     """Where a fit stands: values (P,), and initial states (W, n) of the windows of each grid."""
 
-    values: Array
-    q0: tuple[Array, ...]
-    v0: tuple[Array, ...]
+    values: Array  # (P,) [SERVO_UNITS]
+    q0: tuple[Array, ...]  # (W, n) [rad or m] of each grid
+    v0: tuple[Array, ...]  # (W, n) [rad/s or m/s] of each grid
 
 
 @dataclass(frozen=True, eq=False)
 class Normal:
     """Quadratic model of half the cost about a point, for steps of the values (in SERVO_UNITS)."""
 
-    residual: tuple[Array, ...]  # (W, rows + 1, n) of each grid
-    information: Array  # (P, P)
-    scores: Array  # (W, P) gradient of each window, states eliminated
-    across: Array  # (W, P, 2n) values and states
-    inverse: Array  # (W, 2n, 2n) of the states' information
-    state: Array  # (W, 2n) gradient of the states
+    residual: tuple[Array, ...]  # (W, rows + 1, n) [rad or m] of each grid
+    information: Array  # (P, P) [inverse products of SERVO_UNITS]
+    scores: Array  # (W, P) [1/SERVO_UNITS] gradient of each window, states eliminated
+    across: Array  # (W, P, 2n) [inverse products] values and states
+    inverse: Array  # (W, 2n, 2n) [products of rad, rad/s] of the states' information
+    state: Array  # (W, 2n) [1/rad, s/rad] gradient of the states
 
 
-def residuals(shots: Sequence[Shots], where: Coordinates, point: Point) -> tuple[Array, ...]:
+def residuals(shots: Sequence[Shots], where: Coordinates, point: FitPoint) -> tuple[Array, ...]:
     """Simulated minus measured positions (W, rows + 1, n) of each grid."""
     copies = where.table(point.values[None])
     return tuple(
@@ -47,9 +47,13 @@ def residuals(shots: Sequence[Shots], where: Coordinates, point: Point) -> tuple
 
 
 def settle(
-    shots: Sequence[Shots], where: Coordinates, point: Point, values: Array, states: Array, noise: Array
-) -> tuple[Point, tuple[Array, ...]]:
-    """New values, and for each window the share of the step (W, 2n) of its state that fits best; with residuals."""
+    shots: Sequence[Shots], where: Coordinates, point: FitPoint, values: Array, states: Array, noise: Array
+) -> tuple[FitPoint, tuple[Array, ...]]:
+    """New values, and for each window the share of the step of its state that fits best; with residuals.
+
+    values: (P,) [SERVO_UNITS]; noise: (n,) [rad or m].
+    states: (W, 2n) [rad and rad/s, or m and m/s].
+    """
     copies = where.table(np.repeat(values[None], len(SHARES), 0))
     q: list[Array] = []
     v: list[Array] = []
@@ -63,11 +67,14 @@ def settle(
         residual = shoot(s, where.servos, copies, qs, vs)[0] - s.measured
         best = np.argmin(_costs(s, residual, qs, vs, noise), axis=0), np.arange(len(q0))
         q, v, out = [*q, qs[best]], [*v, vs[best]], [*out, residual[best]]
-    return Point(values, tuple(q), tuple(v)), tuple(out)
+    return FitPoint(values, tuple(q), tuple(v)), tuple(out)
 
 
-def cost(shots: Sequence[Shots], residual: Sequence[Array], point: Point, noise: Array) -> float:
-    """Weighted squares of residuals and of the states against their prior; noise: (n,) [rad or m]."""
+def cost(shots: Sequence[Shots], residual: Sequence[Array], point: FitPoint, noise: Array) -> float:
+    """Weighted squares of residuals and of the states against their prior.
+
+    residual: (W, rows + 1, n) of each grid [rad or m]; noise: (n,) [rad or m].
+    """
     each = zip(shots, residual, point.q0, point.v0, strict=True)
     return float(sum(_costs(s, r, q0, v0, noise).sum() for s, r, q0, v0 in each))
 
@@ -80,9 +87,9 @@ def _costs(s: Shots, residual: Array, q0: Array, v0: Array, noise: Array) -> Arr
 
 
 def normal(
-    shots: Sequence[Shots], where: Coordinates, point: Point, noise: Array, wide: float = 1.0, central: bool = True
+    shots: Sequence[Shots], where: Coordinates, point: FitPoint, noise: Array, wide: float = 1.0, central: bool = True
 ) -> Normal:
-    """Normal equations at a point; `wide` multiplies the differences, which may be `central` or forward."""
+    """Normal equations at a point; `wide` multiplies the differences, central or forward; noise: (n,) [rad or m]."""
     copies, back = _copies(where, point.values, wide, central)
     parts = []
     for s, q0, v0 in zip(shots, point.q0, point.v0, strict=True):

@@ -8,7 +8,7 @@ import numpy as np
 
 from .coordinates import Coordinates
 from .intervals import covariance
-from .normal import Point
+from .normal import FitPoint
 from .shots import Shots
 from .solve import Solved, solve
 
@@ -32,7 +32,7 @@ def scan(shots: Sequence[Shots], where: Coordinates, solved: Solved, iterations:
                 values[where.scaled(i)] *= factor
             else:
                 values[i] = factor * where.slots[i].typical
-            ends.append(solve(shots, where, Point(values, best.point.q0, best.point.v0), min(BRIEF, iterations)))
+            ends.append(solve(shots, where, FitPoint(values, best.point.q0, best.point.v0), min(BRIEF, iterations)))
         other = min(ends, key=lambda end: end.badness)
         if other.badness < best.badness - BETTER:
             best = solve(shots, where, other.point, iterations)

@@ -10,7 +10,7 @@ import numpy as np
 from ...servos import DRIVE_LAWS, Servo, ServoGrid
 from ...types import Array, Indices
 from ..plant.commands import commands_at
-from ..plant.course import Course
+from ..plant.course import RobotCourse
 from ..plant.kernel import DELAY, PROFILE, simulate
 
 MOST_VALUES = 6_000_000  # positions simulated at a time
@@ -25,7 +25,7 @@ class Shots:
     starts: Indices  # (W,) first rows
     rows: int  # of a window
     parts: int  # substeps of a row
-    course: Course
+    course: RobotCourse
     q0: Array  # (W, n) [rad or m]
     v0: Array  # (W, n) [rad/s or m/s]
 
@@ -47,7 +47,7 @@ def window_starts(grid: ServoGrid, window: float) -> tuple[Indices, int]:
 
 
 def build_shots(
-    grid: ServoGrid, joints: Sequence[int], course: Course, measured: Course, window: float, parts: int
+    grid: ServoGrid, joints: Sequence[int], course: RobotCourse, measured: RobotCourse, window: float, parts: int
 ) -> Shots:
     """Windows of a grid; `course` is the motion the robot is linear about, `measured` the recorded one."""
     starts, rows = window_starts(grid, window)
@@ -57,7 +57,8 @@ def build_shots(
 def shoot(shots: Shots, servos: Sequence[Servo], copies: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
     """Positions (C, W, rows + 1, n) and saturated substeps (C, W, n) of C copies.
 
-    servos: laws of n drives; copies: (C, n, P) their numbers; q0, v0: (C, W, n).
+    servos: laws of n drives; copies: (C, n, 13) their numbers [SERVO_UNITS].
+    q0: (C, W, n) [rad or m]; v0: (C, W, n) [rad/s or m/s].
     """
     grid, course, parts, joints = shots.grid, shots.course, shots.parts, list(shots.joints)
     variant, held = _variants(shots, servos, copies)

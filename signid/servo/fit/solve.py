@@ -9,7 +9,7 @@ import numpy as np
 
 from ...types import Array
 from .coordinates import Coordinates
-from .normal import Normal, Point, cost, normal, residuals, settle
+from .normal import FitPoint, Normal, cost, normal, residuals, settle
 from .shots import Shots
 
 FAR = 0.05  # relative gain of the cost below which differences become central
@@ -22,7 +22,7 @@ SMALLEST_NOISE = 1e-5  # [rad or m]
 class Solved(NamedTuple):
     """End of a fit."""
 
-    point: Point
+    point: FitPoint
     normal: Normal  # at the point
     noise: Array  # (n,) [rad or m]
     steps: int
@@ -33,12 +33,12 @@ class Solved(NamedTuple):
         return float(2 * np.log(self.noise).sum())
 
 
-def first_point(shots: Sequence[Shots], where: Coordinates) -> Point:
+def first_point(shots: Sequence[Shots], where: Coordinates) -> FitPoint:
     """Values of the drives, and smoothed states."""
-    return Point(where.start(), tuple(s.q0 for s in shots), tuple(s.v0 for s in shots))
+    return FitPoint(where.start(), tuple(s.q0 for s in shots), tuple(s.v0 for s in shots))
 
 
-def solve(shots: Sequence[Shots], where: Coordinates, point: Point, iterations: int) -> Solved:
+def solve(shots: Sequence[Shots], where: Coordinates, point: FitPoint, iterations: int) -> Solved:
     """Minimise the weighted output error from a point.
 
     Dry friction makes the cost rough: where no step along the model of small differences brings it down, larger
@@ -71,13 +71,13 @@ def solve(shots: Sequence[Shots], where: Coordinates, point: Point, iterations: 
 
 
 def noise_of(residual: Sequence[Array], robust: bool = False) -> Array:
-    """Size (n,) of the residual of each joint [rad or m]; `robust`: by its median."""
+    """Size (n,) of the residual (W, rows + 1, n) of each joint [rad or m]; `robust`: by its median."""
     squares = np.concatenate([(r**2).reshape(-1, r.shape[-1]) for r in residual])
     middle = np.median(squares, axis=0) / 0.455 if robust else np.mean(squares, axis=0)
     return np.asarray(np.maximum(np.sqrt(middle), SMALLEST_NOISE))
 
 
-def _step(where: Coordinates, here: Normal, point: Point, damping: float) -> tuple[Array, Array]:
+def _step(where: Coordinates, here: Normal, point: FitPoint, damping: float) -> tuple[Array, Array]:
     """Values after a damped step within the bounds, and steps (W, 2n) of the states."""
     slope, x = where.slope(point.values), where.x(point.values)
     information = here.information * np.outer(slope, slope)

@@ -13,7 +13,7 @@ from ...model import Model
 from ...servos import Servo, ServoGrid
 from ...types import Array, Mask
 from ..plant.commands import commands_at
-from ..plant.course import Course, bodies_of, course, motion_of
+from ..plant.course import RobotCourse, bodies_of, course, motion_of
 
 DELAYS = tuple(k * 0.005 for k in range(13))  # [s]
 SHARES = (0.15, 0.25, 0.35, 0.5, 0.65, 0.8, 0.9)  # quantiles of |error| that are tried as its limit
@@ -75,7 +75,7 @@ def _most_error(grids: Sequence[ServoGrid], j: int) -> float:
     return max(float(np.abs(grid.gain[j] * (grid.command - grid.q)[:, j]).max()) for grid in grids)
 
 
-def _line(grids: Sequence[ServoGrid], courses: Sequence[Course], j: int, delay: float) -> _Line:
+def _line(grids: Sequence[ServoGrid], courses: Sequence[RobotCourse], j: int, delay: float) -> _Line:
     """Best line of one joint over the limits of the error."""
     sides = [side for pair in zip(grids, courses, strict=True) if (side := _sides(*pair, j, delay)) is not None]
     if not sides:
@@ -97,7 +97,7 @@ def _line(grids: Sequence[ServoGrid], courses: Sequence[Course], j: int, delay: 
     return best
 
 
-def _sides(grid: ServoGrid, along: Course, j: int, delay: float) -> tuple[Array, Array, Mask, float] | None:
+def _sides(grid: ServoGrid, along: RobotCourse, j: int, delay: float) -> tuple[Array, Array, Mask, float] | None:
     """Columns (rows, 5), error (N,), rows in use (N,) and the rate of one grid; None if no row is usable."""
     edge = int(EDGE * grid.rate)
     held = (grid.on[:, j] > 0.5).astype(float)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...servos import Servo, ServoGrid
-from ..plant.course import Course
+from ..plant.course import RobotCourse
 
 
-def typical(servo: Servo, joint: int, grids: Sequence[ServoGrid], courses: Sequence[Course]) -> dict[str, float]:
+def typical(servo: Servo, joint: int, grids: Sequence[ServoGrid], courses: Sequence[RobotCourse]) -> dict[str, float]:
     """Sizes by number, in SERVO_UNITS: those that give about the rms torque of the drive alone."""
     error = np.concatenate([(g.gain[joint] * (g.command - g.q)[:, joint])[g.on[:, joint] > 0.5] for g in grids])
     speed = np.concatenate([c.motion.v[:, joint] for c in courses])

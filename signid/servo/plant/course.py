@@ -29,7 +29,7 @@ class Moved(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class RobotCourse:
     """The robot linear about a motion, over n joints and N rows.
 
     torque = mass a + bias + by_q (q - q of the motion) + by_v (v - v of the motion) + wave (sin q, cos q).
@@ -53,14 +53,14 @@ def bodies_of(model: Model, joints: Sequence[str]) -> Robot:
 
 
 def smooth(q: Array, rate: float, cutoff: float = CUTOFF) -> Moved:
-    """Filter positions (N, n) without delay and differentiate them."""
+    """Filter positions q (N, n) [rad or m] without delay and differentiate them."""
     b, a = butter(ORDER, 2 * min(cutoff / rate, 0.4))
     even = filtfilt(b, a, q, axis=0, padlen=min(len(q) - 1, int(3 * rate / cutoff)))
     v = np.gradient(even, 1 / rate, axis=0)
     return Moved(even, v, np.gradient(v, 1 / rate, axis=0))
 
 
-def course(robot: Robot, motion: Moved) -> Course:
+def course(robot: Robot, motion: Moved) -> RobotCourse:
     """Mass, bias and derivatives along a motion of all joints of a robot."""
     q = configuration(robot, motion.q)
     v, a = motion.v @ robot.drive.T, motion.a @ robot.drive.T
@@ -73,11 +73,11 @@ def course(robot: Robot, motion: Moved) -> Course:
         angle = motion.q[:, 0]
         bias = bias - (wave[0, 0] * np.sin(angle) + wave[0, 1] * np.cos(angle))[:, None]
         by_q, by_v = np.zeros_like(by_q), np.zeros_like(by_v)
-    return Course(motion, torque, by.acceleration, bias, by_q, by_v, wave)
+    return RobotCourse(motion, torque, by.acceleration, bias, by_q, by_v, wave)
 
 
-def part(whole: Course, joints: Sequence[int]) -> Course:
-    """Course of some joints; the others move as the motion does."""
+def part(whole: RobotCourse, joints: Sequence[int]) -> RobotCourse:
+    """RobotCourse of some joints; the others move as the motion does."""
     rows = list(joints)
     motion = Moved(*(x[:, rows] for x in whole.motion))
     mass = whole.mass[:, rows][:, :, rows]
@@ -85,7 +85,7 @@ def part(whole: Course, joints: Sequence[int]) -> Course:
     bias = whole.torque[:, rows] - np.einsum("tij,tj->ti", mass, motion.a)
     bias = bias - wave[:, 0] * np.sin(motion.q) - wave[:, 1] * np.cos(motion.q)
     by_q, by_v = (x[:, rows][:, :, rows] for x in (whole.by_q, whole.by_v))
-    return Course(motion, whole.torque[:, rows], mass, bias, by_q, by_v, wave)
+    return RobotCourse(motion, whole.torque[:, rows], mass, bias, by_q, by_v, wave)
 
 
 def groups(robot: Robot, joints: Sequence[int]) -> tuple[tuple[int, ...], ...]:
