@@ -15,6 +15,8 @@ from .choice import Candidate
 from .data import ServoData
 
 ALWAYS = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")
+LEAST_LAG = 0.005  # [s] kd over kp to start from: a fit hardly leaves zero
+LEAST_WAVE = 6e-4  # [s2] the same for armature over kp: 40 rad/s, the slowest of hobby servos have 12 to 41
 MOVES = 0.02  # [rad/s or m/s] rms speed from which friction of a free joint acts
 KNOWN = ("masses", "kp", "nothing")
 
@@ -96,6 +98,7 @@ def first_candidate(
             servo = servo.with_(**{key: scale * getattr(servo, key) for key in ("kd", "coulomb_friction", "armature")})
         if "kd" in numbers:
             servo = servo.with_(viscous_friction=max(servo.kd - numbers["kd"], 0.05 * servo.kd))
+        servo = servo.with_(kd=max(servo.kd, LEAST_LAG * servo.kp), armature=max(servo.armature, LEAST_WAVE * servo.kp))
         law = laws.get(joint, DRIVE_LAWS[0])
         servo = replace(servo, law=law, kd_on=nominal.kd_on, kp_register=nominal.kp_register).with_(
             **{"effort_limit": np.inf, "speed_limit": np.inf, **numbers}

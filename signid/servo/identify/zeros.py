@@ -60,9 +60,9 @@ def zero_flags(model: Model, data: ServoData) -> Iterator[str]:
         if signs[j] < 0 or turn:
             what = " and the opposite sign" if signs[j] < 0 else ""
             yield (
-                f"{data.joints[j]}: gravity fits the recording better with a zero that is about {turn:.2g} rad off{what}; "
-                f"compare zero and sign of the recorded positions with the "
-                f"description, since nothing was changed and the scale rests on its gravity"
+                f"{data.joints[j]}: gravity fits the recording better with a zero that is about {turn:.2g} rad "
+                f"off{what}; compare zero and sign of the recorded positions with the description, since nothing was "
+                f"changed and the scale rests on its gravity"
             )
 
 
