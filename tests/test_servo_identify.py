@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import runpy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -204,3 +206,14 @@ def test_wrong_options_are_one_sentence(
     robot, columns = pendulum
     with pytest.raises(signid.SignidError, match=words):
         signid.identify_servos(robot, signid.read_recording(columns, robot), **wrong)
+
+
+def test_the_example_of_a_real_drive_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    example = Path(__file__).parents[1] / "robots" / "so101" / "servo.py"
+    result = runpy.run_path(str(example))["main"]()
+    assert result.joints[0].numbers["lag"].interval[0] > 0.05 and "mrad" in capsys.readouterr().out
+
+
+def test_numbers_without_information_are_not_given() -> None:
+    numbers, _ = joint_numbers(ELBOW, FREE, np.full((5, 5), np.nan), JointFacts("elbow"))
+    assert all(number.value is None for number in numbers.values())

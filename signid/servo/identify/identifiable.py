@@ -67,9 +67,11 @@ def joint_numbers(
     free: names that were fitted; covariance: (k, k) of them, in their units.
     """
     values = {name: getattr(servo, name) for name in SERVO_UNITS}
+    covariance = np.nan_to_num(covariance, nan=np.inf, posinf=np.inf, neginf=-np.inf)
     std = dict(zip(free, np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
     values.update(damping=servo.damping, lag=servo.lag)
-    std.update(_derived(servo, free, covariance))
+    with np.errstate(invalid="ignore"):
+        std.update(_derived(servo, free, covariance))
     if facts.full_duty_error > 0 and "kp" in std:
         std["effort_limit"] = facts.full_duty_error * std["kp"]
     lost = dict(_lost(servo, free, values, std, facts))
@@ -131,8 +133,9 @@ def _lost(
 def _vague(
     free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float], facts: JointFacts
 ) -> Iterator[tuple[str, str]]:
-    for name in (*free, "damping"):
-        if name in std and name not in SIGNED and not std[name] <= VAGUE * abs(values[name]):
+    for name in (*free, "damping", "lag"):
+        vague = name in std and name not in SIGNED and not std[name] <= VAGUE * abs(values[name])
+        if vague or not np.isfinite(std.get(name, 0.0)):
             words, unit = WORDS.get(name, name.replace("_", " ")), unit_of(name, facts.prismatic)
             most = values[name] + 1.96 * std[name]
             limit = (
