@@ -115,14 +115,7 @@ def grids_of_arrays(
         raise RecordingError(f"{source} has {len(stamps)} usable rows; record the robot in motion")
     period = float(np.median(np.diff(stamps)))
     rate = min(_round(1 / period), FASTEST) if rate is None else float(rate)
-    cuts = np.flatnonzero(np.diff(stamps) > max(GAP, 5 * period)) + 1
-    edges = [0, *cuts.tolist(), len(stamps)]
-    parts = [slice(a, b) for a, b in zip(edges, edges[1:], strict=False) if b - a > 3]
-    parts = [part for part in parts if stamps[part][-1] - stamps[part][0] >= SHORTEST]
-    if not parts:
-        raise RecordingError(
-            f"{source} has no stretch of {SHORTEST:g} s without gaps; record for longer, or check the stamps"
-        )
+    parts = _stretches(stamps, max(GAP, 5 * period), source)
     flags = tuple(bool(x) for x in have)
     gains = np.broadcast_to(np.asarray(gain, float), (n,))
     return tuple(
@@ -138,6 +131,18 @@ def grids_of_arrays(
         )
         for part in parts
     )
+
+
+def _stretches(t: Array, gap: float, source: str) -> list[slice]:
+    """Rows of the stretches without gaps."""
+    edges = [0, *(np.flatnonzero(np.diff(t) > gap) + 1).tolist(), len(t)]
+    parts = [slice(a, b) for a, b in zip(edges, edges[1:], strict=False) if b - a > 3]
+    parts = [part for part in parts if t[part][-1] - t[part][0] >= SHORTEST]
+    if not parts:
+        raise RecordingError(
+            f"{source} has no stretch of {SHORTEST:g} s without gaps; record for longer, or check the stamps"
+        )
+    return parts
 
 
 def _held(columns: Mapping[str, Array], driven: Mask) -> dict[str, Array]:
