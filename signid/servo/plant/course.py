@@ -56,8 +56,8 @@ def smooth(q: Array, rate: float, cutoff: float = CUTOFF) -> Moved:
     """Filter positions q (N, n) [rad or m] without delay and differentiate them."""
     b, a = butter(ORDER, 2 * min(cutoff / rate, 0.4))
     even = filtfilt(b, a, q, axis=0, padlen=min(len(q) - 1, int(3 * rate / cutoff)))
-    v = np.gradient(even, 1 / rate, axis=0)
-    return Moved(even, v, np.gradient(v, 1 / rate, axis=0))
+    v = np.gradient(even, 1 / rate, axis=0, edge_order=2)
+    return Moved(even, v, np.gradient(v, 1 / rate, axis=0, edge_order=2))
 
 
 def course(robot: Robot, motion: Moved) -> RobotCourse:
