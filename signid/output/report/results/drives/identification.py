@@ -174,7 +174,7 @@ def number_cell(number: ServoNumber | None) -> str:
 def scale_lines(result: ServoIdentification) -> list[str]:
     """Basis of the scale of torque, and its alternatives."""
     given = (result.scale.sentence, *result.scale.alternatives)
-    return [f"{text[:1].upper()}{text[1:]}" for text in given if text]
+    return [text if text.startswith("kp") else f"{text[:1].upper()}{text[1:]}" for text in given if text]
 
 
 def unidentifiable_lines(joints: Sequence[ServoJoint]) -> list[str]:
