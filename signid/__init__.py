@@ -1,7 +1,6 @@
 """Identify a robot's dynamics from recordings, and find the physics that a simulation of it lacks.
 
-Start with `load_robot` and `read_recording`. `check` lists identifiable parameters, `identify` and `identify_servos`
-estimate models, `diagnose` names effects that a model lacks. Units are SI, errors derive from `SignidError`.
+Start with `load_robot` and `read_recording`. Units are SI, errors derive from `SignidError`.
 """
 
 import sys  # isort: skip_file
@@ -38,5 +37,4 @@ if TYPE_CHECKING:
     from .validate import validate as validate
 
 NAMES = _names(__name__)
-
 sys.modules[__name__].__class__ = _package(__name__, NAMES)

@@ -13,8 +13,13 @@ from ...servos import Servo, ServoGrid
 from ..fit import ServoFit, fit_servos
 from ..plant import roll_out
 from .data import ServoData
-from .evidence import improves, window_scores
 
+DRAWS = 2000  # Bayesian bootstrap (Rubin, Annals of Statistics 9(1), 1981)
+SAME = 1e-3  # log rms; closer scores count as equal
+GAIN = 0.01  # log rms that an additional number must save on windows that took no part
+SURE = 2.0  # standard errors of that saving
+LOUDER = 1.02  # ratio by which the rms over all these windows may grow
+FLOOR = 1e-6  # [rad or m] rms below which windows are equally good
 WINDOW = 1.0  # [s] of the scores
 STEPS, REFIT = 15, 3  # most iterations on all training data, and from there without a fold
 SHORT = 0.2  # [s] of the first windows where drives saturate: nearly linear
@@ -50,23 +55,23 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Trial:
+class ServoTrial:
     """A candidate, fitted to all training data."""
 
     candidate: Candidate  # with the fitted drives
     residual: Mapping[str, float]  # rms on windows of the training data [rad or m], by joint
     scores: Mapping[str, Array] = field(default_factory=dict)  # log rms (W,) of windows that took no part, by joint
 
-    def only(self, joints: Collection[str]) -> Trial:
+    def only(self, joints: Collection[str]) -> ServoTrial:
         """Of some joints."""
         residual = {joint: x for joint, x in self.residual.items() if joint in joints}
         scores = {joint: x for joint, x in self.scores.items() if joint in joints}
-        return Trial(self.candidate.only(joints), residual, scores)
+        return ServoTrial(self.candidate.only(joints), residual, scores)
 
-    def with_joints(self, other: Trial) -> Trial:
+    def with_joints(self, other: ServoTrial) -> ServoTrial:
         """With some joints of another trial."""
         candidate = self.candidate.changed(other.candidate.servos, other.candidate.free)
-        return Trial(candidate, {**self.residual, **other.residual}, {**self.scores, **other.scores})
+        return ServoTrial(candidate, {**self.residual, **other.residual}, {**self.scores, **other.scores})
 
 
 def fit_candidate(
@@ -96,13 +101,15 @@ def fit_candidate(
     return candidate, fit
 
 
-def tried(model: Model, data: ServoData, candidate: Candidate, window: float, steps: int = STEPS) -> Trial:
+def tried(model: Model, data: ServoData, candidate: Candidate, window: float, steps: int = STEPS) -> ServoTrial:
     """Fit a candidate to all training data."""
     candidate, fit = fit_candidate(model, data.train, candidate, window, steps)
-    return Trial(candidate, {joint: float(fit.residual_rms[data.joints.index(joint)]) for joint in candidate.servos})
+    return ServoTrial(
+        candidate, {joint: float(fit.residual_rms[data.joints.index(joint)]) for joint in candidate.servos}
+    )
 
 
-def scored(model: Model, data: ServoData, trial: Trial, window: float) -> Trial:
+def scored(model: Model, data: ServoData, trial: ServoTrial, window: float) -> ServoTrial:
     """The same with its scores on windows that took no part in refits."""
     found: dict[str, list[Array]] = {joint: [] for joint in trial.residual}
     for part, unseen in data.folds:
@@ -122,11 +129,48 @@ def roll_out_scores(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) 
     return window_scores(np.clip(error, -DIVERGED, DIVERGED), windows)
 
 
-def worth(before: Trial, after: Trial, joints: Sequence[str]) -> list[str]:
+def worth(before: ServoTrial, after: ServoTrial, joints: Sequence[str]) -> list[str]:
     """Joints whose training data a change fits notably better."""
     return [joint for joint in joints if after.residual[joint] < WORTH * before.residual[joint]]
 
 
-def improved(before: Trial, after: Trial, joints: Sequence[str]) -> list[str]:
+def improved(before: ServoTrial, after: ServoTrial, joints: Sequence[str]) -> list[str]:
     """Joints whose windows that took no part improve surely."""
     return [joint for joint in joints if improves(before.scores[joint], after.scores[joint])]
+
+
+def window_scores(error: Array, windows: Sequence[slice]) -> Array:
+    """Log rms (W, n) of a simulation error (N, n) [rad or m] over windows of rows; NaN where a window has no rows."""
+    rows = [np.sqrt(np.nanmean(error[window] ** 2, axis=0)) for window in windows if len(error[window])]
+    return np.asarray(np.log(np.maximum(np.array(rows).reshape(-1, error.shape[1]), FLOOR)))
+
+
+def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, float]:
+    """Probability that each law has the smallest expected score.
+
+    scores: by law, (W,) log rms of the same windows, which took no part in the fit. Equal laws share the probability;
+    few windows never give certainty.
+    """
+    laws = list(scores)
+    values = np.array([scores[law] for law in laws], float).reshape(len(laws), -1)
+    values = values[:, np.isfinite(values).all(axis=0)]
+    if values.shape[1] == 0:
+        return {law: 1.0 / len(laws) for law in laws}
+    weights = np.random.default_rng(seed).dirichlet(np.ones(values.shape[1]), DRAWS)
+    top = np.exp(2 * (values - values.max()))
+    means = (weights @ values.T + 0.5 * np.log(weights @ top.T)) / 2  # (DRAWS, laws); typical windows, and loud ones
+    best = means <= means.min(axis=1, keepdims=True) + SAME
+    share = np.mean(best / best.sum(axis=1, keepdims=True), axis=0)
+    count = values.shape[1]
+    return {law: float((s * count + 1 / len(laws)) / (count + 1)) for law, s in zip(laws, share, strict=True)}
+
+
+def improves(before: Array, after: Array) -> bool:
+    """Whether a change saves error on windows that took no part: (W,) log rms before and after."""
+    saved = np.asarray(before - after, float).ravel()
+    saved = saved[np.isfinite(saved)]
+    if len(saved) < 2:
+        return False
+    error = saved.std(ddof=1) / np.sqrt(len(saved))
+    loud = np.nanmean(np.exp(2 * after)) <= LOUDER**2 * np.nanmean(np.exp(2 * before))
+    return bool(loud and saved.mean() > GAIN and saved.mean() > SURE * error)

@@ -9,11 +9,16 @@ import numpy as np
 from ...model import Model
 from ...parameters import Array
 from ...servos import Servo, ServoGrid
+from ...types import Recording, Robot
+from ..plant import servo_grids
 from ..plant.course import bodies_of, course, motion_of
 from .data import ServoData
 from .identifiable import JointFacts
 from .start import Stated, moves_while_off
 
+FULL = 0.95  # duty from which a sample is left out of the slope
+LINEAR = 0.98  # share of the variance of the duty that the error explains
+ROWS = 50  # least number of samples
 SLIDING = 0.05  # [rad/s or m/s] over which friction turns
 POWER = 0.95  # share of the power of the commands below the frequency of the shortest period
 
@@ -93,3 +98,31 @@ def shortest_period(grids: Sequence[ServoGrid], joint: str) -> float:
     if total[-1] < 1e-12:
         return np.inf
     return float(1.0 / max(frequency[order][np.searchsorted(total, POWER * total[-1])], 1e-6))
+
+
+def full_duty_errors(robot: Robot, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Error [rad or m] of full duty at the nominal gain, of each joint whose PWM is proportional to its error."""
+    pairs: dict[str, list[tuple[Array, Array]]] = {}
+    for recording in recordings:
+        x = recording.read()
+        pwm = None if x.servo is None else x.servo.pwm
+        if pwm is None or x.q_des is None:
+            continue
+        gain = servo_grids(recording, robot)[0].gain
+        for j, joint in enumerate(recording.joints):
+            error = gain[j] * (x.q_des[:, j] - x.q[:, j])
+            on = np.isfinite(error) & np.isfinite(pwm[:, j]) & (np.abs(pwm[:, j]) < FULL)
+            if x.servo is not None and x.servo.on is not None:
+                on &= x.servo.on[:, j] > 0.5
+            pairs.setdefault(joint, []).append((error[on], pwm[on, j]))
+    found = {joint: _error_of_one(*map(np.concatenate, zip(*some, strict=True))) for joint, some in pairs.items()}
+    return {joint: error for joint, error in found.items() if error > 0}
+
+
+def _error_of_one(error: Array, duty: Array) -> float:
+    """Error of full duty; 0 unless the duty is proportional to the error."""
+    if len(error) < ROWS or not np.any(error):
+        return 0.0
+    slope = float(error @ duty / (error @ error))
+    left = np.median(np.abs(duty - slope * error)) / 0.675
+    return 1.0 / slope if slope > 0 and left**2 < (1 - LINEAR) * np.mean(duty**2) else 0.0

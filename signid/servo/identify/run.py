@@ -16,11 +16,11 @@ from ...types import Progress, Recording
 from ..fit import start_servos
 from .conclude import Known, conclude
 from .data import servo_data, thinned
+from .facts import full_duty_errors
 from .fits import final_fit, weigh_bodies
-from .pwm import full_duty_errors
 from .result import ServoIdentification
 from .scale import connected_sets
-from .search import Limits, Searcher, ServoOptions, search
+from .search import KnownLimits, Searcher, ServoOptions, search
 from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
 from .zeros import zero_flags
 
@@ -76,7 +76,7 @@ def identify_servos(
         _say(progress, "weighing bodies", 0.05)
         weighed, remarks = weigh_bodies(plain, few, started, fixed, sets, options)
     duty = _recorded_duty(full_duty_errors(model.robot, given), fixed, law)
-    limits = Limits(_errors(started, fixed), {**law, **dict.fromkeys(duty, "duty")})
+    limits = KnownLimits(_errors(started, fixed), {**law, **dict.fromkeys(duty, "duty")})
     start = first_candidate(model.robot, data, started, fixed, limits.laws)
     start = replace(start, tied=duty).follow(start.servos)
     if any(_has_voltage(recording) for recording in given):

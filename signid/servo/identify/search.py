@@ -10,9 +10,19 @@ import numpy as np
 from ...model import Model
 from ...servos import DRIVE_LAWS, Servo
 from ...types import Progress
-from .choice import SHORT, STEPS, Candidate, Trial, fit_candidate, improved, scored, tried, worth
+from .choice import (
+    SHORT,
+    STEPS,
+    Candidate,
+    ServoTrial,
+    fit_candidate,
+    improved,
+    law_probabilities,
+    scored,
+    tried,
+    worth,
+)
 from .data import ServoData
-from .evidence import law_probabilities
 
 FIRST = "load_friction"  # tried before the laws: without it, limits are fitted to friction
 ADDITIONAL = (FIRST, "dead_band", "droop", "profile_speed")
@@ -40,7 +50,7 @@ class Chosen:
 
 
 @dataclass(frozen=True)
-class Limits:
+class KnownLimits:
     """What is known of the limits of drives before the search, by joint."""
 
     errors: Mapping[str, float]  # error [rad or m] at the limit, of joints that seem to saturate or state a limit
@@ -57,11 +67,11 @@ class Searcher:
     options: ServoOptions
     progress: Progress | None = None
 
-    def fit(self, candidate: Candidate, steps: int = STEPS) -> Trial:
+    def fit(self, candidate: Candidate, steps: int = STEPS) -> ServoTrial:
         """Fit to all training data."""
         return tried(self.model, self.data, candidate, self.options.window, steps)
 
-    def score(self, trial: Trial, joints: Collection[str]) -> Trial:
+    def score(self, trial: ServoTrial, joints: Collection[str]) -> ServoTrial:
         """Score some joints, with those that share bodies with them, on windows that took no part."""
         if all(joint in trial.scores for joint in joints):
             return trial
@@ -77,7 +87,7 @@ class Searcher:
             self.progress(step, share)
 
 
-def search(by: Searcher, start: Candidate, limits: Limits) -> Chosen:
+def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
     """Choose load friction, then laws, then other additional numbers.
 
     Args:
@@ -107,7 +117,7 @@ def search(by: Searcher, start: Candidate, limits: Limits) -> Chosen:
     return Chosen(base.candidate, laws)
 
 
-def _try_number(by: Searcher, base: Trial, name: str) -> Trial:
+def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
     """Free a number at all joints, and keep it where windows that took no part improve."""
     start, neutral = base.candidate, getattr(Servo(), name)
     joints = [joint for joint, servo in start.servos.items() if getattr(servo, name) == neutral]
@@ -131,12 +141,12 @@ def _try_number(by: Searcher, base: Trial, name: str) -> Trial:
 
 
 def _try_laws(
-    by: Searcher, base: Trial, errors: Mapping[str, float], given: Mapping[str, str]
-) -> tuple[Trial, dict[str, dict[str, float]]]:
+    by: Searcher, base: ServoTrial, errors: Mapping[str, float], given: Mapping[str, str]
+) -> tuple[ServoTrial, dict[str, dict[str, float]]]:
     """Law of each joint that seems to saturate, by windows that took no part; none if a limit does not help."""
     near = by.near(errors)
     start = base.candidate.only(near)
-    trials, limits = dict[str, Trial](), _limits_of(by, start, errors)
+    trials, limits = dict[str, ServoTrial](), _limits_of(by, start, errors)
     for law in DRIVE_LAWS:
         if own := {joint: limits[joint] for joint in errors if given.get(joint, law) == law}:
             trials[law] = by.fit(limited(start, own, law))
