@@ -24,6 +24,7 @@ from .search import KnownLimits, Searcher, ServoOptions, search
 from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
 from .zeros import zero_flags
 
+ALONE, COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits (BAM XL330, Go2)
 SEARCHED, FITTED = 30_000, 90_000  # rows times squared joints of a branch: about 1 and 3 s a step of the fit
 
 
@@ -67,6 +68,7 @@ def identify_servos(
     sets = connected_sets(model, data.joints, data.driven)
     _say(progress, "starting servos", 0.0)
     size = max(len(members) for members in sets) ** 2
+    options = replace(options, window=options.window or (ALONE if size == 1 else COUPLED))
     few = replace(data, train=thinned(data.train, SEARCHED // size))
     few = replace(few, folds=tuple((thinned(a, SEARCHED // size), thinned(b, SEARCHED // size)) for a, b in few.folds))
     plain = with_servos(model, {joint: Servo() for joint in data.driven})

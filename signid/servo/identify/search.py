@@ -36,7 +36,7 @@ class ServoOptions:
     """Options of a servo identification. Defaults come from the data."""
 
     rate: float | None = None  # [Hz] of the grids
-    window: float = 1.0  # [s] of the windows of the fit; half of it identifies gains, but not limits (BAM XL330)
+    window: float = 0.0  # [s] of the windows of the fit; 0: 1 s for single joints, 0.8 s for coupled ones (linearised)
     additional: tuple[str, ...] = ADDITIONAL  # numbers that are tried one at a time
     seed: int = 0
 
