@@ -31,7 +31,7 @@ class Point(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Along:
+class GroupCourse:
     """Courses of a group over all recordings, one after another: R rows."""
 
     mass: Array
@@ -70,7 +70,7 @@ class ClosedLoop:
             key: np.vstack([getattr(g, key)[:, self.joints] for g in grids]) for key in ("q", "on", "voltage")
         }
         self.gains = np.array([grids[g].gain[self.joints] for g, _ in self.places])  # (W, n)
-        self._courses: dict[object, Along] = {}
+        self._courses: dict[object, GroupCourse] = {}
         self._commands: dict[tuple[object, ...], Array] = {}
         inertia = np.einsum("tii->ti", self.along(None).mass).min(axis=0)
         stiff = [servo.with_(kp=servo.kp * MARGIN) for servo in servos]
@@ -86,7 +86,7 @@ class ClosedLoop:
         """Number of windows."""
         return len(self.starts)
 
-    def along(self, body: tuple[float, float, float, float] | None) -> Along:
+    def along(self, body: tuple[float, float, float, float] | None) -> GroupCourse:
         """Courses with a body at the last link, or without."""
         if body not in self._courses:
             if len(self._courses) > 24:
@@ -203,11 +203,11 @@ def _thinned(places: list[tuple[int, int]], most: int | None) -> list[tuple[int,
     return [places[k] for k in np.unique(np.linspace(0, len(places) - 1, most).round().astype(int))]
 
 
-def _joined(parts: Sequence[Course]) -> Along:
+def _joined(parts: Sequence[Course]) -> GroupCourse:
     """One course of all recordings; mass in the middle of each row."""
     mass = np.concatenate([np.concatenate([0.5 * (x.mass[:-1] + x.mass[1:]), x.mass[-1:]]) for x in parts])
     motion = Moved(*(np.concatenate([getattr(x.motion, key) for x in parts]) for key in ("q", "v", "a")))
     bias, by_q, by_v, torque = (
         np.concatenate([getattr(x, k) for x in parts]) for k in ("bias", "by_q", "by_v", "torque")
     )
-    return Along(mass, bias, by_q, by_v, parts[0].wave, motion, torque)
+    return GroupCourse(mass, bias, by_q, by_v, parts[0].wave, motion, torque)

@@ -11,16 +11,17 @@ from ...types import Array
 from ..identify.data import ServoData
 from .closed_loop import ClosedLoop, Point
 from .coordinates import LOGARITHMIC, Free, value
-from .refine import Setting, Trial
-from .result import Number, PositionFit, ServoAlternative, ServoFinding, ServoUnexplained
-from .search import PAYLOAD, THRESHOLD, Search, Step
+from .refine import Attempt, Setting
+from .result import FoundNumber, PositionFit, ServoAlternative, ServoFinding, ServoUnexplained
+from .search import PAYLOAD, THRESHOLD, GroupSearch, Step
 from .unexplained import depends_on
 
-Found = Sequence[tuple[tuple[int, ...], Search, ClosedLoop]]
+Found = Sequence[tuple[tuple[int, ...], GroupSearch, ClosedLoop]]
 MAIN = 0.1  # [1] of the explained sum of squares, from which a law is a cause
 LEFT = 2.0  # [1] rms over noise, from which a mismatch is unexplained
 VISIBLE = 0.05  # [1] rms over that of the tracking error, below which a mismatch does not matter
-WORSE = 0.5  # [1] factor on the probability of a law that predicts held-out windows worse. Heuristic
+WORSE = 0.5  # [1] factor on the probability of a law that leaves most, or predicts held-out windows worse
+MOST_LEFT = 0.5  # [1] rms after over rms before, above which what was found cannot be sure
 SHOWN = 1e-3  # probability below which an alternative is not listed
 CLOSE = 0.25  # probability of an alternative from which the result is flagged
 LIKELY = "commands near the natural frequency of the loop, and steps that saturate the drive"
@@ -31,7 +32,7 @@ def conclude(
     data: ServoData, found: Found, noise: Array
 ) -> tuple[tuple[ServoFinding, ...], tuple[ServoUnexplained, ...], str, list[str]]:
     """Findings, unexplained mismatch, verdict and flags."""
-    findings = [finding for joints, one, unseen in found for finding in _findings(data, joints, one, unseen)]
+    findings = [finding for joints, one, unseen in found for finding in _findings(data, joints, one, unseen, noise)]
     findings.sort(key=lambda f: (f.role != "cause", -f.statistic))
     left = [x for joints, one, unseen in found for x in _unexplained(data, joints, one, unseen, noise)]
     causes = any(finding.role == "cause" for finding in findings)
@@ -54,10 +55,13 @@ def fits(model: Model, data: ServoData, found: Found, noise: Array, last: bool) 
     return PositionFit(data.joints, units, train, unseen, np.where(np.isnan(train), np.nan, noise), r2)
 
 
-def _findings(data: ServoData, joints: Sequence[int], one: Search, unseen: ClosedLoop) -> Iterator[ServoFinding]:
+def _findings(
+    data: ServoData, joints: Sequence[int], one: GroupSearch, unseen: ClosedLoop, noise: Array
+) -> Iterator[ServoFinding]:
     setting = _setting(one, unseen)
     whole = float(np.sum((one.base.squares - one.last.squares) / one.setting.sigma**2))
     given = one.base.point
+    poor = _poor(one, noise[list(joints)])
     for k, step in enumerate(one.steps):
         gained = np.sum(step.before.squares - step.after.squares, axis=0)
         before = np.sum(step.before.squares, axis=0)
@@ -69,7 +73,7 @@ def _findings(data: ServoData, joints: Sequence[int], one: Search, unseen: Close
             effect=step.law.effect,
             joint=joint,
             role="cause" if k == 0 or weight > MAIN else "secondary",
-            probability=step.probability * (1.0 if new < old else WORSE),
+            probability=step.probability * (1.0 if new < old and not poor else WORSE),
             parameters=_numbers(one.last, given, step),
             meaning=step.law.meaning,
             share={data.joints[j]: float(x) for j, x in zip(joints, shares, strict=True) if x > 0.01},
@@ -82,7 +86,14 @@ def _findings(data: ServoData, joints: Sequence[int], one: Search, unseen: Close
         )
 
 
-def _numbers(last: Trial, given: Point, step: Step) -> dict[str, Number]:
+def _poor(one: GroupSearch, noise: Array) -> bool:
+    """Whether most of the worst joint's mismatch remains: some other law is missing, too, or instead."""
+    before, after = (_rms(x.squares, one.setting.loop) for x in (one.base, one.last))
+    j = int(np.argmax(before / noise))
+    return bool(after[j] > LEFT * noise[j] and after[j] > MOST_LEFT * before[j])
+
+
+def _numbers(last: Attempt, given: Point, step: Step) -> dict[str, FoundNumber]:
     joint = -1 if step.law is PAYLOAD else step.joint
     out = {}
     for number in step.law.numbers:
@@ -93,7 +104,9 @@ def _numbers(last: Trial, given: Point, step: Step) -> dict[str, Number]:
             std = float(np.sqrt(max(last.covariance[k, k], 0.0))) * (at if number in LOGARITHMIC else 1.0)
         unit = BODY_UNITS.get(number, "kg.m") if step.law is PAYLOAD else step.law.unit(number)
         old = None if step.law is PAYLOAD else float(getattr(given.servos[step.joint], number))
-        out[step.law.parameter(number)] = Number(at, std, unit, old if old is not None and np.isfinite(old) else None)
+        out[step.law.parameter(number)] = FoundNumber(
+            at, std, unit, old if old is not None and np.isfinite(old) else None
+        )
     return out
 
 
@@ -115,7 +128,7 @@ def _alternatives(data: ServoData, joints: Sequence[int], step: Step) -> Iterato
 
 
 def _unexplained(
-    data: ServoData, joints: Sequence[int], one: Search, unseen: ClosedLoop, noise: Array
+    data: ServoData, joints: Sequence[int], one: GroupSearch, unseen: ClosedLoop, noise: Array
 ) -> Iterator[ServoUnexplained]:
     """Joints whose mismatch stays above noise, in what was searched or in what was held out."""
     listed: set[int] = set()
@@ -141,7 +154,7 @@ def _flags(findings: Sequence[ServoFinding]) -> Iterator[str]:
                     )
 
 
-def _setting(one: Search, loop: ClosedLoop) -> Setting:
+def _setting(one: GroupSearch, loop: ClosedLoop) -> Setting:
     return Setting(loop, loop.state_columns(one.last.point), one.setting.sigma, one.setting.scales)
 
 

@@ -17,7 +17,7 @@ PRIOR = {"first_moment_x": 0.1, "first_moment_y": 0.1, "first_moment_z": 0.1}  #
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class Attempt:
     """A hypothesis at some values: W windows, n joints of the group."""
 
     point: Point
@@ -52,7 +52,7 @@ class Setting:
         return replace(self, sigma=sigma)
 
 
-def refine(setting: Setting, trials: Sequence[Trial], iterations: int = 6, tolerance: float = 1e-4) -> list[Trial]:
+def refine(setting: Setting, trials: Sequence[Attempt], iterations: int = 6, tolerance: float = 1e-4) -> list[Attempt]:
     """Fit each hypothesis from its values; the covariance is that of the last step."""
     trials, active = list(trials), list(range(len(trials)))
     for _ in range(iterations):
@@ -68,7 +68,7 @@ def refine(setting: Setting, trials: Sequence[Trial], iterations: int = 6, toler
     return trials
 
 
-def _step(setting: Setting, trials: Sequence[Trial]) -> list[Trial]:
+def _step(setting: Setting, trials: Sequence[Attempt]) -> list[Attempt]:
     points: list[Point] = []
     for trial in trials:
         points.append(trial.point)
@@ -89,12 +89,12 @@ def _step(setting: Setting, trials: Sequence[Trial]) -> list[Trial]:
     out = []
     for k, (trial, covariance) in enumerate(zip(trials, covariances, strict=True)):
         rows = range(k * len(DAMPINGS), (k + 1) * len(DAMPINGS))
-        offered = [Trial(proposals[i], trial.frees, squares[i], covariance) for i in rows]
+        offered = [Attempt(proposals[i], trial.frees, squares[i], covariance) for i in rows]
         out.append(min([replace(trial, covariance=covariance), *offered], key=lambda t: t.cost(setting.sigma)))
     return out
 
 
-def _proposals(setting: Setting, trial: Trial, block: Array) -> tuple[list[Point], Array]:
+def _proposals(setting: Setting, trial: Attempt, block: Array) -> tuple[list[Point], Array]:
     """Points of a Levenberg-Marquardt step with several dampings, and the covariance clustered by window."""
     x, h = _coordinates(setting, trial)
     n, r = len(x), block[0].reshape(block.shape[1], -1)
@@ -118,13 +118,13 @@ def _proposals(setting: Setting, trial: Trial, block: Array) -> tuple[list[Point
     return points, np.asarray(robust * np.outer(larger, larger))
 
 
-def _coordinates(setting: Setting, trial: Trial) -> tuple[Array, Array]:
+def _coordinates(setting: Setting, trial: Attempt) -> tuple[Array, Array]:
     x = np.array([coordinate(trial.point, free) for free in trial.frees])
     h = np.array([difference(f, _servo(trial, f), setting.scales[max(f.joint, 0)]) for f in trial.frees])
     return x, h
 
 
-def _servo(trial: Trial, free: Free) -> Servo | None:
+def _servo(trial: Attempt, free: Free) -> Servo | None:
     return None if free.joint < 0 else trial.point.servos[free.joint]
 
 
@@ -135,7 +135,7 @@ def _prior(point: Point, frees: Sequence[Free]) -> float:
     return float(sum((x / (m * 0.1)) ** 2 for x in point.body[1:])) if any(f.joint < 0 for f in frees) else 0.0
 
 
-def _prior_terms(trial: Trial, x: Array) -> tuple[Array, Array]:
+def _prior_terms(trial: Attempt, x: Array) -> tuple[Array, Array]:
     weight, pull = np.zeros(len(x)), np.zeros(len(x))
     for k, free in enumerate(trial.frees):
         if free.number in PRIOR and trial.point.body is not None:

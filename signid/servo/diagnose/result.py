@@ -12,7 +12,7 @@ from ...types import Array, Input, Robot
 from ..identify.result import ServoRollOut, ServoTrace
 
 
-class Number(NamedTuple):
+class FoundNumber(NamedTuple):
     """A number of a law; `stated` is the value in the given simulation, None where it had none."""
 
     value: float
@@ -39,7 +39,7 @@ class ServoFinding:
     joint: str
     role: str  # "cause" or "secondary"
     probability: float
-    parameters: Mapping[str, Number]
+    parameters: Mapping[str, FoundNumber]
     meaning: str
     share: Mapping[str, float]  # by joint: rms of the mismatch that it explains over rms of the mismatch [1]
     variable: str  # velocity, position, acceleration, torque or time

@@ -20,7 +20,7 @@ from .conclude import conclude, fits
 from .laws import HYPOTHESES
 from .noise import position_noise
 from .result import ServoDiagnosis
-from .search import Search, search
+from .search import GroupSearch, search
 
 WINDOW = 0.8  # [s] of the closed loops; longer ones hardly add information, and the cost becomes rough
 MOST_WINDOWS = 60  # windows that are searched, spread over the recordings
@@ -63,7 +63,7 @@ def diagnose_servos(
     need_commands((*read, *unseen), moving=True)
     driven, robot, flags, notes = prepared_model("the simulation", given, (*read, *unseen), actuators)
     data = servo_data(robot, read, unseen)
-    found: list[tuple[tuple[int, ...], Search, ClosedLoop]] = []
+    found: list[tuple[tuple[int, ...], GroupSearch, ClosedLoop]] = []
     noise = position_noise(data.train)
     sets = _sets(driven, data)
     for k, joints in enumerate(sets):
@@ -110,8 +110,8 @@ def _sets(model: Model, data: ServoData) -> list[tuple[int, ...]]:
 
 def _searched(
     model: Model, data: ServoData, joints: tuple[int, ...], noise: Array, skip: Sequence[str], window: float
-) -> tuple[Search, ClosedLoop]:
-    """Search of one group, and its windows on held-out recordings."""
+) -> tuple[GroupSearch, ClosedLoop]:
+    """GroupSearch of one group, and its windows on held-out recordings."""
     servos = tuple(model.servos[data.joints[j]] for j in joints)
     loop = ClosedLoop(model, data.train, joints, servos, window, MOST_WINDOWS)
     found = search(loop, Point(servos), noise[list(joints)], skip)
@@ -126,7 +126,7 @@ def _searched(
     return found, ClosedLoop(model, data.held_out, joints, found.last.point.servos, window, MOST_WINDOWS)
 
 
-def _extended(model: Model, data: ServoData, found: Sequence[tuple[tuple[int, ...], Search, ClosedLoop]]) -> Model:
+def _extended(model: Model, data: ServoData, found: Sequence[tuple[tuple[int, ...], GroupSearch, ClosedLoop]]) -> Model:
     """The simulation with the numbers that were found, and a body at a last link."""
     servos, laws = dict(model.servos), list(model.laws)
     for joints, one, _ in found:

@@ -11,7 +11,7 @@ from ...types import Array
 from .closed_loop import ClosedLoop, Point
 from .coordinates import BODY, Free, Scale
 from .laws import HYPOTHESES, DriveLaw, Reach
-from .refine import Setting, Trial, refine
+from .refine import Attempt, Setting, refine
 
 MOST = 3  # laws that are added to one group
 PER_WINDOW = 10  # samples of a window that count as independent, at most. Heuristic
@@ -40,20 +40,20 @@ class Step:
 
     law: DriveLaw
     joint: int  # in the group
-    before: Trial
-    after: Trial
+    before: Attempt
+    after: Attempt
     log_odds: float
     probability: float
     rivals: tuple[tuple[DriveLaw, int, float], ...]  # law, joint, probability
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class GroupSearch:
     """Laws that were added to a group, in their order."""
 
     setting: Setting
-    base: Trial  # the given simulation
-    last: Trial
+    base: Attempt  # the given simulation
+    last: Attempt
     steps: tuple[Step, ...] = ()
 
 
@@ -63,15 +63,15 @@ class Offer:
 
     law: DriveLaw
     joint: int
-    trial: Trial
+    trial: Attempt
     evidence: float = -np.inf  # log likelihood and prior
     prior: float = 0.0  # log prior probability, with that of its numbers
 
 
-def search(loop: ClosedLoop, point: Point, floor: Array, skip: Sequence[str] = (), body: bool = True) -> Search:
+def search(loop: ClosedLoop, point: Point, floor: Array, skip: Sequence[str] = (), body: bool = True) -> GroupSearch:
     """Add laws one after another while the evidence asks for them; floor: (n,) noise of positions [rad or m]."""
     setting = _setting(loop, point, floor)
-    base = Trial(point, [], setting.evaluate([point])[0])
+    base = Attempt(point, [], setting.evaluate([point])[0])
     setting = setting.weighted(_sigma(setting, base, floor))
     base = last = replace(base, squares=setting.evaluate([point])[0])
     laws = [law for law in HYPOTHESES if law.effect not in skip]
@@ -88,10 +88,10 @@ def search(loop: ClosedLoop, point: Point, floor: Array, skip: Sequence[str] = (
     if not steps and not at_floor(setting, last, floor):
         last, steps = refitted(setting, last, laws, floor)
     base = replace(base, squares=setting.evaluate([point])[0])
-    return Search(setting, base, last, tuple(steps))
+    return GroupSearch(setting, base, last, tuple(steps))
 
 
-def refitted(setting: Setting, last: Trial, laws: Sequence[DriveLaw], floor: Array) -> tuple[Trial, list[Step]]:
+def refitted(setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: Array) -> tuple[Attempt, list[Step]]:
     """A law of another form at the worst joint, with the drive's own numbers fitted again beside it.
 
     A simulation that was identified with the wrong law is at its optimum: no single number improves it.
@@ -121,7 +121,7 @@ def own_numbers(point: Point, j: int) -> list[Free]:
     return [Free(j, name) for name in names]
 
 
-def offered(setting: Setting, last: Trial, laws: Sequence[DriveLaw], floor: Array, body: bool) -> list[Offer]:
+def offered(setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: Array, body: bool) -> list[Offer]:
     """The best trial of each law at each joint; the most promising ones fitted together with the laws before."""
     found: list[Offer] = []
     for law in laws:
@@ -131,7 +131,7 @@ def offered(setting: Setting, last: Trial, laws: Sequence[DriveLaw], floor: Arra
                 servos[j] = servo
                 frees = [*last.frees, *(f for f in (Free(j, number) for number in law.numbers) if f not in last.frees)]
                 if len(frees) > len(last.frees) or servo.law != last.point.servos[j].law:
-                    found.append(Offer(law, j, Trial(Point(tuple(servos), last.point.body), frees, np.empty(0))))
+                    found.append(Offer(law, j, Attempt(Point(tuple(servos), last.point.body), frees, np.empty(0))))
     if body and last.point.body is None:
         found += _bodies(setting, last)
     if not found:
@@ -156,20 +156,20 @@ def offered(setting: Setting, last: Trial, laws: Sequence[DriveLaw], floor: Arra
     )
 
 
-def suspects(setting: Setting, trial: Trial, floor: Array) -> list[int]:
+def suspects(setting: Setting, trial: Attempt, floor: Array) -> list[int]:
     """Joints whose residual exceeds noise, beside that of the worst joint."""
     mean = np.sum(trial.squares, axis=0) / (setting.loop.windows * (setting.loop.rows + 1))
     excess = np.maximum(mean - floor**2, 0.0)
     return [int(j) for j in np.flatnonzero(excess >= SUSPECT * np.max(excess))]
 
 
-def at_floor(setting: Setting, trial: Trial, floor: Array) -> bool:
+def at_floor(setting: Setting, trial: Attempt, floor: Array) -> bool:
     """Whether no joint has more than the noise of its positions."""
     mean = np.sum(trial.squares, axis=0) / (setting.loop.windows * (setting.loop.rows + 1))
     return bool(np.all(mean < FLOOR * floor**2))
 
 
-def choose(setting: Setting, last: Trial, offers: Sequence[Offer], floor: Array) -> Step | None:
+def choose(setting: Setting, last: Attempt, offers: Sequence[Offer], floor: Array) -> Step | None:
     """The most probable law, if the evidence for it suffices."""
     usable = [o for o in offers if significant(setting, last, o, floor)]
     if not usable:
@@ -184,7 +184,7 @@ def choose(setting: Setting, last: Trial, offers: Sequence[Offer], floor: Array)
     return Step(best.law, best.joint, last, best.trial, odds, 1.0 / whole, rivals)
 
 
-def significant(setting: Setting, last: Trial, offer: Offer, floor: Array) -> bool:
+def significant(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> bool:
     """Whether a law changes a number beyond its tolerance and improves windows beyond chance."""
     if offer.law is not PAYLOAD and offer.law.stated_exactly(
         last.point.servos[offer.joint], offer.trial.point.servos[offer.joint]
@@ -218,14 +218,14 @@ def reach(setting: Setting, point: Point, j: int) -> Reach:
     return Reach(scale.effort, scale.speed, _error(loop, j), float(np.sqrt(np.mean(a**2))))
 
 
-def _bodies(setting: Setting, last: Trial) -> list[Offer]:
+def _bodies(setting: Setting, last: Attempt) -> list[Offer]:
     j = setting.loop.leaf
     whole = sum(body.mass for body in list(setting.loop.robot.model.inertias)[1:])
     frees = [*last.frees, *(Free(-1, number) for number in BODY)]
     centre = np.array(setting.loop.robot.model.inertias[setting.loop.leaf_body].lever)
     masses = [x * whole for x in (0.02, 0.06, 0.15, 0.3)]
     points = [Point(last.point.servos, (m, *(m * centre).tolist())) for m in masses]
-    return [Offer(PAYLOAD, j, Trial(point, frees, np.empty(0))) for point in points]
+    return [Offer(PAYLOAD, j, Attempt(point, frees, np.empty(0))) for point in points]
 
 
 def _setting(loop: ClosedLoop, point: Point, floor: Array) -> Setting:
@@ -238,7 +238,7 @@ def _setting(loop: ClosedLoop, point: Point, floor: Array) -> Setting:
     return Setting(loop, loop.state_columns(point), floor * 2.0, tuple(scales))
 
 
-def _sigma(setting: Setting, trial: Trial, floor: Array) -> Array:
+def _sigma(setting: Setting, trial: Attempt, floor: Array) -> Array:
     rows = setting.loop.rows + 1
     return np.asarray(np.sqrt(np.mean(trial.squares, axis=0) / rows + floor**2))
 
@@ -250,13 +250,13 @@ def _half_log(squares: Array, floor: Array, setting: Setting) -> float:
     return float(0.5 * windows * min(rows, PER_WINDOW) * np.sum(np.log(mean + 0.1 * floor**2)))
 
 
-def _occam(setting: Setting, last: Trial, trial: Trial) -> float:
+def _occam(setting: Setting, last: Attempt, trial: Attempt) -> float:
     """Log prior of the additional numbers (BIC)."""
     samples = setting.loop.windows * min(setting.loop.rows + 1, PER_WINDOW)
     return -0.5 * (len(trial.frees) - len(last.frees)) * float(np.log(samples))
 
 
-def _weighed(setting: Setting, last: Trial, offer: Offer, floor: Array) -> Offer:
+def _weighed(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> Offer:
     choices = len(HYPOTHESES) * len(last.point.servos)
     before, after = last.point.servos[offer.joint], offer.trial.point.servos[offer.joint]
     prior = float(np.log(offer.law.plausible(before, after) / choices)) + _occam(setting, last, offer.trial)

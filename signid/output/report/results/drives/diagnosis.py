@@ -14,7 +14,7 @@ from ...layout import figure, heading, new_table, note_lines, paragraph, share, 
 from ..documents import Document, description, ending, opening, picked
 
 if TYPE_CHECKING:
-    from .....servo.diagnose import Number, PositionFit, ServoDiagnosis, ServoFinding
+    from .....servo.diagnose import FoundNumber, PositionFit, ServoDiagnosis, ServoFinding
 
 VERDICTS = {
     "nothing_missing": "nothing is missing: the simulation predicts the motion within the noise of the positions",
@@ -65,7 +65,7 @@ def _finding(one: ServoFinding) -> Document:
     }
 
 
-def _number(number: Number) -> Document:
+def _number(number: FoundNumber) -> Document:
     stated = {} if number.stated is None else {"stated": number.stated}
     return {"value": number.value, "std": number.std, "unit": number.unit, **stated}
 
