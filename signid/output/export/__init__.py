@@ -13,6 +13,7 @@ from ...errors import OptionError
 from ...model import ModelSource, as_model
 from .actuators import write_actuators, write_isaaclab, write_ros
 from .beyond import Exported
+from .code import write_arrays, write_c
 from .function import write_function
 from .mjcf import write_mjcf
 from .urdf import urdf_with, with_comment, write_urdf
@@ -26,19 +27,25 @@ _WRITERS: dict[str, Callable[..., Exported]] = {
     "function": write_function,
     "ros": write_ros,
     "isaaclab": write_isaaclab,
+    "c": write_c,
+    "arrays": write_arrays,
 }
 KINDS = tuple(_WRITERS)
 
 
-def export(model: ModelSource, kind: str, package_dirs: Sequence[str | Path] = ()) -> Exported:
+def export(
+    model: ModelSource, kind: str, package_dirs: Sequence[str | Path] = (), *, name: str | None = None
+) -> Exported:
     """Export a model; return the text of the file and notes on the content that the format cannot hold.
 
     Args:
         model: rigid bodies and laws.
         kind: "urdf" (the robot's URDF with inertials, damping and friction), "mjcf" (for MuJoCo), "actuators" (TOML
             file for use with a URDF), "function" (laws as Python code that needs only NumPy), "ros" (parameters of a
-            ROS 2 node) or "isaaclab" (actuator group).
+            ROS 2 node), "isaaclab" (actuator group), "c" (inverse dynamics as C99; `beside` holds its header and a test
+            program) or "arrays" (inverse dynamics as Python over numpy, jax.numpy or torch).
         package_dirs: folders to search for meshes of an MJCF, besides those of example-robot-data.
+        name: name of the C files without ".c"; default: the robot's name as an identifier.
 
     Raises:
         OptionError: the kind is unknown.
@@ -47,6 +54,8 @@ def export(model: ModelSource, kind: str, package_dirs: Sequence[str | Path] = (
     model = as_model(model, "export")
     if kind == "mjcf":
         return write_mjcf(model, package_dirs)
+    if kind == "c":
+        return write_c(model, name)
     if kind not in _WRITERS:
         raise OptionError(f"there is no export to {kind!r}; choose from {', '.join(KINDS)}")
     return _WRITERS[kind](model)
