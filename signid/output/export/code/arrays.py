@@ -6,6 +6,7 @@ from ....model import Model
 from ....version import __version__
 from ...report.layout import torque_units
 from ..beyond import Exported
+from .graph import UNARY
 from .program import Function, Program, program_of, texts
 
 _WORDS = {
@@ -19,11 +20,7 @@ _WORDS = {
     "power": "{0} ** {1}",
     "minimum": "xp.clip({0}, None, {1})",
     "maximum": "xp.clip({0}, {1}, None)",
-    **{
-        name: f"xp.{name}({{0}})"
-        for name in ("sign", "sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
-    },
-    "arctan": "xp.arctan({0})",
+    **{name: f"xp.{name}({{0}})" for name in UNARY},
     "arctan2": "xp.arctan2({0}, {1})",
 }
 _HEAD = '''"""Dynamics of {name}, written by signid {version}, over an array namespace.
