@@ -61,7 +61,10 @@ def test_json_says_the_same(saved: str, tmp_path: Path, capsys: pytest.CaptureFi
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        (["3r"], "no file was named; add --urdf, --mjcf, --actuators, --function, --ros or --isaaclab FILE"),
+        (
+            ["3r"],
+            "no file was named; add --urdf, --mjcf, --actuators, --function, --ros, --isaaclab, --c, --arrays FILE",
+        ),
         (["3r", "--urdf", ""], "--urdf '' is not a file name"),
         (["3r", "--mjcf", "."], "--mjcf '.' is not a file name"),
         (["3r", "--urdf", "a", "--mjcf", "./a"], "two of the files have the same name"),

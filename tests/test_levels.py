@@ -15,6 +15,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "cli": "app terminal completion options arguments files fleet demo commands run worker __init__",
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay export display",
+    "output/export": "beyond bodies shapes urdf mjcf actuators code function __init__",
     "output/report": "layout policy write results pages __init__",
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
     "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "

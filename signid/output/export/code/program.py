@@ -11,7 +11,7 @@ from ....model import Model
 from ..beyond import fixed_note, lacking
 from .graph import Graph, Scalar
 from .laws import inertial, law_expressions, writable
-from .rigid import Expressions, Tree, rigid_torque, tree_of
+from .rigid import Bodies, Expressions, rigid_torque, tree_of
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,9 @@ def _function(name: str, arguments: str, result: str, outputs: Expressions, mean
     return Function(name, tuple(arguments), result, tuple(outputs), meaning)
 
 
-def _unit_torque(graph: Graph, tree: Tree, model: Model, q: Expressions, zero: Expressions, joint: int) -> Expressions:
+def _unit_torque(
+    graph: Graph, tree: Bodies, model: Model, q: Expressions, zero: Expressions, joint: int
+) -> Expressions:
     """Column of the mass matrix (n,)."""
     unit = zero.copy()
     unit[joint] = graph.constant(1.0)

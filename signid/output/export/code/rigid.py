@@ -32,17 +32,17 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Tree:
+class Bodies:
     """Bodies of a model, each after its parent, with gravity and rotor inertias."""
 
     bodies: tuple[Body, ...]
     gravity: Array  # (3,) [m/s2]
     rotors: Array  # (nv,) [kg.m2 or kg]
-    drive: Array  # (nv, n)
-    rest: Array  # (nv,)
+    drive: Array  # (nv, n) [1]
+    rest: Array  # (nv,) [rad or m]
 
 
-def tree_of(model: Model) -> Tree:
+def tree_of(model: Model) -> Bodies:
     """Bodies of a model, with inertial parameters regrouped towards the base.
 
     Raises:
@@ -58,7 +58,7 @@ def tree_of(model: Model) -> Tree:
             added = (p.mass + moved[0], p.moment + moved[1], p.inertia + moved[2])
             bodies[parent] = Body(p.parent, p.rotation, p.position, p.axis, p.prismatic, *added)
     rest = np.asarray(model.robot.rest)
-    return Tree(tuple(bodies), whole.gravity.linear.copy(), whole.armature.copy(), model.robot.drive, rest)
+    return Bodies(tuple(bodies), whole.gravity.linear.copy(), whole.armature.copy(), model.robot.drive, rest)
 
 
 def _body(whole: pin.Model, k: int) -> Body:
@@ -120,7 +120,7 @@ def _cross(p: Array) -> Array:
 
 def rigid_torque(
     graph: Graph,
-    tree: Tree,
+    tree: Bodies,
     q: Expressions,
     v: Expressions,
     a: Expressions,
