@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .simulation.plant import Sensors as Sensors, record as record, simulate as simulate, track as track
     from .simulation.rollout import roll_out as roll_out
     from .validate import validate as validate
+    from .watch import watch as watch
 
 NAMES = _names(__name__)
 
