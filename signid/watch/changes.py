@@ -8,9 +8,9 @@ from ..effects import EFFECTS
 from ..model import Model
 from ..types import Array
 from .events import Change
-from .frames import COLUMNS, LOCAL, PAYLOAD, Frames
+from .frames import INERTIAL, LOCAL, PAYLOAD, Frames
 from .quiet import Noise
-from .windows import TIP, Candidate, Window, products
+from .windows import FRICTION, TIP, Candidate, Window, effect, gain, products
 
 MEMORIES = (4.0, 60.0)  # [s] of the windows: sudden changes, and slow ones
 EVERY = 0.5  # [s] between tests
@@ -22,6 +22,9 @@ EXPLAINED = 0.6  # [1] share of the excess that a named law explains
 SETTLED = 5.0  # [standard deviations] of the main number
 PIECE = 1.0  # [s] of the pieces of the frames after a change
 OFTEN = 0.6  # [1] share of pieces with excess that make an unknown change a lasting one
+ACTING = 9.0  # [1] squared torque of a law in a piece, over the noise, from which it acts there
+FEWEST = 3  # pieces that a law acts in
+NAMED = 1e-3  # [1] smallest probability of an alternative
 PRESENT = 30.0  # [1] excess of such a piece
 
 
@@ -31,21 +34,20 @@ class Changes:
     def __init__(self, model: Model, noise: Noise) -> None:
         self.model, self.robot, self.noise = model, model.robot, noise
         n = len(model.robot.joints)
-        self.base = np.zeros((n, COLUMNS))
-        self.base[:, : len(LOCAL)] = noise.base
-        self.first = self.base.copy()
+        self.base, self.first = noise.base.copy(), noise.base
+        self.mass, self.load = 0.0, np.zeros(INERTIAL)  # payload: total mass, and what was found last
         self.windows = [Window(n, memory) for memory in MEMORIES]
         self.after: Window | None = None  # frames since a change was noticed
-        self.pieces: list[float] = []
+        self.pieces: list[Array] = []
         self.piece = Window(n)
+        self.restarts = 0
         self.since = self.in_piece = self.untested = 0.0
 
     def restart_after(self) -> None:
-        """A contact ended: what was noticed may have been the contact."""
-        if self.after is not None:
+        """A contact ended: what was noticed may have been the contact, once."""
+        if self.after is not None and not self.restarts:
             self._begin()
-        for window in self.windows:
-            window.restart()
+            self.restarts = 1
 
     def add(self, frames: Frames, step: float) -> list[Change]:
         """Changes that frames of `step` [s] show."""
@@ -63,6 +65,7 @@ class Changes:
             return self._name(float(frames.t[-1]))
         if any(_noticed(one) for window in self.windows for one in window.candidates(self.noise)):
             self._begin()
+            self.restarts = 0
         return []
 
     def _begin(self) -> None:
@@ -77,7 +80,7 @@ class Changes:
         self.since += seconds
         self.in_piece += seconds
         if self.in_piece >= PIECE:
-            self.pieces.append(self.piece.excess)
+            self.pieces.append(np.append(self.piece.sums, 0.0)[:-1].reshape(self.piece.sums.shape))
             self.piece.restart()
             self.in_piece = 0.0
 
@@ -87,12 +90,10 @@ class Changes:
         if self.since < SHORTEST:
             return []
         found = self.after.candidates(self.noise)
-        best = found[0] if found else None
         shares = _probabilities(found)
-        if best is not None and _noticed(best) and shares[0] >= SURE:
-            settled = bool((np.abs(best.value[:1]) > SETTLED * best.std[:1]).all())
-            if settled and best.raw >= EXPLAINED * self.after.excess:
-                events = self._named(t, best, found, shares)
+        for k, best in enumerate(found[:2]):
+            if _noticed(best) and self._clear(best, found, shares) and self._lasts(best):
+                events = self._named(t, k, found, shares)
                 self._known(best)
                 return events
         if self.since >= GIVEN_UP and not any(map(_noticed, found)):
@@ -101,10 +102,25 @@ class Changes:
             return self._unknown(t, found, shares)
         return []
 
+    def _clear(self, best: Candidate, found: list[Candidate], shares: list[float]) -> bool:
+        """Whether a law is sure, its main number settled, and most of the excess explained."""
+        assert self.after is not None, "a change was noticed"
+        settled = bool(np.abs(best.value[0]) > SETTLED * best.std[0]) or len(best.columns) == len(FRICTION)
+        return settled and _share(best, found, shares) >= SURE and best.raw >= EXPLAINED * self.after.excess
+
+    def _lasts(self, best: Candidate) -> bool:
+        """Whether the law explains the residual in most pieces that it acts in, not in a single one."""
+        sums = [piece.sum(axis=0) if best.joint == TIP else piece[best.joint] for piece in self.pieces]
+        acting = [gain(x, best) > 0 for x in sums if effect(x, best) > ACTING]
+        return len(acting) >= FEWEST and float(np.mean(acting)) >= OFTEN
+
     def _known(self, best: Candidate) -> None:
         """Add a change to the coefficients that are known."""
-        rows = slice(None) if best.joint == TIP else best.joint
-        self.base[rows, list(best.columns)] += best.value
+        if best.joint == TIP:
+            self.load = np.zeros(INERTIAL)
+            self.load[: len(best.value)] = best.value
+        else:
+            self.base[best.joint, list(best.columns)] += best.value
         self._forget()
 
     def _forget(self) -> None:
@@ -115,8 +131,10 @@ class Changes:
     def _unknown(self, t: float, found: list[Candidate], shares: list[float]) -> list[Change]:
         """A lasting excess that no law explains; it becomes part of what is known and of the noise."""
         assert self.after is not None, "a change was noticed"
-        lasting = np.mean(np.array(self.pieces) > PRESENT) >= OFTEN if self.pieces else False
         after = self.after
+        usual = after.count.sum() / max(len(self.pieces), 1)
+        excesses = [float(x[:, -1, -1].sum()) - usual for x in self.pieces]
+        lasting = bool(excesses) and float(np.mean(np.array(excesses) > PRESENT)) >= OFTEN
         if not lasting:
             self._forget()
             return []
@@ -130,19 +148,25 @@ class Changes:
         self.noise.peak[:] *= raised
         self._forget()
         sentence = f"unknown change at {name}: residual of {rms:.3g} {self._unit(j)}"
-        alternatives = self._alternatives(found, shares, 0)
+        alternatives = self._alternatives(found, shares)
         return [Change(t, "unknown", name, {"rms": rms}, {}, 1.0 - max(shares, default=0.0), sentence, alternatives)]
 
-    def _named(self, t: float, best: Candidate, found: list[Candidate], shares: list[float]) -> list[Change]:
-        others = self._alternatives(found, shares, 1)
-        n = len(self.robot.joints)
+    def _named(self, t: float, k: int, found: list[Candidate], shares: list[float]) -> list[Change]:
+        """Events of the k-th candidate; of two laws of friction, those that are settled."""
+        best, share = found[k], _share(found[k], found, shares)
+        others = [(one, p) for one, p in zip(found, shares, strict=True) if not set(one.columns) & set(best.columns)]
+        beside = self._alternatives([one for one, _ in others], [p for _, p in others])
         if best.joint == TIP:
-            values = dict(zip(PAYLOAD, map(float, best.value), strict=True))
-            stds = dict(zip(PAYLOAD, map(float, best.std), strict=True))
+            values = dict(zip(PAYLOAD, map(float, best.value), strict=False))
+            stds = dict(zip(PAYLOAD, map(float, best.std), strict=False))
             mass, std = values["mass"], stds["mass"]
+            self.mass += mass
             what = f"a payload of {mass:.3g} ± {1.96 * std:.2g} kg" if mass > 0 else f"a load of {-mass:.3g} kg is gone"
-            return [Change(t, "payload", self.robot.joints[n - 1], values, stds, shares[0], what, others)]
-        return [self._local(t, best, k, shares[0], others) for k in range(len(best.columns))]
+            return [Change(t, "payload", self.robot.joints[-1], values, stds, share, what, beside)]
+        settled = [i for i in range(len(best.columns)) if abs(best.value[i]) > SETTLED * best.std[i]]
+        return [
+            self._local(t, best, i, share, beside) for i in settled or [int(np.argmax(np.abs(best.value / best.std)))]
+        ]
 
     def _local(self, t: float, best: Candidate, k: int, probability: float, others: dict[str, float]) -> Change:
         name = LOCAL[best.columns[k]]
@@ -155,9 +179,9 @@ class Changes:
         sentence = f"{name.replace('_', ' ')} of {joint} changed by {size}"
         return Change(t, name, joint, {key: total}, {key: std}, probability, sentence, others)
 
-    def _alternatives(self, found: list[Candidate], shares: list[float], first: int) -> dict[str, float]:
+    def _alternatives(self, found: list[Candidate], shares: list[float]) -> dict[str, float]:
         """The next likely laws by name, with their probability."""
-        return {self._label(one): p for one, p in list(zip(found, shares, strict=True))[first : first + 3] if p > 1e-3}
+        return {self._label(one): p for one, p in list(zip(found, shares, strict=True))[:3] if p > NAMED}
 
     def _label(self, one: Candidate) -> str:
         if one.joint == TIP:
@@ -169,7 +193,13 @@ class Changes:
 
 
 def _noticed(one: Candidate) -> bool:
-    return one.gain > NOTICED[len(one.columns)]
+    return one.gain > NOTICED[min(len(one.columns), len(PAYLOAD))]
+
+
+def _share(best: Candidate, found: list[Candidate], shares: list[float]) -> float:
+    """Probability of the laws of a candidate, alone or with others."""
+    with_it = (set(best.columns) <= set(one.columns) and one.joint == best.joint for one in found)
+    return min(1.0, sum(p for p, same in zip(shares, with_it, strict=True) if same))
 
 
 def _probabilities(found: list[Candidate]) -> list[float]:

@@ -14,7 +14,8 @@ from .momentum import Momentum, Residual
 FRAME = 0.02  # [s] duration of a frame
 LOCAL = ("viscous_friction", "coulomb_friction", "torque_gain", "torque_offset")  # columns of a joint, then the payload
 PAYLOAD = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")
-COLUMNS = len(LOCAL) + len(PAYLOAD)
+INERTIAL = 10  # columns of the last link: PAYLOAD, then its inertia
+COLUMNS = len(LOCAL) + INERTIAL
 UNKNOWN = 1.0  # [1] error over value of a base parameter that the identification could not see
 
 
@@ -23,7 +24,7 @@ class Frames(NamedTuple):
 
     t: Array  # (F,) [s] end of each frame
     residual: Array  # (F, n) [N.m or N]
-    columns: Array  # (F, n, 8) [N.m or N per unit]: LOCAL, then PAYLOAD
+    columns: Array  # (F, n, 14) [N.m or N per unit]: LOCAL, then those of the last link
     usable: Array  # (F, n) False where the direction of friction is uncertain
     moving: Array  # (F, n)
     std: Array  # (F, n) [N.m or N] of the predicted torque, by the covariance of the model
@@ -66,7 +67,7 @@ class Framer:
         columns = np.empty((count, n, COLUMNS))
         for k, signal in enumerate((v, direction, predicted, np.ones_like(v))):
             columns[:, :, k] = signal
-        columns[:, :, len(LOCAL) :] = bodies[:, :, self.tip, : len(PAYLOAD)]
+        columns[:, :, len(LOCAL) :] = bodies[:, :, self.tip]
         std = self._std(bodies, v, direction)
         moving = np.abs(v) > self.momentum.slow
         return Frames(whole[:, -1, 0], residual, columns, near == 0, moving, std, self.blocks)

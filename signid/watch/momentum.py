@@ -14,12 +14,14 @@ import numpy as np
 import pinocchio as pin
 
 from ..effects.base import BodyLaw, RecordingLaw, TransmissionLaw
+from ..effects.bodies import add_body
 from ..effects.law import law_torque
 from ..model import Model
 from ..regression.motion import Motion
 from ..robot import configuration
+from ..robot.dynamics import own_body
 from ..types import Array, Law, Mask
-from .blocks import Blocks
+from .blocks import HALF, Blocks
 
 USUAL = ("viscous_friction", "coulomb_friction", "torque_offset")  # computed for all joints at once
 SLOWED = ("time_delay", "torque_lag")  # laws with a memory along time: not used
@@ -66,7 +68,17 @@ class Momentum:
             elif not isinstance(law.effect, BodyLaw):
                 self.others.append(law)
         self.recorded = replace(model, laws=tuple(recorded)) if recorded else None
+        self.grown = np.zeros(len(self.robot.joints))  # (n,) [N.m or N] change of Coulomb friction since then
         self.slow = np.zeros(len(self.robot.joints))  # (n,) [rad/s or m/s]
+
+    def load(self, inertial: Array) -> None:
+        """Add a payload to the last link.
+
+        inertial: (10,) in Pinocchio's order [kg, kg.m, kg.m2].
+        """
+        tip = own_body(self.robot, len(self.robot.joints) - 1) + 1
+        for bodies in (self.bodies, self.weightless):
+            add_body(bodies, tip, [float(x) for x in inertial])
 
     def residual(self, blocks: Blocks) -> Residual:
         """Measured minus predicted torque of each block, with the uncertainty of friction at low speed."""
@@ -85,7 +97,7 @@ class Momentum:
         vars(motion)["load"] = rigid
         laws, reversing = self._laws(motion)
         predicted = rigid + acceleration @ self.rotors + laws
-        near = np.abs(v) < self.slow
+        near = np.abs(v) < self.slow + HALF * np.abs(acceleration)
         uncertain = np.where(near, (STATIC + np.abs(motion.direction)) * reversing, 0.0)
         return Residual(motion, predicted, tau - predicted, near, uncertain)
 
@@ -106,7 +118,7 @@ class Momentum:
         level = self.level
         torque = level["viscous_friction"] * motion.v + level["coulomb_friction"] * motion.direction
         torque += level["torque_offset"]
-        reversing = np.broadcast_to(np.abs(level["coulomb_friction"]), torque.shape).copy()
+        reversing = np.broadcast_to(np.abs(level["coulomb_friction"]) + self.grown, torque.shape).copy()
         full = replace(motion, v=np.where(motion.v < 0, -1.0, 1.0) * np.maximum(np.abs(motion.v), self.slow))
         vars(full)["load"] = motion.load
         for law in self.others:

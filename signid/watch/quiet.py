@@ -22,7 +22,7 @@ class Noise:
     filtered: Array  # (n,) [N.m or N] standard deviation of the observer's residual
     peak: Array  # (n,) [N.m or N] its largest magnitude
     frame: Array  # (n,) [N.m or N] standard deviation of the residual of a frame
-    inflation: Array  # (n, 8) [1] variance of the score of a column over that of white noise
+    inflation: Array  # (n, 14) [1] variance of the score of a column over that of white noise
     base: Array  # (n, 4) coefficients of LOCAL that the quiet stretch has already
 
 
@@ -41,7 +41,7 @@ class Quiet:
         self.total += step * len(frames.t)
 
     def base(self) -> tuple[Array, Array, Array]:
-        """Coefficients (n, 4) of LOCAL by a ridge fit, frame noise (n,) without them, and inflation (n, 8)."""
+        """Coefficients (n, 4) of LOCAL by a ridge fit, frame noise (n,) without them, and inflation (n, 14)."""
         t, residual, columns, usable = (np.concatenate(x) for x in zip(*self.frames, strict=True))
         n = residual.shape[1]
         base, noise, inflation = np.zeros((n, len(LOCAL))), np.zeros(n), np.ones((n, COLUMNS))
@@ -63,7 +63,7 @@ class Quiet:
 
 
 def _inflation(x: Array, rest: Array, batch: Indices) -> Array:
-    """Variance (8,) of the sums of columns times white residual over batches, over that of white noise [1]."""
+    """Variance (14,) of the sums of columns times white residual over batches, over that of white noise [1]."""
     sums = np.zeros((batch.max() + 1, x.shape[1]))
     np.add.at(sums, batch, x * rest[:, None])
     power = np.sum(x**2, axis=0)

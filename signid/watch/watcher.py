@@ -11,7 +11,7 @@ from .blocks import Blocks, Cutter
 from .changes import Changes
 from .contacts import PEAK, SIGMAS, Contacts
 from .events import Event, Note
-from .frames import LOCAL, PAYLOAD, Framer, Frames
+from .frames import Framer, Frames
 from .intake import Intake, Rows
 from .momentum import Momentum
 from .quiet import Noise, Quiet
@@ -47,7 +47,7 @@ class Watcher:
         self.noise: Noise | None = None
         self.changes: Changes | None = None
         self.power, self.peak, self.blocks = np.zeros(n), np.zeros(n), 0
-        self.std, self.payload = np.zeros(n), np.zeros((n, len(PAYLOAD)))
+        self.std = np.zeros(n)
         self.residual, self.threshold = np.zeros(n), np.full(n, np.nan)  # for a display
         self.t = float("nan")
         self.ignored = bool(self.momentum.ignored)
@@ -83,7 +83,7 @@ class Watcher:
         frames = self.framer.frames(found)
         step = float(np.mean(blocks.step))
         if frames is not None:
-            self.std, self.payload = frames.std[-1], frames.columns[-1, :, len(LOCAL) :]
+            self.std = frames.std[-1]
         rest = found.residual
         if self.changes is not None:
             rest = rest - self._known(found.motion.v, found.motion.direction, found.predicted)
@@ -108,14 +108,18 @@ class Watcher:
             events.append(change)
             if self.contacts.begun is not None:
                 events.append(self.contacts.close(change.t, change.t, change.sentence))
+        if events:
+            self.momentum.load(self.changes.load)
+            self.changes.load[:] = 0.0
+            self.momentum.grown = np.maximum(self.changes.base[:, 1] - self.changes.first[:, 1], 0.0)
+            self.contacts.restart()
         return events
 
     def _known(self, v: Array, direction: Array, predicted: Array) -> Array:
         """Torque (K, n) of the changes that are known."""
         assert self.changes is not None, "the noise is known"
         base = self.changes.base
-        out = base[:, 0] * v + base[:, 1] * direction + base[:, 2] * predicted + base[:, 3]
-        return np.asarray(out + np.sum(base[:, len(LOCAL) :] * self.payload, axis=1))
+        return np.asarray(base[:, 0] * v + base[:, 1] * direction + base[:, 2] * predicted + base[:, 3])
 
     def _slow(self, blocks: Blocks) -> None:
         """Speed below which the direction of friction is uncertain, from the velocities of the quiet stretch."""

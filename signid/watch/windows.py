@@ -6,12 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..effects.bodies import INERTIA, point_inertia
 from ..types import Array
-from .frames import COLUMNS, LOCAL, Frames
+from .frames import COLUMNS, LOCAL, PAYLOAD, Frames
 from .quiet import Noise
 
 FRICTION = (0, 1)  # of LOCAL: viscous and Coulomb friction, which grow together when it gets cold or dry
 TIP = -1  # joint of the payload
+ROUNDS = 4  # of the inertia of a payload
 LEAST = 1e-9  # [1] smallest eigenvalue of the payload's normal equations that counts, over the largest
 
 
@@ -21,14 +23,14 @@ class Candidate(NamedTuple):
     joint: int  # or TIP
     columns: tuple[int, ...]  # of the frames
     value: Array  # (m,)
-    std: Array  # (m,)
+    std: Array  # (m,), of the first ones
     gain: float  # [1] reduction of the squared residual in units of its variance, inflation included
     raw: float  # [1] the same without inflation
     score: float  # [1] log of the evidence: Schwarz, Annals of Statistics 6(2), 1978
 
 
 class Window:
-    """Sums (n, 9, 9) of products of columns and residual, each over the noise of its joint."""
+    """Sums (n, 15, 15) of products of columns and residual, each over the noise of its joint."""
 
     def __init__(self, joints: int, memory: float = np.inf) -> None:
         self.sums = np.zeros((joints, COLUMNS + 1, COLUMNS + 1))
@@ -40,7 +42,7 @@ class Window:
         self.sums[:], self.count[:] = 0.0, 0.0
 
     def add(self, products: Array, usable: Array, seconds: float) -> None:
-        """Add sums (n, 9, 9) and counts (n,) of frames that last for some seconds."""
+        """Add sums (n, 15, 15) and counts (n,) of frames that last for some seconds."""
         keep = float(np.exp(-seconds / self.memory))
         self.sums *= keep
         self.count *= keep
@@ -59,27 +61,51 @@ class Window:
             for columns in ((0,), (1,), (2,), (3,), FRICTION):
                 if one := _fit(sums, columns, noise.inflation[j], self.count[j], j):
                     found.append(one)
-        weight = 1 / noise.inflation[:, len(LOCAL) :].mean(axis=1)
+        weight = 1 / noise.inflation[:, len(LOCAL) : len(LOCAL) + len(PAYLOAD)].mean(axis=1)
         whole, raw = np.tensordot(weight, self.sums, 1), self.sums.sum(axis=0)
         count = float(self.count.sum())
-        if one := _fit(whole, tuple(range(len(LOCAL), COLUMNS)), np.ones(COLUMNS), count, TIP):
-            found.append(one._replace(raw=_gain(raw, one.columns, one.value)))
+        if one := _payload(whole, count):
+            found.append(one._replace(raw=gain(raw, one)))
         return sorted(found, key=lambda one: -one.score)
 
 
 def products(frames: Frames, base: Array, noise: Noise) -> tuple[Array, Array]:
-    """Sums (n, 9, 9) and counts (n,) of usable frames; base (n, 8): coefficients that are known already."""
-    rest = frames.residual - np.einsum("fnk,nk->fn", frames.columns, base)
+    """Sums (n, 15, 15) and counts (n,) of usable frames; base (n, 4): coefficients that are known already."""
+    rest = frames.residual - np.einsum("fnk,nk->fn", frames.columns[:, :, : len(LOCAL)], base)
     whole = np.concatenate([frames.columns, rest[:, :, None]], axis=2)
     whole *= (frames.usable / noise.frame)[:, :, None]
     by_joint = whole.transpose(1, 0, 2)
     return by_joint.transpose(0, 2, 1) @ by_joint, frames.usable.sum(axis=0)
 
 
-def _gain(sums: Array, columns: tuple[int, ...], value: Array) -> float:
-    """Reduction of the squared residual by coefficients (m,)."""
-    c = list(columns)
+def gain(sums: Array, one: Candidate) -> float:
+    """Reduction of the squared residual [1] by a candidate; sums (15, 15): those of its joint, or of all joints."""
+    c, value = list(one.columns), one.value
     return float(2 * value @ sums[c, -1] - value @ sums[np.ix_(c, c)] @ value)
+
+
+def effect(sums: Array, one: Candidate) -> float:
+    """Squared torque [1] of a candidate in units of the variance of the noise; sums: (15, 15) [1]."""
+    c = list(one.columns)
+    return float(one.value @ sums[np.ix_(c, c)] @ one.value)
+
+
+def _payload(sums: Array, count: float) -> Candidate | None:
+    """Point mass at the last link: mass and first moment, and the inertia that follows from them."""
+    first, columns = len(LOCAL), tuple(range(len(LOCAL), len(LOCAL) + len(PAYLOAD)))
+    inertia, shifted, one = np.zeros(len(INERTIA)), sums, None
+    turning = list(range(first + len(PAYLOAD), COLUMNS))
+    for _ in range(ROUNDS):
+        one = _fit(shifted, columns, np.ones(COLUMNS), count, TIP)
+        if one is None or not one.value[0] > 0:
+            return one
+        inertia = np.array(point_inertia(float(one.value[0]), one.value[1:].tolist()))
+        shifted = sums.copy()
+        shifted[:, -1] -= sums[:, turning] @ inertia
+    assert one is not None, "there is a round"
+    whole = one._replace(columns=tuple(range(first, COLUMNS)), value=np.concatenate([one.value, inertia]))
+    won = gain(sums, whole)
+    return whole._replace(gain=won, score=0.5 * (won - len(PAYLOAD) * np.log(max(count, 2.0))))
 
 
 def _fit(sums: Array, columns: tuple[int, ...], inflation: Array, count: float, joint: int) -> Candidate | None:
