@@ -10,7 +10,7 @@ from ..types import Array
 from .events import Change
 from .frames import INERTIAL, LOCAL, PAYLOAD, Frames
 from .quiet import Noise
-from .windows import FRICTION, TIP, Candidate, Window, effect, gain, products
+from .windows import FRICTION, TIP, Candidate, Sums, Window, effect, gain, products
 
 MEMORIES = (4.0, 60.0)  # [s] of the windows: sudden changes, and slow ones
 EVERY = 0.5  # [s] between tests
@@ -51,12 +51,12 @@ class Changes:
 
     def add(self, frames: Frames, step: float) -> list[Change]:
         """Changes that frames of `step` [s] show."""
-        sums, usable = products(frames, self.base, self.noise)
+        sums = products(frames, self.base, self.noise)
         seconds = step * len(frames.t)
         for window in self.windows:
-            window.add(sums, usable, seconds)
+            window.add(sums, seconds)
         if self.after is not None:
-            self._follow(sums, usable, seconds)
+            self._follow(sums, seconds)
         self.untested += seconds
         if self.untested < EVERY:
             return []
@@ -73,14 +73,14 @@ class Changes:
         self.after, self.piece, self.pieces = Window(n), Window(n), []
         self.since = self.in_piece = 0.0
 
-    def _follow(self, sums: Array, usable: Array, seconds: float) -> None:
+    def _follow(self, sums: Sums, seconds: float) -> None:
         assert self.after is not None, "a change was noticed"
-        self.after.add(sums, usable, seconds)
-        self.piece.add(sums, usable, seconds)
+        self.after.add(sums, seconds)
+        self.piece.add(sums, seconds)
         self.since += seconds
         self.in_piece += seconds
         if self.in_piece >= PIECE:
-            self.pieces.append(np.append(self.piece.sums, 0.0)[:-1].reshape(self.piece.sums.shape))
+            self.pieces.append(self.piece.sums.copy())
             self.piece.restart()
             self.in_piece = 0.0
 

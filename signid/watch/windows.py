@@ -29,25 +29,33 @@ class Candidate(NamedTuple):
     score: float  # [1] log of the evidence: Schwarz, Annals of Statistics 6(2), 1978
 
 
+class Sums(NamedTuple):
+    """Sums over frames of n joints."""
+
+    products: Array  # (n, 15, 15) [1] of columns and residual over the noise
+    frames: Array  # (n,) [1] number
+    model: Array  # (n,) [1] squared error of the model over the variance of the noise
+
+
 class Window:
     """Sums (n, 15, 15) of products of columns and residual, each over the noise of its joint."""
 
     def __init__(self, joints: int, memory: float = np.inf) -> None:
         self.sums = np.zeros((joints, COLUMNS + 1, COLUMNS + 1))
         self.count = np.zeros(joints)  # frames
+        self.model = np.zeros(joints)  # squared error of the model by its covariance, over the variance of the noise
         self.memory = memory  # [s]
 
     def restart(self) -> None:
         """Forget everything."""
-        self.sums[:], self.count[:] = 0.0, 0.0
+        self.sums[:], self.count[:], self.model[:] = 0.0, 0.0, 0.0
 
-    def add(self, products: Array, usable: Array, seconds: float) -> None:
-        """Add sums (n, 15, 15) and counts (n,) of frames that last for some seconds."""
+    def add(self, sums: Sums, seconds: float) -> None:
+        """Add sums of frames that last for some seconds."""
         keep = float(np.exp(-seconds / self.memory))
-        self.sums *= keep
-        self.count *= keep
-        self.sums += products
-        self.count += usable
+        for mine, more in zip((self.sums, self.count, self.model), sums, strict=True):
+            mine *= keep
+            mine += more
 
     @property
     def excess(self) -> float:
@@ -55,13 +63,16 @@ class Window:
         return float(np.maximum(self.sums[:, -1, -1] - self.count, 0.0).sum())
 
     def candidates(self, noise: Noise) -> list[Candidate]:
-        """All laws that act in the window, the best first."""
-        found = []
+        """All laws that act in the window, the best first.
+
+        An error of the model lasts for the whole window, so its square is not divided by the number of frames.
+        """
+        found, lasting = [], 1 + self.model
         for j, sums in enumerate(self.sums):
             for columns in ((0,), (1,), (2,), (3,), FRICTION):
-                if one := _fit(sums, columns, noise.inflation[j], self.count[j], j):
+                if one := _fit(sums, columns, noise.inflation[j] * lasting[j], self.count[j], j):
                     found.append(one)
-        weight = 1 / noise.inflation[:, len(LOCAL) : len(LOCAL) + len(PAYLOAD)].mean(axis=1)
+        weight = 1 / noise.inflation[:, len(LOCAL) : len(LOCAL) + len(PAYLOAD)].mean(axis=1) / lasting
         whole, raw = np.tensordot(weight, self.sums, 1), self.sums.sum(axis=0)
         count = float(self.count.sum())
         if one := _payload(whole, count):
@@ -69,13 +80,14 @@ class Window:
         return sorted(found, key=lambda one: -one.score)
 
 
-def products(frames: Frames, base: Array, noise: Noise) -> tuple[Array, Array]:
-    """Sums (n, 15, 15) and counts (n,) of usable frames; base (n, 4): coefficients that are known already."""
+def products(frames: Frames, base: Array, noise: Noise) -> Sums:
+    """Sums of usable frames; base: (n, 4) coefficients of LOCAL that are known already [units of the laws]."""
     rest = frames.residual - np.einsum("fnk,nk->fn", frames.columns[:, :, : len(LOCAL)], base)
     whole = np.concatenate([frames.columns, rest[:, :, None]], axis=2)
     whole *= (frames.usable / noise.frame)[:, :, None]
     by_joint = whole.transpose(1, 0, 2)
-    return by_joint.transpose(0, 2, 1) @ by_joint, frames.usable.sum(axis=0)
+    model = np.sum(frames.usable * (frames.std / noise.frame) ** 2, axis=0)
+    return Sums(by_joint.transpose(0, 2, 1) @ by_joint, frames.usable.sum(axis=0).astype(float), model)
 
 
 def gain(sums: Array, one: Candidate) -> float:
@@ -113,10 +125,9 @@ def _fit(sums: Array, columns: tuple[int, ...], inflation: Array, count: float, 
     c = list(columns)
     normal, right = sums[np.ix_(c, c)], sums[c, -1]
     size = np.sqrt(np.diag(normal))
-    if not (size > 0).all():
-        if joint != TIP:
-            return None
-        size = np.maximum(size, 1e-300)
+    if not size.max() > 0 or (joint != TIP and not (size > 0).all()):
+        return None
+    size = np.maximum(size, LEAST * size.max())
     values, vectors = np.linalg.eigh(normal / np.outer(size, size))
     seen = values > (LEAST if joint == TIP else 1e-3) * values[-1]
     if joint != TIP and not seen.all():
