@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..plants.bodies import Body, Drives
-from ..plants.control import DAMPING, STEP, Motion, gains
+from ..plants.control import STEP, Reference, gains
 from ..plants.mujoco_model import build, dofs, inverse, mean_inertia
 
 Array = NDArray[np.float64]
@@ -19,7 +19,6 @@ EVERY = 4  # steps between two samples, which are those of the controller: 1 kHz
 PERIOD = EVERY * STEP  # [s]
 BANDWIDTH = 2 * np.pi * 4.0  # [rad/s] of the position loop
 KNOWN = 0.9  # [1] share of the dynamics in the feed-forward
-assert DAMPING > 0
 
 
 class Push(NamedTuple):
@@ -49,7 +48,7 @@ class Alteration(NamedTuple):
 def record(
     body: Body,
     drives: Drives,
-    motion: Motion,
+    motion: Reference,
     duration: float,
     events: Sequence[Push | Alteration],
     seed: int,

@@ -21,11 +21,12 @@ SURE = 0.95  # [1] probability of a law that is named
 EXPLAINED = 0.6  # [1] share of the excess that a named law explains
 SETTLED = 5.0  # [standard deviations] of the main number
 PIECE = 1.0  # [s] of the pieces of the frames after a change
-OFTEN = 0.6  # [1] share of pieces with excess that make an unknown change a lasting one
+OFTEN = 0.6  # [1] share of pieces with excess with the residual of a law that make it a lasting one
 ACTING = 9.0  # [1] squared torque of a law in a piece, over the noise, from which it acts there
 FEWEST = 3  # pieces that a law acts in
 NAMED = 1e-3  # [1] smallest probability of an alternative
-PRESENT = 30.0  # [1] excess of such a piece
+PRESENT = 2.0  # [1] squared residual of a piece with an unknown change, over that of noise and model
+ALWAYS = 0.8  # [1] share of such pieces that make the unknown change a lasting one
 
 
 class Changes:
@@ -38,7 +39,8 @@ class Changes:
         self.mass, self.load = 0.0, np.zeros(INERTIAL)  # payload: total mass, and what was found last
         self.windows = [Window(n, memory) for memory in MEMORIES]
         self.after: Window | None = None  # frames since a change was noticed
-        self.pieces: list[Array] = []
+        self.pieces: list[Array] = []  # sums of each second since then
+        self.usual: list[Array] = []  # (n,) their squared residual without a change
         self.piece = Window(n)
         self.restarts = 0
         self.since = self.in_piece = self.untested = 0.0
@@ -70,7 +72,7 @@ class Changes:
 
     def _begin(self) -> None:
         n = len(self.noise.frame)
-        self.after, self.piece, self.pieces = Window(n), Window(n), []
+        self.after, self.piece, self.pieces, self.usual = Window(n), Window(n), [], []
         self.since = self.in_piece = 0.0
 
     def _follow(self, sums: Sums, seconds: float) -> None:
@@ -81,6 +83,7 @@ class Changes:
         self.in_piece += seconds
         if self.in_piece >= PIECE:
             self.pieces.append(self.piece.sums.copy())
+            self.usual.append(np.maximum(self.piece.count + self.piece.model, 1.0))
             self.piece.restart()
             self.in_piece = 0.0
 
@@ -131,21 +134,17 @@ class Changes:
     def _unknown(self, t: float, found: list[Candidate], shares: list[float]) -> list[Change]:
         """A lasting excess that no law explains; it becomes part of what is known and of the noise."""
         assert self.after is not None, "a change was noticed"
-        after = self.after
-        usual = after.count.sum() / max(len(self.pieces), 1)
-        excesses = [float(x[:, -1, -1].sum()) - usual for x in self.pieces]
-        lasting = bool(excesses) and float(np.mean(np.array(excesses) > PRESENT)) >= OFTEN
-        if not lasting:
+        power = np.array([piece[:, -1, -1] for piece in self.pieces])
+        lasting = np.mean(power > PRESENT * np.array(self.usual), axis=0) >= ALWAYS
+        if not lasting.any():
             self._forget()
             return []
-        excess = after.sums[:, -1, -1] - after.count
-        j = int(np.argmax(excess))
-        name = self.robot.joints[j]
-        rms = float(self.noise.frame[j] * np.sqrt(after.sums[j, -1, -1] / max(after.count[j], 1.0)))
-        raised = np.sqrt(np.maximum(after.sums[:, -1, -1] / np.maximum(after.count, 1.0), 1.0))
-        self.noise.frame[:] *= raised
-        self.noise.filtered[:] *= raised
-        self.noise.peak[:] *= raised
+        mean = self.after.sums[:, -1, -1] / np.maximum(self.after.count, 1.0)
+        j = int(np.argmax(np.where(lasting, mean, -np.inf)))
+        name, rms = self.robot.joints[j], float(self.noise.frame[j] * np.sqrt(mean[j]))
+        raised = np.where(lasting, np.sqrt(np.maximum(mean, 1.0)), 1.0)
+        for part in (self.noise.frame, self.noise.filtered, self.noise.peak):
+            part *= raised
         self._forget()
         sentence = f"unknown change at {name}: residual of {rms:.3g} {self._unit(j)}"
         alternatives = self._alternatives(found, shares)

@@ -18,7 +18,7 @@ from .quiet import Noise, Quiet
 
 QUIET = 10.0  # [s] of motion that give the noise
 PATIENCE = 6.0  # [1] longest quiet stretch, over the motion that it should have
-SLOWEST = 0.02  # [1] speed below which the direction of friction is uncertain, over the largest of the quiet stretch
+SLOWEST = 0.05  # [1] speed below which the direction of friction is uncertain, over the largest of the quiet stretch
 JITTER = 4.0  # [standard deviations] of the velocity, the same
 WARM = 0.3  # [1] share of the quiet stretch that gives the speeds alone
 BRIEF = 3.0  # [s] a contact that is shorter is none of the changes
@@ -77,7 +77,7 @@ class Watcher:
             part.restart()
 
     def _blocks(self, blocks: Blocks) -> list[Event]:
-        if not self.warm:
+        if self.noise is None:
             self._slow(blocks)
         found = self.momentum.residual(blocks)
         frames = self.framer.frames(found)
