@@ -162,10 +162,11 @@ class Changes:
             self.mass += mass
             what = f"a payload of {mass:.3g} ± {1.96 * std:.2g} kg" if mass > 0 else f"a load of {-mass:.3g} kg is gone"
             return [Change(t, "payload", self.robot.joints[-1], values, stds, share, what, beside)]
-        settled = [i for i in range(len(best.columns)) if abs(best.value[i]) > SETTLED * best.std[i]]
-        return [
-            self._local(t, best, i, share, beside) for i in settled or [int(np.argmax(np.abs(best.value / best.std)))]
-        ]
+        assert self.after is not None, "a change was noticed"
+        power = np.diag(self.after.sums[best.joint])[list(best.columns)] * best.value**2
+        order = np.argsort(-power).tolist()  # the larger torque first
+        settled = [i for i in order if abs(best.value[i]) > SETTLED * best.std[i]]
+        return [self._local(t, best, i, share, beside) for i in settled or order[:1]]
 
     def _local(self, t: float, best: Candidate, k: int, probability: float, others: dict[str, float]) -> Change:
         name = LOCAL[best.columns[k]]

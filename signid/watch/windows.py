@@ -14,6 +14,7 @@ from .quiet import Noise
 FRICTION = (0, 1)  # of LOCAL: viscous and Coulomb friction, which grow together when it gets cold or dry
 TIP = -1  # joint of the payload
 ROUNDS = 4  # of the inertia of a payload
+APART = 1e-3  # [1] the same for two laws of friction
 LEAST = 1e-9  # [1] smallest eigenvalue of the payload's normal equations that counts, over the largest
 
 
@@ -67,16 +68,19 @@ class Window:
 
         An error of the model lasts for the whole window, so its square is not divided by the number of frames.
         """
-        found, lasting = [], 1 + self.model
+        whole = noise.inflation * (1 + self.model)[:, None]
+        excess = np.maximum(self.sums[:, -1, -1] - self.count, 1e-9)
+        common = float(
+            excess @ whole.mean(axis=1) / excess.sum()
+        )  # one for all laws, or the score prefers noisy joints
+        found, count = [], float(self.count.sum())
         for j, sums in enumerate(self.sums):
             for columns in ((0,), (1,), (2,), (3,), FRICTION):
-                if one := _fit(sums, columns, noise.inflation[j] * lasting[j], self.count[j], j):
-                    found.append(one)
-        weight = 1 / noise.inflation[:, len(LOCAL) : len(LOCAL) + len(PAYLOAD)].mean(axis=1) / lasting
-        whole, raw = np.tensordot(weight, self.sums, 1), self.sums.sum(axis=0)
-        count = float(self.count.sum())
-        if one := _payload(whole, count):
-            found.append(one._replace(raw=gain(raw, one)))
+                if one := _fit(sums, columns, j):
+                    own = float(np.mean(whole[j, list(columns)]))
+                    found.append(_scaled(one, own, common, self.count[j]))
+        if one := _payload(self.sums.sum(axis=0)):
+            found.append(_scaled(one, common, common, count))
         return sorted(found, key=lambda one: -one.score)
 
 
@@ -86,7 +90,7 @@ def products(frames: Frames, base: Array, noise: Noise) -> Sums:
     whole = np.concatenate([frames.columns, rest[:, :, None]], axis=2)
     whole *= (frames.usable / noise.frame)[:, :, None]
     by_joint = whole.transpose(1, 0, 2)
-    model = np.sum(frames.usable * (frames.std / noise.frame) ** 2, axis=0)
+    model = np.sum(frames.usable * np.minimum(frames.std / noise.frame, 1.0) ** 2, axis=0)  # at most what was measured
     return Sums(by_joint.transpose(0, 2, 1) @ by_joint, frames.usable.sum(axis=0).astype(float), model)
 
 
@@ -102,13 +106,19 @@ def effect(sums: Array, one: Candidate) -> float:
     return float(one.value @ sums[np.ix_(c, c)] @ one.value)
 
 
-def _payload(sums: Array, count: float) -> Candidate | None:
+def _scaled(one: Candidate, own: float, common: float, count: float) -> Candidate:
+    """Candidate with its evidence: variances inflated by its own factor, the score by a common one."""
+    cost = min(len(one.columns), len(PAYLOAD)) * np.log(max(count, 2.0))
+    return one._replace(std=one.std * np.sqrt(own), gain=one.raw / own, score=0.5 * (one.raw / common - cost))
+
+
+def _payload(sums: Array) -> Candidate | None:
     """Point mass at the last link: mass and first moment, and the inertia that follows from them."""
     first, columns = len(LOCAL), tuple(range(len(LOCAL), len(LOCAL) + len(PAYLOAD)))
     inertia, shifted, one = np.zeros(len(INERTIA)), sums, None
     turning = list(range(first + len(PAYLOAD), COLUMNS))
     for _ in range(ROUNDS):
-        one = _fit(shifted, columns, np.ones(COLUMNS), count, TIP)
+        one = _fit(shifted, columns, TIP)
         if one is None or not one.value[0] > 0:
             return one
         inertia = np.array(point_inertia(float(one.value[0]), one.value[1:].tolist()))
@@ -116,12 +126,11 @@ def _payload(sums: Array, count: float) -> Candidate | None:
         shifted[:, -1] -= sums[:, turning] @ inertia
     assert one is not None, "there is a round"
     whole = one._replace(columns=tuple(range(first, COLUMNS)), value=np.concatenate([one.value, inertia]))
-    won = gain(sums, whole)
-    return whole._replace(gain=won, score=0.5 * (won - len(PAYLOAD) * np.log(max(count, 2.0))))
+    return whole._replace(raw=gain(sums, whole))
 
 
-def _fit(sums: Array, columns: tuple[int, ...], inflation: Array, count: float, joint: int) -> Candidate | None:
-    """Least squares of the columns; None if the window does not excite them."""
+def _fit(sums: Array, columns: tuple[int, ...], joint: int) -> Candidate | None:
+    """Least squares of the columns, without evidence; None if the window does not excite them."""
     c = list(columns)
     normal, right = sums[np.ix_(c, c)], sums[c, -1]
     size = np.sqrt(np.diag(normal))
@@ -129,22 +138,10 @@ def _fit(sums: Array, columns: tuple[int, ...], inflation: Array, count: float, 
         return None
     size = np.maximum(size, LEAST * size.max())
     values, vectors = np.linalg.eigh(normal / np.outer(size, size))
-    seen = values > (LEAST if joint == TIP else 1e-3) * values[-1]
+    seen = values > (LEAST if joint == TIP else APART) * values[-1]
     if joint != TIP and not seen.all():
         return None
     root = vectors[:, seen] / np.sqrt(values[seen])
     inverse = (root @ root.T) / np.outer(size, size)
     value = inverse @ right
-    scale = np.sqrt(inflation[c])
-    gain = float(right @ value)
-    own = float(np.mean(inflation[c]))
-    rows = max(count / own, 2.0)
-    return Candidate(
-        joint,
-        columns,
-        value,
-        np.sqrt(np.diag(inverse)) * scale,
-        gain / own,
-        gain,
-        0.5 * (gain / own - int(seen.sum()) * np.log(rows)),
-    )
+    return Candidate(joint, columns, value, np.sqrt(np.diag(inverse)), 0.0, float(right @ value), 0.0)
