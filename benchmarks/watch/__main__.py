@@ -2,7 +2,7 @@
 
 Models are identified from 30 s in MuJoCo; the streams are other motions there, at 1 kHz, with 17 bit encoders and 2 %
 torque noise. Pushes last 0.3 s (10 to 40 N at the outer half of the links). UR10e: recordings of a real robot, of which
-the last has a load (needs SIGNID_DATA). The last table is one core's share for seven joints at 1 kHz in chunks of 16 ms.
+the last has a load (needs SIGNID_DATA). The last line: seven joints at 1 kHz in chunks of 16 ms on one core.
 """
 
 from __future__ import annotations

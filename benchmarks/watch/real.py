@@ -17,7 +17,7 @@ PAUSE = 0.5  # [s] between the recordings
 
 
 class Splice(NamedTuple):
-    """What the watch says about the spliced stream."""
+    """Answer of the watch to the spliced stream."""
 
     unloaded: float  # [s]
     false: int  # contacts and changes before the load

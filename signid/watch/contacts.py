@@ -30,7 +30,7 @@ class Contacts:
         self.bodies = model.bodies()
         self.data = self.bodies.createData()
         self.r, self.margin = np.zeros(n), np.zeros(n)
-        self.above = self.below = 0.0
+        self.above = self.below = self.peak = 0.0
         self.begun: Contact | None = None
         self.most: tuple[float, Array, Array, Array] | None = (
             None  # ratio, of each joint, residual, position at the largest moment
@@ -42,7 +42,10 @@ class Contacts:
         self.above = self.below = 0.0
 
     def filtered(self, residual: Array, uncertain: Array, step: float) -> tuple[Array, Array]:
-        """Residual (K, n) of the observer and the part (K, n) of it that uncertain friction can cause [N.m or N]."""
+        """Residual (K, n) of the observer and the part (K, n) of it that uncertain friction can cause [N.m or N].
+
+        residual: (K, n) of blocks [N.m or N]; uncertain: (K, n) largest error of friction [N.m or N]; step: [s].
+        """
         keep = float(np.exp(-GAIN * step))
         powers = np.power(keep, np.arange(1.0, len(residual) + 1.0))[:, None]
         out = []
@@ -53,7 +56,11 @@ class Contacts:
         return out[0], out[1]
 
     def find(self, t: Array, r: Array, margin: Array, threshold: Array, q: Array, late: float) -> list[Contact]:
-        """Events of blocks at t (K,) with residuals r, margins and thresholds (K, n), at positions q (K, n)."""
+        """Events of K blocks.
+
+        t: (K,) [s]; r: (K, n) residual, margin: (K, n) and threshold: (n,) of it [N.m or N]; q: (K, n) [rad or m];
+        late: delay of the blocks [s].
+        """
         ratio = np.maximum(np.abs(r) - margin, 0.0) / threshold
         largest = ratio.max(axis=1)
         if self.begun is None and not (largest > 1).any():
@@ -69,15 +76,21 @@ class Contacts:
                     begin = now - self.above - _rise(size)
                     self.begun = self._contact(now + late, ratio[k], r[k], q[k], begin)
                     self.most, self.below = (size, ratio[k].copy(), r[k].copy(), q[k].copy()), 0.0
+                    self.peak = now
                     events.append(self.begun)
                 continue
             assert self.most is not None, "it is set with `begun`"
             if size > self.most[0]:
-                self.most = (size, ratio[k].copy(), r[k].copy(), q[k].copy())
+                self.most, self.peak = (size, ratio[k].copy(), r[k].copy(), q[k].copy()), now
             self.below = self.below + step if size < LEAVE else 0.0
             if self.below >= APART:
-                events.append(self.close(now + late, now - self.below))
+                events.append(self.close(now + late, self._end(now)))
         return events
+
+    def _end(self, now: float) -> float:
+        """End of the force [s]: before the decay of the residual, and not before its largest moment."""
+        assert self.most is not None, "a contact is going on"
+        return max(now - self.below - float(np.log(self.most[0] / LEAVE)) / GAIN, self.peak)
 
     def close(self, t: float, end: float, cause: str = "") -> Contact:
         """End of the contact, with its largest torque."""

@@ -25,8 +25,8 @@ class Frames(NamedTuple):
     t: Array  # (F,) [s] end of each frame
     residual: Array  # (F, n) [N.m or N]
     columns: Array  # (F, n, 14) [N.m or N per unit]: LOCAL, then those of the last link
-    usable: Array  # (F, n) False where the direction of friction is uncertain
-    moving: Array  # (F, n)
+    usable: Array  # (F, n) [1] False where the direction of friction is uncertain
+    moving: Array  # (F, n) [1] whether it is faster than that
     std: Array  # (F, n) [N.m or N] of the predicted torque, by the covariance of the model
     blocks: int  # blocks of a frame
 

@@ -130,7 +130,10 @@ class Momentum:
         return torque, reversing
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:
-        """Regressor (F, n, nb, 10) of the bodies at frames of n joints."""
+        """Regressor (F, n, nb, 10) of the bodies [N.m or N per kg, kg.m, kg.m2].
+
+        q: (F, n) [rad or m]; v: (F, n) [rad/s or m/s]; a: (F, n) [rad/s2 or m/s2].
+        """
         position, drive = configuration(self.robot, q), self.robot.drive
         out = np.empty((len(q), self.bodies.nv, 10 * (self.bodies.njoints - 1)))
         for i, state in enumerate(zip(position, v @ drive.T, a @ drive.T, strict=True)):

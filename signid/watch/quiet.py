@@ -23,7 +23,7 @@ class Noise:
     peak: Array  # (n,) [N.m or N] its largest magnitude
     frame: Array  # (n,) [N.m or N] standard deviation of the residual of a frame
     inflation: Array  # (n, 14) [1] variance of the score of a column over that of white noise
-    base: Array  # (n, 4) coefficients of LOCAL that the quiet stretch has already
+    base: Array  # (n, 4) [units of the laws] coefficients of LOCAL that the quiet stretch has already
 
 
 class Quiet:

@@ -21,6 +21,7 @@ PATIENCE = 6.0  # [1] longest quiet stretch, over the motion that it should have
 SLOWEST = 0.05  # [1] speed below which the direction of friction is uncertain, over the largest of the quiet stretch
 JITTER = 4.0  # [standard deviations] of the velocity, the same
 WARM = 0.3  # [1] share of the quiet stretch that gives the speeds alone
+LONGEST, FEWEST = 0.1, 100  # [s] of rows that are processed together; rows, before the period is known
 BRIEF = 3.0  # [s] a contact that is shorter is none of the changes
 
 
@@ -63,14 +64,21 @@ class Watcher:
         for piece in pieces:
             if piece.fresh:
                 self._restart()
-            if (blocks := self.cutter.cut(piece.rows)) is not None:
-                events += self._blocks(blocks)
-            self.t = float(piece.rows.t[-1])
+            for start in range(0, len(piece.rows.t), self._size()):
+                rows = piece.rows.at(slice(start, start + self._size()))
+                self.t = float(rows.t[-1])
+                if (blocks := self.cutter.cut(rows)) is not None:
+                    events += self._blocks(blocks)
         return events
 
     def finish(self) -> list[Event]:
         """Events at the end of the stream: the end of a contact that is going on."""
         return [] if self.contacts.begun is None else [self.contacts.close(self.t, self.t)]
+
+    def _size(self) -> int:
+        """Rows that are processed together."""
+        period = self.intake.period
+        return max(1, round(LONGEST / period)) if period > 0 else FEWEST
 
     def _restart(self) -> None:
         for part in (self.cutter, self.framer, self.contacts):

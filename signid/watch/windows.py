@@ -23,8 +23,8 @@ class Candidate(NamedTuple):
 
     joint: int  # or TIP
     columns: tuple[int, ...]  # of the frames
-    value: Array  # (m,)
-    std: Array  # (m,), of the first ones
+    value: Array  # (m,) [units of the laws]
+    std: Array  # (m,) [units of the laws], without an inertia that follows from others
     gain: float  # [1] reduction of the squared residual in units of its variance, inflation included
     raw: float  # [1] the same without inflation
     score: float  # [1] log of the evidence: Schwarz, Annals of Statistics 6(2), 1978
@@ -95,7 +95,7 @@ def products(frames: Frames, base: Array, noise: Noise) -> Sums:
 
 
 def gain(sums: Array, one: Candidate) -> float:
-    """Reduction of the squared residual [1] by a candidate; sums (15, 15): those of its joint, or of all joints."""
+    """Reduction of the squared residual [1] by a candidate; sums: (15, 15) [1] of its joint, or of all joints."""
     c, value = list(one.columns), one.value
     return float(2 * value @ sums[c, -1] - value @ sums[np.ix_(c, c)] @ value)
 

@@ -40,7 +40,7 @@ class WatchOptions:
     columns: Columns = None
 
 
-@command("robot_driver | signid watch result/model.json - --json")
+@command("signid watch 3r recording.csv --json")
 def watch(
     simulation: SimulationArguments,
     stream: Annotated[
@@ -59,10 +59,8 @@ def watch(
     """
     from ...watch import open_watch
 
-    if watching.idle is not None and not watching.idle > 0:
-        raise OptionError(f"--idle is {watching.idle:g}; give a positive time in seconds")
     model, _ = given_model(simulation)
-    idle = float("inf") if watching.idle is None else watching.idle
+    idle = _idle(watching.idle)
     with ExitStack() as stack:
         try:
             watcher, opened = open_watch(model, stream, watching.quiet, watching.columns, watching.follow, idle)
@@ -77,6 +75,12 @@ def watch(
         except KeyboardInterrupt:
             pass
     return DONE
+
+
+def _idle(seconds: float | None) -> float:
+    if seconds is not None and not seconds > 0:
+        raise OptionError(f"--idle is {seconds:g}; give a positive time in seconds")
+    return float("inf") if seconds is None else seconds
 
 
 def _print(events: list[Event]) -> None:
