@@ -1,9 +1,8 @@
 """Identify a robot's dynamics from recordings, and find the physics that a simulation of it lacks.
 
-Start with `load_robot` and `read_recording`. `check` lists identifiable parameters; `identify` estimates a model with
-confidence intervals; `diagnose` names the effects that a simulation (`load_model`) lacks; `payload`, `fleet`,
-`validate`, `roll_out`, `report`, `replay`, `export`, `excite` and `simulate` use models. Units are SI, errors derive
-from `SignidError`, and the laws are in `signid.effects`.
+Start with `load_robot` and `read_recording`. `identify` estimates a model with confidence intervals, `diagnose` names
+the effects that a simulation (`load_model`) lacks, `check` lists identifiable parameters; other verbs use models. Units
+are SI, errors derive from `SignidError`, and the laws are in `signid.effects`.
 """
 
 import sys  # isort: skip_file

@@ -21,7 +21,7 @@ from signid.errors import OptionError, RecordingError
 from signid.model import Model
 from signid.regression.motion import Motion
 from signid.simulation.excite.random_motions import rest_to_rest_motion
-from signid.watch import Change, Contact, Event, Note, Watcher
+from signid.watch import Contact, Event, LastingChange, Note, Watcher
 
 RATE, DURATION, QUIET = 500.0, 24.0, 8.0
 FRICTION = ((0.5, 0.8), (0.4, 0.6), (0.2, 0.3))  # viscous [N.m.s/rad] and Coulomb [N.m] per joint
@@ -92,7 +92,7 @@ def test_a_change_is_named(
     v, tau = columns["v"][:, joint], columns["tau"].copy()
     added = {"viscous_friction": v, "coulomb_friction": np.sign(v), "torque_offset": 1.0, "torque_gain": tau[:, joint]}
     tau[:, joint] += np.where(columns["t"] > 14, number * added[law], 0.0)
-    changes = [e for e in found(model, columns, tau=tau) if isinstance(e, Change)]
+    changes = [e for e in found(model, columns, tau=tau) if isinstance(e, LastingChange)]
     assert [(e.law, e.joint) for e in changes[:1]] == [(law, model.robot.joints[joint])]
     assert changes[0].probability > 0.95 and 0 < changes[0].t - 14 < 10
     assert changes[-1].parameters[key] == pytest.approx(number, rel=0.15)
@@ -107,7 +107,7 @@ def test_a_payload_is_named(model: Model, columns: dict[str, Any]) -> None:
     changes = [
         e
         for e in found(model, columns, tau=columns["tau"] + np.where(columns["t"] > 14, 1.0, 0.0)[:, None] * more)
-        if isinstance(e, Change)
+        if isinstance(e, LastingChange)
     ]
     assert [e.law for e in changes] == ["payload"]
     assert changes[0].parameters["mass"] == pytest.approx(0.4, rel=0.1) and "kg" in changes[0].sentence

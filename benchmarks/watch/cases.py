@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import signid
 from signid.model import Model
 from signid.simulation.excite.random_motions import rest_to_rest_motion
-from signid.watch import Change, Contact, Event
+from signid.watch import Contact, Event, LastingChange
 
 from ..arms import ARMS, Arm, load
 from ..plants.bodies import Body
@@ -90,7 +90,7 @@ def _detection(name: str, model: Model, planned: Sequence[Push], found: Sequence
         if own and own[0].t - push.start < REACTED:
             times.append(own[0].t - push.start)
             links += own[0].link == model.robot.links[push.joint]
-    changes = sum(isinstance(e, Change) for e in found)
+    changes = sum(isinstance(e, LastingChange) for e in found)
     rest = seconds - (REACTED + SETTLING) * len(planned)
     return Detection(name, len(planned), tuple(times), links, len(begun) - hits + changes, rest)
 
@@ -106,7 +106,7 @@ def changed(name: str, change: Alteration, seed: int, seconds: float = 60.0) -> 
     """Whether the first change that is named is the planted one."""
     _, _, model = learnt(name)
     found = list(signid.watch(model, stream(name, seconds, [change], seed)))
-    named = [e for e in found if isinstance(e, Change)]
+    named = [e for e in found if isinstance(e, LastingChange)]
     contacts = sum(isinstance(e, Contact) and e.end is None for e in found)
     where = model.robot.joints[change.joint]
     label = f"{change.effect} of {where}: {change.size:+.3g}" + (f" over {change.ramp:g} s" if change.ramp else "")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 import signid
-from signid.watch import Change, Contact
+from signid.watch import Contact, LastingChange
 
 from ..real.data import HELD_OUT, LOADED, UNLOADED, ur10e_model, ur10e_recording
 
@@ -45,9 +45,9 @@ def splice(quiet: float = 10.0) -> Splice:
     whole = {key: np.concatenate(parts) for key, parts in columns.items()}
     flat = {"t": whole["t"]} | {f"{key}_{j + 1}": whole[key][:, j] for key in ("q", "tau", "dq") for j in range(n)}
     found = list(signid.watch(model, flat, quiet=quiet))
-    alarms = [e for e in found if isinstance(e, Change) or (isinstance(e, Contact) and e.end is None)]
+    alarms = [e for e in found if isinstance(e, LastingChange) or (isinstance(e, Contact) and e.end is None)]
     loaded = [e for e in alarms if e.t >= begin]
-    change = next((e for e in loaded if isinstance(e, Change)), None)
+    change = next((e for e in loaded if isinstance(e, LastingChange)), None)
     touched = next((e.t - begin for e in loaded if isinstance(e, Contact)), float("nan"))
     mass, std = (
         (x.get("mass", np.nan) if change else np.nan for x in (change.parameters, change.std))

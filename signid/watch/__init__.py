@@ -5,8 +5,8 @@ lasting changes (`changes`, `windows`) on frames of 20 ms. Thresholds follow fro
 the residual of a quiet first stretch (`frames`, `quiet`).
 """
 
-from .events import Change, Contact, Event, Note
+from .events import Contact, Event, LastingChange, Note
 from .run import open_watch, watch
 from .watcher import Watcher
 
-__all__ = ["Change", "Contact", "Event", "Note", "Watcher", "open_watch", "watch"]
+__all__ = ["LastingChange", "Contact", "Event", "Note", "Watcher", "open_watch", "watch"]

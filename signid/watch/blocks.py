@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Array, Indices
-from .intake import Rows
+from .intake import StreamRows
 
 HALF = 0.008  # [s] half of the window of the velocity: a local line; the delay of the observer
 BLOCK = 0.002  # [s] shortest block
@@ -33,20 +33,20 @@ class Cutter:
     """Rows of the current stretch that later edges need."""
 
     def __init__(self) -> None:
-        self.rows: Rows | None = None
+        self.rows: StreamRows | None = None
         self.at, self.half, self.every = 0, 0, 0
 
     def restart(self) -> None:
         """Begin a new stretch."""
         self.rows, self.at = None, self.half
 
-    def cut(self, rows: Rows) -> Blocks | None:
+    def cut(self, rows: StreamRows) -> Blocks | None:
         """Append rows; the blocks that are complete, or None."""
         kept = self.rows
         if kept is not None:
             dq = None if kept.dq is None or rows.dq is None else np.concatenate([kept.dq, rows.dq])
             t, q, tau = (np.concatenate(pair) for pair in zip(kept[:3], rows[:3], strict=True))
-            rows = Rows(t, q, tau, dq)
+            rows = StreamRows(t, q, tau, dq)
         self.rows = rows
         if not self.half:
             if len(rows.t) < FIRST:
@@ -62,7 +62,7 @@ class Cutter:
         return found
 
 
-def _blocks(rows: Rows, edges: Indices, half: int) -> Blocks:
+def _blocks(rows: StreamRows, edges: Indices, half: int) -> Blocks:
     """Edges with the velocity of a local line, and torque through the filter that this line is.
 
     The slope of a line through samples is their velocity under a parabolic window; torque passes the same window, so

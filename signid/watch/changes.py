@@ -7,9 +7,9 @@ import numpy as np
 from ..effects import EFFECTS
 from ..model import Model
 from ..types import Array
-from .events import Change
+from .events import LastingChange
 from .frames import INERTIAL, LOCAL, PAYLOAD, Frames
-from .quiet import Noise
+from .quiet import QuietNoise
 from .windows import FRICTION, TIP, Candidate, Sums, Window, effect, gain, products
 
 MEMORIES = (4.0, 60.0)  # [s] of the windows: sudden changes, and slow ones
@@ -32,7 +32,7 @@ ALWAYS = 0.8  # [1] share of such pieces that make the unknown change a lasting 
 class Changes:
     """State of the windows, and the coefficients that are known already."""
 
-    def __init__(self, model: Model, noise: Noise) -> None:
+    def __init__(self, model: Model, noise: QuietNoise) -> None:
         self.model, self.robot, self.noise = model, model.robot, noise
         n = len(model.robot.joints)
         self.base, self.first = noise.base.copy(), noise.base
@@ -51,7 +51,7 @@ class Changes:
             self._begin()
             self.restarts = 1
 
-    def add(self, frames: Frames, step: float) -> list[Change]:
+    def add(self, frames: Frames, step: float) -> list[LastingChange]:
         """Changes that frames of `step` [s] show."""
         sums = products(frames, self.base, self.noise)
         seconds = step * len(frames.t)
@@ -87,7 +87,7 @@ class Changes:
             self.piece.restart()
             self.in_piece = 0.0
 
-    def _name(self, t: float) -> list[Change]:
+    def _name(self, t: float) -> list[LastingChange]:
         """The change that the frames since it was noticed show, if the evidence suffices."""
         assert self.after is not None, "a change was noticed"
         if self.since < SHORTEST:
@@ -131,7 +131,7 @@ class Changes:
         for window in self.windows:
             window.restart()
 
-    def _unknown(self, t: float, found: list[Candidate], shares: list[float]) -> list[Change]:
+    def _unknown(self, t: float, found: list[Candidate], shares: list[float]) -> list[LastingChange]:
         """A lasting excess that no law explains; it becomes part of what is known and of the noise."""
         assert self.after is not None, "a change was noticed"
         power = np.array([piece[:, -1, -1] for piece in self.pieces])
@@ -148,9 +148,11 @@ class Changes:
         self._forget()
         sentence = f"unknown change at {name}: residual of {rms:.3g} {self._unit(j)}"
         alternatives = self._alternatives(found, shares)
-        return [Change(t, "unknown", name, {"rms": rms}, {}, 1.0 - max(shares, default=0.0), sentence, alternatives)]
+        return [
+            LastingChange(t, "unknown", name, {"rms": rms}, {}, 1.0 - max(shares, default=0.0), sentence, alternatives)
+        ]
 
-    def _named(self, t: float, k: int, found: list[Candidate], shares: list[float]) -> list[Change]:
+    def _named(self, t: float, k: int, found: list[Candidate], shares: list[float]) -> list[LastingChange]:
         """Events of the k-th candidate; of two laws of friction, those that are settled."""
         best, share = found[k], _share(found[k], found, shares)
         others = [(one, p) for one, p in zip(found, shares, strict=True) if not set(one.columns) & set(best.columns)]
@@ -161,14 +163,14 @@ class Changes:
             mass, std = values["mass"], stds["mass"]
             self.mass += mass
             what = f"a payload of {mass:.3g} ± {1.96 * std:.2g} kg" if mass > 0 else f"a load of {-mass:.3g} kg is gone"
-            return [Change(t, "payload", self.robot.joints[-1], values, stds, share, what, beside)]
+            return [LastingChange(t, "payload", self.robot.joints[-1], values, stds, share, what, beside)]
         assert self.after is not None, "a change was noticed"
         power = np.diag(self.after.sums[best.joint])[list(best.columns)] * best.value**2
         order = np.argsort(-power).tolist()  # the larger torque first
         settled = [i for i in order if abs(best.value[i]) > SETTLED * best.std[i]]
         return [self._local(t, best, i, share, beside) for i in settled or order[:1]]
 
-    def _local(self, t: float, best: Candidate, k: int, probability: float, others: dict[str, float]) -> Change:
+    def _local(self, t: float, best: Candidate, k: int, probability: float, others: dict[str, float]) -> LastingChange:
         name = LOCAL[best.columns[k]]
         joint = self.robot.joints[best.joint]
         [(key, kind)] = EFFECTS[name].linear().items()
@@ -177,7 +179,7 @@ class Changes:
         total = value + float(self.base[best.joint, best.columns[k]] - self.first[best.joint, best.columns[k]])
         size = f"{total:+.3g} ± {1.96 * std:.2g} {unit}".replace(" 1", "" if unit == "1" else " 1")
         sentence = f"{name.replace('_', ' ')} of {joint} changed by {size}"
-        return Change(t, name, joint, {key: total}, {key: std}, probability, sentence, others)
+        return LastingChange(t, name, joint, {key: total}, {key: std}, probability, sentence, others)
 
     def _alternatives(self, found: list[Candidate], shares: list[float]) -> dict[str, float]:
         """The next likely laws by name, with their probability."""

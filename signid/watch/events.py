@@ -47,7 +47,7 @@ class Contact(Event):
 
 
 @dataclass(frozen=True)
-class Change(Event):
+class LastingChange(Event):
     """A lasting change of the robot: an additive law at a joint, or an unknown one."""
 
     kind = "change"

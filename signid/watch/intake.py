@@ -17,7 +17,7 @@ FASTEST = 100.0  # [rad/s or m/s] the same for a joint without a limit
 AGAIN = 10.0  # [s] time after which a note of the same kind is repeated
 
 
-class Rows(NamedTuple):
+class StreamRows(NamedTuple):
     """Consecutive rows of n joints."""
 
     t: Array  # (N,) [s]
@@ -25,15 +25,15 @@ class Rows(NamedTuple):
     tau: Array  # (N, n) [N.m or N]
     dq: Array | None = None  # (N, n) [rad/s or m/s]
 
-    def at(self, which: slice | Mask) -> Rows:
+    def at(self, which: slice | Mask) -> StreamRows:
         """Some of the rows."""
-        return Rows(self.t[which], self.q[which], self.tau[which], None if self.dq is None else self.dq[which])
+        return StreamRows(self.t[which], self.q[which], self.tau[which], None if self.dq is None else self.dq[which])
 
 
-class Piece(NamedTuple):
+class StreamPiece(NamedTuple):
     """Rows that follow those before, or, if `fresh`, begin a new stretch."""
 
-    rows: Rows
+    rows: StreamRows
     fresh: bool
 
 
@@ -45,10 +45,10 @@ class Intake:
         self.limit = np.where(np.isfinite(limit), FAST * limit, FASTEST)
         self.joints = robot.joints
         self.period = np.nan
-        self.last: Rows | None = None
+        self.last: StreamRows | None = None
         self.noted: dict[str, float] = {}
 
-    def take(self, rows: Rows) -> tuple[list[Piece], list[Note]]:
+    def take(self, rows: StreamRows) -> tuple[list[StreamPiece], list[Note]]:
         """Cut rows at gaps and jumps, and leave unusable rows out."""
         notes: list[Note] = []
         known = np.isfinite(rows.t) & np.isfinite(rows.q).all(axis=1) & np.isfinite(rows.tau).all(axis=1)
@@ -76,7 +76,7 @@ class Intake:
         self.last = rows.at(slice(-1, None))
         return list(_pieces(rows, cuts, first)), [*notes, *more]
 
-    def _cuts(self, rows: Rows, before: Rows, step: Array) -> tuple[Indices, list[Note]]:
+    def _cuts(self, rows: StreamRows, before: StreamRows, step: Array) -> tuple[Indices, list[Note]]:
         """Indices of rows that begin a new stretch."""
         most = LONGEST if np.isnan(self.period) else max(LONGEST, PERIODS * self.period)
         moved = np.abs(np.diff(rows.q, axis=0, prepend=before.q))
@@ -102,7 +102,7 @@ class Intake:
         return [Note(t, sentence)]
 
 
-def _pieces(rows: Rows, cuts: Indices, first: bool) -> Iterator[Piece]:
+def _pieces(rows: StreamRows, cuts: Indices, first: bool) -> Iterator[StreamPiece]:
     edges = sorted({0, *(int(k) for k in cuts), len(rows.t)})
     for a, b in zip(edges, edges[1:], strict=False):
-        yield Piece(rows.at(slice(a, b)), first if a == 0 and 0 not in cuts else True)
+        yield StreamPiece(rows.at(slice(a, b)), first if a == 0 and 0 not in cuts else True)

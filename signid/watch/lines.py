@@ -12,7 +12,7 @@ from ..errors import RecordingError
 from ..recording import read_recording
 from ..recording.mapping import ColumnMap
 from ..types import Array, Recording, Robot
-from .intake import Rows
+from .intake import StreamRows
 
 PROBE = 64  # rows of zeros and ones that show the conversion of each column
 VECTORS = ("q", "tau", "current", "dq")  # keys of JSON lines that may hold a number for each joint
@@ -25,11 +25,11 @@ class Parser:
         self.robot, self.columns, self.name = robot, columns, name
         self.rest = ""
         self.header: list[str] | None = None
-        self.convert: Callable[[Array], Rows] | None = None
+        self.convert: Callable[[Array], StreamRows] | None = None
         self.joints: tuple[str, ...] = ()
         self.json = False
 
-    def rows(self, text: str) -> Rows | None:
+    def rows(self, text: str) -> StreamRows | None:
         """Rows of the complete lines; None without one."""
         *lines, self.rest = (self.rest + text).split("\n")
         found = [values for line in lines if (values := self._values(line.strip())) is not None]
@@ -93,7 +93,7 @@ class Parser:
 
 def assign(
     names: Sequence[str], robot: Robot, columns: ColumnMap | None, name: str
-) -> tuple[tuple[str, ...], Callable[[Array], Rows]]:
+) -> tuple[tuple[str, ...], Callable[[Array], StreamRows]]:
     """Joints of columns, and the conversion of their values (N, columns) to rows.
 
     Raises:
@@ -113,9 +113,9 @@ def assign(
         offset = values[0]
         parts.append(([place[c] for c in found.columns[key]], (values[-1] - offset) * PROBE / (PROBE - 1), offset))
 
-    def convert(table: Array) -> Rows:
+    def convert(table: Array) -> StreamRows:
         t, *others = (table[:, columns] * factor + offset for columns, factor, offset in parts)
-        return Rows(t[:, 0], *others)
+        return StreamRows(t[:, 0], *others)
 
     return found.joints, convert
 
@@ -134,11 +134,11 @@ def check(recording: Recording, name: str) -> None:
         raise RecordingError(f"{name} has currents of unknown torque constants; state them in the actuators file")
 
 
-def played(recording: Recording, size: int) -> Iterator[Rows]:
+def played(recording: Recording, size: int) -> Iterator[StreamRows]:
     """Rows of a recording in chunks."""
     for start in range(0, len(recording), size):
         samples = recording.read(start, start + size)
-        yield Rows(samples.t, samples.q, samples.tau, samples.dq)
+        yield StreamRows(samples.t, samples.q, samples.tau, samples.dq)
 
 
 def _number(x: Any) -> float:

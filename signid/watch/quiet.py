@@ -16,7 +16,7 @@ ENOUGH = 20  # frames of a joint that give its noise
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
+class QuietNoise:
     """Noise of n joints in the quiet stretch."""
 
     filtered: Array  # (n,) [N.m or N] standard deviation of the observer's residual

@@ -16,7 +16,7 @@ from ..errors import OptionError, RecordingError, readable
 from ..recording import as_recording, read_recording
 from ..recording.mapping import ColumnMap
 from ..types import Recording, Robot
-from .intake import Rows
+from .intake import StreamRows
 from .lines import Parser, check, played
 
 TICK = 0.015  # [s] rows that arrive within this time are processed together
@@ -29,7 +29,7 @@ class Stream(NamedTuple):
     """Joints of a stream and its chunks of rows; None while no row arrives."""
 
     joints: tuple[str, ...]
-    chunks: Iterator[Rows | None]
+    chunks: Iterator[StreamRows | None]
 
 
 def open_stream(
@@ -85,7 +85,7 @@ def _parsed(texts: Iterator[str], robot: Robot, columns: ColumnMap | None, name:
     if parser.header is None:
         raise RecordingError(f"{name} has no rows; give a header of CSV such as t,q_1,tau_1 and rows, or JSON objects")
 
-    def chunks() -> Iterator[Rows | None]:
+    def chunks() -> Iterator[StreamRows | None]:
         yield first
         for text in texts:
             yield parser.rows(text) if text else None
@@ -164,7 +164,7 @@ def _topic(name: str, robot: Robot, idle: float) -> Stream:
     return Stream(robot.joints, _messages(rclpy, JointState, name, robot, idle))
 
 
-def _messages(rclpy: Any, kind: Any, name: str, robot: Robot, idle: float) -> Iterator[Rows | None]:
+def _messages(rclpy: Any, kind: Any, name: str, robot: Robot, idle: float) -> Iterator[StreamRows | None]:
     waiting: list[Any] = []
     rclpy.init()
     node = rclpy.create_node("signid_watch")
@@ -180,7 +180,7 @@ def _messages(rclpy: Any, kind: Any, name: str, robot: Robot, idle: float) -> It
             if rows:
                 last, table = time.monotonic(), np.array(rows)
                 t, q, tau, dq = np.split(table, np.cumsum([1, len(robot.joints), len(robot.joints)]), axis=1)
-                yield Rows(t[:, 0], q, tau, dq if np.isfinite(dq).all() else None)
+                yield StreamRows(t[:, 0], q, tau, dq if np.isfinite(dq).all() else None)
             else:
                 yield None
     finally:

@@ -12,9 +12,9 @@ from .changes import Changes
 from .contacts import PEAK, SIGMAS, Contacts
 from .events import Event, Note
 from .frames import Framer, Frames
-from .intake import Intake, Rows
+from .intake import Intake, StreamRows
 from .momentum import Momentum
-from .quiet import Noise, Quiet
+from .quiet import Quiet, QuietNoise
 
 QUIET = 10.0  # [s] of motion that give the noise
 PATIENCE = 6.0  # [1] longest quiet stretch, over the motion that it should have
@@ -45,7 +45,7 @@ class Watcher:
         self.framer, self.contacts = Framer(self.model, self.momentum), Contacts(self.model)
         n = len(robot.joints)
         self.duration, self.quiet, self.warm = quiet, Quiet(n), False
-        self.noise: Noise | None = None
+        self.noise: QuietNoise | None = None
         self.changes: Changes | None = None
         self.power, self.peak, self.blocks = np.zeros(n), np.zeros(n), 0
         self.std = np.zeros(n)
@@ -55,7 +55,7 @@ class Watcher:
 
     def feed(self, t: Array, q: Array, tau: Array, dq: Array | None = None) -> list[Event]:
         """Events of further rows: t (N,) [s], q (N, n) [rad or m], tau (N, n) [N.m or N], dq (N, n) [rad/s or m/s]."""
-        pieces, notes = self.intake.take(Rows(t, q, tau, dq))
+        pieces, notes = self.intake.take(StreamRows(t, q, tau, dq))
         events: list[Event] = list(notes)
         if self.ignored and len(t):
             names = ", ".join(dict.fromkeys(self.momentum.ignored))
@@ -151,7 +151,7 @@ class Watcher:
         if self.quiet.moved < self.duration and self.quiet.total < PATIENCE * self.duration:
             return []
         base, frame, inflation = self.quiet.base()
-        self.noise = Noise(np.sqrt(self.power / self.blocks), self.peak, frame, inflation, base)
+        self.noise = QuietNoise(np.sqrt(self.power / self.blocks), self.peak, frame, inflation, base)
         self.changes = Changes(self.model, self.noise)
         self.quiet = Quiet(len(base))
         smallest = np.maximum(SIGMAS * np.hypot(self.noise.filtered, self.std), PEAK * self.peak)

@@ -9,7 +9,7 @@ import numpy as np
 from ..effects.bodies import INERTIA, point_inertia
 from ..types import Array
 from .frames import COLUMNS, LOCAL, PAYLOAD, Frames
-from .quiet import Noise
+from .quiet import QuietNoise
 
 FRICTION = (0, 1)  # of LOCAL: viscous and Coulomb friction, which grow together when it gets cold or dry
 TIP = -1  # joint of the payload
@@ -63,7 +63,7 @@ class Window:
         """Squared residual [1], in units of its variance, beyond that of noise, over all joints."""
         return float(np.maximum(self.sums[:, -1, -1] - self.count, 0.0).sum())
 
-    def candidates(self, noise: Noise) -> list[Candidate]:
+    def candidates(self, noise: QuietNoise) -> list[Candidate]:
         """All laws that act in the window, the best first.
 
         An error of the model lasts for the whole window, so its square is not divided by the number of frames.
@@ -84,7 +84,7 @@ class Window:
         return sorted(found, key=lambda one: -one.score)
 
 
-def products(frames: Frames, base: Array, noise: Noise) -> Sums:
+def products(frames: Frames, base: Array, noise: QuietNoise) -> Sums:
     """Sums of usable frames; base: (n, 4) coefficients of LOCAL that are known already [units of the laws]."""
     rest = frames.residual - np.einsum("fnk,nk->fn", frames.columns[:, :, : len(LOCAL)], base)
     whole = np.concatenate([frames.columns, rest[:, :, None]], axis=2)

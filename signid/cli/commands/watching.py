@@ -133,12 +133,12 @@ def _table(watcher: Watcher, seen: deque[str]) -> Table:
 
 
 def _sentence(event: Event) -> str:
-    from ...watch import Change, Contact, Note
+    from ...watch import Contact, LastingChange, Note
 
     if isinstance(event, Contact):
         most = max(event.torque.values(), key=abs, default=0.0)
         when = f"{event.start:.3f} s" if event.end is None else f"{event.start:.3f} to {event.end:.3f} s"
         return f"contact at {event.link} ({', '.join(event.joints)}), {most:.3g} N.m, {when} {event.cause}"
-    if isinstance(event, Change):
+    if isinstance(event, LastingChange):
         return f"{event.t:.2f} s: {event.sentence} (probability {event.probability:.3f})"
     return f"{event.t:.2f} s: {event.sentence}" if isinstance(event, Note) else ""
