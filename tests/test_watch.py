@@ -200,3 +200,27 @@ def test_a_watch_is_lean(model: Model, columns: dict[str, Any]) -> None:
     begin = time.process_time()
     found(model, columns)
     assert time.process_time() - begin < 0.25 * DURATION  # half of it is measured, on a busy machine
+
+
+def test_the_live_view_shows_joints_and_events(model: Model, columns: dict[str, Any]) -> None:
+    from collections import deque
+
+    from rich.console import Console
+
+    from signid.cli.commands.watching import _sentence, _table
+
+    watcher = Watcher(model, quiet=QUIET)
+    events = watcher.feed(columns["t"], columns["q"], pushed(columns))
+    screen = Console(width=100, record=True, file=open(os.devnull, "w"))
+    screen.print(_table(watcher, deque(map(_sentence, events))))
+    shown = screen.export_text()
+    assert "3r at 24.00 s" in shown and "joint_3" in shown and "contact at link_3" in shown
+
+
+def test_a_slow_stream_and_huge_numbers_are_noted(model: Model, columns: dict[str, Any]) -> None:
+    tau = columns["tau"].copy()
+    tau[100] = 1e300
+    slow = Watcher(model).feed(columns["t"][:40] * 100, columns["q"][:40], columns["tau"][:40])
+    huge = Watcher(model).feed(columns["t"][:200], columns["q"][:200], tau[:200])
+    assert any(isinstance(e, Note) and "too slowly" in e.sentence for e in slow)
+    assert [isinstance(e, Note) and "without a number" in e.sentence for e in huge] == [True]

@@ -10,10 +10,12 @@ import numpy as np
 from ..types import Array, Indices, Mask, Robot
 from .events import Note
 
+SLOWEST = 0.03  # [s] period above which a stream is too slow
 LONGEST = 0.1  # [s] time without rows after which the state is reset; slower streams: `PERIODS`
 PERIODS = 8.0  # [1] the same, in sampling periods
 FAST = 3.0  # [1] speed over the velocity limit that is a jump of the position, not a motion
 FASTEST = 100.0  # [rad/s or m/s] the same for a joint without a limit
+LARGEST = 1e9  # largest magnitude of a position, velocity or torque
 AGAIN = 10.0  # [s] time after which a note of the same kind is repeated
 
 
@@ -51,9 +53,9 @@ class Intake:
     def take(self, rows: StreamRows) -> tuple[list[StreamPiece], list[Note]]:
         """Cut rows at gaps and jumps, and leave unusable rows out."""
         notes: list[Note] = []
-        known = np.isfinite(rows.t) & np.isfinite(rows.q).all(axis=1) & np.isfinite(rows.tau).all(axis=1)
-        if rows.dq is not None:
-            known &= np.isfinite(rows.dq).all(axis=1)
+        known = np.isfinite(rows.t)
+        for signal in (rows.q, rows.tau, *(() if rows.dq is None else (rows.dq,))):
+            known &= (np.abs(signal) < LARGEST).all(axis=1)  # False for NaN
         if not known.all():
             when = self.last.t[-1] if self.last is not None else 0.0
             notes += self._note("missing", float(when), "rows without a number in t, q or tau are left out")
@@ -72,6 +74,9 @@ class Intake:
             step = np.diff(rows.t, prepend=before.t)
         if np.isnan(self.period) and (step > 0).sum() >= 2:
             self.period = float(np.median(step[step > 0]))
+            if self.period > SLOWEST:
+                slow = f"rows come at {1 / self.period:.3g} Hz, too slowly for contacts and fast motion"
+                notes += self._note("slow", float(rows.t[-1]), f"{slow}; give 50 Hz or more")
         cuts, more = self._cuts(rows, before, step)
         self.last = rows.at(slice(-1, None))
         return list(_pieces(rows, cuts, first)), [*notes, *more]

@@ -120,7 +120,8 @@ def _table(watcher: Watcher, seen: deque[str]) -> Table:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    table = Table(box=SIMPLE_HEAD, title=f"{watcher.model.robot.name} at {watcher.t:.2f} s", caption="\n".join(seen))
+    title, lines = f"{watcher.model.robot.name} at {watcher.t:.2f} s", "\n".join(seen)
+    table = Table(box=SIMPLE_HEAD, title=title, caption=lines, caption_justify="left", expand=True)
     for k, name in enumerate(("joint", "residual", "threshold", "")):
         table.add_column(name, justify="left" if k in (0, 3) else "right")
     robot = watcher.model.robot
