@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import resource
 import time
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from rich.console import Console
 
 from signid.watch import Watcher
 
+from ..measure_command import peak
 from ..summary import finite, frame, print_targets
 from .cases import CHANGES, Detection, Naming, changed, learnt, pushes, quiet, stream
 from .real import MASS, splice
@@ -42,7 +42,7 @@ def cost() -> tuple[float, float]:
         watcher.feed(t[rows], q[rows], tau[rows])
         spent += time.process_time() - begin
         if start in (len(t) // 2 // CHUNK * CHUNK, (len(t) - 1) // CHUNK * CHUNK):
-            sizes.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3)
+            sizes.append(peak())
     return spent / float(t[-1]), sizes[-1] - sizes[0]
 
 
@@ -83,7 +83,7 @@ def main() -> int:
         rows = {"pushes": detected, "quiet": still, "changes": named}
         content = {key: [one._asdict() for one in value] for key, value in rows.items()}
         content |= {"real": real._asdict() if real else None, "share": share}  # type: ignore[dict-item]
-        given.json.write_text(json.dumps(finite(content), indent=1))
+        given.json.write_text(json.dumps(finite(content), indent=1), encoding="utf-8")
     return 0 if met else 1
 
 

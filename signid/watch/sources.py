@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-import select
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from queue import Empty, Queue
+from threading import Thread
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from .lines import Parser, check, played
 
 TICK = 0.015  # [s] rows that arrive within this time are processed together
 LARGEST = 1 << 18  # [bytes] of a read
+MOST = 16  # reads of standard input that wait
 CHUNK = 0.1  # [s] of rows of a recording
 ROS = "ros:"  # beginning of the name of a topic
 
@@ -96,23 +98,34 @@ def _parsed(texts: Iterator[str], robot: Robot, columns: ColumnMap | None, name:
 
 def _standard_input(idle: float) -> Iterator[str]:
     """Text of standard input as it arrives; "" after each tick without any."""
-    source, last, rest = sys.stdin.fileno(), time.monotonic(), b""
-    while True:
-        ready, _, _ = select.select([source], [], [], TICK)
-        if ready:
+    source, arrived, last, rest = sys.stdin.fileno(), Queue[bytes](maxsize=MOST), time.monotonic(), b""
+
+    def read() -> None:
+        while True:
             got = os.read(source, LARGEST)
+            arrived.put(got)
             if not got:
-                yield rest.decode(errors="replace")
                 return
-            last = time.monotonic()
-            whole, line, rest = (rest + got).rpartition(b"\n")
-            yield (whole + line).decode(errors="replace")
-            if len(got) < LARGEST // 4:
-                time.sleep(TICK)
-        else:
+
+    Thread(target=read, daemon=True).start()  # not select: it reads no pipes on Windows
+    while True:
+        try:
+            parts = [arrived.get(timeout=TICK)]
+        except Empty:
             if time.monotonic() - last > idle:
                 return
             yield ""
+            continue
+        if len(parts[0]) < LARGEST // 4:
+            time.sleep(TICK)
+        while parts[-1] and not arrived.empty():
+            parts.append(arrived.get())
+        last = time.monotonic()
+        whole, line, rest = (rest + b"".join(parts)).rpartition(b"\n")
+        yield (whole + line).decode(errors="replace")
+        if not parts[-1]:
+            yield rest.decode(errors="replace")
+            return
 
 
 def _growing(path: Path, idle: float) -> Iterator[str]:
