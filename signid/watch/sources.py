@@ -20,7 +20,7 @@ from ..types import Recording, Robot
 from .intake import StreamRows
 from .lines import Parser, check, played
 
-TICK = 0.015  # [s] rows that arrive within this time are processed together
+TICK = 0.025  # [s] rows that arrive within this time are processed together
 LARGEST = 1 << 18  # [bytes] of a read
 MOST = 16  # reads of standard input that wait
 CHUNK = 0.1  # [s] of rows of a recording
@@ -106,18 +106,18 @@ def _standard_input(idle: float) -> Iterator[str]:
             arrived.put(got)
             if not got:
                 return
+            if len(got) < LARGEST // 4:
+                time.sleep(TICK)  # the pipe collects rows meanwhile
 
     Thread(target=read, daemon=True).start()  # not select: it reads no pipes on Windows
     while True:
         try:
-            parts = [arrived.get(timeout=TICK)]
+            parts = [arrived.get(timeout=2 * TICK)]
         except Empty:
             if time.monotonic() - last > idle:
                 return
             yield ""
             continue
-        if len(parts[0]) < LARGEST // 4:
-            time.sleep(TICK)
         while parts[-1] and not arrived.empty():
             parts.append(arrived.get())
         last = time.monotonic()
