@@ -1,9 +1,8 @@
 """Identify a robot's dynamics from recordings, and find the physics that a simulation of it lacks.
 
-Start with `load_robot` and `read_recording`. `check` lists identifiable parameters; `identify` estimates a model with
-confidence intervals; `diagnose` names the effects that a simulation (`load_model`) lacks; `payload`, `fleet`,
-`validate`, `roll_out`, `report`, `replay`, `export`, `excite` and `simulate` use models. Units are SI, errors derive
-from `SignidError`, and the laws are in `signid.effects`.
+Start with `load_robot` and `read_recording`. `identify` estimates a model with confidence intervals, `diagnose` names
+the effects that a simulation (`load_model`) lacks, `check` lists identifiable parameters; other verbs use models. Units
+are SI, errors derive from `SignidError`, and the laws are in `signid.effects`.
 """
 
 import sys  # isort: skip_file
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from .simulation.plant import Sensors as Sensors, record as record, simulate as simulate, track as track
     from .simulation.rollout import roll_out as roll_out
     from .validate import validate as validate
+    from .watch import watch as watch
 
 NAMES = _names(__name__)
 

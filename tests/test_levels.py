@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).parents[1] / "signid"
 ROOMS = {  # modules and folders of a folder in the order of the data; one imports only those before it
     "": "version errors deadline toml_json registry frozen parameters laws types optimisers robot effects "
     "recording regression model inspect simulation estimation signs recording_faults payload check identify diagnose "
-    "validate output cli __main__ __init__",
+    "validate watch output cli __main__ __init__",
     "cli": "app terminal completion options arguments files fleet demo commands run worker __init__",
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay export display",
@@ -27,7 +27,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "recover __init__",
     "simulation": "__init__ plant excite rollout",
 }
-MOST_FOLDERS, MOST_MODULES, MOST_FILES = 14, 14, 14  # below signid/, below signid/, in any folder but effects/
+MOST_FOLDERS, MOST_MODULES, MOST_FILES = 15, 14, 14  # below signid/, below signid/, in any folder but effects/
 Arrows = Mapping[str, set[str]]  # file -> files that it imports; "robot/load", without .py
 
 
