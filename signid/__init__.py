@@ -1,6 +1,7 @@
 """Identify a robot's dynamics from recordings, and find the physics that a simulation of it lacks.
 
-Start with `load_robot` and `read_recording`. Units are SI, errors derive from `SignidError`.
+Start with `load_robot` and `read_recording`. `identify` estimates a model with confidence intervals, `diagnose` names
+the effects that a simulation (`load_model`) lacks. Units are SI, errors derive from `SignidError`.
 """
 
 import sys  # isort: skip_file
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from .simulation.plant import Sensors as Sensors, record as record, simulate as simulate, track as track
     from .simulation.rollout import roll_out as roll_out
     from .validate import validate as validate
+    from .watch import watch as watch
 
 NAMES = _names(__name__)
 sys.modules[__name__].__class__ = _package(__name__, NAMES)

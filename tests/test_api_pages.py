@@ -28,7 +28,7 @@ PUBLIC = [(name, home[1:].replace(".", "/")) for name, home in signid.NAMES.item
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Pages by name, as they were written."""
-    found = re.findall(r"^python -m (pdoc .*) -o api$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    found = re.findall(r"`python -m (pdoc .*) -o api`", (ROOT / "README.md").read_text())
     assert len(found) == 1, "the README has the command once"
     folder = tmp_path_factory.mktemp("api")
     there = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -11,12 +11,13 @@ PACKAGE = Path(__file__).parents[1] / "signid"
 ROOMS = {  # modules and folders of a folder in the order of the data; one imports only those before it
     "": "version errors deadline toml_json registry frozen parameters laws servos types optimisers robot effects "
     "recording regression model inspect simulation estimation signs recording_faults payload check identify diagnose "
-    "validate servo output cli __main__ __init__",
+    "validate servo watch output cli __main__ __init__",
     "cli": "app terminal completion options arguments files fleet demo commands run worker __init__",
     "servo": "__init__ stated plant simulate audit fit identify validate diagnose",
     "servo/diagnose": "result closed_loop laws noise coordinates unexplained refine search conclude run __init__",
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay export display",
+    "output/export": "beyond bodies drives shapes urdf mjcf actuators training lerobot code function __init__",
     "output/report": "layout policy write results pages __init__",
     "output/report/results": "__init__ documents drives laws recordings signs headline simulation identification fleet "
     "sentences inspection validation diagnosis",
@@ -30,7 +31,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "recover __init__",
     "simulation": "__init__ plant excite rollout",
 }
-MOST_FOLDERS, MOST_MODULES, MOST_FILES = 15, 15, 14  # below signid/, below signid/, in any folder but effects/
+MOST_FOLDERS, MOST_MODULES, MOST_FILES = 16, 15, 14  # below signid/, below signid/, in any folder but effects/
 Arrows = Mapping[str, set[str]]  # file -> files that it imports; "robot/load", without .py
 
 

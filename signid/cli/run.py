@@ -22,14 +22,24 @@ from typer.main import get_command
 from ..deadline import one_thread, stop_searches
 from ..errors import SignidError
 from .app import app
-from .commands import catalogue, conversion, diagnosis, excitation, factors, identification, replay, simulation  # noqa: F401
+from .commands import (  # noqa: F401
+    catalogue,
+    conversion,
+    diagnosis,
+    excitation,
+    factors,
+    identification,
+    replay,
+    simulation,
+    watching,
+)
 from .demo import command as demo  # noqa: F401
 from .fleet import command as fleet  # noqa: F401
 from .terminal import BAD, BROKEN, DONE, INTERRUPTED, open_streams, write_error
 
 ORDER = (  # of commands in --help
-    "demo inspect check identify diagnose validate payload effects convert excite export simulate replay reduce fleet "
-    "data"
+    "demo inspect check identify diagnose validate watch payload effects convert excite export simulate replay reduce "
+    "fleet data"
 ).split()
 app.registered_commands.sort(key=lambda command: ORDER.index(getattr(command.callback, "__name__", "")))
 # in click, or in typer

@@ -144,6 +144,8 @@ class ExportFiles:
     mjlab: Text = option(None, "Python: actuators for mjlab.", metavar="FILE")
     lerobot: Text = option(None, "JSON: position drives by motor, for LeRobot.", metavar="FILE")
     expected: Text = option(None, "Python without packages: positions expected from commands.", metavar="FILE")
+    c: Text = option(None, "C99: inverse dynamics; FILE.h and FILE_test.c beside it.", "--c", metavar="FILE.c")
+    arrays: Text = option(None, "Python: inverse dynamics over numpy, jax.numpy or torch.", metavar="FILE")
 
 
 @command("signid export result/model.json --urdf arm.urdf --mjcf arm.xml")
@@ -164,7 +166,7 @@ def export(simulation: SimulationName, exports: ExportFiles, package_dir: Packag
     packages = None if simulation.endswith(".json") else package_dir
     source = SimulationArguments(simulation=simulation, package_dir=packages)
     model, _ = given_model(source)
-    made = {kind: write(model, kind, package_dir or ()) for kind in paths}
+    made = {kind: write(model, kind, package_dir or (), name=path.stem) for kind, path in paths.items()}
     _write(paths, made)
     files = [{"kind": kind, "path": asked[kind], "notes": list(made[kind].notes)} for kind in paths]
     known = {"schema": "signid.export/1", "robot": model.robot.name, "files": files}
@@ -175,7 +177,8 @@ def export(simulation: SimulationName, exports: ExportFiles, package_dir: Packag
     for kind in paths:
         for note in made[kind].notes:
             screen.print(f"{kind}: {note}")
-    screen.write("\n".join(["written:", *(f"  {path}" for path in paths.values()), ""]))
+    beside = [path.with_name(path.stem + end) for kind, path in paths.items() for end in made[kind].beside]
+    screen.write("\n".join(["written:", *(f"  {path}" for path in (*paths.values(), *beside)), ""]))
     return DONE
 
 
@@ -188,6 +191,8 @@ def _check_exports(asked: dict[str, Text], paths: dict[str, Path]) -> None:
     for kind, path in paths.items():
         if not asked[kind] or path.is_dir():
             raise OptionError(f"--{kind} {asked[kind]!r} is not a file name; give the path of the file to write")
+        if kind == "c" and (path.suffix != ".c" or not path.stem.isidentifier()):
+            raise OptionError(f"--c {asked[kind]!r} is no name of a C file; give one such as arm.c, without spaces")
         probe_folder(path.parent, f"--{kind}")
     if len({path.resolve() for path in paths.values()}) < len(paths):
         raise OptionError("two of the files have the same name; give each its own")
@@ -200,4 +205,5 @@ def _write(paths: dict[str, Path], made: dict[str, Exported]) -> None:
     for folder in dict.fromkeys(path.parent for path in paths.values()):
         mine = {kind: path for kind, path in paths.items() if path.parent == folder}
         texts = {path.name: made[kind].text for kind, path in mine.items()}
+        texts |= {path.stem + end: x for kind, path in mine.items() for end, x in made[kind].beside.items()}
         write_files(folder, texts, f"--{next(iter(mine))}", named=True)

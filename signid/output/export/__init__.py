@@ -13,6 +13,7 @@ from ...errors import OptionError
 from ...model import ModelSource, as_model
 from .actuators import write_actuators, write_ros
 from .beyond import Exported
+from .code import write_arrays, write_c
 from .drives import with_drive_laws
 from .function import write_function
 from .lerobot import write_expected, write_lerobot
@@ -32,20 +33,26 @@ _WRITERS: dict[str, Callable[..., Exported]] = {
     "mjlab": write_mjlab,
     "lerobot": write_lerobot,
     "expected": write_expected,
+    "c": write_c,
+    "arrays": write_arrays,
 }
 KINDS = tuple(_WRITERS)
 
 
-def export(model: ModelSource, kind: str, package_dirs: Sequence[str | Path] = ()) -> Exported:
+def export(
+    model: ModelSource, kind: str, package_dirs: Sequence[str | Path] = (), *, name: str | None = None
+) -> Exported:
     """Export a model; return the text of the file and notes on the content that the format cannot hold.
 
     Args:
         model: rigid bodies and laws.
         kind: "urdf" (the robot's URDF with inertials, damping and friction), "mjcf" (for MuJoCo), "actuators" (TOML
             file for use with a URDF), "function" (laws as Python code that needs only NumPy), "ros" (parameters of a
-            ROS 2 node), "isaaclab" (actuator groups), "mjlab" (actuators); of position drives alone, "lerobot" (numbers
-            as JSON) and "expected" (Python function of the commands without packages).
+            ROS 2 node), "isaaclab" (actuator groups), "mjlab" (actuators), "c" (inverse dynamics as C99; `beside` holds
+            its header and a test program), "arrays" (inverse dynamics as Python over numpy, jax.numpy or torch); of
+            position drives alone, "lerobot" (numbers as JSON) and "expected" (Python function of the commands).
         package_dirs: folders to search for meshes of an MJCF, besides those of example-robot-data.
+        name: name of the C files without ".c"; default: the robot's name as an identifier.
 
     Raises:
         OptionError: the kind is unknown.
@@ -54,6 +61,8 @@ def export(model: ModelSource, kind: str, package_dirs: Sequence[str | Path] = (
     model = with_drive_laws(as_model(model, "export"))
     if kind == "mjcf":
         return write_mjcf(model, package_dirs)
+    if kind == "c":
+        return write_c(model, name)
     if kind not in _WRITERS:
         raise OptionError(f"there is no export to {kind!r}; choose from {', '.join(KINDS)}")
     return _WRITERS[kind](model)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,6 +21,7 @@ class Exported(Frozen):
 
     text: str
     notes: tuple[str, ...] = ()
+    beside: Mapping[str, str] = field(default_factory=dict)  # further texts, by the ends of their files' names
 
 
 def summed(model: Model, effect: str) -> Array:

@@ -1,0 +1,79 @@
+"""Generated C beside Pinocchio's compiled loop over the same states: time of inverse dynamics, in one run."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from signid.model import Model, load_model
+from signid.output.export import export
+from signid.output.export.code.c import identifier
+from signid.regression.motion import Motion
+from signid.robot import configuration
+
+ROBOTS = ("ur5", "panda", "tiago_no_hand")
+STATES, ROUNDS, CHECKED = 20_000, 9, 200
+LOOP = """#include "dynamics.h"
+void many(const double *q, const double *v, const double *a, double *tau, int count)
+{{
+    for (int k = 0; k < count; k++) {{
+        {name}_inverse_dynamics(q + k * {n}, v + k * {n}, a + k * {n}, tau + k * {n});
+    }}
+}}
+"""
+
+
+def compiled(model: Model, folder: Path) -> Callable[..., None]:
+    """Compile the C code of a model with a loop over states."""
+    made = export(model, "c", name="dynamics")
+    loop = LOOP.format(name=identifier(model.robot.name), n=len(model.robot.joints))
+    for name, text in {"dynamics.c": made.text, "dynamics.h": made.beside[".h"], "loop.c": loop}.items():
+        (folder / name).write_text(text)
+    build = ["cc", "-std=c99", "-O2", "-shared", "-fPIC", "dynamics.c", "loop.c", "-lm", "-o", "dynamics.so"]
+    subprocess.run(build, cwd=folder, check=True)
+    many: Callable[..., None] = ctypes.CDLL(str(folder / "dynamics.so")).many
+    return many
+
+
+def seconds(run: Callable[[], object]) -> float:
+    """Least time of several rounds [s]."""
+    times = []
+    for _ in range(ROUNDS):
+        start = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def compare(name: str) -> None:
+    """Print microseconds a state of both, their ratio, and the largest relative difference from the model's torques."""
+    model = load_model(name)
+    robot, n = model.robot, len(model.robot.joints)
+    q, v, a = np.random.default_rng(0).normal(size=(3, STATES, n))
+    tau = np.zeros((STATES, n))
+    with tempfile.TemporaryDirectory() as folder:
+        many = compiled(model, Path(folder))
+        given = [x.ctypes.data_as(ctypes.c_void_p) for x in (q, v, a, tau)]
+        own = seconds(lambda: many(*given, STATES))
+    whole = model.bodies()
+    pool = pin.ModelPool(whole, 1)
+    turned = [np.asfortranarray(x) for x in (configuration(robot, q).T, (v @ robot.drive.T).T, (a @ robot.drive.T).T)]
+    out = np.zeros((whole.nv, STATES), order="F")
+    theirs = seconds(lambda: pin.rneaInParallel(1, pool, *turned, out))
+    few = slice(CHECKED)
+    expected = model.inverse(Motion(robot, np.arange(CHECKED) * 1.0, q[few], v[few], a[few]))
+    off = np.abs(expected - tau[few]).max() / np.abs(expected).max()
+    print(f"{name:14s} {n:2d} {own / STATES * 1e6:8.3f} {theirs / STATES * 1e6:8.3f} {theirs / own:6.1f} {off:9.1e}")
+
+
+if __name__ == "__main__":
+    print("robot          n   C [us]  pinocchio [us] ratio  difference")
+    for robot_name in ROBOTS:
+        compare(robot_name)

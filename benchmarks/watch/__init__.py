@@ -1,0 +1,1 @@
+"""Contacts and changes of a robot at work: MuJoCo, a real UR10e, and quiet streams."""

@@ -1,0 +1,10 @@
+"""Code of a model's dynamics for controllers and optimisers: C99, and Python over an array namespace.
+
+The equations of the bodies and of the laws are traced once into a graph without repetitions, zeros and ones; each
+language writes it.
+"""
+
+from .arrays import write_arrays
+from .c import write_c
+
+__all__ = ["write_arrays", "write_c"]

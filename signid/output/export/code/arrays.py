@@ -1,0 +1,84 @@
+"""Export of inverse dynamics as Python over an array namespace: NumPy, jax.numpy or torch, which differentiate it."""
+
+from __future__ import annotations
+
+from ....model import Model
+from ....version import __version__
+from ...report.layout import torque_units
+from ..beyond import Exported
+from .graph import UNARY
+from .program import Function, Program, program_of, texts
+
+_WORDS = {
+    "add": "{0} + {1}",
+    "subtract": "{0} - {1}",
+    "multiply": "{0} * {1}",
+    "divide": "{0} / {1}",
+    "negate": "-{0}",
+    "greater": "1.0 * ({0} > {1})",
+    "where": "xp.where({0} != 0, {1}, {2})",
+    "power": "{0} ** {1}",
+    "minimum": "xp.clip({0}, None, {1})",
+    "maximum": "xp.clip({0}, {1}, None)",
+    **{name: f"xp.{name}({{0}})" for name in UNARY},
+    "arctan2": "xp.arctan2({0}, {1})",
+}
+_HEAD = '''"""Dynamics of {name}, written by signid {version}, over an array namespace.
+
+Every function takes arrays (..., {n}) in the order of JOINTS [rad or m, per s, per s2]; torques are in UNITS.
+xp: numpy (default), jax.numpy or torch; derivatives hold wherever dry friction is smooth.{notes}
+"""
+
+import numpy
+
+JOINTS = {joints!r}
+UNITS = {units!r}
+'''
+
+
+def write_arrays(model: Model) -> Exported:
+    """Write inverse dynamics, gravity, laws and the mass matrix as Python functions over an array namespace.
+
+    Raises:
+        RobotError: a joint is neither revolute nor prismatic.
+    """
+    program, robot = program_of(model, True), model.robot
+    notes = "".join(f"\n\nNote: {note}." for note in program.notes)
+    head = _HEAD.format(
+        name=_plain(robot.name),
+        version=__version__,
+        n=len(robot.joints),
+        notes=_plain(notes),
+        joints=tuple(robot.joints),
+        units=tuple(torque_units(robot)),
+    )
+    functions = "".join(_definition(program, function, len(robot.joints)) for function in program.functions)
+    return Exported(head + functions, program.notes)
+
+
+def _plain(text: str) -> str:
+    """Escape text for a docstring."""
+    return text.replace("\\", "\\\\").replace('"', '\\"')
+
+
+def _definition(program: Program, function: Function, n: int) -> str:
+    graph, names = program.graph, dict[int, str]()
+    lines: list[str] = []
+    for number in graph.used(function.outputs):
+        operation, *inner = graph.nodes[number]
+        if operation == "variable":
+            key, index = inner[0][:-1].split("[")
+            names[number] = f"{key}[..., {index}]"
+        elif operation == "constant":
+            names[number] = f"({inner[0]!r})" if inner[0] < 0 else repr(inner[0])
+        else:
+            names[number] = f"t{len(lines)}"
+            lines.append(f"    t{len(lines)} = {texts(graph, number, names, _WORDS)}")
+    first = function.arguments[0]
+    rows = ", ".join(f"{names[x.number]} + zero" for x in function.outputs)
+    shape = f".reshape((*{first}.shape[:-1], {n}, {n}))" if len(function.outputs) != n else ""
+    return (
+        f"\n\ndef {function.name}({', '.join(function.arguments)}, xp=numpy):\n"
+        f'    """{function.meaning[:1].upper()}{function.meaning[1:]}."""\n'
+        f"    zero = 0.0 * {first}[..., 0]\n" + "\n".join([*lines, f"    return xp.stack([{rows}], -1){shape}"]) + "\n"
+    )

@@ -1,0 +1,95 @@
+"""Laws of a model as expressions, from the equations of their effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ....effects.base import BodyLaw, TorqueLaw
+from ....model import Model
+from ....types import Law
+from .graph import BINARY, UNARY, Graph, Scalar, binary, unary, where
+from .rigid import Expressions
+
+_VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
+
+
+def writable(law: Law) -> bool:
+    """Whether the torque of a law is a function of position, velocity, acceleration and rigid-body torque."""
+    effect = law.effect
+    if not isinstance(effect, TorqueLaw) or effect.memory or effect.scope not in ("joint", "pair", "robot", "any"):
+        return False
+    try:
+        code = compile(effect.equation, "<equation>", "eval")
+    except SyntaxError:
+        return False
+    signals = {"q", "v", "a", "load", "variable", "knots", "values", "sum"}
+    return set(code.co_names) <= signals | set(law.effect.filled(law.parameters)) | set(UNARY) | set(BINARY) | {
+        "where",
+        "interp",
+    }
+
+
+def inertial(law: Law) -> bool:
+    """Whether the inertial parameters of the bodies hold a law."""
+    return isinstance(law.effect, BodyLaw)
+
+
+def law_expressions(graph: Graph, model: Model, motion: Mapping[str, Expressions]) -> Expressions:
+    """Torque (n,) of the laws that can be written.
+
+    motion: "q", "v", "a" and "load" (n,) [rad or m, and their derivatives; N.m or N].
+    """
+    total = np.array([graph.constant(0.0)] * len(model.robot.joints))
+    for law in filter(writable, model.laws):
+        joints = list(law.joints)
+        single = len(joints) == 1
+        signals = {key: x[joints[0]] if single else x[joints] for key, x in motion.items()}
+        torque = _evaluate(graph, law, signals)
+        for row, joint in enumerate(joints):
+            total[joint] = total[joint] + (torque if single else torque[row])
+    return total
+
+
+def _evaluate(graph: Graph, law: Law, signals: Mapping[str, Any]) -> Any:
+    numbers: dict[str, Any] = {key: float(x) for key, x in law.effect.filled(law.parameters).items()}
+    if law.effect.name == "empirical":
+        lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
+        numbers = {"variable": signals[_VARIABLES[int(numbers["variable"])]], **lists}
+    functions: dict[str, Any] = {name: np.frompyfunc(partial(_unary, graph, name), 1, 1) for name in UNARY}
+    functions |= {name: np.frompyfunc(partial(_binary, graph, name), 2, 1) for name in BINARY}
+    functions |= {
+        "where": np.frompyfunc(partial(_where, graph), 3, 1),
+        "interp": partial(_interpolate, graph),
+        "sum": sum,
+    }
+    scope = {"__builtins__": {}, **functions, **signals, **numbers}
+    return eval(compile(law.effect.equation, "<equation>", "eval"), scope)  # of an installed effect, never of a file
+
+
+def _unary(graph: Graph, name: str, x: Any) -> Scalar:
+    return unary(name, _scalar(graph, x))
+
+
+def _binary(graph: Graph, name: str, a: Any, b: Any) -> Scalar:
+    return binary(name, _scalar(graph, a), _scalar(graph, b))
+
+
+def _where(graph: Graph, condition: Any, yes: Any, no: Any) -> Scalar:
+    return where(_scalar(graph, condition), _scalar(graph, yes), _scalar(graph, no))
+
+
+def _scalar(graph: Graph, x: Any) -> Scalar:
+    return x if isinstance(x, Scalar) else graph.constant(float(x))
+
+
+def _interpolate(graph: Graph, x: Scalar, knots: list[float], values: list[float]) -> Scalar:
+    """Piecewise linear function, constant beyond its ends, as a sum of clipped ramps."""
+    total = graph.constant(values[0])
+    for low, high, here, there in zip(knots[:-1], knots[1:], values[:-1], values[1:], strict=True):
+        ramp = binary("minimum", binary("maximum", (x - low) / (high - low), graph.constant(0.0)), graph.constant(1.0))
+        total = total + (there - here) * ramp
+    return total

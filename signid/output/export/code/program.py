@@ -1,0 +1,92 @@
+"""Functions of a model as expressions: inverse dynamics, gravity, laws, mass matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....model import Model
+from ..beyond import fixed_note, lacking
+from .graph import Graph, Scalar
+from .laws import inertial, law_expressions, writable
+from .rigid import Bodies, Expressions, rigid_torque, tree_of
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function of the motion: names of its arguments, and its outputs as nodes of one graph."""
+
+    name: str
+    arguments: tuple[str, ...]  # of "q", "v", "a"
+    result: str
+    outputs: tuple[Scalar, ...]  # (n,), or (n * n,) by rows
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Program:
+    """Functions of a model over one graph, and notes on laws that they lack."""
+
+    graph: Graph
+    functions: tuple[Function, ...]
+    notes: tuple[str, ...]
+
+
+def program_of(model: Model, mass_matrix: bool = False) -> Program:
+    """Functions of a model.
+
+    Raises:
+        RobotError: a joint is neither revolute nor prismatic.
+    """
+    graph, tree, n = Graph(), tree_of(model), len(model.robot.joints)
+    zero = np.array([graph.constant(0.0)] * n)
+    motion = {key: np.array([graph.variable(f"{key}[{j}]") for j in range(n)]) for key in ("q", "v", "a")}
+    load = rigid_torque(graph, tree, motion["q"], motion["v"], motion["a"], rotors=False)
+    whole = rigid_torque(graph, tree, motion["q"], motion["v"], motion["a"])
+    laws = law_expressions(graph, model, {**motion, "load": load})
+    gravity = rigid_torque(graph, tree, motion["q"], zero, zero)
+    functions = [
+        _function("inverse_dynamics", "qva", "tau", whole + laws, "torque of the bodies, the rotors and the laws"),
+        _function("gravity", "q", "tau", gravity, "torque of gravity"),
+        _function("laws", "qva", "tau", laws, "torque of the laws alone: friction, springs, offsets, armature"),
+    ]
+    if mass_matrix:
+        columns = [_unit_torque(graph, tree, model, motion["q"], zero, j) for j in range(n)]
+        matrix = np.array(columns).T.ravel()
+        meaning = "mass matrix by rows, of the bodies, the rotors and the armature"
+        functions.append(_function("mass_matrix", "q", "mass", matrix, meaning))
+    return Program(graph, tuple(functions), tuple(_notes(model)))
+
+
+def _function(name: str, arguments: str, result: str, outputs: Expressions, meaning: str) -> Function:
+    return Function(name, tuple(arguments), result, tuple(outputs), meaning)
+
+
+def _unit_torque(
+    graph: Graph, tree: Bodies, model: Model, q: Expressions, zero: Expressions, joint: int
+) -> Expressions:
+    """Column of the mass matrix (n,)."""
+    unit = zero.copy()
+    unit[joint] = graph.constant(1.0)
+    column = rigid_torque(graph, tree, q, zero, unit, gravity=False)
+    for law in model.laws:
+        if law.effect.name == "armature" and law.joints == (joint,):
+            column[joint] = column[joint] + law.parameters["inertia"]
+    return column
+
+
+def _notes(model: Model) -> list[str]:
+    left = [law for law in model.laws if not writable(law) and not inertial(law)]
+    words = lacking(model.robot, left, ())
+    lead = "the code lacks laws that are no functions of position, velocity and acceleration: "
+    return [*([lead + words] if words else []), *fixed_note(model.robot, "the code holds it there, too")]
+
+
+def texts(graph: Graph, number: int, names: Mapping[int, str], words: Mapping[str, str]) -> str:
+    """Expression of one node, whose operands are named; words: format of each operation, in the operands."""
+    operation, *inner = graph.nodes[number]
+    if operation == "constant":
+        return repr(inner[0])
+    return words[operation].format(*(names[k] for k in inner))

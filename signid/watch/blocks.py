@@ -1,0 +1,83 @@
+"""Rows -> blocks of a few milliseconds between edges with position, velocity and torque."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..types import Array, Indices
+from .intake import StreamRows
+
+HALF = 0.008  # [s] half of the window of the velocity: a local line; the delay of the observer
+BLOCK = 0.002  # [s] shortest block
+FIRST = 20  # rows that give the sampling period
+
+
+class Blocks(NamedTuple):
+    """K blocks between K + 1 edges."""
+
+    t: Array  # (K+1,) [s]
+    q: Array  # (K+1, n) [rad or m]
+    v: Array  # (K+1, n) [rad/s or m/s]
+    tau: Array  # (K+1, n) [N.m or N], through the filter of the velocity
+    late: float  # [s] between the last edge and the last row that it needs
+
+    @property
+    def step(self) -> Array:
+        """Durations (K, 1) [s]."""
+        return np.asarray(np.diff(self.t)[:, None])
+
+
+class Cutter:
+    """Rows of the current stretch that later edges need."""
+
+    def __init__(self) -> None:
+        self.rows: StreamRows | None = None
+        self.at, self.half, self.every = 0, 0, 0
+
+    def restart(self) -> None:
+        """Begin a new stretch."""
+        self.rows, self.at = None, self.half
+
+    def cut(self, rows: StreamRows) -> Blocks | None:
+        """Append rows; the blocks that are complete, or None."""
+        kept = self.rows
+        if kept is not None:
+            dq = None if kept.dq is None or rows.dq is None else np.concatenate([kept.dq, rows.dq])
+            t, q, tau = (np.concatenate(pair) for pair in zip(kept[:3], rows[:3], strict=True))
+            rows = StreamRows(t, q, tau, dq)
+        self.rows = rows
+        if not self.half:
+            if len(rows.t) < FIRST:
+                return None
+            period = float(np.median(np.diff(rows.t)))
+            self.half, self.every = max(1, round(HALF / period)), max(1, round(BLOCK / period))
+            self.at = self.half
+        edges = np.arange(self.at, len(rows.t) - self.half, self.every)
+        if len(edges) < 2:
+            return None
+        found = _blocks(rows, edges, self.half)
+        self.rows, self.at = rows.at(slice(edges[-1] - self.half, None)), self.half
+        return found
+
+
+def _blocks(rows: StreamRows, edges: Indices, half: int) -> Blocks:
+    """Edges with the velocity of a local line, and torque through the filter that this line is.
+
+    The slope of a line through samples is their velocity under a parabolic window; torque passes the same window, so
+    that both have the same acceleration in them.
+    """
+    reach = np.arange(-half, half + 1)
+    around = edges[:, None] + reach
+    t = rows.t[edges]
+    if rows.dq is None:
+        times = rows.t[around] - t[:, None]
+        times -= times.mean(axis=1, keepdims=True)
+        weight = times / np.sum(times**2, axis=1, keepdims=True)
+        v = np.einsum("kw,kwn->kn", weight, rows.q[around] - rows.q[edges][:, None])
+    else:
+        v = rows.dq[around].mean(axis=1)
+    window = (half + 0.5) ** 2 - reach**2 if rows.dq is None else np.ones(len(reach))
+    tau = np.einsum("w,kwn->kn", window / window.sum(), rows.tau[around])
+    return Blocks(t, rows.q[edges], v, tau, float(rows.t[edges[-1] + half] - t[-1]))

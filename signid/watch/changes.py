@@ -1,0 +1,213 @@
+"""Frames -> lasting changes of the robot: noticed in windows with forgetting, named from the frames that follow."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..effects import EFFECTS
+from ..model import Model
+from ..types import Array
+from .events import LastingChange
+from .frames import INERTIAL, LOCAL, PAYLOAD, Frames
+from .quiet import QuietNoise
+from .windows import FRICTION, TIP, Candidate, Sums, Window, effect, gain, products
+
+MEMORIES = (4.0, 60.0)  # [s] of the windows: sudden changes, and slow ones
+EVERY = 0.5  # [s] between tests
+NOTICED = {1: 45.0, 2: 50.0, 4: 60.0}  # [1] by number of coefficients: chi-squared, once in 1e9 tests of noise
+SHORTEST, LONGEST = 3.0, 20.0  # [s] of frames that name a change
+GIVEN_UP = 8.0  # [s] after which a change that is not there any more is dropped
+SURE = 0.95  # [1] probability of a law that is named
+EXPLAINED = 0.6  # [1] share of the excess that a named law explains
+SETTLED = 5.0  # [standard deviations] of the main number
+PIECE = 1.0  # [s] of the pieces of the frames after a change
+OFTEN = 0.6  # [1] share of pieces with excess with the residual of a law that make it a lasting one
+ACTING = 9.0  # [1] squared torque of a law in a piece, over the noise, from which it acts there
+FEWEST = 3  # pieces that a law acts in
+NAMED = 1e-3  # [1] smallest probability of an alternative
+PRESENT = 2.0  # [1] squared residual of a piece with an unknown change, over that of noise and model
+ALWAYS = 0.8  # [1] share of such pieces that make the unknown change a lasting one
+
+
+class Changes:
+    """State of the windows, and the coefficients that are known already."""
+
+    def __init__(self, model: Model, noise: QuietNoise) -> None:
+        self.model, self.robot, self.noise = model, model.robot, noise
+        n = len(model.robot.joints)
+        self.base, self.first = noise.base.copy(), noise.base
+        self.mass, self.load = 0.0, np.zeros(INERTIAL)  # payload: total mass, and what was found last
+        self.windows = [Window(n, memory) for memory in MEMORIES]
+        self.after: Window | None = None  # frames since a change was noticed
+        self.pieces: list[Array] = []  # sums of each second since then
+        self.usual: list[Array] = []  # (n,) their squared residual without a change
+        self.piece = Window(n)
+        self.restarts = 0
+        self.since = self.in_piece = self.untested = 0.0
+
+    def restart_after(self) -> None:
+        """A contact ended: what was noticed may have been the contact, once."""
+        if self.after is not None and not self.restarts:
+            self._begin()
+            self.restarts = 1
+
+    def add(self, frames: Frames, step: float) -> list[LastingChange]:
+        """Changes that frames of `step` [s] show."""
+        sums = products(frames, self.base, self.noise)
+        seconds = step * len(frames.t)
+        for window in self.windows:
+            window.add(sums, seconds)
+        if self.after is not None:
+            self._follow(sums, seconds)
+        self.untested += seconds
+        if self.untested < EVERY:
+            return []
+        self.untested = 0.0
+        if self.after is not None:
+            return self._name(float(frames.t[-1]))
+        if any(_noticed(one) for window in self.windows for one in window.candidates(self.noise)):
+            self._begin()
+            self.restarts = 0
+        return []
+
+    def _begin(self) -> None:
+        n = len(self.noise.frame)
+        self.after, self.piece, self.pieces, self.usual = Window(n), Window(n), [], []
+        self.since = self.in_piece = 0.0
+
+    def _follow(self, sums: Sums, seconds: float) -> None:
+        assert self.after is not None, "a change was noticed"
+        self.after.add(sums, seconds)
+        self.piece.add(sums, seconds)
+        self.since += seconds
+        self.in_piece += seconds
+        if self.in_piece >= PIECE:
+            self.pieces.append(self.piece.sums.copy())
+            self.usual.append(np.maximum(self.piece.count + self.piece.model, 1.0))
+            self.piece.restart()
+            self.in_piece = 0.0
+
+    def _name(self, t: float) -> list[LastingChange]:
+        """The change that the frames since it was noticed show, if the evidence suffices."""
+        assert self.after is not None, "a change was noticed"
+        if self.since < SHORTEST:
+            return []
+        found = self.after.candidates(self.noise)
+        shares = _probabilities(found)
+        for k, best in enumerate(found[:2]):
+            if _noticed(best) and self._clear(best, found, shares) and self._lasts(best):
+                events = self._named(t, k, found, shares)
+                self._known(best)
+                return events
+        if self.since >= GIVEN_UP and not any(map(_noticed, found)):
+            self._forget()
+        elif self.since >= LONGEST:
+            return self._unknown(t, found, shares)
+        return []
+
+    def _clear(self, best: Candidate, found: list[Candidate], shares: list[float]) -> bool:
+        """Whether a law is sure, its main number settled, and most of the excess explained."""
+        assert self.after is not None, "a change was noticed"
+        settled = bool(np.abs(best.value[0]) > SETTLED * best.std[0]) or len(best.columns) == len(FRICTION)
+        return settled and _share(best, found, shares) >= SURE and best.raw >= EXPLAINED * self.after.excess
+
+    def _lasts(self, best: Candidate) -> bool:
+        """Whether the law explains the residual in most pieces that it acts in, not in a single one."""
+        sums = [piece.sum(axis=0) if best.joint == TIP else piece[best.joint] for piece in self.pieces]
+        acting = [gain(x, best) > 0 for x in sums if effect(x, best) > ACTING]
+        return len(acting) >= FEWEST and float(np.mean(acting)) >= OFTEN
+
+    def _known(self, best: Candidate) -> None:
+        """Add a change to the coefficients that are known."""
+        if best.joint == TIP:
+            self.load = np.zeros(INERTIAL)
+            self.load[: len(best.value)] = best.value
+        else:
+            self.base[best.joint, list(best.columns)] += best.value
+        self._forget()
+
+    def _forget(self) -> None:
+        self.after = None
+        for window in self.windows:
+            window.restart()
+
+    def _unknown(self, t: float, found: list[Candidate], shares: list[float]) -> list[LastingChange]:
+        """A lasting excess that no law explains; it becomes part of what is known and of the noise."""
+        assert self.after is not None, "a change was noticed"
+        power = np.array([piece[:, -1, -1] for piece in self.pieces])
+        lasting = np.mean(power > PRESENT * np.array(self.usual), axis=0) >= ALWAYS
+        if not lasting.any():
+            self._forget()
+            return []
+        mean = self.after.sums[:, -1, -1] / np.maximum(self.after.count, 1.0)
+        j = int(np.argmax(np.where(lasting, mean, -np.inf)))
+        name, rms = self.robot.joints[j], float(self.noise.frame[j] * np.sqrt(mean[j]))
+        raised = np.where(lasting, np.sqrt(np.maximum(mean, 1.0)), 1.0)
+        for part in (self.noise.frame, self.noise.filtered, self.noise.peak):
+            part *= raised
+        self._forget()
+        sentence = f"unknown change at {name}: residual of {rms:.3g} {self._unit(j)}"
+        alternatives = self._alternatives(found, shares)
+        return [
+            LastingChange(t, "unknown", name, {"rms": rms}, {}, 1.0 - max(shares, default=0.0), sentence, alternatives)
+        ]
+
+    def _named(self, t: float, k: int, found: list[Candidate], shares: list[float]) -> list[LastingChange]:
+        """Events of the k-th candidate; of two laws of friction, those that are settled."""
+        best, share = found[k], _share(found[k], found, shares)
+        others = [(one, p) for one, p in zip(found, shares, strict=True) if not set(one.columns) & set(best.columns)]
+        beside = self._alternatives([one for one, _ in others], [p for _, p in others])
+        if best.joint == TIP:
+            values = dict(zip(PAYLOAD, map(float, best.value), strict=False))
+            stds = dict(zip(PAYLOAD, map(float, best.std), strict=False))
+            mass, std = values["mass"], stds["mass"]
+            self.mass += mass
+            what = f"a payload of {mass:.3g} ± {1.96 * std:.2g} kg" if mass > 0 else f"a load of {-mass:.3g} kg is gone"
+            return [LastingChange(t, "payload", self.robot.joints[-1], values, stds, share, what, beside)]
+        assert self.after is not None, "a change was noticed"
+        power = np.diag(self.after.sums[best.joint])[list(best.columns)] * best.value**2
+        order = np.argsort(-power).tolist()  # the larger torque first
+        settled = [i for i in order if abs(best.value[i]) > SETTLED * best.std[i]]
+        return [self._local(t, best, i, share, beside) for i in settled or order[:1]]
+
+    def _local(self, t: float, best: Candidate, k: int, probability: float, others: dict[str, float]) -> LastingChange:
+        name = LOCAL[best.columns[k]]
+        joint = self.robot.joints[best.joint]
+        [(key, kind)] = EFFECTS[name].linear().items()
+        unit = kind.unit_at(bool(self.robot.prismatic[best.joint]))
+        value, std = float(best.value[k]), float(best.std[k])
+        total = value + float(self.base[best.joint, best.columns[k]] - self.first[best.joint, best.columns[k]])
+        size = f"{total:+.3g} ± {1.96 * std:.2g} {unit}".replace(" 1", "" if unit == "1" else " 1")
+        sentence = f"{name.replace('_', ' ')} of {joint} changed by {size}"
+        return LastingChange(t, name, joint, {key: total}, {key: std}, probability, sentence, others)
+
+    def _alternatives(self, found: list[Candidate], shares: list[float]) -> dict[str, float]:
+        """The next likely laws by name, with their probability."""
+        return {self._label(one): p for one, p in list(zip(found, shares, strict=True))[:3] if p > NAMED}
+
+    def _label(self, one: Candidate) -> str:
+        if one.joint == TIP:
+            return "payload"
+        return f"{' and '.join(LOCAL[k] for k in one.columns)} of {self.robot.joints[one.joint]}"
+
+    def _unit(self, joint: int) -> str:
+        return "N" if self.robot.prismatic[joint] else "N.m"
+
+
+def _noticed(one: Candidate) -> bool:
+    return one.gain > NOTICED[min(len(one.columns), len(PAYLOAD))]
+
+
+def _share(best: Candidate, found: list[Candidate], shares: list[float]) -> float:
+    """Probability of the laws of a candidate, alone or with others."""
+    with_it = (set(best.columns) <= set(one.columns) and one.joint == best.joint for one in found)
+    return min(1.0, sum(p for p, same in zip(shares, with_it, strict=True) if same))
+
+
+def _probabilities(found: list[Candidate]) -> list[float]:
+    """Posterior probabilities of candidates with equal priors."""
+    if not found:
+        return []
+    scores = np.array([one.score for one in found])
+    weight = np.exp(scores - scores.max())
+    return [float(x) for x in weight / weight.sum()]

@@ -1,0 +1,113 @@
+"""Rows of a stream -> stretches of usable rows: gaps, jumps, repeated stamps and missing numbers are noted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..types import Array, Indices, Mask, Robot
+from .events import Note
+
+SLOWEST = 0.03  # [s] period above which a stream is too slow
+LONGEST = 0.1  # [s] time without rows after which the state is reset; slower streams: `PERIODS`
+PERIODS = 8.0  # [1] the same, in sampling periods
+FAST = 3.0  # [1] speed over the velocity limit that is a jump of the position, not a motion
+FASTEST = 100.0  # [rad/s or m/s] the same for a joint without a limit
+LARGEST = 1e9  # largest magnitude of a position, velocity or torque
+AGAIN = 10.0  # [s] time after which a note of the same kind is repeated
+
+
+class StreamRows(NamedTuple):
+    """Consecutive rows of n joints."""
+
+    t: Array  # (N,) [s]
+    q: Array  # (N, n) [rad or m]
+    tau: Array  # (N, n) [N.m or N]
+    dq: Array | None = None  # (N, n) [rad/s or m/s]
+
+    def at(self, which: slice | Mask) -> StreamRows:
+        """Some of the rows."""
+        return StreamRows(self.t[which], self.q[which], self.tau[which], None if self.dq is None else self.dq[which])
+
+
+class StreamPiece(NamedTuple):
+    """Rows that follow those before, or, if `fresh`, begin a new stretch."""
+
+    rows: StreamRows
+    fresh: bool
+
+
+class Intake:
+    """State of the stream between chunks: its last row, and the notes that were given."""
+
+    def __init__(self, robot: Robot) -> None:
+        limit = np.where(np.isfinite(robot.velocity_limit) & (robot.velocity_limit > 0), robot.velocity_limit, np.inf)
+        self.limit = np.where(np.isfinite(limit), FAST * limit, FASTEST)
+        self.joints = robot.joints
+        self.period = np.nan
+        self.last: StreamRows | None = None
+        self.noted: dict[str, float] = {}
+
+    def take(self, rows: StreamRows) -> tuple[list[StreamPiece], list[Note]]:
+        """Cut rows at gaps and jumps, and leave unusable rows out."""
+        notes: list[Note] = []
+        known = np.isfinite(rows.t)
+        for signal in (rows.q, rows.tau, *(() if rows.dq is None else (rows.dq,))):
+            known &= (np.abs(signal) < LARGEST).all(axis=1)  # False for NaN
+        if not known.all():
+            when = self.last.t[-1] if self.last is not None else 0.0
+            notes += self._note("missing", float(when), "rows without a number in t, q or tau are left out")
+            rows = rows.at(known)
+        if not len(rows.t):
+            return [], notes
+        first = self.last is None
+        before = rows.at(slice(0, 1)) if self.last is None else self.last
+        step = np.diff(rows.t, prepend=before.t)
+        again = (step == 0) & ~(np.arange(len(step)) == 0) if first else step == 0
+        if again.any():
+            notes += self._note("repeated", float(rows.t[again][0]), "rows with a repeated stamp are left out")
+            rows = rows.at(~again)
+            if not len(rows.t):
+                return [], notes
+            step = np.diff(rows.t, prepend=before.t)
+        if np.isnan(self.period) and (step > 0).sum() >= 2:
+            self.period = float(np.median(step[step > 0]))
+            if self.period > SLOWEST:
+                slow = f"rows come at {1 / self.period:.3g} Hz, too slowly for contacts and fast motion"
+                notes += self._note("slow", float(rows.t[-1]), f"{slow}; give 50 Hz or more")
+        cuts, more = self._cuts(rows, before, step)
+        self.last = rows.at(slice(-1, None))
+        return list(_pieces(rows, cuts, first)), [*notes, *more]
+
+    def _cuts(self, rows: StreamRows, before: StreamRows, step: Array) -> tuple[Indices, list[Note]]:
+        """Indices of rows that begin a new stretch."""
+        most = LONGEST if np.isnan(self.period) else max(LONGEST, PERIODS * self.period)
+        moved = np.abs(np.diff(rows.q, axis=0, prepend=before.q))
+        late, back = step > most, step < 0
+        near = np.maximum(np.abs(step), 0.0 if np.isnan(self.period) else self.period)[:, None]
+        jumped = (moved > self.limit * near + 1e-12) & ~(late | back)[:, None]
+        notes: list[Note] = []
+        for k in np.flatnonzero(late | back | jumped.any(axis=1)).tolist():
+            t = float(rows.t[k])
+            if late[k]:
+                notes += self._note("gap", t, f"the stream stopped for {step[k]:.3g} s; the observer starts again")
+            elif back[k]:
+                notes += self._note("back", t, f"stamps jump back by {-step[k]:.3g} s; the observer starts again")
+            else:
+                joint = self.joints[int(np.argmax(jumped[k]))]
+                notes += self._note("jump", t, f"the position of {joint} jumps; the observer starts again")
+        return np.flatnonzero(late | back | jumped.any(axis=1)), notes
+
+    def _note(self, kind: str, t: float, sentence: str) -> list[Note]:
+        if abs(t - self.noted.get(kind, -np.inf)) < AGAIN:
+            return []
+        self.noted[kind] = t
+        return [Note(t, sentence)]
+
+
+def _pieces(rows: StreamRows, cuts: Indices, first: bool) -> Iterator[StreamPiece]:
+    edges = sorted({0, *(int(k) for k in cuts), len(rows.t)})
+    for a, b in zip(edges, edges[1:], strict=False):
+        yield StreamPiece(rows.at(slice(a, b)), first if a == 0 and 0 not in cuts else True)

@@ -1,0 +1,212 @@
+"""Streams: a recording that is played back, a file that grows, standard input, a topic of ROS 2, or chunks of rows."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from queue import Empty, Queue
+from threading import Thread
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import OptionError, RecordingError, readable
+from ..recording import as_recording, read_recording
+from ..recording.mapping import ColumnMap
+from ..types import Recording, Robot
+from .intake import StreamRows
+from .lines import Parser, check, played
+
+TICK = 0.025  # [s] rows that arrive within this time are processed together
+LARGEST = 1 << 18  # [bytes] of a read
+MOST = 16  # reads of standard input that wait
+CHUNK = 0.1  # [s] of rows of a recording
+ROS = "ros:"  # beginning of the name of a topic
+
+
+class Stream(NamedTuple):
+    """Joints of a stream and its chunks of rows; None while no row arrives."""
+
+    joints: tuple[str, ...]
+    chunks: Iterator[StreamRows | None]
+
+
+def open_stream(
+    stream: object, robot: Robot, columns: ColumnMap | None = None, follow: bool = False, idle: float = np.inf
+) -> Stream:
+    """Open a stream; it waits for the first rows of a live one, whose columns name the joints.
+
+    Args:
+        stream: "-", "ros:TOPIC", a path, a Recording, arrays by column name, or an iterable of texts with lines.
+        robot: the robot whose joints the columns name.
+        columns: column map, as of a recording.
+        follow: whether a file is read on as it grows.
+        idle: [s] without rows after which a live stream ends.
+
+    Raises:
+        RecordingError: the stream cannot be used.
+        OptionError: rclpy is missing.
+    """
+    if isinstance(stream, str) and stream.startswith(ROS):
+        return _topic(stream.removeprefix(ROS), robot, idle)
+    if isinstance(stream, str) and stream == "-":
+        return _parsed(_standard_input(idle), robot, columns, "standard input")
+    if isinstance(stream, str | Path) and follow:
+        return _parsed(_growing(Path(stream), idle), robot, columns, readable(str(stream)))
+    if isinstance(stream, Iterable) and not isinstance(stream, str | Path | dict | Recording) and _is_text(stream):
+        return _parsed(iter(stream), robot, columns, "the stream")
+    source: Any = stream
+    recording = (
+        read_recording(source, robot, columns=columns)
+        if isinstance(source, str | Path)
+        else as_recording(source, robot, "watch")
+    )
+    check(recording, recording.path or "the recording")
+    return Stream(recording.joints, played(recording, _size(recording)))
+
+
+def _is_text(stream: object) -> bool:
+    return isinstance(stream, Iterator) or (isinstance(stream, Sequence) and all(isinstance(x, str) for x in stream))
+
+
+def _size(recording: Recording) -> int:
+    """Rows of a chunk."""
+    t = recording.read(0, 100).t
+    period = float(np.nanmedian(np.abs(np.diff(t)))) if len(t) > 1 else CHUNK
+    return int(np.clip(CHUNK / max(period, 1e-6), 1, 1000)) if np.isfinite(period) else 1
+
+
+def _parsed(texts: Iterator[str], robot: Robot, columns: ColumnMap | None, name: str) -> Stream:
+    parser, first = Parser(robot, columns, name), None
+    for text in texts:
+        if (first := parser.rows(text)) is not None or parser.header is not None:
+            break
+    if parser.header is None:
+        raise RecordingError(f"{name} has no rows; give a header of CSV such as t,q_1,tau_1 and rows, or JSON objects")
+
+    def chunks() -> Iterator[StreamRows | None]:
+        yield first
+        for text in texts:
+            yield parser.rows(text) if text else None
+        yield parser.rows("\n")
+
+    return Stream(parser.joints, chunks())
+
+
+def _standard_input(idle: float) -> Iterator[str]:
+    """Text of standard input as it arrives; "" after each tick without any."""
+    source, arrived, last, rest = sys.stdin.fileno(), Queue[bytes](maxsize=MOST), time.monotonic(), b""
+
+    def read() -> None:
+        while True:
+            got = os.read(source, LARGEST)
+            arrived.put(got)
+            if not got:
+                return
+            if len(got) < LARGEST // 4:
+                time.sleep(TICK)  # the pipe collects rows meanwhile
+
+    Thread(target=read, daemon=True).start()  # not select: it reads no pipes on Windows
+    while True:
+        try:
+            parts = [arrived.get(timeout=2 * TICK)]
+        except Empty:
+            if time.monotonic() - last > idle:
+                return
+            yield ""
+            continue
+        while parts[-1] and not arrived.empty():
+            parts.append(arrived.get())
+        last = time.monotonic()
+        whole, line, rest = (rest + b"".join(parts)).rpartition(b"\n")
+        yield (whole + line).decode(errors="replace")
+        if not parts[-1]:
+            yield rest.decode(errors="replace")
+            return
+
+
+def _growing(path: Path, idle: float) -> Iterator[str]:
+    """Text of a file as it grows; from its beginning again if it is shortened or replaced."""
+    if not path.is_file():
+        raise RecordingError(f"{readable(str(path))} does not exist; give a file that grows, or - for standard input")
+    last, place, rest = time.monotonic(), 0, b""
+    source = path.open("rb")
+    try:
+        while True:
+            got = source.read(LARGEST)
+            if got:
+                last, place = time.monotonic(), place + len(got)
+                whole, line, rest = (rest + got).rpartition(b"\n")
+                yield (whole + line).decode(errors="replace")
+                if len(got) == LARGEST:
+                    continue
+            elif time.monotonic() - last > idle:
+                yield rest.decode(errors="replace")
+                return
+            elif _replaced(path, source, place):
+                source.close()
+                source, place, rest = path.open("rb"), 0, b""
+            else:
+                yield ""
+            time.sleep(TICK)
+    finally:
+        source.close()
+
+
+def _replaced(path: Path, source: Any, place: int) -> bool:
+    try:
+        now = path.stat()
+    except OSError:
+        return False
+    return now.st_size < place or now.st_ino != os.fstat(source.fileno()).st_ino
+
+
+def _topic(name: str, robot: Robot, idle: float) -> Stream:
+    """Rows of sensor_msgs/JointState messages of a topic of ROS 2."""
+    try:
+        import rclpy  # type: ignore[import-not-found,unused-ignore]
+        from sensor_msgs.msg import JointState  # type: ignore[import-not-found,unused-ignore]
+    except ImportError:
+        raise OptionError(
+            f"the topic {name} needs rclpy, which is not installed here; source the setup file of ROS 2, or give a "
+            f"recording, a file with --follow, or - for standard input"
+        ) from None
+    return Stream(robot.joints, _messages(rclpy, JointState, name, robot, idle))
+
+
+def _messages(rclpy: Any, kind: Any, name: str, robot: Robot, idle: float) -> Iterator[StreamRows | None]:
+    waiting: list[Any] = []
+    rclpy.init()
+    node = rclpy.create_node("signid_watch")
+    node.create_subscription(kind, name, waiting.append, 1000)
+    last = time.monotonic()
+    try:
+        while time.monotonic() - last <= idle:
+            end = time.monotonic() + TICK
+            while (left := end - time.monotonic()) > 0:
+                rclpy.spin_once(node, timeout_sec=left)
+            rows = [row for message in waiting if (row := _row(message, robot)) is not None]
+            waiting.clear()
+            if rows:
+                last, table = time.monotonic(), np.array(rows)
+                t, q, tau, dq = np.split(table, np.cumsum([1, len(robot.joints), len(robot.joints)]), axis=1)
+                yield StreamRows(t[:, 0], q, tau, dq if np.isfinite(dq).all() else None)
+            else:
+                yield None
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def _row(message: Any, robot: Robot) -> list[float] | None:
+    """Stamp, positions, efforts and velocities of a message; None if it is of other joints."""
+    place = {name: k for k, name in enumerate(message.name)}
+    if not all(joint in place for joint in robot.joints):
+        return None
+    at = [place[joint] for joint in robot.joints]
+    stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+    signals = (message.position, message.effort, message.velocity)
+    return [stamp, *(float(x[k]) if k < len(x) else float("nan") for x in signals for k in at)]

@@ -1,0 +1,147 @@
+"""Normal equations of the residual in windows with forgetting, and the laws that they could show."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..effects.bodies import INERTIA, point_inertia
+from ..types import Array
+from .frames import COLUMNS, LOCAL, PAYLOAD, Frames
+from .quiet import QuietNoise
+
+FRICTION = (0, 1)  # of LOCAL: viscous and Coulomb friction, which grow together when it gets cold or dry
+TIP = -1  # joint of the payload
+ROUNDS = 4  # of the inertia of a payload
+APART = 1e-3  # [1] the same for two laws of friction
+LEAST = 1e-9  # [1] smallest eigenvalue of the payload's normal equations that counts, over the largest
+
+
+class Candidate(NamedTuple):
+    """A law, or two of friction, with their numbers and their evidence."""
+
+    joint: int  # or TIP
+    columns: tuple[int, ...]  # of the frames
+    value: Array  # (m,) [units of the laws]
+    std: Array  # (m,) [units of the laws], without an inertia that follows from others
+    gain: float  # [1] reduction of the squared residual in units of its variance, inflation included
+    raw: float  # [1] the same without inflation
+    score: float  # [1] log of the evidence: Schwarz, Annals of Statistics 6(2), 1978
+
+
+class Sums(NamedTuple):
+    """Sums over frames of n joints."""
+
+    products: Array  # (n, 15, 15) [1] of columns and residual over the noise
+    frames: Array  # (n,) [1] number
+    model: Array  # (n,) [1] squared error of the model over the variance of the noise
+
+
+class Window:
+    """Sums (n, 15, 15) of products of columns and residual, each over the noise of its joint."""
+
+    def __init__(self, joints: int, memory: float = np.inf) -> None:
+        self.sums = np.zeros((joints, COLUMNS + 1, COLUMNS + 1))
+        self.count = np.zeros(joints)  # frames
+        self.model = np.zeros(joints)  # squared error of the model by its covariance, over the variance of the noise
+        self.memory = memory  # [s]
+
+    def restart(self) -> None:
+        """Forget everything."""
+        self.sums[:], self.count[:], self.model[:] = 0.0, 0.0, 0.0
+
+    def add(self, sums: Sums, seconds: float) -> None:
+        """Add sums of frames that last for some seconds."""
+        keep = float(np.exp(-seconds / self.memory))
+        for mine, more in zip((self.sums, self.count, self.model), sums, strict=True):
+            mine *= keep
+            mine += more
+
+    @property
+    def excess(self) -> float:
+        """Squared residual [1], in units of its variance, beyond that of noise, over all joints."""
+        return float(np.maximum(self.sums[:, -1, -1] - self.count, 0.0).sum())
+
+    def candidates(self, noise: QuietNoise) -> list[Candidate]:
+        """All laws that act in the window, the best first.
+
+        An error of the model lasts for the whole window, so its square is not divided by the number of frames.
+        """
+        whole = noise.inflation * (1 + self.model)[:, None]
+        excess = np.maximum(self.sums[:, -1, -1] - self.count, 1e-9)
+        common = float(
+            excess @ whole.mean(axis=1) / excess.sum()
+        )  # one for all laws, or the score prefers noisy joints
+        found, count = [], float(self.count.sum())
+        for j, sums in enumerate(self.sums):
+            for columns in ((0,), (1,), (2,), (3,), FRICTION):
+                if one := _fit(sums, columns, j):
+                    own = float(np.mean(whole[j, list(columns)]))
+                    found.append(_scaled(one, own, common, self.count[j]))
+        if one := _payload(self.sums.sum(axis=0)):
+            found.append(_scaled(one, common, common, count))
+        return sorted(found, key=lambda one: -one.score)
+
+
+def products(frames: Frames, base: Array, noise: QuietNoise) -> Sums:
+    """Sums of usable frames; base: (n, 4) coefficients of LOCAL that are known already [units of the laws]."""
+    rest = frames.residual - np.einsum("fnk,nk->fn", frames.columns[:, :, : len(LOCAL)], base)
+    whole = np.concatenate([frames.columns, rest[:, :, None]], axis=2)
+    whole *= (frames.usable / noise.frame)[:, :, None]
+    by_joint = whole.transpose(1, 0, 2)
+    model = np.sum(frames.usable * np.minimum(frames.std / noise.frame, 1.0) ** 2, axis=0)  # at most what was measured
+    return Sums(by_joint.transpose(0, 2, 1) @ by_joint, frames.usable.sum(axis=0).astype(float), model)
+
+
+def gain(sums: Array, one: Candidate) -> float:
+    """Reduction of the squared residual [1] by a candidate; sums: (15, 15) [1] of its joint, or of all joints."""
+    c, value = list(one.columns), one.value
+    return float(2 * value @ sums[c, -1] - value @ sums[np.ix_(c, c)] @ value)
+
+
+def effect(sums: Array, one: Candidate) -> float:
+    """Squared torque [1] of a candidate in units of the variance of the noise; sums: (15, 15) [1]."""
+    c = list(one.columns)
+    return float(one.value @ sums[np.ix_(c, c)] @ one.value)
+
+
+def _scaled(one: Candidate, own: float, common: float, count: float) -> Candidate:
+    """Candidate with its evidence: variances inflated by its own factor, the score by a common one."""
+    cost = min(len(one.columns), len(PAYLOAD)) * np.log(max(count, 2.0))
+    return one._replace(std=one.std * np.sqrt(own), gain=one.raw / own, score=0.5 * (one.raw / common - cost))
+
+
+def _payload(sums: Array) -> Candidate | None:
+    """Point mass at the last link: mass and first moment, and the inertia that follows from them."""
+    first, columns = len(LOCAL), tuple(range(len(LOCAL), len(LOCAL) + len(PAYLOAD)))
+    inertia, shifted, one = np.zeros(len(INERTIA)), sums, None
+    turning = list(range(first + len(PAYLOAD), COLUMNS))
+    for _ in range(ROUNDS):
+        one = _fit(shifted, columns, TIP)
+        if one is None or not one.value[0] > 0:
+            return one
+        inertia = np.array(point_inertia(float(one.value[0]), one.value[1:].tolist()))
+        shifted = sums.copy()
+        shifted[:, -1] -= sums[:, turning] @ inertia
+    assert one is not None, "there is a round"
+    whole = one._replace(columns=tuple(range(first, COLUMNS)), value=np.concatenate([one.value, inertia]))
+    return whole._replace(raw=gain(sums, whole))
+
+
+def _fit(sums: Array, columns: tuple[int, ...], joint: int) -> Candidate | None:
+    """Least squares of the columns, without evidence; None if the window does not excite them."""
+    c = list(columns)
+    normal, right = sums[np.ix_(c, c)], sums[c, -1]
+    size = np.sqrt(np.diag(normal))
+    if not size.max() > 0 or (joint != TIP and not (size > 0).all()):
+        return None
+    size = np.maximum(size, LEAST * size.max())
+    values, vectors = np.linalg.eigh(normal / np.outer(size, size))
+    seen = values > (LEAST if joint == TIP else APART) * values[-1]
+    if joint != TIP and not seen.all():
+        return None
+    root = vectors[:, seen] / np.sqrt(values[seen])
+    inverse = (root @ root.T) / np.outer(size, size)
+    value = inverse @ right
+    return Candidate(joint, columns, value, np.sqrt(np.diag(inverse)), 0.0, float(right @ value), 0.0)

@@ -1,0 +1,186 @@
+"""Inverse dynamics as C99 and as Python over an array namespace: compiled, run, and compared with the model itself."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from signid.cli import run
+from signid.effects import EFFECTS
+from signid.effects.naming import law_at
+from signid.errors import RobotError
+from signid.model import Model, load_model
+from signid.output.export import export
+from signid.output.export.code.c import identifier
+from signid.output.export.code.graph import Graph, unary, where
+from signid.output.export.code.program import program_of
+from signid.regression.motion import Motion
+from signid.robot import robot_from_text
+
+COMPILER = shutil.which("cc") or shutil.which("gcc")
+STRICT = "-std=c99 -pedantic -O1 -Wall -Wextra -Wconversion -Wshadow -Werror".split()
+LAWS = {
+    "viscous_friction": {"coefficient": 0.4},
+    "coulomb_friction": {"level": 0.3},
+    "stribeck_friction": {"level": 0.2, "velocity": 0.3},
+    "asymmetric_friction": EFFECTS["asymmetric_friction"].example,
+    "load_friction": {"coefficient": 0.1},
+    "position_friction": EFFECTS["position_friction"].example,
+    "quadratic_friction": {"coefficient": 0.2},
+    "cable_torque": EFFECTS["cable_torque"].example,
+    "counterbalance": EFFECTS["counterbalance"].example,
+    "torque_ripple": EFFECTS["torque_ripple"].example,
+    "empirical": EFFECTS["empirical"].example,
+    "armature": {"inertia": 0.02},
+    "torque_offset": {"offset": 0.1},
+    "spring": {"stiffness": 3.0, "rest": 0.2},
+    "payload": {"mass": 0.7, "first_moment_x": 0.05, "first_moment_y": 0.0, "first_moment_z": 0.1},
+    "base_tilt": {"x": 0.05, "y": -0.02},
+}
+MIMIC = """<robot name="9 bad*/ name"><link name="base"/>
+<joint name="slide" type="prismatic"><origin xyz="0 0 .1" rpy=".3 .2 .1"/><axis xyz="0 .6 .8"/><parent link="base"/>
+<child link="a"/><limit lower="-1" upper="1" effort="9" velocity="9"/></joint>
+<link name="a"><inertial><origin xyz=".1 0 .2"/><mass value="2"/><inertia ixx=".02" iyy=".03" izz=".04" ixy=".001"
+ ixz="0" iyz="0"/></inertial></link>
+<joint name="turn" type="continuous"><origin xyz="0 .2 .1" rpy="1.1 .2 .1"/><axis xyz=".6 0 .8"/><parent link="a"/>
+<child link="b"/></joint>
+<link name="b"><inertial><origin xyz=".1 .1 0"/><mass value="1"/><inertia ixx=".02" iyy=".03" izz=".04" ixy="0"
+ ixz=".001" iyz="0"/></inertial></link>
+<joint name="follow" type="revolute"><origin xyz=".3 0 0"/><axis xyz="0 1 0"/><parent link="b"/><child link="c"/>
+<limit lower="-3" upper="3" effort="9" velocity="9"/><mimic joint="turn" multiplier="-.5" offset=".2"/></joint>
+<link name="c"><inertial><origin xyz="0 0 .2"/><mass value=".5"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0"
+ iyz="0"/></inertial></link></robot>"""
+
+
+def a_model(name: str) -> Model:
+    """Model of a robot by name, of the mimic robot above, or of the 3r with every law that code can hold."""
+    if name == "mimic":
+        return load_model(robot_from_text(MIMIC, "urdf", "9 bad*/ name"))
+    if name != "laws":
+        return load_model(name)
+    model = load_model("3r")
+    joint = {name: EFFECTS[name].scope == "joint" for name in LAWS}
+    laws = [
+        law_at(EFFECTS[name], model.robot, ("joint_2" if joint[name] else None), parameters)
+        for name, parameters in LAWS.items()
+        if EFFECTS[name].scope in ("joint", "tip", "robot")
+    ]
+    pair = law_at(
+        EFFECTS["joint_coupling"], model.robot, "joint_2", {"partner": "joint_3", **EFFECTS["joint_coupling"].example}
+    )
+    return replace(model, laws=(*laws, pair))
+
+
+def states(model: Model, count: int = 20) -> Motion:
+    """Random states with speeds away from 0."""
+    rng, n = np.random.default_rng(1), len(model.robot.joints)
+    v = rng.uniform(0.2, 2, (count, n)) * rng.choice([-1, 1], (count, n))
+    return Motion(model.robot, np.arange(count) * 1.0, rng.normal(size=(count, n)), v, rng.normal(size=(count, n)))
+
+
+def compiled(model: Model, folder: Path) -> Path:
+    """Write, compile and link the C code of a model and its test program."""
+    made = export(model, "c", name="arm")
+    for end, text in {".c": made.text, **made.beside}.items():
+        (folder / f"arm{end}").write_text(text)
+    command = [str(COMPILER), *STRICT, "arm.c", "arm_test.c", "-lm", "-o", "arm"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return folder / "arm"
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+@pytest.mark.parametrize("name", ["1r", "3r", "ur5", "panda", "emps", "mimic", "laws"])
+def test_the_c_code_agrees_with_the_model(name: str, tmp_path: Path) -> None:
+    model = a_model(name)
+    motion, n = states(model), len(model.robot.joints)
+    lines = "\n".join(" ".join(map(repr, row.tolist())) for row in np.hstack([motion.q, motion.v, motion.a]))
+    out = subprocess.run([compiled(model, tmp_path)], input=lines, capture_output=True, text=True, check=True).stdout
+    found = {
+        function: np.array([line.split()[1:] for line in out.splitlines() if line.split()[0] == function], dtype=float)
+        for function in ("inverse_dynamics", "gravity", "laws", "mass_matrix")
+    }
+    expected = model.inverse(motion)
+    assert_allclose(found["inverse_dynamics"], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    mass = found["mass_matrix"].reshape(-1, n, n)
+    assert_allclose(mass, mass.transpose(0, 2, 1), atol=1e-9 * np.abs(mass).max())
+    if name != "laws":  # friction that depends on load is not linear in the acceleration
+        change = model.inverse(replace(motion, a=motion.a + 1.0)) - expected
+        assert_allclose(mass.sum(-1), change, atol=1e-8 * np.abs(change).max())
+
+
+@pytest.mark.parametrize("name", ["3r", "panda", "mimic", "laws"])
+def test_the_arrays_agree_with_the_model_in_any_shape(name: str) -> None:
+    model = a_model(name)
+    motion = states(model)
+    space: dict[str, object] = {}
+    exec(export(model, "arrays").text, space)
+    got = space["inverse_dynamics"](motion.q[None], motion.v[None], motion.a[None])[0]  # type: ignore[operator]
+    expected = model.inverse(motion)
+    assert_allclose(got, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    assert space["mass_matrix"](motion.q).shape == (20, *2 * [len(model.robot.joints)])  # type: ignore[operator]
+    assert space["gravity"](motion.q[0]).shape == motion.q[0].shape  # type: ignore[operator]
+
+
+def test_jax_differentiates_the_arrays() -> None:
+    jax = pytest.importorskip("jax", reason="jax is not installed (an optional test dependency)")
+    jax.config.update("jax_enable_x64", True)
+    model = a_model("3r")
+    motion = states(model)
+    space: dict[str, object] = {}
+    exec(export(model, "arrays").text, space)
+    inverse, mass = space["inverse_dynamics"], space["mass_matrix"]
+    q, v, a = (jax.numpy.array(x[0]) for x in (motion.q, motion.v, motion.a))
+    slope = jax.jacobian(lambda a: inverse(q, v, a, xp=jax.numpy))(a)  # type: ignore[operator]
+    assert_allclose(slope, mass(motion.q[0]), atol=1e-9)  # type: ignore[operator]
+
+
+def test_laws_that_code_cannot_hold_are_noted() -> None:
+    model = load_model("3r")
+    lagged = law_at(EFFECTS["torque_lag"], model.robot, "joint_2", EFFECTS["torque_lag"].example)
+    sliding = law_at(EFFECTS["presliding_friction"], model.robot, "joint_1", {"level": 1.0, "distance": 0.01})
+    made = export(replace(model, laws=(lagged, sliding)), "c")
+    assert any("torque_lag" in note and "presliding_friction" in note for note in made.notes)
+    assert "torque_lag" in made.beside[".h"]
+
+
+def test_graphs_fold_constants_and_share_nodes() -> None:
+    graph = Graph()
+    x, y = graph.variable("x"), graph.variable("y")
+    assert (x * 0.0).value == 0 and (x * 1.0).number == x.number and (x + 0.0).number == x.number
+    assert (x - x).value == 0 and x.__neg__().__neg__().number == x.number and (x + y).number == (y + x).number
+    assert (2.0 * (3.0 * x)).number == (6.0 * x).number and unary("cos", graph.constant(0.0)).value == 1
+    assert where(graph.constant(0.0), x, y).number == y.number
+
+
+def test_the_program_of_a_pendulum_is_as_short_as_by_hand() -> None:
+    program = program_of(load_model("1r"))
+    used = program.graph.used(program.functions[0].outputs)
+    assert sum(program.graph.nodes[k][0] not in ("variable", "constant") for k in used) <= 5
+
+
+@pytest.mark.parametrize(("name", "plain"), [("3r", "robot_3r"), ("a-b c", "a_b_c"), ("*/", "robot"), ("ok", "ok")])
+def test_names_become_identifiers(name: str, plain: str) -> None:
+    assert identifier(name) == plain
+
+
+def test_floating_bases_are_refused_in_one_sentence() -> None:
+    model = a_model("3r")
+    free = model.robot.model.copy()
+    free.joints[1] = __import__("pinocchio").JointModelFreeFlyer()
+    with pytest.raises((RobotError, ValueError)):
+        program_of(replace(model, robot=replace(model.robot, model=free)))
+
+
+def test_the_command_writes_all_files_or_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["export", "3r", "--c", str(tmp_path / "arm.c"), "--arrays", str(tmp_path / "arm.py")]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["arm.c", "arm.h", "arm.py", "arm_test.c"]
+    assert '#include "arm.h"' in (tmp_path / "arm.c").read_text()
+    assert run(["export", "3r", "--c", str(tmp_path / "two words.c")]) == 2
+    assert "no name of a C file" in capsys.readouterr().err
