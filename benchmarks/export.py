@@ -35,7 +35,7 @@ def compiled(model: Model, folder: Path) -> Callable[..., None]:
     made = export(model, "c", name="dynamics")
     loop = LOOP.format(name=identifier(model.robot.name), n=len(model.robot.joints))
     for name, text in {"dynamics.c": made.text, "dynamics.h": made.beside[".h"], "loop.c": loop}.items():
-        (folder / name).write_text(text)
+        (folder / name).write_text(text, encoding="utf-8")
     build = ["cc", "-std=c99", "-O2", "-shared", "-fPIC", "dynamics.c", "loop.c", "-lm", "-o", "dynamics.so"]
     subprocess.run(build, cwd=folder, check=True)
     many: Callable[..., None] = ctypes.CDLL(str(folder / "dynamics.so")).many

@@ -4,11 +4,9 @@ Start with `load_robot` and `read_recording`. `identify` estimates a model with 
 the effects that a simulation (`load_model`) lacks. Units are SI, errors derive from `SignidError`.
 """
 
-import sys  # isort: skip_file
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING  # isort: skip_file
 
-from .registry import package as _package
-from .registry import public_names as _names
+from .registry import become_package as _become_package
 from .version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -38,5 +36,4 @@ if TYPE_CHECKING:
     from .validate import validate as validate
     from .watch import watch as watch
 
-NAMES = _names(__name__)
-sys.modules[__name__].__class__ = _package(__name__, NAMES)
+NAMES = _become_package(__name__)

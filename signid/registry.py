@@ -76,6 +76,13 @@ def package(name: str, homes: Mapping[str, str]) -> type[ModuleType]:
     return type("Package", (ModuleType,), {"__dir__": listed, **lazy})
 
 
+def become_package(name: str) -> dict[str, str]:
+    """Make a module that is being imported a `package`, and return its `public_names`."""
+    homes = public_names(name)
+    sys.modules[name].__class__ = package(name, homes)
+    return homes
+
+
 def inner_package(name: str, homes: Mapping[str, str]) -> type[ModuleType]:
     """Module type of a subpackage: like `package`, and reading `__all__` imports all public names."""
 

@@ -90,7 +90,7 @@ class Robot(Result):
 
 
 class ServoSamples(NamedTuple):
-    """What drives that follow commanded positions record besides; NaN for missing values, None without a column."""
+    """Further signals of drives that follow commanded positions; NaN for missing values, None without a column."""
 
     dq_des: Array | None = None  # (N, n) [rad/s or m/s] commanded velocity
     tau_ff: Array | None = None  # (N, n) [N.m or N] feed-forward torque

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,53 +10,14 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from servo_logs import FAULTS, Columns, audit, drive, negated, recording
 
 from signid.cli.run import run
 from signid.errors import RecordingError
 from signid.recording import read_bare, read_recording
 from signid.recording.formats.base import memory_table
-from signid.servo.audit import JointAudit, audit_servos
-from signid.types import Array, Recording
-
-DATA = Path(os.environ.get("SIGNID_DATA", "nowhere"))
-PUBLIC = pytest.mark.skipif(not DATA.is_dir(), reason="public recordings are not here (SIGNID_DATA)")
-Columns = dict[str, Array]
-
-
-def drive(
-    rate: float = 100.0, seconds: float = 30.0, speed: float = 25.0, damping: float = 0.9, delay: float = 0.03,
-    friction: float = 0.0, droop: float = 0.0, seed: int = 1,
-) -> Columns:  # fmt: skip
-    """A joint of second order with a delay, whose command is smooth and stays still now and then; 12 bit encoder."""
-    fine, rng = 10, np.random.default_rng(seed)
-    n, h = int(seconds * rate), 1 / rate / fine
-    t = np.arange(n) / rate
-    phases = rng.uniform(0, 2 * np.pi, 5)
-    c = sum(0.5 / (k + 1) * np.sin(2 * np.pi * 0.37 * (k + 1) * t + phase) for k, phase in enumerate(phases))
-    still = (t % 6) > 4.5
-    c = np.where(still, c[np.searchsorted(t, np.floor(t / 6) * 6 + 4.5).clip(0, n - 1)], c)
-    held = np.repeat(c, fine)
-    late = round(delay / h)
-    held = np.concatenate([np.full(late, held[0]), held])[: len(held)]
-    q, v, out = held[0], 0.0, np.empty(len(held))
-    for k, goal in enumerate(held):
-        free = v + h * (speed**2 * (goal - droop - q) - 2 * damping * speed * v)
-        most = h * speed**2 * friction
-        v = np.sign(free) * max(0.0, abs(free) - most)
-        q += h * v
-        out[k] = q
-    step = 2 * np.pi / 4096
-    return {"t": t, "q_a": np.round(out[::fine] / step) * step, "q_des_a": c}
-
-
-def recording(columns: Columns) -> Recording:
-    found, _ = read_bare(columns)
-    return found
-
-
-def audit(columns: Columns) -> JointAudit:
-    [one] = audit_servos(recording(columns)).joints
-    return one
+from signid.servo.audit import audit_servos
+from signid.types import Recording
 
 
 def test_numbers_of_a_drive() -> None:
@@ -122,72 +82,6 @@ def test_rows_with_the_drive_off_are_left_out() -> None:
     assert audit(emptied).samples == int((~off).sum())
 
 
-def negated(x: Columns, joint: str) -> Columns:
-    return {**x, f"q_{joint}": -x[f"q_{joint}"]}
-
-
-def leading(x: Columns, joint: str) -> Columns:
-    rows = int(0.3 / np.median(np.diff(x["t"])))
-    c = x[f"q_des_{joint}"]
-    return {**x, f"q_des_{joint}": np.concatenate([np.full(rows, c[0]), c[:-rows]])}
-
-
-def late(x: Columns, joint: str) -> Columns:
-    rows = int(0.3 / np.median(np.diff(x["t"])))
-    q = x[f"q_{joint}"]
-    return {**x, f"q_{joint}": np.concatenate([np.full(rows, q[0]), q[:-rows]])}
-
-
-def held(x: Columns, joint: str) -> Columns:
-    q = x[f"q_{joint}"]
-    return {**x, f"q_{joint}": q[np.arange(len(q)) // 3 * 3]}
-
-
-def degrees(x: Columns, joint: str) -> Columns:
-    return {**x, f"q_{joint}": np.degrees(x[f"q_{joint}"])}
-
-
-def turned(x: Columns, joint: str) -> Columns:
-    q = x[f"q_{joint}"]
-    return {**x, f"q_{joint}": np.where(q > np.quantile(q, 0.6), q - 2 * np.pi, q)}
-
-
-def copied(x: Columns, joint: str) -> Columns:
-    return {**x, f"q_des_{joint}": x[f"q_{joint}"]}
-
-
-def following(x: Columns, joint: str) -> Columns:
-    return {**x, f"q_des_{joint}": np.roll(x[f"q_{joint}"], -1)}
-
-
-def limp(x: Columns, joint: str) -> Columns:
-    return {**x, f"q_{joint}": np.full(len(x["t"]), x[f"q_{joint}"][0])}
-
-
-def noisy(x: Columns, joint: str) -> Columns:
-    c = x[f"q_des_{joint}"]
-    return {**x, f"q_des_{joint}": c + 0.05 * np.ptp(c) * np.random.default_rng(1).standard_normal(len(c))}
-
-
-def zeroed(x: Columns, joint: str) -> Columns:
-    return {**x, f"q_{joint}": x[f"q_{joint}"] + np.ptp(x[f"q_{joint}"])}
-
-
-FAULTS: dict[Callable[[Columns, str], Columns], str] = {
-    negated: "moves against its command",
-    leading: "q leads q_des",
-    late: "begins to answer",
-    held: "repeat the position before",
-    degrees: "in degrees",
-    turned: "the encoder wraps around",
-    copied: "q_des equals q",
-    following: "q_des equals q, 1 row later",
-    limp: "does not follow",
-    noisy: "noise",
-    zeroed: "zeros of q and q_des differ",
-}
-
-
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
 def test_faults_of_a_simulated_log(fault: Callable[[Columns, str], Columns]) -> None:
     [flag] = audit_servos(recording(fault(drive(), "a"))).flags
@@ -222,63 +116,6 @@ def test_unusable_logs_get_a_sentence() -> None:
         assert not found.joints and any("without a gap" in flag for flag in found.flags)
     constant = audit_servos(recording({**columns, "q_a": np.zeros(500), "q_des_a": np.zeros(500)}))
     assert not constant.flags and np.isnan(constant.joints[0].lag)
-
-
-def read_public(name: str) -> tuple[tuple[str, ...], Columns]:
-    frame = pl.read_csv(DATA / name, infer_schema_length=None)
-    columns = {
-        each: frame[each].cast(pl.Float64).to_numpy() for each in frame.columns if frame[each].dtype.is_numeric()
-    }
-    return tuple(each.removeprefix("q_des_") for each in frame.columns if each.startswith("q_des_")), columns
-
-
-@PUBLIC
-@pytest.mark.parametrize("folder", ["so101_servo", "bam_xl330", "bam_sts3250", "mauicv_servo", "go2_dls"])
-def test_healthy_public_recordings_are_silent(folder: str) -> None:
-    for file in sorted((DATA / folder).glob("*.csv.gz"))[:12]:
-        found = audit_servos(recording(read_public(f"{folder}/{file.name}")[1]))
-        assert not found.flags or not found.joints, file.name  # drops: the drive is off nearly all the time
-
-
-@PUBLIC
-def test_an_arm_with_limp_joints_and_late_reads() -> None:
-    found = audit_servos(recording(read_public("openarm_yizhi/collect_joint_3.csv.gz")[1]))
-    text = "; ".join(found.flags)
-    for words in ("1, 4, 5, 6, 7: q does not follow", "of the time steps differ", "3: 14%"):
-        assert words in text
-    copy = audit_servos(recording(read_public("openarm_yizhi/compensate_joint_2.csv.gz")[1]))
-    assert any("q_des equals q" in flag for flag in copy.flags)
-
-
-@PUBLIC
-def test_lags_of_public_recordings() -> None:
-    """Lags of the Go2's thighs by a fit with its dynamics: 84 to 88 ms (methods of servo mode, section 3)."""
-    found = audit_servos(recording(read_public("go2_dls/held_base_first.csv.gz")[1]))
-    thighs = [one for one in found.joints if "thigh" in one.joint]
-    assert all(0.065 < one.lag < 0.1 and one.residual < 0.02 for one in thighs)
-    assert all(one.command_period == pytest.approx(0.025, abs=1e-3) for one in found.joints)
-
-
-@PUBLIC
-@pytest.mark.parametrize("name", ["so101_servo/reaching_points.csv.gz", "go2_dls/held_base_first.csv.gz"])
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
-def test_faults_put_into_public_recordings(fault: Callable[[Columns, str], Columns], name: str) -> None:
-    joints, columns = read_public(name)
-    joint = joints[0]
-    flags = audit_servos(recording(fault(columns, joint))).flags
-    assert len(flags) == 1 and FAULTS[fault] in flags[0] and flags[0].startswith(joint), flags
-
-
-def test_wrapped_duties_are_noticed() -> None:
-    columns = drive()
-    duty = np.clip(5 * (columns["q_des_a"] - columns["q_a"]), -1, 1)
-    raw = np.rint(885 * duty) % 65536
-    found, _ = read_bare({**columns, "raw": raw}, columns={"pwm_a": {"column": "raw", "scale": 1 / 885}})
-    servo = found.read().servo
-    assert servo is not None and servo.pwm is not None
-    np.testing.assert_allclose(servo.pwm[:, 0], duty, atol=1e-3)
-    scaled = audit_servos(read_bare({**columns, "pwm_a": raw / 885})[0])
-    assert any("pwm_a" in flag and "16 bits" in flag for flag in scaled.flags)
 
 
 def test_a_recording_without_commands_is_refused() -> None:
@@ -318,30 +155,6 @@ def test_check_without_and_with_a_robot(tmp_path: Path, capsys: pytest.CaptureFi
     assert "2 moves against its command" in capsys.readouterr().err
     assert run(["check", "3r"]) == 2
     assert "no recording was given" in capsys.readouterr().err
-
-
-def test_a_dataset_of_lerobot_needs_no_units(tmp_path: Path) -> None:
-    own = drive(rate=50.0, seconds=20)
-    folder = tmp_path / "set"
-    (folder / "meta").mkdir(parents=True)
-    (folder / "data" / "chunk-000").mkdir(parents=True)
-    names = {"observation.state": {"names": ["elbow.pos"]}, "action": {"names": ["elbow.pos"]}}
-    (folder / "meta" / "info.json").write_text(json.dumps({"fps": 50, "features": names}))
-    n = len(own["t"])
-    pl.DataFrame(
-        {
-            "observation.state": np.degrees(own["q_a"])[:, None].tolist(),
-            "action": np.degrees(own["q_des_a"])[:, None].tolist(),
-            "timestamp": own["t"],
-            "frame_index": np.arange(n) % (n // 2),
-            "episode_index": np.arange(n) // (n // 2),
-        }
-    ).write_parquet(folder / "data" / "chunk-000" / "file-000.parquet")
-    found, units = read_bare(folder)
-    assert found.joints == ("elbow",) and units == {"elbow": ""}
-    [one] = audit_servos(found, units).joints
-    assert one.lag == pytest.approx(0.102, abs=0.006) and not one.flags and one.unit == ""
-    assert run(["check", str(folder)]) == 0
 
 
 def test_recordings_are_audited_together_and_in_any_order() -> None:

@@ -47,7 +47,7 @@ def main() -> int:
         if "rival" in given.parts and find_spec("cma"):
             kept["rival"] = show_rival(console, benches(Path(place), ("pendulum",))[0], Path(place))
     if given.json:
-        Path(given.json).write_text(json.dumps(finite(kept), indent=1))
+        Path(given.json).write_text(json.dumps(finite(kept), indent=1), encoding="utf-8")
     return 0 if met else 1
 
 

@@ -39,7 +39,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Truth:
-    """What the recorded robot is: drives by joint, and a point mass at its last link."""
+    """The recorded robot: drives by joint, and a point mass at its last link."""
 
     drives: dict[str, Drive] = field(default_factory=dict)
     payload: float = 0.0  # [kg]

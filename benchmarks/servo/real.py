@@ -61,7 +61,7 @@ def xl330(data: Path, folder: Path) -> Robot:
         for name in XL330:
             lines += [f'[recording."kp{kp}_{name}.csv.gz".servo]', f"kp_register = {kp}"]
     file = folder / "actuators.toml"
-    file.write_text("\n".join(lines) + "\n")
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return load_robot(data / "bam_xl330" / "pendulum.urdf", actuators=file)
 
 

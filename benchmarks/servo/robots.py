@@ -41,12 +41,12 @@ def benches(folder: Path, names: tuple[str, ...] = ("pendulum", "so101", "go2_le
     data, found = data_folder(), []
     if "pendulum" in names:
         path = folder / "pendulum.urdf"
-        path.write_text(PENDULUM)
+        path.write_text(PENDULUM, encoding="utf-8")
         drives = {"joint": Drive(kp=12.0, kd=0.35, delay=0.012, coulomb_friction=0.06, armature=0.008)}
         found.append(Bench("pendulum", path, drives, np.array([0.2]), np.array([0.9])))
     if "so101" in names and data:
         path = folder / "so101.urdf"
-        path.write_text((data / "so101_servo" / "so101.urdf").read_text())
+        path.write_text((data / "so101_servo" / "so101.urdf").read_text(encoding="utf-8"), encoding="utf-8")
         joints = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
         kp, kd = (14.0, 16.0, 12.0, 8.0, 5.0, 4.0), (0.5, 0.6, 0.4, 0.25, 0.15, 0.12)
         dry, rotor = (0.06, 0.07, 0.06, 0.04, 0.03, 0.03), (0.02, 0.02, 0.016, 0.01, 0.006, 0.005)
@@ -59,7 +59,7 @@ def benches(folder: Path, names: tuple[str, ...] = ("pendulum", "so101", "go2_le
         found.append(Bench("so101", path, drives, np.array([0, -0.4, 0.4, 0.2, 0, 0.6]), np.full(6, 0.6)))
     if "go2_leg" in names and data:
         path = folder / "go2_leg.urdf"
-        path.write_text(leg((data / "go2_dls" / "go2.urdf").read_text(), "FL_"))
+        path.write_text(leg((data / "go2_dls" / "go2.urdf").read_text(encoding="utf-8"), "FL_"), encoding="utf-8")
         joints = tuple(f"FL_{part}_joint" for part in ("hip", "thigh", "calf"))
         drives = {
             joint: Drive(

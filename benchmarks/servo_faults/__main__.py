@@ -39,7 +39,7 @@ def main() -> int:
                     print_outcome(console, outcomes[-1])
     met = summary(console, outcomes)
     if given.json:
-        Path(given.json).write_text(json.dumps(finite([asdict(x) for x in outcomes]), indent=1))
+        Path(given.json).write_text(json.dumps(finite([asdict(x) for x in outcomes]), indent=1), encoding="utf-8")
     return 0 if met else 1
 
 

@@ -25,7 +25,7 @@ OWN = {item.name for item in fields(Servo)}
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one trial."""
+    """Outcome of one trial."""
 
     robot: str
     fault: str

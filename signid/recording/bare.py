@@ -35,7 +35,7 @@ def read_bare(
     """Read positions, commands and what drives record of every joint with `q_J` and `q_des_J`, without a description.
 
     Torques are not read. Also returned is the unit of the positions of each joint: "" where the source states none,
-    as LeRobot datasets; all others are rad, or m at prismatic joints, which cannot be told apart.
+    as LeRobot datasets; all others are rad, or m at prismatic joints, which look the same.
 
     Raises:
         OptionError: topics of a source without topics.

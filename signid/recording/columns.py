@@ -111,7 +111,7 @@ def conversion(
 
 
 def function(kind: str, change: Change | None) -> Callable[[Array, int], Array] | None:
-    """What makes of a column (N,) as recorded the values of a recording; None if they are the same."""
+    """Conversion of a column (N,) as recorded to the values of a recording; None if they are the same."""
     if kind != "pwm":
         return change.apply if change else None
     convert = change or Change()

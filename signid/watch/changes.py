@@ -10,7 +10,7 @@ from ..types import Array
 from .events import LastingChange
 from .frames import INERTIAL, LOCAL, PAYLOAD, Frames
 from .quiet import QuietNoise
-from .windows import FRICTION, TIP, Candidate, Sums, Window, effect, gain, products
+from .windows import FRICTION, TIP, Sums, Suspect, Window, effect, gain, products
 
 MEMORIES = (4.0, 60.0)  # [s] of the windows: sudden changes, and slow ones
 EVERY = 0.5  # [s] between tests
@@ -105,19 +105,19 @@ class Changes:
             return self._unknown(t, found, shares)
         return []
 
-    def _clear(self, best: Candidate, found: list[Candidate], shares: list[float]) -> bool:
+    def _clear(self, best: Suspect, found: list[Suspect], shares: list[float]) -> bool:
         """Whether a law is sure, its main number settled, and most of the excess explained."""
         assert self.after is not None, "a change was noticed"
         settled = bool(np.abs(best.value[0]) > SETTLED * best.std[0]) or len(best.columns) == len(FRICTION)
         return settled and _share(best, found, shares) >= SURE and best.raw >= EXPLAINED * self.after.excess
 
-    def _lasts(self, best: Candidate) -> bool:
+    def _lasts(self, best: Suspect) -> bool:
         """Whether the law explains the residual in most pieces that it acts in, not in a single one."""
         sums = [piece.sum(axis=0) if best.joint == TIP else piece[best.joint] for piece in self.pieces]
         acting = [gain(x, best) > 0 for x in sums if effect(x, best) > ACTING]
         return len(acting) >= FEWEST and float(np.mean(acting)) >= OFTEN
 
-    def _known(self, best: Candidate) -> None:
+    def _known(self, best: Suspect) -> None:
         """Add a change to the coefficients that are known."""
         if best.joint == TIP:
             self.load = np.zeros(INERTIAL)
@@ -131,7 +131,7 @@ class Changes:
         for window in self.windows:
             window.restart()
 
-    def _unknown(self, t: float, found: list[Candidate], shares: list[float]) -> list[LastingChange]:
+    def _unknown(self, t: float, found: list[Suspect], shares: list[float]) -> list[LastingChange]:
         """A lasting excess that no law explains; it becomes part of what is known and of the noise."""
         assert self.after is not None, "a change was noticed"
         power = np.array([piece[:, -1, -1] for piece in self.pieces])
@@ -152,7 +152,7 @@ class Changes:
             LastingChange(t, "unknown", name, {"rms": rms}, {}, 1.0 - max(shares, default=0.0), sentence, alternatives)
         ]
 
-    def _named(self, t: float, k: int, found: list[Candidate], shares: list[float]) -> list[LastingChange]:
+    def _named(self, t: float, k: int, found: list[Suspect], shares: list[float]) -> list[LastingChange]:
         """Events of the k-th candidate; of two laws of friction, those that are settled."""
         best, share = found[k], _share(found[k], found, shares)
         others = [(one, p) for one, p in zip(found, shares, strict=True) if not set(one.columns) & set(best.columns)]
@@ -170,7 +170,7 @@ class Changes:
         settled = [i for i in order if abs(best.value[i]) > SETTLED * best.std[i]]
         return [self._local(t, best, i, share, beside) for i in settled or order[:1]]
 
-    def _local(self, t: float, best: Candidate, k: int, probability: float, others: dict[str, float]) -> LastingChange:
+    def _local(self, t: float, best: Suspect, k: int, probability: float, others: dict[str, float]) -> LastingChange:
         name = LOCAL[best.columns[k]]
         joint = self.robot.joints[best.joint]
         [(key, kind)] = EFFECTS[name].linear().items()
@@ -181,11 +181,11 @@ class Changes:
         sentence = f"{name.replace('_', ' ')} of {joint} changed by {size}"
         return LastingChange(t, name, joint, {key: total}, {key: std}, probability, sentence, others)
 
-    def _alternatives(self, found: list[Candidate], shares: list[float]) -> dict[str, float]:
+    def _alternatives(self, found: list[Suspect], shares: list[float]) -> dict[str, float]:
         """The next likely laws by name, with their probability."""
         return {self._label(one): p for one, p in list(zip(found, shares, strict=True))[:3] if p > NAMED}
 
-    def _label(self, one: Candidate) -> str:
+    def _label(self, one: Suspect) -> str:
         if one.joint == TIP:
             return "payload"
         return f"{' and '.join(LOCAL[k] for k in one.columns)} of {self.robot.joints[one.joint]}"
@@ -194,17 +194,17 @@ class Changes:
         return "N" if self.robot.prismatic[joint] else "N.m"
 
 
-def _noticed(one: Candidate) -> bool:
+def _noticed(one: Suspect) -> bool:
     return one.gain > NOTICED[min(len(one.columns), len(PAYLOAD))]
 
 
-def _share(best: Candidate, found: list[Candidate], shares: list[float]) -> float:
+def _share(best: Suspect, found: list[Suspect], shares: list[float]) -> float:
     """Probability of the laws of a candidate, alone or with others."""
     with_it = (set(best.columns) <= set(one.columns) and one.joint == best.joint for one in found)
     return min(1.0, sum(p for p, same in zip(shares, with_it, strict=True) if same))
 
 
-def _probabilities(found: list[Candidate]) -> list[float]:
+def _probabilities(found: list[Suspect]) -> list[float]:
     """Posterior probabilities of candidates with equal priors."""
     if not found:
         return []

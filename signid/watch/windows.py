@@ -18,7 +18,7 @@ APART = 1e-3  # [1] the same for two laws of friction
 LEAST = 1e-9  # [1] smallest eigenvalue of the payload's normal equations that counts, over the largest
 
 
-class Candidate(NamedTuple):
+class Suspect(NamedTuple):
     """A law, or two of friction, with their numbers and their evidence."""
 
     joint: int  # or TIP
@@ -63,7 +63,7 @@ class Window:
         """Squared residual [1], in units of its variance, beyond that of noise, over all joints."""
         return float(np.maximum(self.sums[:, -1, -1] - self.count, 0.0).sum())
 
-    def candidates(self, noise: QuietNoise) -> list[Candidate]:
+    def candidates(self, noise: QuietNoise) -> list[Suspect]:
         """All laws that act in the window, the best first.
 
         An error of the model lasts for the whole window, so its square is not divided by the number of frames.
@@ -94,25 +94,25 @@ def products(frames: Frames, base: Array, noise: QuietNoise) -> Sums:
     return Sums(by_joint.transpose(0, 2, 1) @ by_joint, frames.usable.sum(axis=0).astype(float), model)
 
 
-def gain(sums: Array, one: Candidate) -> float:
+def gain(sums: Array, one: Suspect) -> float:
     """Reduction of the squared residual [1] by a candidate; sums: (15, 15) [1] of its joint, or of all joints."""
     c, value = list(one.columns), one.value
     return float(2 * value @ sums[c, -1] - value @ sums[np.ix_(c, c)] @ value)
 
 
-def effect(sums: Array, one: Candidate) -> float:
+def effect(sums: Array, one: Suspect) -> float:
     """Squared torque [1] of a candidate in units of the variance of the noise; sums: (15, 15) [1]."""
     c = list(one.columns)
     return float(one.value @ sums[np.ix_(c, c)] @ one.value)
 
 
-def _scaled(one: Candidate, own: float, common: float, count: float) -> Candidate:
-    """Candidate with its evidence: variances inflated by its own factor, the score by a common one."""
+def _scaled(one: Suspect, own: float, common: float, count: float) -> Suspect:
+    """Suspect with its evidence: variances inflated by its own factor, the score by a common one."""
     cost = min(len(one.columns), len(PAYLOAD)) * np.log(max(count, 2.0))
     return one._replace(std=one.std * np.sqrt(own), gain=one.raw / own, score=0.5 * (one.raw / common - cost))
 
 
-def _payload(sums: Array) -> Candidate | None:
+def _payload(sums: Array) -> Suspect | None:
     """Point mass at the last link: mass and first moment, and the inertia that follows from them."""
     first, columns = len(LOCAL), tuple(range(len(LOCAL), len(LOCAL) + len(PAYLOAD)))
     inertia, shifted, one = np.zeros(len(INERTIA)), sums, None
@@ -129,7 +129,7 @@ def _payload(sums: Array) -> Candidate | None:
     return whole._replace(raw=gain(sums, whole))
 
 
-def _fit(sums: Array, columns: tuple[int, ...], joint: int) -> Candidate | None:
+def _fit(sums: Array, columns: tuple[int, ...], joint: int) -> Suspect | None:
     """Least squares of the columns, without evidence; None if the window does not excite them."""
     c = list(columns)
     normal, right = sums[np.ix_(c, c)], sums[c, -1]
@@ -144,4 +144,4 @@ def _fit(sums: Array, columns: tuple[int, ...], joint: int) -> Candidate | None:
     root = vectors[:, seen] / np.sqrt(values[seen])
     inverse = (root @ root.T) / np.outer(size, size)
     value = inverse @ right
-    return Candidate(joint, columns, value, np.sqrt(np.diag(inverse)), 0.0, float(right @ value), 0.0)
+    return Suspect(joint, columns, value, np.sqrt(np.diag(inverse)), 0.0, float(right @ value), 0.0)

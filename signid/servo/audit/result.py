@@ -1,4 +1,4 @@
-"""What an audit of servo recordings states of each joint."""
+"""Result of an audit of servo recordings, joint by joint."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class JointAudit:
     samples: int  # rows with a command while the drive holds
     range: float  # [unit] of the commanded position
     lag: float  # [s] delay of a slow ramp: `delay` and twice damping ratio over natural frequency
-    lag_std: float  # [s] standard deviation; large where the motion cannot tell lag from dry friction
+    lag_std: float  # [s] standard deviation; large where the motion does not separate lag from dry friction
     shift: float  # [s] best shift of the command, sign and scale free
     delay: float  # [s] pure delay of the second-order response
     bandwidth: float  # [Hz] at which the second-order response falls to 71 %

@@ -34,13 +34,13 @@ class Point(NamedTuple):
 class GroupCourse:
     """Courses of a group over all recordings, one after another: R rows."""
 
-    mass: Array
-    bias: Array
-    by_q: Array
-    by_v: Array
-    wave: Array
+    mass: Array  # (R, n, n) [kg.m2 or kg]
+    bias: Array  # (R, n) [N.m or N]
+    by_q: Array  # (R, n, n) [N.m/rad]
+    by_v: Array  # (R, n, n) [N.m.s/rad]
+    wave: Array  # (n, 2) [N.m] torque of the sine and the cosine of the position
     motion: Moved
-    torque: Array
+    torque: Array  # (R, n) [N.m or N]
 
 
 class ClosedLoop:
@@ -175,12 +175,18 @@ def carrying(robot: Robot, index: int, body: tuple[float, float, float, float]) 
 
 
 def reduced_squares(residual: Array, states: Array, sigma: Array) -> Array:
-    """Sum of squares (C, W, n) of residuals (C, W, T, n) after the best initial states, weighted by sigma (n,)."""
+    """Sum of squares (C, W, n) after the best initial states.
+
+    residual: (C, W, T, n) [rad or m]; states: (2n, W, T, n) [1]; sigma: (n,) [rad or m].
+    """
     return np.asarray(np.sum(leave_states(residual, states, sigma) ** 2, axis=2))
 
 
 def leave_states(residual: Array, states: Array, sigma: Array) -> Array:
-    """Residuals (C, W, T, n) after the best initial states of each window."""
+    """Residuals (C, W, T, n) after the best initial states of each window.
+
+    residual: (C, W, T, n) [rad or m]; states: (2n, W, T, n) [1]; sigma: (n,) [rad or m].
+    """
     n, (copies, windows, rows, _) = states.shape[-1], residual.shape
     b = (states / sigma).transpose(1, 2, 3, 0).reshape(windows, -1, 2 * n)
     prior = np.diag(np.r_[np.full(n, STATE[0] ** -2.0), np.full(n, STATE[1] ** -2.0)])

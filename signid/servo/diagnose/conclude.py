@@ -31,7 +31,7 @@ BODY_UNITS = {"mass": "kg"}
 def conclude(
     data: ServoData, found: Found, noise: Array
 ) -> tuple[tuple[ServoFinding, ...], tuple[ServoUnexplained, ...], str, list[str]]:
-    """Findings, unexplained mismatch, verdict and flags."""
+    """Findings, unexplained mismatch, verdict and flags. noise: (n,) [rad or m]."""
     findings = [finding for joints, one, unseen in found for finding in _findings(data, joints, one, unseen, noise)]
     findings.sort(key=lambda f: (f.role != "cause", -f.statistic))
     left = [x for joints, one, unseen in found for x in _unexplained(data, joints, one, unseen, noise)]
@@ -41,7 +41,7 @@ def conclude(
 
 
 def fits(model: Model, data: ServoData, found: Found, noise: Array, last: bool) -> PositionFit:
-    """Mismatch of closed loops over short windows, with the given numbers or the last ones."""
+    """Mismatch of closed loops over short windows, with the given numbers or the last ones. noise: (n,) [rad or m]."""
     n = len(data.joints)
     train, unseen, r2 = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     for joints, one, loop in found:

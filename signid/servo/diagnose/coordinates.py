@@ -45,7 +45,7 @@ def coordinate(point: Point, free: Free) -> float:
 
 
 def with_coordinates(point: Point, frees: list[Free], x: Array) -> Point:
-    """Point with other coordinates; numbers stay within their physical bounds."""
+    """Point with other coordinates x: (P,) [of their units]; numbers stay within their physical bounds."""
     servos, body = list(point.servos), None if point.body is None else list(point.body)
     for free, at in zip(frees, x.tolist(), strict=True):
         number = float(np.exp(at)) if free.number in LOGARITHMIC else at
@@ -82,3 +82,12 @@ def longest(free: Free, servo: Servo | None, scale: Scale) -> float:
     if free.number in LOGARITHMIC:
         return 0.15 if free.number in CAREFUL else 0.7
     return 30.0 * difference(free, servo, scale)
+
+
+def own_numbers(point: Point, j: int) -> list[Free]:
+    """Numbers that a drive has, without those that its law leaves out."""
+    servo = point.servos[j]
+    names = ["kp", "kd" if servo.kd > 0 else "viscous_friction", "coulomb_friction", "armature", "delay"]
+    names += [name for name in ("effort_limit", "speed_limit") if np.isfinite(getattr(servo, name))]
+    names += [name for name in ("load_friction", "dead_band", "droop") if getattr(servo, name) > 0]
+    return [Free(j, name) for name in names]

@@ -11,6 +11,7 @@ from ...servos import Servo
 from ...types import Array
 from .closed_loop import ClosedLoop, Point, leave_states, reduced_squares
 from .coordinates import Free, Scale, coordinate, difference, longest, with_coordinates
+from .laws import Reach
 
 DAMPINGS = (0.0, 0.3, 3.0, 30.0)  # [1] of Levenberg and Marquardt, tried together
 PRIOR = {"first_moment_x": 0.1, "first_moment_y": 0.1, "first_moment_z": 0.1}  # std of the body's centre [m] per mass
@@ -23,10 +24,10 @@ class Attempt:
     point: Point
     frees: list[Free]
     squares: Array  # (W, n) sums of squares without the initial states [rad2 or m2]
-    covariance: Array | None = None  # (P, P) of the coordinates
+    covariance: Array | None = None  # (P, P) [any] of the coordinates
 
     def cost(self, sigma: Array) -> float:
-        """Weighted sum of squares."""
+        """Weighted sum of squares. sigma: (n,) [rad or m]."""
         return float(np.sum(self.squares / sigma**2)) + _prior(self.point, self.frees)
 
 
@@ -35,7 +36,7 @@ class Setting:
     """Windows, initial states and weights that the fits share."""
 
     loop: ClosedLoop
-    states: Array  # (2n, W, T, n)
+    states: Array  # (2n, W, T, n) [1]
     sigma: Array  # (n,) [rad or m]
     scales: tuple[Scale, ...]  # n
 
@@ -48,7 +49,7 @@ class Setting:
         return leave_states(self.loop.residuals(points), self.states, self.sigma)
 
     def weighted(self, sigma: Array) -> Setting:
-        """The same with other weights."""
+        """The same with other weights. sigma: (n,) [rad or m]."""
         return replace(self, sigma=sigma)
 
 
@@ -142,3 +143,26 @@ def _prior_terms(trial: Attempt, x: Array) -> tuple[Array, Array]:
             weight[k] = (max(trial.point.body[0], 1e-4) * PRIOR[free.number]) ** -2.0
             pull[k] = weight[k] * x[k]
     return weight, pull
+
+
+def reach(setting: Setting, point: Point, j: int) -> Reach:
+    """Sizes at a joint."""
+    loop, scale = setting.loop, setting.scales[j]
+    a = loop.along(None).motion.a[:, j]
+    return Reach(scale.effort, scale.speed, _error(loop, j), float(np.sqrt(np.mean(a**2))))
+
+
+def setting_of(loop: ClosedLoop, point: Point, floor: Array) -> Setting:
+    """Setting of windows with the initial states and scales at a point. floor: (n,) [rad or m]."""
+    scales = []
+    at = loop.along(None)
+    for j, servo in enumerate(point.servos):
+        torque = at.torque[:, j] + servo.armature * at.motion.a[:, j] + servo.damping * at.motion.v[:, j]
+        effort = float(np.max(np.abs(torque)) + servo.coulomb_friction)
+        scales.append(Scale(effort, float(np.max(np.abs(at.motion.v[:, j]))), loop.grids[0].step))
+    return Setting(loop, loop.state_columns(point), floor * 2.0, tuple(scales))
+
+
+def _error(loop: ClosedLoop, j: int) -> float:
+    column = loop.joints[j]
+    return float(max(np.max(np.abs(g.command[:, column] - g.q[:, column])) for g in loop.grids))

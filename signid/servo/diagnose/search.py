@@ -9,9 +9,9 @@ import numpy as np
 
 from ...types import Array
 from .closed_loop import ClosedLoop, Point
-from .coordinates import BODY, Free, Scale
-from .laws import HYPOTHESES, DriveLaw, Reach
-from .refine import Attempt, Setting, refine
+from .coordinates import BODY, Free, own_numbers
+from .laws import HYPOTHESES, DriveLaw
+from .refine import Attempt, Setting, reach, refine, setting_of
 
 MOST = 3  # laws that are added to one group
 PER_WINDOW = 10  # samples of a window that count as independent, at most. Heuristic
@@ -70,7 +70,7 @@ class Offer:
 
 def search(loop: ClosedLoop, point: Point, floor: Array, skip: Sequence[str] = (), body: bool = True) -> GroupSearch:
     """Add laws one after another while the evidence asks for them; floor: (n,) noise of positions [rad or m]."""
-    setting = _setting(loop, point, floor)
+    setting = setting_of(loop, point, floor)
     base = Attempt(point, [], setting.evaluate([point])[0])
     setting = setting.weighted(_sigma(setting, base, floor))
     base = last = replace(base, squares=setting.evaluate([point])[0])
@@ -83,7 +83,7 @@ def search(loop: ClosedLoop, point: Point, floor: Array, skip: Sequence[str] = (
             break
         steps.append(step)
         last = refine(setting, [step.after], 4)[0]
-        setting = _setting(loop, last.point, floor).weighted(_sigma(setting, last, floor))
+        setting = setting_of(loop, last.point, floor).weighted(_sigma(setting, last, floor))
         last = refine(setting, [replace(last, squares=setting.evaluate([last.point])[0])], 3)[0]
     if not steps and not at_floor(setting, last, floor):
         last, steps = refitted(setting, last, laws, floor)
@@ -95,6 +95,7 @@ def refitted(setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: A
     """A law of another form at the worst joint, with the drive's own numbers fitted again beside it.
 
     A simulation that was identified with the wrong law is at its optimum: no single number improves it.
+    floor: (n,) [rad or m] noise of the positions.
     """
     mean = np.sum(last.squares, axis=0) / floor**2
     j = int(np.argmax(mean))
@@ -112,17 +113,8 @@ def refitted(setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: A
     return (last, []) if step is None else (step.after, [replace(step, before=last)])
 
 
-def own_numbers(point: Point, j: int) -> list[Free]:
-    """Numbers that a drive has, without those that its law leaves out."""
-    servo = point.servos[j]
-    names = ["kp", "kd" if servo.kd > 0 else "viscous_friction", "coulomb_friction", "armature", "delay"]
-    names += [name for name in ("effort_limit", "speed_limit") if np.isfinite(getattr(servo, name))]
-    names += [name for name in ("load_friction", "dead_band", "droop") if getattr(servo, name) > 0]
-    return [Free(j, name) for name in names]
-
-
 def offered(setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: Array, body: bool) -> list[Offer]:
-    """The best trial of each law at each joint; the most promising ones fitted together with the laws before."""
+    """The best trial of each law at each joint; the most promising ones fitted. floor: (n,) [rad or m]."""
     found: list[Offer] = []
     for law in laws:
         for j in suspects(setting, last, floor):
@@ -157,20 +149,20 @@ def offered(setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: Ar
 
 
 def suspects(setting: Setting, trial: Attempt, floor: Array) -> list[int]:
-    """Joints whose residual exceeds noise, beside that of the worst joint."""
+    """Joints whose residual exceeds noise, beside that of the worst joint. floor: (n,) [rad or m]."""
     mean = np.sum(trial.squares, axis=0) / (setting.loop.windows * (setting.loop.rows + 1))
     excess = np.maximum(mean - floor**2, 0.0)
     return [int(j) for j in np.flatnonzero(excess >= SUSPECT * np.max(excess))]
 
 
 def at_floor(setting: Setting, trial: Attempt, floor: Array) -> bool:
-    """Whether no joint has more than the noise of its positions."""
+    """Whether no joint has more than the noise of its positions. floor: (n,) [rad or m]."""
     mean = np.sum(trial.squares, axis=0) / (setting.loop.windows * (setting.loop.rows + 1))
     return bool(np.all(mean < FLOOR * floor**2))
 
 
 def choose(setting: Setting, last: Attempt, offers: Sequence[Offer], floor: Array) -> Step | None:
-    """The most probable law, if the evidence for it suffices."""
+    """The most probable law, if the evidence for it suffices. floor: (n,) [rad or m]."""
     usable = [o for o in offers if significant(setting, last, o, floor)]
     if not usable:
         return None
@@ -185,7 +177,10 @@ def choose(setting: Setting, last: Attempt, offers: Sequence[Offer], floor: Arra
 
 
 def significant(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> bool:
-    """Whether a law changes a number beyond its tolerance and improves windows beyond chance."""
+    """Whether a law changes a number beyond its tolerance and improves windows beyond chance.
+
+    floor: (n,) [rad or m].
+    """
     if offer.law is not PAYLOAD and offer.law.stated_exactly(
         last.point.servos[offer.joint], offer.trial.point.servos[offer.joint]
     ):
@@ -211,13 +206,6 @@ def tempered(setting: Setting, best: Offer, rival: Offer) -> float:
     return float(max(prior + min(odds, 0.5 * z * z + SLACK), 0.0))
 
 
-def reach(setting: Setting, point: Point, j: int) -> Reach:
-    """Sizes at a joint."""
-    loop, scale = setting.loop, setting.scales[j]
-    a = loop.along(None).motion.a[:, j]
-    return Reach(scale.effort, scale.speed, _error(loop, j), float(np.sqrt(np.mean(a**2))))
-
-
 def _bodies(setting: Setting, last: Attempt) -> list[Offer]:
     j = setting.loop.leaf
     whole = sum(body.mass for body in list(setting.loop.robot.model.inertias)[1:])
@@ -226,16 +214,6 @@ def _bodies(setting: Setting, last: Attempt) -> list[Offer]:
     masses = [x * whole for x in (0.02, 0.06, 0.15, 0.3)]
     points = [Point(last.point.servos, (m, *(m * centre).tolist())) for m in masses]
     return [Offer(PAYLOAD, j, Attempt(point, frees, np.empty(0))) for point in points]
-
-
-def _setting(loop: ClosedLoop, point: Point, floor: Array) -> Setting:
-    scales = []
-    at = loop.along(None)
-    for j, servo in enumerate(point.servos):
-        torque = at.torque[:, j] + servo.armature * at.motion.a[:, j] + servo.damping * at.motion.v[:, j]
-        effort = float(np.max(np.abs(torque)) + servo.coulomb_friction)
-        scales.append(Scale(effort, float(np.max(np.abs(at.motion.v[:, j]))), loop.grids[0].step))
-    return Setting(loop, loop.state_columns(point), floor * 2.0, tuple(scales))
 
 
 def _sigma(setting: Setting, trial: Attempt, floor: Array) -> Array:
@@ -261,8 +239,3 @@ def _weighed(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> Off
     before, after = last.point.servos[offer.joint], offer.trial.point.servos[offer.joint]
     prior = float(np.log(offer.law.plausible(before, after) / choices)) + _occam(setting, last, offer.trial)
     return replace(offer, evidence=prior - _half_log(offer.trial.squares, floor, setting), prior=prior)
-
-
-def _error(loop: ClosedLoop, j: int) -> float:
-    column = loop.joints[j]
-    return float(max(np.max(np.abs(g.command[:, column] - g.q[:, column])) for g in loop.grids))

@@ -1,4 +1,4 @@
-"""What a mismatch depends on most: the variable whose bins explain most of its variance."""
+"""Variable that a mismatch depends on most: the one whose bins explain most of its variance."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class Candidate:
         return replace(self, servos={**self.servos, **servos}, free=tuple(dict.fromkeys((*self.free, *free))))
 
     def only(self, joints: Collection[str]) -> Candidate:
-        """Of some joints; the others follow the recorded motion."""
+        """The same for some joints; the others follow the recorded motion."""
         return Candidate(
             {joint: servo for joint, servo in self.servos.items() if joint in joints},
             tuple(name for name in self.free if name[0] in joints),
@@ -60,10 +60,10 @@ class ServoTrial:
 
     candidate: Candidate  # with the fitted drives
     residual: Mapping[str, float]  # rms on windows of the training data [rad or m], by joint
-    scores: Mapping[str, Array] = field(default_factory=dict)  # log rms (W,) of windows that took no part, by joint
+    scores: Mapping[str, Array] = field(default_factory=dict)  # (W,) [1] log rms of unused windows, by joint
 
     def only(self, joints: Collection[str]) -> ServoTrial:
-        """Of some joints."""
+        """The same for some joints."""
         residual = {joint: x for joint, x in self.residual.items() if joint in joints}
         scores = {joint: x for joint, x in self.scores.items() if joint in joints}
         return ServoTrial(self.candidate.only(joints), residual, scores)
@@ -148,8 +148,8 @@ def window_scores(error: Array, windows: Sequence[slice]) -> Array:
 def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, float]:
     """Probability that each law has the smallest expected score.
 
-    scores: by law, (W,) log rms of the same windows, which took no part in the fit. Equal laws share the probability;
-    few windows never give certainty.
+    scores: (W,) [1] by law, log rms of the same windows, which took no part in the fit. Equal laws share the
+    probability; few windows never give certainty.
     """
     laws = list(scores)
     values = np.array([scores[law] for law in laws], float).reshape(len(laws), -1)
@@ -166,7 +166,10 @@ def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, f
 
 
 def improves(before: Array, after: Array) -> bool:
-    """Whether a change saves error on windows that took no part: (W,) log rms before and after."""
+    """Whether a change saves error on windows that took no part.
+
+    before: (W,) [1] log rms without the change; after: (W,) [1] with it.
+    """
     saved = np.asarray(before - after, float).ravel()
     saved = saved[np.isfinite(saved)]
     if len(saved) < 2:

@@ -23,7 +23,7 @@ from .flags import (
     worse_than_stated,
 )
 from .identifiable import RARE, JointFacts, dependence, dependent_numbers, joint_numbers
-from .result import ServoIdentification, ServoJoint
+from .result import ServoIdentification, ServoJoint, ServoRollOut
 from .scale import alternatives, known_scale
 from .search import Chosen, ServoOptions
 from .start import Stated
@@ -31,7 +31,7 @@ from .start import Stated
 
 @dataclass(frozen=True)
 class Known:
-    """What is known before the fit."""
+    """Knowledge before the fit."""
 
     scale: str  # "masses", "kp" or "nothing"
     stated: Stated  # by the actuators file
@@ -60,8 +60,8 @@ def conclude(
         ).items()
     }
     joints = tuple(_joint(joint, fit, chosen, facts[joint], known.sets) for joint in fit.servos)
-    held_out = data.held_out is not data.train
-    rolled, traces = assess(model, described, fit.servos, known.stated, data.held_out, held_out)
+    unseen = data.held_out is not data.train
+    rolled, traces = assess(model, described, fit.servos, known.stated, data.held_out, unseen)
     servos, robot, added = dict(fit.servos), model.robot, list(remarks)
     if worse_than_stated(rolled):
         servos = nominal_servos(robot, fit.servos, known.stated)
@@ -71,6 +71,8 @@ def conclude(
     std = {joint: s for joint, s in number_std(fit, "kp").items() if _has_value(joints, joint)}
     other = alternatives(known.sets, fit.servos, std, gains) if known.scale == "masses" else ()
     scale = known_scale(known.scale, gains, other)
+    added += [scale.sentence] if known.scale == "nothing" else []
+    notes = (*joint_notes(joints), *law_notes(joints, known.laws, limited))
     return ServoIdentification(
         robot=robot,
         model=with_servos(model, servos),
@@ -80,26 +82,8 @@ def conclude(
         rollout=rolled,
         traces=traces,
         inputs=data.inputs,
-        flags=tuple(
-            dict.fromkeys(
-                (
-                    *added,
-                    *([scale.sentence] if known.scale == "nothing" else []),
-                    *joint_flags(joints),
-                    *dependence(dependent_numbers(fit.information, fit.names)),
-                    *law_flags(joints, limited),
-                    *lag_flags(joints, data),
-                    *rollout_flags(rolled),
-                )
-            )
-        ),
-        notes=(
-            *model.robot.notes,
-            *joint_notes(joints),
-            *law_notes(joints, known.laws, limited),
-            *duty_notes(known.tied),
-            *fit.notes,
-        ),
+        flags=_flags(added, joints, fit, data, rolled, limited),
+        notes=(*model.robot.notes, *notes, *duty_notes(known.tied), *fit.notes),
         seed=options.seed,
     )
 
@@ -124,3 +108,23 @@ def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, sets: S
 
 def _has_value(joints: Sequence[ServoJoint], name: str) -> bool:
     return any(one.joint == name and one.numbers["kp"].value is not None for one in joints if "kp" in one.numbers)
+
+
+def _flags(
+    added: Sequence[str],
+    joints: Sequence[ServoJoint],
+    fit: ServoFit,
+    data: ServoData,
+    rolled: ServoRollOut,
+    limited: Sequence[str],
+) -> tuple[str, ...]:
+    """Flags of all steps, each once."""
+    flags = (
+        *added,
+        *joint_flags(joints),
+        *dependence(dependent_numbers(fit.information, fit.names)),
+        *law_flags(joints, limited),
+        *lag_flags(joints, data),
+        *rollout_flags(rolled),
+    )
+    return tuple(dict.fromkeys(flags))

@@ -1,4 +1,4 @@
-"""What the recordings contain of each joint: known load, torque and speed of the drive, saturation, periods."""
+"""Content of the recordings for each joint: known load, torque and speed of the drive, saturation, periods."""
 
 from __future__ import annotations
 
@@ -61,7 +61,8 @@ def joint_facts(
 def known_load_share(load: Array, v: Array, a: Array, servo: Servo) -> tuple[float, float]:
     """Share of a joint's rms torque [1] that its known masses give, and the share that only they can give.
 
-    load: (N,) torque of the masses [N.m or N]; v, a: (N,). Armature, friction and offset of the joint could produce
+    load: (N,) torque of the masses [N.m or N]; v: (N,) [rad/s or m/s]; a: (N,) [rad/s2 or m/s2]. Armature,
+    friction and offset of the joint could produce
     the rest of the load as well, so it does not set the scale.
     """
     friction = np.tanh(v / SLIDING)

@@ -32,7 +32,7 @@ Name = tuple[str, str]  # joint, number
 
 @dataclass(frozen=True)
 class JointFacts:
-    """What the recordings contain of one joint."""
+    """Content of the recordings for one joint."""
 
     joint: str
     prismatic: bool = False
@@ -64,7 +64,7 @@ def joint_numbers(
 ) -> tuple[dict[str, ServoNumber], tuple[str, ...]]:
     """Numbers of a drive by name, and sentences on those that are not identifiable.
 
-    free: names that were fitted; covariance: (k, k) of them, in their units.
+    free: names that were fitted; covariance: (k, k) of them [products of their units].
     """
     values = {name: getattr(servo, name) for name in SERVO_UNITS}
     covariance = np.nan_to_num(covariance, nan=np.inf, posinf=np.inf, neginf=-np.inf)
@@ -112,7 +112,7 @@ def _lost(
     if not _apart(facts):
         said = (
             f"{facts.joint}: {ONE_NUMBER}, the damping; torque off while the joint "
-            f"moves, or a recorded speed of the command, tells them apart"
+            f"moves, or a recorded speed of the command, separates them"
         )
         yield from ((name, said) for name in ("kd", "viscous_friction") if name not in facts.stated)
     if _one_with_lag(free, values, std):
@@ -196,8 +196,8 @@ def _remark(name: str, servo: Servo) -> str:
 def dependent_numbers(information: Array, names: Sequence[Name]) -> tuple[tuple[Name, ...], ...]:
     """Sets of numbers that the recordings identify only in combination, one for each direction without information.
 
-    information: (P, P) of the numbers `names`; its scale and units do not matter. A number without any information
-    stands alone in its set.
+    information: (P, P) [any] of the numbers `names`; its scale and units do not matter. A number without any
+    information stands alone in its set.
     """
     size = np.sqrt(np.maximum(np.diag(information), 0.0))
     alone = size <= RANK * max(float(size.max(initial=0.0)), 1e-300)

@@ -46,7 +46,7 @@ def mass_ratio(kp: Array, std: Array, stated: Array) -> tuple[float, float]:
 
 
 def known_scale(known: str, stated: Mapping[str, float], other: Sequence[str]) -> ServoScale:
-    """What the scale rests on. known: "masses", "kp" or "nothing"; stated: gains by joint; other: alternatives."""
+    """Basis of the scale. known: "masses", "kp" or "nothing"; stated: gains by joint; other: alternatives."""
     if known == "masses":
         said = "the scale of gains and friction is that of the masses of the description"
         return ServoScale(BY_INERTIALS, said, tuple(other))

@@ -51,7 +51,7 @@ class Chosen:
 
 @dataclass(frozen=True)
 class KnownLimits:
-    """What is known of the limits of drives before the search, by joint."""
+    """Known limits of drives before the search, by joint."""
 
     errors: Mapping[str, float]  # error [rad or m] at the limit, of joints that seem to saturate or state a limit
     laws: Mapping[str, str]  # stated laws, and `duty` where the recorded PWM shows it

@@ -61,7 +61,7 @@ def stated_laws(robot: Robot, joints: Sequence[str], laws: Mapping[str, str] | s
 
 
 def known_scale_of(known: str | None, stated: Stated) -> tuple[str, dict[str, dict[str, float]]]:
-    """What sets the scale, one of KNOWN, and the stated numbers with a gain that `known` gives, as in "kp=20".
+    """Origin of the scale, one of KNOWN, and the stated numbers with a gain that `known` gives, as in "kp=20".
 
     Raises:
         OptionError: unknown value.

@@ -171,6 +171,20 @@ def limited(v, before, numbers, c, laws, half, commands, variant, step, on, volt
 
 
 @njit(cache=True, error_model="numpy")
+def carry(loads, half, v, bias, by_q, by_v, qs, vs, wave, waves, r, far):  # type: ignore[no-untyped-def]
+    """Torque of the bodies (n,) at positions `half`, at a share `far` of the way from row r to the next."""
+    near = 1.0 - far
+    for i in range(len(v)):
+        load = near * bias[r, i] + far * bias[r + 1, i]
+        if waves:
+            load += wave[i, 0] * np.sin(half[i]) + wave[i, 1] * np.cos(half[i])
+        for j in range(len(v)):
+            load += by_q[r, i, j] * (half[j] - near * qs[r, j] - far * qs[r + 1, j])
+            load += by_v[r, i, j] * (v[j] - near * vs[r, j] - far * vs[r + 1, j])
+        loads[i] = load
+
+
+@njit(cache=True, error_model="numpy")
 def simulate(  # type: ignore[no-untyped-def]
     starts, rows, parts, h, mass, bias, by_q, by_v, qs, vs, wave, commands, variant, on, voltage, gain, numbers, laws,
     q0, v0, out, saturated,
@@ -199,19 +213,11 @@ def simulate(  # type: ignore[no-untyped-def]
                 r = starts[w] + row
                 for part in range(parts):
                     far = (part + 0.5) / parts
-                    near = 1.0 - far
                     for i in range(n):
                         half[i] = q[i] + 0.5 * h * v[i]
                     actuate(numbers, c, laws, half, v, commands, variant, r * parts + part, on, voltage, r, gain, act)
-                    for i in range(n):
-                        load = near * bias[r, i] + far * bias[r + 1, i]
-                        if waves:
-                            load += wave[i, 0] * np.sin(half[i]) + wave[i, 1] * np.cos(half[i])
-                        for j in range(n):
-                            load += by_q[r, i, j] * (half[j] - near * qs[r, j] - far * qs[r + 1, j])
-                            load += by_v[r, i, j] * (v[j] - near * vs[r, j] - far * vs[r + 1, j])
-                        loads[i] = load
-                        before[i] = v[i]
+                    carry(loads, half, v, bias, by_q, by_v, qs, vs, wave, waves, r, far)
+                    before[:] = v
                     for _ in range(PASSES):
                         for i in range(n):
                             force[i] = act[0, i] - loads[i]
@@ -225,5 +231,4 @@ def simulate(  # type: ignore[no-untyped-def]
                         saturated[c, w, i] += 1.0 if act[3, i] != 0.0 else 0.0
                     for i in range(n):
                         q[i] = half[i] + 0.5 * h * v[i]
-                for i in range(n):
-                    out[c, w, row + 1, i] = q[i]
+                out[c, w, row + 1] = q

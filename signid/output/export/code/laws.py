@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import operator
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
@@ -14,6 +16,15 @@ from ....types import Law
 from .graph import BINARY, UNARY, Graph, Scalar, binary, unary, where
 from .rigid import Expressions
 
+OPERATORS: dict[type[ast.AST], Any] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+    ast.Gt: operator.gt,
+    ast.Lt: operator.lt,
+}
 _VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
 
 
@@ -66,8 +77,27 @@ def _evaluate(graph: Graph, law: Law, signals: Mapping[str, Any]) -> Any:
         "interp": partial(_interpolate, graph),
         "sum": sum,
     }
-    scope = {"__builtins__": {}, **functions, **signals, **numbers}
-    return eval(compile(law.effect.equation, "<equation>", "eval"), scope)  # of an installed effect, never of a file
+    return _value(ast.parse(law.effect.equation, mode="eval").body, {**functions, **signals, **numbers})
+
+
+def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
+    """Value of an equation: numbers, names, calls, arithmetic, comparisons by > and <, and reversal by [::-1]."""
+    match node:
+        case ast.Constant():
+            return node.value
+        case ast.Name():
+            return names[node.id]
+        case ast.UnaryOp(op=ast.USub()):
+            return -_value(node.operand, names)
+        case ast.BinOp():
+            return OPERATORS[type(node.op)](_value(node.left, names), _value(node.right, names))
+        case ast.Compare(ops=[ast.Gt() | ast.Lt()]):
+            return OPERATORS[type(node.ops[0])](_value(node.left, names), _value(node.comparators[0], names))
+        case ast.Call():
+            return _value(node.func, names)(*(_value(x, names) for x in node.args))
+        case ast.Subscript():
+            return _value(node.value, names)[::-1]
+    raise ValueError(f"an equation with {ast.dump(node)} cannot be written as code")
 
 
 def _unary(graph: Graph, name: str, x: Any) -> Scalar:

@@ -45,7 +45,7 @@ class DriveLaw:
     tolerance: float = 0.03  # change of the first number that counts as stated exactly [1, or unit of the number]
     relative: bool = True  # whether `tolerance` is relative to the stated value
     least: float = 0.0  # smallest value of the first number [unit of the number]
-    twins: tuple[Twin, ...] = ()  # structural: no value of the fit tells them apart
+    twins: tuple[Twin, ...] = ()  # structural: no value of the fit separates them
     region: str = "whole recording"
     plausible: Plausible = lambda before, after: 1.0  # relative prior probability of a change  # noqa: E731
     key: str = ""  # of the parameter in diagnosis.json; default: the first number

@@ -71,7 +71,7 @@ def _number(number: FoundNumber) -> Document:
 
 
 def servo_diagnosis_tables(result: ServoDiagnosis) -> list[RenderableType]:
-    """Verdict, findings, alternatives, what is left, and errors before and after."""
+    """Verdict, findings, alternatives, unexplained mismatch, and errors before and after."""
     rivals = servo_alternatives(result)
     left = servo_unexplained(result)
     rows = [[one.effect, one.joint, *cells] for one in result.findings for cells in [finding_cells(one)]]
