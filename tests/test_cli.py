@@ -20,7 +20,7 @@ from signid.cli import run
 from signid.effects import EFFECT_NAMES
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = """demo inspect check identify diagnose validate payload effects convert excite export simulate replay
+COMMANDS = """demo inspect check identify diagnose validate watch payload effects convert excite export simulate replay
 reduce fleet data"""
 OUTPUTS = ["identification.json", "model.json", "report.html", "robot.urdf"]
 
@@ -59,7 +59,7 @@ def test_help_has_an_example(command: str, capsys: pytest.CaptureFixture[str]) -
     assert run([command, "--help"]) == 0
     out, err = capsys.readouterr()
     assert f"Example: signid {command} " in out and "--json" in out and not err
-    assert ("--seed" in out) == (command not in ("effects", "convert", "export", "replay", "data")), (
+    assert ("--seed" in out) == (command not in ("effects", "convert", "export", "replay", "watch", "data")), (
         "where there is chance there is a seed"
     )
 

@@ -151,6 +151,9 @@ def test_a_saved_model_has_its_torque_constants(place: Path) -> None:
     ],
 )
 def test_bad_input_gives_one_sentence(command: str, words: str, capfd: pytest.CaptureFixture[str]) -> None:
+    if command.startswith("drive.json"):
+        signid.load_model("1r").save("drive.json")
+        Path("drive.toml").write_text("[joint.1]\nviscous_friction = 0.5\n")
     assert run(["diagnose", *command.split()]) == 2
     out, err = capfd.readouterr()
     assert words in err and err.count("\n") == 1 and not out and not Path("bad").exists()

@@ -38,8 +38,9 @@ def results() -> dict[str, Any]:
     motion = signid.excite(robot, kind="random", duration=5.0)
     drives = invented()
     loops = ServoValidatedModel("drives", drives.model, drives.rollout, drives.traces)
+    looped = signid.simulate_servos(drives.model, motion.trajectory)
     found = (
-        *(drives, loops, ServoValidation((loops,), drives.inputs, (), (), 0)),
+        *(looped, drives, loops, ServoValidation((loops,), drives.inputs, (), (), 0)),
         *(robot, recording, identified, identified.signs, identified.fit, identified.model, validated),
         *(signid.check(robot, recording), signid.inspect(robot), signid.diagnose(robot, recording, held_out=HELD_OUT)),
         *(signid.payload(robot, HELD_OUT, RECORDING), signid.roll_out(identified, HELD_OUT), validated.models[0]),

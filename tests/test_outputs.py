@@ -37,7 +37,7 @@ COMMANDS = {
     "data": f"data toy --yes --source ADDRESS -o {OUT}",
     "demo": f"demo --robot 1r --no-open -o {OUT}",
 }
-SILENT = {"inspect", "check", "effects", "payload"}  # commands that write no file
+SILENT = {"inspect", "check", "effects", "payload", "watch"}  # commands that write no file
 
 
 @pytest.fixture

@@ -22,8 +22,8 @@ from signid.recording import read_recording
 from signid.recording.formats import find_format
 from signid.recording.mapping import ColumnMap
 from signid.recording.sampling import survey
+from signid.robot.actuators import state_actuators
 from signid.robot.description import sandbox
-from signid.robot.load import read_actuators
 from signid.simulation.plant import read_motion
 
 from .factors import factors, header_text, pendulum, with_header
@@ -96,7 +96,7 @@ def readers() -> tuple[Reader, ...]:
         Reader("URDF", "r.urdf", [urdf, _small_urdf().encode()], signid.load_robot),
         Reader("xacro", "r.xacro", [XACRO.encode()], _expanded, beside={"other.xacro": b"<robot/>"}, slow=True),
         Reader("MJCF", "r.xml", [MJCF.encode()], signid.load_robot, beside={"o.xml": b"<mujocoinclude/>"}),
-        Reader("actuators", "a.toml", [ACTUATORS.encode()], lambda path: read_actuators(path, pendulum())),
+        Reader("actuators", "a.toml", [ACTUATORS.encode()], lambda path: state_actuators(pendulum(), path)),
         Reader("columns", "c.toml", [COLUMNS.encode()], _mapped),
         Reader("bounds", "b.toml", [BOUNDS.encode()], _bounds),
         Reader("CSV", "r.csv", [table, semicolon, b"# " + table], _recorded),

@@ -17,7 +17,7 @@ LAG = (0.04, 0.12)  # s
 
 def main() -> ServoIdentification:
     """Identify the drive, and compare its simulation with the held-out last 30 % of the recording."""
-    robot = signid.load_robot(HERE / "robot.urdf")
+    robot = signid.load_robot(HERE / "arm.urdf")
     recording = signid.read_recording(HERE / "recording.csv.gz", robot)
     result = signid.identify_servos(robot, recording, known="nothing", options=ServoOptions(additional=()))
     (wrist,), loop = result.joints, result.rollout

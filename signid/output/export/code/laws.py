@@ -34,14 +34,12 @@ def writable(law: Law) -> bool:
     if not isinstance(effect, TorqueLaw) or effect.memory or effect.scope not in ("joint", "pair", "robot", "any"):
         return False
     try:
-        code = compile(effect.equation, "<equation>", "eval")
+        tree = ast.parse(effect.equation, mode="eval")
     except SyntaxError:
         return False
-    signals = {"q", "v", "a", "load", "variable", "knots", "values", "sum"}
-    return set(code.co_names) <= signals | set(law.effect.filled(law.parameters)) | set(UNARY) | set(BINARY) | {
-        "where",
-        "interp",
-    }
+    known = {"q", "v", "a", "load", "variable", "knots", "values", "sum", "where", "interp", *UNARY, *BINARY}
+    used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    return used <= known | set(effect.filled(law.parameters))
 
 
 def inertial(law: Law) -> bool:
