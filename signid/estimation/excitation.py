@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import RecordingError
 from ..regression.factors import Factors
 from ..regression.motion import Motion
 from ..regression.regressor import base_rows
@@ -95,7 +96,13 @@ def _generalised(one: Array, other: Array) -> tuple[Array, Array]:
     """Generalised eigenvalues (b,), ascending, and vectors (b, b) of a symmetric and a positive definite matrix."""
     root = np.linalg.cholesky(other)
     half = np.linalg.solve(root, one)
-    values, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
+    try:
+        values, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
+    except np.linalg.LinAlgError:
+        raise RecordingError(
+            "the information of the recordings cannot be computed, since their numbers differ too much in size; check the "
+            "units of the columns, or reduce the recordings again"
+        ) from None
     return values, np.linalg.solve(root.T, vectors)
 
 
