@@ -100,8 +100,8 @@ def _generalised(one: Array, other: Array) -> tuple[Array, Array]:
         values, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
     except np.linalg.LinAlgError:
         raise RecordingError(
-            "the information of the recordings cannot be computed, since their numbers differ too much in size; check the "
-            "units of the columns, or reduce the recordings again"
+            "the information of the recordings cannot be computed, since their numbers differ too much in size; check "
+            "the units of the columns, or reduce the recordings again"
         ) from None
     return values, np.linalg.solve(root.T, vectors)
 
