@@ -59,7 +59,7 @@ def test_the_source_archive_holds_all_that_tests_read() -> None:
     held = {file.distribution_path for file in SdistBuilder(str(ROOT)).recurse_included_files()}
     folders = ("signid", "robots", "tests", "benchmarks", ".pdoc")
     wanted = {path.relative_to(ROOT) for folder in folders for path in (ROOT / folder).rglob("*.*") if path.is_file()}
-    kept = {path.as_posix() for path in wanted if path.suffix != ".pyc"}
+    kept = {path.as_posix() for path in wanted if "__pycache__" not in path.parts}
     assert {*kept, ".ci/run", ".ci/versions", "README.md", "CHANGELOG.md", "CITATION.cff", "LICENSE"} == held
 
 
