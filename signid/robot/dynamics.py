@@ -165,3 +165,13 @@ def standard_parameters(robot: Robot, inertials: Array) -> dict[str, dict[str, A
         link: {"mass": float(x[0]), "first_moment": x[1:4].tolist(), "inertia": x[4:].tolist()}
         for link, x in zip(robot.links, inertials, strict=True)
     }
+
+
+def joint_inertia(robot: Robot, upper: Array) -> Array:
+    """Mass matrix (n, n) of the joints [kg.m2 or kg].
+
+    upper: (nv, nv) of the model, of which the upper triangle counts [kg.m2 or kg], as `crba` computes it.
+    """
+    mass = np.triu(np.reshape(upper, (robot.model.nv, robot.model.nv)))
+    mass = mass + np.triu(mass, 1).T
+    return np.asarray(robot.drive.T @ mass @ robot.drive)

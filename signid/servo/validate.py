@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import OptionError, RecordingError, shorten
-from ..model import Model, ModelSource, as_model, with_servos
+from ..model import Model, ModelSource, with_servos
 from ..recording import Recordings, as_recordings, same_joints
 from ..robot.actuators import state_actuators
 from ..servos import Servo, ServoGrid
 from ..simulation.rollout.joints import restrict_joints
 from ..types import Array, Input, Progress, Recording, Result, Robot
+from ..validate.models import named_models
 from .identify.result import ServoRollOut, ServoTrace
 from .plant import roll_out, servo_grids
 from .stated import stated_servos
@@ -71,7 +72,7 @@ def validate_servos(
         RecordingError: a recording cannot be used; the sentence says which and why.
         RobotError: invalid actuators file.
     """
-    named = _named(models)
+    named = named_models(models, "validate_servos")
     if not named:
         raise OptionError("no model was given; at least one is needed")
     given = as_recordings(recordings, next(iter(named.values())).robot, "validate_servos")
@@ -158,17 +159,6 @@ def _trace(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) -> ServoT
         whole, short = (roll_out(model, servos, grid, horizon) for horizon in (None, HORIZON))
     t = np.asarray(grid.origin + np.arange(len(grid)) * grid.step, dtype=np.float64)
     return ServoTrace(grid.path, grid.joints, t, grid.command, grid.q, whole, grid.command, short)
-
-
-def _named(models: ModelSource | Sequence[ModelSource] | Mapping[str, ModelSource]) -> dict[str, Model]:
-    if isinstance(models, Mapping):
-        return {name: as_model(model, "validate_servos") for name, model in models.items()}
-    named: dict[str, Model] = {}
-    for each in models if isinstance(models, list | tuple) else [models]:
-        model = as_model(each, "validate_servos")
-        same = sum(other.robot.name == model.robot.name for other in named.values())
-        named[f"{model.robot.name} ({same + 1})" if same else model.robot.name] = model
-    return named
 
 
 def prepared_model(

@@ -12,7 +12,7 @@ from ..diagnose.extend.holdout import filtered
 from ..errors import InputError, OptionError, RecordingError, shorten
 from ..estimation.excitation import ExcitationVerdict
 from ..estimation.fit_quality import fit_rows
-from ..model import Model, ModelSource, as_model
+from ..model import Model, ModelSource
 from ..recording import Recordings, as_recordings, same_joints
 from ..recording_faults import RecordingFaults, examine
 from ..regression.prepare import prepare
@@ -21,6 +21,7 @@ from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
 from ..types import Input, Progress, Recording
 from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_notes
+from .models import named_models
 from .result import ModelCandidate, ValidatedModel, Validation
 
 HORIZON = 0.5  # [s] of roll-outs, as in a diagnosis
@@ -51,7 +52,7 @@ def validate(
         OptionError: a model or a recording is missing or was given twice, or they have no joint in common.
         RecordingError: a recording cannot be used; the sentence says which and why.
     """
-    named = _named(models)
+    named = named_models(models, "validate")
     given = as_recordings(recordings, next(iter(named.values())).robot, "validate") if named else []
     _check(named, given)
     options = replace(options or Options(), effects=(), instruments=False)
@@ -83,17 +84,6 @@ def validate(
         position_cutoff=band.position_cutoff,
         seed=options.seed,
     )
-
-
-def _named(models: ModelSource | Sequence[ModelSource] | Mapping[str, ModelSource]) -> dict[str, Model]:
-    if isinstance(models, Mapping):
-        return {name: as_model(model, "validate") for name, model in models.items()}
-    named: dict[str, Model] = {}
-    for each in models if isinstance(models, list | tuple) else [models]:
-        model = as_model(each, "validate")
-        same = sum(other.robot.name == model.robot.name for other in named.values())
-        named[f"{model.robot.name} ({same + 1})" if same else model.robot.name] = model
-    return named
 
 
 def _check(models: Mapping[str, Model], recordings: Sequence[Recording]) -> None:

@@ -73,10 +73,11 @@ def diagnose(
         given_recordings(paths, model.robot, diagnosis.columns, diagnosis.unsigned)
         for paths in (recordings, diagnosis.held_out, diagnosis.reference)
     )
+    skip = [name.strip() for text in diagnosis.skip or () for name in text.split(",")]
     if has_drives((*given, *held_out), diagnosis.servo):
         file, read = registers_beside(gains, [simulation.simulation])
         with time_limit(diagnosis.time_limit):
-            drives = diagnose_drives(model, given, held_out, healthy, diagnosis.skip, file, run.seed, run.json)
+            drives = diagnose_drives(model, given, held_out, healthy, skip, file, run.seed, run.json)
             inputs = [*simulation_inputs(simulation, model.robot, columns=diagnosis.columns), *read]
             return deliver_servo_diagnosis(drives, inputs, diagnosis.output, run.json, given_command(context))
     if gains:
@@ -88,7 +89,7 @@ def diagnose(
                 given,
                 held_out=held_out,
                 reference=healthy,
-                skip=[name.strip() for text in diagnosis.skip or () for name in text.split(",")],
+                skip=skip,
                 options=Options(cutoff=diagnosis.cutoff, seed=run.seed),
                 progress=progress,
             )

@@ -105,7 +105,7 @@ def diagnose_drives(
     given: Sequence[Recording],
     held_out: Sequence[Recording],
     healthy: Sequence[Recording],
-    skip: Sequence[str] | None,
+    skip: Sequence[str],
     actuators: str | None,
     seed: int,
     json: bool,
@@ -122,10 +122,9 @@ def diagnose_drives(
             "--reference applies to torque; for position drives, identify them from the healthy recordings, and "
             "diagnose the resulting model.json"
         )
-    names = [name.strip() for text in skip or () for name in text.split(",")]
     with bars(json) as progress:
         return diagnose_servos(
-            model, given, held_out=held_out, skip=names, actuators=actuators, seed=seed, progress=progress
+            model, given, held_out=held_out, skip=skip, actuators=actuators, seed=seed, progress=progress
         )
 
 

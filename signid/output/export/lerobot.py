@@ -15,6 +15,7 @@ import pinocchio as pin
 from ...errors import OptionError
 from ...model import Model
 from ...robot import configuration
+from ...robot.dynamics import joint_inertia
 from ...servos import Servo, servos_document
 from ...types import Array
 from .beyond import Exported
@@ -140,9 +141,7 @@ def _inertia(model: Model) -> Array:
     robot, whole = model.robot, model.bodies()
     ends = np.isfinite(robot.lower) & np.isfinite(robot.upper)
     middle = np.where(ends, (np.where(ends, robot.lower, 0.0) + np.where(ends, robot.upper, 0.0)) / 2, 0.0)
-    mass = np.triu(pin.crba(whole, whole.createData(), configuration(robot, middle)))
-    mass = mass + np.triu(mass, 1).T
-    return np.asarray(np.diag(robot.drive.T @ mass @ robot.drive))
+    return np.asarray(np.diag(joint_inertia(robot, pin.crba(whole, whole.createData(), configuration(robot, middle)))))
 
 
 def _plain(text: str) -> str:

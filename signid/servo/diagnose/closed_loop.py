@@ -8,18 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...effects.bodies import body_inertia
+from ...effects.bodies import add_body, point_inertia
 from ...model import Model
 from ...robot.dynamics import moved_bodies, own_row
 from ...servos import DRIVE_LAWS, Servo, ServoGrid
 from ...types import Array, Robot
+from ..fit.normal import NUDGE, STATE
 from ..plant.commands import commands_at
 from ..plant.course import Moved, RobotCourse as Course, bodies_of, course, motion_of, part
 from ..plant.kernel import numbers, simulate
 from ..plant.substeps import substeps
 
-STATE = (2e-3, 0.3)  # [rad, rad/s] prior standard deviations of the state at the start of a window
-NUDGE = (1e-4, 1e-2)  # [rad, rad/s] differences of initial states
 MARGIN = 2.0  # [1] a gain may grow by this factor before substeps are too long
 
 
@@ -165,12 +164,7 @@ class ClosedLoop:
 def carrying(robot: Robot, index: int, body: tuple[float, float, float, float]) -> Robot:
     """Robot with a point mass at a body of its model: mass [kg] and first moment [kg.m] in its frame."""
     model = robot.model.copy()
-    old = np.array(model.inertias[index].toDynamicParameters())
-    m, x, y, z = body
-    c = np.array([x, y, z]) / m if m else np.zeros(3)
-    turning = m * (c @ c * np.eye(3) - np.outer(c, c))
-    more = np.r_[m, x, y, z, turning[0, 0], turning[0, 1], turning[1, 1], turning[0, 2], turning[1, 2], turning[2, 2]]
-    model.inertias[index] = body_inertia(old + more)
+    add_body(model, index, [*body, *point_inertia(body[0], body[1:])])
     return replace(robot, model=model)
 
 

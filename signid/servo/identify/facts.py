@@ -50,7 +50,6 @@ def joint_facts(
             masses_set_scale="kp" not in stated.get(joint, {}),
             saturated_share=float(np.nan_to_num(saturated.get(joint, 0.0))),
             largest_torque=float(np.abs(rows).max(initial=0.0)),
-            largest_speed=float(np.quantile(np.abs(v[:, j]), 0.999)),
             torque_off=moves_while_off(data, joint),
             command_speed=servo.kd_on == "error",
             stated=stated.get(joint, {}),

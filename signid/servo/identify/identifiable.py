@@ -42,7 +42,6 @@ class JointFacts:
     masses_set_scale: bool = True  # no gain of the joint is stated
     saturated_share: float = 0.0  # [1]
     largest_torque: float = 0.0  # [N.m or N] that the drive gives
-    largest_speed: float = 0.0  # [rad/s or m/s]
     torque_off: bool = False  # whether the joint moves while the drive is off
     command_speed: bool = False  # whether the law contains a recorded speed of the command
     full_duty_error: float = 0.0  # [rad or m] at the nominal gain, where the recorded PWM shows it; else 0

@@ -205,8 +205,3 @@ def limited(start: Candidate, limits: Mapping[str, float], law: str) -> Candidat
             free.append((joint, "speed_limit"))
         servos[joint] = servo
     return start.changed(servos, free)
-
-
-def free_names(free: Sequence[tuple[str, str]], joint: str) -> tuple[str, ...]:
-    """Free numbers of a joint."""
-    return tuple(name for owner, name in free if owner == joint)

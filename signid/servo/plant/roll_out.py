@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ...model import Model
 from ...robot import configuration
+from ...robot.dynamics import joint_inertia
 from ...robot.joints import is_plain
 from ...servos import DRIVE_LAWS, Servo, ServoGrid
 from ...types import Array, Robot
@@ -48,7 +48,7 @@ def effective(robot: Robot, motion: Moved, joints: Sequence[int]) -> Array:
     rows = configuration(robot, motion.q[:: max(len(motion.q) // 20, 1)])
     out = []
     for q in rows:
-        mass = _full(pin.crba(robot.model, data, q), robot)[np.ix_(joints, joints)]
+        mass = joint_inertia(robot, pin.crba(robot.model, data, q))[np.ix_(joints, joints)]
         out.append(np.diag(mass))
     return np.asarray(np.min(out, axis=0))
 
@@ -125,11 +125,5 @@ class _Loop:
         robot, j = self.robot, self.driven
         state = robot.drive @ q + robot.rest if self.plain else configuration(robot, q)
         torque = pin.rnea(robot.model, self.data, state, robot.drive @ v, robot.drive @ a) @ robot.drive
-        mass = _full(pin.crba(robot.model, self.data, state), robot)
+        mass = joint_inertia(robot, pin.crba(robot.model, self.data, state))
         return np.ascontiguousarray(mass[np.ix_(j, j)]), np.asarray(torque[j])
-
-
-def _full(upper: Any, robot: Robot) -> Array:
-    mass = np.triu(np.reshape(upper, (robot.model.nv, robot.model.nv)))
-    mass = mass + np.triu(mass, 1).T
-    return np.asarray(robot.drive.T @ mass @ robot.drive)

@@ -7,7 +7,7 @@ from ....version import __version__
 from ...report.layout import torque_units
 from ..beyond import Exported
 from .graph import UNARY
-from .program import Function, Program, program_of, texts
+from .program import Function, Program, program_of, statements
 
 _WORDS = {
     "add": "{0} + {1}",
@@ -62,21 +62,10 @@ def _plain(text: str) -> str:
 
 
 def _definition(program: Program, function: Function, n: int) -> str:
-    graph, names = program.graph, dict[int, str]()
-    lines: list[str] = []
-    for number in graph.used(function.outputs):
-        operation, *inner = graph.nodes[number]
-        if operation == "variable":
-            key, index = inner[0][:-1].split("[")
-            names[number] = f"{key}[..., {index}]"
-        elif operation == "constant":
-            names[number] = f"({inner[0]!r})" if inner[0] < 0 else repr(inner[0])
-        else:
-            names[number] = f"t{len(lines)}"
-            lines.append(f"    t{len(lines)} = {texts(graph, number, names, _WORDS)}")
+    lines, outputs = statements(program, function, _WORDS, lambda x: x.replace("[", "[..., "), "    {} = {}")
     first = function.arguments[0]
-    rows = ", ".join(f"{names[x.number]} + zero" for x in function.outputs)
-    shape = f".reshape((*{first}.shape[:-1], {n}, {n}))" if len(function.outputs) != n else ""
+    rows = ", ".join(f"{x} + zero" for x in outputs)
+    shape = f".reshape((*{first}.shape[:-1], {n}, {n}))" if len(outputs) != n else ""
     return (
         f"\n\ndef {function.name}({', '.join(function.arguments)}, xp=numpy):\n"
         f'    """{function.meaning[:1].upper()}{function.meaning[1:]}."""\n'

@@ -10,7 +10,7 @@ from ....types import Robot
 from ....version import __version__
 from ...report.layout import torque_units
 from ..beyond import Exported
-from .program import Function, Program, program_of, texts
+from .program import Function, Program, program_of, statements
 
 _WORDS = {
     "add": "{0} + {1}",
@@ -72,24 +72,11 @@ def _signature(function: Function, name: str, n: int) -> str:
 
 
 def _definition(program: Program, function: Function, name: str, n: int) -> str:
-    graph, names = program.graph, dict[int, str]()
-    lines: list[str] = []
-    for number in graph.used(function.outputs):
-        operation, *inner = graph.nodes[number]
-        if operation in ("variable", "constant"):
-            names[number] = inner[0] if operation == "variable" else _literal(inner[0])
-        else:
-            lines.append(f"    const double t{len(lines)} = {texts(graph, number, names, _WORDS)};")
-            names[number] = f"t{len(lines) - 1}"
-    read = "\n".join([*lines, ""])
-    unused = [key for key in function.arguments if f"{key}[" not in read + " ".join(names.values())]
-    lines += [f"    {function.result}[{k}] = {names[x.number]};" for k, x in enumerate(function.outputs)]
-    lines = [*(f"    (void){key};" for key in unused), *lines]
-    return f"\n{_signature(function, name, n)}\n{{\n" + "\n".join(lines) + "\n}\n"
-
-
-def _literal(x: float) -> str:
-    return f"({x!r})" if x < 0 else repr(x)
+    lines, outputs = statements(program, function, _WORDS, str, "    const double {} = {};")
+    read = "\n".join([*lines, *outputs])
+    unused = [f"    (void){key};" for key in function.arguments if f"{key}[" not in read]
+    results = [f"    {function.result}[{k}] = {x};" for k, x in enumerate(outputs)]
+    return f"\n{_signature(function, name, n)}\n{{\n" + "\n".join([*unused, *lines, *results]) + "\n}\n"
 
 
 def _header(robot: Robot, program: Program, name: str) -> str:

@@ -55,6 +55,10 @@ class Graph:
         """Number; -0 counts as 0."""
         return self.add(("constant", float(x) + 0.0))
 
+    def scalar(self, x: Any) -> Scalar:
+        """Node of a float; a node itself."""
+        return x if isinstance(x, Scalar) else self.constant(float(x))
+
     def used(self, outputs: Iterable[Scalar]) -> list[int]:
         """Numbers of the nodes that some outputs need, in the order in which they can be computed."""
         seen: set[int] = set()
@@ -88,35 +92,32 @@ class Scalar:
         """Value of a constant, None for others."""
         return float(self.node[1]) if self.node[0] == "constant" else None
 
-    def _other(self, x: Any) -> Scalar:
-        return x if isinstance(x, Scalar) else self.graph.constant(float(x))
-
     def __add__(self, other: Any) -> Scalar:
-        return _sum(self, self._other(other))
+        return _sum(self, self.graph.scalar(other))
 
     def __radd__(self, other: Any) -> Scalar:
-        return _sum(self._other(other), self)
+        return _sum(self.graph.scalar(other), self)
 
     def __sub__(self, other: Any) -> Scalar:
-        return _sum(self, -self._other(other))
+        return _sum(self, -self.graph.scalar(other))
 
     def __rsub__(self, other: Any) -> Scalar:
-        return _sum(self._other(other), -self)
+        return _sum(self.graph.scalar(other), -self)
 
     def __mul__(self, other: Any) -> Scalar:
-        return _product(self, self._other(other))
+        return _product(self, self.graph.scalar(other))
 
     def __rmul__(self, other: Any) -> Scalar:
-        return _product(self._other(other), self)
+        return _product(self.graph.scalar(other), self)
 
     def __truediv__(self, other: Any) -> Scalar:
-        divisor = self._other(other)
+        divisor = self.graph.scalar(other)
         if divisor.value is not None:
             return _product(self, self.graph.constant(1.0 / divisor.value))
         return self.graph.constant(0.0) if self.value == 0 else self.graph.add(("divide", self.number, divisor.number))
 
     def __rtruediv__(self, other: Any) -> Scalar:
-        return self._other(other) / self
+        return self.graph.scalar(other) / self
 
     def __neg__(self) -> Scalar:
         return _negative(self)
@@ -125,22 +126,22 @@ class Scalar:
         return self
 
     def __pow__(self, exponent: Any) -> Scalar:
-        power = self._other(exponent).value
+        power = self.graph.scalar(exponent).value
         if power is not None and power == int(power) and 0 < power <= POWERS:
             product = self
             for _ in range(int(power) - 1):
                 product = product * self
             return product
-        return binary("power", self, self._other(exponent))
+        return binary("power", self, self.graph.scalar(exponent))
 
     def __abs__(self) -> Scalar:
         return unary("abs", self)
 
     def __gt__(self, other: Any) -> Scalar:
-        return binary("greater", self, self._other(other))
+        return binary("greater", self, self.graph.scalar(other))
 
     def __lt__(self, other: Any) -> Scalar:
-        return binary("greater", self._other(other), self)
+        return binary("greater", self.graph.scalar(other), self)
 
 
 def unary(operation: str, x: Scalar) -> Scalar:

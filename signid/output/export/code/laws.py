@@ -99,19 +99,15 @@ def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
 
 
 def _unary(graph: Graph, name: str, x: Any) -> Scalar:
-    return unary(name, _scalar(graph, x))
+    return unary(name, graph.scalar(x))
 
 
 def _binary(graph: Graph, name: str, a: Any, b: Any) -> Scalar:
-    return binary(name, _scalar(graph, a), _scalar(graph, b))
+    return binary(name, graph.scalar(a), graph.scalar(b))
 
 
 def _where(graph: Graph, condition: Any, yes: Any, no: Any) -> Scalar:
-    return where(_scalar(graph, condition), _scalar(graph, yes), _scalar(graph, no))
-
-
-def _scalar(graph: Graph, x: Any) -> Scalar:
-    return x if isinstance(x, Scalar) else graph.constant(float(x))
+    return where(graph.scalar(condition), graph.scalar(yes), graph.scalar(no))
 
 
 def _interpolate(graph: Graph, x: Scalar, knots: list[float], values: list[float]) -> Scalar:

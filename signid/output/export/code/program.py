@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from ....model import Model
 from ..beyond import fixed_note, lacking
 from .graph import Graph, Scalar
 from .laws import inertial, law_expressions, writable
-from .rigid import Bodies, Expressions, rigid_torque, tree_of
+from .rigid import Bodies, Expressions, rigid_torque, rotor_torque, tree_of
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,17 @@ def program_of(model: Model, mass_matrix: bool = False) -> Program:
     graph, tree, n = Graph(), tree_of(model), len(model.robot.joints)
     zero = np.array([graph.constant(0.0)] * n)
     motion = {key: np.array([graph.variable(f"{key}[{j}]") for j in range(n)]) for key in ("q", "v", "a")}
-    load = rigid_torque(graph, tree, motion["q"], motion["v"], motion["a"], rotors=False)
-    whole = rigid_torque(graph, tree, motion["q"], motion["v"], motion["a"])
+    load = rigid_torque(graph, tree, motion["q"], motion["v"], motion["a"])
     laws = law_expressions(graph, model, {**motion, "load": load})
     gravity = rigid_torque(graph, tree, motion["q"], zero, zero)
     functions = [
-        _function("inverse_dynamics", "qva", "tau", whole + laws, "torque of the bodies, the rotors and the laws"),
+        _function(
+            "inverse_dynamics",
+            "qva",
+            "tau",
+            load + rotor_torque(tree, motion["a"]) + laws,
+            "torque of the bodies, the rotors and the laws",
+        ),
         _function("gravity", "q", "tau", gravity, "torque of gravity"),
         _function("laws", "qva", "tau", laws, "torque of the laws alone: friction, springs, offsets, armature"),
     ]
@@ -70,7 +75,7 @@ def _unit_torque(
     """Column of the mass matrix (n,)."""
     unit = zero.copy()
     unit[joint] = graph.constant(1.0)
-    column = rigid_torque(graph, tree, q, zero, unit, gravity=False)
+    column = rigid_torque(graph, tree, q, zero, unit, gravity=False) + rotor_torque(tree, unit)
     for law in model.laws:
         if law.effect.name == "armature" and law.joints == (joint,):
             column[joint] = column[joint] + law.parameters["inertia"]
@@ -84,9 +89,23 @@ def _notes(model: Model) -> list[str]:
     return [*([lead + words] if words else []), *fixed_note(model.robot, "the code holds it there, too")]
 
 
-def texts(graph: Graph, number: int, names: Mapping[int, str], words: Mapping[str, str]) -> str:
-    """Expression of one node, whose operands are named; words: format of each operation, in the operands."""
-    operation, *inner = graph.nodes[number]
-    if operation == "constant":
-        return repr(inner[0])
-    return words[operation].format(*(names[k] for k in inner))
+def statements(
+    program: Program, function: Function, words: Mapping[str, str], variable: Callable[[str], str], line: str
+) -> tuple[list[str], list[str]]:
+    """Lines that compute a function, one per operation, and the names or numbers of its outputs.
+
+    words: format of each operation, in its operands; variable: text of an input such as "q[0]"; line: format of a line,
+    in the name and the expression.
+    """
+    graph, names = program.graph, dict[int, str]()
+    lines: list[str] = []
+    for number in graph.used(function.outputs):
+        operation, *inner = graph.nodes[number]
+        if operation == "variable":
+            names[number] = variable(inner[0])
+        elif operation == "constant":
+            names[number] = f"({inner[0]!r})" if inner[0] < 0 else repr(inner[0])
+        else:
+            names[number] = f"t{len(lines)}"
+            lines.append(line.format(names[number], words[operation].format(*(names[k] for k in inner))))
+    return lines, [names[output.number] for output in function.outputs]

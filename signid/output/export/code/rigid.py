@@ -103,7 +103,7 @@ def _regrouped(body: Body) -> tuple[Body, tuple[float, Array, Array]]:
     mass, along = body.mass, float(u @ body.moment)
     left = Body(body.parent, r, p, u, False, 0.0, body.moment - along * u, _exact_sum(body.inertia, -beta * across))
     first = r @ (along * u)
-    cross_p, cross_h = _cross(p), _cross(first)
+    cross_p, cross_h = pin.skew(p), pin.skew(first)
     inertia = beta * r @ across @ r.T - cross_p @ cross_h - cross_h @ cross_p - mass * cross_p @ cross_p
     return left, (mass, first + mass * p, inertia)
 
@@ -114,10 +114,6 @@ def _exact_sum(a: Array, b: Array) -> Array:
     return np.where(np.abs(total) <= 4e-16 * (np.abs(a) + np.abs(b)), 0.0, total)
 
 
-def _cross(p: Array) -> Array:
-    return np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
-
-
 def rigid_torque(
     graph: Graph,
     tree: Bodies,
@@ -126,9 +122,8 @@ def rigid_torque(
     a: Expressions,
     *,
     gravity: bool = True,
-    rotors: bool = True,
 ) -> Expressions:
-    """Torque (n,) of the rigid bodies and the rotors, by the recursive Newton-Euler algorithm.
+    """Torque (n,) of the rigid bodies, by the recursive Newton-Euler algorithm.
 
     q, v, a: (n,) expressions [rad or m, and their derivatives]. Source: Featherstone, Rigid Body Dynamics Algorithms,
     2008, section 5.3.
@@ -139,7 +134,7 @@ def rigid_torque(
     lift = none - tree.gravity if gravity else none
     states: list[tuple[Expressions, ...]] = []
     for k, body in enumerate(tree.bodies):
-        turn, offset = _joint(graph, body, _scalar(graph, angles[k]))
+        turn, offset = _joint(graph, body, graph.scalar(angles[k]))
         w0, alpha0, acc0 = states[body.parent][:3] if body.parent >= 0 else (none, none, lift)
         carried = acc0 + cross(alpha0, offset) + cross(w0, cross(w0, offset))
         w, alpha, acc = turn.T @ w0, turn.T @ alpha0, turn.T @ carried
@@ -154,13 +149,18 @@ def rigid_torque(
     torque = np.array([zero] * len(tree.bodies))
     for k in reversed(range(len(tree.bodies))):
         body, (force, moment) = tree.bodies[k], forces[k]
-        torque[k] = body.axis @ (force if body.prismatic else moment) + (tree.rotors[k] * rates[k] if rotors else 0.0)
+        torque[k] = body.axis @ (force if body.prismatic else moment)
         if body.parent >= 0:
             turn, offset = states[k][3:]
             carried = turn @ force
             above = forces[body.parent]
             forces[body.parent] = above[0] + carried, above[1] + turn @ moment + cross(offset, carried)
-    return np.array([_scalar(graph, x) for x in tree.drive.T @ torque])
+    return np.array([graph.scalar(x) for x in tree.drive.T @ torque])
+
+
+def rotor_torque(tree: Bodies, a: Expressions) -> Expressions:
+    """Torque (n,) of the rotors at accelerations a (n,) [rad/s2 or m/s2]."""
+    return tree.drive.T @ (tree.rotors * (tree.drive @ a))
 
 
 def _joint(graph: Graph, body: Body, angle: Scalar) -> tuple[Expressions, Expressions]:
@@ -170,7 +170,7 @@ def _joint(graph: Graph, body: Body, angle: Scalar) -> tuple[Expressions, Expres
         return still, body.position + body.rotation @ body.axis * angle
     s, c, u = unary("sin", angle), unary("cos", angle), body.axis
     fixed = np.outer(u, u)
-    turn: Expressions = fixed + _exact(np.eye(3) - fixed) * c + _cross(u) * s
+    turn: Expressions = fixed + _exact(np.eye(3) - fixed) * c + pin.skew(u) * s
     return body.rotation.astype(object) @ turn, body.position + graph.constant(0.0)
 
 
@@ -183,7 +183,3 @@ def _wrench(body: Body, w: Expressions, alpha: Expressions, acc: Expressions) ->
 def cross(a: Expressions, b: Expressions) -> Expressions:
     """Cross product (3,) of expressions or numbers."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
-def _scalar(graph: Graph, x: Any) -> Scalar:
-    return x if isinstance(x, Scalar) else graph.constant(float(x))
