@@ -42,6 +42,7 @@ class Shape:
     unit: str
     grid: tuple[float, ...]
     of: str | None = None
+    positive: bool = True  # whether zero and negative values are impossible
 
     def unit_at(self, prismatic: bool) -> str:
         """Unit at a joint, converted as for a coefficient."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from diagnosed import fault, look, named, read, recorded, simulation
@@ -50,7 +53,7 @@ def test_intervals_include_unexplained_torque() -> None:
     )
 
 
-def test_unexplained_torque_becomes_empirical_torque() -> None:
+def test_unexplained_torque_becomes_empirical_torque(tmp_path: Path) -> None:
     planted = fault("velocity_wave", 2, amplitude=1.0, velocity=0.25)
     found = look("3r", planted, seconds=16.0)
     assert found.verdict == "unknown" and [one.joint for one in found.unexplained if one.modelled] == [1]
@@ -59,3 +62,5 @@ def test_unexplained_torque_becomes_empirical_torque() -> None:
     text = found.model.document()
     (entry,) = [one for one in text["effects"] if one["effect"] == "empirical"]
     assert entry["joint"] == "joint_2" and set(entry["parameters"]) >= {"variable", "knot_1", "value_8"}
+    (tmp_path / "model.json").write_text(json.dumps(text))
+    assert signid.load_model(tmp_path / "model.json").document() == text

@@ -18,8 +18,8 @@ class Empirical(TorqueLaw):
     source = "de Boor, A Practical Guide to Splines, Springer, 1978, chapter III (broken lines)"
     typical = "a few per cent of the torque"
     parameters = {
-        "variable": Shape("1", ()),
-        **{f"knot_{k}": Shape("1", ()) for k in PLACES},
+        "variable": Shape("1", (), positive=False),
+        **{f"knot_{k}": Shape("1", (), positive=False) for k in PLACES},
         **{f"value_{k}": Coefficient("N.m") for k in PLACES},
     }
     example = {"variable": 1.0, **{f"knot_{k}": k - 4.5 for k in PLACES}, **{f"value_{k}": 0.1 * k for k in PLACES}}

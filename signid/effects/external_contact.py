@@ -22,7 +22,7 @@ class ExternalContact(TorqueLaw):
     typical = "5 to 50 N, for tenths of a second or longer"
     parameters = {
         **{f"force_{axis}": Coefficient("N") for axis in "xyz"},
-        **{key: Shape("s", ()) for key in ("start", "end")},
+        **{key: Shape("s", (), positive=False) for key in ("start", "end")},
     }
     example = {"force_x": 10.0, "force_y": -8.0, "force_z": 12.0, "start": 2.0, "end": 3.0}
     scope, approximate = "robot", True

@@ -131,14 +131,13 @@ def _fault(effect: Effect, fault: str) -> OptionError:
 
 
 def possible(law: Law) -> Law:
-    """The law, if positive coefficients are not negative, and shapes other than instants are positive.
+    """The law, if positive coefficients are not negative and positive shapes are above zero.
 
     Raises:
         OptionError: a parameter has an impossible sign.
     """
     for key, value in law.parameters.items():
         kind = law.effect.parameters[key]
-        positive = bool(kind.grid or kind.unit != "s") if isinstance(kind, Shape) else kind.positive
-        if positive and (value <= 0 if isinstance(kind, Shape) else value < 0):
+        if kind.positive and (value <= 0 if isinstance(kind, Shape) else value < 0):
             raise OptionError(f"effect {law.effect.name!r}: {key} is {value:g}; give a positive number")
     return law
