@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import lsq_linear
+from scipy.optimize import nnls
 from scipy.signal import butter, filtfilt
 
 from ...model import Model
 from ...servos import Servo, ServoGrid
 from ...types import Array, Mask
 from ..plant.commands import commands_at
-from ..plant.course import RobotCourse, bodies_of, course, motion_of
+from ..plant.course import RobotCourse, recorded_course
 
 DELAYS = tuple(k * 0.005 for k in range(13))  # [s]
 SHARES = (0.15, 0.25, 0.35, 0.5, 0.65, 0.8, 0.9)  # quantiles of |error| that are tried as its limit
 GAIN_OF_LIMIT = 0.98  # a limit must bring the squares below this share of those without one
 CUTOFF, EDGE = 6.0, 0.3  # [Hz] of both sides, [s] left out at the ends
 SLIDING = 0.05  # [rad/s] over which friction turns
+COLUMNS = 5  # torque, speed, friction, armature, constant
 SPREAD = 6.0  # largest ratio of a stiffness to the median of the joints
 
 
 class _Line(NamedTuple):
     squares: float  # relative
-    compliance: Array  # (5,) torque, speed, friction, armature, constant
+    compliance: Array  # (5,) of the columns
     limit: float  # of the error [rad or m]
 
 
@@ -40,10 +42,10 @@ def start_servos(model: Model, grids: Sequence[ServoGrid], law: str = "effort") 
         grids: recordings, all of the same joints.
         law: one of DRIVE_LAWS.
     """
-    robot = bodies_of(model, grids[0].joints)
-    courses = [course(robot, motion_of(grid)) for grid in grids]
+    courses = [recorded_course(model, grid) for grid in grids]
     joints = [j for j in range(len(grids[0].joints)) if any(grid.driven[j] for grid in grids)]
-    table = [[_line(grids, courses, j, delay) for j in joints] for delay in DELAYS]
+    lines_of = [_lines(grids, courses, j) for j in joints]
+    table = list(zip(*lines_of, strict=True))  # by delay, then joint
     best = int(np.argmin([sum(np.log(line.squares) for line in row) for row in table]))
     lines = table[best]
     stiffness = 1.0 / np.maximum([line.compliance[0] for line in lines], 1e-5)
@@ -75,42 +77,62 @@ def _most_error(grids: Sequence[ServoGrid], j: int) -> float:
     return max(float(np.abs(grid.gain[j] * (grid.command - grid.q)[:, j]).max()) for grid in grids)
 
 
-def _line(grids: Sequence[ServoGrid], courses: Sequence[RobotCourse], j: int, delay: float) -> _Line:
-    """Best line of one joint over the limits of the error."""
-    sides = [side for pair in zip(grids, courses, strict=True) if (side := _sides(*pair, j, delay)) is not None]
+def _lines(grids: Sequence[ServoGrid], courses: Sequence[RobotCourse], j: int) -> list[_Line]:
+    """Best line of one joint over the limits of the error, for each delay."""
+    sides = [side for grid, along in zip(grids, courses, strict=True) if (side := _side(grid, along, j)) is not None]
     if not sides:
-        return _Line(1.0, np.zeros(5), np.inf)
-    x = np.concatenate([side[0] for side in sides])
-    error = np.concatenate([side[1][side[2]] for side in sides])
+        return [_Line(1.0, np.zeros(COLUMNS), np.inf)] * len(DELAYS)
+    x = np.concatenate([side.columns for side in sides])
     size = np.linalg.norm(x, axis=0) + 1e-12
-    best = None
-    for share in (*SHARES, 1.0):
-        limit = float(np.quantile(np.abs(error), share)) if share < 1 else np.inf
-        y = np.concatenate([_filtered(np.clip(e, -limit, limit), rate)[use] for _, e, use, rate in sides])
-        fit = lsq_linear(x / size, y, bounds=([0.0] * 4 + [-np.inf], np.inf))
-        squares = max(2 * fit.cost / max(float(y @ y), 1e-30), 1e-12)
-        if best is None or squares < best.squares:
-            best = _Line(squares, fit.x / size, limit)
-        if share == 1.0 and best.squares > GAIN_OF_LIMIT * squares:
-            best = _Line(squares, fit.x / size, np.inf)
-    assert best is not None
-    return best
+    q, r = np.linalg.qr(x / size)
+    return [_line(sides, j, delay, q, r, size) for delay in DELAYS]
 
 
-def _sides(grid: ServoGrid, along: RobotCourse, j: int, delay: float) -> tuple[Array, Array, Mask, float] | None:
-    """Columns (rows, 5), error (N,), rows in use (N,) and the rate of one grid; None if no row is usable."""
+def _line(sides: Sequence[_Side], j: int, delay: float, q: Array, r: Array, size: Array) -> _Line:
+    """Best line of one joint over the limits of the error; q (M, 5) and r (5, 5) factor the columns over `size`."""
+    errors = [side.error(j, delay) for side in sides]
+    used = np.abs(np.concatenate([error[side.use] for side, error in zip(sides, errors, strict=True)]))
+    limits = np.append(np.quantile(used, SHARES), np.inf)
+    clipped = [np.clip(error[:, None], -limits, limits) for error in errors]
+    y = np.concatenate([_filtered(e, side.grid.rate)[side.use] for side, e in zip(sides, clipped, strict=True)])
+    found = []
+    for limit, column in zip(limits, y.T, strict=True):
+        inside = q.T @ column
+        signed, left = nnls(np.column_stack([r, -r[:, -1]]), inside)  # the constant has either sign
+        compliance = np.append(signed[: COLUMNS - 1], signed[COLUMNS - 1] - signed[COLUMNS])
+        whole = max(float(column @ column), 1e-30)
+        squares = max((whole - float(inside @ inside) + left**2) / whole, 1e-12)
+        found.append(_Line(squares, compliance / size, float(limit)))
+    best, free = min(found[:-1], key=lambda line: line.squares), found[-1]
+    return free if best.squares > GAIN_OF_LIMIT * free.squares else best
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """One joint in one grid: filtered columns in use (M, 5), and which of its rows (N,) are in use."""
+
+    grid: ServoGrid
+    columns: Array
+    use: Mask
+
+    def error(self, j: int, delay: float) -> Array:
+        """Error of the loop (N,) [rad or m] at the nominal gain."""
+        command = commands_at(self.grid, j, "velocity", delay, np.inf, 1)[0]
+        return np.asarray(self.grid.gain[j] * (command - self.grid.q[:, j]))
+
+
+def _side(grid: ServoGrid, along: RobotCourse, j: int) -> _Side | None:
+    """Columns of one joint in one grid; None if no row is usable."""
     edge = int(EDGE * grid.rate)
     held = (grid.on[:, j] > 0.5).astype(float)
     use = np.asarray(np.convolve(held, np.ones(2 * edge + 1), mode="same") > 2 * edge + 0.5)  # drops the ends, too
     if use.sum() < 10 or len(grid) < 3 * edge:
         return None
-    q, v, a = (x[:, j] for x in along.motion)
-    command = commands_at(grid, j, "velocity", delay, np.inf, 1)[0]
-    columns = along.torque[:, j], v, np.tanh(v / SLIDING), a, np.ones_like(v)
-    x = np.column_stack([_filtered(column, grid.rate) for column in columns])[use]
-    return x, grid.gain[j] * (command - q), use, grid.rate
+    _, v, a = (x[:, j] for x in along.motion)
+    columns = np.column_stack([along.torque[:, j], v, np.tanh(v / SLIDING), a, np.ones_like(v)])
+    return _Side(grid, _filtered(columns, grid.rate)[use], use)
 
 
 def _filtered(x: Array, rate: float) -> Array:
     b, a = butter(3, min(2 * CUTOFF / rate, 0.8))
-    return np.asarray(filtfilt(b, a, x))
+    return np.asarray(filtfilt(b, a, x, axis=0))

@@ -102,11 +102,11 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
     base = by.fit(start)
     if not by.data.folds:
         return Chosen(base.candidate, laws)
-    for k, name in enumerate(by.options.additional):
-        if k == 1 or name != FIRST:
-            break
-        by.say(f"trying {name} of servos", 0.2)
-        base = _try_number(by, base, name)
+    by.say("trying a delay of each servo", 0.15)
+    base = _try_own_delays(by, base)
+    if by.options.additional[:1] == (FIRST,):
+        by.say(f"trying {FIRST} of servos", 0.2)
+        base = _try_number(by, base, FIRST)
     if open_ := [joint for joint in limits.errors if joint not in start.tied]:
         by.say("trying laws of servos", 0.3)
         base, found = _try_laws(by, base, {joint: limits.errors[joint] for joint in open_}, limits.laws)
@@ -138,6 +138,21 @@ def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
         near = by.near(kept)
         new = by.score(by.fit(start.only(near).changed({}, [(joint, name) for joint in kept]), MORE), near)
     return base.with_joints(new)
+
+
+def _try_own_delays(by: Searcher, base: ServoTrial) -> ServoTrial:
+    """Give each joint of a branch its own delay, and keep that where windows that took no part improve."""
+    free = {joint for joint, name in base.candidate.free if name == "delay"}
+    joints = [joint for members in by.sets if len(free.intersection(members)) > 1 for joint in members]
+    if not joints:
+        return base
+    new = by.fit(replace(base.candidate.only(joints), own_delay=frozenset(free.intersection(joints))), MORE)
+    near = by.near(worth(base, new, joints))
+    if not near:
+        return base
+    base, new = by.score(base, near), by.score(new.only(near), near)
+    kept = by.near(improved(base, new, sorted(near)))
+    return base.with_joints(new.only(kept)) if kept else base
 
 
 def _try_laws(
@@ -182,7 +197,7 @@ def _limits_of(by: Searcher, base: Candidate, errors: Mapping[str, float]) -> di
             joint: servos[joint].kp * max(error, ratio * _asked(by.data, joint)) for joint, error in errors.items()
         }
         start = limited(base, limits, DRIVE_LAWS[0])
-        candidate, fit = fit_candidate(by.model, by.data.train, start, SHORT, MORE)
+        candidate, fit = fit_candidate(by.model, by.data.train, start, SHORT, MORE, coarse=True)
         size = sum(np.log(fit.residual_rms[by.data.joints.index(joint)]) for joint in errors)
         trials.append((size, {joint: candidate.servos[joint].effort_limit for joint in errors}))
     return min(trials, key=lambda pair: pair[0])[1]
