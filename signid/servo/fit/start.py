@@ -25,8 +25,12 @@ COLUMNS = 5  # torque, speed, friction, armature, constant
 SPREAD = 6.0  # largest ratio of a stiffness to the median of the joints
 
 
+RATIOS = (0.01, 0.02, 0.035, 0.06, 0.1)  # [s] kd over kp that are tried where the limit acts on the damping, too
+
+
 class _Line(NamedTuple):
     squares: float  # relative
+    ratio: float  # kd over kp inside the limit [s]
     compliance: Array  # (5,) of the columns
     limit: float  # of the error [rad or m]
 
@@ -34,8 +38,8 @@ class _Line(NamedTuple):
 def start_servos(model: Model, grids: Sequence[ServoGrid], law: str = "effort") -> dict[str, Servo]:
     """Drives to start a fit from, for every joint with commands.
 
-    clip(e, limits) = (1/kp) (torque of the motion + damping v + friction sign v + armature a) + constant, by
-    non-negative least squares over a grid of delays and limits. Damping is put into `kd`.
+    clip(e - ratio v, limits) = (1/kp) (torque of the motion + damping v + friction sign v + armature a) + constant, by
+    non-negative least squares over a grid of delays, limits and, but for `duty`, ratios kd/kp. All damping is `kd`.
 
     Args:
         model: bodies and laws of the robot.
@@ -44,22 +48,22 @@ def start_servos(model: Model, grids: Sequence[ServoGrid], law: str = "effort") 
     """
     courses = [recorded_course(model, grid) for grid in grids]
     joints = [j for j in range(len(grids[0].joints)) if any(grid.driven[j] for grid in grids)]
-    lines_of = [_lines(grids, courses, j) for j in joints]
-    table = list(zip(*lines_of, strict=True))  # by delay, then joint
-    best = int(np.argmin([sum(np.log(line.squares) for line in row) for row in table]))
-    lines = table[best]
+    lines_of = [_lines(grids, courses, j, (0.0,) if law == "duty" else (0.0, *RATIOS)) for j in joints]
+    best = [int(np.argmin([line.squares for line in some])) for some in lines_of]
+    lines = [some[k] for some, k in zip(lines_of, best, strict=True)]
     stiffness = 1.0 / np.maximum([line.compliance[0] for line in lines], 1e-5)
     known = stiffness[stiffness < 0.9e5]
     middle = float(np.median(known)) if len(known) else 10.0
     stiffness = np.clip(stiffness, middle / SPREAD, middle * SPREAD)
     return {
-        grids[0].joints[j]: _servo(law, float(kp), line, DELAYS[best], _most_error(grids, j))
-        for j, kp, line in zip(joints, stiffness, lines, strict=True)
+        grids[0].joints[j]: _servo(law, float(kp), line, DELAYS[k], _most_error(grids, j))
+        for j, kp, line, k in zip(joints, stiffness, lines, best, strict=True)
     }
 
 
 def _servo(law: str, kp: float, line: _Line, delay: float, most: float) -> Servo:
     _, damping, friction, armature, _ = kp * line.compliance
+    damping = damping + line.ratio * kp
     scale = kp * most
     limit = kp * line.limit if np.isfinite(line.limit) else np.inf
     return Servo(
@@ -77,20 +81,31 @@ def _most_error(grids: Sequence[ServoGrid], j: int) -> float:
     return max(float(np.abs(grid.gain[j] * (grid.command - grid.q)[:, j]).max()) for grid in grids)
 
 
-def _lines(grids: Sequence[ServoGrid], courses: Sequence[RobotCourse], j: int) -> list[_Line]:
-    """Best line of one joint over the limits of the error, for each delay."""
+def _lines(grids: Sequence[ServoGrid], courses: Sequence[RobotCourse], j: int, ratios: Sequence[float]) -> list[_Line]:
+    """Best line of one joint over limits and ratios, for each delay."""
     sides = [side for grid, along in zip(grids, courses, strict=True) if (side := _side(grid, along, j)) is not None]
     if not sides:
-        return [_Line(1.0, np.zeros(COLUMNS), np.inf)] * len(DELAYS)
+        return [_Line(1.0, 0.0, np.zeros(COLUMNS), np.inf)] * len(DELAYS)
     x = np.concatenate([side.columns for side in sides])
     size = np.linalg.norm(x, axis=0) + 1e-12
     q, r = np.linalg.qr(x / size)
-    return [_line(sides, j, delay, q, r, size) for delay in DELAYS]
+    return [
+        _best([line for ratio in ratios for line in _limited(sides, j, delay, ratio, q, r, size)]) for delay in DELAYS
+    ]
 
 
-def _line(sides: Sequence[_Side], j: int, delay: float, q: Array, r: Array, size: Array) -> _Line:
-    """Best line of one joint over the limits of the error; q (M, 5) and r (5, 5) factor the columns over `size`."""
-    errors = [side.error(j, delay) for side in sides]
+def _best(lines: Sequence[_Line]) -> _Line:
+    """Best line with a limit, if the limit helps; else the first one without."""
+    free = next(line for line in lines if not np.isfinite(line.limit))
+    best = min((line for line in lines if np.isfinite(line.limit)), key=lambda line: line.squares)
+    return free if best.squares > GAIN_OF_LIMIT * free.squares else best
+
+
+def _limited(
+    sides: Sequence[_Side], j: int, delay: float, ratio: float, q: Array, r: Array, size: Array
+) -> list[_Line]:
+    """Lines of one joint for each limit of the error; q (M, 5) and r (5, 5) factor the columns over `size`."""
+    errors = [side.error(j, delay) - ratio * side.speed for side in sides]
     used = np.abs(np.concatenate([error[side.use] for side, error in zip(sides, errors, strict=True)]))
     limits = np.append(np.quantile(used, SHARES), np.inf)
     clipped = [np.clip(error[:, None], -limits, limits) for error in errors]
@@ -102,9 +117,8 @@ def _line(sides: Sequence[_Side], j: int, delay: float, q: Array, r: Array, size
         compliance = np.append(signed[: COLUMNS - 1], signed[COLUMNS - 1] - signed[COLUMNS])
         whole = max(float(column @ column), 1e-30)
         squares = max((whole - float(inside @ inside) + left**2) / whole, 1e-12)
-        found.append(_Line(squares, compliance / size, float(limit)))
-    best, free = min(found[:-1], key=lambda line: line.squares), found[-1]
-    return free if best.squares > GAIN_OF_LIMIT * free.squares else best
+        found.append(_Line(squares, ratio, compliance / size, float(limit)))
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +128,7 @@ class _Side:
     grid: ServoGrid
     columns: Array
     use: Mask
+    speed: Array  # (N,) [rad/s or m/s]
 
     def error(self, j: int, delay: float) -> Array:
         """Error of the loop (N,) [rad or m] at the nominal gain."""
@@ -130,7 +145,7 @@ def _side(grid: ServoGrid, along: RobotCourse, j: int) -> _Side | None:
         return None
     _, v, a = (x[:, j] for x in along.motion)
     columns = np.column_stack([along.torque[:, j], v, np.tanh(v / SLIDING), a, np.ones_like(v)])
-    return _Side(grid, _filtered(columns, grid.rate)[use], use)
+    return _Side(grid, _filtered(columns, grid.rate)[use], use, v)
 
 
 def _filtered(x: Array, rate: float) -> Array:

@@ -12,7 +12,7 @@ from ...servos import Servo, ServoGrid
 from ...types import Recording, Robot
 from ..plant import servo_grids
 from ..plant.course import bodies_of, recorded_course
-from .data import ServoData
+from ..search.data import ServoData
 from .identifiable import JointFacts
 from .start import Stated, moves_while_off
 

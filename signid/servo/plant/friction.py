@@ -20,7 +20,7 @@ def kick(v, mass, r, force, numbers, c, act, h, b, room, known):  # type: ignore
     """Advance speeds (n,) by h in place: (mass + armature) dv/dt = force - damping v - friction sign v.
 
     mass (R, n, n) at row r; numbers (C, n, P) of copy c; act (4, n) as `actuate` leaves it; b (n,), room (n, n + 2);
-    known (2 n + 1,) tells whether the factor in `room` still holds; its first entry is -1 if it does not.
+    known (2 n + 1,): row, inertias and moving joints of the factor in `room`; its first entry is -1 without one.
     """
     n = len(v)
     for i in range(n):

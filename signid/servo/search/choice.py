@@ -16,7 +16,8 @@ from ..plant.roll_out import roll_out_along
 from .data import ServoData
 
 DRAWS = 2000  # Bayesian bootstrap (Rubin, Annals of Statistics 9(1), 1981)
-SAME = 1e-3  # log rms; closer scores count as equal
+SAME = 0.05  # log rms; closer scores count as equal
+PRIOR = {"torque_speed": 0.25}  # share of a law among equal ones; it contains `effort`
 GAIN = 0.01  # log rms that an additional number must save on windows that took no part
 SURE = 2.0  # standard errors of that saving
 LOUDER = 1.02  # ratio by which the rms over all these windows may grow
@@ -109,9 +110,11 @@ def fit_candidate(
     return candidate, fit
 
 
-def tried(model: Model, data: ServoData, candidate: Candidate, window: float, steps: int = STEPS) -> ServoTrial:
-    """Fit a candidate to all training data."""
-    candidate, fit = fit_candidate(model, data.train, candidate, window, steps, coarse=True)
+def tried(
+    model: Model, data: ServoData, candidate: Candidate, window: float, steps: int = STEPS, coarse: bool = True
+) -> ServoTrial:
+    """Fit a candidate to all training data; `coarse`: until a step gains little."""
+    candidate, fit = fit_candidate(model, data.train, candidate, window, steps, coarse=coarse)
     return ServoTrial(
         candidate, {joint: float(fit.residual_rms[data.joints.index(joint)]) for joint in candidate.servos}
     )
@@ -158,9 +161,10 @@ def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, f
     """Probability that each law has the smallest expected score.
 
     scores: (W,) [1] by law, log rms of the same windows, which took no part in the fit. Equal laws share the
-    probability; few windows never give certainty.
+    probability, but for `torque_speed`, which is `effort` with one number more; few windows never give certainty.
     """
     laws = list(scores)
+    prior = np.array([PRIOR.get(law, 1.0) for law in laws])
     values = np.array([scores[law] for law in laws], float).reshape(len(laws), -1)
     values = values[:, np.isfinite(values).all(axis=0)]
     if values.shape[1] == 0:
@@ -168,7 +172,7 @@ def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, f
     weights = np.random.default_rng(seed).dirichlet(np.ones(values.shape[1]), DRAWS)
     top = np.exp(2 * (values - values.max()))
     means = (weights @ values.T + 0.5 * np.log(weights @ top.T)) / 2  # (DRAWS, laws); typical windows, and loud ones
-    best = means <= means.min(axis=1, keepdims=True) + SAME
+    best = prior * (means <= means.min(axis=1, keepdims=True) + SAME)
     share = np.mean(best / best.sum(axis=1, keepdims=True), axis=0)
     count = values.shape[1]
     return {law: float((s * count + 1 / len(laws)) / (count + 1)) for law, s in zip(laws, share, strict=True)}
