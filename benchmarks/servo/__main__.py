@@ -40,7 +40,7 @@ def main() -> int:
         found = benches(Path(place), tuple(given.robots))
         if "truth" in given.parts:
             free = _trials(found, given.seeds, Path(place), None)
-            clipped = [t for law in LAWS for t in _trials(found, given.seeds[:1], Path(place), law)]
+            clipped = [t for law in LAWS for t in _trials(found, given.seeds[:2], Path(place), law)]
             met &= show_truth(console, free, clipped)
             kept["truth"] = [asdict(row) for trial in (*free, *clipped) for row in trial.rows]
         if "real" in given.parts:
