@@ -12,10 +12,10 @@ import pytest
 import signid
 from signid.model import load_model, with_servos
 from signid.servo.identify import ServoIdentification, ServoOptions
-from signid.servo.identify.choice import improves, law_probabilities, window_scores
 from signid.servo.identify.identifiable import JointFacts, dependence, dependent_numbers, joint_numbers
 from signid.servo.identify.scale import alternatives, mass_ratio
 from signid.servo.plant import grids_of_arrays, roll_out
+from signid.servo.search.choice import improves, law_probabilities, window_scores
 from signid.servos import Servo
 from signid.types import Array, Robot
 

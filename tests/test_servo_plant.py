@@ -8,7 +8,7 @@ import pytest
 from signid.errors import RecordingError
 from signid.model import Model, load_model
 from signid.servo.plant import grids_of_arrays, roll_out
-from signid.servo.plant.commands import commands_at
+from signid.servo.plant.commands import commands_at, held_before
 from signid.servo.plant.course import bodies_of, course, groups, motion_of, part
 from signid.servos import Servo, ServoGrid
 
@@ -58,6 +58,28 @@ def test_delays_between_rows_share_them() -> None:
     assert at == pytest.approx([40.0, 39.6, 39.0, 37.5, 0.0])
     slow = commands_at(grid, 0, "velocity", 0.0, 50.0, 2)[0]
     assert np.diff(slow).max() == pytest.approx(50.0 * 0.005)
+
+
+def test_a_drive_that_starts_from_rest_held_its_position_before() -> None:
+    t = np.arange(60) / RATE
+    leaves = 0.2 + 0.5 * (1 - np.exp(-10 * np.maximum(t - 0.03, 0.0)))
+    (grid,) = grids_of_arrays(["a"], t, leaves, np.full(60, 0.7))
+    assert held_before(grid, 0) == pytest.approx(0.2)
+    held = commands_at(grid, 0, "velocity", 0.03, np.inf, 1)[0]
+    assert held[:5] == pytest.approx([0.2, 0.2, 0.2, 0.7, 0.7])
+    (moving,) = grids_of_arrays(["a"], t, 2.0 * t, 2.0 * (t + 0.05))  # follows a ramp, 50 ms behind
+    (standing,) = grids_of_arrays(["a"], t, np.full(60, 0.2), np.full(60, 0.25))  # carries a load
+    assert held_before(moving, 0) == pytest.approx(0.1) and held_before(standing, 0) == pytest.approx(0.25)
+
+
+def test_a_step_in_the_first_row_acts_after_the_delay(one: Model) -> None:
+    drive = replace(DRIVE, kp=100.0, kd=10.0, delay=0.05)
+    whole = still(one, 0.5)  # its command steps in row 50
+    moved = roll_out(one, {"joint_1": drive}, whole)
+    first = replace(whole, q=moved[50:], command=whole.command[50:], on=whole.on[50:], voltage=whole.voltage[50:])
+    again = roll_out(one, {"joint_1": drive}, first)[:, 0]
+    early = roll_out(one, {"joint_1": replace(drive, delay=0.0)}, first)[:, 0]
+    assert np.abs(again - first.q[:, 0]).max() < 0.02 < np.abs(early - first.q[:, 0]).max()
 
 
 def test_a_single_joint_is_linear_oscillation_plus_gravity(one: Model) -> None:

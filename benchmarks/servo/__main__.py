@@ -25,6 +25,7 @@ from .robots import Bench, benches, motion
 WORST = {"kp": 0.03, "damping": 0.03, "coulomb_friction": 0.03, "armature": 0.05, "delay": 3e-4}
 MEDIAN = {"kp": 0.01, "damping": 0.01, "coulomb_friction": 0.01, "armature": 0.02, "delay": 3e-4}
 LAWS = ("effort", "duty")
+WIDTH = 150  # of the tables
 
 
 def main() -> int:
@@ -34,7 +35,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--robots", nargs="+", default=["pendulum", "go2_leg", "so101"])
     parser.add_argument("--json", default=None)
-    given, console, kept, met = parser.parse_args(), Console(), dict[str, object](), True
+    given, console, kept, met = parser.parse_args(), Console(width=WIDTH), dict[str, object](), True
     with tempfile.TemporaryDirectory() as place:
         found = benches(Path(place), tuple(given.robots))
         if "truth" in given.parts:
@@ -45,7 +46,7 @@ def main() -> int:
         if "real" in given.parts:
             kept["real"] = show_real(console, Path(place))
         if "rival" in given.parts and find_spec("cma"):
-            kept["rival"] = show_rival(console, benches(Path(place), ("pendulum",))[0], Path(place))
+            kept["rival"] = show_rival(console)
     if given.json:
         Path(given.json).write_text(json.dumps(finite(kept), indent=1), encoding="utf-8")
     return 0 if met else 1
@@ -100,12 +101,14 @@ def show_real(console: Console, folder: Path) -> list[dict[str, object]]:
     return kept
 
 
-def show_rival(console: Console, bench: Bench, folder: Path) -> dict[str, object]:
+def show_rival(console: Console) -> dict[str, object]:
     """Time to the same error."""
-    path = folder / "race.csv"
-    command = motion(bench, 4, SECONDS, RATE, fast=3.0)
-    pl.DataFrame(record(bench.urdf, Truth(dict(bench.drives)), command, RATE, 4)).write_csv(path)
-    found = race(bench.urdf, path)
+    with tempfile.TemporaryDirectory() as place:
+        (bench,) = benches(Path(place), ("pendulum",))
+        command = motion(bench, 4, SECONDS, RATE, fast=3.0)
+        path = Path(place) / "race.csv"
+        pl.DataFrame(record(bench.urdf, Truth(dict(bench.drives)), command, RATE, 4)).write_csv(path)
+        found = race(bench.urdf, path)
     console.print(
         f"pendulum, held-out windows: signid {1e3 * found.ours:.3f} mrad in {found.ours_seconds:.1f} s, CMA-ES "
         f"{1e3 * found.cma:.3f} mrad in {found.cma_seconds:.1f} s ({found.cma_trials} trials): "

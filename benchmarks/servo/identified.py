@@ -109,13 +109,20 @@ def saturated(
     return out
 
 
+def _truth(drive: Drive, name: str) -> float:
+    """Number of a drive; a step of MuJoCo lets a command that begins with it act half a step early."""
+    if name == "damping":
+        return drive.kd + drive.viscous_friction
+    return float(getattr(drive, name)) - (STEP / 2 if name == "delay" else 0.0)
+
+
 def _rows(
     bench: Bench, seed: int, drives: dict[str, Drive], found: ServoIdentification, clipped: bool
 ) -> Iterator[Row]:
     for one in found.joints:
         drive = drives[one.joint]
         for name in NUMBERS:
-            truth = drive.kd + drive.viscous_friction if name == "damping" else float(getattr(drive, name))
+            truth = _truth(drive, name)
             number = one.numbers.get(name)
             if np.isfinite(truth) and number is not None:
                 yield Row(

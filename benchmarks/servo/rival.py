@@ -12,7 +12,7 @@ from signid.model import load_model
 from signid.recording import read_recording
 from signid.servo.diagnose.closed_loop import ClosedLoop, Point
 from signid.servo.identify import identify_servos
-from signid.servo.identify.data import servo_data
+from signid.servo.search.data import servo_data
 from signid.servos import Servo
 
 from .drive import Array

@@ -205,7 +205,7 @@ def _thinned(places: list[tuple[int, int]], most: int | None) -> list[tuple[int,
 
 def _joined(parts: Sequence[Course]) -> GroupCourse:
     """One course of all recordings; mass in the middle of each row."""
-    mass = np.concatenate([np.concatenate([0.5 * (x.mass[:-1] + x.mass[1:]), x.mass[-1:]]) for x in parts])
+    mass = np.concatenate([x.middle for x in parts])
     motion = Moved(*(np.concatenate([getattr(x.motion, key) for x in parts]) for key in ("q", "v", "a")))
     bias, by_q, by_v, torque = (
         np.concatenate([getattr(x, k) for x in parts]) for k in ("bias", "by_q", "by_v", "torque")

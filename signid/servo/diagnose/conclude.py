@@ -8,7 +8,7 @@ import numpy as np
 
 from ...model import Model
 from ...types import Array
-from ..identify.data import ServoData
+from ..search.data import ServoData
 from .closed_loop import ClosedLoop, Point
 from .coordinates import LOGARITHMIC, Free, value
 from .refine import Attempt, Setting

@@ -12,8 +12,8 @@ from ...errors import OptionError, RecordingError
 from ...model import Model, ModelSource, as_model, with_servos
 from ...recording import Recordings, as_recordings
 from ...types import Array, Law, Progress
-from ..identify.data import ServoData, servo_data
 from ..plant.course import bodies_of, groups
+from ..search.data import ServoData, servo_data
 from ..validate import closed_loops, need_commands, prepared_model
 from .closed_loop import ClosedLoop, Point
 from .conclude import conclude, fits

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,13 +12,13 @@ from ...frozen import Frozen
 from ...model import Model
 from ...servos import SERVO_NUMBERS, Servo, ServoGrid
 from ...types import Array, Robot
-from ..plant.course import Moved, RobotCourse, bodies_of, course, groups, motion_of, part, single
+from ..plant.course import Moved, RobotCourse, bodies_of, course, groups, part, recorded_course, single
 from ..plant.substeps import substeps
 from .coordinates import Coordinates, Slot
 from .intervals import covariance
 from .scan import scan
 from .shots import Shots, build_shots, shoot, window_starts
-from .solve import Solved, first_point, solve
+from .solve import Solved, first_point, normal_at, solve
 from .typical import started, typical
 
 
@@ -32,8 +32,8 @@ class ServoFit(Frozen):
     servos: Mapping[str, Servo]  # by joint, fitted
     names: tuple[tuple[str, str], ...]  # P: joint, number
     values: Array  # (P,) [SERVO_UNITS]
-    covariance: Array  # (P, P) [products of SERVO_UNITS] robust, never below the classical one
-    information: Array  # (P, P) [inverse products of SERVO_UNITS] Gauss-Newton, initial states eliminated
+    covariance: Array  # (P, P) [products of SERVO_UNITS] robust, never below the classical one; NaN of a coarse fit
+    information: Array  # (P, P) [inverse products of SERVO_UNITS] Gauss-Newton, states eliminated; NaN of a coarse fit
     residual_rms: Array  # (n,) [rad or m] over the windows; NaN for joints without a servo
     windows: tuple[tuple[int, int], ...]  # W: index of the grid, first row
     window_squares: Array  # (W, n) mean square of the residual of each window [rad2 or m2]; NaN without a servo
@@ -58,9 +58,11 @@ def fit_servos(
     *,
     window: float = 0.8,
     shared: Sequence[str] = (),
+    own: Collection[str] = (),
     relinearise: bool = True,
     iterations: int = 15,
     scales: bool = True,
+    coarse: bool = False,
 ) -> ServoFit:
     """Fit the free numbers of drives to the measured positions.
 
@@ -71,9 +73,11 @@ def fit_servos(
         free: joint and number, one of SERVO_NUMBERS; a number that starts at zero or infinity gets a typical start.
         window: length of a window [s]; use .2 first where drives saturate.
         shared: numbers with one value for all joints of a branch, "delay".
+        own: joints whose branches share nothing.
         relinearise: whether to fit again about the simulated motion.
         iterations: most steps of the first fit.
         scales: whether to start again from other scales of joints whose scale is weakly identifiable.
+        coarse: whether to end where a step gains little, without intervals.
 
     Raises:
         OptionError: unknown joint or number, or no free number.
@@ -81,9 +85,9 @@ def fit_servos(
     grids = tuple(grids)
     _check(grids, servos, free)
     robot = bodies_of(model, grids[0].joints)
-    courses = tuple(course(robot, motion_of(grid)) for grid in grids)
+    courses = tuple(recorded_course(model, grid) for grid in grids)
     acting = [j for j, joint in enumerate(grids[0].joints) if joint in servos]
-    task = _Task(grids, robot, courses, dict(servos), tuple(free), window, tuple(shared))
+    task = _Task(grids, robot, courses, dict(servos), tuple(free), window, tuple(shared), frozenset(own), coarse)
     joints = groups(robot, acting)
     fits = [_fit_group(task, group, iterations, scales=scales) for group in joints]
     steps = 0
@@ -103,6 +107,8 @@ class _Task:
     free: tuple[tuple[str, str], ...]
     window: float
     shared: tuple[str, ...]
+    own: frozenset[str]
+    coarse: bool
     about: tuple[RobotCourse, ...] = ()  # along the simulated motion
 
 
@@ -135,10 +141,11 @@ def _fit_group(
     sizes = [typical(task.servos[name], j, task.grids, task.courses) for name, j in zip(names, joints, strict=True)]
     free = [[number for joint, number in task.free if joint == name] for name in names]
     drives = tuple(started(task.servos[name], mine, size) for name, mine, size in zip(names, free, sizes, strict=True))
-    where = Coordinates(drives, _slots(free, sizes, task.shared))
+    shared = () if task.own.intersection(names) else task.shared
+    where = Coordinates(drives, _slots(free, sizes, shared))
     shots = tuple(_shots(task, k, joints, drives) for k in range(len(task.grids)))
     point = before.solved.point if before else first_point(shots, where)
-    solved = solve(shots, where, point, iterations if where.slots else 0)
+    solved = solve(shots, where, point, iterations if where.slots else 0, task.coarse)
     return _Group(shots, where, solved if before or not scales else scan(shots, where, solved, iterations))
 
 
@@ -168,7 +175,7 @@ def _about(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Group
         q, v = task.courses[k].motion.q.copy(), task.courses[k].motion.v.copy()
         for group, fit in zip(joints, fits, strict=True):
             shots = fit.shots[k]
-            paths = fit.solved.normal.residual[k] + shots.measured
+            paths = fit.solved.residual[k] + shots.measured
             for places, path in zip(shots.places, paths, strict=True):
                 q[np.ix_(places, group)] = path
                 v[np.ix_(places, group)] = np.gradient(path, grid.step, axis=0)
@@ -189,23 +196,32 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
     servos = dict(task.servos)
     for group, fit in zip(joints, fits, strict=True):
         columns = list(group)
-        squares[:, columns] = np.concatenate([np.mean(r**2, axis=1) for r in fit.solved.normal.residual])
+        squares[:, columns] = np.concatenate([np.mean(r**2, axis=1) for r in fit.solved.residual])
         share[columns] = _saturated(fit)
         for j, servo in zip(group, fit.where.servos_at(fit.solved.point.values), strict=True):
             servos[task.robot.joints[j]] = servo
+    certain = [_certainty(fit, task.coarse) for fit in fits]
     rms = np.sqrt(np.average(squares, axis=0, weights=_lengths(task, windows)))
     return ServoFit(
         servos,
         tuple(flat[i] for i in order),
         np.concatenate([f.solved.point.values for f in fits])[order],
-        _blocks([covariance(f.solved.normal.information, f.solved.normal.scores) for f in fits], order),
-        _blocks([f.solved.normal.information for f in fits], order),
+        _blocks([spread for spread, _ in certain], order),
+        _blocks([information for _, information in certain], order),
         rms,
         windows,
         squares,
         share,
         steps + max(f.solved.steps for f in fits),
     )
+
+
+def _certainty(fit: _Group, coarse: bool) -> tuple[Array, Array]:
+    """Covariance and information (P, P) of a group; NaN of a coarse fit."""
+    if coarse:
+        return (np.full((len(fit.where.slots),) * 2, np.nan),) * 2
+    at = normal_at(fit.shots, fit.where, fit.solved)
+    return covariance(at.information, at.scores), at.information
 
 
 def _lengths(task: _Task, windows: Sequence[tuple[int, int]]) -> list[int]:

@@ -8,9 +8,9 @@ import numpy as np
 
 from .coordinates import Coordinates
 from .intervals import covariance
-from .normal import FitPoint
+from .normal import FitPoint, Normal
 from .shots import Shots
-from .solve import Solved, solve
+from .solve import Solved, normal_at, solve
 
 WEAK = 0.2  # standard deviation of kp over kp from which other scales are tried
 FACTORS = (10.0, 0.1)
@@ -23,8 +23,8 @@ BETTER = 0.02  # gain of the logarithm of the squared residual that is worth ano
 
 def scan(shots: Sequence[Shots], where: Coordinates, solved: Solved, iterations: int) -> Solved:
     """Best end of a fit over the scales of its weak joints and the limits that it does not reach, one by one."""
-    best = solved
-    for i in (*untouched(where, solved), *weakest(where, solved)):
+    best, at = solved, normal_at(shots, where, solved)
+    for i in (*untouched(where, solved, at), *weakest(where, solved, at)):
         ends = [best]
         for factor in FACTORS if where.slots[i].number == "kp" else LIMITS:
             values = best.point.values.copy()
@@ -39,9 +39,9 @@ def scan(shots: Sequence[Shots], where: Coordinates, solved: Solved, iterations:
     return best
 
 
-def weakest(where: Coordinates, solved: Solved) -> list[int]:
+def weakest(where: Coordinates, solved: Solved, at: Normal) -> list[int]:
     """Slots of the stiffnesses with the widest intervals, if these are wide: at most MOST."""
-    std = np.sqrt(np.diag(covariance(solved.normal.information, solved.normal.scores)))
+    std = np.sqrt(np.diag(covariance(at.information, at.scores)))
     share = {
         i: float(std[i] / solved.point.values[i])
         for i, slot in enumerate(where.slots)
@@ -50,8 +50,8 @@ def weakest(where: Coordinates, solved: Solved) -> list[int]:
     return sorted((i for i in share if share[i] > WEAK), key=lambda i: -share[i])[:MOST]
 
 
-def untouched(where: Coordinates, solved: Solved) -> list[int]:
+def untouched(where: Coordinates, solved: Solved, at: Normal) -> list[int]:
     """Slots of the limits of torque without influence, at joints with the largest residuals: at most MOST."""
-    weight = np.diag(solved.normal.information) * solved.point.values**2
+    weight = np.diag(at.information) * solved.point.values**2
     found = [i for i, s in enumerate(where.slots) if s.number == "effort_limit" and not s.shared and weight[i] < SEEN]
     return sorted(found, key=lambda i: -float(solved.noise[where.slots[i].joint]))[:MOST]

@@ -64,10 +64,8 @@ def shoot(shots: Shots, servos: Sequence[Servo], copies: Array, q0: Array, v0: A
     variant, held = _variants(shots, servos, copies)
     out = np.empty((*q0.shape[:2], shots.rows + 1, len(joints)))
     saturated = np.empty(q0.shape)
-    middle = course.mass.copy()
-    middle[:-1] = 0.5 * (course.mass[1:] + course.mass[:-1])
     simulate(  # type: ignore[call-arg]
-        shots.starts, shots.rows, parts, grid.step / parts, middle, *map(np.ascontiguousarray, (
+        shots.starts, shots.rows, parts, grid.step / parts, course.middle, *map(np.ascontiguousarray, (
             course.bias, course.by_q, course.by_v, course.motion.q, course.motion.v, course.wave, held, variant,
             grid.on[:, joints], grid.voltage[:, joints], grid.gain[joints], copies,
         )), np.array([DRIVE_LAWS.index(servo.law) for servo in servos]), q0, v0, out, saturated,

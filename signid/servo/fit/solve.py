@@ -23,7 +23,7 @@ class Solved(NamedTuple):
     """End of a fit."""
 
     point: FitPoint
-    normal: Normal  # at the point
+    residual: tuple[Array, ...]  # (W, rows + 1, n) [rad or m] of each grid, at the point
     noise: Array  # (n,) [rad or m]
     steps: int
 
@@ -38,36 +38,42 @@ def first_point(shots: Sequence[Shots], where: Coordinates) -> FitPoint:
     return FitPoint(where.start(), tuple(s.q0 for s in shots), tuple(s.v0 for s in shots))
 
 
-def solve(shots: Sequence[Shots], where: Coordinates, point: FitPoint, iterations: int) -> Solved:
-    """Minimise the weighted output error from a point.
+def solve(shots: Sequence[Shots], where: Coordinates, point: FitPoint, iterations: int, coarse: bool = False) -> Solved:
+    """Minimise the weighted output error from a point; `coarse`: until a step gains little.
 
     Dry friction makes the cost rough: where no step along the model of small differences brings it down, larger
     differences see over the roughness.
     """
     damping, steps, wide, central = FIRST, 0, 0, False
-    noise = noise_of(residuals(shots, where, point), robust=True)
-    here = normal(shots, where, point, noise, central=False)
+    last = 1 if coarse else len(WIDER)
+    residual = residuals(shots, where, point)
+    noise = noise_of(residual, robust=True)
     for _ in range(iterations):
-        now = cost(shots, here.residual, point, noise)
+        here = normal(shots, where, point, noise, WIDER[wide], central)
+        now = cost(shots, residual, point, noise)
         for _ in range(TRIALS):
             values, states = _step(where, here, point, damping)
-            new, residual = settle(shots, where, point, values, states, noise)
-            then = cost(shots, residual, new, noise)
+            new, left = settle(shots, where, point, values, states, noise)
+            then = cost(shots, left, new, noise)
             if np.isfinite(then) and then < now:
                 break
             damping *= WORSE
-        small = not then < now * (1 - (COARSE if wide + 1 < len(WIDER) else TOLERANCE))
+        small = not then < now * (1 - (COARSE if coarse or wide + 1 < len(WIDER) else TOLERANCE))
         far = then < now * (1 - FAR)
         if then < now:
-            point, damping, steps = new, max(damping * BETTER, LEAST), steps + 1
+            point, residual, damping, steps = new, left, max(damping * BETTER, LEAST), steps + 1
             noise = noise_of(residual)
         if small:
-            wide, damping = wide + central, min(damping, FIRST)
-        if wide == len(WIDER):
+            wide, damping = wide + (central or coarse), min(damping, FIRST)
+        if wide == last:
             break
         central = central or not far
-        here = normal(shots, where, point, noise, WIDER[wide], central)
-    return Solved(point, normal(shots, where, point, noise), noise, steps)
+    return Solved(point, residual, noise, steps)
+
+
+def normal_at(shots: Sequence[Shots], where: Coordinates, solved: Solved) -> Normal:
+    """Normal equations at the end of a fit, by central differences."""
+    return normal(shots, where, solved.point, solved.noise)
 
 
 def noise_of(residual: Sequence[Array], robust: bool = False) -> Array:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 from ...model import Model, with_servos
 from ..fit import ServoFit
+from ..search.data import ServoData
+from ..search.searcher import Chosen, ServoOptions
 from .assess import assess, nominal_servos
-from .data import ServoData
 from .facts import joint_facts
 from .fits import block, number_std
 from .flags import (
@@ -25,7 +26,6 @@ from .flags import (
 from .identifiable import RARE, JointFacts, dependence, dependent_numbers, joint_numbers
 from .result import ServoIdentification, ServoJoint, ServoRollOut
 from .scale import alternatives, known_scale
-from .search import Chosen, ServoOptions
 from .start import Stated
 
 

@@ -11,8 +11,8 @@ from ...parameters import Array
 from ...servos import Servo, ServoGrid
 from ...types import Recording, Robot
 from ..plant import servo_grids
-from ..plant.course import bodies_of, course, motion_of
-from .data import ServoData
+from ..plant.course import bodies_of, recorded_course
+from ..search.data import ServoData
 from .identifiable import JointFacts
 from .start import Stated, moves_while_off
 
@@ -32,14 +32,13 @@ def joint_facts(
     scale_known: bool,
 ) -> dict[str, JointFacts]:
     """Facts of each servo joint. saturated: share of saturated samples by joint [1]."""
-    robot = bodies_of(model, data.joints)
-    parts = [(grid, motion_of(grid)) for grid in data.train]
-    loads = np.vstack([course(robot, motion).torque for _, motion in parts])
-    v, a = (np.vstack([getattr(motion, key) for _, motion in parts]) for key in "va")
+    robot, courses = bodies_of(model, data.joints), [recorded_course(model, grid) for grid in data.train]
+    loads = np.vstack([one.torque for one in courses])
+    v, a = (np.vstack([getattr(one.motion, key) for one in courses]) for key in "va")
     facts = {}
     for joint, servo in servos.items():
         j = data.joints.index(joint)
-        rows = np.concatenate([motor_torque(servo, grid, j) for grid, _ in parts])
+        rows = np.concatenate([motor_torque(servo, grid, j) for grid in data.train])
         share, unique = known_load_share(loads[:, j], v[:, j], a[:, j], servo)
         facts[joint] = JointFacts(
             joint,

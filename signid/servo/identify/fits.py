@@ -12,10 +12,10 @@ from ...model import Model
 from ...parameters import Array
 from ...servos import Servo
 from ..fit import ServoFit, fit_servos
-from .choice import Candidate, fit_candidate
-from .data import ServoData
+from ..search.choice import Candidate, fit_candidate
+from ..search.data import ServoData
+from ..search.searcher import ServoOptions
 from .scale import implied_ratios, scaled_masses
-from .search import ServoOptions
 from .start import Stated, first_candidate
 
 

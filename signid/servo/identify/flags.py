@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from ...errors import shorten
+from ..search.data import ServoData
 from .assess import STATED
-from .data import ServoData
 from .facts import shortest_period
 from .identifiable import ONE_NUMBER
 from .result import ServoJoint, ServoRollOut

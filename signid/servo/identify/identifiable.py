@@ -108,9 +108,9 @@ def _lost(
 ) -> Iterator[tuple[str, str]]:
     """Name and sentence of each number that is not identifiable; later ones replace earlier ones."""
     yield from _vague(free, values, std, facts)
-    if not _apart(facts):
+    if not _apart(servo, facts):
         said = (
-            f"{facts.joint}: {ONE_NUMBER}, the damping; torque off while the joint "
+            f"{facts.joint}: {ONE_NUMBER}, the damping; torque off or at its limit while the joint "
             f"moves, or a recorded speed of the command, separates them"
         )
         yield from ((name, said) for name in ("kd", "viscous_friction") if name not in facts.stated)
@@ -143,9 +143,10 @@ def _vague(
             yield name, f"{facts.joint}: {words} is not identifiable from this motion{limit}"
 
 
-def _apart(facts: JointFacts) -> bool:
+def _apart(servo: Servo, facts: JointFacts) -> bool:
     """Whether damping of the drive and of the joint are separate numbers."""
-    return facts.torque_off or facts.command_speed or bool({"kd", "viscous_friction"} & set(facts.stated))
+    limited = servo.law != "duty" and facts.saturated_share >= RARE
+    return limited or facts.torque_off or facts.command_speed or bool({"kd", "viscous_friction"} & set(facts.stated))
 
 
 def _one_with_lag(free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float]) -> bool:

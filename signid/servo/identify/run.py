@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,17 +14,20 @@ from ...regression.session import only_once
 from ...servos import Servo
 from ...types import Progress, Recording
 from ..fit import start_servos
+from ..search.choice import Candidate
+from ..search.data import servo_data, thinned
+from ..search.run import EQUAL, search
+from ..search.searcher import KnownLimits, Searcher, ServoOptions
 from .conclude import Known, conclude
-from .data import servo_data, thinned
 from .facts import full_duty_errors
 from .fits import final_fit, weigh_bodies
 from .result import ServoIdentification
 from .scale import connected_sets
-from .search import KnownLimits, Searcher, ServoOptions, search
 from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
 from .zeros import zero_flags
 
 ALONE, COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits (BAM XL330, Go2)
+PLAIN = "duty"  # its regression has one number less
 SEARCHED, FITTED = 30_000, 90_000  # rows times squared joints of a branch: about 1 and 3 s a step of the fit
 
 
@@ -72,14 +75,17 @@ def identify_servos(
     few = replace(data, train=thinned(data.train, SEARCHED // size))
     few = replace(few, folds=tuple((thinned(a, SEARCHED // size), thinned(b, SEARCHED // size)) for a, b in few.folds))
     plain = with_servos(model, {joint: Servo() for joint in data.driven})
-    started = {joint: servo for joint, servo in start_servos(plain, few.train).items() if joint in data.driven}
+    starts = {law: _driven(start_servos(plain, few.train, law), data.driven) for law in EQUAL}
+    started = starts[PLAIN]
     weighed, remarks = plain, tuple[str, ...]()
     if scale == "kp":
         _say(progress, "weighing bodies", 0.05)
         weighed, remarks = weigh_bodies(plain, few, started, fixed, sets, options)
     duty = _recorded_duty(full_duty_errors(model.robot, given), fixed, law)
-    limits = KnownLimits(_errors(started, fixed), {**law, **dict.fromkeys(duty, "duty")})
-    start = first_candidate(model.robot, data, started, fixed, limits.laws)
+    laws_known = {**law, **dict.fromkeys(duty, "duty")}
+    first = {law: first_candidate(model.robot, data, servos, fixed, laws_known) for law, servos in starts.items()}
+    limits = KnownLimits({law: _limited(one, starts[law]) for law, one in first.items()}, laws_known)
+    start = first[PLAIN]
     start = replace(start, tied=duty).follow(start.servos)
     if any(_has_voltage(recording) for recording in given):
         options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
@@ -109,10 +115,18 @@ def _recorded_duty(errors: Mapping[str, float], fixed: Stated, laws: Mapping[str
     }
 
 
-def _errors(started: Mapping[str, Servo], fixed: Stated) -> dict[str, float]:
-    """Error at the limit [rad or m] of joints that seem to saturate, or whose limit is stated."""
-    limits = {joint: fixed.get(joint, {}).get("effort_limit", servo.effort_limit) for joint, servo in started.items()}
-    return {joint: limit / started[joint].kp for joint, limit in limits.items() if np.isfinite(limit)}
+def _driven(servos: Mapping[str, Servo], joints: Sequence[str]) -> dict[str, Servo]:
+    return {joint: servo for joint, servo in servos.items() if joint in joints}
+
+
+def _limited(start: Candidate, found: Mapping[str, Servo]) -> Candidate:
+    """Start with the limits that a regression found, unless they are stated."""
+    new = {
+        joint: servo.with_(effort_limit=servo.kp * found[joint].effort_limit / found[joint].kp)
+        for joint, servo in start.servos.items()
+        if not servo.effort_limit < np.inf
+    }
+    return start.changed(new)
 
 
 def _say(progress: Progress | None, step: str, share: float) -> None:

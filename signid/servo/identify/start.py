@@ -11,8 +11,8 @@ import numpy as np
 from ...errors import OptionError, shorten
 from ...servos import DRIVE_LAWS, KD_ON, SERVO_NUMBERS, Servo, ServoGrid
 from ...types import Robot
-from .choice import Candidate
-from .data import ServoData
+from ..search.choice import Candidate
+from ..search.data import ServoData
 
 ALWAYS = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")
 LEAST_LAG = 0.005  # [s] kd over kp to start from: a fit hardly leaves zero

@@ -14,7 +14,7 @@ from ...robot import configuration
 from ...servos import ServoGrid
 from ...types import Mask, Robot
 from ..plant.course import bodies_of, motion_of
-from .data import ServoData
+from ..search.data import ServoData
 
 ROWS = 400  # of all recordings
 STEPS = 24  # zeros that are tried in a turn

@@ -8,6 +8,9 @@ from numba import njit
 from ...servos import ServoGrid
 from ...types import Array
 
+LARGE = 0.5  # first error over the rms error, from which it is a step (mauicv: .8 to 2.5) and no droop (XL330: 0)
+STILL, LEFT, START = 0.02, 0.05, 0.15  # over the first error: motion at rest, and motion within START [s] that ends it
+
 
 def commands_at(grid: ServoGrid, joint: int, kd_on: str, delay: float, profile: float, parts: int) -> Array:
     """Command, its speed and feed-forward (3, N parts) averaged over each substep; continuous in the delay.
@@ -20,7 +23,7 @@ def commands_at(grid: ServoGrid, joint: int, kd_on: str, delay: float, profile: 
     if np.isfinite(profile):
         limit(u, np.repeat(grid.q[:, joint], parts), np.repeat(grid.on[:, joint], parts), profile * h)
     late = max(delay, 0.0) / h
-    held[0] = _delayed(u, late)
+    held[0] = _delayed(u, late, held_before(grid, joint))
     if kd_on == "error":
         held[1] = _delayed(np.repeat(_speed(grid, joint), parts), late)
     if grid.feed_forward is not None:
@@ -34,13 +37,28 @@ def _speed(grid: ServoGrid, joint: int) -> Array:
     return np.diff(grid.command[:, joint], prepend=grid.command[0, joint]) * grid.rate
 
 
-def _delayed(u: Array, steps: float) -> Array:
-    """Averages over each step of a signal that is held from step to step and acts `steps` later."""
+def held_before(grid: ServoGrid, joint: int) -> float:
+    """Command in force before the first row [rad or m]: the first one, or the position where a drive starts from rest.
+
+    A drive whose joint is at rest in the first two rows, far from its first command, and leaves for it soon after held
+    its position until then.
+    """
+    q, first = grid.q[:, joint], float(grid.command[0, joint])
+    error = first - float(q[0])
+    moved = (q[: int(round(START * grid.rate)) + 2] - q[0]) * np.sign(error)
+    large = abs(error) > LARGE * np.sqrt(np.mean((grid.command[:, joint] - q) ** 2))
+    starts = large and abs(moved[1]) < STILL * abs(error) and moved.max() > LEFT * abs(error)
+    return float(q[0]) if starts else first
+
+
+def _delayed(u: Array, steps: float, first: float | None = None) -> Array:
+    """Averages over each step of a signal that is held from step to step and acts `steps` later; `first` before it."""
+    first = u[0] if first is None else first
     whole = int(np.floor(steps))
     share = steps - whole
-    late = np.concatenate([np.full(min(whole + 1, len(u)), u[0]), u])
-    start = max(whole + 1 - len(u), 0)  # longer than the recording: the first command all along
-    now = late[1 : 1 + len(u)] if not start else np.full(len(u), u[0])
+    late = np.concatenate([np.full(min(whole + 1, len(u)), first), u])
+    start = max(whole + 1 - len(u), 0)  # longer than the recording
+    now = late[1 : 1 + len(u)] if not start else np.full(len(u), first)
     return np.asarray((1.0 - share) * now + share * (late[: len(u)] if not start else now))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +44,11 @@ class RobotCourse:
     by_v: Array  # (N, n, n) [N.m.s/rad]
     wave: Array  # (n, 2) [N.m] coefficients of sin q and cos q: a single joint, exactly
 
+    @property
+    def middle(self) -> Array:
+        """Mass in the middle of each row (N, n, n) [kg.m2 or kg]."""
+        return np.concatenate([0.5 * (self.mass[:-1] + self.mass[1:]), self.mass[-1:]])
+
 
 def bodies_of(model: Model, joints: Sequence[str]) -> Robot:
     """Robot with the bodies of a model, whose joints are those of a recording; the others are held at rest."""
@@ -74,6 +80,12 @@ def course(robot: Robot, motion: Moved) -> RobotCourse:
         bias = bias - (wave[0, 0] * np.sin(angle) + wave[0, 1] * np.cos(angle))[:, None]
         by_q, by_v = np.zeros_like(by_q), np.zeros_like(by_v)
     return RobotCourse(motion, torque, by.acceleration, bias, by_q, by_v, wave)
+
+
+@lru_cache(maxsize=32)
+def recorded_course(model: Model, grid: ServoGrid) -> RobotCourse:
+    """Course of all joints along the smooth motion of a grid; the last ones are kept."""
+    return course(bodies_of(model, grid.joints), motion_of(grid))
 
 
 def part(whole: RobotCourse, joints: Sequence[int]) -> RobotCourse:

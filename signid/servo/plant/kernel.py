@@ -1,7 +1,6 @@
 """Closed loop of drives and a robot that is linear about a motion: all windows and all copies, in compiled code.
 
-Positions by leapfrog, damping by the trapezium rule (it adds no armature), dry friction by the exact proximal step:
-the speed after a substep minimises kinetic energy and friction together, by Gauss-Seidel over coupled joints.
+Positions by leapfrog, damping by the trapezium rule (it adds no armature), dry friction by the step of `friction`.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ from numba import njit
 
 from ...servos import DRIVE_LAWS, SERVO_NUMBERS, Servo
 from ...types import Array
+from .friction import kick
 
 (
     KP,
@@ -29,7 +29,6 @@ from ...types import Array
 ) = range(len(SERVO_NUMBERS))  # columns of the numbers of a drive, in the order of SERVO_NUMBERS
 DUTY, TORQUE_SPEED = DRIVE_LAWS.index("duty"), DRIVE_LAWS.index("torque_speed")
 PASSES = 5  # of a substep, until it is consistent which drives are at their limits
-SWEEPS, SETTLED = 60, 1e-11  # of Gauss-Seidel; largest relative change of a speed that ends it
 
 
 def numbers(servo: Servo) -> Array:
@@ -79,77 +78,6 @@ def actuate(numbers, c, laws, q, v, commands, variant, step, on, voltage, r, gai
 
 
 @njit(cache=True, error_model="numpy")
-def kick(v, mass, r, force, numbers, c, act, h, b, room):  # type: ignore[no-untyped-def]
-    """Advance speeds (n,) by h in place: (mass + armature) dv/dt = force - damping v - friction sign v.
-
-    mass (R, n, n) at row r; numbers (C, n, P) of copy c; act (4, n) as `actuate` leaves it; b (n,), room (n, n + 2).
-    """
-    n = len(v)
-    for i in range(n):
-        inertia, half = numbers[c, i, ARMATURE], 0.5 * h * act[1, i]
-        total = (inertia - half) * v[i] + h * force[i]
-        for j in range(n):
-            total += mass[r, i, j] * v[j]
-        b[i], room[i, n] = total, inertia + half
-    if n > 1 and slide(v, mass, r, act, h, b, room):
-        return
-    for _ in range(SWEEPS):
-        change, size = 0.0, 0.0
-        for i in range(n):
-            rest = b[i] + mass[r, i, i] * v[i]
-            for j in range(n):
-                rest -= mass[r, i, j] * v[j]
-            bound = h * act[2, i]
-            new = (max(rest - bound, 0.0) + min(rest + bound, 0.0)) / (mass[r, i, i] + room[i, n])
-            change = max(change, abs(new - v[i]))
-            size = max(size, abs(new))
-            v[i] = new
-        if n == 1 or change <= SETTLED * size:
-            break
-
-
-@njit(cache=True, error_model="numpy")
-def slide(v, mass, r, act, h, b, room):  # type: ignore[no-untyped-def]
-    """Solve for speeds in place if no joint starts, stops or turns: whether that is so; else v is not changed."""
-    n = len(v)
-    for i in range(n):  # Cholesky factor; joints at rest are left out
-        for j in range(i + 1):
-            total = 0.0
-            if v[i] != 0.0 and v[j] != 0.0:
-                total = mass[r, i, j]
-                for k in range(j):
-                    total -= room[i, k] * room[j, k]
-            if i == j:
-                room[i, i] = np.sqrt(total + room[i, n]) if v[i] != 0.0 else 1.0
-            else:
-                room[i, j] = total / room[j, j]
-    for i in range(n):
-        total = b[i] - h * act[2, i] * np.sign(v[i]) if v[i] != 0.0 else 0.0
-        for k in range(i):
-            total -= room[i, k] * room[k, n + 1]
-        room[i, n + 1] = total / room[i, i]
-    for i in range(n - 1, -1, -1):
-        total = room[i, n + 1]
-        for k in range(i + 1, n):
-            total -= room[k, i] * room[k, n + 1]
-        room[i, n + 1] = total / room[i, i]
-    for i in range(n):
-        new = room[i, n + 1]
-        if v[i] != 0.0:
-            if new * v[i] <= 0.0:
-                return False
-        else:
-            rest = b[i]
-            for k in range(n):
-                rest -= mass[r, i, k] * room[k, n + 1]
-            if abs(rest) > h * act[2, i]:
-                return False
-    for i in range(n):
-        v[i] = room[i, n + 1]
-    return True
-
-
-@njit(cache=True, error_model="numpy")
 def limited(v, before, numbers, c, laws, half, commands, variant, step, on, voltage, r, gain, act, again):  # type: ignore[no-untyped-def]  # fmt: skip # noqa: E501
     """Whether limits of torque were wrong in a substep that led from speeds `before` to v; if so, mend them in `act`.
 
@@ -166,21 +94,38 @@ def limited(v, before, numbers, c, laws, half, commands, variant, step, on, volt
             wrong = True
             act[0, i], act[1, i], act[3, i] = again[0, i], again[1, i], again[3, i]
     if wrong:
-        v[:] = before
+        for i in range(n):
+            v[i] = before[i]
     return wrong
 
 
 @njit(cache=True, error_model="numpy")
-def carry(loads, half, v, bias, by_q, by_v, qs, vs, wave, waves, r, far):  # type: ignore[no-untyped-def]
-    """Torque of the bodies (n,) at positions `half`, at a share `far` of the way from row r to the next."""
-    near = 1.0 - far
+def steady(bias, by_q, by_v, qs, vs, parts):  # type: ignore[no-untyped-def]
+    """Torque of the bodies (R parts, n) in the middle of each substep, without its parts along position and speed."""
+    rows, n = bias.shape
+    out = np.empty((rows * parts, n))
+    for r in range(rows - 1):
+        for part in range(parts):
+            far = (part + 0.5) / parts
+            near = 1.0 - far
+            for i in range(n):
+                load = near * bias[r, i] + far * bias[r + 1, i]
+                for j in range(n):
+                    load -= by_q[r, i, j] * (near * qs[r, j] + far * qs[r + 1, j])
+                    load -= by_v[r, i, j] * (near * vs[r, j] + far * vs[r + 1, j])
+                out[r * parts + part, i] = load
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def carry(loads, half, v, rest, step, by_q, by_v, wave, waves, r):  # type: ignore[no-untyped-def]
+    """Torque of the bodies (n,) at positions `half`, in a substep of row r; rest (R parts, n) as `steady` gives it."""
     for i in range(len(v)):
-        load = near * bias[r, i] + far * bias[r + 1, i]
+        load = rest[step, i]
         if waves:
             load += wave[i, 0] * np.sin(half[i]) + wave[i, 1] * np.cos(half[i])
         for j in range(len(v)):
-            load += by_q[r, i, j] * (half[j] - near * qs[r, j] - far * qs[r + 1, j])
-            load += by_v[r, i, j] * (v[j] - near * vs[r, j] - far * vs[r + 1, j])
+            load += by_q[r, i, j] * half[j] + by_v[r, i, j] * v[j]
         loads[i] = load
 
 
@@ -199,9 +144,10 @@ def simulate(  # type: ignore[no-untyped-def]
     copies, windows, n = q0.shape
     q, v, half, force, act = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty((4, n))
     b, room, waves = np.empty(n), np.empty((n, n + 2)), np.any(wave != 0.0)
-    loads, before, again = np.empty(n), np.empty(n), np.empty((5, n))
+    loads, before, again, known = np.empty(n), np.empty(n), np.empty((5, n)), np.empty(2 * n + 1)
+    rest = steady(bias, by_q, by_v, qs, vs, parts)
     for c in range(copies):
-        limits = False
+        limits, known[0] = False, -1.0
         for i in range(n):
             limits = limits or (laws[i] != DUTY and numbers[c, i, EFFORT] < np.inf)
         for w in range(windows):
@@ -211,20 +157,18 @@ def simulate(  # type: ignore[no-untyped-def]
                 saturated[c, w, i] = 0
             for row in range(rows):
                 r = starts[w] + row
-                for part in range(parts):
-                    far = (part + 0.5) / parts
+                for step in range(r * parts, (r + 1) * parts):
                     for i in range(n):
-                        half[i] = q[i] + 0.5 * h * v[i]
-                    actuate(numbers, c, laws, half, v, commands, variant, r * parts + part, on, voltage, r, gain, act)
-                    carry(loads, half, v, bias, by_q, by_v, qs, vs, wave, waves, r, far)
-                    before[:] = v
+                        half[i], before[i] = q[i] + 0.5 * h * v[i], v[i]
+                    actuate(numbers, c, laws, half, v, commands, variant, step, on, voltage, r, gain, act)
+                    carry(loads, half, v, rest, step, by_q, by_v, wave, waves, r)
                     for _ in range(PASSES):
                         for i in range(n):
                             force[i] = act[0, i] - loads[i]
-                        kick(v, mass, r, force, numbers, c, act, h, b, room)
+                        kick(v, mass, r, force, numbers, c, act, h, b, room, known)
                         if not limits or not limited(
-                            v, before, numbers, c, laws, half, commands, variant, r * parts + part, on, voltage, r,
-                            gain, act, again,
+                            v, before, numbers, c, laws, half, commands, variant, step, on, voltage, r, gain, act,
+                            again,
                         ):  # fmt: skip
                             break
                     for i in range(n):

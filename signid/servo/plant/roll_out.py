@@ -12,10 +12,11 @@ from ...robot import configuration
 from ...robot.dynamics import joint_inertia
 from ...robot.joints import is_plain
 from ...servos import DRIVE_LAWS, Servo, ServoGrid
-from ...types import Array, Robot
+from ...types import Array, Indices, Robot
 from .commands import commands_at
-from .course import Moved, bodies_of, motion_of
-from .kernel import PASSES, actuate, kick, limited, numbers
+from .course import Moved, RobotCourse, bodies_of, course, motion_of, part, single
+from .friction import kick
+from .kernel import PASSES, actuate, limited, numbers, simulate
 from .substeps import substeps
 
 
@@ -33,13 +34,49 @@ def roll_out(model: Model, servos: Mapping[str, Servo], grid: ServoGrid, horizon
     """
     robot = bodies_of(model, grid.joints)
     motion = motion_of(grid)
+    if single(robot):  # its course is exact
+        return roll_out_along(course(robot, motion), servos, grid, horizon)
     driven = [j for j, joint in enumerate(grid.joints) if joint in servos]
     if not driven:
         return grid.q.copy()
     acting = [servos[grid.joints[j]] for j in driven]
-    restart = len(grid) if horizon is None else max(int(round(horizon * grid.rate)), 1)
     parts = substeps(grid.step, acting, effective(robot, motion, driven))
-    return _Loop(robot, grid, motion, driven, acting, parts).run(restart)
+    return _Loop(robot, grid, motion, driven, acting, parts).run(_restart(grid, horizon))
+
+
+def roll_out_along(
+    along: RobotCourse, servos: Mapping[str, Servo], grid: ServoGrid, horizon: float | None = None
+) -> Array:
+    """The same of a robot that is linear about the recorded motion; exact for a single revolute joint.
+
+    Args:
+        along: the robot along the motion of the grid.
+        servos: drives by joint; joints without one follow the recorded motion.
+        grid: the recording.
+        horizon: time [s] after which the state is set to the measured one again; None: never.
+
+    Returns:
+        Positions (N, n) [rad or m]; the recorded ones where the robot is set to them.
+    """
+    driven = [j for j, joint in enumerate(grid.joints) if joint in servos]
+    out, some = grid.q.copy(), part(along, driven)
+    if not driven:
+        return out
+    acting = [servos[grid.joints[j]] for j in driven]
+    parts = substeps(grid.step, acting, np.diagonal(some.mass, axis1=1, axis2=2).min(0))
+    drive = _Drives(grid, driven, acting, parts)
+    restart = min(_restart(grid, horizon), len(grid) - 1)
+    whole = np.arange(0, len(grid) - restart, restart)
+    for starts, rows in ((whole, restart), (whole[-1:] + restart, len(grid) - 1 - whole[-1] - restart)):
+        if rows > 0:
+            for start, path in zip(starts, drive.along(some, starts, int(rows)), strict=True):
+                out[start : start + rows + 1, driven] = path
+    return out
+
+
+def _restart(grid: ServoGrid, horizon: float | None) -> int:
+    """Rows from one measured state to the next."""
+    return len(grid) if horizon is None else max(int(round(horizon * grid.rate)), 1)
 
 
 def effective(robot: Robot, motion: Moved, joints: Sequence[int]) -> Array:
@@ -53,16 +90,11 @@ def effective(robot: Robot, motion: Moved, joints: Sequence[int]) -> Array:
     return np.asarray(np.min(out, axis=0))
 
 
-class _Loop:
-    """Closed loop with Pinocchio in every substep."""
+class _Drives:
+    """Drives of n joints and their commands on the substeps of a grid, as the compiled code reads them."""
 
-    def __init__(
-        self, robot: Robot, grid: ServoGrid, motion: Moved, driven: list[int], acting: list[Servo], parts: int
-    ) -> None:
-        self.robot, self.grid, self.motion, self.driven, self.parts = robot, grid, motion, driven, parts
-        self.data = robot.model.createData()
-        self.plain = all(is_plain(joint) for joint in list(robot.model.joints)[1:])
-        self.h = grid.step / parts
+    def __init__(self, grid: ServoGrid, driven: list[int], acting: list[Servo], parts: int) -> None:
+        self.parts, self.h = parts, grid.step / parts
         self.numbers = np.array([[numbers(servo) for servo in acting]])
         self.laws = np.array([DRIVE_LAWS.index(servo.law) for servo in acting])
         each = [
@@ -72,6 +104,30 @@ class _Loop:
         self.commands = np.ascontiguousarray(np.moveaxis(np.array(each), 0, 1))  # (3, n, N parts)
         self.variant = np.arange(len(driven))[None]
         self.on, self.voltage, self.gain = grid.on[:, driven], grid.voltage[:, driven], grid.gain[driven]
+
+    def along(self, along: RobotCourse, starts: Indices, rows: int) -> Array:
+        """Positions (W, rows + 1, n) [rad or m] of windows that begin at the states of a motion, in rows `starts`."""
+        q, v = (np.ascontiguousarray(x[None, starts]) for x in along.motion[:2])
+        out, saturated = np.empty((1, len(starts), rows + 1, q.shape[2])), np.empty(q.shape)
+        simulate(  # type: ignore[call-arg]
+            starts, rows, self.parts, self.h, along.middle, *map(np.ascontiguousarray, (
+                along.bias, along.by_q, along.by_v, along.motion.q, along.motion.v, along.wave, self.commands,
+                self.variant, self.on, self.voltage, self.gain, self.numbers,
+            )), self.laws, q, v, out, saturated,
+        )  # fmt: skip
+        return np.asarray(out[0])
+
+
+class _Loop(_Drives):
+    """Closed loop with Pinocchio in every substep."""
+
+    def __init__(
+        self, robot: Robot, grid: ServoGrid, motion: Moved, driven: list[int], acting: list[Servo], parts: int
+    ) -> None:
+        super().__init__(grid, driven, acting, parts)
+        self.robot, self.grid, self.motion, self.driven = robot, grid, motion, driven
+        self.data = robot.model.createData()
+        self.plain = all(is_plain(joint) for joint in list(robot.model.joints)[1:])
 
     def run(self, restart: int) -> Array:
         """Positions (N, n), with the state set to the measured one every `restart` rows."""
@@ -89,6 +145,7 @@ class _Loop:
         """Advance a row in place."""
         motion, j, n = self.motion, self.driven, len(q)
         act, again, b, room = np.empty((4, n)), np.empty((5, n)), np.empty(n), np.empty((n, n + 2))
+        known = np.empty(2 * n + 1)
         for s in range(self.parts):
             far = (s + 0.5) / self.parts
             whole, speed, rate = ((1 - far) * x[k] + far * x[k + 1] for x in motion)
@@ -110,9 +167,9 @@ class _Loop:
                 act,
             )
             mass, load = self._dynamics(whole, speed, rate)
-            before = v.copy()
+            before, known[0] = v.copy(), -1.0
             for _ in range(PASSES):
-                kick(v, mass[None], 0, act[0] - load, self.numbers, 0, act, self.h, b, room)
+                kick(v, mass[None], 0, act[0] - load, self.numbers, 0, act, self.h, b, room, known)
                 if not limited(
                     v, before, self.numbers, 0, self.laws, half, self.commands, self.variant, step,
                     self.on, self.voltage, k, self.gain, act, again,

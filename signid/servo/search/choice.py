@@ -11,11 +11,13 @@ from ...model import Model
 from ...parameters import Array
 from ...servos import Servo, ServoGrid
 from ..fit import ServoFit, fit_servos
-from ..plant import roll_out
+from ..plant.course import recorded_course
+from ..plant.roll_out import roll_out_along
 from .data import ServoData
 
 DRAWS = 2000  # Bayesian bootstrap (Rubin, Annals of Statistics 9(1), 1981)
-SAME = 1e-3  # log rms; closer scores count as equal
+SAME = 0.05  # log rms; closer scores count as equal
+PRIOR = {"torque_speed": 0.25}  # share of a law among equal ones; it contains `effort`
 GAIN = 0.01  # log rms that an additional number must save on windows that took no part
 SURE = 2.0  # standard errors of that saving
 LOUDER = 1.02  # ratio by which the rms over all these windows may grow
@@ -35,6 +37,7 @@ class Candidate:
     servos: Mapping[str, Servo]
     free: tuple[tuple[str, str], ...]
     tied: Mapping[str, float] = field(default_factory=dict)  # effort limit over kp [rad or m], by joint
+    own_delay: frozenset[str] = frozenset()  # joints with delays of their own; those of other branches share one
 
     def changed(self, servos: Mapping[str, Servo], free: Sequence[tuple[str, str]] = ()) -> Candidate:
         """With other drives at some joints, and more free numbers."""
@@ -46,6 +49,7 @@ class Candidate:
             {joint: servo for joint, servo in self.servos.items() if joint in joints},
             tuple(name for name in self.free if name[0] in joints),
             {joint: error for joint, error in self.tied.items() if joint in joints},
+            self.own_delay.intersection(joints),
         )
 
     def follow(self, servos: Mapping[str, Servo]) -> Candidate:
@@ -71,6 +75,8 @@ class ServoTrial:
     def with_joints(self, other: ServoTrial) -> ServoTrial:
         """With some joints of another trial."""
         candidate = self.candidate.changed(other.candidate.servos, other.candidate.free)
+        own = candidate.own_delay.difference(other.candidate.servos) | other.candidate.own_delay
+        candidate = replace(candidate, own_delay=own)
         return ServoTrial(candidate, {**self.residual, **other.residual}, {**self.scores, **other.scores})
 
 
@@ -82,8 +88,9 @@ def fit_candidate(
     steps: int = STEPS,
     relinearise: bool = False,
     rounds: int = ROUNDS,
+    coarse: bool = False,
 ) -> tuple[Candidate, ServoFit]:
-    """Fit a candidate; limits that are tied to gains follow them."""
+    """Fit a candidate; limits that are tied to gains follow them; `coarse`: without intervals."""
     rounds = rounds if candidate.tied else 1
     for k in range(rounds):
         fit = fit_servos(
@@ -93,17 +100,21 @@ def fit_candidate(
             candidate.free,
             window=window,
             shared=("delay",),
+            own=candidate.own_delay,
             relinearise=relinearise and k == rounds - 1,
             iterations=steps,
             scales=False,
+            coarse=coarse,
         )
         candidate = candidate.follow(fit.servos)
     return candidate, fit
 
 
-def tried(model: Model, data: ServoData, candidate: Candidate, window: float, steps: int = STEPS) -> ServoTrial:
-    """Fit a candidate to all training data."""
-    candidate, fit = fit_candidate(model, data.train, candidate, window, steps)
+def tried(
+    model: Model, data: ServoData, candidate: Candidate, window: float, steps: int = STEPS, coarse: bool = True
+) -> ServoTrial:
+    """Fit a candidate to all training data; `coarse`: until a step gains little."""
+    candidate, fit = fit_candidate(model, data.train, candidate, window, steps, coarse=coarse)
     return ServoTrial(
         candidate, {joint: float(fit.residual_rms[data.joints.index(joint)]) for joint in candidate.servos}
     )
@@ -113,7 +124,7 @@ def scored(model: Model, data: ServoData, trial: ServoTrial, window: float) -> S
     """The same with its scores on windows that took no part in refits."""
     found: dict[str, list[Array]] = {joint: [] for joint in trial.residual}
     for part, unseen in data.folds:
-        candidate, _ = fit_candidate(model, part, trial.candidate, window, REFIT, rounds=1)
+        candidate, _ = fit_candidate(model, part, trial.candidate, window, REFIT, rounds=1, coarse=True)
         for grid in unseen:
             scores = roll_out_scores(model, candidate.servos, grid)
             for joint in found:
@@ -122,8 +133,9 @@ def scored(model: Model, data: ServoData, trial: ServoTrial, window: float) -> S
 
 
 def roll_out_scores(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) -> Array:
-    """Log rms (W, n) of the whole roll-out of a grid over windows of one second."""
-    error = np.nan_to_num(roll_out(model, servos, grid) - grid.q, nan=DIVERGED, posinf=DIVERGED, neginf=DIVERGED)
+    """Log rms (W, n) of the whole roll-out of a grid, linear about its motion, over windows of one second."""
+    error = roll_out_along(recorded_course(model, grid), servos, grid) - grid.q
+    error = np.nan_to_num(error, nan=DIVERGED, posinf=DIVERGED, neginf=DIVERGED)
     step = round(WINDOW * grid.rate)
     windows = [slice(a, a + step) for a in range(0, max(len(grid) - step, 0) + 1, step)]
     return window_scores(np.clip(error, -DIVERGED, DIVERGED), windows)
@@ -149,9 +161,10 @@ def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, f
     """Probability that each law has the smallest expected score.
 
     scores: (W,) [1] by law, log rms of the same windows, which took no part in the fit. Equal laws share the
-    probability; few windows never give certainty.
+    probability, but for `torque_speed`, which is `effort` with one number more; few windows never give certainty.
     """
     laws = list(scores)
+    prior = np.array([PRIOR.get(law, 1.0) for law in laws])
     values = np.array([scores[law] for law in laws], float).reshape(len(laws), -1)
     values = values[:, np.isfinite(values).all(axis=0)]
     if values.shape[1] == 0:
@@ -159,7 +172,7 @@ def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, f
     weights = np.random.default_rng(seed).dirichlet(np.ones(values.shape[1]), DRAWS)
     top = np.exp(2 * (values - values.max()))
     means = (weights @ values.T + 0.5 * np.log(weights @ top.T)) / 2  # (DRAWS, laws); typical windows, and loud ones
-    best = means <= means.min(axis=1, keepdims=True) + SAME
+    best = prior * (means <= means.min(axis=1, keepdims=True) + SAME)
     share = np.mean(best / best.sum(axis=1, keepdims=True), axis=0)
     count = values.shape[1]
     return {law: float((s * count + 1 / len(laws)) / (count + 1)) for law, s in zip(laws, share, strict=True)}

@@ -1,0 +1,1 @@
+"""Search for the laws and numbers of drives, by windows that took no part in the fit."""

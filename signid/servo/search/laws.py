@@ -1,0 +1,117 @@
+"""Laws of drives that seem to saturate, by windows that took no part in the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...servos import DRIVE_LAWS, Servo
+from .choice import SHORT, Candidate, ServoTrial, fit_candidate, improved, law_probabilities, worth
+from .data import ServoData
+from .searcher import KnownLimits, Searcher
+
+MORE = 6  # most iterations over short windows
+NEAR_TOP = 0.9  # second start of a limit, over the largest torque that the loop asks for
+INSIDE = 0.15  # share of the damping inside the limit below which effort and duty are the same law
+
+
+def try_laws(
+    by: Searcher, base: ServoTrial, suspects: Sequence[str], limits: KnownLimits
+) -> tuple[ServoTrial, dict[str, dict[str, float]]]:
+    """Law of each joint that seems to saturate, by windows that took no part; none if a limit does not help."""
+    given, stated = limits.laws, [j for j in suspects if base.candidate.servos[j].effort_limit < np.inf]
+    trials, near = dict[str, ServoTrial](), by.near(suspects)
+    start = replace(base.candidate.only(near), own_delay=frozenset(by.sharing(base.candidate, near)))
+    for law in ("effort", "duty", "torque_speed"):  # where no limit of the effort helps, one of the duty does not
+        if own := _with(given, law, suspects):
+            trials[law] = by.fit(_law_start(by, start, own, law, limits, trials))
+            helps = {*stated, *worth(base, trials[law], own)}
+            suspects = [joint for joint in suspects if law != "effort" or joint in helps or joint not in own]
+    keep = {*stated, *(j for law, trial in trials.items() for j in worth(base, trial, _with(given, law, suspects)))}
+    if not keep:
+        return base, {}
+    near = by.near(keep)
+    base = by.score(base, near)
+    trials = {law: by.score(trial.only(near), near) for law, trial in trials.items()}
+    chosen, found = replace(base.candidate.only(near), own_delay=start.own_delay.intersection(near)), {}
+    for joint in keep:
+        allowed = _apart({law: trial for law, trial in trials.items() if given.get(joint, law) == law}, joint)
+        p = law_probabilities({law: trial.scores[joint] for law, trial in allowed.items()}, by.options.seed)
+        law = max(p, key=lambda name: p[name])
+        if joint in stated or improved(base, trials[law], [joint]):
+            mine = trials[law].candidate
+            chosen = chosen.changed({joint: mine.servos[joint]}, [name for name in mine.free if name[0] == joint])
+            found[joint] = p
+    if not found:
+        return base, found
+    new = by.score(by.fit(chosen, coarse=False), near)
+    if new.candidate.own_delay:
+        shared = by.score(by.fit(replace(new.candidate, own_delay=frozenset())), near)
+        new = new if improved(shared, new, sorted(near)) else shared
+    return base.with_joints(new), found
+
+
+def _apart(trials: Mapping[str, ServoTrial], joint: str) -> dict[str, ServoTrial]:
+    """Trials by law; without the effort law where it found no damping inside its limit, which makes it the duty law."""
+    servo = trials["effort"].candidate.servos[joint] if {"effort", "duty"} <= set(trials) else None
+    same = servo is not None and servo.kd < INSIDE * servo.damping
+    return {law: trial for law, trial in trials.items() if law != "effort" or not same}
+
+
+def _with(given: Mapping[str, str], law: str, joints: Sequence[str]) -> list[str]:
+    """Joints that may have a law."""
+    return [joint for joint in joints if given.get(joint, law) == law]
+
+
+def _law_start(
+    by: Searcher,
+    base: Candidate,
+    joints: Sequence[str],
+    law: str,
+    limits: KnownLimits,
+    before: Mapping[str, ServoTrial],
+) -> Candidate:
+    """Start of a law at some joints: the best one by short windows, of regression, a high limit and a simpler law."""
+    top = {j: NEAR_TOP * base.servos[j].kp * _asked(by.data, j) for j in joints}
+    known = limits.starts.get(law, limits.starts[DRIVE_LAWS[0]])
+    mine = {j: known.servos[j] for j in joints if known.servos[j].effort_limit < np.inf}
+    regressed = base.changed({j: _kept(base.servos[j], servo) for j, servo in mine.items()})
+    found = {**top, **{j: servo.effort_limit for j, servo in mine.items()}}
+    starts = [limited(base, top, law), limited(regressed, found, law)]
+    if law == "torque_speed" and "effort" in before:
+        starts = [limited(before["effort"].candidate.only(base.servos), top, law)]
+    ends = [fit_candidate(by.model, by.data.train, one, SHORT, MORE, coarse=True) for one in starts]
+    rows = [by.data.joints.index(joint) for joint in joints]
+    return min(ends, key=lambda end: float(np.log(end[1].residual_rms[rows]).sum()))[0]
+
+
+def _kept(base: Servo, start: Servo) -> Servo:
+    """Drive of a regression, with the numbers that it does not give."""
+    names = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")
+    return base.with_(**{name: getattr(start, name) for name in names})
+
+
+def _asked(data: ServoData, joint: str) -> float:
+    """Largest error of a joint [rad or m] at the nominal gain, while its drive is on."""
+    j = data.joints.index(joint)
+    return max(float(np.abs(g.on[:, j] * g.gain[j] * (g.command - g.q)[:, j]).max(initial=0.0)) for g in data.train)
+
+
+def limited(start: Candidate, limits: Mapping[str, float], law: str) -> Candidate:
+    """Drives with a law and a limit to start from; a stated limit stays.
+
+    A limit that acts on the damping of the drive separates it from viscous friction.
+    """
+    servos, free = {}, list[tuple[str, str]]()
+    for joint, limit in limits.items():
+        servo = replace(start.servos[joint], law=law)
+        if not np.isfinite(servo.effort_limit):
+            servo, free = servo.with_(effort_limit=limit), [*free, (joint, "effort_limit")]
+        if law != "duty" and servo.viscous_friction == 0.0:
+            free.append((joint, "viscous_friction"))
+        if servo.law == "torque_speed" and not np.isfinite(servo.speed_limit):
+            free.append((joint, "speed_limit"))
+        servos[joint] = servo
+    return start.changed(servos, free)

@@ -1,0 +1,101 @@
+"""Search for the laws and numbers of drives that predict windows which took no part in the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ...servos import Servo
+from .choice import Candidate, ServoTrial, improved, worth
+from .data import ServoData
+from .laws import try_laws
+from .searcher import FIRST, Chosen, KnownLimits, Searcher
+
+EQUAL = ("effort", "duty")  # the same law while nothing saturates
+MORE = 6  # most iterations from a fit with one number less
+LOOSE = 0.15  # residual over the error of the loop from which limits are tried before friction
+
+
+def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
+    """Choose laws of joints that no drive without limits explains, load friction, other laws, and other numbers.
+
+    Args:
+        by: model, data and options.
+        start: drives without limits, unless they are stated or tied to a gain.
+        limits: of joints that seem to saturate, and stated laws.
+    """
+    laws: dict[str, Mapping[str, float]] = {
+        joint: {law: 1 / len(EQUAL) for law in EQUAL} for joint in start.servos if joint not in limits.laws
+    }
+    by.say("fitting servos without limits", 0.1)
+    base = by.fit(start)
+    if not by.data.folds:
+        return Chosen(base.candidate, laws)
+    suspects = limits.joints(start.tied)
+    loose = by.near([joint for joint in suspects if base.residual[joint] > LOOSE * _loop_error(by.data, joint)])
+    if first := [joint for joint in suspects if joint in loose]:
+        by.say("trying laws of servos", 0.15)
+        base, found = try_laws(by, base, first, limits)
+        laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
+    by.say("trying a delay of each servo", 0.3)
+    before = base = _try_own_delays(by, base, loose)
+    if by.options.additional[:1] == (FIRST,):
+        by.say(f"trying {FIRST} of servos", 0.35)
+        base = _try_number(by, base, FIRST)
+    if again := [joint for joint in suspects if joint not in loose or base is not before]:
+        by.say("trying laws of servos", 0.4)
+        base, found = try_laws(by, base, again, limits)
+        laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
+    for k, name in enumerate(by.options.additional):
+        by.say(f"trying {name} of servos", 0.6 + 0.2 * k / len(by.options.additional))
+        base = _try_number(by, base, name)
+    return Chosen(base.candidate, laws)
+
+
+def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
+    """Free a number at all joints, and keep it where windows that took no part improve."""
+    start, neutral = base.candidate, getattr(Servo(), name)
+    joints = [joint for joint, servo in start.servos.items() if getattr(servo, name) == neutral]
+    if not joints:
+        return base
+    new = by.fit(start.changed({}, [(joint, name) for joint in joints]), MORE)
+    if not (promising := worth(base, new, joints)):
+        return base
+    near = by.near(promising)
+    if set(promising) != set(joints):
+        new = by.fit(start.only(near).changed({}, [(joint, name) for joint in promising]), MORE)
+    base = by.score(base, near)
+    new = by.score(new, near)
+    kept = improved(base, new, promising)
+    if not kept:
+        return base
+    if kept != promising:
+        near = by.near(kept)
+        new = by.score(by.fit(start.only(near).changed({}, [(joint, name) for joint in kept]), MORE), near)
+    return base.with_joints(new)
+
+
+def _try_own_delays(by: Searcher, base: ServoTrial, but: Collection[str]) -> ServoTrial:
+    """Give each joint of a branch its own delay, and keep that where windows that took no part improve.
+
+    Branches with some joints `but` are left as they are.
+    """
+    joints = by.sharing(base.candidate, set(base.candidate.servos).difference(by.near(but)))
+    if not joints:
+        return base
+    free = {joint for joint, name in base.candidate.free if name == "delay"}
+    new = by.fit(replace(base.candidate.only(joints), own_delay=frozenset(free.intersection(joints))), MORE)
+    near = by.near(worth(base, new, joints))
+    if not near:
+        return base
+    base, new = by.score(base, near), by.score(new.only(near), near)
+    kept = by.near(improved(base, new, sorted(near)))
+    return base.with_joints(new.only(kept)) if kept else base
+
+
+def _loop_error(data: ServoData, joint: str) -> float:
+    """Rms difference of command and position of a joint [rad or m] while its drive is on."""
+    j = data.joints.index(joint)
+    return float(np.sqrt(np.mean(np.concatenate([(g.on * (g.command - g.q))[:, j] for g in data.train]) ** 2)))
