@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+
+# control characters, and separators of lines and paragraphs: they end comments of code and steer terminals
+CONTROL = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u2028\\u2029]")
 
 
 class SignidError(Exception):
@@ -47,6 +51,11 @@ def readable(name: str) -> str:
         return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
     except UnicodeEncodeError:  # no bytes of a file name
         return name.encode("utf-8", "replace").decode()
+
+
+def one_line(text: str) -> str:
+    """Text of one line without control characters, for comments, names in code, and terminals."""
+    return " ".join(CONTROL.sub(" ", text).split())
 
 
 def unexpected(verb: str, wanted: str, given: object, advice: str) -> OptionError:

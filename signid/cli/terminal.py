@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..deadline import seconds_left
-from ..errors import OptionError, readable
+from ..errors import OptionError, one_line, readable
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -30,7 +30,7 @@ NEAR = 5.0  # a time limit beyond this multiple of the estimated remaining time 
 def write_error(sentence: str) -> None:
     """Write one line to standard error; in a very long line, long words and middle clauses are shortened."""
     with suppress(OSError):  # a closed pipe or a full disk
-        sys.stderr.write(f"signid: {_brief(' '.join(readable(sentence).split()))}\n")
+        sys.stderr.write(f"signid: {_brief(one_line(readable(sentence)))}\n")
         sys.stderr.flush()
 
 

@@ -11,8 +11,9 @@ from ..deadline import ends_in_time
 from ..effects import EFFECTS
 from ..errors import OptionError, RecordingError
 from ..estimation.least_squares import estimate
-from ..model import ModelSource, stated_parameters
+from ..model import Model, ModelSource, stated_inertials, stated_laws, stated_parameters
 from ..recording import Recordings, as_recordings
+from ..recording_faults import recording_flags
 from ..regression.factors import LAGS, Factors
 from ..regression.prepare import prepare
 from ..regression.session import Options
@@ -127,7 +128,7 @@ def payload(
     parts = {"mass": lost[:1], "centre of mass": lost[1:4], "inertia": lost[4:]}
     unidentifiable = tuple(name for name, some in parts.items() if some.any())
     roles = zip((without, carrying), ROLES, strict=True)
-    return Payload(
+    found = Payload(
         robot=session.robot,
         link=session.robot.links[body],
         inertial=fitted.parameters.bodies()[0],
@@ -142,6 +143,14 @@ def payload(
         flags=_flags(difference, unidentifiable),
         notes=(*session.notes, *fitted.notes, *_notes(difference)),
     )
+    return replace(found, flags=(*_fault_flags(found, without, carrying), *found.flags))
+
+
+def _fault_flags(found: Payload, without: Sequence[Recording], carrying: Sequence[Recording]) -> tuple[str, ...]:
+    """Recording faults of either side: of the described robot alone, and with the load that was found."""
+    bare = Model(found.robot, stated_inertials(found.robot), stated_laws(found.robot))
+    sides = ((bare, without), (replace(bare, laws=(*bare.laws, found.law)), carrying))
+    return tuple(dict.fromkeys(flag for model, side in sides for flag in recording_flags(model, side)))
 
 
 def _beyond_noise(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import RecordingError, shorten
+from ..errors import RecordingError, one_line, shorten
 from ..types import Array, Robot, ServoSamples
 from .columns import TORQUES
 from .mapping import DRIVE, Change, change_of
@@ -203,10 +203,10 @@ def _text(
             continue
         reasons = {line.noticed.why for line in mine}
         alike = bool(shared[kind]) or len(reasons) == 1
-        why = f": {_plain(reasons.pop())}" if alike and not shared[kind] else ""
+        why = f": {one_line(reasons.pop())}" if alike and not shared[kind] else ""
         out += ["", f"# {TITLES.get(kind, 'time')}{why}"]
         out += [_entry(line, bool(shared[kind]), alike) for line in mine]
-    out += ["", *(f"# {_plain(sentence)}" for sentence in lacking)] if lacking else []
+    out += ["", *(f"# {one_line(sentence)}" for sentence in lacking)] if lacking else []
     absent = [
         name for j, name in enumerate(robot.joints) if j not in {line.joint for line in lines if line.kind == "q"}
     ]
@@ -215,7 +215,7 @@ def _text(
     others = [name for name in unused if name not in commands]
     out += ["", f"# commanded, not measured, and not used: {_names(commands)}"] if commands else []
     out += ["", f"# not used: {_names(others)}"] if others else []
-    stated = [f"{kind} = {quoted(str(one.unit))}  # {_plain(one.why)}" for kind, one in shared.items() if one]
+    stated = [f"{kind} = {quoted(str(one.unit))}  # {one_line(one.why)}" for kind, one in shared.items() if one]
     return "\n".join([*out, *(["", "[units]  # of all columns of a kind", *stated] if stated else []), ""])
 
 
@@ -236,13 +236,8 @@ def _entry(line: MappedColumn, shared: bool, alike: bool) -> str:
         fields = f"scale = {unit.scale!r}, offset = {unit.offset!r}"
     else:
         fields = f"unit = {quoted(unit)}"
-    why = "" if alike else f"  # {_plain(line.noticed.why)}"
+    why = "" if alike else f"  # {one_line(line.noticed.why)}"
     return f"{key_of(line.signal)} = {{ column = {column}, {fields} }}{why}"
-
-
-def _plain(text: str) -> str:
-    """Text of one line that may stand in a comment."""
-    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
 
 
 def _names(names: Sequence[str]) -> str:

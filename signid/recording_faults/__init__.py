@@ -7,10 +7,13 @@ columns, degrees instead of radians, wrong zeros, factors and clocks, torque tha
 
 from .examine import examine
 from .identified import IdentifiedData, identification_flags
+from .recorded import NO_EXCITATION, OF_A_FIT, recording_flags
 from .result import REFUSE, RecordingFault, RecordingFaults
 from .samples import SAMPLE_KINDS, naming_faults
 
 __all__ = [
+    "NO_EXCITATION",
+    "OF_A_FIT",
     "REFUSE",
     "SAMPLE_KINDS",
     "RecordingFault",
@@ -19,4 +22,5 @@ __all__ = [
     "examine",
     "identification_flags",
     "naming_faults",
+    "recording_flags",
 ]

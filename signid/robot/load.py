@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import RobotError, shorten, unexpected
+from ..errors import RobotError, one_line, shorten, unexpected
 from ..types import Actuators, Array, Robot
 from .actuators import state_actuators
 from .description.document import Axis, Document, Draft, parse, read_document
@@ -105,7 +105,7 @@ def _assemble(draft: Draft, document: Document) -> Robot:
         if leader is not None:
             drive[axis.row, column[leader]] = scale
     return Robot(
-        name=draft.name,
+        name=one_line(draft.name) or "robot",
         model=draft.model,
         joints=tuple(column),
         numbers=tuple(range(1, len(free) + 1)),

@@ -8,12 +8,10 @@ import numpy as np
 
 from ..errors import shorten
 from ..estimation.fit_quality import LITTLE
-from ..recording_faults import RecordingFaults
+from ..recording_faults import OF_A_FIT, RecordingFaults
 from ..recording_faults.result import REFUSE, WARN
 from ..simulation.rollout import RollOut
 from .result import ModelCandidate, ValidatedModel
-
-OF_A_FIT = ("too little data", "excitation")  # kinds of faults that matter only for a fit
 
 
 def joint_flags(candidates: Sequence[ModelCandidate], recorded: Sequence[str]) -> Iterator[str]:

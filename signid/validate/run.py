@@ -10,11 +10,10 @@ import numpy as np
 from ..diagnose.data.motions import pieces, row_filter
 from ..diagnose.extend.holdout import filtered
 from ..errors import InputError, OptionError, RecordingError, shorten
-from ..estimation.excitation import ExcitationVerdict
 from ..estimation.fit_quality import fit_rows
 from ..model import Model, ModelSource
 from ..recording import Recordings, as_recordings, same_joints
-from ..recording_faults import RecordingFaults, examine
+from ..recording_faults import NO_EXCITATION, RecordingFaults, examine
 from ..regression.prepare import prepare
 from ..regression.session import Options, Session, only_once
 from ..simulation.rollout import RollOut, roll_out
@@ -25,7 +24,6 @@ from .models import named_models
 from .result import ModelCandidate, ValidatedModel, Validation
 
 HORIZON = 0.5  # [s] of roll-outs, as in a diagnosis
-NO_EXCITATION = ExcitationVerdict(np.ones(1), np.ones(1), (), (), (), (), ())  # not judged: nothing is fitted
 
 
 def validate(

@@ -6,7 +6,7 @@ the residual of a quiet first stretch (`frames`, `quiet`).
 """
 
 from .events import Contact, Event, LastingChange, Note
-from .run import open_watch, watch
+from .run import open_watch, stream_flags, watch
 from .watcher import Watcher
 
-__all__ = ["LastingChange", "Contact", "Event", "Note", "Watcher", "open_watch", "watch"]
+__all__ = ["LastingChange", "Contact", "Event", "Note", "Watcher", "open_watch", "stream_flags", "watch"]

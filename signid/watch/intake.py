@@ -10,6 +10,7 @@ import numpy as np
 from ..types import Array, Indices, Mask, Robot
 from .events import Note
 
+SHORTEST = 1e-6  # [s] period below which a stamp counts as repeated; no log is faster
 SLOWEST = 0.03  # [s] period above which a stream is too slow
 LONGEST = 0.1  # [s] time without rows after which the state is reset; slower streams: `PERIODS`
 PERIODS = 8.0  # [1] the same, in sampling periods
@@ -65,7 +66,8 @@ class Intake:
         first = self.last is None
         before = rows.at(slice(0, 1)) if self.last is None else self.last
         step = np.diff(rows.t, prepend=before.t)
-        again = (step == 0) & ~(np.arange(len(step)) == 0) if first else step == 0
+        again = (step >= 0) & (step < SHORTEST)
+        again[:1] &= not first
         if again.any():
             notes += self._note("repeated", float(rows.t[again][0]), "rows with a repeated stamp are left out")
             rows = rows.at(~again)

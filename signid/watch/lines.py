@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ from ..recording.mapping import ColumnMap
 from ..types import Array, Recording, Robot
 from .intake import StreamRows
 
+MOST, MOST_COLUMNS = 1_000_000, 2_000  # characters of a line, columns of a stream
 PROBE = 64  # rows of zeros and ones that show the conversion of each column
 VECTORS = ("q", "tau", "current", "dq")  # keys of JSON lines that may hold a number for each joint
 
@@ -23,7 +25,7 @@ class Parser:
 
     def __init__(self, robot: Robot, columns: ColumnMap | None, name: str) -> None:
         self.robot, self.columns, self.name = robot, columns, name
-        self.rest = ""
+        self.rest: list[str] = []  # pieces of the line that is not complete
         self.header: list[str] | None = None
         self.convert: Callable[[Array], StreamRows] | None = None
         self.joints: tuple[str, ...] = ()
@@ -31,7 +33,15 @@ class Parser:
 
     def rows(self, text: str) -> StreamRows | None:
         """Rows of the complete lines; None without one."""
-        *lines, self.rest = (self.rest + text).split("\n")
+        *lines, rest = text.split("\n")
+        if lines:
+            lines[0] = "".join((*self.rest, lines[0]))
+            self.rest = []
+        self.rest.append(rest)
+        if sum(map(len, self.rest)) > MOST or any(len(line) > MOST for line in lines):
+            raise RecordingError(
+                f"{self.name} has a line of more than {MOST} characters; give one row of CSV or JSON per line"
+            )
         found = [values for line in lines if (values := self._values(line.strip())) is not None]
         if not found:
             return None
@@ -73,7 +83,7 @@ class Parser:
                         out |= {f"{key}_{joint}": _number(x) for joint, x in pairs}
                 elif isinstance(value, int | float) or value is None:
                     out[str(key)] = _number(value)
-        except (AttributeError, TypeError, ValueError):
+        except (AttributeError, TypeError, ValueError, OverflowError, RecursionError):
             return None
         return out
 
@@ -86,6 +96,14 @@ class Parser:
         if len(set(names)) < 2:
             raise RecordingError(
                 f"{self.name} begins with {line[:60]!r}; give a header of CSV such as t,q_1,tau_1 or JSON objects"
+            )
+        if len(names) > MOST_COLUMNS:
+            raise RecordingError(
+                f"{self.name} has {len(names)} columns, more than {MOST_COLUMNS}; give those of the robot"
+            )
+        if repeated := [name for name, count in Counter(names).items() if name and count > 1]:
+            raise RecordingError(
+                f"{self.name} names column {repeated[0]!r} twice in its header; give each its own name"
             )
         self.header = list(names)
         self.joints, self.convert = assign(self.header, self.robot, self.columns, self.name)

@@ -6,11 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..errors import InputError
 from ..model import Model, ModelSource, as_model
 from ..recording.mapping import ColumnMap
+from ..recording_faults import recording_flags
 from ..robot import hold, resting
 from ..types import Law
-from .events import Event
+from .events import Event, Note
 from .sources import Stream, open_stream
 from .watcher import QUIET, Watcher
 
@@ -60,7 +62,18 @@ def open_watch(
     return Watcher(_of_joints(model, opened.joints), quiet=quiet), opened
 
 
+def stream_flags(model: Model, stream: Stream) -> tuple[str, ...]:
+    """Faults of a recording that is played back; a live stream has none before it is read."""
+    if stream.recording is None:
+        return ()
+    try:
+        return recording_flags(model, [stream.recording])
+    except InputError as error:
+        return (f"the recording cannot be examined for faults: {error}",)
+
+
 def _events(watcher: Watcher, opened: Stream) -> Iterator[Event]:
+    yield from (Note(0.0, flag) for flag in stream_flags(watcher.model, opened))
     for rows in opened.chunks:
         if rows is not None and len(rows.t):
             yield from watcher.feed(*rows)

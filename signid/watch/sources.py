@@ -18,7 +18,7 @@ from ..recording import as_recording, read_recording
 from ..recording.mapping import ColumnMap
 from ..types import Recording, Robot
 from .intake import StreamRows
-from .lines import Parser, check, played
+from .lines import MOST as MOST_LINE, Parser, check, played
 
 TICK = 0.025  # [s] rows that arrive within this time are processed together
 LARGEST = 1 << 18  # [bytes] of a read
@@ -32,6 +32,7 @@ class Stream(NamedTuple):
 
     joints: tuple[str, ...]
     chunks: Iterator[StreamRows | None]
+    recording: Recording | None = None  # that is played back
 
 
 def open_stream(
@@ -65,7 +66,7 @@ def open_stream(
         else as_recording(source, robot, "watch")
     )
     check(recording, recording.path or "the recording")
-    return Stream(recording.joints, played(recording, _size(recording)))
+    return Stream(recording.joints, played(recording, _size(recording)), recording)
 
 
 def _is_text(stream: object) -> bool:
@@ -121,11 +122,19 @@ def _standard_input(idle: float) -> Iterator[str]:
         while parts[-1] and not arrived.empty():
             parts.append(arrived.get())
         last = time.monotonic()
-        whole, line, rest = (rest + b"".join(parts)).rpartition(b"\n")
-        yield (whole + line).decode(errors="replace")
+        whole, rest = _lines(rest + b"".join(parts))
+        yield whole
         if not parts[-1]:
             yield rest.decode(errors="replace")
             return
+
+
+def _lines(content: bytes) -> tuple[str, bytes]:
+    """Complete lines, and the rest; a line that is too long is passed on in pieces, for the parser to refuse it."""
+    whole, line, rest = content.rpartition(b"\n")
+    if len(rest) > MOST_LINE:
+        return content.decode(errors="replace"), b""
+    return (whole + line).decode(errors="replace"), rest
 
 
 def _growing(path: Path, idle: float) -> Iterator[str]:
@@ -139,8 +148,8 @@ def _growing(path: Path, idle: float) -> Iterator[str]:
             got = source.read(LARGEST)
             if got:
                 last, place = time.monotonic(), place + len(got)
-                whole, line, rest = (rest + got).rpartition(b"\n")
-                yield (whole + line).decode(errors="replace")
+                whole, rest = _lines(rest + got)
+                yield whole
                 if len(got) == LARGEST:
                     continue
             elif time.monotonic() - last > idle:

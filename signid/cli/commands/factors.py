@@ -100,17 +100,28 @@ def reduce(
 
     _check(reduction, run.json)
     described = given_robot(robot.robot, robot)
+    flags: tuple[str, ...] = ()
     if reduction.parts is not None:
         with bars(run.json) as progress:
-            found = add_up(list(_side_by_side(context, reduction.parts, reduction.scheduler, described, progress)))
+            parts = list(_side_by_side(context, reduction.parts, reduction.scheduler, described, progress))
+        found, flags = add_up([part for part, _ in parts]), parts[0][1]
     else:
         given, held_out = (given_recordings(some, described, rows.columns) for some in (recordings, reduction.held_out))
         found = _reduce(described, given, held_out, reduction, rows, run)
+        flags = _fault_flags(found.task.robot, [*given, *held_out])
     content = encode_factors(found)
     place = Path(reduction.output or "")
     written = [] if reduction.output is None else write_files(place.parent, {place.name: content}, named=True)
     document = factors_document(found, len(content))
-    return show(to_json(document) if run.json else factors_tables(document), (), written)
+    return show(to_json(document) if run.json else factors_tables(document), flags, written)
+
+
+def _fault_flags(robot: Robot, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Faults of the recordings, by comparison with the description."""
+    from ...model import Model, stated_inertials, stated_laws
+    from ...recording_faults import recording_flags
+
+    return recording_flags(Model(robot, stated_inertials(robot), stated_laws(robot)), recordings)
 
 
 def _reduce(
@@ -164,8 +175,8 @@ def _share(only: str | None) -> tuple[int, int]:
 
 def _side_by_side(
     context: typer.Context, parts: int, scheduler: str | None, robot: Robot, progress: Progress | None
-) -> Iterator[Reduced]:
-    """Yield every part, reduced by worker processes."""
+) -> Iterator[tuple[Reduced, tuple[str, ...]]]:
+    """Yield every part, reduced by worker processes, and its flags."""
     from contextlib import closing
     from tempfile import TemporaryDirectory
 
@@ -184,7 +195,7 @@ def _side_by_side(
                 progress(f"{done} of {parts} parts", done / parts)
             with TemporaryDirectory() as place:
                 (file := Path(place) / "part.npz").write_bytes(answer.files["part.npz"])
-                yield load_factors(file, robot)
+                yield load_factors(file, robot), answer.said
 
 
 def _spelled(context: typer.Context, but: Sequence[str]) -> tuple[str, ...]:

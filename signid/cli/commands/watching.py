@@ -15,7 +15,7 @@ from ...errors import OptionError
 from ..app import command, option
 from ..arguments import given_model
 from ..options import Columns, Json, SimulationArguments
-from ..terminal import DONE
+from ..terminal import DONE, FLAGGED, write_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,13 +57,15 @@ def watch(
     grow hold CSV with a header, or JSON objects, one per line. Events appear as lines of JSON, in a terminal as a live
     view. Ctrl-C ends the watch.
     """
-    from ...watch import open_watch
+    from ...watch import open_watch, stream_flags
 
     model, _ = given_model(simulation)
-    idle = _idle(watching.idle)
+    idle, flags = _idle(watching.idle), tuple[str, ...]()
     with ExitStack() as stack:
         try:
             watcher, opened = open_watch(model, stream, watching.quiet, watching.columns, watching.follow, idle)
+            for flag in (flags := stream_flags(watcher.model, opened)):
+                write_error(flag)
             live = not json and sys.stdout.isatty()
             emit, refresh = _view(watcher, stack) if live else (_print, None)
             for rows in opened.chunks:
@@ -74,7 +76,7 @@ def watch(
             emit(watcher.finish())
         except KeyboardInterrupt:
             pass
-    return DONE
+    return FLAGGED if flags else DONE
 
 
 def _idle(seconds: float | None) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import fields
 from typing import Any
@@ -10,7 +9,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from ...errors import one_line
 from ...model import Model
+from ...recording.names import quoted
 from ...servos import SERVO_NUMBERS, SERVO_UNITS, Servo, servos_document
 from ...types import Actuators, Array
 from .beyond import BODIES, Exported, beyond, fixed_note, remarks, summed
@@ -42,7 +43,7 @@ def write_actuators(model: Model) -> Exported:
     head = f"Actuators of {model.robot.name}; prismatic joints: N for N.m, m for rad, kg for kg.m2"
     lines = remarks([head, *notes]).splitlines()
     for joint, stated in _driven(model).items():
-        table = f"joint.{joint if _BARE.fullmatch(joint) else json.dumps(joint, ensure_ascii=False)}"
+        table = f"joint.{joint if _BARE.fullmatch(joint) else quoted(joint)}"
         if stated:
             lines += ["", f"[{table}]", *(f"{key} = {value!r}  # {_UNITS[key]}" for key, value in stated.items())]
         if joint in model.servos:
@@ -99,7 +100,7 @@ def write_ros(model: Model) -> Exported:
     lacks = beyond("a ROS parameter file", model, FIELDS, ("torque_offset", *BODIES))
     lacks += fixed_note(robot, "their links are listed nevertheless")
     text = safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)
-    return Exported(HEAD.format(name=" ".join(robot.name.split())) + remarks(lacks) + text, tuple(lacks))
+    return Exported(HEAD.format(name=one_line(robot.name)) + remarks(lacks) + text, tuple(lacks))
 
 
 def _inertial(body: pin.Inertia) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...errors import shorten
+from ...errors import one_line, shorten
 from ...model import Model
 from ...types import Array, Frozen, Law, Robot
 
@@ -78,7 +78,7 @@ def fixed_note(robot: Robot, consequence: str) -> list[str]:
 
 def remarks(lines: Iterable[str]) -> str:
     """Format lines as comments of TOML, YAML or Python."""
-    return "".join(f"# {' '.join(line.split())}\n" for line in lines)
+    return "".join(f"# {one_line(line)}\n" for line in lines)
 
 
 def commented(lines: Iterable[str]) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ...errors import OptionError
+from ...errors import OptionError, one_line
 from ...model import Model
 from ...robot import configuration
 from ...robot.dynamics import joint_inertia
@@ -145,4 +145,4 @@ def _inertia(model: Model) -> Array:
 
 
 def _plain(text: str) -> str:
-    return re.sub(r'["\\{}]', "_", " ".join(text.split()))
+    return re.sub(r'["\\{}]', "_", one_line(text))

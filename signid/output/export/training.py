@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 
 import numpy as np
 
+from ...errors import one_line
 from ...model import Model
 from ...servos import Servo
 from .beyond import Exported, beyond, remarks, summed
@@ -60,8 +62,11 @@ def write_isaaclab(model: Model) -> Exported:
     groups = {joint: _isaaclab_drive(joint, servo) for joint, servo in servos.items()}
     others = [joint for joint in model.robot.joints if joint not in servos]
     if others:
-        groups["others" if servos else "all"] = _isaaclab_free(model, others)
-    body = "".join(f"    {_key(name)}: {_call(kind, lines)},\n" for name, (kind, lines) in groups.items())
+        rest = "others" if servos else "all"
+        while rest in groups:
+            rest += "_"
+        groups[rest] = _isaaclab_free(model, others)
+    body = "".join(f"    {_text(name)}: {_call(kind, lines)},\n" for name, (kind, lines) in groups.items())
     head = _ISAACLAB_HEAD.format(
         name=_name(model),
         gains=_LOOP if servos else _GAINS,
@@ -171,12 +176,9 @@ def _call(kind: str, lines: list[str]) -> str:
 
 
 def _text(text: str) -> str:
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-
-def _key(text: str) -> str:
-    return _text(" ".join(text.split()))
+    """Text as a string of Python, whose escapes are those of JSON as long as only ASCII is escaped."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _name(model: Model) -> str:
-    return " ".join(model.robot.name.split()).replace('"', "'").replace("\\", "/")
+    return one_line(model.robot.name).replace('"', "'").replace("\\", "/")

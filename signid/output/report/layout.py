@@ -11,9 +11,11 @@ from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.measure import Measurement
+from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
+from ...errors import CONTROL
 from ...types import TWO_SIDED, Robot
 
 MOST = 9  # maximum number of significant digits
@@ -39,6 +41,13 @@ class Screen(Console):
             sys.stdout.flush()
         except BrokenPipeError:
             self.on_broken_pipe()
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """Segments of text without control characters, which names of columns and files may hold, but line ends."""
+        for segment in super().render(renderable, options):
+            lines = segment.text.split("\n")
+            safe = "\n".join(CONTROL.sub("\N{REPLACEMENT CHARACTER}", line) for line in lines)
+            yield segment if segment.control else segment._replace(text=safe)
 
     def on_broken_pipe(self) -> None:
         """Stop writing without an error when the reader closes the pipe."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from math import isfinite
 from pathlib import Path
 
-from ...errors import RobotError
+from ...errors import CONTROL, RobotError, one_line
 
 LARGEST = 1e9  # magnitude of a mass, length, inertia, multiplier or friction [SI units]
 SMALLEST = 1e-100  # numbers below count as 0; products of smaller ones underflow
@@ -15,7 +15,7 @@ MOST_JOINTS = 120  # moving joints of a file; base parameters of 120 joints need
 MOST_BYTES = 100_000_000  # of a file
 UNIVERSE = "universe"  # name of the fixed joint and frame of every model of Pinocchio
 CARRIER = "world body"  # name of the body that carries all bodies of an MJCF file
-RESERVED = {"joint": (UNIVERSE,), "body": (UNIVERSE, CARRIER, "world")}
+RESERVED = {"joint": (UNIVERSE,), "body": (UNIVERSE, CARRIER, "world"), "link": ()}
 
 
 def bounded(value: float, stated: str) -> float:
@@ -55,14 +55,17 @@ def check_count(links: int, joints: int, noun: str = "links") -> None:
         raise RobotError(f"the file has {joints} moving joints, more than {MOST_JOINTS}; {advice}")
 
 
-def check_names(joints: Iterable[str], bodies: Iterable[str] = ()) -> None:
-    """Check names of joints and, in MJCF, of bodies before Pinocchio reads them: reserved ones damage its memory.
+def check_names(**names: Iterable[str | None]) -> None:
+    """Check names by what they name ("joint", "body", "link") before Pinocchio reads them.
 
     Raises:
-        RobotError: a name is reserved.
+        RobotError: a name is reserved, and would damage Pinocchio's memory, or has control characters.
     """
-    for what, names in (("joint", joints), ("body", bodies)):
-        for name in names:
+    for what, mine in names.items():
+        for name in mine:
+            if CONTROL.search(name or ""):
+                shown = f"a {what} is named {one_line(name or '')!r}, with a line end or another control character"
+                raise RobotError(f"{shown}; give it a name of one line")
             if name in RESERVED[what]:
                 raise RobotError(f"a {what} is named {name!r}, which Pinocchio uses itself; give it another name")
 

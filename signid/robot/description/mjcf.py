@@ -37,7 +37,7 @@ def read_mjcf(document: Document) -> Draft:
     text = included(root, Path(document.path).parent, document.text)
     bodies, joints = (below_world(root, kinds) for kinds in (("body",), ("joint",)))
     check_count(len(bodies), len(joints), "bodies")
-    check_names(*([node.get("name") for node in nodes] for nodes in (joints, bodies)))
+    check_names(joint=[node.get("name") for node in joints], body=[node.get("name") for node in bodies])
     _bound(root)
     notes = prepare(root)
     if not below_world(root, ("joint",)):

@@ -66,7 +66,7 @@ def read_tree(robot: Any, fallback: str) -> Tree:
     check_count(len(children(robot, "link")), len(moving))
     links = [_link(element) for element in children(robot, "link")]
     joints = tuple(_joint(element) for element in children(robot, "joint"))
-    check_names(joint.name for joint in joints)
+    check_names(joint=[joint.name for joint in joints], link=[name for name, _ in links])
     return Tree(robot.get("name") or fallback, dict(links), joints, _root([name for name, _ in links], joints))
 
 

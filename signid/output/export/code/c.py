@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+from ....errors import one_line
 from ....model import Model
 from ....types import Robot
 from ....version import __version__
@@ -63,7 +64,7 @@ def identifier(name: str) -> str:
 
 def _plain(text: str) -> str:
     """Text that cannot end a comment of C."""
-    return " ".join(text.split()).replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode()
+    return one_line(text).replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode()
 
 
 def _signature(function: Function, name: str, n: int) -> str:
