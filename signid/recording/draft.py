@@ -145,7 +145,7 @@ def _units(
     if kind in ("q", "q_des"):
         counts = any(one.counts for one in guesses.values())
         units = position_units(columns, {j: one.unit for j, one in guesses.items()}, counts, robot)
-        return {j: unit.doubted(nameless=guesses[j].bare) for j, unit in units.items()}
+        return {j: unit.with_caveat(nameless=guesses[j].bare) for j, unit in units.items()}
     found: dict[int, Noticed] = {}
     for slides in (False, True):
         mine = [j for j in guesses if bool(robot.prismatic[j]) == slides]
@@ -163,7 +163,7 @@ def _units(
         else:
             unit = torque_unit({j: columns[j] for j in mine}, robot, slides)
             percent, load = any("%" in guesses[j].column for j in mine), any(guesses[j].load for j in mine)
-            unit = unit.doubted(percent=percent, load=load)
+            unit = unit.with_caveat(percent=percent, load=load)
         for j in mine:
             named = guesses[j].unit
             found[j] = Noticed(named, "named in the column") if named else unit

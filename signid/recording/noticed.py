@@ -34,10 +34,10 @@ class Noticed(NamedTuple):
     unit: str | Change
     why: str
 
-    def doubted(self, nameless: bool = False, percent: bool = False, load: bool = False) -> Noticed:
-        """The same unit, with the first doubt that holds for the user to check."""
-        doubt = NAMELESS if nameless else PERCENT if percent else LOAD if load else ""
-        return Noticed(self.unit, f"{self.why}; {doubt}: CHECK") if doubt else self
+    def with_caveat(self, nameless: bool = False, percent: bool = False, load: bool = False) -> Noticed:
+        """The same unit, with the first caveat that holds, for the user to check."""
+        caveat = NAMELESS if nameless else PERCENT if percent else LOAD if load else ""
+        return Noticed(self.unit, f"{self.why}; {caveat}: CHECK") if caveat else self
 
 
 def time_unit(t: Array, named: str) -> Noticed:
