@@ -215,7 +215,7 @@ class Player {
     const narrow = innerWidth < 760; // labels then stand above the robot
     let below = 20 + $("switches").offsetTop + $("switches").offsetHeight;
     const ceiling = below, room = narrow ? Math.max(0.5 * (floor - ceiling), all[0]?.h ?? 0) : floor - ceiling;
-    let used = 0; // labels that have no room are left out: their marks and the text at the top name them
+    let used = 0; // labels without room are left out; the text at the top names them
     const fits = all.map((one) => (used += one.h + 8) - 8 <= room), spots = all.filter((_, k) => fits[k]);
     for (const { label, line, dot } of all.filter((_, k) => !fits[k])) for (const part of [label, line, dot]) part.style.visibility = "hidden";
     if (!narrow) spots.sort((a, b) => a.at.y - b.at.y);
@@ -235,8 +235,7 @@ class Player {
       for (const part of [line, dot]) part.style.opacity = mark.group.visible ? 1 : 0;
       const ends = { x1: at.x, y1: at.y, x2: x, y2: y + h / 2 };
       for (const [key, value] of Object.entries(ends)) line.setAttribute(key, value);
-      dot.setAttribute("cx", at.x);
-      dot.setAttribute("cy", at.y);
+      for (const [key, value] of [["cx", at.x], ["cy", at.y]]) dot.setAttribute(key, value);
     }
   }
 }
