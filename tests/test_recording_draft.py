@@ -48,6 +48,13 @@ NAMES = {  # column -> kind, joint in the source, unit
     "jointpos1": ("q", "joint_1", ""),
     "encoder_1": ("q", "1", ""),
     "motor_velocity_deg_s_1": ("dq", "motor_1", "deg/s"),
+    "Achse1_Ist_Grad": ("q", "achse_1", "deg"),
+    "elbow_ref": ("q_des", "elbow", ""),
+    "m0_cmd": ("q_des", "m_0", ""),
+    "action.elbow.pos": ("q_des", "elbow", ""),
+    "observation.state.elbow.pos": ("q", "elbow", ""),
+    "qdes1[deg]": ("q_des", "1", "deg"),
+    "SetPoint1": ("q_des", "1", ""),
     "time_us": ("t", "", "us"),
     "Zeit [ms]": ("t", "", "ms"),
 }
@@ -99,6 +106,16 @@ LOGS: dict[str, tuple[dict[str, np.ndarray], tuple[str, ...]]] = {
         ('abs_tau_joint_1 = "trq_1"', 'abs_tau = "mN.m"  # joint_1 reaches 5000', 't = "s"'),
     ),
 }
+
+
+def test_commands_without_a_word_for_positions_are_to_be_checked() -> None:
+    named = {"t": T, **by_joint("m{}_pos", Q), **by_joint("m{}_torque[%]", TAU)}
+    drafted = draft_map({**named, **by_joint("m{}_cmd", Q)}, ROBOT)
+    assert 'q_des_joint_2 = "m2_cmd"' in drafted.text and not drafted.unused
+    assert "no name states that these are positions: CHECK" in drafted.text
+    assert "rated torque / 100: CHECK" in drafted.text
+    both = draft_map({**named, **by_joint("m{}_cmd", V), **by_joint("m{}_pos_cmd", Q)}, ROBOT)
+    assert both.unused == ("m1_cmd", "m2_cmd", "m3_cmd"), "columns with a word for positions come first"
 
 
 @pytest.mark.parametrize("name", LOGS)

@@ -9,6 +9,7 @@ from plant import law, model, pitch, released, waves, wheel
 from scipy.special import ellipk
 
 import signid
+from signid.errors import SignidError
 from signid.model import Model
 from signid.simulation.plant import Simulation, Torques, simulate, track
 from signid.simulation.plant.run import simulate_many
@@ -153,3 +154,8 @@ def test_recorded_torque_plays_the_motion_back() -> None:
     made = simulate(given, track(model("3r"), waves(given.robot.joints, 2.0)), 2.0)
     again = simulate(given, Torques(made.t, made.tau, made.q[0], made.true_v[0]), 2.0)
     assert np.abs(again.q - made.q).max() < 1e-9
+
+
+def test_track_names_the_motion_that_it_needs() -> None:
+    with pytest.raises(SignidError, match=r"track needs a Trajectory, not float; give signid.excite\(robot\)"):
+        track(signid.load_robot("1r"), 1.0)  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ from ..errors import RecordingError, one_line, shorten
 from ..types import Array, Robot, ServoSamples
 from .columns import TORQUES
 from .mapping import DRIVE, Change, change_of
-from .meaning import Guess, guess
+from .meaning import Guess, guess, without_bare
 from .names import key_of, known_joints, match_signals, quoted
 from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .source import Opened, Source, open_source
@@ -60,15 +60,13 @@ def draft_map(source: Source, robot: Robot, topics: Sequence[str] = ()) -> Draft
         OptionError: topics of a source without topics.
         RecordingError: the source cannot be read.
     """
-    opened = open_source(source, topics)
+    opened, known = open_source(source, topics), known_joints(robot)
     values = dict(_numbers(opened))
-    known = known_joints(robot)
-    guesses = [found for name in values if (found := guess(name, known))]
+    guesses = without_bare([found for name in values if (found := guess(name, known))])
     chosen = {f"{key}|{one.desired}": (key, one) for key, one in match_signals(guesses, robot)}
     signals = {key: one for key, one in chosen.values() if not one.desired}
     spare = [(key, one) for key, one in chosen.values() if one.desired]
-    signals = _unsigned(signals, values)
-    time = _time(guesses, values)
+    signals, time = _unsigned(signals, values), _time(guesses, values)
     lines = tuple(_lines(signals, time, values, robot))
     used = {line.guess.column for line in lines}
     unused = tuple(name for name in opened.table.columns if name not in used)
@@ -146,7 +144,8 @@ def _units(
     """Unit of each column of a kind, by index of the joint; positions are in rad or m."""
     if kind in ("q", "q_des"):
         counts = any(one.counts for one in guesses.values())
-        return position_units(columns, {j: one.unit for j, one in guesses.items()}, counts, robot)
+        units = position_units(columns, {j: one.unit for j, one in guesses.items()}, counts, robot)
+        return {j: unit.with_caveat(nameless=guesses[j].bare) for j, unit in units.items()}
     found: dict[int, Noticed] = {}
     for slides in (False, True):
         mine = [j for j in guesses if bool(robot.prismatic[j]) == slides]
@@ -163,8 +162,8 @@ def _units(
             unit = current_unit({j: columns[j] for j in mine})
         else:
             unit = torque_unit({j: columns[j] for j in mine}, robot, slides)
-            if any(guesses[j].load for j in mine):
-                unit = Noticed(unit.unit, f"{unit.why}; a load may be in per mille of the largest torque: CHECK")
+            percent, load = any("%" in guesses[j].column for j in mine), any(guesses[j].load for j in mine)
+            unit = unit.with_caveat(percent=percent, load=load)
         for j in mine:
             named = guesses[j].unit
             found[j] = Noticed(named, "named in the column") if named else unit

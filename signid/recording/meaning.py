@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from .mapping import DRIVE, split
@@ -23,14 +23,18 @@ COUNTS = ("enc", "encoder", "ticks", "tick", "count", "counts")  # positions, be
 ENABLED = ("on", "enable", "enabled")  # whether a drive holds; beside words of other kinds
 FORWARD = ("ff", "feedforward", "feedfwd")  # torque that is fed forward
 LOADS = ("load", "force", "last", "kraft")  # torques, beside which other words win
-DESIRED = ("des", "desired", "cmd", "command", "commanded", "target", "ref", "reference", "goal", "setpoint", "soll")
-MEASURED = ("actual", "measured", "meas", "present", "feedback", "fb", "ist", "value", "val", "raw", "state", "states")
+DESIRED = (
+    *("des", "desired", "cmd", "command", "commanded", "target", "ref", "reference", "goal"),
+    *("set", "setpoint", "action", "soll"),
+)
+ACTUAL = ("act", "actual", "measured", "meas", "present", "feedback", "fb", "ist")
+MEASURED = (*ACTUAL, "value", "val", "raw", "state", "states", "observation")
 ABSOLUTE = ("abs", "absolute", "magnitude", "unsigned")
 UNITS = {  # unit by its spellings at the end of a name
     "deg/s": ("deg/s", "deg_s", "degs", "dps"),
     "rad/s": ("rad/s", "rad_s", "rads"),
     "rpm": ("rpm",),
-    "deg": ("deg", "degree", "degrees", "°"),
+    "deg": ("deg", "degree", "degrees", "°", "grad"),
     "mrad": ("mrad",),
     "rad": ("rad", "radian", "radians"),
     "mm": ("mm",),
@@ -52,7 +56,8 @@ ENDING = re.compile(
 WITHIN = re.compile(r"(?<![a-z])(deg[_/]s|rad[_/]s|deg|rpm|ms|us|ns|mm|mnm)(?![a-z])", re.IGNORECASE)
 BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()\d]+?)\s*[\])]\s*$")
 LONGEST = 200  # characters of a name that has a meaning
-PREFIX = re.compile(r"(joint|motor|axis|servo|arm)(?=[a-z])")
+PREFIX = re.compile(r"(joint|motor|axis|servo|arm|q)(?=[a-z])")
+SETPOINT = re.compile(r"set[_ ]?point", re.IGNORECASE)
 
 
 class Guess(NamedTuple):
@@ -66,6 +71,7 @@ class Guess(NamedTuple):
     desired: bool = False  # a commanded acceleration, torque, current or duty, which no recording uses
     counts: bool = False  # whether the name says that these are counts of an encoder
     load: bool = False  # a load, whose unit differs between makers
+    bare: bool = False  # a position by words such as cmd and actual alone, or by its unit
 
 
 def guess(column: str, known: Collection[str] = ()) -> Guess | None:
@@ -92,9 +98,15 @@ def guess(column: str, known: Collection[str] = ()) -> Guess | None:
     return found
 
 
+def without_bare(guesses: Sequence[Guess]) -> list[Guess]:
+    """Guesses without those of positions that are not named so, where others of their kind are."""
+    named = {one.kind for one in guesses if not one.bare}
+    return [one for one in guesses if not (one.bare and one.kind in named)]
+
+
 def _by_words(column: str) -> Guess | None:
     """Guess by the words of a name that is not one of a signal."""
-    text, unit = _unit(column)
+    text, unit = _unit(SETPOINT.sub("setpoint", column))
     lower = _words(text)
     symbols = {"q", "dq", "tau"} & {*lower}
     desired = any(word in DESIRED or (word == "d" and symbols) for word in lower) or "sollposition" in lower
@@ -109,6 +121,9 @@ def _by_words(column: str) -> Guess | None:
     counts, load = (any(word in words for word in rest) for words in (COUNTS, LOADS))
     if not kinds and (counts or load):
         kinds = ["q"] if counts else ["tau"]
+    bare = not kinds and (unit in ("deg", "rad") or any(word in (*DESIRED, *ACTUAL) for word in lower))
+    if bare and unit in ("", "deg", "rad", "mrad"):
+        kinds = ["q"]
     if len(kinds) != 1:
         return None
     [kind] = kinds
@@ -122,8 +137,8 @@ def _by_words(column: str) -> Guess | None:
     if forward:
         return Guess(column, "tau_ff", token, unit, False)
     if desired and kind in ("q", "dq"):
-        return Guess(column, f"{kind}_des", token, unit, False, counts=counts and kind == "q")
-    return Guess(column, kind, token, unit, False, desired, kind == "q" and counts, load and kind == "tau")
+        return Guess(column, f"{kind}_des", token, unit, False, counts=counts and kind == "q", bare=bare)
+    return Guess(column, kind, token, unit, False, desired, kind == "q" and counts, load and kind == "tau", bare)
 
 
 def _named(column: str, kind: str, words: Collection[str], without: Collection[str]) -> Guess | None:
@@ -135,13 +150,13 @@ def _named(column: str, kind: str, words: Collection[str], without: Collection[s
 def _words(text: str) -> list[str]:
     """Words of a name in lower case: "jointPos_1" has joint, pos and 1."""
     found = (word.lower() for word in re.findall(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![a-z])|\d+", text))
-    known = {word for words in WORDS.values() for word in words}
+    known = {*DESIRED, *MEASURED, *(word for words in WORDS.values() for word in words)}
     return [part for word in found for part in _parts(word, known)]
 
 
 def _parts(word: str, known: Collection[str]) -> list[str]:
     """A word, in two parts if it is one such as jointpos."""
-    begun = PREFIX.match(word)
+    begun = None if word in known else PREFIX.match(word)
     return [begun[1], word[begun.end() :]] if begun and word[begun.end() :] in known else [word]
 
 

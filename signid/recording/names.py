@@ -27,7 +27,7 @@ NUMBER = re.compile(
 def propose(columns: Sequence[str], robot: Robot) -> tuple[str, ...]:
     """Lines of a column map that may match the columns to the robot; none if all match or no name is similar."""
     known = known_joints(robot)
-    guesses = [found for column in columns if (found := guess(column, known)) and not found.desired]
+    guesses = [found for column in columns if (found := guess(column, known)) and not (found.desired or found.bare)]
     unmatched = [one for one in guesses if one.kind != "t" and not (one.plain and one.joint in known)]
     lacking = _without(guesses, "q", robot)
     tokens = list(dict.fromkeys(one.joint for one in unmatched))
@@ -48,7 +48,7 @@ def propose(columns: Sequence[str], robot: Robot) -> tuple[str, ...]:
 def suggest(columns: Sequence[str], robot: Robot) -> str:
     """End of a message about columns that do not match; "" without a suggestion."""
     known = known_joints(robot)
-    guesses = [found for column in columns if (found := guess(column, known)) and not found.desired]
+    guesses = [found for column in columns if (found := guess(column, known)) and not (found.desired or found.bare)]
     strange = [one for one in guesses if not (one.plain and one.joint in known) and one.kind != "t"]
     if strange and "t" in columns and all(one.joint in known and split(one.column) for one in strange):
         meant = shorten([f"{one.kind}_{one.joint}" for one in strange], 3)

@@ -22,6 +22,9 @@ ALIKE = 0.3  # largest logarithm of the ratio of both for a unit
 STRONG = 20.0  # torque over the limit of the description beyond which the unit is smaller than N.m
 DUTY, REGISTERS = 1.01, (100.0, 885.0, 1000.0, 1023.0)  # largest duty; registers of a full one: %, XL330, STS, AX
 VOLTS, MILLIVOLTS = 60.0, 1000.0  # [V] larger voltages are in tenths, or in thousandths, of a volt
+LOAD = "a load may be in per mille of the largest torque"
+PERCENT = "the names state per cent; write scale = rated torque / 100"
+NAMELESS = "no name states that these are positions"
 MILLIAMPERES = 60.0  # [A] larger currents are in milliamperes
 
 
@@ -30,6 +33,11 @@ class Noticed(NamedTuple):
 
     unit: str | Change
     why: str
+
+    def with_caveat(self, nameless: bool = False, percent: bool = False, load: bool = False) -> Noticed:
+        """The same unit, with the first caveat that holds, for the user to check."""
+        caveat = NAMELESS if nameless else PERCENT if percent else LOAD if load else ""
+        return Noticed(self.unit, f"{self.why}; {caveat}: CHECK") if caveat else self
 
 
 def time_unit(t: Array, named: str) -> Noticed:

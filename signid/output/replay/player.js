@@ -33,10 +33,12 @@ class Player {
     const names = content.joints.map(({ name }) => name), prefix = n < 2 ? "" : names[0].slice(0, names[0].lastIndexOf("_") + 1);
     const narrow = innerWidth < 760 && names.some((name) => name.length > 10) && names.every((name) => name.startsWith(prefix));
     const cut = narrow ? prefix.length : 0; // names differ at their ends
+    const tail = names[0].slice(names[0].lastIndexOf("_")), alike = n > 1 && names[0].includes("_") && names.every((name) => name.endsWith(tail));
+    const end = innerWidth < 760 && alike && !cut ? tail.length : 0; // or before a common end such as _joint
     $("names").append(...content.joints.map(({ name }, j) => {
       const cause = causes.some((mark) => mark.joints.includes(name));
       const shown = cause || j % every === 0; // of many joints only some are labelled
-      return Object.assign(document.createElement("span"), { textContent: shown ? name.slice(cut) : "", title: name, className: cause ? "cause" : "" });
+      return Object.assign(document.createElement("span"), { textContent: shown ? name.slice(cut, name.length - end) : "", title: name, className: cause ? "cause" : "" });
     }));
     this.curves = new Curves(content);
     for (const id of ["names", "map"]) $(id).style.height = `${height}px`;
@@ -209,11 +211,14 @@ class Player {
   label() { // in a column on the right, in the order of the marks
     const shown = $("show-recorded").checked;
     let floor = document.querySelector("footer").offsetTop - 8;
-    const spots = this.labels.map((one) => ({ ...one, at: this.stage.screen(one.mark), h: one.label.offsetHeight }));
+    const all = this.labels.map((one) => ({ ...one, at: this.stage.screen(one.mark), h: one.label.offsetHeight }));
     const narrow = innerWidth < 760; // labels then stand above the robot
-    if (!narrow) spots.sort((a, b) => a.at.y - b.at.y);
     let below = 20 + $("switches").offsetTop + $("switches").offsetHeight;
-    const ceiling = below;
+    const ceiling = below, room = narrow ? Math.max(0.5 * (floor - ceiling), all[0]?.h ?? 0) : floor - ceiling;
+    let used = 0; // labels without room are left out; the text at the top names them
+    const fits = all.map((one) => (used += one.h + 8) - 8 <= room), spots = all.filter((_, k) => fits[k]);
+    for (const { label, line, dot } of all.filter((_, k) => !fits[k])) for (const part of [label, line, dot]) part.style.visibility = "hidden";
+    if (!narrow) spots.sort((a, b) => a.at.y - b.at.y);
     for (const spot of spots) {
       spot.y = narrow ? below : Math.max(below, spot.at.y - spot.h / 2);
       below = spot.y + spot.h + 8;
@@ -230,8 +235,7 @@ class Player {
       for (const part of [line, dot]) part.style.opacity = mark.group.visible ? 1 : 0;
       const ends = { x1: at.x, y1: at.y, x2: x, y2: y + h / 2 };
       for (const [key, value] of Object.entries(ends)) line.setAttribute(key, value);
-      dot.setAttribute("cx", at.x);
-      dot.setAttribute("cy", at.y);
+      for (const [key, value] of [["cx", at.x], ["cy", at.y]]) dot.setAttribute(key, value);
     }
   }
 }

@@ -196,7 +196,7 @@ class Stage {
     const [story, switches] = ["story", "switches"].map((id) => document.getElementById(id)), labels = [...document.querySelectorAll(".label")];
     const bar = document.querySelector("footer").offsetHeight + 12, narrow = innerWidth < 760, height = innerHeight, beside = shift.length() > 0;
     const below = (panel) => panel.offsetTop + panel.offsetHeight + 8, stack = labels.reduce((sum, label) => sum + label.offsetHeight + 8, 0);
-    const top = Math.max(below(switches), beside ? below(story) : 0) + (narrow ? Math.min(stack, 0.3 * height) : 0);
+    const top = Math.max(below(switches), beside ? below(story) : 0) + (narrow ? Math.min(stack, 0.3 * height, 0.5 * (height - bar - below(switches))) : 0);
     const tall = Math.tan(VIEW.angle * Math.PI / 360), free = Math.max(0.1, (height - bar - top) / height);
     const near = narrow || beside ? 0 : story.offsetWidth + 12;
     const far = narrow ? 0 : Math.max(0, ...labels.map((label) => label.offsetWidth + 12));

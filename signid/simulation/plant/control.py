@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ...effects.base import BodyLaw
-from ...errors import InputError, OptionError, RecordingError
+from ...errors import InputError, OptionError, RecordingError, unexpected
 from ...model import Model, ModelSource, as_model
 from ...recording.columns import assign_columns
 from ...recording.source import Source, open_source
@@ -114,10 +114,12 @@ def track(
 
     Raises:
         InputError: the trajectory is of other joints.
-        OptionError: a gain is negative, or bandwidth or damping are invalid.
+        OptionError: a gain is negative, bandwidth or damping are invalid, or the motion is no Trajectory.
     """
     known = as_model(known, "track")
     robot = known.robot
+    if not isinstance(trajectory, Trajectory):
+        raise unexpected("track", "a Trajectory", trajectory, "signid.excite(robot).trajectory")
     if trajectory.joints != robot.joints:
         raise InputError(
             f"the motion is of {', '.join(trajectory.joints)}, but {robot.name} has {', '.join(robot.joints)}; "
