@@ -27,6 +27,7 @@ from .commands import (  # noqa: F401
     conversion,
     diagnosis,
     excitation,
+    exporting,
     factors,
     identification,
     replay,
