@@ -30,6 +30,7 @@ from .commands import (  # noqa: F401
     exporting,
     factors,
     identification,
+    payload,
     replay,
     simulation,
     watching,
