@@ -3,45 +3,24 @@
 from __future__ import annotations
 
 import json
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 
-import signid
-from benchmarks.arms import ARMS, load
-from benchmarks.plants.bodies import Body
-from benchmarks.plants.mujoco_ import draw_motion
-from benchmarks.watch.plant import Alteration, Push, record
+from benchmarks.pick_up import OTHER, OTHERS, SCALE, arm, recorded, spliced
+from benchmarks.real.data import LOADED, UNLOADED, ur10e
+from benchmarks.watch.plant import Alteration, Push
 from signid.cli import run
 from signid.errors import OptionError, RecordingError
 from signid.payload import Payload, payload
-from signid.types import Array, Robot
 
-ARM = ARMS[2]  # UR10
-UNLOADED, LOADED = (
-    ("20_02_19_14harm50sec", "20_02_12_40sec_12harm", "20_02_10_30sec_12harm"),
-    "20_02_19_14harm50secLoad",
-)
-SCALE = 2.805  # [kg]
-PAUSE = 0.5  # [s] between two recordings
-
-
-@cache
-def robot() -> Robot:
-    return load(ARM)
-
-
-@cache
-def columns(events: tuple[Alteration | Push, ...], seed: int, duration: float = 30.0) -> dict[str, Array]:
-    body = Body(robot().document, robot().joints)
-    return record(body, ARM.drives, draw_motion(ARM.centre, seed), duration, events, seed)
+SAME, OTHER_DAY = UNLOADED
 
 
 def weighed(*events: Alteration | Push, seed: int = 0) -> Payload:
-    return payload(robot(), columns(events, seed))
+    return payload(arm(), recorded(events, seed))
 
 
 @pytest.mark.parametrize(("when", "mass", "seed"), [(12.3, 1.2, 0), (18.0, 0.3, 1), (9.0, 3.0, 2)])
@@ -54,17 +33,7 @@ def test_a_load_is_found_with_its_moment(when: float, mass: float, seed: int) ->
     assert abs(value - mass) < 4 * std and abs(value / mass - 1) < 0.03
 
 
-@pytest.mark.parametrize(
-    "events",
-    [
-        (),
-        (Alteration(15, "coulomb_friction", 1, 10.0),),
-        (Alteration(15, "torque_gain", 1, 0.1),),
-        (Alteration(15, "torque_offset", 2, 5.0),),
-        (Alteration(15, "viscous_friction", 3, 3.0),),
-        (Push(15, 2.0, 3, (20.0, 10.0, 0.0)),),
-    ],
-)
+@pytest.mark.parametrize("events", [(), *((event,) for event in OTHERS)])
 def test_no_load_is_invented(events: tuple[Alteration | Push, ...]) -> None:
     found = weighed(*events, seed=4)
     assert not found.found and not found.moments and np.isnan(found.mass[0])
@@ -76,9 +45,9 @@ def test_no_load_is_invented(events: tuple[Alteration | Push, ...]) -> None:
 
 def test_commands_print_moments_or_the_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     urdf = tmp_path / "arm.urdf"
-    urdf.write_text(robot().document)
+    urdf.write_text(arm().document)
     for name, events in (("bare", ()), ("lifted", (Alteration(12.3, "payload", 5, 1.2),))):
-        pl.DataFrame(columns(events, 0)).write_csv(tmp_path / f"{name}.csv")
+        pl.DataFrame(recorded(events, 0)).write_csv(tmp_path / f"{name}.csv")
     assert run(["payload", str(urdf), str(tmp_path / "lifted.csv")]) == 0
     assert "picked up at" in capsys.readouterr().out
     assert run(["payload", str(urdf), str(tmp_path / "lifted.csv"), "--json"]) == 0
@@ -113,32 +82,18 @@ def test_bad_input_ends_with_a_sentence(
 
 
 def test_short_recordings_have_no_load() -> None:
-    short = {key: x[:2500] for key, x in columns((), 0).items()}
+    short = {key: x[:2500] for key, x in recorded((), 0).items()}
     try:
-        assert not payload(robot(), short).found
+        assert not payload(arm(), short).found
     except RecordingError as error:
         assert "too short" in str(error) or "record for longer" in str(error)
 
 
-def spliced(folder: Path, *names: str) -> tuple[dict[str, Array], list[float]]:
-    """Columns of recordings one after another, and the times between them [s]."""
-    end, parts, between = 0.0, [], []
-    for name in names:
-        table = pl.read_csv(folder / f"identification_data__{name}.csv.gz", infer_schema_length=None)
-        table = table.with_columns(t=pl.col("t") - table["t"][0] + end)
-        parts.append(table)
-        between.append(float(table["t"][-1]) + PAUSE / 2)
-        end = float(table["t"][-1]) + PAUSE
-    whole = pl.concat(parts)
-    return {name: whole[name].to_numpy() for name in whole.columns}, between[:-1]
-
-
-@pytest.mark.parametrize("order", [(UNLOADED[0], LOADED), (UNLOADED[1], LOADED), (LOADED, UNLOADED[2])])
+@pytest.mark.parametrize("order", [(SAME, LOADED), (OTHER, LOADED), (LOADED, OTHER_DAY)])
 def test_a_load_on_a_real_robot(order: tuple[str, ...], data: Path) -> None:
     folder = data / "ur10e_mamedov"
-    arm = signid.load_robot(folder / "ur10e.urdf", actuators=Path(__file__).parents[1] / "robots/ur10e/actuators.toml")
     samples, [between] = spliced(folder, *order)
-    found = payload(arm, samples)
+    found = payload(ur10e(), samples)
     [moment] = found.moments
     assert moment.picked_up == (order[-1] == LOADED)
     assert abs(moment.t - between) < 3 * moment.std < 9
@@ -146,18 +101,16 @@ def test_a_load_on_a_real_robot(order: tuple[str, ...], data: Path) -> None:
     assert abs(mass - SCALE) < 3 * std and abs(mass / SCALE - 1) < 0.05
 
 
-@pytest.mark.parametrize("order", [UNLOADED[:1], UNLOADED[1:2], UNLOADED[2:], UNLOADED[:2], (LOADED,)])
+@pytest.mark.parametrize("order", [(SAME,), (OTHER,), (OTHER_DAY,), (SAME, OTHER), (LOADED,)])
 def test_a_real_robot_without_a_change_has_none(order: tuple[str, ...], data: Path) -> None:
     folder = data / "ur10e_mamedov"
-    arm = signid.load_robot(folder / "ur10e.urdf", actuators=Path(__file__).parents[1] / "robots/ur10e/actuators.toml")
-    found = payload(arm, spliced(folder, *order)[0])
+    found = payload(ur10e(), spliced(folder, *order)[0])
     assert not found.found and "no load picked up" in found.flags[0]
 
 
 def test_a_load_is_picked_up_and_put_down(data: Path) -> None:
     folder = data / "ur10e_mamedov"
-    arm = signid.load_robot(folder / "ur10e.urdf", actuators=Path(__file__).parents[1] / "robots/ur10e/actuators.toml")
-    samples, times = spliced(folder, UNLOADED[0], LOADED, UNLOADED[1])
-    found = payload(arm, samples)
+    samples, times = spliced(folder, SAME, LOADED, OTHER)
+    found = payload(ur10e(), samples)
     assert [moment.picked_up for moment in found.moments] == [True, False]
     assert all(abs(moment.t - t) < 3 * moment.std for moment, t in zip(found.moments, times, strict=True))
