@@ -16,11 +16,11 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "servo": "__init__ stated plant simulate audit fit search identify validate diagnose",
     "servo/diagnose": "result closed_loop laws noise coordinates unexplained refine search conclude run __init__",
     "diagnose": "data evidence result extend search findings preparation run __init__",
-    "output": "__init__ geometry report replay export display",
-    "output/export": "beyond bodies shapes drives training urdf mjcf actuators lerobot code function __init__",
+    "output": "__init__ geometry report replay viewers export display",
+    "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators lerobot code function __init__",
     "output/report": "layout policy write results pages __init__",
-    "output/report/results": "__init__ documents drives laws recordings signs headline simulation identification fleet "
-    "sentences inspection validation diagnosis",
+    "output/report/results": "__init__ documents drives laws recordings signs headline simulation identification "
+    "payload fleet sentences inspection validation diagnosis",
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
     "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "
     "factors session prepare reduced",

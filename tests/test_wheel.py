@@ -17,7 +17,8 @@ from hatchling.builders.wheel import WheelBuilder
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-CARRIERS = {"pinocchio": ["pin"], **packages_distributions()}  # pin's own metadata names no module
+# pin's own metadata names no module; the viewers need not be installed
+CARRIERS = {"pinocchio": ["pin"], "rerun": ["rerun-sdk"], **packages_distributions()}
 OF_ROS = {"rclpy", "sensor_msgs"}  # come with ROS 2, from no index of packages
 
 
@@ -72,7 +73,7 @@ def test_the_versions_of_python_that_are_tested_are_listed() -> None:
 
 def test_imported_packages_are_required() -> None:
     core = distributions(PROJECT["dependencies"])
-    optional = core | distributions([item for name in ("ros", "fleet", "bench") for item in EXTRAS[name]])
+    optional = core | distributions([item for name in ("ros", "fleet", "viewers", "bench") for item in EXTRAS[name]])
     found = []
     for path in sorted((ROOT / "signid").rglob("*.py")):
         for module, at_once in imported(path):

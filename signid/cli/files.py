@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from ..errors import RobotError
+from ..errors import OptionError, RobotError
 from .terminal import show
 
 if TYPE_CHECKING:
     from ..diagnose import Diagnosis
     from ..identify import Identification
     from ..output.report import Content
+    from ..output.viewers import ViewerLog
     from ..servo.diagnose import ServoDiagnosis
     from ..servo.identify import ServoIdentification
     from ..servo.validate import ServoValidation
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from ..types import Array, Input, Law, Recording, Robot
     from ..validate import Validation
 
+Logs: TypeAlias = "tuple[ViewerLog, Mapping[str, Path]] | None"
 FRICTION = ("viscous_friction", "coulomb_friction")
 VALIDATED = ("validation.json", "report.html")
 DIAGNOSED = ("diagnosis.json", "model.json", "robot.urdf", "report.html", "signed.csv", "signs.html")
@@ -62,15 +64,20 @@ def deliver_servos(
     return show(document if json else servo_identification_tables(result), result.flags, _written(output, files))
 
 
-def deliver_diagnosis(result: Diagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
-    """Write and print a diagnosis; return the exit code; `command` is the shell line that reproduces it."""
+def deliver_diagnosis(
+    result: Diagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str, logs: Logs = None
+) -> int:
+    """Write and print a diagnosis; return the exit code; `command` is the shell line that reproduces it.
+
+    `logs`: log for viewers, and its paths by kind.
+    """
     from ..output.report import diagnosis_document, diagnosis_tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
         result, files = diagnosis_files(result, inputs, command)
     document = to_json(diagnosis_document(result, inputs))
-    written = _written(output, {"diagnosis.json": document, **files})
+    written = [*_written(output, {"diagnosis.json": document, **files}), *(write_logs(*logs) if logs else ())]
     return show(document if json else diagnosis_tables(result), result.flags, written)
 
 
@@ -109,9 +116,9 @@ def deliver_servo_validation(
 
 
 def deliver_servo_diagnosis(
-    result: ServoDiagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str
+    result: ServoDiagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str, logs: Logs = None
 ) -> int:
-    """Write and print a diagnosis of position drives; return the exit code."""
+    """Write and print a diagnosis of position drives; return the exit code; `logs` as in `deliver_diagnosis`."""
     from ..output.report import servo_diagnosis_document, servo_diagnosis_page, servo_diagnosis_tables, to_json
 
     document = to_json(servo_diagnosis_document(result, inputs))
@@ -119,7 +126,38 @@ def deliver_servo_diagnosis(
     if output is not None:
         page = servo_diagnosis_page(result, inputs, command)
         files = {"diagnosis.json": document, "model.json": to_json(result.model.document()), "report.html": page}
-    return show(document if json else servo_diagnosis_tables(result), result.flags, _written(output, files))
+    written = [*_written(output, files), *(write_logs(*logs) if logs else ())]
+    return show(document if json else servo_diagnosis_tables(result), result.flags, written)
+
+
+def check_logs(**files: str | None) -> dict[str, Path]:
+    """Check that logs for viewers can be written; return their paths by kind, "rrd" or "mcap".
+
+    Raises:
+        OptionError: a name does not end as its kind does, or a library is missing.
+        OutputError: a folder cannot be written.
+    """
+    from ..output.report import probe_folder
+    from ..output.viewers import check_library
+
+    asked = {kind: Path(file) for kind, file in files.items() if file is not None}
+    for kind, path in asked.items():
+        if path.suffix.lower() != f".{kind}" or path.is_dir():
+            raise OptionError(f"--{kind} {files[kind]!r} is not the name of a log; use a name that ends in .{kind}")
+        check_library(kind)
+        probe_folder(path.parent, f"--{kind}")
+    return asked
+
+
+def write_logs(log: ViewerLog, paths: Mapping[str, Path]) -> list[Path]:
+    """Write logs for viewers to paths by kind."""
+    from ..output.report import write_files
+
+    made = {kind: log.rrd() if kind == "rrd" else log.mcap() for kind in paths}
+    written = [
+        write_files(path.parent, {path.name: made[kind]}, f"--{kind}", named=True) for kind, path in paths.items()
+    ]
+    return [path for each in written for path in each]
 
 
 def _written(output: str | None, files: Mapping[str, Content]) -> Sequence[Path]:

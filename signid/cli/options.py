@@ -54,6 +54,11 @@ Unsigned = Annotated[bool, typer.Option("--unsigned", help="Discard the signs of
 TimeLimit = Annotated[
     float, typer.Option(metavar="S", help="Time limit for searches [s]; truncated results are flagged.")
 ]
+Rrd = Annotated[Text, typer.Option("--rrd", metavar="FILE", help="Log for Rerun (extra viewers). Default: none.")]
+Mcap = Annotated[
+    Text,
+    typer.Option("--mcap", metavar="FILE", help="Log for Foxglove and PlotJuggler (extra viewers). Default: none."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")]
 
 

@@ -64,7 +64,7 @@ def subtract(base: BaseMap, body: int, bare: Estimate, loaded: Estimate, factors
     known = np.isfinite(bare.std) & np.isfinite(loaded.std)
     count, columns = int(known.sum()), base.combination[:, 10 * body : 10 * body + 10]
     value, noise = loaded.value - bare.value, bare.covariance + loaded.covariance
-    change, size = _changes(base, bare, factors)
+    change, size = changes(base, bare, factors)
     covariance = np.where(np.outer(known, known), noise, 0.0) + (change * size**2) @ change.T
     far = 1e3 * (np.abs(bare.value) + np.abs(loaded.value) + np.sqrt(np.diag(covariance)) + 1.0)
     covariance[~known] = covariance[:, ~known] = 0.0
@@ -94,8 +94,8 @@ def _solve(columns: Array) -> tuple[Array, Array, int]:
     return inverse @ left[:, kept].T, spread, int(kept.sum())
 
 
-def _changes(base: BaseMap, bare: Estimate, factors: Factors) -> tuple[Array, Array]:
-    """Columns (b, l) of the coefficients that may have changed, and standard deviations (l,) [unit of each]."""
+def changes(base: BaseMap, bare: Estimate, factors: Factors) -> tuple[Array, Array]:
+    """Columns (b, l) of the friction and offsets that may have changed, and standard deviations (l,) [unit of each]."""
     speed = np.sqrt(np.diag(factors.velocity) / factors.rows)
     torque = [np.sqrt(joint.whole[-1, -1] / max(joint.rows, 1)) for joint in factors.joints]
     place = {int(k): row for row, k in enumerate(base.independent)}

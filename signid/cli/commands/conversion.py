@@ -1,9 +1,9 @@
-"""The commands `convert`, of recordings, and `export`, of models."""
+"""The command `convert`."""
 
 from __future__ import annotations
 
 import shlex
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,13 +11,12 @@ import typer
 
 from ...errors import OptionError
 from ..app import Text, Texts, command, option, output_option
-from ..arguments import given_inputs, given_model, given_robot, simulation_inputs
+from ..arguments import given_inputs, given_robot
 from ..completion import complete_robot
-from ..options import Columns, Json, PackageDir, RobotOptions, SimulationArguments, SimulationName
-from ..terminal import DONE, check_file, show, write_columns
+from ..options import Columns, Json, RobotOptions
+from ..terminal import check_file, show, write_columns
 
 if TYPE_CHECKING:
-    from ...output.export import Exported
     from ...types import Robot
 
 
@@ -129,81 +128,3 @@ def _units(texts: list[str] | tuple[()]) -> dict[str, str]:
             raise OptionError(f"--unit gives {kind} twice; give one unit for it")
         units[kind] = unit
     return units
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExportFiles:
-    """Files to write, by format."""
-
-    urdf: Text = option(None, "The robot's URDF with the model's inertials.", metavar="FILE")
-    mjcf: Text = option(None, "MuJoCo model with every law that MJCF can hold.", metavar="FILE")
-    actuators: Text = option(None, "TOML of the actuators, for use with a URDF.", metavar="FILE")
-    function: Text = option(None, "Python: torque(q, v, a) of the laws.", metavar="FILE")
-    ros: Text = option(None, "YAML: actuators and inertials for a ROS 2 node.", metavar="FILE")
-    isaaclab: Text = option(None, "Python: actuators for Isaac Lab.", metavar="FILE")
-    mjlab: Text = option(None, "Python: actuators for mjlab.", metavar="FILE")
-    lerobot: Text = option(None, "JSON: position drives by motor, for LeRobot.", metavar="FILE")
-    expected: Text = option(None, "Python without packages: positions expected from commands.", metavar="FILE")
-    c: Text = option(None, "C99: inverse dynamics; FILE.h and FILE_test.c beside it.", "--c", metavar="FILE.c")
-    arrays: Text = option(None, "Python: inverse dynamics over numpy, jax.numpy or torch.", metavar="FILE")
-
-
-@command("signid export result/model.json --urdf arm.urdf --mjcf arm.xml")
-def export(simulation: SimulationName, exports: ExportFiles, package_dir: PackageDir = None, json: Json = False) -> int:
-    """Write a model in the file formats of other programs.
-
-    Options can be combined; content that a format cannot hold is listed. The URDF gets inertials (including a payload),
-    damping and friction, and is otherwise unchanged. The MJCF also gets armature, springs, gravity, ranges and motors,
-    or position drives with their delay and limits. --function needs only NumPy and holds the laws that both lack.
-    """
-    from ...output.export import export as write
-    from ...output.report import Screen, to_json
-    from ...output.report.results.documents import provenance
-
-    asked: dict[str, Text] = asdict(exports)
-    paths = {kind: Path(file) for kind, file in asked.items() if file is not None}
-    _check_exports(asked, paths)
-    packages = None if simulation.endswith(".json") else package_dir
-    source = SimulationArguments(simulation=simulation, package_dir=packages)
-    model, _ = given_model(source)
-    made = {kind: write(model, kind, package_dir or (), name=path.stem) for kind, path in paths.items()}
-    _write(paths, made)
-    files = [{"kind": kind, "path": asked[kind], "notes": list(made[kind].notes)} for kind in paths]
-    known = {"schema": "signid.export/1", "robot": model.robot.name, "files": files}
-    screen = Screen()
-    if json:
-        screen.write(to_json({**known, **provenance((), simulation_inputs(source, model.robot), 0)}))
-        return DONE
-    for kind in paths:
-        for note in made[kind].notes:
-            screen.print(f"{kind}: {note}")
-    beside = [path.with_name(path.stem + end) for kind, path in paths.items() for end in made[kind].beside]
-    screen.write("\n".join(["written:", *(f"  {path}" for path in (*paths.values(), *beside)), ""]))
-    return DONE
-
-
-def _check_exports(asked: dict[str, Text], paths: dict[str, Path]) -> None:
-    """Check that the files can be written."""
-    from ...output.report import probe_folder
-
-    if not paths:
-        raise OptionError(f"no file was named; add {', '.join(f'--{kind}' for kind in asked)} FILE")
-    for kind, path in paths.items():
-        if not asked[kind] or path.is_dir():
-            raise OptionError(f"--{kind} {asked[kind]!r} is not a file name; give the path of the file to write")
-        if kind == "c" and (path.suffix != ".c" or not path.stem.isidentifier()):
-            raise OptionError(f"--c {asked[kind]!r} is no name of a C file; give one such as arm.c, without spaces")
-        probe_folder(path.parent, f"--{kind}")
-    if len({path.resolve() for path in paths.values()}) < len(paths):
-        raise OptionError("two of the files have the same name; give each its own")
-
-
-def _write(paths: dict[str, Path], made: dict[str, Exported]) -> None:
-    """Write the files; those of one folder all or none."""
-    from ...output.report import write_files
-
-    for folder in dict.fromkeys(path.parent for path in paths.values()):
-        mine = {kind: path for kind, path in paths.items() if path.parent == folder}
-        texts = {path.name: made[kind].text for kind, path in mine.items()}
-        texts |= {path.stem + end: x for kind, path in mine.items() for end, x in made[kind].beside.items()}
-        write_files(folder, texts, f"--{next(iter(mine))}", named=True)

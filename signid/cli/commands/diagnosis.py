@@ -15,12 +15,26 @@ from ...errors import OptionError, RecordingError, RobotError, readable
 from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_command, given_model, given_recordings, simulation_inputs
 from ..completion import complete_law, complete_robot
-from ..options import Columns, Cutoff, Recordings, RobotOptions, RunOptions, SimulationArguments, TimeLimit, Unsigned
+from ..options import (
+    Columns,
+    Cutoff,
+    Mcap,
+    Recordings,
+    RobotOptions,
+    Rrd,
+    RunOptions,
+    SimulationArguments,
+    TimeLimit,
+    Unsigned,
+)
 from ..terminal import bars, check_folder
 
 if TYPE_CHECKING:
+    from ...diagnose import Diagnosis
     from ...model import Model
-    from ...types import Robot
+    from ...servo.diagnose import ServoDiagnosis
+    from ...types import Recording, Robot
+    from ..files import Logs
 
 DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
 EXPECTED = "a model is a model.json, a URDF, xacro or MJCF file or a name such as panda; a recording is a data file"
@@ -40,6 +54,8 @@ class DiagnoseOptions:
     cutoff: Cutoff = None
     unsigned: Unsigned = False
     servo: bool = option(False, "Diagnose position drives even if torque is recorded.", "--servo")
+    rrd: Rrd = None
+    mcap: Mcap = None
     time_limit: TimeLimit = USUAL
 
 
@@ -63,10 +79,11 @@ def diagnose(
     """
     from ...diagnose import diagnose as search
     from ...regression.session import Options
-    from ..files import DIAGNOSED, deliver_diagnosis, deliver_servo_diagnosis
+    from ..files import DIAGNOSED, check_logs, deliver_diagnosis, deliver_servo_diagnosis
     from .drives import diagnose_drives, has_drives, registers_beside
 
     check_folder(diagnosis.output, run.json, DIAGNOSED)
+    logs = check_logs(rrd=diagnosis.rrd, mcap=diagnosis.mcap)
     gains = simulation.actuators if simulation.saved else None
     model, _ = given_model(replace(simulation, actuators=None) if gains else simulation)
     given, held_out, healthy = (
@@ -79,7 +96,8 @@ def diagnose(
         with time_limit(diagnosis.time_limit):
             drives = diagnose_drives(model, given, held_out, healthy, skip, file, run.seed, run.json)
             inputs = [*simulation_inputs(simulation, model.robot, columns=diagnosis.columns), *read]
-            return deliver_servo_diagnosis(drives, inputs, diagnosis.output, run.json, given_command(context))
+            log = _log(model, [*given, *held_out], drives, logs)
+            return deliver_servo_diagnosis(drives, inputs, diagnosis.output, run.json, given_command(context), log)
     if gains:
         given_model(simulation)
     with time_limit(diagnosis.time_limit):
@@ -94,7 +112,17 @@ def diagnose(
                 progress=progress,
             )
         inputs = simulation_inputs(simulation, model.robot, columns=diagnosis.columns)
-        return deliver_diagnosis(result, inputs, diagnosis.output, run.json, given_command(context))
+        log = _log(model, result.recordings, result, logs)
+        return deliver_diagnosis(result, inputs, diagnosis.output, run.json, given_command(context), log)
+
+
+def _log(
+    model: Model, recordings: Sequence[Recording], found: Diagnosis | ServoDiagnosis, paths: dict[str, Path]
+) -> Logs:
+    """Log of the recordings for viewers, and the paths that were asked for."""
+    from ...output.viewers import viewer_log
+
+    return (viewer_log(model, recordings, found), paths) if paths else None
 
 
 @dataclass(frozen=True, kw_only=True)

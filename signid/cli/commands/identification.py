@@ -1,4 +1,4 @@
-"""The commands `inspect`, `check`, `identify` and `payload`."""
+"""The commands `inspect`, `check` and `identify`."""
 
 from __future__ import annotations
 
@@ -208,34 +208,3 @@ def _search(fit: IdentifyOptions) -> Search:
             raise OptionError(f"--total-mass {fit.total_mass!r} is not a range; write LO,HI in kg with LO <= HI")
         total = (low, high)
     return Search(fit.bounds, fit.global_algorithm, fit.local_algorithm, total)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PayloadOptions:
-    """Recordings of a payload identification."""
-
-    without: Texts = option(None, "Recording without the load. Needed. Repeatable.", metavar="RECORDING")
-    carrying: Texts = option(None, "Recording with the load. Needed. Repeatable.", "--with", metavar="RECORDING")
-    time_limit: TimeLimit = USUAL
-
-
-@command("signid payload 3r --without recording.csv --with loaded.csv")
-def payload(loads: PayloadOptions, robot: RobotArguments, rows: RowOptions, run: RunOptions) -> int:
-    """Identify mass, centre of mass and inertia of a payload.
-
-    The load is estimated from the difference between recordings with and without it, so that errors of the robot model
-    cancel. Friction may change slightly between the recordings. The inertia of the load is physically consistent.
-    Errors of torque constants scale the load.
-    """
-    from ...output.report import payload_document, payload_tables, to_json
-    from ...payload import payload as identify_payload
-
-    described = given_robot(robot.robot, robot)
-    sides = [given_recordings(paths, described, rows.columns) for paths in (loads.without, loads.carrying)]
-    options = given_options(rows, run.seed)
-    with time_limit(loads.time_limit), bars(run.json) as progress:
-        found = identify_payload(described, *sides, options=options, progress=progress)
-    if not run.json:
-        return show(payload_tables(found), found.flags)
-    inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
-    return show(to_json(payload_document(found, inputs)), found.flags)

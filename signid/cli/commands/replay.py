@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING
 from ...errors import OptionError
 from ..app import Text, command, option
 from ..arguments import given_model, given_recordings, simulation_inputs
-from ..options import Columns, Json, RecordingName, SimulationArguments
+from ..options import Columns, Json, Mcap, RecordingName, Rrd, SimulationArguments
 from ..terminal import DONE
 
 if TYPE_CHECKING:
+    from ...model import Model
     from ...output.replay import Replay
+    from ...output.viewers import ViewerLog
+    from ...types import Recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +33,8 @@ class ReplayOptions:
     rate: float = option(30.0, "Frame rate [Hz].", metavar="HZ")
     browser: bool = option(True, "Open the browser.", "--open/--no-open")
     columns: Columns = None
+    rrd: Rrd = None
+    mcap: Mcap = None
 
 
 @command("signid replay 3r recording.csv --html replay.html")
@@ -47,13 +52,17 @@ def replay(
 
     Position drives, recorded with q_des_J and without torque, are simulated from the commands alone; a second ghost
     shows the commanded positions, and colours show the error of the simulated position.
+
+    --rrd and --mcap write torque, residuals, positions and findings as a log for other viewers.
     """
     from ...output.replay import replay as build
     from ...output.report import Screen, to_json, write_files
     from ...output.report.results.documents import provenance
+    from ..files import check_logs, write_logs
 
     html, diagnosis = shown.html, shown.diagnosis
     _check(html)
+    logs = check_logs(rrd=shown.rrd, mcap=shown.mcap)
     if diagnosis is not None and Path(diagnosis).is_dir():
         diagnosis = str(Path(diagnosis) / "diagnosis.json")
     model, _ = given_model(simulation)
@@ -68,16 +77,27 @@ def replay(
         rate=shown.rate,
         package_dirs=simulation.package_dir or (),
     )
+    log = _log(model, read, shown, built) if logs else None
     written = [] if html is None else write_files(Path(html).parent, {Path(html).name: built.page()}, named=True)
+    written += [] if log is None else write_logs(log, logs)
     if json:
         files = {"recording": recording, "diagnosis": diagnosis, "columns": shown.columns}
         inputs = simulation_inputs(simulation, model.robot, **files)
         Screen().write(to_json({**built.document(), **provenance((), inputs, 0)}))
-    elif html is None:
+    elif not written:
         _serve(built, shown.browser)
     else:
         Screen().write("\n".join([_summary(built), "", "written:", *(f"  {path}" for path in written), ""]))
     return DONE
+
+
+def _log(model: Model, read: Recording, shown: ReplayOptions, built: Replay) -> ViewerLog:
+    """Log of the rows that are shown, with the simulated positions of the replay."""
+    from ...output.replay import LONGEST, part
+    from ...output.viewers import viewer_log
+
+    rows = part(read, shown.start, LONGEST if shown.duration is None else shown.duration)
+    return viewer_log(model, rows, shown.diagnosis, rolled=built.track)
 
 
 def _check(html: str | None) -> None:

@@ -179,7 +179,10 @@ def _structural(found: Any) -> pl.DataFrame:
 def _payload(found: Any) -> pl.DataFrame:
     centre = zip((f"centre_{axis}" for axis in "xyz"), *found.centre, "m" * 3, strict=True)
     inertia = zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)
-    return table_of("parameter:s value:f std:f unit:s", [("mass", *found.mass, "kg"), *centre, *inertia])
+    what = {True: "picked_up", False: "put_down"}
+    moments = [(what[moment.picked_up], moment.t, moment.std, "s") for moment in found.moments]
+    numbers = [("mass", *found.mass, "kg"), *centre, *inertia] if found.found else []
+    return table_of("parameter:s value:f std:f unit:s", [*numbers, *moments])
 
 
 def _robots(fleet: Any) -> pl.DataFrame:

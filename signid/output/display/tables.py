@@ -19,9 +19,10 @@ from ..report.results.drives.closed_loops import servo_validation_tables
 from ..report.results.drives.diagnosis import servo_diagnosis_tables
 from ..report.results.drives.identification import servo_identification_tables
 from ..report.results.fleet import fleet_tables
-from ..report.results.identification import fit_rows, identification_tables, payload_tables
+from ..report.results.identification import fit_rows, identification_tables
 from ..report.results.inspection import check_tables, inspection_tables, joint_table
 from ..report.results.laws import law_document
+from ..report.results.payload import payload_tables
 from ..report.results.signs import signs_tables
 from ..report.results.simulation import servo_simulation_tables
 from ..report.results.validation import validation_tables

@@ -40,7 +40,13 @@ KINDS = tuple(_WRITERS)
 
 
 def export(
-    model: ModelSource, kind: str, package_dirs: Sequence[str | Path] = (), *, name: str | None = None
+    model: ModelSource,
+    kind: str,
+    package_dirs: Sequence[str | Path] = (),
+    *,
+    name: str | None = None,
+    floating: bool = False,
+    meshes: str | None = None,
 ) -> Exported:
     """Export a model; return the text of the file and notes on the content that the format cannot hold.
 
@@ -53,14 +59,17 @@ def export(
             position drives alone, "lerobot" (numbers as JSON) and "expected" (Python function of the commands).
         package_dirs: folders to search for meshes of an MJCF, besides those of example-robot-data.
         name: name of the C files without ".c"; default: the robot's name as an identifier.
+        floating: whether the base link of an MJCF is a body on a free joint, with its mass.
+        meshes: folder beside an MJCF that its meshes are read from; `meshes` of the result has the files to copy there.
+            Default: they are read from their place.
 
     Raises:
         OptionError: the kind is unknown.
-        RobotError: the format cannot hold the bodies of the model, or the robot has no URDF.
+        RobotError: the format cannot hold the bodies of the model, the robot has no URDF, or a floating base no mass.
     """
     model = with_drive_laws(as_model(model, "export"))
     if kind == "mjcf":
-        return write_mjcf(model, package_dirs)
+        return write_mjcf(model, package_dirs, floating, meshes)
     if kind == "c":
         return write_c(model, name)
     if kind not in _WRITERS:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -22,6 +23,7 @@ class Exported(Frozen):
     text: str
     notes: tuple[str, ...] = ()
     beside: Mapping[str, str] = field(default_factory=dict)  # further texts, by the ends of their files' names
+    meshes: Mapping[str, Path] = field(default_factory=dict)  # files to copy, by their path from the folder of the text
 
 
 def summed(model: Model, effect: str) -> Array:

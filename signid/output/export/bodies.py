@@ -43,8 +43,11 @@ def about_centre(parameters: Array) -> tuple[float, Array, Array] | None:
     return mass, centre, inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
 
 
-def _principal(parameters: Array) -> Principal | None:
-    """A body in its principal axes, with a minimum mass; None if it is not physically consistent."""
+def principal(parameters: Array) -> Principal | None:
+    """A body in its principal axes, with a minimum mass; None if it is not physically consistent.
+
+    parameters: (10,) [kg, kg.m, kg.m2] of Pinocchio.
+    """
     body = about_centre(parameters)
     if body is None or body[0] < 0:
         return None
@@ -79,16 +82,16 @@ def possible_bodies(model: Model) -> PossibleBodies:
         RobotError: no physically consistent bodies give this torque.
     """
     payloads = [law for law in model.laws if law.effect.name == "payload" and law.parameters["mass"] > LEAST]
-    alone = ((law, _principal(np.array(law.effect.coefficients(law.parameters)))) for law in payloads)
+    alone = ((law, principal(np.array(law.effect.coefficients(law.parameters)))) for law in payloads)
     loads = [(law, body) for law, body in alone if body]  # others are added to the inertial of their link
     apart = {id(law) for law, _ in loads}
     bare = replace(model, laws=tuple(law for law in model.laws if id(law) not in apart))
-    links = [_principal(x) for x in bare.whole_inertials()]
+    links = [principal(x) for x in bare.whole_inertials()]
     odd = [name for name, body in zip(model.robot.links, links, strict=True) if body is None]
     if not odd:
         return PossibleBodies([body for body in links if body], loads, [])
     changed = _exchanged(model)
-    bodies = [] if changed is None else [body for body in map(_principal, changed) if body]
+    bodies = [] if changed is None else [body for body in map(principal, changed) if body]
     if len(bodies) < len(links):
         raise RobotError(
             f"the inertials of {shorten(odd)} are not physically consistent, as MuJoCo requires, and no "

@@ -18,7 +18,8 @@ from ...types import Array, Law, Robot
 from .beyond import BODIES, Exported, commented, fixed_note, held, lacking, summed
 from .bodies import LEAST, PossibleBodies, Principal, possible_bodies
 from .drives import STEP, mjcf_actuators, mjcf_joint, mjcf_notes
-from .shapes import Shapes, pose_words, read_shapes, words
+from .shapes import Shapes, copied, pose_words, read_shapes, words
+from .trunk import trunk_notes, trunk_of
 
 _NUMBERS = {"damping": "viscous_friction", "frictionloss": "coulomb_friction", "armature": "armature"}
 _DENSITY = 2700.0  # density at which a payload is drawn [kg/m3]
@@ -32,39 +33,47 @@ class _Place(NamedTuple):
     joints: dict[int, dict[str, str]]
 
 
-def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exported:
+def write_mjcf(
+    model: Model, package_dirs: Sequence[str | Path] = (), floating: bool = False, meshes: str | None = None
+) -> Exported:
     """Write MJCF with bodies, joints, gravity, ranges, armature, friction and springs, and a motor per joint.
 
     Joints with a position drive get its actuator instead. Mimic joints become equality constraints. Shapes are visual
-    only: mass comes from inertials, and nothing collides.
+    only: mass comes from inertials, and nothing collides. If `floating`, the base link is a body on a free joint.
+    Meshes are read from their place, or from the folder `meshes` beside the file.
 
     Raises:
-        RobotError: no physically consistent bodies, as MuJoCo requires, give the torque of the model.
+        RobotError: no physically consistent bodies, as MuJoCo requires, give the torque of the model; a floating base
+            has no mass.
     """
     from lxml import etree
 
     robot, bodies = model.robot, possible_bodies(model)
     shapes, placed = read_shapes(robot, package_dirs), _places(robot)
+    files = {} if meshes is None else copied(shapes.meshes, meshes)
     ties = _ties(robot, placed)
     root = etree.Element("mujoco", model=robot.name)
     _add(root, "compiler", {"angle": "radian", "autolimits": "true"})
-    option = {"gravity": words(model.bodies().gravity.linear), "integrator": "implicitfast"}
+    gravity = robot.model.gravity if floating else model.bodies().gravity
+    option = {"gravity": words(gravity.linear), "integrator": "implicitfast"}
     _add(root, "option", option | ({"timestep": repr(STEP)} if model.servos else {}))
     _add(_add(root, "default"), "geom", {"contype": "0", "conaffinity": "0", "group": "2"})
     _group(root, "asset", "mesh", shapes.meshes)
-    _tree(_add(root, "worldbody"), model, shapes, bodies, placed)
+    world = _add(root, "worldbody")
+    _tree(_trunk(world, robot) if floating else world, model, shapes, bodies, placed)
     _group(root, "equality", "joint", ties)
     _actuators(_add(root, "actuator"), model)
-    notes = [*_notes(model, ties, bodies), *shapes.notes]
+    notes = [*_notes(model, ties, bodies, floating), *shapes.notes]
     if notes:
         root.insert(0, etree.Comment("\n    " + "\n    ".join(commented(notes).splitlines()) + "\n  "))
     etree.indent(root)
-    return Exported(str(etree.tostring(root, encoding="unicode")) + "\n", tuple(notes))
+    return Exported(str(etree.tostring(root, encoding="unicode")) + "\n", tuple(notes), meshes=files)
 
 
-def mjcf_laws(model: Model) -> list[Law]:
-    """Laws of a model that its MJCF holds."""
-    whole = [law for law in model.laws if law.effect.name in (*BODIES, "base_tilt", "torque_saturation")]
+def mjcf_laws(model: Model, floating: bool = False) -> list[Law]:
+    """Laws of a model that its MJCF holds; a floating base takes its tilt from the simulation."""
+    kept = (*BODIES, "torque_saturation", *(() if floating else ("base_tilt",)))
+    whole = [law for law in model.laws if law.effect.name in kept]
     servo = {model.robot.index(joint) for joint in model.servos}
     whole += [law for law in model.laws if law.effect.name == "torque_offset" and servo.issuperset(law.joints)]
     return [*held(model, _NUMBERS.values()), *(law for law in _springs(model) if _stiffness(model, law)[0] > 0), *whole]
@@ -86,6 +95,15 @@ def _group(root: Any, name: str, tag: str, entries: Sequence[Mapping[str, str]])
 def _add_shapes(node: Any, shapes: Shapes, joint: int) -> None:
     for tag, entry in shapes.at.get(joint, ()):
         _add(node, tag, entry)
+
+
+def _trunk(world: Any, robot: Robot) -> Any:
+    """The base link as a body on a free joint."""
+    name, body = trunk_of(robot)
+    node = _add(world, "body", {"name": name})
+    _add(node, "freejoint")
+    _add(node, "inertial", _inertial(body))
+    return node
 
 
 def _tree(world: Any, model: Model, shapes: Shapes, bodies: PossibleBodies, placed: Sequence[_Place]) -> None:
@@ -162,10 +180,10 @@ def _motors(model: Model) -> list[dict[str, str]]:
     ]
 
 
-def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodies) -> list[str]:
+def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodies, floating: bool) -> list[str]:
     robot = model.robot
     notes = fixed_note(robot, "they are rigid in the MJCF")
-    if beyond := lacking(robot, model.laws, mjcf_laws(model)):
+    if beyond := lacking(robot, model.laws, mjcf_laws(model, floating)):
         notes.append(f"an MJCF cannot hold {beyond}")
     if np.isfinite(robot.velocity_limit).any():
         notes.append("an MJCF cannot hold velocity limits")
@@ -175,7 +193,7 @@ def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodi
     if ties:
         each = ", ".join(f"{tie['joint1']} of {tie['joint2']}" for tie in ties)
         notes.append(f"mimic joints are equality constraints, which are slightly compliant in MuJoCo: {each}")
-    notes += [*mjcf_notes(model), *bodies.notes]
+    notes += [*mjcf_notes(model), *bodies.notes, *(trunk_notes(model) if floating else ())]
     if empty := [link for link, body in zip(robot.links, bodies.links, strict=True) if body.mass <= LEAST]:
         notes.append(f"massless links get {LEAST:g} kg, since MuJoCo rejects zero mass: {', '.join(empty)}")
     return notes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,20 @@ def read_shapes(robot: Robot, package_dirs: Sequence[str | Path]) -> Shapes:
         missing = shorten(reader.missing)
         found.notes.append(f"no shapes for {missing}: their meshes are missing or not readable by MuJoCo")
     return found
+
+
+def copied(meshes: list[dict[str, str]], folder: str) -> dict[str, Path]:
+    """Refer to meshes by names below a folder beside the MJCF; return the sources by these names."""
+    names: dict[str, str] = {}  # path below the folder, by source
+    for mesh in meshes:
+        if mesh["file"] not in names:
+            source, taken = Path(mesh["file"]), set(names.values())
+            ends = (f"_{k}" if k > 1 else "" for k in count(1))
+            names[mesh["file"]] = next(
+                name for end in ends if (name := f"{folder}/{source.stem}{end}{source.suffix}") not in taken
+            )
+        mesh["file"] = names[mesh["file"]]
+    return {name: Path(source) for source, name in names.items()}
 
 
 class _Reader:

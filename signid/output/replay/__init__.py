@@ -6,6 +6,6 @@ a link shows the residual torque of its joint. Findings of a diagnosis are marke
 
 from .live import Live
 from .page import Replay
-from .run import replay
+from .run import LONGEST, part, replay
 
-__all__ = ["Live", "Replay", "replay"]
+__all__ = ["LONGEST", "Live", "Replay", "part", "replay"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ from ...model import Model
 from ...recording.sampling import Sampling, samples, survey
 from ...regression.bandwidth import Band, choose_band
 from ...regression.filters import lowpass
-from ...regression.motion import build_motion, margin
+from ...regression.motion import Motion, build_motion, margin
 from ...regression.session import longest_piece
 from ...robot import configuration
 from ...robot.dynamics import joint_of_row, own_row
@@ -40,7 +40,9 @@ class Track(Frozen):
     command: Array | None = None  # (F, n) [rad or m] of position drives, whose residual is one of position
 
 
-class _Read(NamedTuple):
+class Surveyed(NamedTuple):
+    """A recording, its sampling and the band of its motion."""
+
     recording: Recording
     sampling: Sampling
     band: Band
@@ -55,10 +57,8 @@ def follow(models: Sequence[Model], recording: Recording, window: float, rate: f
     Raises:
         RecordingError: the recording cannot be used, or is shorter than a window.
     """
-    sampling = survey(recording, models[0].robot)
-    band = choose_band([longest_piece((recording, sampling))], 1 / sampling.period)
-    measured = np.array([bool(column) for column in recording.columns["tau"]])
-    read = _Read(recording, sampling, band, measured)
+    read = surveyed(recording, models[0].robot)
+    sampling, measured = read.sampling, read.measured
     known = [samples(recording, sampling, span, 0, sampling.length(span)) for span in sampling.spans]
     times, q = np.concatenate([x.t for x in known]), np.concatenate([x.q for x in known])
     t = times[0] + np.arange(int((times[-1] - times[0]) * rate * (1 + 1e-9)) + 1) / rate
@@ -79,7 +79,18 @@ def follow(models: Sequence[Model], recording: Recording, window: float, rate: f
     )
 
 
-def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -> tuple[Array, Mask, Indices]:
+def surveyed(recording: Recording, robot: Robot) -> Surveyed:
+    """Determine the sampling of a recording and the band of its motion.
+
+    Raises:
+        RecordingError: the recording cannot be used.
+    """
+    sampling = survey(recording, robot)
+    band = choose_band([longest_piece((recording, sampling))], 1 / sampling.period)
+    return Surveyed(recording, sampling, band, np.array([bool(column) for column in recording.columns["tau"]]))
+
+
+def _strayed(read: Surveyed, model: Model, other: Model, window: float, t: Array) -> tuple[Array, Mask, Indices]:
     """Simulated - recorded position (F, n), divergence (F,) and number (F,) of consecutive roll-outs.
 
     A diverged joint keeps its last position unless all joints diverged.
@@ -104,26 +115,30 @@ def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -
     return error, apart, which
 
 
-def _torque(read: _Read, models: Sequence[Model], t: Array, rate: float) -> tuple[Array, Array]:
+def _torque(read: Surveyed, models: Sequence[Model], t: Array, rate: float) -> tuple[Array, Array]:
     """Measured torque (F, n) and measured - predicted torque (M, F, n), low-passed for display [N.m or N]."""
     from scipy.ndimage import convolve1d
 
-    recording, sampling, band, _ = read
-    taps = lowpass(1 / sampling.period, min(band.cutoff, SHOWN * rate))
-    slow = np.maximum(STANDSTILL * band.velocity_noise, 1e-12)
+    taps = lowpass(1 / read.sampling.period, min(read.band.cutoff, SHOWN * rate))
     out = np.full((1 + len(models), len(t), len(models[0].robot.joints)), np.nan)
-    for span in sampling.spans:
-        if sampling.length(span) <= 2 * margin(band) + 1:
-            continue
-        piece = samples(recording, sampling, span, 0, sampling.length(span))
-        for k, model in enumerate(models):
-            motion = build_motion(model.robot, piece, band, sampling.period, slow=slow)
-            assert motion.recorded is not None, "a recording has torque"
-            inside = (t >= motion.t[0]) & (t <= motion.t[-1])
-            for row, torque in ((0, motion.recorded), (1 + k, motion.recorded - model.inverse(motion))):
-                calm = convolve1d(torque, taps, axis=0, mode="mirror") if len(taps) > 1 else torque
-                out[row, inside] = _at(t[inside], motion.t, calm)
+    for motion, predicted in predictions(read, models):
+        assert motion.recorded is not None, "a recording has torque"
+        inside = (t >= motion.t[0]) & (t <= motion.t[-1])
+        for row, torque in enumerate((motion.recorded, *(motion.recorded - each for each in predicted))):
+            calm = convolve1d(torque, taps, axis=0, mode="mirror") if len(taps) > 1 else torque
+            out[row, inside] = _at(t[inside], motion.t, calm)
     return out[0], out[1:]
+
+
+def predictions(read: Surveyed, models: Sequence[Model]) -> Iterator[tuple[Motion, list[Array]]]:
+    """Motion of each stretch of a recording, and the torque (N, n) of each model there [N.m or N]."""
+    slow = np.maximum(STANDSTILL * read.band.velocity_noise, 1e-12)
+    for span in read.sampling.spans:
+        if read.sampling.length(span) <= 2 * margin(read.band) + 1:
+            continue
+        piece = samples(read.recording, read.sampling, span, 0, read.sampling.length(span))
+        robots = [build_motion(model.robot, piece, read.band, read.sampling.period, slow=slow) for model in models]
+        yield robots[0], [model.inverse(motion) for model, motion in zip(models, robots, strict=True)]
 
 
 def _at(t: Array, known: Array, values: Array) -> Array:

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from .results.identification import (
         identification_document as identification_document,
         identification_tables as identification_tables,
-        payload_document as payload_document,
-        payload_tables as payload_tables,
     )
     from .results.inspection import (
         check_document as check_document,
@@ -44,6 +42,7 @@ if TYPE_CHECKING:
         inspection_tables as inspection_tables,
     )
     from .results.laws import effects_document as effects_document, effects_tables as effects_tables
+    from .results.payload import payload_document as payload_document, payload_tables as payload_tables
     from .results.recordings import (
         audit_document as audit_document,
         audit_tables as audit_tables,

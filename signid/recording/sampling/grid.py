@@ -104,6 +104,18 @@ def excerpt(sampling: Sampling, span: Span, low: int, high: int) -> Sampling:
     return _restrict(sampling, [sampling.stretch(span).part(low, high)])
 
 
+def between(sampling: Sampling, intervals: Sequence[tuple[float, float]]) -> Sampling:
+    """Samples from `start` to `stop` [s] of each interval, on the same grid; intervals ascend without overlap."""
+    parts = []
+    for stretch in sampling.stretches:
+        first = stretch.stamps[0] + stretch.first * sampling.period
+        for interval in intervals:
+            low, high = (int(np.ceil((t - first) / sampling.period - 1e-6)) for t in interval)
+            low, high = max(0, low), min(stretch.count, high + 1)
+            parts += [stretch.part(low, high)] if high - low >= SHORTEST else []
+    return _restrict(sampling, parts)
+
+
 def select_stretches(sampling: Sampling, seconds: float) -> Sampling:
     """Select equally spaced stretches with a total duration [s]; a shorter recording is returned unchanged."""
     total = sum(stretch.count for stretch in sampling.stretches)

@@ -1,8 +1,8 @@
 """Covariance of fitted numbers: sandwich clustered by window, never below 1.5 times the classical deviations.
 
 Residuals are correlated within a window and, less, between windows that follow each other: the sandwich is also
-formed with the products of neighbouring windows, and each number gets the widest of its intervals. LOST and ROUGH make
-95 % of 400 intervals hold the truth, alike for one, three and six joints in MuJoCo (seeds 11 to 20 of benchmarks.servo).
+formed with the products of neighbouring windows, and each number gets the widest of its intervals. With LOST and ROUGH,
+95 % of 400 intervals hold the truth, alike for one, three and six joints in MuJoCo (benchmarks.servo, seeds 11 to 20).
 
 Source: Newey and West, A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
 matrix, Econometrica 1987.

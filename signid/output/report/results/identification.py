@@ -1,4 +1,4 @@
-"""Identification of a robot or a payload: JSON documents, terminal tables, parameters and sentences."""
+"""Identification of a robot: JSON documents, terminal tables, parameters and sentences."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from rich.table import Table
 from ....effects.base import Effect
 from ....estimation.excitation import ENOUGH
 from ....model import standard_parameters
-from ....types import INERTIAL, Array, BaseMap, Input, Law
+from ....types import Array, BaseMap, Input, Law
 from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
-from .documents import Document, description, ending, excitation_verdict, fit_document, opening, picked
+from .documents import Document, description, ending, excitation_verdict, fit_document, opening
 from .laws import law_units
 from .signs import signs_document, signs_tables
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ....estimation.excitation import ExcitationVerdict
     from ....estimation.fit_quality import Fit
     from ....identify import Identification
-    from ....payload import Payload
 
 WIDE = 4  # maximum number of columns of law parameters
 
@@ -213,37 +212,3 @@ def consistent_words(result: Identification) -> str:
 def cutoff_words(torque: float, position: float) -> str:
     """The cut-off frequencies, and the option that sets them."""
     return f"Cut-off {figure(torque)} Hz for torque and {figure(position)} Hz for positions (set with --cutoff)"
-
-
-def payload_document(found: Payload, inputs: Sequence[Input] = ()) -> Document:
-    """Build the output of `signid payload --json`; `inputs` besides the recordings default to the description."""
-    parts = {"mass": (found.mass, "kg"), "centre": (found.centre, "m"), "inertia": (found.inertia, "kg.m^2")}
-    return {
-        "schema": "signid.payload/1",
-        "robot": found.robot.name,
-        "link": found.link,
-        **{key: {"value": value, "std": std, "unit": unit} for key, ((value, std), unit) in parts.items()},
-        "effect": {"effect": found.law.effect.name, "parameters": dict(found.law.parameters)},
-        "physically_consistent": True,
-        **picked(found, "moved misfit"),
-        "cutoff": {"torque": found.cutoff, "unit": "Hz"},
-        **ending(found, found.inputs, inputs or [description(found.robot)], found.seed),
-    }
-
-
-def payload_tables(found: Payload) -> list[RenderableType]:
-    """Mass, centre of mass and inertia with their intervals."""
-    table = new_table("payload", "value>", "± (95 %)>", "unit")
-    table.add_row("mass", *with_interval(*found.mass), "kg")
-    for axis, value, std in zip("xyz", *found.centre, strict=True):
-        table.add_row(f"centre of mass {axis}", *with_interval(float(value), float(std)), "m")
-    for name, value, std in zip(INERTIAL[4:], *found.inertia, strict=True):
-        table.add_row(f"{name} about its centre", *with_interval(float(value), float(std)), "kg.m2")
-    change = f"this changed the difference of base parameters by at most {found.moved:.1f} standard deviations"
-    sentence = f"The inertia is physically consistent; {change}. Cut-off {found.cutoff:.3g} Hz."
-    return [
-        heading(f"{found.robot.name}: payload of {found.link}, in its joint frame", below=False),
-        table,
-        paragraph(sentence),
-        *note_lines(found.notes),
-    ]

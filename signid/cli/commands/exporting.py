@@ -1,0 +1,154 @@
+"""The command `export`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...errors import OptionError, OutputError
+from ..app import Text, command, option
+from ..arguments import given_model, simulation_inputs
+from ..options import Json, PackageDir, SimulationArguments, SimulationName
+from ..terminal import DONE
+
+if TYPE_CHECKING:
+    from ...output.export import Exported
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportFiles:
+    """Files to write, by format."""
+
+    urdf: Text = option(None, "The robot's URDF with the model's inertials.", metavar="FILE")
+    mjcf: Text = option(None, "MuJoCo model with every law that MJCF can hold.", metavar="FILE")
+    actuators: Text = option(None, "TOML of the actuators, for use with a URDF.", metavar="FILE")
+    function: Text = option(None, "Python: torque(q, v, a) of the laws.", metavar="FILE")
+    ros: Text = option(None, "YAML: actuators and inertials for a ROS 2 node.", metavar="FILE")
+    isaaclab: Text = option(None, "Python: actuators for Isaac Lab.", metavar="FILE")
+    mjlab: Text = option(None, "Python: actuators for mjlab.", metavar="FILE")
+    lerobot: Text = option(None, "JSON: position drives by motor, for LeRobot.", metavar="FILE")
+    expected: Text = option(None, "Python without packages: positions expected from commands.", metavar="FILE")
+    c: Text = option(None, "C99: inverse dynamics; FILE.h and FILE_test.c beside it.", "--c", metavar="FILE.c")
+    arrays: Text = option(None, "Python: inverse dynamics over numpy, jax.numpy or torch.", metavar="FILE")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MjcfOptions:
+    """Content of an MJCF."""
+
+    copy_meshes: bool = option(False, "Copy the meshes of --mjcf FILE.xml to FILE_meshes.", "--copy-meshes")
+    floating: bool = option(False, "Put the base link of --mjcf on a free joint, with its mass.", "--floating")
+
+
+@command("signid export result/model.json --urdf arm.urdf --mjcf arm.xml")
+def export(
+    simulation: SimulationName,
+    exports: ExportFiles,
+    mjcf: MjcfOptions,
+    package_dir: PackageDir = None,
+    json: Json = False,
+) -> int:
+    """Write a model in the file formats of other programs.
+
+    Options can be combined; content that a format cannot hold is listed. The URDF gets inertials (including a payload),
+    damping and friction, and is otherwise unchanged. The MJCF also gets armature, springs, gravity, ranges and motors,
+    or position drives with their delay and limits. --function needs only NumPy and holds the laws that both lack.
+    """
+    from ...output.export import export as write
+    from ...output.report import Screen, to_json
+    from ...output.report.results.documents import provenance
+
+    asked: dict[str, Text] = asdict(exports)
+    paths = {kind: Path(file) for kind, file in asked.items() if file is not None}
+    _check_exports(asked, paths, mjcf.copy_meshes or mjcf.floating)
+    packages = None if simulation.endswith(".json") else package_dir
+    source = SimulationArguments(simulation=simulation, package_dir=packages)
+    model, _ = given_model(source)
+    made = {
+        kind: write(
+            model,
+            kind,
+            package_dir or (),
+            name=path.stem,
+            floating=mjcf.floating,
+            meshes=f"{path.stem}_meshes" if mjcf.copy_meshes else None,
+        )
+        for kind, path in paths.items()
+    }
+    meshes = _write(paths, made)
+    files = [{"kind": kind, "path": asked[kind], "notes": list(made[kind].notes)} for kind in paths]
+    known = {"schema": "signid.export/1", "robot": model.robot.name, "files": files}
+    screen = Screen()
+    if json:
+        screen.write(to_json({**known, **provenance((), simulation_inputs(source, model.robot), 0)}))
+        return DONE
+    for kind in paths:
+        for note in made[kind].notes:
+            screen.print(f"{kind}: {note}")
+    beside = [path.with_name(path.stem + end) for kind, path in paths.items() for end in made[kind].beside]
+    screen.write("\n".join(["written:", *(f"  {path}" for path in (*paths.values(), *beside, *meshes)), ""]))
+    return DONE
+
+
+def _check_exports(asked: dict[str, Text], paths: dict[str, Path], of_mjcf: bool) -> None:
+    """Check that the files can be written."""
+    from ...output.report import probe_folder
+
+    if not paths:
+        raise OptionError(f"no file was named; add {', '.join(f'--{kind}' for kind in asked)} FILE")
+    for kind, path in paths.items():
+        if not asked[kind] or path.is_dir():
+            raise OptionError(f"--{kind} {asked[kind]!r} is not a file name; give the path of the file to write")
+        if kind == "c" and (path.suffix != ".c" or not path.stem.isidentifier()):
+            raise OptionError(f"--c {asked[kind]!r} is no name of a C file; give one such as arm.c, without spaces")
+        probe_folder(path.parent, f"--{kind}")
+    if of_mjcf and "mjcf" not in paths:
+        raise OptionError("--copy-meshes and --floating belong to an MJCF; add --mjcf FILE")
+    if len({path.resolve() for path in paths.values()}) < len(paths):
+        raise OptionError("two of the files have the same name; give each its own")
+
+
+def _write(paths: dict[str, Path], made: dict[str, Exported]) -> list[Path]:
+    """Write the files; those of one folder all or none, meshes before the MJCF that reads them; return the meshes."""
+    from ...output.report import write_files
+
+    copies = {path.parent / name: source for kind, path in paths.items() for name, source in made[kind].meshes.items()}
+    new = _missing(copies)
+    try:
+        for place in dict.fromkeys(path.parent for path in new):
+            write_files(place, {path.name: x for path, x in new.items()}, "--mjcf", named=True)
+        for folder in dict.fromkeys(path.parent for path in paths.values()):
+            mine = {kind: path for kind, path in paths.items() if path.parent == folder}
+            texts = {path.name: made[kind].text for kind, path in mine.items()}
+            texts |= {path.stem + end: x for kind, path in mine.items() for end, x in made[kind].beside.items()}
+            write_files(folder, texts, f"--{next(iter(mine))}", named=True)
+    except BaseException:
+        for path in new:
+            path.unlink(missing_ok=True)
+            with suppress(OSError):
+                path.parent.rmdir()  # if it is empty
+        raise
+    return list(copies)
+
+
+def _missing(copies: Mapping[Path, Path]) -> dict[Path, bytes]:
+    """Content of the meshes that are not there yet.
+
+    Raises:
+        OutputError: another file has the name of a copy, or a file cannot be read.
+    """
+    new: dict[Path, bytes] = {}
+    for path, source in copies.items():
+        try:
+            content = source.read_bytes()
+            there = path.read_bytes() if path.exists() or path.is_symlink() else None
+        except OSError as error:
+            raise OutputError(f"cannot copy {source} to {path}: {error.strerror}; give --mjcf another name") from None
+        if there is None:
+            new[path] = content
+        elif there != content:
+            raise OutputError(f"{path} differs from the mesh {source}; move it, or give --mjcf another name")
+    return new

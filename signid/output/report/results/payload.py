@@ -1,0 +1,61 @@
+"""Payload of the last link: JSON document and terminal tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.console import RenderableType
+
+from ....types import INERTIAL, Input
+from ..layout import heading, new_table, note_lines, paragraph, with_interval
+from .documents import Document, description, ending, picked
+
+if TYPE_CHECKING:
+    from ....payload import Payload
+
+
+def payload_document(found: Payload, inputs: Sequence[Input] = ()) -> Document:
+    """Build the output of `signid payload --json`; `inputs` besides the recordings default to the description."""
+    parts: dict[str, Any] = {}
+    if found.found:
+        parts = {"mass": (found.mass, "kg"), "centre": (found.centre, "m"), "inertia": (found.inertia, "kg.m^2")}
+    effect = {"effect": found.law.effect.name, "parameters": dict(found.law.parameters)} if found.found else None
+    moments = [{"t": m.t, "std": m.std, "unit": "s", "picked_up": m.picked_up} for m in found.moments]
+    return {
+        "schema": "signid.payload/1",
+        "robot": found.robot.name,
+        "link": found.link,
+        "found": found.found,
+        **{key: {"value": value, "std": std, "unit": unit} for key, ((value, std), unit) in parts.items()},
+        "effect": effect,
+        "moments": moments,
+        "physically_consistent": found.found,
+        **picked(found, "moved misfit"),
+        "cutoff": {"torque": found.cutoff, "unit": "Hz"},
+        **ending(found, found.inputs, inputs or [description(found.robot)], found.seed),
+    }
+
+
+def payload_tables(found: Payload) -> list[RenderableType]:
+    """Mass, centre of mass and inertia with their intervals; moments, or the notes alone without a load."""
+    head = heading(f"{found.robot.name}: payload of {found.link}, in its joint frame", below=False)
+    if not found.found:
+        return [head, paragraph("No load was found."), *note_lines(found.notes)]
+    table = new_table("payload", "value>", "± (95 %)>", "unit")
+    table.add_row("mass", *with_interval(*found.mass), "kg")
+    for axis, value, std in zip("xyz", *found.centre, strict=True):
+        table.add_row(f"centre of mass {axis}", *with_interval(float(value), float(std)), "m")
+    for name, value, std in zip(INERTIAL[4:], *found.inertia, strict=True):
+        table.add_row(f"{name} about its centre", *with_interval(float(value), float(std)), "kg.m2")
+    change = f"this changed the difference of base parameters by at most {found.moved:.1f} standard deviations"
+    sentence = f"The inertia is physically consistent; {change}. Cut-off {found.cutoff:.3g} Hz."
+    for moment in found.moments:
+        what = "picked up at" if moment.picked_up else "put down at"
+        table.add_row(what, *with_interval(moment.t, moment.std), "s")
+    return [
+        head,
+        table,
+        paragraph(sentence),
+        *note_lines(found.notes),
+    ]
