@@ -81,6 +81,23 @@ def test_bad_input_ends_with_a_sentence(
     assert words in " ".join(capsys.readouterr().err.split())
 
 
+def test_desired_positions_do_not_matter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Recordings with q_des, whose covariance by instruments has negative eigenvalues here."""
+    tables = []
+    for name, laws in (("bare", []), ("loaded", ["--inject", "payload:mass=0.4"])):
+        path = tmp_path / f"{name}.csv"
+        seed = "3" if laws else "2"
+        assert run(["simulate", "3r", *"--duration 12 --noise 0.02 --seed".split(), seed, *laws, "-o", str(path)]) == 0
+        tables.append(pl.read_csv(path))
+    end = float(tables[0]["t"][-1])
+    whole = pl.concat([tables[0], tables[1].with_columns(t=pl.col("t") + end + 0.3)])
+    found = payload("3r", whole)
+    [moment] = found.moments
+    assert abs(moment.t - end - 0.15) < 3 * moment.std
+    mass, std = found.mass
+    assert abs(mass - 0.4) < 3 * std < 0.1
+
+
 def test_short_recordings_have_no_load() -> None:
     short = {key: x[:2500] for key, x in recorded((), 0).items()}
     try:

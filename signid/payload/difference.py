@@ -14,6 +14,7 @@ from ..types import INERTIAL, INERTIAL_UNITS, Array, BaseMap, Estimate, Frozen, 
 # joint's rms torque; the larger one counts
 CHANGE, LITTLE = 0.1, 0.01
 RADIUS, LIGHT, FAR = 0.05, 0.05, 0.3  # prior load: radius of gyration [m], least mass [kg], farthest centre [m]
+SMALL = 1e-9  # [1] smallest eigenvalue of a correlation matrix that is not positive
 RANK = 1e-8  # [1] smallest singular value of an identifiable direction, over the largest, columns scaled
 
 
@@ -69,6 +70,7 @@ def subtract(base: BaseMap, body: int, bare: Estimate, loaded: Estimate, factors
     far = 1e3 * (np.abs(bare.value) + np.abs(loaded.value) + np.sqrt(np.diag(covariance)) + 1.0)
     covariance[~known] = covariance[:, ~known] = 0.0
     covariance[~known, ~known] = far[~known] ** 2
+    covariance = _positive(covariance)
     root = np.linalg.cholesky(covariance)
     inverse, spread, rank = _solve(np.linalg.solve(root, columns))
     gain = inverse @ np.linalg.inv(root)
@@ -79,6 +81,16 @@ def subtract(base: BaseMap, body: int, bare: Estimate, loaded: Estimate, factors
     finite = np.where(np.isinf(np.diag(spread))[:, None], 0.0, gain)
     spread = misfit * spread + finite @ np.where(np.outer(known, known), added, 0.0) @ finite.T
     return Difference(columns, value, misfit * covariance, load, spread, misfit, drifted)
+
+
+def _positive(covariance: Array) -> Array:
+    """Covariance (b, b), with the magnitude of negative eigenvalues, which that of instruments can have."""
+    size = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    if values[0] > 0:
+        return covariance
+    wide = (vectors * np.maximum(np.abs(values), SMALL)) @ vectors.T
+    return np.asarray((wide + wide.T) / 2 * np.outer(size, size))
 
 
 def _solve(columns: Array) -> tuple[Array, Array, int]:
