@@ -32,7 +32,11 @@ class Parser:
         self.json = False
 
     def rows(self, text: str) -> StreamRows | None:
-        """Rows of the complete lines; None without one."""
+        """Rows of the complete lines; None without one.
+
+        Raises:
+            RecordingError: a line is too long, or the first one is no header.
+        """
         *lines, rest = text.split("\n")
         if lines:
             lines[0] = "".join((*self.rest, lines[0]))
