@@ -14,6 +14,7 @@ from ...regression.session import only_once
 from ...servos import Servo
 from ...types import Progress, Recording
 from ..fit import start_servos
+from ..plant.substeps import LONGEST
 from ..search.choice import Candidate
 from ..search.data import servo_data, thinned
 from ..search.run import EQUAL, search
@@ -28,7 +29,7 @@ from .zeros import zero_flags
 
 ALONE, COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits (BAM XL330, Go2)
 PLAIN = "duty"  # its regression has one number less
-SEARCHED, FITTED = 30_000, 90_000  # rows times squared joints of a branch: about 1 and 3 s a step of the fit
+SEARCHED, FITTED = 60_000, 180_000  # substeps times squared joints of a branch
 
 
 @ends_in_time
@@ -72,8 +73,10 @@ def identify_servos(
     _say(progress, "starting servos", 0.0)
     size = max(len(members) for members in sets) ** 2
     options = replace(options, window=options.window or (ALONE if size == 1 else COUPLED))
-    few = replace(data, train=thinned(data.train, SEARCHED // size))
-    few = replace(few, folds=tuple((thinned(a, SEARCHED // size), thinned(b, SEARCHED // size)) for a, b in few.folds))
+    cost = size * int(np.ceil(data.train[0].step / LONGEST - 1e-9))  # of a row
+    most = SEARCHED // cost
+    few = replace(data, train=thinned(data.train, most))
+    few = replace(few, folds=tuple((thinned(a, most), thinned(b, most)) for a, b in few.folds))
     plain = with_servos(model, {joint: Servo() for joint in data.driven})
     starts = {law: _driven(start_servos(plain, few.train, law), data.driven) for law in EQUAL}
     started = starts[PLAIN]
@@ -91,7 +94,7 @@ def identify_servos(
         options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
     chosen = search(Searcher(weighed, few, sets, options, progress), start, limits)
     _say(progress, "fitting servos", 0.8)
-    all_rows = replace(data, train=thinned(data.train, FITTED // size))
+    all_rows = replace(data, train=thinned(data.train, FITTED // cost))
     fit = final_fit(weighed, all_rows, chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.95)
     case = Known(scale, wanted, fixed, limits.laws, duty, sets)

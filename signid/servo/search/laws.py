@@ -2,32 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ...servos import DRIVE_LAWS, Servo
+from ..plant.course import motion_of
 from .choice import SHORT, Candidate, ServoTrial, fit_candidate, improved, law_probabilities, worth
 from .data import ServoData
 from .searcher import KnownLimits, Searcher
 
 MORE = 6  # most iterations over short windows
 NEAR_TOP = 0.9  # second start of a limit, over the largest torque that the loop asks for
+FAR = 3.0  # largest speed of a torque-speed law over that of the motion from which it is the effort law
 INSIDE = 0.15  # share of the damping inside the limit below which effort and duty are the same law
 
 
 def try_laws(
-    by: Searcher, base: ServoTrial, suspects: Sequence[str], limits: KnownLimits
+    by: Searcher, base: ServoTrial, suspects: Sequence[str], limits: KnownLimits, loose: Collection[str] = ()
 ) -> tuple[ServoTrial, dict[str, dict[str, float]]]:
-    """Law of each joint that seems to saturate, by windows that took no part; none if a limit does not help."""
+    """Law of each joint that seems to saturate, by windows that took no part; none if a limit does not help.
+
+    All laws are tried at the `loose` joints, which no drive without a limit explains.
+    """
     given, stated = limits.laws, [j for j in suspects if base.candidate.servos[j].effort_limit < np.inf]
     trials, near = dict[str, ServoTrial](), by.near(suspects)
     start = replace(base.candidate.only(near), own_delay=frozenset(by.sharing(base.candidate, near)))
     for law in ("effort", "duty", "torque_speed"):  # where no limit of the effort helps, one of the duty does not
         if own := _with(given, law, suspects):
             trials[law] = by.fit(_law_start(by, start, own, law, limits, trials))
-            helps = {*stated, *worth(base, trials[law], own)}
+            helps = {*stated, *loose, *worth(base, trials[law], own)}
             suspects = [joint for joint in suspects if law != "effort" or joint in helps or joint not in own]
     keep = {*stated, *(j for law, trial in trials.items() for j in worth(base, trial, _with(given, law, suspects)))}
     if not keep:
@@ -37,27 +42,54 @@ def try_laws(
     trials = {law: by.score(trial.only(near), near) for law, trial in trials.items()}
     chosen, found = replace(base.candidate.only(near), own_delay=start.own_delay.intersection(near)), {}
     for joint in keep:
-        allowed = _apart({law: trial for law, trial in trials.items() if given.get(joint, law) == law}, joint)
+        top = _top_speed(by.data, joint)
+        allowed = _apart({law: trial for law, trial in trials.items() if given.get(joint, law) == law}, joint, top)
         p = law_probabilities({law: trial.scores[joint] for law, trial in allowed.items()}, by.options.seed)
         law = max(p, key=lambda name: p[name])
-        if joint in stated or improved(base, trials[law], [joint]):
-            mine = trials[law].candidate
+        if joint in stated or improved(base, allowed[law], [joint]):
+            mine = allowed[law].candidate
             chosen = chosen.changed({joint: mine.servos[joint]}, [name for name in mine.free if name[0] == joint])
             found[joint] = p
     if not found:
         return base, found
-    new = by.score(by.fit(chosen, coarse=False), near)
+    new = by.fit(chosen, coarse=False)
     if new.candidate.own_delay:
-        shared = by.score(by.fit(replace(new.candidate, own_delay=frozenset())), near)
-        new = new if improved(shared, new, sorted(near)) else shared
-    return base.with_joints(new), found
+        shared = by.fit(replace(new.candidate, own_delay=frozenset()))
+        new = new if worth(shared, new, sorted(near)) else shared
+    new, found = _simpler(new, found, given)
+    return base.with_joints(by.score(new, near)), found
 
 
-def _apart(trials: Mapping[str, ServoTrial], joint: str) -> dict[str, ServoTrial]:
-    """Trials by law; without the effort law where it found no damping inside its limit, which makes it the duty law."""
-    servo = trials["effort"].candidate.servos[joint] if {"effort", "duty"} <= set(trials) else None
-    same = servo is not None and servo.kd < INSIDE * servo.damping
-    return {law: trial for law, trial in trials.items() if law != "effort" or not same}
+def _simpler(
+    trial: ServoTrial, found: Mapping[str, Mapping[str, float]], given: Mapping[str, str]
+) -> tuple[ServoTrial, dict[str, dict[str, float]]]:
+    """Trial and probabilities with the duty law at joints whose effort law has no damping inside its limit."""
+    candidate, out = trial.candidate, {joint: dict(p) for joint, p in found.items()}
+    for joint, p in out.items():
+        servo = candidate.servos[joint]
+        if servo.law == "effort" and joint not in given and servo.kd < INSIDE * servo.damping:
+            duty = replace(servo, law="duty").with_(kd=servo.damping, viscous_friction=0.0)
+            free = tuple(name for name in candidate.free if name != (joint, "viscous_friction"))
+            candidate = replace(candidate.changed({joint: duty}), free=free)
+            p["duty"] = p.get("duty", 0.0) + p.pop("effort", 0.0)
+    return replace(trial, candidate=candidate), out
+
+
+def _apart(trials: Mapping[str, ServoTrial], joint: str, top: float) -> dict[str, ServoTrial]:
+    """Trials by law, without those that found the numbers of a simpler law; top: largest speed [rad/s or m/s].
+
+    An effort law without damping inside its limit is a duty law; a torque-speed law whose largest speed is far is an
+    effort law, and takes its place if it fits better.
+    """
+    out = dict(trials)
+    if {"effort", "torque_speed"} <= set(out) and out["torque_speed"].candidate.servos[joint].speed_limit > FAR * top:
+        line = out.pop("torque_speed")
+        if line.residual[joint] < out["effort"].residual[joint]:
+            servo = replace(line.candidate.servos[joint], law="effort", speed_limit=np.inf)
+            free = tuple(name for name in line.candidate.free if name != (joint, "speed_limit"))
+            out["effort"] = replace(line, candidate=replace(line.candidate.changed({joint: servo}), free=free))
+    servo = out["effort"].candidate.servos[joint] if {"effort", "duty"} <= set(out) else Servo(kd=1.0)
+    return {law: trial for law, trial in out.items() if law != "effort" or servo.kd >= INSIDE * servo.damping}
 
 
 def _with(given: Mapping[str, str], law: str, joints: Sequence[str]) -> list[str]:
@@ -91,6 +123,12 @@ def _kept(base: Servo, start: Servo) -> Servo:
     """Drive of a regression, with the numbers that it does not give."""
     names = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")
     return base.with_(**{name: getattr(start, name) for name in names})
+
+
+def _top_speed(data: ServoData, joint: str) -> float:
+    """Largest speed of a joint [rad/s or m/s]."""
+    j = data.joints.index(joint)
+    return max(float(np.abs(motion_of(grid).v[:, j]).max()) for grid in data.train)
 
 
 def _asked(data: ServoData, joint: str) -> float:

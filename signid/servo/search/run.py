@@ -37,7 +37,7 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
     loose = by.near([joint for joint in suspects if base.residual[joint] > LOOSE * _loop_error(by.data, joint)])
     if first := [joint for joint in suspects if joint in loose]:
         by.say("trying laws of servos", 0.15)
-        base, found = try_laws(by, base, first, limits)
+        base, found = try_laws(by, base, first, limits, loose)
         laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
     by.say("trying a delay of each servo", 0.3)
     before = base = _try_own_delays(by, base, loose)
