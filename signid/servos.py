@@ -31,6 +31,7 @@ DRIVE_LAWS = ("effort", "duty", "torque_speed")
 KD_ON = ("velocity", "error")
 WORDS: Mapping[str, Sequence[str]] = {"law": DRIVE_LAWS, "kd_on": KD_ON}
 SMALLEST, LARGEST = 1e-9, 1e7  # [unit of the number] least that is not zero, and largest; of the drives of robots
+SIZED = ("kp", "effort_limit", "speed_limit", "profile_speed")  # numbers that are zero or at least SMALLEST
 LONGEST_DELAY = 10.0  # [s]; the buses of robots need less than 0.3 s
 
 
@@ -155,7 +156,7 @@ def servos_from(content: Mapping[str, Mapping[str, Any]], joints: Sequence[str])
             if getattr(servo, key) not in known:
                 raise ValueError(f"servos.{joint}.{key}: {getattr(servo, key)!r} is none of {', '.join(known)}")
         for name, value in content[joint].items():
-            positive = name == "kp_register" or (name == "kp" and value > 0)
+            positive = name == "kp_register" or (name in SIZED and value > 0)
             if name not in WORDS and value is not None and (fault := number_fault(name, value, positive)):
                 raise ValueError(f"servos.{joint}.{name}: {value:g} {SERVO_UNITS.get(name, '')}; {fault}")
     return found

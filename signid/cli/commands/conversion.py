@@ -14,7 +14,7 @@ from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_inputs, given_model, given_robot, simulation_inputs
 from ..completion import complete_robot
 from ..options import Columns, Json, PackageDir, RobotOptions, SimulationArguments, SimulationName
-from ..terminal import DONE, check_file, show, write_columns
+from ..terminal import DONE, check_file, check_unread, show, write_columns
 
 if TYPE_CHECKING:
     from ...output.export import Exported
@@ -55,7 +55,7 @@ def convert(
     from ...recording.convert import convert as read
 
     name, output = conversion.robot, conversion.output
-    _check(source, output, json)
+    _check(source, conversion, robot_options.actuators, json)
     robot = given_robot(name, robot_options) if name is not None else None
     columns = _column_map(conversion)
     if robot is not None and conversion.map is not None and not Path(conversion.map).exists():
@@ -74,10 +74,11 @@ def convert(
     return show(document if json else conversion_tables(found), found.flags, written)
 
 
-def _check(source: str, output: str | None, json: bool) -> None:
+def _check(source: str, conversion: ConvertOptions, actuators: str | None, json: bool) -> None:
     """Check that the result can be written."""
+    output = conversion.output
     if output is not None:
-        check_file(output, json)
+        check_file(output, json, [conversion.columns, conversion.map, conversion.robot, actuators])
         if Path(output).resolve() == Path(source).resolve():
             raise OptionError(f"-o {output} is the file to convert; give the result another name")
 
@@ -166,6 +167,8 @@ def export(simulation: SimulationName, exports: ExportFiles, package_dir: Packag
     packages = None if simulation.endswith(".json") else package_dir
     source = SimulationArguments(simulation=simulation, package_dir=packages)
     model, _ = given_model(source)
+    for kind, path in paths.items():
+        check_unread(path, [simulation, model.robot.path], f"--{kind}")
     made = {kind: write(model, kind, package_dir or (), name=path.stem) for kind, path in paths.items()}
     _write(paths, made)
     files = [{"kind": kind, "path": asked[kind], "notes": list(made[kind].notes)} for kind in paths]
@@ -200,8 +203,13 @@ def _check_exports(asked: dict[str, Text], paths: dict[str, Path]) -> None:
 
 def _write(paths: dict[str, Path], made: dict[str, Exported]) -> None:
     """Write the files; those of one folder all or none."""
-    from ...output.report import write_files
+    from ...output.report import check_foreign, write_files
 
+    beside = {kind: [path.with_name(path.stem + end) for end in made[kind].beside] for kind, path in paths.items()}
+    for kind, further in beside.items():
+        check_foreign(paths[kind].parent, [path.name for path in further], f"--{kind}")
+        if shared := {path.resolve() for path in further} & {path.resolve() for path in paths.values()}:
+            raise OptionError(f"--{kind} also writes {shared.pop().name}; give the other file another name")
     for folder in dict.fromkeys(path.parent for path in paths.values()):
         mine = {kind: path for kind, path in paths.items() if path.parent == folder}
         texts = {path.name: made[kind].text for kind, path in mine.items()}

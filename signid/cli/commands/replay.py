@@ -10,7 +10,7 @@ from ...errors import OptionError
 from ..app import Text, command, option
 from ..arguments import given_model, given_recordings, simulation_inputs
 from ..options import Columns, Json, RecordingName, SimulationArguments
-from ..terminal import DONE
+from ..terminal import DONE, check_unread
 
 if TYPE_CHECKING:
     from ...output.replay import Replay
@@ -54,6 +54,9 @@ def replay(
 
     html, diagnosis = shown.html, shown.diagnosis
     _check(html)
+    if html is not None:
+        read = [recording, diagnosis, shown.columns, simulation.simulation, simulation.actuators]
+        check_unread(html, read, "--html")
     if diagnosis is not None and Path(diagnosis).is_dir():
         diagnosis = str(Path(diagnosis) / "diagnosis.json")
     model, _ = given_model(simulation)
