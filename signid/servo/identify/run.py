@@ -13,6 +13,7 @@ from ...recording import Recordings, as_recordings
 from ...regression.session import only_once
 from ...servos import Servo
 from ...types import Progress, Recording
+from ..audit import audit_flags
 from ..fit import start_servos
 from ..search.choice import Candidate
 from ..search.data import servo_data, thinned
@@ -95,6 +96,7 @@ def identify_servos(
     fit = final_fit(weighed, all_rows, chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.95)
     case = Known(scale, wanted, fixed, limits.laws, duty, sets)
+    remarks = (*audit_flags(model.robot, (*given, *unseen)), *remarks)
     if scale == "masses":
         remarks = (*remarks, *zero_flags(plain, few))
     return conclude((plain, weighed), data, chosen, fit, case, remarks, options)
