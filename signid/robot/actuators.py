@@ -111,8 +111,9 @@ def _word(where: str, key: str, value: object) -> str:
 
 
 def _size(where: str, key: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise RobotError(f'[{where}] has {key} = {value!r}; expected a number, or "{FIND}"')
+    number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
+    if not (number and isinstance(value, int | float)):
+        raise RobotError(f'[{where}] has {key} = {value!r}; expected a finite number, or "{FIND}"')
     if fault := number_fault(key, value, key in POSITIVE):
         given = f"{float(value):g}" if abs(value) < _LARGEST else f"a number beyond {_LARGEST:.0e}"
         raise RobotError(f"[{where}] has {key} = {given}; {fault}")

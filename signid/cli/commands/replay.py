@@ -55,8 +55,8 @@ def replay(
     html, diagnosis = shown.html, shown.diagnosis
     _check(html)
     if html is not None:
-        files = [recording, diagnosis, shown.columns, simulation.simulation, simulation.actuators]
-        check_unread(html, files, "--html")
+        given = [recording, diagnosis, shown.columns, simulation.simulation, simulation.actuators]
+        check_unread(html, given, "--html")
     if diagnosis is not None and Path(diagnosis).is_dir():
         diagnosis = str(Path(diagnosis) / "diagnosis.json")
     model, _ = given_model(simulation)

@@ -146,7 +146,7 @@ def _damaged(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
             fact = f"{audit.joint}: {name} jumps away and back within one row {count} times, by up to"
             yield f"{fact} {_length(size, audit)}: lost or damaged values; leave these cells empty"
     seconds, sweeps = stuck(parts, audit.range)
-    if sweeps > SWEEPS:
+    if sweeps > SWEEPS and not explained["command"]:
         fact = f"{audit.joint}: q stays the same for {seconds:.3g} s while q_des moves"
         yield f"{fact}: the sensor is stuck, or the drive is off; leave these rows out or mark them (on_J)"
 
