@@ -29,6 +29,10 @@ from .parameters import Array
 
 DRIVE_LAWS = ("effort", "duty", "torque_speed")
 KD_ON = ("velocity", "error")
+WORDS: Mapping[str, Sequence[str]] = {"law": DRIVE_LAWS, "kd_on": KD_ON}
+SMALLEST, LARGEST = 1e-9, 1e7  # [unit of the number] least that is not zero, and largest; of the drives of robots
+SIZED = ("kp", "effort_limit", "speed_limit", "profile_speed")  # numbers that are zero or at least SMALLEST
+LONGEST_DELAY = 10.0  # [s]; the buses of robots need less than 0.3 s
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ class Servo:
         return replace(self, **numbers)  # type: ignore[arg-type]
 
 
-SERVO_NUMBERS = tuple(f.name for f in fields(Servo) if f.name not in ("law", "kd_on", "kp_register"))
+SERVO_NUMBERS = tuple(f.name for f in fields(Servo) if f.name not in (*WORDS, "kp_register"))
 SERVO_UNITS = {
     "kp": "N.m/rad",
     "kd": "N.m.s/rad",
@@ -115,6 +119,17 @@ class ServoGrid(Frozen):
         return len(self.q)
 
 
+def number_fault(name: str, value: float, positive: bool = False) -> str:
+    """Expectation that a number of a drive misses, "" if it is plausible; `positive`: it cannot be zero."""
+    if name == "delay":
+        return "" if 0 <= value <= LONGEST_DELAY else f"expected a delay from 0 to {LONGEST_DELAY:g} s"
+    if name == "torque_offset":
+        return "" if abs(value) <= LARGEST else f"expected a number from {-LARGEST:g} to {LARGEST:g}"
+    if positive and not SMALLEST <= value <= LARGEST:
+        return f"expected a positive number from {SMALLEST:g} to {LARGEST:g}"
+    return "" if 0 <= value <= LARGEST else f"expected zero or a positive number up to {LARGEST:g}"
+
+
 def servos_document(servos: Mapping[str, Servo], joints: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Drives by joint as JSON, in the units of SERVO_UNITS; infinite numbers and unknown registers are left out."""
     return {joint: _document(servos[joint]) for joint in joints if joint in servos}
@@ -137,12 +152,11 @@ def servos_from(content: Mapping[str, Mapping[str, Any]], joints: Sequence[str])
         raise ValueError(f"servos: the robot moves {shorten(joints)}, and no joint {strangers[0]!r}")
     found = {joint: Servo(**content[joint]) for joint in joints if joint in content}
     for joint, servo in found.items():
-        for key, known in (("law", DRIVE_LAWS), ("kd_on", KD_ON)):
+        for key, known in WORDS.items():
             if getattr(servo, key) not in known:
                 raise ValueError(f"servos.{joint}.{key}: {getattr(servo, key)!r} is none of {', '.join(known)}")
-        for name in SERVO_NUMBERS:
-            if not getattr(servo, name) >= 0 and name != "torque_offset":
-                raise ValueError(f"servos.{joint}.{name}: {getattr(servo, name)} {SERVO_UNITS[name]} is negative")
-        if servo.kp_register is not None and not servo.kp_register > 0:
-            raise ValueError(f"servos.{joint}.kp_register: {servo.kp_register} is not positive")
+        for name, value in content[joint].items():
+            positive = name == "kp_register" or (name in SIZED and value > 0)
+            if name not in WORDS and value is not None and (fault := number_fault(name, value, positive)):
+                raise ValueError(f"servos.{joint}.{name}: {value:g} {SERVO_UNITS.get(name, '')}; {fault}")
     return found

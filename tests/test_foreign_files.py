@@ -71,12 +71,40 @@ def test_the_users_description_is_not_replaced_by_a_result(place: Path) -> None:
         "simulate 3r --motion recording.parquet -o recording.parquet",
         "simulate 3r --motion recording.parquet -o ./recording.parquet",
         "convert recording.parquet -o recording.parquet",
+        "export robot.urdf --urdf robot.urdf",
+        "export . --mjcf ./robot.urdf",
+        "export robot.urdf --c arm.c --function actuators.toml",
+        "simulate robot.urdf -o table.csv --actuators table.csv",
+        "excite robot.urdf -o table.csv --actuators table.csv",
+        "convert recording.parquet --columns table.csv -o table.csv",
+        "replay robot.urdf recording.parquet --columns page.html --html page.html",
+        "reduce 3r factors.npz -o factors.npz",
+        "reduce 3r recording.parquet --like factors.npz -o factors.npz",
     ],
 )
 def test_a_file_that_is_read_is_not_written(command: str, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("actuators.toml", "table.csv", "page.html", "factors.npz"):
+        (place / name).write_text("")
     before = content(place)
     assert run(command.split()) == 2
-    assert capsys.readouterr().err.count("\n") == 1 and content(place) == before
+    said = capsys.readouterr().err
+    assert "is read by this command" in said or "the file to convert" in said
+    assert said.count("\n") == 1 and content(place) == before
+
+
+@pytest.mark.parametrize("name", ["arm.h", "arm_test.c"])
+def test_files_beside_an_exported_one_replace_no_foreign_file(
+    name: str, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (place / name).write_text("int mine;\n")
+    before = content(place)
+    assert run("export 3r --c arm.c".split()) == 2
+    said = capsys.readouterr().err
+    assert f"{name} in it was not written by signid" in said and said.count("\n") == 1 and content(place) == before
+    (place / name).unlink()
+    for _ in range(2):
+        assert run("export 3r --c arm.c".split()) == 0
+    assert run("export 3r --c other.c --arrays other_test.c".split()) == 2
 
 
 MANIFEST = "robot,recording,session,task\n3r,sessions/arm_17/recording.parquet,arm_17,identify\n"

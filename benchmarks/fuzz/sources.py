@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+from .drives import drive_readers
 from .factors import changed, changes, identify_from, pendulum
 from .readers import TOKENS, Reader, readers as file_readers
 from .texts import (
@@ -55,6 +56,12 @@ SHARES = {  # of the inputs of a campaign, per mille
     "laws, simulated": 2,
     "senseless recordings": 0.4,
     "factors, arrays": 10,
+    "watched lines, CSV": 10,
+    "watched lines, JSON": 10,
+    "servo columns": 4,
+    "stated drives": 40,
+    "saved drives": 30,
+    "names in exports": 6,
 }
 
 
@@ -64,6 +71,7 @@ def readers() -> tuple[Reader, ...]:
     found = (
         *file_readers(),
         Reader("factors, arrays", "f.npz", changes(), lambda path: identify_from(path, pendulum()), wrap=changed),
+        *drive_readers(),
         Reader("laws", "law", law_seeds(), read_law),
         Reader("names of columns", "names", HEADERS, read_header),
         Reader("expressions of xacro", "expression", EXPRESSIONS, read_expression),

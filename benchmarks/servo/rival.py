@@ -50,7 +50,9 @@ def race(urdf: Path, recording: Path) -> Race:
     train, unseen = (ClosedLoop(model, grids, [0], (best,), WINDOW) for grids in (data.train, data.held_out))
     start = time.process_time()
     first = start_servos(with_servos(model, found.servos), data.train, best.law)
-    fit = fit_servos(model, data.train, first, [(data.joints[0], name) for name in NUMBERS], window=WINDOW)
+    fit = fit_servos(
+        model, data.train, first, [(data.joints[0], name) for name in NUMBERS], window=WINDOW, scales=False
+    )
     fit_seconds = time.process_time() - start
     alone = fit.servos[data.joints[0]]
     goal = 1.01 * _rms(train, [alone])[0]

@@ -24,6 +24,7 @@ LONGEST, LAST = 390, 1200  # lengths of a line from which long words, and whole 
 WORD = 90  # length of a word that is left whole in a long line [characters]
 BRIEF = 1.0  # elapsed time below which no remaining time is estimated [s]
 LITTLE = 0.03  # completed share below which no remaining time is estimated
+DESCRIBED = ("robot.urdf", "actuators.toml")  # files that are read of a folder with a robot
 NEAR = 5.0  # a time limit beyond this multiple of the estimated remaining time is not shown
 
 
@@ -151,8 +152,26 @@ def check_file(output: str | None, json: bool, read: Sequence[str | None] = ()) 
         if not form.writes:
             form.encode({}, output)
         probe_folder(Path(output).parent)
-        if any(name and Path(name).exists() and Path(output).exists() and samefile(name, output) for name in read):
-            raise OptionError(f"{output} is read by this command; give another name with -o")
+        check_unread(output, read)
+
+
+def check_unread(output: str | Path, read: Sequence[str | None], given: str = "-o") -> None:
+    """Check that a file to write is none of those that the command reads; of a folder it reads the description.
+
+    Raises:
+        OptionError: it is one of them; the sentence names the option `given`.
+    """
+    paths = [Path(name) / file for name in read if name for file in ("", *DESCRIBED)]
+    paths += [Path(name).with_name("actuators.toml") for name in read if name and Path(name).name]
+    if any(_same(path, Path(output)) for path in paths):
+        raise OptionError(f"{output} is read by this command; give another name with {given}")
+
+
+def _same(path: Path, other: Path) -> bool:
+    try:
+        return path.exists() and other.exists() and samefile(path, other)
+    except (OSError, ValueError):  # a name that no file has
+        return False
 
 
 def write_columns(output: str | None, columns: Mapping[str, Array]) -> Sequence[Path]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from difflib import get_close_matches
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from ..errors import RobotError
-from ..servos import DRIVE_LAWS, KD_ON
+from ..servos import WORDS, number_fault
 from ..toml_json import read_toml
 from ..types import Actuators, Array, Robot
 from .joints import find
@@ -20,7 +19,6 @@ POSITIVE = (  # numbers of a servo that cannot be zero
     *("kp", "effort_limit", "speed_limit", "stall_torque", "voltage", "profile_speed", "kp_register"),
 )
 NONNEGATIVE = (*("kd", "delay", "dead_band", "coulomb_friction", "viscous_friction", "load_friction", "armature"),)
-WORDS: Mapping[str, Sequence[str]] = {"law": DRIVE_LAWS, "kd_on": KD_ON}
 SERVO_KEYS = ("law", "kp", "kd", "kd_on", *(key for key in (*POSITIVE, *NONNEGATIVE) if key not in ("kp", "kd")))
 _KEYS = tuple(item.name for item in fields(Actuators))
 _LARGEST = 1e100  # largest accepted magnitude [any]
@@ -113,12 +111,12 @@ def _word(where: str, key: str, value: object) -> str:
 
 
 def _size(where: str, key: str, value: object) -> float:
-    valid = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _LARGEST
-    if not (valid and isinstance(value, int | float) and isfinite(value)):
+    number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
+    if not (number and isinstance(value, int | float)):
         raise RobotError(f'[{where}] has {key} = {value!r}; expected a finite number, or "{FIND}"')
-    if value < 0 or (value == 0 and key in POSITIVE):
-        expected = "a positive number" if key in POSITIVE else "zero or a positive number"
-        raise RobotError(f"[{where}] has {key} = {value!r}; expected {expected}")
+    if fault := number_fault(key, value, key in POSITIVE):
+        given = f"{float(value):g}" if abs(value) < _LARGEST else f"a number beyond {_LARGEST:.0e}"
+        raise RobotError(f"[{where}] has {key} = {given}; {fault}")
     return float(value)
 
 

@@ -16,6 +16,7 @@ from ..servos import Servo, ServoGrid
 from ..simulation.rollout.joints import restrict_joints
 from ..types import Array, Input, Progress, Recording, Result, Robot
 from ..validate.models import named_models
+from .audit import audit_flags
 from .identify.result import ServoRollOut, ServoTrace
 from .plant import roll_out, servo_grids
 from .stated import stated_servos
@@ -75,11 +76,12 @@ def validate_servos(
     named = named_models(models, "validate_servos")
     if not named:
         raise OptionError("no model was given; at least one is needed")
-    given = as_recordings(recordings, next(iter(named.values())).robot, "validate_servos")
+    first = next(iter(named.values()))
+    given = as_recordings(recordings, first.robot, "validate_servos")
     if not given:
         raise OptionError("no recording was given; at least one is needed")
     need_commands(given)
-    validated, flags, notes = list[ServoValidatedModel](), list[str](), list[str]()
+    validated, flags, notes = list[ServoValidatedModel](), list(audit_flags(first.robot, given)), list[str]()
     for k, (name, model) in enumerate(named.items()):
         if progress is not None:
             progress(f"validating {name}", k / len(named))

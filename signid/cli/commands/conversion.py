@@ -54,7 +54,7 @@ def convert(
     from ...recording.convert import convert as read
 
     name, output = conversion.robot, conversion.output
-    _check(source, output, json)
+    _check(source, conversion, robot_options.actuators, json)
     robot = given_robot(name, robot_options) if name is not None else None
     columns = _column_map(conversion)
     if robot is not None and conversion.map is not None and not Path(conversion.map).exists():
@@ -73,10 +73,11 @@ def convert(
     return show(document if json else conversion_tables(found), found.flags, written)
 
 
-def _check(source: str, output: str | None, json: bool) -> None:
+def _check(source: str, conversion: ConvertOptions, actuators: str | None, json: bool) -> None:
     """Check that the result can be written."""
+    output = conversion.output
     if output is not None:
-        check_file(output, json)
+        check_file(output, json, [conversion.columns, conversion.map, conversion.robot, actuators])
         if Path(output).resolve() == Path(source).resolve():
             raise OptionError(f"-o {output} is the file to convert; give the result another name")
 

@@ -54,8 +54,8 @@ def excite(excitation: ExciteOptions, robot: RobotArguments, run: RunOptions) ->
     """
     from ...output.report import excitation_document, excitation_tables, to_json
 
-    check_file(excitation.output, run.json)
     source = robot.simulation
+    check_file(excitation.output, run.json, [source.simulation, source.actuators])
     model, _ = given_model(source)
     found = _search(model, excitation, run)
     document = to_json(excitation_document(model.robot, found, simulation_inputs(source, model.robot), run.seed))

@@ -12,7 +12,7 @@ from ...errors import OptionError, OutputError
 from ..app import Text, command, option
 from ..arguments import given_model, simulation_inputs
 from ..options import Json, PackageDir, SimulationArguments, SimulationName
-from ..terminal import DONE
+from ..terminal import DONE, check_unread
 
 if TYPE_CHECKING:
     from ...output.export import Exported
@@ -67,6 +67,8 @@ def export(
     packages = None if simulation.endswith(".json") else package_dir
     source = SimulationArguments(simulation=simulation, package_dir=packages)
     model, _ = given_model(source)
+    for kind, path in paths.items():
+        check_unread(path, [simulation, model.robot.path], f"--{kind}")
     made = {
         kind: write(
             model,
@@ -113,8 +115,13 @@ def _check_exports(asked: dict[str, Text], paths: dict[str, Path], of_mjcf: bool
 
 def _write(paths: dict[str, Path], made: dict[str, Exported]) -> list[Path]:
     """Write the files; those of one folder all or none, meshes before the MJCF that reads them; return the meshes."""
-    from ...output.report import write_files
+    from ...output.report import check_foreign, write_files
 
+    beside = {kind: [path.with_name(path.stem + end) for end in made[kind].beside] for kind, path in paths.items()}
+    for kind, further in beside.items():
+        check_foreign(paths[kind].parent, [path.name for path in further], f"--{kind}")
+        if shared := {path.resolve() for path in further} & {path.resolve() for path in paths.values()}:
+            raise OptionError(f"--{kind} also writes {shared.pop().name}; give the other file another name")
     copies = {path.parent / name: source for kind, path in paths.items() for name, source in made[kind].meshes.items()}
     new = _missing(copies)
     try:

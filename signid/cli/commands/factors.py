@@ -14,7 +14,7 @@ from ...errors import OptionError
 from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_options, given_recordings, given_robot
 from ..options import Recordings, RobotArguments, RowOptions, RunOptions
-from ..terminal import bars, show
+from ..terminal import bars, check_unread, show
 
 if TYPE_CHECKING:
     from ...regression.reduced import Reduced
@@ -99,6 +99,9 @@ def reduce(
     from ...regression.reduced import add_up, encode_factors
 
     _check(reduction, run.json)
+    if reduction.output is not None:
+        read = [*recordings, *(reduction.held_out or ()), reduction.like, rows.columns, robot.robot, robot.actuators]
+        check_unread(reduction.output, read)
     described = given_robot(robot.robot, robot)
     flags: tuple[str, ...] = ()
     if reduction.parts is not None:

@@ -10,7 +10,7 @@ from ...errors import OptionError
 from ..app import Text, command, option
 from ..arguments import given_model, given_recordings, simulation_inputs
 from ..options import Columns, Json, Mcap, RecordingName, Rrd, SimulationArguments
-from ..terminal import DONE
+from ..terminal import DONE, check_unread
 
 if TYPE_CHECKING:
     from ...model import Model
@@ -63,6 +63,9 @@ def replay(
     html, diagnosis = shown.html, shown.diagnosis
     _check(html)
     logs = check_logs(rrd=shown.rrd, mcap=shown.mcap)
+    if html is not None:
+        given = [recording, diagnosis, shown.columns, simulation.simulation, simulation.actuators]
+        check_unread(html, given, "--html")
     if diagnosis is not None and Path(diagnosis).is_dir():
         diagnosis = str(Path(diagnosis) / "diagnosis.json")
     model, _ = given_model(simulation)

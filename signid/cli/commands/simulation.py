@@ -99,7 +99,8 @@ def simulate(
     from ...output.report import simulation_document, simulation_tables, to_json
     from ...simulation.plant import Sensors
 
-    check_file(plant.output, run.json, [plant.motion, plant.torque, commands])
+    read = [plant.motion, plant.torque, commands, simulation.simulation, simulation.actuators]
+    check_file(plant.output, run.json, read)
     if plant.servo or commands is not None:
         return _through_drives(commands, plant, loop, sensors, simulation, run)
     recorded = Sensors(**{**vars(sensors), "rate": RATE if sensors.rate is None else sensors.rate})

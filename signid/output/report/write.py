@@ -15,11 +15,13 @@ from ...errors import OutputError
 Content = str | bytes | Iterable[str]
 MARK = ".signid-"  # prefix of temporary files and folders
 _NAME = re.compile(rf"{re.escape(MARK)}\w{{8}}")  # temporary files, as named by mkstemp
-WRITTEN = "written by signid"  # in a comment of an XML file
+WRITTEN = "written by signid"  # in a comment of an XML or C file
 _SIGNS = {  # what a file that signid wrote has near its beginning
     ".json": '"schema": "signid.',
     ".html": '<meta name="generator" content="signid">',
     ".urdf": WRITTEN,
+    ".h": WRITTEN,
+    ".c": WRITTEN,
 }
 _BEGINNING = 4096  # [bytes] in which it stands
 _STALE = 86_400.0  # age from which a temporary file is considered abandoned [s]

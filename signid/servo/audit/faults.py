@@ -1,4 +1,4 @@
-"""Faults of logs: repeated and wrapped positions, copies in place of commands, saturation, noise."""
+"""Faults of logs: repeated, wrapped and stuck positions, spikes, copies of commands, saturation, noise."""
 
 from __future__ import annotations
 
@@ -18,6 +18,11 @@ WRAPPED = 0.05  # tolerance of a full turn [1]
 OUTLIER = 20.0  # jumps over the 99.9 % quantile of the others that are no motion
 COPY, SHIFTS = 1e-6, range(-3, 4)  # [1] of the range of motion; rows
 ALTERNATES = -0.5  # largest correlation of successive second differences of white noise, which have -2/3
+SPIKE, USUAL = 0.12, 8.0  # size of a spike over the range [1] and over the median step [1]; healthy logs: below .11
+OUTER = 0.01  # [1] quantile at both ends that the range leaves out
+FEW_LEVELS = 10  # values of a command that jumps between levels, whose short pulses are no spikes
+STILL, SWEEP = 1.0, 0.5  # [s] and [range] of motion of the command during which a position that repeats is stuck
+BASE, LATEST = 0.03, 0.15  # [s] over which a speed is computed; largest delay of a speed after the error
 TO_STD = 1.4826 / np.sqrt(6.0)  # of the median size of the second differences of white noise
 
 
@@ -82,6 +87,46 @@ def copied(parts: Sequence[Part]) -> int | None:
         if total >= 10 and same > 0.95 * total:
             return shift
     return None
+
+
+def spikes(parts: Sequence[Part], key: str) -> tuple[int, float]:
+    """Number of rows that jump away and back at once, and the largest such jump [rad or m]; key: "q" or "command"."""
+    x = np.concatenate([getattr(part, key) for part in parts])
+    low, high = np.quantile(x, [OUTER, 1 - OUTER])
+    steps = [np.diff(getattr(part, key)) for part in parts]
+    limit = max(SPIKE * float(high - low), USUAL * float(np.median(np.abs(np.concatenate(steps)))))
+    back = [np.minimum(np.abs(d[1:]), np.abs(d[:-1])) * (d[1:] * d[:-1] < 0) for d in steps]
+    sizes = np.concatenate(back)
+    levels = key == "command" and len(np.unique(x)) <= FEW_LEVELS
+    found = sizes[sizes > max(limit, TINY)]
+    return (0, 0.0) if levels or not len(found) else (len(found), float(found.max()))
+
+
+def stuck(parts: Sequence[Part], span: float) -> tuple[float, float]:
+    """Duration [s] and motion of the command over its range [1] of the stretch in which q repeats most; span: range."""
+    longest = (0.0, 0.0)
+    for part in parts:
+        edges = np.flatnonzero(np.concatenate([[True], np.diff(part.q) != 0, [True]]))
+        for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+            seconds, command = float(part.t[high - 1] - part.t[low]), part.command[low:high]
+            if seconds > STILL and np.ptp(command) > SWEEP * span:
+                longest = max(longest, (seconds, float(np.abs(np.diff(command)).sum()) / span), key=lambda x: x[1])
+    return longest
+
+
+def driven_by_error(grids: Sequence[Grid]) -> float:
+    """Largest correlation [1] of the speed with the error q_des - q shortly before, which saturated drives have too."""
+    period = grids[0].period
+    k, best = max(1, round(BASE / period)), 0.0
+    long = [grid for grid in grids if len(grid.q) > 4 * k + LATEST / period + 2]
+    for late in range(round(LATEST / period) + 1) if long else ():
+        speed = np.concatenate([(grid.q[2 * k :] - grid.q[: -2 * k])[late:] for grid in long])
+        errors = [(grid.command - grid.q)[k : len(grid.q) - k] for grid in long]
+        error = np.concatenate([each[: len(each) - late] for each in errors])
+        size = float(np.std(speed) * np.std(error))
+        if size > 0:
+            best = max(best, float(np.mean((speed - speed.mean()) * (error - error.mean()))) / size)
+    return best
 
 
 def saturated_share(parts: Sequence[Part], grids: Sequence[Grid]) -> float:

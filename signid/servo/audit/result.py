@@ -62,9 +62,14 @@ class ServoAudit(Frozen):
     def flags(self) -> tuple[str, ...]:
         """Reasons not to rely on the recordings, one sentence each; empty for healthy ones."""
         columns = [flag for recording in self.recordings for flag in recording.flags]
+        return tuple(dict.fromkeys((*columns, *self.faults)))
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Flags of stamps and of joints, without those of the columns of the recordings."""
         own: dict[str, list[str]] = {}  # joints by what is said of them
         for joint in self.joints:
             for flag in joint.flags:
                 own.setdefault(flag.removeprefix(joint.joint), []).append(joint.joint)
         joints = (f"{', '.join(names)}{said}" for said, names in own.items())
-        return tuple(dict.fromkeys((*columns, *self.stamps, *joints)))
+        return tuple(dict.fromkeys((*self.stamps, *joints)))

@@ -8,14 +8,25 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import RecordingError
-from ...types import Recording, Samples
-from .faults import command_noise, command_period, held_share, jumps, quantum, saturated_share, turn_of, unwrapped
+from ...types import Recording, Robot, Samples
+from .faults import (
+    command_noise,
+    command_period,
+    driven_by_error,
+    held_share,
+    jumps,
+    quantum,
+    saturated_share,
+    turn_of,
+    unwrapped,
+)
 from .response import UNKNOWN, find_response
 from .rest import at_rest
 from .result import JointAudit, ServoAudit
-from .sentences import COARSE, judge_joint, judge_stamps
+from .sentences import COARSE, judge_joint, judge_stamps, judge_still
 from .tracks import BRIEFEST, Part, RowClock, cut, driven, joined, on_grid, read_samples, read_stamps
 
+PLACES = ("q", "command")
 SLOWEST_GRID = 1e-3  # [s] shortest period of the grid
 
 
@@ -50,7 +61,9 @@ def audit_servos(recordings: Recording | Sequence[Recording], units: Mapping[str
     if not audits:
         advice = "check the stamps, on_J and empty cells"
         stamps.append(f"no joint has a position and a command for {BRIEFEST:g} s without a gap; {advice}")
-    elif silent:
+    elif all(not len(np.unique(joined(each, key))) > 1 for each in parts.values() if each for key in PLACES):
+        stamps.append("no command changes and no joint moves; record a motion that q_des_J commands")
+    if audits and silent:
         notes.append(f"commanded nowhere long enough, and not audited: {', '.join(silent)}")
     return ServoAudit(
         tuple(audits),
@@ -61,6 +74,20 @@ def audit_servos(recordings: Recording | Sequence[Recording], units: Mapping[str
         tuple(stamps),
         tuple(dict.fromkeys(notes)),
     )
+
+
+def audit_flags(robot: Robot, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Faults of recordings of a robot, each audited alone; one sentence each, with the file's name if there are more.
+
+    Recordings without a commanded position have none.
+    """
+    units = {joint: "m" if slides else "rad" for joint, slides in zip(robot.joints, robot.prismatic, strict=True)}
+    found: list[str] = []
+    for recording in recordings:
+        faults = audit_servos(recording, units).faults if _commanded(recording) else ()
+        name = recording.path if len(recordings) > 1 else ""
+        found += [said if not name or said.startswith(name) else f"{name}: {said}" for said in faults]
+    return tuple(dict.fromkeys(found))
 
 
 def _commanded(recording: Recording) -> list[str]:
@@ -108,5 +135,8 @@ def _audit(joint: str, unit: str, parts: Sequence[Part], period: float, coarsest
         **answer,
         **rest._asdict(),
     )
-    said = judge_joint(audit, found, given, period) if span > COARSE * max(step, coarsest) else ()
+    if span > COARSE * max(step, coarsest):
+        said = judge_joint(audit, found, given, period, driven_by_error(grids) if moved else 0.0)
+    else:
+        said = judge_still(audit, parts)
     return replace(audit, flags=tuple(said))

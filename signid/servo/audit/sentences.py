@@ -9,27 +9,59 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from math import pi
 
+import numpy as np
+
 from ...types import Recording
-from .faults import copied, jumps, turn_of
+from .faults import copied, jumps, spikes, stuck, turn_of
 from .response import Response
 from .result import JointAudit
 from .tracks import Part, RowClock
 
 COARSE = 10.0  # steps of the encoder below which a command says nothing
 STUCK = 0.05  # motion over the range of the command
-SURE, CERTAIN = 0.5, 0.95  # correlations
+SURE, AGAINST, CERTAIN = 0.5, 0.9, 0.95  # correlations
 LEAD, LATE, EXACT = 1.0, 0.12, 0.06  # [rows], [s], residual below which the delay is no dry friction
 STIFF = 0.3  # difference of the scale from one, beyond which droop may look like a lead
 SCALES, DEGREES = (0.1, 1.5), 0.1  # motion per command; tolerance of 180 / pi
 ZERO, ZERO_LEAST, CLOSE, QUIET = 0.25, 0.15, 0.15, 0.2  # [range], [rad], |scale - 1|, residual
 HELD = 0.08  # share of moving rows
 SATURATED = 0.4  # share of rows
+DRIVEN = 0.7  # correlation of speed and error from which on a joint follows although q and q_des differ
+GAIN, CLEAN = 0.3, 0.03  # difference of the scale from one, and residual below which it is neither droop nor friction
+SPIKES, SHARE = 3, 0.005  # rows of q and share of rows of q_des that jump away and back; healthy: 0 rows and .001
+FLICKER = 5.0  # steps of the encoder that a spike exceeds
+SWEEPS = 2.0  # [range] motion of the command while q repeats; healthy logs: at most 1
+LEVELS, STEP = 100, 0.01  # values and size of their step [rad or m], fewer and larger ones of which are coarse
+FREE, FREE_STEPS = 0.1, 60.0  # [rad or m] and [steps of the encoder] of motion without a command
 NOISE = 0.02  # [range]
 UNEVEN, REPEATED = 0.1, 0.01  # shares of rows
 
 
-def judge_joint(audit: JointAudit, found: Response | None, parts: Sequence[Part], period: float) -> Iterator[str]:
-    """Flags of one joint; period: of its rows [s]."""
+def judge_still(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
+    """Flags of one joint whose command hardly moves, or less than a few steps of its encoder."""
+    moved = _moved(parts)
+    least = FREE if audit.unit in ("rad", "m") else 0.0
+    if audit.range == 0 and moved > max(least, FREE_STEPS * audit.quantum):
+        fact = f"{audit.joint}: q moves by {_length(moved, audit)} although q_des never changes"
+        yield f"{fact}; check that q_des is the command, or mark the rows with the drive off (on_J)"
+    yield from _coarse(audit, parts)
+
+
+def _moved(parts: Sequence[Part]) -> float:
+    return max(float(part.q.max()) for part in parts) - min(float(part.q.min()) for part in parts)
+
+
+def _coarse(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
+    levels = len(np.unique(np.concatenate([part.q for part in parts])))
+    if audit.unit in ("rad", "m") and levels < LEVELS and audit.quantum > STEP:
+        fact = f"{audit.joint}: q has only {levels} different values, {_length(audit.quantum, audit)} apart"
+        yield f"{fact}: speeds and small errors are lost; record the position with all bits of the encoder"
+
+
+def judge_joint(
+    audit: JointAudit, found: Response | None, parts: Sequence[Part], period: float, driven: float
+) -> Iterator[str]:
+    """Flags of one joint; period: of its rows [s], driven: correlation of its speed with the error before [1]."""
     if (shift := copied(parts)) is not None:
         rows = (
             f", {abs(shift)} row{'s' if abs(shift) > 1 else ''} {'later' if shift > 0 else 'earlier'}" if shift else ""
@@ -37,21 +69,26 @@ def judge_joint(audit: JointAudit, found: Response | None, parts: Sequence[Part]
         advice = "it is no command; record what is sent to the drive"
         yield f"{audit.joint}: q_des equals q{rows}: {advice}"
         return
-    moved = max(float(part.q.max()) for part in parts) - min(float(part.q.min()) for part in parts)
-    if moved < STUCK * audit.range:
+    if _moved(parts) < STUCK * audit.range:
         fact = f"{audit.joint}: q does not follow q_des, it moves by less than {STUCK:.0%} of it"
         yield f"{fact}; check that the drive is on, or record when it is off (on_J)"
         return
-    if found is not None:
+    if found is not None and abs(found.correlation) < SURE and driven < DRIVEN:
+        fact = f"{audit.joint}: q does not follow q_des (correlation {found.correlation:.2f} at the best shift)"
+        yield f"{fact}; q and q_des are of different joints, motions or clocks, or q is damaged: check the columns"
+    elif found is not None:
         yield from _response(audit, found, period)
     yield from _log(audit, parts)
+    yield from _damaged(audit, parts)
+    yield from _coarse(audit, parts)
 
 
 def _response(audit: JointAudit, found: Response, period: float) -> Iterator[str]:
     joint = audit.joint
     if found.correlation < -SURE:
         fact = f"{joint} moves against its command (correlation {found.correlation:.2f})"
-        yield f"{fact}: q or q_des has the wrong sign; negate one of them in a column map (--columns)"
+        other = "" if found.correlation < -AGAINST else ", or the two are of different times or motions"
+        yield f"{fact}: q or q_des has the wrong sign{other}; negate one of them in a column map (--columns)"
         return
     if found.shift < -LEAD * period and found.correlation > CERTAIN and abs(found.scale - 1) < STIFF:
         fact = f"{joint}: q leads q_des by {-1e3 * found.shift:.0f} ms"
@@ -63,6 +100,9 @@ def _response(audit: JointAudit, found: Response, period: float) -> Iterator[str
         near = next((k for k in (180 / pi, pi / 180) if abs(found.scale / k - 1) < DEGREES), None)
         why = "one is in degrees and the other in rad" if near else "they have different units or gear ratios"
         yield f"{joint}: q moves by {found.scale:.3g} of q_des: {why}; state the units in a column map (--columns)"
+    elif audit.residual < CLEAN and abs(found.scale - 1) > GAIN:
+        fact = f"{joint}: q moves by {found.scale:.3g} of q_des throughout"
+        yield f"{fact}, which neither droop nor friction explains; check units, gear ratio and scale of both columns"
     elif _shifted(audit):
         fact = f"{joint} stays {_length(abs(audit.zero), audit)} {'below' if audit.zero > 0 else 'above'} its command"
         yield f"{fact} over its whole motion: the zeros of q and q_des differ, or a load pulls at it"
@@ -94,6 +134,21 @@ def _log(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
     if audit.command_noise > NOISE * audit.range:
         fact = f"{joint}: q_des has noise of {_length(audit.command_noise, audit)}"
         yield f"{fact}, {audit.command_noise / audit.range:.0%} of its range; record the command that is sent"
+
+
+def _damaged(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
+    """Spikes and stretches in which a sensor is stuck."""
+    rows = sum(len(part.q) for part in parts)
+    explained = {"q": bool(jumps(parts)[0]), "command": audit.command_noise > NOISE * audit.range}
+    for key, name, least in (("q", "q", SPIKES), ("command", "q_des", max(SPIKES, SHARE * rows))):
+        count, size = spikes(parts, key)
+        if count >= least and size > FLICKER * audit.quantum and not explained[key]:
+            fact = f"{audit.joint}: {name} jumps away and back within one row {count} times, by up to"
+            yield f"{fact} {_length(size, audit)}: lost or damaged values; leave these cells empty"
+    seconds, sweeps = stuck(parts, audit.range)
+    if sweeps > SWEEPS and not explained["command"]:
+        fact = f"{audit.joint}: q stays the same for {seconds:.3g} s while q_des moves"
+        yield f"{fact}: the sensor is stuck, or the drive is off; leave these rows out or mark them (on_J)"
 
 
 def judge_stamps(recordings: Sequence[Recording], clocks: Sequence[RowClock]) -> Iterator[str]:

@@ -12,6 +12,7 @@ from ...errors import OptionError, RecordingError
 from ...model import Model, ModelSource, as_model, with_servos
 from ...recording import Recordings, as_recordings
 from ...types import Array, Law, Progress
+from ..audit import audit_flags
 from ..plant.course import bodies_of, groups
 from ..search.data import ServoData, servo_data
 from ..validate import closed_loops, need_commands, prepared_model
@@ -88,7 +89,7 @@ def diagnose_servos(
         traces=traces,
         model=extended,
         inputs=data.inputs,
-        flags=tuple(dict.fromkeys((*flags, *more))),
+        flags=tuple(dict.fromkeys((*audit_flags(given.robot, (*read, *unseen)), *flags, *more))),
         notes=tuple(dict.fromkeys(notes)),
         seed=seed,
     )

@@ -13,6 +13,7 @@ from ...recording import Recordings, as_recordings
 from ...regression.session import only_once
 from ...servos import Servo
 from ...types import Progress, Recording
+from ..audit import audit_flags
 from ..fit import start_servos
 from ..plant.substeps import LONGEST
 from ..search.choice import Candidate
@@ -75,21 +76,19 @@ def identify_servos(
     options = replace(options, window=options.window or (ALONE if size == 1 else COUPLED))
     cost = size * int(np.ceil(data.train[0].step / LONGEST - 1e-9))  # of a row
     most = SEARCHED // cost
-    few = replace(data, train=thinned(data.train, most))
-    few = replace(few, folds=tuple((thinned(a, most), thinned(b, most)) for a, b in few.folds))
+    folds = tuple((thinned(a, most), thinned(b, most)) for a, b in data.folds)
+    few = replace(data, train=thinned(data.train, most), folds=folds)
     plain = with_servos(model, {joint: Servo() for joint in data.driven})
     starts = {law: _driven(start_servos(plain, few.train, law), data.driven) for law in EQUAL}
-    started = starts[PLAIN]
     weighed, remarks = plain, tuple[str, ...]()
     if scale == "kp":
         _say(progress, "weighing bodies", 0.05)
-        weighed, remarks = weigh_bodies(plain, few, started, fixed, sets, options)
+        weighed, remarks = weigh_bodies(plain, few, starts[PLAIN], fixed, sets, options)
     duty = _recorded_duty(full_duty_errors(model.robot, given), fixed, law)
     laws_known = {**law, **dict.fromkeys(duty, "duty")}
     first = {law: first_candidate(model.robot, data, servos, fixed, laws_known) for law, servos in starts.items()}
     limits = KnownLimits({law: _limited(one, starts[law]) for law, one in first.items()}, laws_known)
-    start = first[PLAIN]
-    start = replace(start, tied=duty).follow(start.servos)
+    start = replace(first[PLAIN], tied=duty).follow(first[PLAIN].servos)
     if any(_has_voltage(recording) for recording in given):
         options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
     chosen = search(Searcher(weighed, few, sets, options, progress), start, limits)
@@ -98,6 +97,7 @@ def identify_servos(
     fit = final_fit(weighed, all_rows, chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.95)
     case = Known(scale, wanted, fixed, limits.laws, duty, sets)
+    remarks = (*audit_flags(model.robot, (*given, *unseen)), *remarks)
     if scale == "masses":
         remarks = (*remarks, *zero_flags(plain, few))
     return conclude((plain, weighed), data, chosen, fit, case, remarks, options)

@@ -53,7 +53,7 @@ def write_c(model: Model, stem: str | None = None, *, mass_matrix: bool = True) 
     body = "".join(_definition(program, function, name, n) for function in program.functions)
     source = f'{head}See {stem}.h. */\n#include "{stem}.h"\n\n#include <math.h>\n{body}'
     header = f"{head}C99, no dependencies but math.h (-lm). */\n{_header(robot, program, name)}"
-    return Exported(source, program.notes, {".h": header, "_test.c": _test(program, name, stem, n)})
+    return Exported(source, program.notes, {".h": header, "_test.c": head + "*/\n" + _test(program, name, stem, n)})
 
 
 def identifier(name: str) -> str:
