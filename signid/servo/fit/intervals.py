@@ -1,4 +1,4 @@
-"""Covariance of fitted numbers: sandwich clustered by window, never below 1.5 times the classical deviations.
+"""Covariance of fitted numbers: sandwich clustered by window, never below 1.25 times the classical deviations.
 
 Residuals are correlated within a window and, less, between windows that follow each other: the sandwich is also
 formed with the products of neighbouring windows, and each number gets the widest of its intervals. With LOST and ROUGH,
@@ -14,8 +14,8 @@ import numpy as np
 
 from ...types import Array
 
-LOST = 0.5  # windows that each fitted number takes from the sandwich
-ROUGH = 1.5  # errors of simulations over those of white noise: dry friction makes the cost rough
+LOST = 0.4  # windows that each fitted number takes from the sandwich
+ROUGH = 1.25  # errors of simulations over those of white noise: dry friction makes the cost rough
 NEIGHBOURS = 3  # windows apart that may be correlated
 LEAST = 1e-24  # variance over the widest one, below which it counts as this
 NOTHING = 1e-12  # influence over the largest one, below which a number is not identifiable

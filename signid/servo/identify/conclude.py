@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from ...model import Model, with_servos
 from ..fit import ServoFit
-from ..search.data import ServoData
+from ..search.data import ServoData, loop_error
 from ..search.searcher import Chosen, ServoOptions
 from .assess import assess, nominal_servos
 from .facts import joint_facts
@@ -54,7 +54,11 @@ def conclude(
     described, model = models
     saturated = {joint: float(fit.saturated_share[data.joints.index(joint)]) for joint in fit.servos}
     facts = {
-        joint: replace(fact, full_duty_error=known.tied.get(joint, 0.0))
+        joint: replace(
+            fact,
+            full_duty_error=known.tied.get(joint, 0.0),
+            unexplained=float(fit.residual_rms[data.joints.index(joint)]) / max(loop_error(data, joint), 1e-12),
+        )
         for joint, fact in joint_facts(
             model, data, fit.servos, saturated, known.fixed, known.scale != "nothing"
         ).items()

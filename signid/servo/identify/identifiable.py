@@ -12,7 +12,8 @@ from ...servos import SERVO_UNITS, Servo
 from .result import ServoNumber
 
 LIGHT = 0.15  # share of the torque that is known load, below which the scale is not identifiable (MuJoCo so101)
-UNIQUE = 0.05  # the same for load that armature, friction and offset of the joint cannot give
+UNIQUE = 0.05  # the same for load that armature, friction and offset of the joint cannot give; at least
+LEAST_UNIQUE, CLEAR = 0.01, 10.0  # this, and so many times the error that the model leaves, where that is small
 VAGUE = 0.5  # std over value of a positive number beyond which it is not identifiable
 SPLIT = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
 ONE_NUMBER = "kd and viscous friction are one number here"
@@ -39,6 +40,7 @@ class JointFacts:
     scale_known: bool = True  # by masses or by a stated gain
     known_load_share: float = 1.0  # [1] of the rms torque
     unique_load_share: float = 1.0  # [1] that armature, friction and offset cannot give
+    unexplained: float = 1.0  # residual over the error of the loop [1]
     masses_set_scale: bool = True  # no gain of the joint is stated
     saturated_share: float = 0.0  # [1]
     largest_torque: float = 0.0  # [N.m or N] that the drive gives
@@ -157,7 +159,8 @@ def _one_with_lag(free: Sequence[str], values: Mapping[str, float], std: Mapping
 
 
 def _scale_known(facts: JointFacts) -> bool:
-    light = facts.known_load_share < LIGHT or facts.unique_load_share < UNIQUE
+    unique = float(np.clip(CLEAR * facts.unexplained, LEAST_UNIQUE, UNIQUE))
+    light = facts.known_load_share < LIGHT or facts.unique_load_share < unique
     return facts.scale_known and not (facts.masses_set_scale and light)
 
 

@@ -93,13 +93,12 @@ def identify_servos(
         options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
     chosen = search(Searcher(weighed, few, sets, options, progress), start, limits)
     _say(progress, "fitting servos", 0.8)
-    all_rows = replace(data, train=thinned(data.train, FITTED // cost))
-    fit = final_fit(weighed, all_rows, chosen.candidate, options)
+    fit = final_fit(weighed, replace(data, train=thinned(data.train, FITTED // cost)), chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.95)
-    case = Known(scale, wanted, fixed, limits.laws, duty, sets)
     remarks = (*audit_flags(model.robot, (*given, *unseen)), *remarks)
     if scale == "masses":
         remarks = (*remarks, *zero_flags(plain, few))
+    case = Known(scale, wanted, fixed, limits.laws, duty, sets)
     return conclude((plain, weighed), data, chosen, fit, case, remarks, options)
 
 

@@ -65,6 +65,12 @@ def servo_data(
     return data
 
 
+def loop_error(data: ServoData, joint: str) -> float:
+    """Rms difference of command and position of a joint [rad or m] while its drive is on."""
+    j = data.joints.index(joint)
+    return float(np.sqrt(np.mean(np.concatenate([(g.on * (g.command - g.q))[:, j] for g in data.train]) ** 2)))
+
+
 def thinned(grids: Sequence[ServoGrid], most: int) -> tuple[ServoGrid, ...]:
     """Blocks of a few seconds, spread evenly over all grids, with `most` rows in all; the grids if they are shorter."""
     share = most / max(sum(map(len, grids)), 1)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from ...servos import Servo
 from .choice import Candidate, ServoTrial, improved, worth
-from .data import ServoData
+from .data import loop_error
 from .laws import try_laws
 from .searcher import FIRST, Chosen, KnownLimits, Searcher
 
@@ -34,7 +32,7 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
     if not by.data.folds:
         return Chosen(base.candidate, laws)
     suspects = limits.joints(start.tied)
-    loose = by.near([joint for joint in suspects if base.residual[joint] > LOOSE * _loop_error(by.data, joint)])
+    loose = by.near([joint for joint in suspects if base.residual[joint] > LOOSE * loop_error(by.data, joint)])
     if first := [joint for joint in suspects if joint in loose]:
         by.say("trying laws of servos", 0.15)
         base, found = try_laws(by, base, first, limits, loose)
@@ -93,9 +91,3 @@ def _try_own_delays(by: Searcher, base: ServoTrial, but: Collection[str]) -> Ser
     base, new = by.score(base, near), by.score(new.only(near), near)
     kept = by.near(improved(base, new, sorted(near)))
     return base.with_joints(new.only(kept)) if kept else base
-
-
-def _loop_error(data: ServoData, joint: str) -> float:
-    """Rms difference of command and position of a joint [rad or m] while its drive is on."""
-    j = data.joints.index(joint)
-    return float(np.sqrt(np.mean(np.concatenate([(g.on * (g.command - g.q))[:, j] for g in data.train]) ** 2)))
