@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -39,11 +40,12 @@ class JointAudit:
     command_noise: float  # [unit] std of white noise of the command
     held: float  # [1] share of moving rows that repeat the position before
     quantum: float  # [unit] smallest step of q
-    flags: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ()  # faults
+    limits: tuple[str, ...] = ()  # what makes the numbers of the audit inexact
 
     def numbers(self) -> dict[str, Any]:
         """All numbers by name, for JSON."""
-        return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "flags"}
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.name not in ("flags", "limits")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +64,16 @@ class ServoAudit(Frozen):
     def flags(self) -> tuple[str, ...]:
         """Reasons not to rely on the recordings, one sentence each; empty for healthy ones."""
         columns = [flag for recording in self.recordings for flag in recording.flags]
-        return tuple(dict.fromkeys((*columns, *self.faults)))
+        return tuple(dict.fromkeys((*columns, *self.faults, *self._by_sentence("limits"))))
 
     @property
     def faults(self) -> tuple[str, ...]:
         """Flags of stamps and of joints, without those of the columns of the recordings."""
+        return tuple(dict.fromkeys((*self.stamps, *self._by_sentence("flags"))))
+
+    def _by_sentence(self, kind: str) -> Iterator[str]:
         own: dict[str, list[str]] = {}  # joints by what is said of them
         for joint in self.joints:
-            for flag in joint.flags:
+            for flag in getattr(joint, kind):
                 own.setdefault(flag.removeprefix(joint.joint), []).append(joint.joint)
-        joints = (f"{', '.join(names)}{said}" for said, names in own.items())
-        return tuple(dict.fromkeys((*self.stamps, *joints)))
+        return (f"{', '.join(names)}{said}" for said, names in own.items())

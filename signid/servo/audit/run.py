@@ -23,7 +23,7 @@ from .faults import (
 from .response import UNKNOWN, find_response
 from .rest import at_rest
 from .result import JointAudit, ServoAudit
-from .sentences import COARSE, judge_joint, judge_stamps, judge_still
+from .sentences import COARSE, judge_joint, judge_limits, judge_stamps, judge_still
 from .tracks import BRIEFEST, Part, RowClock, cut, driven, joined, on_grid, read_samples, read_stamps
 
 PLACES = ("q", "command")
@@ -135,8 +135,10 @@ def _audit(joint: str, unit: str, parts: Sequence[Part], period: float, coarsest
         **answer,
         **rest._asdict(),
     )
+    limits: tuple[str, ...] = ()
     if span > COARSE * max(step, coarsest):
+        limits = tuple(judge_limits(audit))
         said = judge_joint(audit, found, given, period, driven_by_error(grids) if moved else 0.0)
     else:
         said = judge_still(audit, parts)
-    return replace(audit, flags=tuple(said))
+    return replace(audit, flags=tuple(said), limits=limits)

@@ -128,12 +128,17 @@ def _log(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
     if audit.held > HELD:
         fact = f"{joint}: {audit.held:.0%} of the moving rows repeat the position before"
         yield f"{fact}; q is read less often than rows are written, so lag and delay are too long by part of a row"
-    if audit.saturated > SATURATED:
-        fact = f"{joint} is at its limit in {audit.saturated:.0%} of the rows"
-        yield f"{fact}: stiffness hardly shows there; command smaller or slower motion"
     if audit.command_noise > NOISE * audit.range:
         fact = f"{joint}: q_des has noise of {_length(audit.command_noise, audit)}"
         yield f"{fact}, {audit.command_noise / audit.range:.0%} of its range; record the command that is sent"
+
+
+def judge_limits(audit: JointAudit) -> Iterator[str]:
+    """Limits of the numbers of the audit, in recordings without a fault."""
+    joint = audit.joint
+    if audit.saturated > SATURATED:
+        fact = f"{joint} is at its limit in {audit.saturated:.0%} of the rows"
+        yield f"{fact}: stiffness hardly shows there; command smaller or slower motion"
 
 
 def _damaged(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:

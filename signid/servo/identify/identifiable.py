@@ -13,7 +13,7 @@ from .result import ServoNumber
 
 LIGHT = 0.15  # share of the torque that is known load, below which the scale is not identifiable (MuJoCo so101)
 UNIQUE = 0.05  # the same for load that armature, friction and offset of the joint cannot give; at least
-LEAST_UNIQUE, CLEAR = 0.01, 10.0  # this, and so many times the error that the model leaves, where that is small
+LEAST_UNIQUE, CLEAR = 0.01, 10.0  # this, and this multiple of the relative residual, where that is small
 VAGUE = 0.5  # std over value of a positive number beyond which it is not identifiable
 SPLIT = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
 ONE_NUMBER = "kd and viscous friction are one number here"
