@@ -88,6 +88,7 @@ def _try_own_delays(by: Searcher, base: ServoTrial, but: Collection[str]) -> Ser
     near = by.near(worth(base, new, joints))
     if not near:
         return base
-    base, new = by.score(base, near), by.score(new.only(near), near)
+    new = by.fit(new.candidate.only(near), coarse=False)
+    base, new = by.score(base, near), by.score(new, near)
     kept = by.near(improved(base, new, sorted(near)))
     return base.with_joints(new.only(kept)) if kept else base
