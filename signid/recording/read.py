@@ -223,7 +223,7 @@ def _no_constant(source: str, names: Sequence[str], advice: str) -> str:
 def _notes(
     found: Assignment, robot: Robot, joints: Sequence[int], opened: Opened, used: Collection[str]
 ) -> Iterator[str]:
-    """What was read otherwise than a user may expect; used: the columns that were read."""
+    """Deviations from what a user may expect; used: the columns that are read."""
     if not any(found.torque(j) for j in joints):
         yield f"no torque and no current: a recording of servos{suggest(opened.table.columns, robot)}"
     if absent := [name for j, name in enumerate(robot.joints) if j not in joints]:
