@@ -40,7 +40,7 @@ def test_a_joint_at_rest_by_static_friction_is_no_stuck_sensor(
     assert still.mean() > 0.1
     assert not stuck(robot, resting)
     monkeypatch.setattr(standstill, "BEYOND", 0.0)
-    assert stuck(robot, resting), "its torque varies as much as when it moves: only its size tells it from a fault"
+    assert stuck(robot, resting), "its torque varies as much as when it moves: only its size distinguishes it"
 
 
 def test_a_joint_whose_position_does_not_follow_is_reported(robot: Robot, resting: Recording) -> None:
