@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from io import StringIO
+
 import pytest
+from rich.console import Console
 
 from signid.errors import RobotError
 from signid.inspect import inspect
+from signid.output.report.results.inspection import joint_table
 from signid.robot import load_robot, names
 
 
@@ -29,3 +33,11 @@ def test_every_robot_is_inspected_or_refused_in_one_sentence(name: str) -> None:
     assert base.singular_values[base.rank - 1] > 1e3 * (
         base.singular_values[base.rank] if base.rank < len(base.labels) else 0
     )
+
+
+def test_long_names_of_links_lose_their_middle_and_keep_one_line() -> None:
+    robot, console = load_robot("g1"), Console(width=100, file=StringIO(), record=True)
+    console.print(joint_table(robot))
+    lines = console.export_text().splitlines()
+    assert len(lines) == len(robot.joints) + 1
+    assert any("…" in line.split()[3] for line in lines)

@@ -147,7 +147,8 @@ def test_unknown_names_list_the_known_ones(results: dict[str, Any]) -> None:
         (lambda: results["Diagnosis"].plot("signs"), "no figure 'signs'"),
         (lambda: results["RollOut"].plot(joint="elbow"), "no joint 'elbow'; choose from joint_1"),
         (lambda: results["Model"].plot(), "Model has no figures"),
-        (lambda: results["Reduced"].to_frame(), "Reduced has no table"),
+        (lambda: results["Reduced"].to_frame("x"), "Reduced has no tables; its repr and its attributes show"),
+        (lambda: signid.report(results["Identification"], "x.html"), "a list of Input as inputs, not str"),
     ):
         with pytest.raises(signid.SignidError, match=sentence):
             act()

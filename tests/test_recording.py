@@ -12,6 +12,7 @@ from test_recording_formats import sentence
 
 from signid.errors import RecordingError
 from signid.recording import read_recording, same_joints
+from signid.robot import load_robot
 from signid.types import Actuators, Recording, Robot
 
 N = 30
@@ -190,3 +191,10 @@ def test_same_joints() -> None:
     with pytest.raises(RecordingError) as error:
         same_joints([two, one])
     sentence(str(error.value), "elbow")
+
+
+def test_unused_columns_are_named_where_a_joint_has_no_position() -> None:
+    robot, t = load_robot("3r"), np.linspace(0, 1, 50)
+    columns = {"t": t, "base_yaw_position": t, "q_2": t, "q_3": t, "tau_2": t, "tau_3": t}
+    (note,) = read_recording(columns, robot).notes
+    assert note == "joint joint_1 has no position column and is held fixed; unused columns: base_yaw_position"

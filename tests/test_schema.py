@@ -14,16 +14,19 @@ from signid.cli import run
 from signid.errors import RobotError
 from signid.toml_json import SCHEMAS, check_schema, read_json
 
-RECORDING = str(Path(__file__).parents[1] / "robots" / "3r" / "recording.parquet")
+ROBOTS = Path(__file__).parents[1] / "robots"
+RECORDING = str(ROBOTS / "3r" / "recording.parquet")
+SERVO = [str(ROBOTS / "so101" / name) for name in ("arm.urdf", "recording.csv.gz")]
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folders `id`, `signs` and `diagnosis` with results on the 3r."""
+    """Folders `id`, `signs` and `diagnosis` with results on the 3r, and `servo` of a joint of an SO-101."""
     place = tmp_path_factory.mktemp("results")
     assert run(["identify", "3r", RECORDING, "-o", str(place / "id")]) == 0
     assert run(["identify", "3r", RECORDING, "--unsigned", "-o", str(place / "signs")]) == 0
     assert run(["diagnose", "3r", RECORDING, "-o", str(place / "diagnosis")]) in (0, 3)
+    assert run(["identify", *SERVO, "-o", str(place / "servo")]) in (0, 3)
     return place
 
 
@@ -40,6 +43,8 @@ def test_a_schema_is_valid(name: str) -> None:
         "diagnosis/diagnosis.json",
         "id/model.json",
         "diagnosis/model.json",
+        "servo/identification.json",
+        "servo/model.json",
     ],
 )
 def test_documents_follow_their_schema(file: str, results: Path) -> None:
@@ -48,6 +53,14 @@ def test_documents_follow_their_schema(file: str, results: Path) -> None:
     for key in read_json(SCHEMAS / Path(file).name)["required"]:
         with pytest.raises(ValueError, match=f"'{key}' is a required property"):
             check_schema({k: v for k, v in content.items() if k != key}, Path(file).stem)
+
+
+def test_blocks_of_servos_are_checked(results: Path) -> None:
+    content = read_json(results / "servo" / "model.json")
+    (servo,) = content["servos"].values()
+    for key, value in (("kp", "stiff"), ("law", 3)):
+        with pytest.raises(ValueError, match="servos"):
+            check_schema({**content, "servos": {"wrist_flex": {**servo, key: value}}}, "model")
 
 
 def put(content: Any, place: str, value: Any) -> Any:

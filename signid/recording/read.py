@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -81,7 +81,7 @@ def read_recording(
         opened.sha256,
         (
             *About.of(opened.table).notes,
-            *_notes(found, robot, joints, opened),
+            *_notes(found, robot, joints, opened, {x for group in chosen.values() for x in group}),
             *found.notes,
             *(() if flags else dropped),
         ),
@@ -220,12 +220,17 @@ def _no_constant(source: str, names: Sequence[str], advice: str) -> str:
     return f"{source} records {fact.format(shorten(names))} not known; {state}, or {advice}"
 
 
-def _notes(found: Assignment, robot: Robot, joints: Sequence[int], opened: Opened) -> Iterator[str]:
+def _notes(
+    found: Assignment, robot: Robot, joints: Sequence[int], opened: Opened, used: Collection[str]
+) -> Iterator[str]:
+    """Deviations from what a user may expect; used: the columns that are read."""
     if not any(found.torque(j) for j in joints):
         yield f"no torque and no current: a recording of servos{suggest(opened.table.columns, robot)}"
     if absent := [name for j, name in enumerate(robot.joints) if j not in joints]:
         subject, verbs = ("joint", ("has", "is")) if len(absent) == 1 else ("joints", ("have", "are"))
-        yield f"{subject} {', '.join(absent)} {verbs[0]} no position column and {verbs[1]} held fixed"
+        fact = f"{subject} {', '.join(absent)} {verbs[0]} no position column and {verbs[1]} held fixed"
+        others = [x for x in opened.table.columns if x not in used]
+        yield f"{fact}; unused columns: {shorten(others, 4)}" if others else fact
     for kind, other in ((a, b) for i, a in enumerate(TORQUES) for b in TORQUES[i + 1 :]):
         if both := [robot.joints[j] for j in joints if found.torque(j) == kind and found.column(other, j)]:
             yield f"{kind} is used instead of {other}, because both are recorded: {', '.join(both)}"

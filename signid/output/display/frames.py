@@ -37,8 +37,9 @@ def frame(result: Any, name: str | None = None) -> pl.DataFrame:
         name = next(iter(makers))
     if name not in makers:
         kind = type(result).__name__
-        advice = f"choose from {', '.join(makers)}" if makers else "evaluate it to see what it holds"
-        raise OptionError(f"{kind} has no table {'' if name is None else repr(name)}; {advice}".replace(" ;", ";"))
+        if not makers:
+            raise OptionError(f"{kind} has no tables; its repr and its attributes show what it holds")
+        raise OptionError(f"{kind} has no table {name!r}; choose from {', '.join(makers)}")
     return makers[name](result)
 
 

@@ -58,7 +58,7 @@ def _model(model: Any) -> Renderables:
     title = f"{robot.name}: model of {plural(len(robot.links), 'link')} with {plural(len(model.laws), 'law')}"
     bodies = new_table("link", "mass>", "stated>", "unit", "centre of mass [m]")
     for link, x, stated in zip(robot.links, model.inertials, stated_inertials(robot), strict=True):
-        centre = ", ".join(figure(float(c)) for c in x[1:4] / x[0]) if x[0] else "-"
+        centre = ", ".join(figure(round(float(c), 9)) for c in x[1:4] / x[0]) if x[0] else "-"  # 1 nm: rounding
         bodies.add_row(link, figure(float(x[0])), figure(float(stated[0])), "kg", centre)
     laws = new_table("law", "joint", "parameter", "value>", "unit")
     for law in model.laws:

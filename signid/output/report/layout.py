@@ -101,8 +101,13 @@ class _Table(Table):
             yield part
 
     def add_row(self, *cells: RenderableType | None, **settings: Any) -> None:
-        first = [_Name(x) if isinstance(x, str) and len(x) > SHORT and x.isidentifier() else x for x in cells[:1]]
+        first = [name_cell(x) if isinstance(x, str) else x for x in cells[:1]]
         super().add_row(*first, *cells[1:], **settings)
+
+
+def name_cell(name: str) -> RenderableType:
+    """Cell with a name; a long name without blanks loses its middle in a narrow column."""
+    return _Name(name) if len(name) > SHORT and name.isidentifier() else name
 
 
 def new_table(*heads: str, rows: Iterable[Iterable[RenderableType]] = ()) -> Table:

@@ -29,7 +29,7 @@ def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") ->
         command: shell line that reproduces the page, if any.
 
     Raises:
-        OptionError: the result is of another kind.
+        OptionError: the result is of another kind, or the inputs are no sequence of `Input`.
     """
     from ....diagnose import Diagnosis
     from ....identify import Identification
@@ -44,6 +44,9 @@ def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") ->
     from .servos import servo_page
     from .validation import validation_page
 
+    if isinstance(inputs, str) or not all(isinstance(each, Input) for each in inputs):
+        advice = "no file name: save the page with Path('report.html').write_text(signid.report(result))"
+        raise unexpected("report", "a list of Input as inputs", inputs, advice)
     if isinstance(result, Diagnosis):
         return diagnosis_page(result, inputs, command)
     if isinstance(result, Validation):

@@ -12,7 +12,18 @@ from rich.table import Table
 from rich.text import Text
 
 from ....types import TWO_SIDED, Input, Robot
-from ..layout import figure, heading, new_table, note_lines, paragraph, plural, position_units, share, torque_units
+from ..layout import (
+    figure,
+    heading,
+    name_cell,
+    new_table,
+    note_lines,
+    paragraph,
+    plural,
+    position_units,
+    share,
+    torque_units,
+)
 from .documents import Document, description, ending, excitation_verdict, picked, provenance
 from .identification import base_documents, cutoff_words, excited_words
 
@@ -70,7 +81,7 @@ def joint_table(robot: Robot) -> Table:
     table = new_table("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")
     for joint in joint_documents(robot):
         name, number, kind, link, *limits, unit = joint.values()
-        table.add_row(name, str(number), kind, link, *map(figure, limits), unit)
+        table.add_row(name, str(number), kind, name_cell(link), *map(figure, limits), unit)
     return table
 
 
