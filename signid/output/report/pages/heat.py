@@ -53,7 +53,7 @@ def _variables(course: Course) -> Iterator[Variable]:
     yield Variable("velocity", "velocity [% of max]", course.v, np.outer(speed, share), speeds)
     low, high = course.q.min(axis=0), course.q.max(axis=0)
     edges = np.linspace(low, high, BINS + 1).T
-    yield Variable("position", "% of range", course.q, edges, tuple(length))
+    yield Variable("position", "q [% of range]", course.q, edges, tuple(length))
     yield Variable("load", "load [% of max]", load, np.outer(most, share), course.unit)
     t, n = clock(course.t, course.recording), len(course.joints)
     edges = np.tile(np.linspace(t[0], t[-1], BINS + 1), (n, 1))
