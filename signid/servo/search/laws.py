@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...servos import DRIVE_LAWS, Servo
-from ..plant.course import motion_of
+from ..plant.course import recorded_course
 from .choice import SHORT, Candidate, ServoTrial, fit_candidate, improved, law_probabilities, worth
 from .data import ServoData
 from .searcher import KnownLimits, Searcher
@@ -42,7 +42,7 @@ def try_laws(
     trials = {law: by.score(trial.only(near), near) for law, trial in trials.items()}
     chosen, found = replace(base.candidate.only(near), own_delay=start.own_delay.intersection(near)), {}
     for joint in keep:
-        top = _top_speed(by.data, joint)
+        top = _top_speed(by, joint)
         allowed = _apart({law: trial for law, trial in trials.items() if given.get(joint, law) == law}, joint, top)
         p = law_probabilities({law: trial.scores[joint] for law, trial in allowed.items()}, by.options.seed)
         law = max(p, key=lambda name: p[name])
@@ -125,10 +125,10 @@ def _kept(base: Servo, start: Servo) -> Servo:
     return base.with_(**{name: getattr(start, name) for name in names})
 
 
-def _top_speed(data: ServoData, joint: str) -> float:
+def _top_speed(by: Searcher, joint: str) -> float:
     """Largest speed of a joint [rad/s or m/s]."""
-    j = data.joints.index(joint)
-    return max(float(np.abs(motion_of(grid).v[:, j]).max()) for grid in data.train)
+    j = by.data.joints.index(joint)
+    return max(float(np.abs(recorded_course(by.model, grid).motion.v[:, j]).max()) for grid in by.data.train)
 
 
 def _asked(data: ServoData, joint: str) -> float:
