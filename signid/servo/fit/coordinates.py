@@ -19,6 +19,7 @@ LINEAR = ("delay", "torque_offset")  # no logarithm
 FLAT = ("effort_limit", "speed_limit", "profile_speed")  # without influence beyond the motion: short steps
 SHORT, LONG = 0.15, 1.0  # largest step of a logarithm
 LARGEST = 100.0  # number over its typical size
+SPREAD = 1.5  # standard deviation of the logarithm of a kp over its usual size: a scale that nothing sets stays
 SOFT = 0.02  # c over the typical size of a number
 DIFFERENCE, FLOOR = 0.01, 0.003  # difference over the number; smallest one over its typical size
 
@@ -31,6 +32,7 @@ class Slot:
     number: str
     typical: float  # in SERVO_UNITS
     shared: bool = False
+    usual: float = 0.0  # of a kp [SERVO_UNITS]: centre of its weak prior; 0: none
 
     @property
     def column(self) -> int:
@@ -84,6 +86,21 @@ class Coordinates:
         return np.array(
             [1.0 if slot.number in LINEAR else z + slot.soft for z, slot in zip(values, self.slots, strict=True)]
         )
+
+    @property
+    def pull(self) -> Array:
+        """Precision (P,) of the prior of the coordinates [1]: of each kp, and with it of the scale of its joint."""
+        return np.array([SPREAD**-2 if slot.usual > 0 else 0.0 for slot in self.slots])
+
+    def off(self, values: Array) -> Array:
+        """Distance (P,) of the coordinates of values (P,) [SERVO_UNITS] from the centre of their prior."""
+        return np.array(
+            [np.log(z / slot.usual) if slot.usual > 0 else 0.0 for z, slot in zip(values, self.slots, strict=True)]
+        )
+
+    def prior(self, values: Array) -> float:
+        """Squares of values (P,) [SERVO_UNITS] against their prior, in the units of a cost [1]."""
+        return float(self.pull @ self.off(values) ** 2)
 
     @property
     def low(self) -> Array:

@@ -63,6 +63,7 @@ def fit_servos(
     iterations: int = 15,
     scales: bool = True,
     coarse: bool = False,
+    usual: Mapping[str, float] | None = None,
 ) -> ServoFit:
     """Fit the free numbers of drives to the measured positions.
 
@@ -78,6 +79,7 @@ def fit_servos(
         iterations: most steps of the first fit.
         scales: whether to start again from other scales of joints whose scale is weakly identifiable.
         coarse: whether to end where a step gains little, without intervals.
+        usual: kp by joint [N.m/rad or N/m], about which a scale that the data do not set stays.
 
     Raises:
         OptionError: unknown joint or number, or no free number.
@@ -87,7 +89,7 @@ def fit_servos(
     robot = bodies_of(model, grids[0].joints)
     courses = tuple(recorded_course(model, grid) for grid in grids)
     acting = [j for j, joint in enumerate(grids[0].joints) if joint in servos]
-    task = _Task(grids, robot, courses, dict(servos), tuple(free), window, tuple(shared), frozenset(own), coarse)
+    task = _Task(grids, robot, courses, dict(servos), tuple(free), window, tuple(shared), frozenset(own), coarse, usual or {})
     joints = groups(robot, acting)
     fits = [_fit_group(task, group, iterations, scales=scales) for group in joints]
     steps = 0
@@ -109,6 +111,7 @@ class _Task:
     shared: tuple[str, ...]
     own: frozenset[str]
     coarse: bool
+    usual: Mapping[str, float]
     about: tuple[RobotCourse, ...] = ()  # along the simulated motion
 
 
@@ -142,14 +145,16 @@ def _fit_group(
     free = [[number for joint, number in task.free if joint == name] for name in names]
     drives = tuple(started(task.servos[name], mine, size) for name, mine, size in zip(names, free, sizes, strict=True))
     shared = () if task.own.intersection(names) else task.shared
-    where = Coordinates(drives, _slots(free, sizes, shared))
+    where = Coordinates(drives, _slots(free, sizes, shared, [task.usual.get(name, 0.0) for name in names]))
     shots = tuple(_shots(task, k, joints, drives) for k in range(len(task.grids)))
     point = before.solved.point if before else first_point(shots, where)
     solved = solve(shots, where, point, iterations if where.slots else 0, task.coarse)
     return _Group(shots, where, solved if before or not scales else scan(shots, where, solved, iterations))
 
 
-def _slots(free: Sequence[Sequence[str]], sizes: Sequence[dict[str, float]], shared: Sequence[str]) -> tuple[Slot, ...]:
+def _slots(
+    free: Sequence[Sequence[str]], sizes: Sequence[dict[str, float]], shared: Sequence[str], usual: Sequence[float]
+) -> tuple[Slot, ...]:
     out, common = [], set()
     for j, numbers in enumerate(free):
         for number in numbers:
@@ -157,7 +162,7 @@ def _slots(free: Sequence[Sequence[str]], sizes: Sequence[dict[str, float]], sha
                 continue
             if number in shared:
                 common.add(number)
-            out.append(Slot(j, number, sizes[j][number], number in shared))
+            out.append(Slot(j, number, sizes[j][number], number in shared, usual[j] if number == "kp" else 0.0))
     return tuple(out)
 
 

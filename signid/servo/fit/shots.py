@@ -74,13 +74,13 @@ def shoot(shots: Shots, servos: Sequence[Servo], copies: Array, q0: Array, v0: A
 
 
 def _variants(shots: Shots, servos: Sequence[Servo], copies: Array) -> tuple[Indices, Array]:
-    """Variant (C, n) of the command of each copy and joint, and commands (3, V, N parts)."""
+    """Variant (C, n) of the command of each copy and joint, and commands (7, V, N parts)."""
     found: dict[tuple[int, float, float], int] = {}
     variant = np.empty(copies.shape[:2], dtype=np.intp)
     for c, copy in enumerate(copies):
         for j, p in enumerate(copy):
             variant[c, j] = found.setdefault((j, float(p[DELAY]), float(p[PROFILE])), len(found))
-    held = np.empty((3, len(found), len(shots.grid) * shots.parts))
+    held = np.empty((7, len(found), len(shots.grid) * shots.parts))
     for (j, delay, profile), v in found.items():
         held[:, v] = commands_at(shots.grid, shots.joints[j], servos[j].kd_on, delay, profile, shots.parts)
     return variant, held

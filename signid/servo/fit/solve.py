@@ -50,11 +50,11 @@ def solve(shots: Sequence[Shots], where: Coordinates, point: FitPoint, iteration
     noise = noise_of(residual, robust=True)
     for _ in range(iterations):
         here = normal(shots, where, point, noise, WIDER[wide], central)
-        now = cost(shots, residual, point, noise)
+        now = cost(shots, residual, point, noise) + where.prior(point.values)
         for _ in range(TRIALS):
             values, states = _step(where, here, point, damping)
             new, left = settle(shots, where, point, values, states, noise)
-            then = cost(shots, left, new, noise)
+            then = cost(shots, left, new, noise) + where.prior(values)
             if np.isfinite(then) and then < now:
                 break
             damping *= WORSE
@@ -86,8 +86,8 @@ def noise_of(residual: Sequence[Array], robust: bool = False) -> Array:
 def _step(where: Coordinates, here: Normal, point: FitPoint, damping: float) -> tuple[Array, Array]:
     """Values after a damped step within the bounds, and steps (W, 2n) of the states."""
     slope, x = where.slope(point.values), where.x(point.values)
-    information = here.information * np.outer(slope, slope)
-    gradient = here.scores.sum(0) * slope
+    information = here.information * np.outer(slope, slope) + np.diag(where.pull)
+    gradient = here.scores.sum(0) * slope + where.pull * where.off(point.values)
     ratios = where.ratios(point.values)
     size = np.diag(ratios.T @ information @ ratios) + 1e-12
     back = np.linalg.inv(ratios)

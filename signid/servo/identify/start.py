@@ -108,7 +108,7 @@ def first_candidate(
         if ("kd" in numbers or moves_while_off(data, joint)) and "viscous_friction" not in numbers:
             names.append("viscous_friction")
         free += [(joint, name) for name in names]
-    return Candidate(started, tuple(free))
+    return Candidate(started, tuple(free), usual={joint: servo.kp for joint, servo in started.items()})
 
 
 def moves_while_off(data: ServoData, joint: str) -> bool:

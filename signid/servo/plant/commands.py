@@ -13,21 +13,24 @@ STILL, LEFT, START = 0.02, 0.05, 0.15  # over the first error: motion at rest, a
 
 
 def commands_at(grid: ServoGrid, joint: int, kd_on: str, delay: float, profile: float, parts: int) -> Array:
-    """Command, its speed and feed-forward (3, N parts) averaged over each substep; continuous in the delay.
+    """Command, its speed and feed-forward averaged over each substep, and how they change in it (7, N parts).
 
+    Rows 0 to 2 are averages, continuous in the delay; 3 to 5 what acts first in a substep less what acts afterwards;
+    6 the share of the substep that the first takes.
     joint: column of the grid; kd_on: one of KD_ON; delay [s]; profile: largest speed of the command [rad/s or m/s];
     parts: substeps of a row.
     """
-    held = np.zeros((3, len(grid) * parts))
+    held = np.zeros((7, len(grid) * parts))
     u, h = np.repeat(grid.command[:, joint], parts), grid.step / parts
     if np.isfinite(profile):
         limit(u, np.repeat(grid.q[:, joint], parts), np.repeat(grid.on[:, joint], parts), profile * h)
     late = max(delay, 0.0) / h
-    held[0] = _delayed(u, late, held_before(grid, joint))
+    held[6] = late - np.floor(late)
+    held[0], held[3] = _delayed(u, late, held_before(grid, joint))
     if kd_on == "error":
-        held[1] = _delayed(np.repeat(_speed(grid, joint), parts), late)
+        held[1], held[4] = _delayed(np.repeat(_speed(grid, joint), parts), late)
     if grid.feed_forward is not None:
-        held[2] = _delayed(np.repeat(grid.feed_forward[:, joint], parts), late)
+        held[2], held[5] = _delayed(np.repeat(grid.feed_forward[:, joint], parts), late)
     return held
 
 
@@ -51,15 +54,19 @@ def held_before(grid: ServoGrid, joint: int) -> float:
     return float(q[0]) if starts else first
 
 
-def _delayed(u: Array, steps: float, first: float | None = None) -> Array:
-    """Averages over each step of a signal that is held from step to step and acts `steps` later; `first` before it."""
+def _delayed(u: Array, steps: float, first: float | None = None) -> tuple[Array, Array]:
+    """Averages over each step of a signal that is held from step to step and acts `steps` later, and its falls.
+
+    A fall is what acts first in a step less what acts afterwards. `first` acts before the signal.
+    """
     first = u[0] if first is None else first
     whole = int(np.floor(steps))
     share = steps - whole
     late = np.concatenate([np.full(min(whole + 1, len(u)), first), u])
     start = max(whole + 1 - len(u), 0)  # longer than the recording
     now = late[1 : 1 + len(u)] if not start else np.full(len(u), first)
-    return np.asarray((1.0 - share) * now + share * (late[: len(u)] if not start else now))
+    before = late[: len(u)] if not start else now
+    return np.asarray((1.0 - share) * now + share * before), np.asarray(before - now)
 
 
 @njit(cache=True)

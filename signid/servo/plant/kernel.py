@@ -37,40 +37,64 @@ def numbers(servo: Servo) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
+def pull(p, law, q, v, u, reference, forward, volt, gain):  # type: ignore[no-untyped-def]
+    """Constant torque, damping, torque and kind of limit of a drive that is on, at a command u.
+
+    Numbers p (P,); reference: speed of the command; forward: feed-forward.
+    """
+    limit, dead, damping, kind = p[EFFORT], p[DEAD], p[KD], 0.0
+    error = max(u - q - dead, 0.0) + min(u - q + dead, 0.0)
+    constant = gain * p[KP] * error
+    if law == DUTY:
+        kind = 1.0 if abs(constant) > limit else 0.0
+        constant = volt * min(max(constant, -limit), limit) + damping * reference
+    else:
+        constant += damping * reference + forward
+        torque = constant - damping * v
+        bound = limit
+        along = law == TORQUE_SPEED and torque * v > 0.0
+        if along:
+            bound = limit * max(1.0 - abs(v) / p[SPEED], 0.0)
+        if abs(torque) > bound:
+            side = 1.0 if torque > 0.0 else -1.0
+            kind = (1.0 if not along else 2.0 if bound > 0.0 else 3.0) * side
+            constant = side * limit if bound > 0.0 else 0.0
+            damping = limit / p[SPEED] if along and bound > 0.0 else 0.0
+    torque = constant - damping * v
+    if p[DROOP] > 0.0:
+        share = 1.0 / (1.0 + p[DROOP] * abs(torque))
+        constant, damping, torque = share * constant, share * damping, share * torque
+    return constant, damping, torque, kind
+
+
+@njit(cache=True, error_model="numpy")
 def actuate(numbers, c, laws, q, v, commands, variant, step, on, voltage, r, gain, out):  # type: ignore[no-untyped-def]
     """Drives of n joints at speeds v (n,): out (4, n) = constant torque, damping, friction bound, kind of limit.
 
     The torque is constant - damping v. A kind of limit is 0 or, with the sign of the torque: 1 a fixed torque, 2 a
     torque that falls with speed, 3 none beyond the largest speed. numbers (C, n, P) and variant (C, n) of copy c;
-    commands (3, V, S) at substep `step`; on and voltage (R, n) at row r; gain (n,).
+    commands (7, V, S) at substep `step`; on and voltage (R, n) at row r; gain (n,). Where a command changes within a
+    substep, a drive that is not linear in it counts with both commands, by their shares of the substep.
     """
     for i in range(len(q)):
         constant, damping, torque, kind = 0.0, 0.0, 0.0, 0.0
         if on[r, i] > 0.5:
-            j, limit, dead, speed = variant[c, i], numbers[c, i, EFFORT], numbers[c, i, DEAD], v[i]
-            damping = numbers[c, i, KD]
-            error = commands[0, j, step] - q[i]
-            error = max(error - dead, 0.0) + min(error + dead, 0.0)
-            constant = gain[i] * numbers[c, i, KP] * error
-            if laws[i] == DUTY:
-                kind = 1.0 if abs(constant) > limit else 0.0
-                constant = voltage[r, i] * min(max(constant, -limit), limit) + damping * commands[1, j, step]
+            p, j, volt = numbers[c, i], variant[c, i], voltage[r, i]
+            a, b, f, share = commands[0, j, step], commands[1, j, step], commands[2, j, step], commands[6, j, step]
+            da, db, df = commands[3, j, step], commands[4, j, step], commands[5, j, step]
+            bent = p[EFFORT] < np.inf or p[DEAD] > 0.0 or p[DROOP] > 0.0 or p[LOAD] > 0.0
+            if bent and share > 0.0 and (da != 0.0 or db != 0.0 or df != 0.0):
+                rest = 1.0 - share
+                constant, damping, torque, kind = pull(
+                    p, laws[i], q[i], v[i], a - share * da, b - share * db, f - share * df, volt, gain[i]
+                )
+                c0, d0, t0, k0 = pull(
+                    p, laws[i], q[i], v[i], a + rest * da, b + rest * db, f + rest * df, volt, gain[i]
+                )
+                constant, damping = share * c0 + rest * constant, share * d0 + rest * damping
+                torque, kind = share * abs(t0) + rest * abs(torque), 8.0 * k0 + kind
             else:
-                constant += damping * commands[1, j, step] + commands[2, j, step]
-                torque = constant - damping * speed
-                bound = limit
-                along = laws[i] == TORQUE_SPEED and torque * speed > 0.0
-                if along:
-                    bound = limit * max(1.0 - abs(speed) / numbers[c, i, SPEED], 0.0)
-                if abs(torque) > bound:
-                    side = 1.0 if torque > 0.0 else -1.0
-                    kind = (1.0 if not along else 2.0 if bound > 0.0 else 3.0) * side
-                    constant = side * limit if bound > 0.0 else 0.0
-                    damping = limit / numbers[c, i, SPEED] if along and bound > 0.0 else 0.0
-            torque = constant - damping * speed
-            if numbers[c, i, DROOP] > 0.0:
-                share = 1.0 / (1.0 + numbers[c, i, DROOP] * abs(torque))
-                constant, damping, torque = share * constant, share * damping, share * torque
+                constant, damping, torque, kind = pull(p, laws[i], q[i], v[i], a, b, f, volt, gain[i])
         out[0, i] = constant - numbers[c, i, OFFSET]
         out[1, i] = damping + numbers[c, i, VISCOUS]
         out[2, i] = numbers[c, i, COULOMB] + numbers[c, i, LOAD] * abs(torque)
@@ -137,8 +161,8 @@ def simulate(  # type: ignore[no-untyped-def]
     """Positions out (C, W, rows + 1, n) of C copies over W windows; saturated (C, W, n) counts saturated substeps.
 
     starts (W,) first rows; parts substeps of a row, of h [s]; along R rows: mass (R, n, n) in the middle of a row,
-    bias, qs, vs (R, n), by_q, by_v (R, n, n), wave (n, 2) torque of sin q and cos q; commands (3, V, R parts): command,
-    reference speed and feed-forward of each variant; variant (C, n); on, voltage (R, n); gain (n,);
+    bias, qs, vs (R, n), by_q, by_v (R, n, n), wave (n, 2) torque of sin q and cos q; commands (7, V, R parts) of each
+    variant as `commands_at` gives them; variant (C, n); on, voltage (R, n); gain (n,);
     numbers (C, n, P); laws (n,); q0, v0 (C, W, n).
     """
     copies, windows, n = q0.shape

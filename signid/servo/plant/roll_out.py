@@ -101,7 +101,7 @@ class _Drives:
             commands_at(grid, j, servo.kd_on, servo.delay, servo.profile_speed, parts)
             for j, servo in zip(driven, acting, strict=True)
         ]
-        self.commands = np.ascontiguousarray(np.moveaxis(np.array(each), 0, 1))  # (3, n, N parts)
+        self.commands = np.ascontiguousarray(np.moveaxis(np.array(each), 0, 1))  # (7, n, N parts)
         self.variant = np.arange(len(driven))[None]
         self.on, self.voltage, self.gain = grid.on[:, driven], grid.voltage[:, driven], grid.gain[driven]
 

@@ -38,6 +38,7 @@ class Candidate:
     free: tuple[tuple[str, str], ...]
     tied: Mapping[str, float] = field(default_factory=dict)  # effort limit over kp [rad or m], by joint
     own_delay: frozenset[str] = frozenset()  # joints with delays of their own; those of other branches share one
+    usual: Mapping[str, float] = field(default_factory=dict)  # kp by joint, about which an unknown scale stays
 
     def changed(self, servos: Mapping[str, Servo], free: Sequence[tuple[str, str]] = ()) -> Candidate:
         """With other drives at some joints, and more free numbers."""
@@ -50,6 +51,7 @@ class Candidate:
             tuple(name for name in self.free if name[0] in joints),
             {joint: error for joint, error in self.tied.items() if joint in joints},
             self.own_delay.intersection(joints),
+            self.usual,
         )
 
     def follow(self, servos: Mapping[str, Servo]) -> Candidate:
@@ -105,6 +107,7 @@ def fit_candidate(
             iterations=steps,
             scales=False,
             coarse=coarse,
+            usual=candidate.usual,
         )
         candidate = candidate.follow(fit.servos)
     return candidate, fit
