@@ -106,7 +106,7 @@ def _law_start(
     before: Mapping[str, ServoTrial],
 ) -> Candidate:
     """Start of a law at some joints: the best one by short windows, of regression, a high limit and a simpler law."""
-    top = {j: NEAR_TOP * base.servos[j].kp * _asked(by.data, j) for j in joints}
+    top = {j: NEAR_TOP * x for j, x in largest_torques(by.data, {j: base.servos[j] for j in joints}).items()}
     known = limits.starts.get(law, limits.starts[DRIVE_LAWS[0]])
     mine = {j: known.servos[j] for j in joints if known.servos[j].effort_limit < np.inf}
     regressed = base.changed({j: _kept(base.servos[j], servo) for j, servo in mine.items()})
@@ -131,10 +131,14 @@ def _top_speed(by: Searcher, joint: str) -> float:
     return max(float(np.abs(recorded_course(by.model, grid).motion.v[:, j]).max()) for grid in by.data.train)
 
 
-def _asked(data: ServoData, joint: str) -> float:
-    """Largest error of a joint [rad or m] at the nominal gain, while its drive is on."""
-    j = data.joints.index(joint)
-    return max(float(np.abs(g.on[:, j] * g.gain[j] * (g.command - g.q)[:, j]).max(initial=0.0)) for g in data.train)
+def largest_torques(data: ServoData, servos: Mapping[str, Servo]) -> dict[str, float]:
+    """Largest torque by joint [N.m or N] that the error asks of drives without limits while they are on."""
+    out = {}
+    for joint, servo in servos.items():
+        j = data.joints.index(joint)
+        errors = [np.abs(g.on[:, j] * g.gain[j] * (g.command - g.q)[:, j]).max(initial=0.0) for g in data.train]
+        out[joint] = servo.kp * float(max(errors))
+    return out
 
 
 def limited(start: Candidate, limits: Mapping[str, float], law: str) -> Candidate:

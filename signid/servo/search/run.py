@@ -9,6 +9,7 @@ from ...servos import Servo
 from .choice import Candidate, ServoTrial, improved, worth
 from .data import loop_error
 from .laws import try_laws
+from .rare import rare_limits
 from .searcher import FIRST, Chosen, KnownLimits, Searcher
 
 EQUAL = ("effort", "duty")  # the same law while nothing saturates
@@ -42,7 +43,9 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
     if by.options.additional[:1] == (FIRST,):
         by.say(f"trying {FIRST} of servos", 0.35)
         base = _try_number(by, base, FIRST)
-    if again := [joint for joint in suspects if joint not in loose or base is not before]:
+    by.say("trying limits of servos", 0.4)
+    limits, rare = rare_limits(by, base, limits)
+    if again := [*(joint for joint in suspects if joint not in loose or base is not before), *rare]:
         by.say("trying laws of servos", 0.4)
         base, found = try_laws(by, base, again, limits)
         laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})

@@ -1,0 +1,38 @@
+"""Limits that drives reach so rarely that a regression does not show them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...servos import DRIVE_LAWS
+from ..fit import start_limits
+from .choice import Candidate, ServoTrial, worth
+from .laws import largest_torques, limited
+from .searcher import KnownLimits, Searcher
+
+STEPS = 8  # most iterations
+
+
+def rare_limits(by: Searcher, base: ServoTrial, limits: KnownLimits) -> tuple[KnownLimits, list[str]]:
+    """Joints whose training data a limit fits notably better, besides those that seem to saturate, and its starts."""
+    start, known = base.candidate, limits.joints(base.candidate.tied)
+    joints = [j for j, servo in start.servos.items() if not servo.effort_limit < np.inf and j not in known]
+    if not joints:
+        return limits, []
+    top = largest_torques(by.data, {joint: start.servos[joint] for joint in joints})
+    new = by.fit(_limited(start, start_limits(by.model, by.data.train, start.servos, top), limits), STEPS)
+    kept = worth(base, new, joints)
+    starts = {
+        law: one.changed({joint: new.candidate.servos[joint] for joint in kept}) for law, one in limits.starts.items()
+    }
+    return replace(limits, starts=starts), kept
+
+
+def _limited(start: Candidate, top: dict[str, float], limits: KnownLimits) -> Candidate:
+    """Drives with limits to start from, by their stated law or else by the first one."""
+    for law in DRIVE_LAWS:
+        mine = {joint: limit for joint, limit in top.items() if limits.laws.get(joint, DRIVE_LAWS[0]) == law}
+        start = limited(start, mine, law)
+    return start
