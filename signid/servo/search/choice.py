@@ -39,6 +39,7 @@ class Candidate:
     tied: Mapping[str, float] = field(default_factory=dict)  # effort limit over kp [rad or m], by joint
     own_delay: frozenset[str] = frozenset()  # joints with delays of their own; those of other branches share one
     usual: Mapping[str, float] = field(default_factory=dict)  # kp by joint, about which an unknown scale stays
+    window: float = 0.0  # [s] of the windows of its fits; 0: that of the search
 
     def changed(self, servos: Mapping[str, Servo], free: Sequence[tuple[str, str]] = ()) -> Candidate:
         """With other drives at some joints, and more free numbers."""
@@ -52,6 +53,7 @@ class Candidate:
             {joint: error for joint, error in self.tied.items() if joint in joints},
             self.own_delay.intersection(joints),
             self.usual,
+            self.window,
         )
 
     def follow(self, servos: Mapping[str, Servo]) -> Candidate:
@@ -78,7 +80,7 @@ class ServoTrial:
         """With some joints of another trial."""
         candidate = self.candidate.changed(other.candidate.servos, other.candidate.free)
         own = candidate.own_delay.difference(other.candidate.servos) | other.candidate.own_delay
-        candidate = replace(candidate, own_delay=own)
+        candidate = replace(candidate, own_delay=own, window=max(candidate.window, other.candidate.window))
         return ServoTrial(candidate, {**self.residual, **other.residual}, {**self.scores, **other.scores})
 
 
@@ -100,7 +102,7 @@ def fit_candidate(
             grids,
             candidate.servos,
             candidate.free,
-            window=window,
+            window=candidate.window or window,
             shared=("delay",),
             own=candidate.own_delay,
             relinearise=relinearise and k == rounds - 1,

@@ -15,6 +15,7 @@ from ..plant import servo_grids
 
 BLOCK = 3.0  # [s] of the blocks that a single recording is cut into for cross-validation
 MOST_BLOCKS = 8
+MANY, RUN = 20, 12.0  # grids of at most RUN [s] of which some are left out whole
 FOLDS = 4  # of whole recordings
 HALVES = 2  # of blocks of the only recording
 SHORTEST = 1.0  # [s] of a grid that can be held out or validate
@@ -72,10 +73,16 @@ def loop_error(data: ServoData, joint: str) -> float:
 
 
 def thinned(grids: Sequence[ServoGrid], most: int) -> tuple[ServoGrid, ...]:
-    """Blocks of a few seconds, spread evenly over all grids, with `most` rows in all; the grids if they are shorter."""
+    """Blocks of a few seconds, spread evenly over all grids, with `most` rows in all; the grids if they are shorter.
+
+    Of many short grids, some are kept whole.
+    """
     share = most / max(sum(map(len, grids)), 1)
     if share >= 1:
         return tuple(grids)
+    if share * len(grids) > MANY and max(len(grid) / grid.rate for grid in grids) <= RUN:
+        before = np.floor(share * np.arange(len(grids) + 1))
+        return tuple(grid for grid, new in zip(grids, np.diff(before), strict=True) if new)
     blocks = []
     for grid in grids:
         count = max(int(len(grid) / grid.rate / BLOCK * share), 1)

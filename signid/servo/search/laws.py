@@ -28,10 +28,10 @@ def try_laws(
     """
     given, stated = limits.laws, [j for j in suspects if base.candidate.servos[j].effort_limit < np.inf]
     trials, near = dict[str, ServoTrial](), by.near(suspects)
-    start = replace(base.candidate.only(near), own_delay=frozenset(by.sharing(base.candidate, near)))
+    start = replace(base.candidate.only(near), own_delay=frozenset(by.sharing(base.candidate, near)), window=0.0)
     for law in ("effort", "duty", "torque_speed"):  # where no limit of the effort helps, one of the duty does not
         if own := _with(given, law, suspects):
-            trials[law] = by.fit(_law_start(by, start, own, law, limits, trials))
+            trials[law] = _lengthened(by, by.fit(_law_start(by, start, own, law, limits, trials)))
             helps = {*stated, *loose, *worth(base, trials[law], own)}
             suspects = [joint for joint in suspects if law != "effort" or joint in helps or joint not in own]
     keep = {*stated, *(j for law, trial in trials.items() for j in worth(base, trial, _with(given, law, suspects)))}
@@ -49,6 +49,7 @@ def try_laws(
         if joint in stated or improved(base, allowed[law], [joint]):
             mine = allowed[law].candidate
             chosen = chosen.changed({joint: mine.servos[joint]}, [name for name in mine.free if name[0] == joint])
+            chosen = replace(chosen, window=max(chosen.window, mine.window))
             found[joint] = p
     if not found:
         return base, found
@@ -58,6 +59,11 @@ def try_laws(
         new = new if worth(shared, new, sorted(near)) else shared
     new, found = _simpler(new, found, given)
     return base.with_joints(by.score(new, near)), found
+
+
+def _lengthened(by: Searcher, trial: ServoTrial) -> ServoTrial:
+    """Trial with the drives of longer windows, and its residual of short ones, which is compared with that of others."""
+    return replace(by.lengthen(trial), residual=trial.residual)
 
 
 def _simpler(
@@ -113,7 +119,7 @@ def _law_start(
     found = {**top, **{j: servo.effort_limit for j, servo in mine.items()}}
     starts = [limited(base, top, law), limited(regressed, found, law)]
     if law == "torque_speed" and "effort" in before:
-        starts = [limited(before["effort"].candidate.only(base.servos), top, law)]
+        starts = [limited(replace(before["effort"].candidate.only(base.servos), window=0.0), top, law)]
     ends = [fit_candidate(by.model, by.data.train, one, SHORT, MORE, coarse=True) for one in starts]
     rows = [by.data.joints.index(joint) for joint in joints]
     return min(ends, key=lambda end: float(np.log(end[1].residual_rms[rows]).sum()))[0]

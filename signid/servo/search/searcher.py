@@ -11,6 +11,7 @@ from ...model import Model
 from ...types import Progress
 from .choice import STEPS, Candidate, ServoTrial, scored, tried
 from .data import ServoData
+from .windows import lengthened
 
 FIRST = "load_friction"  # tried before the laws of joints that saturate rarely: else limits are fitted to friction
 ADDITIONAL = (FIRST, "dead_band", "droop", "profile_speed")
@@ -60,6 +61,10 @@ class Searcher:
     def fit(self, candidate: Candidate, steps: int = STEPS, coarse: bool = True) -> ServoTrial:
         """Fit to all training data."""
         return tried(self.model, self.data, candidate, self.options.window, steps, coarse)
+
+    def lengthen(self, trial: ServoTrial) -> ServoTrial:
+        """Fit again over longer windows, where whole recordings are fitted worse than windows."""
+        return lengthened(self.model, self.data, trial, self.options.window)
 
     def score(self, trial: ServoTrial, joints: Collection[str]) -> ServoTrial:
         """Score some joints, with those that share bodies with them, on windows that took no part."""
