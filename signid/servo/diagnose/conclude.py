@@ -14,7 +14,7 @@ from .coordinates import LOGARITHMIC, Free, value
 from .refine import Attempt, Setting
 from .result import FoundNumber, PositionFit, ServoAlternative, ServoFinding, ServoUnexplained
 from .search import PAYLOAD, THRESHOLD, GroupSearch, Step
-from .unexplained import depends_on
+from .unexplained import depends_on, worst_third
 
 Found = Sequence[tuple[tuple[int, ...], GroupSearch, ClosedLoop]]
 MAIN = 0.1  # [1] of the explained sum of squares, from which a law is a cause
@@ -140,7 +140,18 @@ def _unexplained(
             if k not in listed and after[k] > LEFT * noise[j] and after[k] > VISIBLE * tracking[k]:
                 listed.add(k)
                 share = float(after[k] / max(before[k], 1e-12))
-                yield ServoUnexplained(data.joints[j], depends_on(loop, residual, k), share, float(after[k]))
+                variable = depends_on(loop, residual, k)
+                place = worst_third(loop, residual, k, variable)
+                yield ServoUnexplained(data.joints[j], variable, share, float(after[k]), *place, _tried(one, k))
+
+
+def _tried(one: GroupSearch, joint: int) -> dict[str, float]:
+    """Laws that were fitted at a joint of the group and not added, with the share that they explain [1]."""
+    best: dict[str, float] = {}
+    for effect, j, part in one.tried:
+        if j == joint:
+            best[effect] = max(best.get(effect, 0.0), part)
+    return dict(sorted(best.items(), key=lambda item: -item[1]))
 
 
 def _flags(findings: Sequence[ServoFinding]) -> Iterator[str]:

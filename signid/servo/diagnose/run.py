@@ -13,6 +13,7 @@ from ...model import Model, ModelSource, as_model, with_servos
 from ...recording import Recordings, as_recordings
 from ...types import Array, Law, Progress
 from ..audit import audit_flags
+from ..plant import roll_out
 from ..plant.course import bodies_of, groups
 from ..search.data import ServoData, servo_data
 from ..validate import closed_loops, need_commands, prepared_model
@@ -20,7 +21,8 @@ from .closed_loop import ClosedLoop, Point
 from .conclude import conclude, fits
 from .laws import HYPOTHESES
 from .noise import position_noise
-from .result import ServoDiagnosis
+from .repeats import servo_repeats
+from .result import ServoDiagnosis, ServoRepeats
 from .search import GroupSearch, search
 
 WINDOW = 0.8  # [s] of the closed loops; longer ones hardly add information, and the cost becomes rough
@@ -86,6 +88,7 @@ def diagnose_servos(
         after=fits(driven, data, found, noise, last=True),
         rollout_before=before,
         rollout_after=after,
+        repeats=_repeats(extended, data, noise),
         traces=traces,
         model=extended,
         inputs=data.inputs,
@@ -139,6 +142,13 @@ def _extended(model: Model, data: ServoData, found: Sequence[tuple[tuple[int, ..
             numbers = {"mass": mass, "first_moment_x": x, "first_moment_y": y, "first_moment_z": z}
             laws.append(Law(EFFECTS["payload"], (tip,), numbers))
     return with_servos(replace(model, laws=tuple(laws)), servos)
+
+
+def _repeats(model: Model, data: ServoData, noise: Array) -> ServoRepeats | None:
+    """Repeats of one command among all recordings; `model` is the extended simulation. noise: (n,) [rad or m]."""
+    grids = data.train if data.held_out is data.train else (*data.train, *data.held_out)
+    driven = [j for j, joint in enumerate(data.joints) if joint in model.servos and joint in data.driven]
+    return servo_repeats(grids, driven, noise, lambda grid: roll_out(model, model.servos, grid) - grid.q)
 
 
 def _say(progress: Progress | None, step: str, share: float) -> None:
