@@ -58,7 +58,7 @@ class ServoUnexplained:
     variable: str  # what it depends on most
     share: float  # its rms over the rms of the mismatch of the given simulation [1]
     rms: float  # [rad or m]
-    region: str  # third of the values of the variable that has the largest mismatch
+    region: str  # third of the variable, or recording, with the largest mismatch
     region_rms: float  # [rad or m] rms of the mismatch there
     tried: Mapping[str, float]  # laws that were fitted and not added: share of the mean square that each explains [1]
 

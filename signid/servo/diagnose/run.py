@@ -74,10 +74,11 @@ def diagnose_servos(
         found.append((joints, *_searched(driven, data, joints, noise, skip, window)))
     extended = _extended(driven, data, found)
     _say(progress, "simulating held-out recordings", 0.85)
-    before, _ = closed_loops(driven, driven.servos, data.held_out)
-    after, traces = closed_loops(extended, extended.servos, data.held_out)
-    first = [trace.simulated for trace in closed_loops(driven, driven.servos, data.held_out)[1]]
-    traces = tuple(replace(trace, nominal=own) for trace, own in zip(traces, first, strict=True))
+    before, given_traces = closed_loops(driven, driven.servos, data.held_out)
+    after, traces = before, given_traces
+    if any(one.steps for _, one, _ in found):
+        after, traces = closed_loops(extended, extended.servos, data.held_out)
+    traces = tuple(replace(x, nominal=own.simulated) for x, own in zip(traces, given_traces, strict=True))
     findings, unexplained, verdict, more = conclude(data, found, noise)
     return ServoDiagnosis(
         robot=driven.robot,

@@ -15,7 +15,7 @@ from .laws import HYPOTHESES, DriveLaw
 from .refine import Attempt, Setting, reach, refine, setting_of
 
 MOST = 3  # laws that are added to one group
-REFINED = 8  # hypotheses that are fitted in each step
+POLISHED, REFINED = 24, 8  # hypotheses that get a second iteration, and that are fitted, in each step
 THRESHOLD = 5.0  # log posterior odds that a law needs. Heuristic
 CLUSTERED = 3.0  # [1] improvement over its standard error across windows that a law needs
 FORMS = ("speed_limit", "duty_limit", "effort_limit", "dead_band", "profile_limit", "load_friction", "voltage_droop")
@@ -95,8 +95,7 @@ def refitted(
     own = own_numbers(last.point, j)
     start = refine(setting, [replace(last, frees=own)], ROUNDS)[0]
     forms = [law for law in laws if law.effect in FORMS]
-    offers = offered(setting.weighted(mean_sigma(setting, start, floor)), start, forms, floor, body=False)
-    offers = [offer for offer in offers if offer.joint == j]
+    offers = offered(setting.weighted(mean_sigma(setting, start, floor)), start, forms, floor, False, [j])
     trials = refine(setting, [offer.trial for offer in offers], ROUNDS)
     offers = sorted(
         (weighed(setting, start, replace(o, trial=t), floor) for o, t in zip(offers, trials, strict=True)),
@@ -108,11 +107,21 @@ def refitted(
     return step.after, [replace(step, before=last)], []
 
 
-def offered(setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: Array, body: bool) -> list[Offer]:
-    """The best trial of each law at each joint; the most promising ones fitted. floor: (n,) [rad or m]."""
+def offered(
+    setting: Setting,
+    last: Attempt,
+    laws: Sequence[DriveLaw],
+    floor: Array,
+    body: bool,
+    joints: Sequence[int] | None = None,
+) -> list[Offer]:
+    """The best trial of each law at each joint, or at each suspect; the most promising ones fitted.
+
+    floor: (n,) [rad or m].
+    """
     found: list[Offer] = []
     for law in laws:
-        for j in suspects(setting, last, floor):
+        for j in suspects(setting, last, floor) if joints is None else joints:
             for servo in law.trials(last.point.servos[j], reach(setting, last.point, j)):
                 servos = list(last.point.servos)
                 servos[j] = servo
@@ -132,13 +141,13 @@ def offered(setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: Ar
     for offer in sorted(found, key=lambda o: -o.evidence):
         best.setdefault((offer.law.effect, offer.joint), []).append(offer)
     first = [offers[0] for offers in best.values()]
-    polished = refine(setting, [o.trial for o in first if o.law is not PAYLOAD], 2)
-    again = iter(polished)
-    first = [replace(o, trial=o.trial if o.law is PAYLOAD else next(again)) for o in first]
-    first = sorted((weighed(setting, last, o, floor) for o in first), key=lambda o: -o.evidence)
-    fitted = refine(setting, [offer.trial for offer in first[:REFINED]])
+    for kept in (POLISHED, REFINED):
+        polished = iter(refine(setting, [o.trial for o in first if o.law is not PAYLOAD], 1))
+        first = [replace(o, trial=o.trial if o.law is PAYLOAD else next(polished)) for o in first]
+        first = sorted((weighed(setting, last, o, floor) for o in first), key=lambda o: -o.evidence)[:kept]
+    fitted = refine(setting, [offer.trial for offer in first])
     return sorted(
-        (weighed(setting, last, replace(o, trial=t), floor) for o, t in zip(first[:REFINED], fitted, strict=True)),
+        (weighed(setting, last, replace(o, trial=t), floor) for o, t in zip(first, fitted, strict=True)),
         key=lambda o: -o.evidence,
     )
 

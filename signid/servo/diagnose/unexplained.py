@@ -18,18 +18,26 @@ def depends_on(loop: ClosedLoop, residual: Array, joint: int) -> str:
     return max(variables, key=lambda name: _explained(variables[name], y))
 
 
-def worst_third(loop: ClosedLoop, residual: Array, joint: int, variable: str) -> tuple[str, float]:
+def worst_region(loop: ClosedLoop, residual: Array, joint: int, variable: str) -> tuple[str, float]:
     """Third of the values of a variable with the largest mismatch, and the rms there [rad or m].
 
-    Sizes count, except of position and time. residual: (W, T, n) [rad or m].
+    Sizes count, except of position and time; of several recordings, the worst one stands for time.
+    residual: (W, T, n) [rad or m].
     """
-    x, signed = _variables(loop, joint)[variable], variable in ("position", "time")
-    place = np.searchsorted(np.quantile(x if signed else np.abs(x), [1 / 3, 2 / 3]), x if signed else np.abs(x))
+    x = _variables(loop, joint)[variable]
+    names = [f"{third} third of {variable}" for third in THIRDS]
+    if variable not in ("position", "time"):
+        x, names = np.abs(x), [f"{third} third of |{variable}|" for third in THIRDS]
+    place = np.searchsorted(np.quantile(x, [1 / 3, 2 / 3]), x)
+    paths = [loop.grids[g].path for g, _ in loop.places]
+    if variable == "time" and len(set(paths)) > 1:
+        files = list(dict.fromkeys(paths))
+        place = np.repeat([files.index(path) for path in paths], residual.shape[1])
+        names = [f"recording {path}" for path in files]
     square = residual[:, :, joint].ravel() ** 2
-    rms = [float(np.sqrt(np.mean(square[place == k]))) if np.any(place == k) else 0.0 for k in range(3)]
+    rms = [float(np.sqrt(np.mean(square[place == k]))) if np.any(place == k) else 0.0 for k in range(len(names))]
     worst = int(np.argmax(rms))
-    name = variable if signed else f"|{variable}|"
-    return f"{THIRDS[worst]} third of {name}", rms[worst]
+    return names[worst], rms[worst]
 
 
 def _variables(loop: ClosedLoop, joint: int) -> dict[str, Array]:

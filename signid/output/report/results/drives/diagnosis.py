@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rich.console import RenderableType
 from rich.text import Text
 
+from .....servo.diagnose.conclude import VISIBLE
 from .....servo.validate import HORIZON
 from .....types import Input
 from ...layout import figure, heading, new_table, note_lines, paragraph, share, with_interval
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
     from .....servo.diagnose import FoundNumber, PositionFit, ServoDiagnosis, ServoFinding, ServoRepeats
 
 VERDICTS = {
-    "nothing_missing": "nothing is missing: the simulation predicts the motion within the noise of the positions",
+    "nothing_missing": "nothing is missing: the simulation predicts the motion within the noise of the positions, or "
+    f"{100 * VISIBLE:.0f} % of the tracking error",
     "unknown": "the simulation and the recordings differ, and no law explains the difference",
 }
 REPEATED = "Repeats of one command"
