@@ -75,9 +75,18 @@ def test_commands_that_differ_are_no_repeats() -> None:
     assert repeated([grid(u, u), grid(u, u)], [0]) == [Pair(0, 0, 1, 0, len(u))]
 
 
+def test_a_recording_is_no_repeat_of_its_own_copy() -> None:
+    u, rng = wave(), np.random.default_rng(0)
+    one, other = (grid(u, u + 3e-4 * rng.standard_normal(len(u))) for _ in range(2))
+    assert servo_repeats([one, one], [0], NOISE, still) is None
+    found = servo_repeats([one, other, one], [0], NOISE, still)
+    assert found is not None and found.pairs == 2 and found.rms[0] == pytest.approx(NOISE[0], rel=0.2)
+
+
 def test_other_initial_states_are_compared_once_they_have_faded() -> None:
     u, t = wave(), np.arange(len(wave())) / RATE
-    found = servo_repeats([grid(u, u), grid(u, u + 0.5 * np.exp(-t / 0.1))], [0], NOISE, still)
+    faded = grid(u, u + 0.5 * np.exp(-t / 0.1) + 3e-4 * np.random.default_rng(0).standard_normal(len(u)))
+    found = servo_repeats([grid(u, u), faded], [0], NOISE, still)
     assert found is not None and found.rms[0] < 4 * NOISE[0]
     assert 2.5 < found.seconds < 3.5
     assert servo_repeats([grid(u, u), grid(u, u + 0.5)], [0], NOISE, still) is None

@@ -46,7 +46,7 @@ def servo_repeats(
     [rad or m] of a grid.
     """
     pairs = [like for pair in repeated(grids, driven) for like in _alike(grids, driven, noise, pair)]
-    pairs = [pair for pair in pairs if _moves(grids, driven, pair)]
+    pairs = [pair for pair in pairs if _counts(grids, driven, pair)]
     if not pairs:
         return None
     errors = {g: error(grids[g]) for g in sorted({g for p in pairs for g in (p.a, p.b)})}
@@ -137,8 +137,10 @@ def _alike(grids: Sequence[ServoGrid], driven: Sequence[int], noise: Array, pair
         yield Pair(pair.a, pair.i + start, pair.b, pair.j + start, pair.rows - start)
 
 
-def _moves(grids: Sequence[ServoGrid], driven: Sequence[int], pair: Pair) -> bool:
-    """Whether a command changes in the rows that are compared."""
+def _counts(grids: Sequence[ServoGrid], driven: Sequence[int], pair: Pair) -> bool:
+    """Whether a command changes in the rows that are compared, and they are no copies of one recording."""
+    if np.array_equal(_rows(grids[pair.a].q, pair.i, pair), _rows(grids[pair.b].q, pair.j, pair)):
+        return False
     every = np.vstack([grid.command[:, driven] for grid in grids])
     rows = _rows(grids[pair.a].command, pair.i, pair)[:, driven]
     return bool(np.any(np.ptp(rows, axis=0) > MOVING * np.ptp(every, axis=0) + 1e-9))

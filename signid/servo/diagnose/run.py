@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from ...model import Model, ModelSource, as_model, with_servos
 from ...recording import Recordings, as_recordings
 from ...types import Array, Law, Progress
 from ..audit import audit_flags
+from ..identify.result import ServoRollOut
 from ..plant import roll_out
 from ..plant.course import bodies_of, groups
 from ..search.data import ServoData, servo_data
@@ -27,6 +28,7 @@ from .search import GroupSearch, search
 
 WINDOW = 0.8  # [s] of the closed loops; longer ones hardly add information, and the cost becomes rough
 MOST_WINDOWS = 60  # windows that are searched, spread over the recordings
+WORSE = 1.15  # [1] growth of the rms error over whole recordings that is flagged
 DEAD = 0.05  # [1] of the stated gain, below which a drive counts as off
 
 
@@ -93,7 +95,9 @@ def diagnose_servos(
         traces=traces,
         model=extended,
         inputs=data.inputs,
-        flags=tuple(dict.fromkeys((*audit_flags(given.robot, (*read, *unseen)), *flags, *more))),
+        flags=tuple(
+            dict.fromkeys((*audit_flags(given.robot, (*read, *unseen)), *flags, *more, *_worse(before, after)))
+        ),
         notes=tuple(dict.fromkeys(notes)),
         seed=seed,
     )
@@ -150,6 +154,16 @@ def _repeats(model: Model, data: ServoData, noise: Array) -> ServoRepeats | None
     grids = data.train if data.held_out is data.train else (*data.train, *data.held_out)
     driven = [j for j, joint in enumerate(data.joints) if joint in model.servos and joint in data.driven]
     return servo_repeats(grids, driven, noise, lambda grid: roll_out(model, model.servos, grid) - grid.q)
+
+
+def _worse(before: ServoRollOut, after: ServoRollOut) -> Iterator[str]:
+    """Sentences on joints whose whole held-out recordings the extended simulation predicts worse."""
+    for joint, unit, old, new in zip(after.joints, after.units, before.whole_rms, after.whole_rms, strict=True):
+        if new > WORSE * old:
+            yield (
+                f"{joint}: over whole held-out recordings, the rms error grows from {old:.3g} to {new:.3g} {unit} with "
+                f"what was found; it explains short motions only"
+            )
 
 
 def _say(progress: Progress | None, step: str, share: float) -> None:

@@ -24,6 +24,7 @@ VERDICTS = {
 }
 REPEATED = "Repeats of one command"
 LIKELIHOOD = ("law", "joint", "numbers, ± 95 %", "stated>", "probability>", "mismatch explained>", "held-out gain>")
+ALIKE, WORTH = 0.75, 0.05  # [1] of the best share explained, and share, from which laws count as not separated
 FINE = 0.999  # probability that is shown as > 99.9 %
 
 
@@ -139,6 +140,9 @@ def servo_unexplained(result: ServoDiagnosis) -> list[str]:
         if left.tried:
             each = ", ".join(f"{effect} {share(max(part, 0.0))}" for effect, part in left.tried.items())
             sentences.append(f"{left.joint}: fitted and not added, with the share of the mean square explained: {each}")
+            best = max(left.tried.values())
+            if len(alike := [effect for effect, part in left.tried.items() if part > max(ALIKE * best, WORTH)]) > 1:
+                sentences.append(f"{left.joint}: these recordings do not separate {', '.join(alike)}")
     return sentences
 
 
