@@ -163,3 +163,25 @@ def test_the_command_line_refuses_references_and_missing_drives(
     assert "--reference" in capsys.readouterr().err
     assert run(["diagnose", "1r", "a.csv", "--json"]) == 2
     assert "no drive" in capsys.readouterr().err
+
+
+def test_a_mismatch_without_its_law_says_where_it_is_and_what_was_tried(tmp_path: Path) -> None:
+    path = str(record(tmp_path / "a.csv", FAULTS["profile_limit"]))
+    found = diagnose_servos(simulation(), path, skip=["profile_limit", *(law.effect for law in HYPOTHESES[2:8])])
+    (left,) = found.unexplained
+    assert left.region.split()[0] in ("lowest", "middle", "highest") and left.region_rms >= left.rms > 5e-3
+    assert "profile_limit" not in left.tried and all(part <= 1 for part in left.tried.values())
+    assert list(left.tried.values()) == sorted(left.tried.values(), reverse=True)
+    if found.causes:
+        assert all(one.probability < 0.95 for one in found.causes)
+        assert any("remains, so another law is missing" in flag for flag in found.flags)
+
+
+def test_the_worst_recording_stands_for_time(tmp_path: Path) -> None:
+    drives = {"a": STATED, "b": FAULTS["torque_offset"], "c": STATED}
+    paths = [str(record(tmp_path / f"{name}.csv", servo, seed)) for seed, (name, servo) in enumerate(drives.items())]
+    every = [*(law.effect for law in HYPOTHESES), "payload"]
+    found = diagnose_servos(simulation(), paths[:2], held_out=paths[2:], skip=every)
+    (left,) = found.unexplained
+    assert found.verdict == "unknown" and left.variable == "time" and left.region == f"recording {paths[1]}"
+    assert left.region_rms > 1.3 * left.rms and not left.tried

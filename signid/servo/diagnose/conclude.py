@@ -19,8 +19,9 @@ from .unexplained import depends_on, worst_region
 Found = Sequence[tuple[tuple[int, ...], GroupSearch, ClosedLoop]]
 MAIN = 0.1  # [1] of the explained sum of squares, from which a law is a cause
 LEFT = 2.0  # [1] rms over noise, from which a mismatch is unexplained
-VISIBLE = 0.05  # [1] rms over that of the tracking error, below which a mismatch does not matter
+VISIBLE = 0.02  # [1] rms over that of the tracking error, below which a mismatch does not matter
 WORSE = 0.5  # [1] factor on the probability of a law that leaves most, or predicts held-out windows worse
+LOST = 0.02  # [1] growth of the held-out sum of squares by a law that is flagged
 MOST_LEFT = 0.5  # [1] rms after over rms before, above which what was found cannot be sure
 SHOWN = 1e-3  # probability below which an alternative is not listed
 CLOSE = 0.25  # probability of an alternative from which the result is flagged
@@ -167,6 +168,11 @@ def _tried(one: GroupSearch, joint: int) -> dict[str, float]:
 
 def _flags(findings: Sequence[ServoFinding]) -> Iterator[str]:
     for finding in findings:
+        if finding.held_out_gain < -LOST:
+            yield (
+                f"{finding.effect} at {finding.joint} predicts held-out motion worse than the simulation without it; "
+                f"do not rely on it"
+            )
         if finding.role == "cause":
             for rival in finding.alternatives:
                 if rival.probability >= CLOSE:
