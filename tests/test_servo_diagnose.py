@@ -11,9 +11,11 @@ import polars as pl
 import pytest
 
 from signid.cli import run
+from signid.effects.bodies import point_inertia
 from signid.errors import OptionError, RecordingError
 from signid.model import Model, load_model, with_servos
 from signid.servo.diagnose import diagnose_servos
+from signid.servo.diagnose.closed_loop import LINEAR, ClosedLoop
 from signid.servo.diagnose.laws import HYPOTHESES, Reach
 from signid.servo.diagnose.noise import position_noise
 from signid.servo.plant import grids_of_arrays, roll_out
@@ -185,3 +187,19 @@ def test_the_worst_recording_stands_for_time(tmp_path: Path) -> None:
     (left,) = found.unexplained
     assert found.verdict == "unknown" and left.variable == "time" and left.region == f"recording {paths[1]}"
     assert left.region_rms > 1.3 * left.rms and not left.tried
+
+
+@pytest.mark.parametrize("name", ["1r", "3r"])
+def test_courses_with_a_body_are_those_of_the_robot_that_carries_it(name: str) -> None:
+    model = load_model(name)
+    joints, t = model.robot.joints, np.arange(300) / RATE
+    q = 0.5 * np.sin(t[:, None] * np.arange(1.0, 1.0 + len(joints)))
+    servos = dict.fromkeys(joints, STATED)
+    loop = ClosedLoop(
+        with_servos(model, servos), grids_of_arrays(joints, t, q, q), range(len(joints)), [*servos.values()], 0.8
+    )
+    body = (0.7, 0.05, -0.02, 0.11)
+    exact, found = loop._course([*body, *point_inertia(body[0], body[1:])]), loop.along(body)
+    for key in LINEAR:
+        assert getattr(found, key) == pytest.approx(getattr(exact, key), rel=1e-9, abs=1e-9)
+    assert np.abs(found.torque - loop.along(None).torque).max() > 0.1

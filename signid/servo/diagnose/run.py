@@ -13,7 +13,7 @@ from ...model import Model, ModelSource, as_model, with_servos
 from ...recording import Recordings, as_recordings
 from ...types import Array, Law, Progress
 from ..audit import audit_flags
-from ..identify.result import ServoRollOut
+from ..identify.result import ServoRollOut, ServoTrace
 from ..plant import roll_out
 from ..plant.course import bodies_of, groups
 from ..search.data import ServoData, servo_data
@@ -76,11 +76,7 @@ def diagnose_servos(
         found.append((joints, *_searched(driven, data, joints, noise, skip, window)))
     extended = _extended(driven, data, found)
     _say(progress, "simulating held-out recordings", 0.85)
-    before, given_traces = closed_loops(driven, driven.servos, data.held_out)
-    after, traces = before, given_traces
-    if any(one.steps for _, one, _ in found):
-        after, traces = closed_loops(extended, extended.servos, data.held_out)
-    traces = tuple(replace(x, nominal=own.simulated) for x, own in zip(traces, given_traces, strict=True))
+    before, after, traces = _rolled(driven, extended, data)
     findings, unexplained, verdict, more = conclude(data, found, noise)
     return ServoDiagnosis(
         robot=driven.robot,
@@ -147,6 +143,17 @@ def _extended(model: Model, data: ServoData, found: Sequence[tuple[tuple[int, ..
             numbers = {"mass": mass, "first_moment_x": x, "first_moment_y": y, "first_moment_z": z}
             laws.append(Law(EFFECTS["payload"], (tip,), numbers))
     return with_servos(replace(model, laws=tuple(laws)), servos)
+
+
+def _rolled(
+    given: Model, extended: Model, data: ServoData
+) -> tuple[ServoRollOut, ServoRollOut, tuple[ServoTrace, ...]]:
+    """Closed loops of held-out recordings before and after; `nominal` of the traces is the given simulation."""
+    before, first = closed_loops(given, given.servos, data.held_out)
+    after, traces = before, first
+    if extended.servos != given.servos or extended.laws != given.laws:
+        after, traces = closed_loops(extended, extended.servos, data.held_out)
+    return before, after, tuple(replace(x, nominal=own.simulated) for x, own in zip(traces, first, strict=True))
 
 
 def _repeats(model: Model, data: ServoData, noise: Array) -> ServoRepeats | None:
