@@ -8,11 +8,15 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from servo_logs import DATA, PUBLIC
 
 from signid.cli import run
 from signid.model import load_model, with_servos
+from signid.recording import as_recordings
+from signid.robot import load_robot
+from signid.servo.diagnose.noise import position_noise
 from signid.servo.diagnose.repeats import Pair, repeated, servo_repeats
-from signid.servo.plant import grids_of_arrays, roll_out
+from signid.servo.plant import grids_of_arrays, roll_out, servo_grids
 from signid.servos import Servo, ServoGrid
 from signid.toml_json import check_schema
 from signid.types import Array
@@ -90,6 +94,19 @@ def test_other_initial_states_are_compared_once_they_have_faded() -> None:
     assert found is not None and found.rms[0] < 4 * NOISE[0]
     assert 2.5 < found.seconds < 3.5
     assert servo_repeats([grid(u, u), grid(u, u + 0.5)], [0], NOISE, still) is None
+
+
+@PUBLIC
+def test_public_repeats_of_a_hobby_servo() -> None:
+    """Runs of a square command: 92 mrad by a comparison of whole runs, without signid."""
+    folder = DATA / "mauicv_servo"
+    robot = load_robot(folder / "arm.urdf")
+    for name, rms in (("square_large", 0.092), ("chirp", None)):
+        (read,) = as_recordings([str(folder / f"a_{name}.csv.gz")], robot, "test")
+        grids = servo_grids(read, robot)
+        found = servo_repeats(grids, [0], position_noise(grids), still)
+        assert (found is None) == (rms is None)
+        assert found is None or found.rms[0] == pytest.approx(rms, rel=0.05)
 
 
 def test_a_diagnosis_shows_repeats_in_terminal_report_and_document(
