@@ -11,9 +11,11 @@ import polars as pl
 import pytest
 
 from signid.cli import run
+from signid.effects.bodies import point_inertia
 from signid.errors import OptionError, RecordingError
 from signid.model import Model, load_model, with_servos
 from signid.servo.diagnose import diagnose_servos
+from signid.servo.diagnose.closed_loop import LINEAR, ClosedLoop
 from signid.servo.diagnose.laws import HYPOTHESES, Reach
 from signid.servo.diagnose.noise import position_noise
 from signid.servo.plant import grids_of_arrays, roll_out
@@ -163,3 +165,41 @@ def test_the_command_line_refuses_references_and_missing_drives(
     assert "--reference" in capsys.readouterr().err
     assert run(["diagnose", "1r", "a.csv", "--json"]) == 2
     assert "no drive" in capsys.readouterr().err
+
+
+def test_a_mismatch_without_its_law_says_where_it_is_and_what_was_tried(tmp_path: Path) -> None:
+    path = str(record(tmp_path / "a.csv", FAULTS["profile_limit"]))
+    found = diagnose_servos(simulation(), path, skip=["profile_limit", *(law.effect for law in HYPOTHESES[2:8])])
+    (left,) = found.unexplained
+    assert left.region.split()[0] in ("lowest", "middle", "highest") and left.region_rms >= left.rms > 5e-3
+    assert "profile_limit" not in left.tried and all(part <= 1 for part in left.tried.values())
+    assert list(left.tried.values()) == sorted(left.tried.values(), reverse=True)
+    if found.causes:
+        assert all(one.probability < 0.95 for one in found.causes)
+        assert any("remains, so another law is missing" in flag for flag in found.flags)
+
+
+def test_the_worst_recording_stands_for_time(tmp_path: Path) -> None:
+    drives = {"a": STATED, "b": FAULTS["torque_offset"], "c": STATED}
+    paths = [str(record(tmp_path / f"{name}.csv", servo, seed)) for seed, (name, servo) in enumerate(drives.items())]
+    every = [*(law.effect for law in HYPOTHESES), "payload"]
+    found = diagnose_servos(simulation(), paths[:2], held_out=paths[2:], skip=every)
+    (left,) = found.unexplained
+    assert found.verdict == "unknown" and left.variable == "time" and left.region == f"recording {paths[1]}"
+    assert left.region_rms > 1.3 * left.rms and not left.tried
+
+
+@pytest.mark.parametrize("name", ["1r", "3r"])
+def test_courses_with_a_body_are_those_of_the_robot_that_carries_it(name: str) -> None:
+    model = load_model(name)
+    joints, t = model.robot.joints, np.arange(300) / RATE
+    q = 0.5 * np.sin(t[:, None] * np.arange(1.0, 1.0 + len(joints)))
+    servos = dict.fromkeys(joints, STATED)
+    loop = ClosedLoop(
+        with_servos(model, servos), grids_of_arrays(joints, t, q, q), range(len(joints)), [*servos.values()], 0.8
+    )
+    body = (0.7, 0.05, -0.02, 0.11)
+    exact, found = loop._course([*body, *point_inertia(body[0], body[1:])]), loop.along(body)
+    for key in LINEAR:
+        assert getattr(found, key) == pytest.approx(getattr(exact, key), rel=1e-9, abs=1e-9)
+    assert np.abs(found.torque - loop.along(None).torque).max() > 0.1

@@ -16,7 +16,7 @@ from signid.servos import Servo
 from ..servo.drive import Drive, Truth
 from ..servo.plant import record
 from ..servo.robots import Bench, motion
-from .faults import Fault, injected
+from .faults import FAULTS, Fault, injected
 
 SURE = 0.95  # probability from which a wrong name counts as sure
 SECONDS, RATE = 20.0, 100.0
@@ -44,7 +44,7 @@ class Outcome:
 
 def run_trial(bench: Bench, fault: Fault | None, seed: int, folder: Path) -> Outcome:
     """Record and diagnose; without a fault the robot is healthy."""
-    rng = np.random.default_rng([seed, 5])
+    rng = np.random.default_rng([seed, 5, FAULTS.index(fault) if fault else 0])  # another joint for each fault
     truth, joint = Truth(dict(bench.drives)), ""
     command = motion(bench, seed, SECONDS, RATE)
     if fault is not None:

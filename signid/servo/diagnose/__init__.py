@@ -1,6 +1,14 @@
 """Diagnose position drives: name what a simulation of loop and robot lacks, from commands and positions alone."""
 
-from .result import FoundNumber, PositionFit, ServoAlternative, ServoDiagnosis, ServoFinding, ServoUnexplained
+from .result import (
+    FoundNumber,
+    PositionFit,
+    ServoAlternative,
+    ServoDiagnosis,
+    ServoFinding,
+    ServoRepeats,
+    ServoUnexplained,
+)
 from .run import diagnose_servos
 
 __all__ = [
@@ -9,6 +17,7 @@ __all__ = [
     "ServoAlternative",
     "ServoDiagnosis",
     "ServoFinding",
+    "ServoRepeats",
     "ServoUnexplained",
     "diagnose_servos",
 ]

@@ -19,6 +19,9 @@ from ..plant.course import Moved, RobotCourse as Course, bodies_of, course, moti
 from ..plant.kernel import numbers, simulate
 from ..plant.substeps import substeps
 
+LINEAR = ("mass", "bias", "by_q", "by_v", "wave", "torque")  # of a course, in the inertial parameters of a body
+UNITS = (0.1, *(3 * [0.01]), *(6 * [1e-3]))  # [kg, kg.m, kg.m2] steps that the slopes are taken with
+MOST_KEPT = 2_000_000  # numbers of a mass matrix along all rows, beyond which slopes take too much memory
 MARGIN = 2.0  # [1] a gain may grow by this factor before substeps are too long
 
 
@@ -70,6 +73,7 @@ class ClosedLoop:
         }
         self.gains = np.array([grids[g].gain[self.joints] for g, _ in self.places])  # (W, n)
         self._courses: dict[object, GroupCourse] = {}
+        self._slopes: dict[str, list[Array]] = {}  # of LINEAR, by each inertial parameter of a body at the last link
         self._commands: dict[tuple[object, ...], Array] = {}
         inertia = np.einsum("tii->ti", self.along(None).mass).min(axis=0)
         stiff = [servo.with_(kp=servo.kp * MARGIN) for servo in servos]
@@ -90,10 +94,29 @@ class ClosedLoop:
         if body not in self._courses:
             if len(self._courses) > 24:
                 self._courses = {None: self._courses[None]}
-            robot = self.robot if body is None else carrying(self.robot, self.leaf_body, body)
-            parts = [part(course(robot, motion), self.joints) for motion in self.motions]
-            self._courses[body] = _joined(parts)
+            self._courses[body] = self._course([]) if body is None else self._with_body(body)
         return self._courses[body]
+
+    def _course(self, added: Sequence[float]) -> GroupCourse:
+        """Courses with up to ten inertial parameters added to the last link."""
+        robot = carrying(self.robot, self.leaf_body, added) if added else self.robot
+        return _joined([part(course(robot, motion), self.joints) for motion in self.motions])
+
+    def _with_body(self, body: tuple[float, float, float, float]) -> GroupCourse:
+        """Courses with a point mass; torques are linear in its inertial parameters, so ten courses give all others."""
+        numbers = [*body, *point_inertia(body[0], body[1:])]
+        base = self.along(None)
+        if base.mass.size > MOST_KEPT:
+            return self._course(numbers)
+        if not self._slopes:
+            units = np.diag(UNITS).tolist()
+            self._slopes = {key: [] for key in LINEAR}
+            for unit, size in zip(units, UNITS, strict=True):
+                moved = self._course(unit)
+                for key, slopes in self._slopes.items():
+                    slopes.append((getattr(moved, key) - getattr(base, key)) / size)
+        sums = {key: np.tensordot(numbers, slopes, axes=1) for key, slopes in self._slopes.items()}
+        return replace(base, **{key: getattr(base, key) + x for key, x in sums.items()})
 
     def residuals(self, points: Sequence[Point]) -> Array:
         """Simulated minus measured positions (C, W, T, n) [rad or m] from the measured states."""
@@ -161,10 +184,10 @@ class ClosedLoop:
         return self._commands[key]
 
 
-def carrying(robot: Robot, index: int, body: tuple[float, float, float, float]) -> Robot:
-    """Robot with a point mass at a body of its model: mass [kg] and first moment [kg.m] in its frame."""
+def carrying(robot: Robot, index: int, added: Sequence[float]) -> Robot:
+    """Robot with up to ten inertial parameters added to a body of its model, in Pinocchio's order."""
     model = robot.model.copy()
-    add_body(model, index, [*body, *point_inertia(body[0], body[1:])])
+    add_body(model, index, added)
     return replace(robot, model=model)
 
 

@@ -14,13 +14,14 @@ from .coordinates import LOGARITHMIC, Free, value
 from .refine import Attempt, Setting
 from .result import FoundNumber, PositionFit, ServoAlternative, ServoFinding, ServoUnexplained
 from .search import PAYLOAD, THRESHOLD, GroupSearch, Step
-from .unexplained import depends_on
+from .unexplained import depends_on, worst_region
 
 Found = Sequence[tuple[tuple[int, ...], GroupSearch, ClosedLoop]]
 MAIN = 0.1  # [1] of the explained sum of squares, from which a law is a cause
 LEFT = 2.0  # [1] rms over noise, from which a mismatch is unexplained
-VISIBLE = 0.05  # [1] rms over that of the tracking error, below which a mismatch does not matter
+VISIBLE = 0.02  # [1] rms over that of the tracking error, below which a mismatch does not matter
 WORSE = 0.5  # [1] factor on the probability of a law that leaves most, or predicts held-out windows worse
+LOST = 0.02  # [1] growth of the held-out sum of squares by a law that is flagged
 MOST_LEFT = 0.5  # [1] rms after over rms before, above which what was found cannot be sure
 SHOWN = 1e-3  # probability below which an alternative is not listed
 CLOSE = 0.25  # probability of an alternative from which the result is flagged
@@ -37,7 +38,7 @@ def conclude(
     left = [x for joints, one, unseen in found for x in _unexplained(data, joints, one, unseen, noise)]
     causes = any(finding.role == "cause" for finding in findings)
     verdict = "named" if causes else "unknown" if left else "nothing_missing"
-    return tuple(findings), tuple(left), verdict, list(_flags(findings))
+    return tuple(findings), tuple(left), verdict, [*_flags(findings), *_poorly(data, found, noise)]
 
 
 def fits(model: Model, data: ServoData, found: Found, noise: Array, last: bool) -> PositionFit:
@@ -61,7 +62,7 @@ def _findings(
     setting = _setting(one, unseen)
     whole = float(np.sum((one.base.squares - one.last.squares) / one.setting.sigma**2))
     given = one.base.point
-    poor = _poor(one, noise[list(joints)])
+    poor = _poor(one, noise[list(joints)]) is not None
     for k, step in enumerate(one.steps):
         gained = np.sum(step.before.squares - step.after.squares, axis=0)
         before = np.sum(step.before.squares, axis=0)
@@ -86,11 +87,22 @@ def _findings(
         )
 
 
-def _poor(one: GroupSearch, noise: Array) -> bool:
-    """Whether most of the worst joint's mismatch remains: some other law is missing, too, or instead."""
+def _poor(one: GroupSearch, noise: Array) -> tuple[int, float] | None:
+    """Worst joint of the group if most of its mismatch remains after laws were added, and the share of its rms [1]."""
     before, after = (_rms(x.squares, one.setting.loop) for x in (one.base, one.last))
     j = int(np.argmax(before / noise))
-    return bool(after[j] > LEFT * noise[j] and after[j] > MOST_LEFT * before[j])
+    poor = one.steps and after[j] > LEFT * noise[j] and after[j] > MOST_LEFT * before[j]
+    return (j, float(after[j] / before[j])) if poor else None
+
+
+def _poorly(data: ServoData, found: Found, noise: Array) -> Iterator[str]:
+    """A sentence on each group whose laws leave most of the mismatch."""
+    for joints, one, _ in found:
+        if left := _poor(one, noise[list(joints)]):
+            yield (
+                f"{', '.join(step.law.effect for step in one.steps)}: {100 * left[1]:.0f} % of the mismatch of "
+                f"{data.joints[joints[left[0]]]} remains, so another law is missing, too or instead"
+            )
 
 
 def _numbers(last: Attempt, given: Point, step: Step) -> dict[str, FoundNumber]:
@@ -140,11 +152,27 @@ def _unexplained(
             if k not in listed and after[k] > LEFT * noise[j] and after[k] > VISIBLE * tracking[k]:
                 listed.add(k)
                 share = float(after[k] / max(before[k], 1e-12))
-                yield ServoUnexplained(data.joints[j], depends_on(loop, residual, k), share, float(after[k]))
+                variable = depends_on(loop, residual, k)
+                place = worst_region(loop, residual, k, variable)
+                yield ServoUnexplained(data.joints[j], variable, share, float(after[k]), *place, _tried(one, k))
+
+
+def _tried(one: GroupSearch, joint: int) -> dict[str, float]:
+    """Laws that were fitted at a joint of the group and not added, with the share that they explain [1]."""
+    best: dict[str, float] = {}
+    for effect, j, part in one.tried:
+        if j == joint:
+            best[effect] = max(best.get(effect, 0.0), part)
+    return dict(sorted(best.items(), key=lambda item: -item[1]))
 
 
 def _flags(findings: Sequence[ServoFinding]) -> Iterator[str]:
     for finding in findings:
+        if finding.held_out_gain < -LOST:
+            yield (
+                f"{finding.effect} at {finding.joint} predicts held-out motion worse than the simulation without it; "
+                f"do not rely on it"
+            )
         if finding.role == "cause":
             for rival in finding.alternatives:
                 if rival.probability >= CLOSE:

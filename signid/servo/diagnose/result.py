@@ -1,4 +1,4 @@
-"""Types of a diagnosis of position drives: findings, positions that no law explains, the extended simulation."""
+"""Types of a diagnosis of position drives: findings, mismatch without a law, repeats, the extended simulation."""
 
 from __future__ import annotations
 
@@ -58,6 +58,21 @@ class ServoUnexplained:
     variable: str  # what it depends on most
     share: float  # its rms over the rms of the mismatch of the given simulation [1]
     rms: float  # [rad or m]
+    region: str  # third of the variable, or recording, with the largest mismatch
+    region_rms: float  # [rad or m] rms of the mismatch there
+    tried: Mapping[str, float]  # laws that were fitted and not added: share of the mean square that each explains [1]
+
+
+@dataclass(frozen=True, eq=False)
+class ServoRepeats(Frozen):
+    """Differences of measured positions between repeats of one command, n joints with drives."""
+
+    joints: tuple[str, ...]
+    pairs: int  # pairs of stretches with equal commands that were compared
+    seconds: float  # of all comparisons together [s]
+    rms: Array  # (n,) [rad or m] rms difference of two repeats over sqrt(2): no model of the commands is better
+    mismatch_rms: Array  # (n,) [rad or m] of the extended simulation on the same rows, from the commands alone
+    share: Array  # (n,) of the mean square mismatch that no model explains [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +99,7 @@ class ServoDiagnosis(Result):
     after: PositionFit
     rollout_before: ServoRollOut
     rollout_after: ServoRollOut
+    repeats: ServoRepeats | None  # None if no command is repeated
     traces: tuple[ServoTrace, ...]  # of held-out recordings; `nominal` is the given simulation
     model: Model  # the extended simulation
     inputs: tuple[Input, ...]

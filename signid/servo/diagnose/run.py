@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +13,8 @@ from ...model import Model, ModelSource, as_model, with_servos
 from ...recording import Recordings, as_recordings
 from ...types import Array, Law, Progress
 from ..audit import audit_flags
+from ..identify.result import ServoRollOut, ServoTrace
+from ..plant import roll_out
 from ..plant.course import bodies_of, groups
 from ..search.data import ServoData, servo_data
 from ..validate import closed_loops, need_commands, prepared_model
@@ -20,11 +22,13 @@ from .closed_loop import ClosedLoop, Point
 from .conclude import conclude, fits
 from .laws import HYPOTHESES
 from .noise import position_noise
-from .result import ServoDiagnosis
+from .repeats import servo_repeats
+from .result import ServoDiagnosis, ServoRepeats
 from .search import GroupSearch, search
 
 WINDOW = 0.8  # [s] of the closed loops; longer ones hardly add information, and the cost becomes rough
 MOST_WINDOWS = 60  # windows that are searched, spread over the recordings
+WORSE = 1.15  # [1] growth of the rms error over whole recordings that is flagged
 DEAD = 0.05  # [1] of the stated gain, below which a drive counts as off
 
 
@@ -72,10 +76,7 @@ def diagnose_servos(
         found.append((joints, *_searched(driven, data, joints, noise, skip, window)))
     extended = _extended(driven, data, found)
     _say(progress, "simulating held-out recordings", 0.85)
-    before, _ = closed_loops(driven, driven.servos, data.held_out)
-    after, traces = closed_loops(extended, extended.servos, data.held_out)
-    first = [trace.simulated for trace in closed_loops(driven, driven.servos, data.held_out)[1]]
-    traces = tuple(replace(trace, nominal=own) for trace, own in zip(traces, first, strict=True))
+    before, after, traces = _rolled(driven, extended, data)
     findings, unexplained, verdict, more = conclude(data, found, noise)
     return ServoDiagnosis(
         robot=driven.robot,
@@ -86,10 +87,13 @@ def diagnose_servos(
         after=fits(driven, data, found, noise, last=True),
         rollout_before=before,
         rollout_after=after,
+        repeats=_repeats(extended, data, noise),
         traces=traces,
         model=extended,
         inputs=data.inputs,
-        flags=tuple(dict.fromkeys((*audit_flags(given.robot, (*read, *unseen)), *flags, *more))),
+        flags=tuple(
+            dict.fromkeys((*audit_flags(given.robot, (*read, *unseen)), *flags, *more, *_worse(before, after)))
+        ),
         notes=tuple(dict.fromkeys(notes)),
         seed=seed,
     )
@@ -139,6 +143,34 @@ def _extended(model: Model, data: ServoData, found: Sequence[tuple[tuple[int, ..
             numbers = {"mass": mass, "first_moment_x": x, "first_moment_y": y, "first_moment_z": z}
             laws.append(Law(EFFECTS["payload"], (tip,), numbers))
     return with_servos(replace(model, laws=tuple(laws)), servos)
+
+
+def _rolled(
+    given: Model, extended: Model, data: ServoData
+) -> tuple[ServoRollOut, ServoRollOut, tuple[ServoTrace, ...]]:
+    """Closed loops of held-out recordings before and after; `nominal` of the traces is the given simulation."""
+    before, first = closed_loops(given, given.servos, data.held_out)
+    after, traces = before, first
+    if extended.servos != given.servos or extended.laws != given.laws:
+        after, traces = closed_loops(extended, extended.servos, data.held_out)
+    return before, after, tuple(replace(x, nominal=own.simulated) for x, own in zip(traces, first, strict=True))
+
+
+def _repeats(model: Model, data: ServoData, noise: Array) -> ServoRepeats | None:
+    """Repeats of one command among all recordings; `model` is the extended simulation. noise: (n,) [rad or m]."""
+    grids = data.train if data.held_out is data.train else (*data.train, *data.held_out)
+    driven = [j for j, joint in enumerate(data.joints) if joint in model.servos and joint in data.driven]
+    return servo_repeats(grids, driven, noise, lambda grid: roll_out(model, model.servos, grid) - grid.q)
+
+
+def _worse(before: ServoRollOut, after: ServoRollOut) -> Iterator[str]:
+    """Sentences on joints whose whole held-out recordings the extended simulation predicts worse."""
+    for joint, unit, old, new in zip(after.joints, after.units, before.whole_rms, after.whole_rms, strict=True):
+        if new > WORSE * old:
+            yield (
+                f"{joint}: over whole held-out recordings, the rms error grows from {old:.3g} to {new:.3g} {unit} with "
+                f"what was found; it explains short motions only"
+            )
 
 
 def _say(progress: Progress | None, step: str, share: float) -> None:

@@ -10,17 +10,16 @@ import numpy as np
 from ...types import Array
 from .closed_loop import ClosedLoop, Point
 from .coordinates import BODY, Free, own_numbers
+from .evidence import Offer, half_log, mean_sigma, rejected, tempered, weighed
 from .laws import HYPOTHESES, DriveLaw
 from .refine import Attempt, Setting, reach, refine, setting_of
 
 MOST = 3  # laws that are added to one group
-PER_WINDOW = 10  # samples of a window that count as independent, at most. Heuristic
-REFINED = 8  # hypotheses that are fitted in each step
+POLISHED, REFINED = 24, 8  # hypotheses that get a second iteration, and that are fitted, in each step
 THRESHOLD = 5.0  # log posterior odds that a law needs. Heuristic
 CLUSTERED = 3.0  # [1] improvement over its standard error across windows that a law needs
 FORMS = ("speed_limit", "duty_limit", "effort_limit", "dead_band", "profile_limit", "load_friction", "voltage_droop")
 ROUNDS = 8  # iterations of fits with all numbers of a drive
-SLACK = 1.0  # log odds that differences across windows always allow. Heuristic
 LEAST_GAIN = 0.02  # [1] share of the squared residual that a law explains, at least
 MOSTLY, FEW = 0.5, 1.5  # [1] share of a joint's squared residual, windows: what rare events such as limits explain
 FLOOR = 1.15  # [1] mean square over that of noise, below which nothing is missing
@@ -55,43 +54,37 @@ class GroupSearch:
     base: Attempt  # the given simulation
     last: Attempt
     steps: tuple[Step, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Offer:
-    """A hypothesis with its fitted trial and log evidence."""
-
-    law: DriveLaw
-    joint: int
-    trial: Attempt
-    evidence: float = -np.inf  # log likelihood and prior
-    prior: float = 0.0  # log prior probability, with that of its numbers
+    tried: tuple[tuple[str, int, float], ...] = ()  # not added: law, joint, share of its squared residual explained [1]
 
 
 def search(loop: ClosedLoop, point: Point, floor: Array, skip: Sequence[str] = (), body: bool = True) -> GroupSearch:
     """Add laws one after another while the evidence asks for them; floor: (n,) noise of positions [rad or m]."""
     setting = setting_of(loop, point, floor)
     base = Attempt(point, [], setting.evaluate([point])[0])
-    setting = setting.weighted(_sigma(setting, base, floor))
+    setting = setting.weighted(mean_sigma(setting, base, floor))
     base = last = replace(base, squares=setting.evaluate([point])[0])
     laws = [law for law in HYPOTHESES if law.effect not in skip]
-    steps: list[Step] = []
+    steps, tried = list[Step](), list[tuple[str, int, float]]()
     while len(steps) < MOST and not at_floor(setting, last, floor):
         offers = offered(setting, last, laws, floor, body and "payload" not in skip)
         step = choose(setting, last, offers, floor)
+        tried = rejected(last, offers) if step is None else []
         if step is None:
             break
         steps.append(step)
         last = refine(setting, [step.after], 4)[0]
-        setting = setting_of(loop, last.point, floor).weighted(_sigma(setting, last, floor))
+        setting = setting_of(loop, last.point, floor).weighted(mean_sigma(setting, last, floor))
         last = refine(setting, [replace(last, squares=setting.evaluate([last.point])[0])], 3)[0]
     if not steps and not at_floor(setting, last, floor):
-        last, steps = refitted(setting, last, laws, floor)
+        last, steps, more = refitted(setting, last, laws, floor)
+        tried = [] if steps else [*tried, *more]
     base = replace(base, squares=setting.evaluate([point])[0])
-    return GroupSearch(setting, base, last, tuple(steps))
+    return GroupSearch(setting, base, last, tuple(steps), tuple(tried))
 
 
-def refitted(setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: Array) -> tuple[Attempt, list[Step]]:
+def refitted(
+    setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: Array
+) -> tuple[Attempt, list[Step], list[tuple[str, int, float]]]:
     """A law of another form at the worst joint, with the drive's own numbers fitted again beside it.
 
     A simulation that was identified with the wrong law is at its optimum: no single number improves it.
@@ -102,22 +95,33 @@ def refitted(setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: A
     own = own_numbers(last.point, j)
     start = refine(setting, [replace(last, frees=own)], ROUNDS)[0]
     forms = [law for law in laws if law.effect in FORMS]
-    offers = offered(setting.weighted(_sigma(setting, start, floor)), start, forms, floor, body=False)
-    offers = [offer for offer in offers if offer.joint == j]
+    offers = offered(setting.weighted(mean_sigma(setting, start, floor)), start, forms, floor, False, [j])
     trials = refine(setting, [offer.trial for offer in offers], ROUNDS)
     offers = sorted(
-        (_weighed(setting, start, replace(o, trial=t), floor) for o, t in zip(offers, trials, strict=True)),
+        (weighed(setting, start, replace(o, trial=t), floor) for o, t in zip(offers, trials, strict=True)),
         key=lambda o: -o.evidence,
     )
     step = choose(setting, start, offers, floor)
-    return (last, []) if step is None else (step.after, [replace(step, before=last)])
+    if step is None:
+        return last, [], rejected(last, offers)
+    return step.after, [replace(step, before=last)], []
 
 
-def offered(setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: Array, body: bool) -> list[Offer]:
-    """The best trial of each law at each joint; the most promising ones fitted. floor: (n,) [rad or m]."""
+def offered(
+    setting: Setting,
+    last: Attempt,
+    laws: Sequence[DriveLaw],
+    floor: Array,
+    body: bool,
+    joints: Sequence[int] | None = None,
+) -> list[Offer]:
+    """The best trial of each law at each joint, or at each suspect; the most promising ones fitted.
+
+    floor: (n,) [rad or m].
+    """
     found: list[Offer] = []
     for law in laws:
-        for j in suspects(setting, last, floor):
+        for j in suspects(setting, last, floor) if joints is None else joints:
             for servo in law.trials(last.point.servos[j], reach(setting, last.point, j)):
                 servos = list(last.point.servos)
                 servos[j] = servo
@@ -130,20 +134,20 @@ def offered(setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: Ar
         return []
     squares = setting.evaluate([offer.trial.point for offer in found])
     found = [
-        Offer(o.law, o.joint, replace(o.trial, squares=s), -_half_log(s, floor, setting))
+        Offer(o.law, o.joint, replace(o.trial, squares=s), -half_log(s, floor, setting))
         for o, s in zip(found, squares, strict=True)
     ]
     best: dict[tuple[str, int], list[Offer]] = {}
     for offer in sorted(found, key=lambda o: -o.evidence):
         best.setdefault((offer.law.effect, offer.joint), []).append(offer)
     first = [offers[0] for offers in best.values()]
-    polished = refine(setting, [o.trial for o in first if o.law is not PAYLOAD], 2)
-    again = iter(polished)
-    first = [replace(o, trial=o.trial if o.law is PAYLOAD else next(again)) for o in first]
-    first = sorted((_weighed(setting, last, o, floor) for o in first), key=lambda o: -o.evidence)
-    fitted = refine(setting, [offer.trial for offer in first[:REFINED]])
+    for kept in (POLISHED, REFINED):
+        polished = iter(refine(setting, [o.trial for o in first if o.law is not PAYLOAD], 1))
+        first = [replace(o, trial=o.trial if o.law is PAYLOAD else next(polished)) for o in first]
+        first = sorted((weighed(setting, last, o, floor) for o in first), key=lambda o: -o.evidence)[:kept]
+    fitted = refine(setting, [offer.trial for offer in first])
     return sorted(
-        (_weighed(setting, last, replace(o, trial=t), floor) for o, t in zip(first[:REFINED], fitted, strict=True)),
+        (weighed(setting, last, replace(o, trial=t), floor) for o, t in zip(first, fitted, strict=True)),
         key=lambda o: -o.evidence,
     )
 
@@ -167,7 +171,7 @@ def choose(setting: Setting, last: Attempt, offers: Sequence[Offer], floor: Arra
     if not usable:
         return None
     best = usable[0]
-    odds = best.evidence + _half_log(last.squares, floor, setting)
+    odds = best.evidence + half_log(last.squares, floor, setting)
     if odds < THRESHOLD:
         return None
     weights = [1.0 if o is best else float(np.exp(-tempered(setting, best, o))) for o in usable]
@@ -196,16 +200,6 @@ def significant(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> 
     return bool(np.sum(gain) > CLUSTERED * error and share > LEAST_GAIN) or bool(most > MOSTLY and windows > FEW)
 
 
-def tempered(setting: Setting, best: Offer, rival: Offer) -> float:
-    """Log odds of the best over a rival, at most what the differences across windows allow (Vuong 1989)."""
-    prior = best.prior - rival.prior
-    odds = best.evidence - rival.evidence - prior
-    difference = np.sum((rival.trial.squares - best.trial.squares) / setting.sigma**2, axis=1)
-    error = float(np.std(difference)) * np.sqrt(len(difference)) + 1e-300
-    z = max(float(np.sum(difference)) / error, 0.0)
-    return float(max(prior + min(odds, 0.5 * z * z + SLACK), 0.0))
-
-
 def _bodies(setting: Setting, last: Attempt) -> list[Offer]:
     j = setting.loop.leaf
     whole = sum(body.mass for body in list(setting.loop.robot.model.inertias)[1:])
@@ -214,28 +208,3 @@ def _bodies(setting: Setting, last: Attempt) -> list[Offer]:
     masses = [x * whole for x in (0.02, 0.06, 0.15, 0.3)]
     points = [Point(last.point.servos, (m, *(m * centre).tolist())) for m in masses]
     return [Offer(PAYLOAD, j, Attempt(point, frees, np.empty(0))) for point in points]
-
-
-def _sigma(setting: Setting, trial: Attempt, floor: Array) -> Array:
-    rows = setting.loop.rows + 1
-    return np.asarray(np.sqrt(np.mean(trial.squares, axis=0) / rows + floor**2))
-
-
-def _half_log(squares: Array, floor: Array, setting: Setting) -> float:
-    """Negative log likelihood: half the number of independent samples times the log of the mean square, all joints."""
-    windows, rows = squares.shape[0], setting.loop.rows + 1
-    mean = np.sum(squares, axis=0) / (windows * rows)
-    return float(0.5 * windows * min(rows, PER_WINDOW) * np.sum(np.log(mean + 0.1 * floor**2)))
-
-
-def _occam(setting: Setting, last: Attempt, trial: Attempt) -> float:
-    """Log prior of the additional numbers (BIC)."""
-    samples = setting.loop.windows * min(setting.loop.rows + 1, PER_WINDOW)
-    return -0.5 * (len(trial.frees) - len(last.frees)) * float(np.log(samples))
-
-
-def _weighed(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> Offer:
-    choices = len(HYPOTHESES) * len(last.point.servos)
-    before, after = last.point.servos[offer.joint], offer.trial.point.servos[offer.joint]
-    prior = float(np.log(offer.law.plausible(before, after) / choices)) + _occam(setting, last, offer.trial)
-    return replace(offer, evidence=prior - _half_log(offer.trial.squares, floor, setting), prior=prior)

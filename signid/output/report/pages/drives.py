@@ -9,10 +9,12 @@ from ....types import Input
 from ..layout import figure
 from ..results.drives.diagnosis import (
     LIKELIHOOD,
+    REPEATED,
     finding_cells,
     servo_alternatives,
     servo_error_heads,
     servo_errors,
+    servo_repeats_sentences,
     servo_unexplained,
     servo_verdict,
 )
@@ -34,6 +36,8 @@ def servo_diagnosis_page(result: ServoDiagnosis, inputs: Sequence[Input] = (), c
         meanings=[f"{one.effect} at {one.joint}: {one.meaning}" for one in result.findings],
         rivals=servo_alternatives(result),
         left=servo_unexplained(result),
+        repeated=REPEATED,
+        repeats=servo_repeats_sentences(result),
         error_heads=servo_error_heads(),
         errors=list(servo_errors(result)),
         joints=list(closed_loop_plots(result.traces, result.rollout_after)),

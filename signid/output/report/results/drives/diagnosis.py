@@ -8,19 +8,23 @@ from typing import TYPE_CHECKING
 from rich.console import RenderableType
 from rich.text import Text
 
+from .....servo.diagnose.conclude import VISIBLE
 from .....servo.validate import HORIZON
 from .....types import Input
 from ...layout import figure, heading, new_table, note_lines, paragraph, share, with_interval
 from ..documents import Document, description, ending, opening, picked
 
 if TYPE_CHECKING:
-    from .....servo.diagnose import FoundNumber, PositionFit, ServoDiagnosis, ServoFinding
+    from .....servo.diagnose import FoundNumber, PositionFit, ServoDiagnosis, ServoFinding, ServoRepeats
 
 VERDICTS = {
-    "nothing_missing": "nothing is missing: the simulation predicts the motion within the noise of the positions",
+    "nothing_missing": "nothing is missing: the simulation predicts the motion within the noise of the positions, or "
+    f"{100 * VISIBLE:.0f} % of the tracking error",
     "unknown": "the simulation and the recordings differ, and no law explains the difference",
 }
+REPEATED = "Repeats of one command"
 LIKELIHOOD = ("law", "joint", "numbers, ± 95 %", "stated>", "probability>", "mismatch explained>", "held-out gain>")
+ALIKE, WORTH = 0.75, 0.05  # [1] of the best share explained, and share, from which laws count as not separated
 FINE = 0.999  # probability that is shown as > 99.9 %
 
 
@@ -32,8 +36,8 @@ def servo_diagnosis_document(result: ServoDiagnosis, inputs: Sequence[Input] = (
         "verdict": result.verdict,
         "findings": [_finding(one) for one in result.findings],
         "unexplained": [
-            {"joint": left.joint, "depends_on": left.variable, "share": left.share, "rms": left.rms}
-            for left in result.unexplained
+            {"depends_on": one.variable, **picked(one, "joint share rms region region_rms"), "tried": dict(one.tried)}
+            for one in result.unexplained
         ],
         "fit": {"before": _fit(result.before), "after": _fit(result.after)},
         "rollout": {
@@ -44,6 +48,7 @@ def servo_diagnosis_document(result: ServoDiagnosis, inputs: Sequence[Input] = (
             "after_whole_rms": after.whole_rms.tolist(),
             "unit": list(before.units),
         },
+        "repeats": None if result.repeats is None else _repeats(result.repeats),
         **ending(result, result.inputs, inputs or [description(result.robot)], result.seed),
     }
 
@@ -51,6 +56,11 @@ def servo_diagnosis_document(result: ServoDiagnosis, inputs: Sequence[Input] = (
 def _fit(fit: PositionFit) -> Document:
     sizes = picked(fit, "train_rms held_out_rms noise_floor held_out_r2")
     return {"joints": list(fit.joints), "unit": list(fit.unit), **{key: x.tolist() for key, x in sizes.items()}}
+
+
+def _repeats(found: ServoRepeats) -> Document:
+    sizes = picked(found, "rms mismatch_rms share")
+    return {**picked(found, "pairs seconds"), "joints": list(found.joints), **{k: x.tolist() for k, x in sizes.items()}}
 
 
 def _finding(one: ServoFinding) -> Document:
@@ -73,13 +83,14 @@ def _number(number: FoundNumber) -> Document:
 def servo_diagnosis_tables(result: ServoDiagnosis) -> list[RenderableType]:
     """Verdict, findings, alternatives, unexplained mismatch, and errors before and after."""
     rivals = servo_alternatives(result)
-    left = servo_unexplained(result)
+    left, again = servo_unexplained(result), servo_repeats_sentences(result)
     rows = [[one.effect, one.joint, *cells] for one in result.findings for cells in [finding_cells(one)]]
     return [
         Text(f"{result.robot.name}: {servo_verdict(result)}", "bold red" if result.flags else "bold"),
         *([heading("Missing or wrongly stated"), new_table(*LIKELIHOOD, rows=rows)] if rows else []),
         *([heading("Alternatives"), *map(paragraph, rivals)] if rivals else []),
         *([heading("Unexplained mismatch"), *map(paragraph, left)] if left else []),
+        *([heading(REPEATED), *map(paragraph, again)] if again else []),
         heading("Held-out data: rms position error of closed loops from commands alone"),
         new_table(*servo_error_heads(), rows=servo_errors(result)),
         *note_lines(result.notes),
@@ -117,11 +128,35 @@ def servo_alternatives(result: ServoDiagnosis) -> list[str]:
 
 
 def servo_unexplained(result: ServoDiagnosis) -> list[str]:
-    """A sentence for each joint with mismatch that no law explains."""
+    """Sentences for each joint with mismatch that no law explains: its size, where it is, what was tried."""
+    units = dict(zip(result.rollout_after.joints, result.rollout_after.units, strict=True))
+    sentences = []
+    for left in result.unexplained:
+        unit = units[left.joint]
+        sentences.append(
+            f"{left.joint}: {figure(left.rms)} {unit} rms remain over windows, {share(left.share)} of the mismatch "
+            f"before; it depends most on {left.variable}: {figure(left.region_rms)} {unit} in the {left.region}"
+        )
+        if left.tried:
+            each = ", ".join(f"{effect} {share(max(part, 0.0))}" for effect, part in left.tried.items())
+            sentences.append(f"{left.joint}: fitted and not added, with the share of the mean square explained: {each}")
+            best = max(left.tried.values())
+            if len(alike := [effect for effect, part in left.tried.items() if part > max(ALIKE * best, WORTH)]) > 1:
+                sentences.append(f"{left.joint}: these recordings do not separate {', '.join(alike)}")
+    return sentences
+
+
+def servo_repeats_sentences(result: ServoDiagnosis) -> list[str]:
+    """A sentence for each joint: how far repeats of one command differ, beside the mismatch on the same rows."""
+    found = result.repeats
+    if found is None:
+        return []
+    units = dict(zip(result.rollout_after.joints, result.rollout_after.units, strict=True))
     return [
-        f"{left.joint}: {figure(left.rms)} rms remain over windows, most by {left.variable}, {share(left.share)} of "
-        f"the mismatch before"
-        for left in result.unexplained
+        f"{joint}: repeats of the same command differ by {figure(float(rms))} {units[joint]} rms ({found.pairs} pairs, "
+        f"{figure(found.seconds)} s); the mismatch there is {figure(float(mismatch))} {units[joint]}, so no model of "
+        f"these commands explains {share(float(part))} of its mean square"
+        for joint, rms, mismatch, part in zip(found.joints, found.rms, found.mismatch_rms, found.share, strict=True)
     ]
 
 

@@ -1,0 +1,72 @@
+"""Evidence for hypotheses on drives: their likelihood over windows, their prior, odds of one over another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...types import Array
+from .laws import HYPOTHESES, DriveLaw
+from .refine import Attempt, Setting
+
+PER_WINDOW = 10  # samples of a window that count as independent, at most. Heuristic
+SLACK = 1.0  # log odds that differences across windows always allow. Heuristic
+
+
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """A hypothesis with its fitted trial and log evidence."""
+
+    law: DriveLaw
+    joint: int
+    trial: Attempt
+    evidence: float = -np.inf  # log likelihood and prior
+    prior: float = 0.0  # log prior probability, with that of its numbers
+
+
+def rejected(last: Attempt, offers: Sequence[Offer]) -> list[tuple[str, int, float]]:
+    """Laws of offers, their joints, and the share of the squared residual there that each explains [1]."""
+    before = np.sum(last.squares, axis=0)
+    return [(o.law.effect, o.joint, float(1 - o.trial.squares[:, o.joint].sum() / before[o.joint])) for o in offers]
+
+
+def tempered(setting: Setting, best: Offer, rival: Offer) -> float:
+    """Log odds of the best over a rival, at most what the differences across windows allow (Vuong 1989)."""
+    prior = best.prior - rival.prior
+    odds = best.evidence - rival.evidence - prior
+    difference = np.sum((rival.trial.squares - best.trial.squares) / setting.sigma**2, axis=1)
+    error = float(np.std(difference)) * np.sqrt(len(difference)) + 1e-300
+    z = max(float(np.sum(difference)) / error, 0.0)
+    return float(max(prior + min(odds, 0.5 * z * z + SLACK), 0.0))
+
+
+def mean_sigma(setting: Setting, trial: Attempt, floor: Array) -> Array:
+    """Weights of the joints: rms of the residual and noise, (n,) [rad or m]. floor: (n,) [rad or m]."""
+    rows = setting.loop.rows + 1
+    return np.asarray(np.sqrt(np.mean(trial.squares, axis=0) / rows + floor**2))
+
+
+def half_log(squares: Array, floor: Array, setting: Setting) -> float:
+    """Negative log likelihood: half the number of independent samples times the log of the mean square, all joints.
+
+    squares: (W, n) [rad2 or m2]; floor: (n,) [rad or m].
+    """
+    windows, rows = squares.shape[0], setting.loop.rows + 1
+    mean = np.sum(squares, axis=0) / (windows * rows)
+    return float(0.5 * windows * min(rows, PER_WINDOW) * np.sum(np.log(mean + 0.1 * floor**2)))
+
+
+def _occam(setting: Setting, last: Attempt, trial: Attempt) -> float:
+    """Log prior of the additional numbers (BIC)."""
+    samples = setting.loop.windows * min(setting.loop.rows + 1, PER_WINDOW)
+    return -0.5 * (len(trial.frees) - len(last.frees)) * float(np.log(samples))
+
+
+def weighed(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> Offer:
+    """The offer with its log evidence and its log prior. floor: (n,) [rad or m]."""
+    choices = len(HYPOTHESES) * len(last.point.servos)
+    before, after = last.point.servos[offer.joint], offer.trial.point.servos[offer.joint]
+    prior = float(np.log(offer.law.plausible(before, after) / choices)) + _occam(setting, last, offer.trial)
+    return replace(offer, evidence=prior - half_log(offer.trial.squares, floor, setting), prior=prior)
