@@ -1,4 +1,4 @@
-"""Limits that drives reach so rarely that a regression does not show them."""
+"""Limits that drives reach rarely, by a fit from the best limits of a scan; a regression may miss or invent them."""
 
 from __future__ import annotations
 
@@ -8,22 +8,23 @@ import numpy as np
 
 from ...servos import DRIVE_LAWS
 from ..fit import start_limits
-from .choice import Candidate, ServoTrial, worth
+from .choice import Candidate, ServoTrial
 from .laws import largest_torques, limited
 from .searcher import KnownLimits, Searcher
 
 STEPS = 8  # most iterations
+WORTH = 0.93  # residual over that without a limit from which the laws of a joint are tried
 
 
 def rare_limits(by: Searcher, base: ServoTrial, limits: KnownLimits) -> tuple[KnownLimits, list[str]]:
-    """Joints whose training data a limit fits notably better, besides those that seem to saturate, and its starts."""
-    start, known = base.candidate, limits.joints(base.candidate.tied)
-    joints = [j for j, servo in start.servos.items() if not servo.effort_limit < np.inf and j not in known]
+    """Joints without a limit whose training data one fits notably better, and starts with their drives."""
+    start = base.candidate
+    joints = [j for j, servo in start.servos.items() if not servo.effort_limit < np.inf and j not in start.tied]
     if not joints:
         return limits, []
     top = largest_torques(by.data, {joint: start.servos[joint] for joint in joints})
     new = by.fit(_limited(start, start_limits(by.model, by.data.train, start.servos, top), limits), STEPS)
-    kept = worth(base, new, joints)
+    kept = [joint for joint in joints if new.residual[joint] < WORTH * base.residual[joint]]
     starts = {
         law: one.changed({joint: new.candidate.servos[joint] for joint in kept}) for law, one in limits.starts.items()
     }

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from ...servos import Servo
 from .choice import Candidate, ServoTrial, improved, worth
 from .data import loop_error
@@ -45,7 +47,8 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
         base = _try_number(by, base, FIRST)
     by.say("trying limits of servos", 0.4)
     limits, rare = rare_limits(by, base, limits)
-    if again := [*(joint for joint in suspects if joint not in loose or base is not before), *rare]:
+    has = [joint for joint in suspects if base.candidate.servos[joint].effort_limit < np.inf]
+    if again := [*(joint for joint in has if joint not in loose or base is not before), *rare]:
         by.say("trying laws of servos", 0.4)
         base, found = try_laws(by, base, again, limits)
         laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
