@@ -1,0 +1,112 @@
+"""Rows of recordings for signs and zeros: smooth motion, errors of the loops, and what besides load explains these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from scipy.signal import butter, filtfilt
+
+from ...frozen import Frozen
+from ...servos import Servo, ServoGrid
+from ...types import Array, Mask
+from ..plant.commands import commands_at
+from ..plant.course import smooth
+
+CUTOFF = 6.0  # [Hz] of motion and errors, as in the start of a fit
+EDGE = 0.3  # [s] left out beside ends and switched drives
+BLOCK = 4.0  # [s] of a block; residuals of different blocks count as independent
+PLAY = 0.012  # [rad or m] over which dry friction turns (SO-101: least residual of 0.003 to 0.025)
+SLOW = 0.03  # [rad/s or m/s] slower joints may stick, and dry friction is then unknown
+FULL = 0.97  # share of the largest error that a drive answers from which a row counts as saturated
+FEWEST = 40  # usable rows of a joint; a joint with fewer is not used
+RECORDINGS = 6  # from so many recordings on, each is one block
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroRows(Frozen):
+    """N rows of all recordings, n joints. A joint whose error is not usable in a row has NaN there."""
+
+    joints: tuple[str, ...]
+    q: Array  # (N, n) [rad or m]
+    v: Array  # (N, n) [rad/s or m/s]
+    a: Array  # (N, n) [rad/s2 or m/s2]
+    error: Array  # (N, n) [rad or m] of the loop, filtered
+    slide: Array  # (N, n) [1] direction of dry friction, -1 to 1; at rest that of the last motion
+    block: Array  # (N,) number of the block
+    recording: Array  # (N,) number of the recording
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def part(self, use: Mask | slice) -> ZeroRows:
+        """Some rows: a mask (N,), or a slice."""
+        names = ("q", "v", "a", "error", "slide", "block", "recording")
+        return replace(self, **{name: getattr(self, name)[use] for name in names})
+
+    def thinned(self, most: int) -> ZeroRows:
+        """At most about so many rows, evenly."""
+        return self.part(slice(0, None, max(len(self) // most, 1)))
+
+
+def zero_rows(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], most: int) -> ZeroRows:
+    """Rows of grids in which a joint slides, evenly, about `most`; delays and limits are those of drives."""
+    paths = list(dict.fromkeys(grid.path or f"{k}" for k, grid in enumerate(grids)))
+    parts, blocks = [], 0
+    for k, grid in enumerate(grids):
+        motion = smooth(grid.q, grid.rate, CUTOFF)
+        error = np.column_stack([_error(grid, j, servos.get(joint)) for j, joint in enumerate(grid.joints)])
+        slide = slides(motion.q)
+        unknown = np.cumsum(np.abs(slide) == 1, axis=0) == 0  # before a joint has slid for the first time
+        error[unknown | (np.abs(motion.v) < SLOW)] = np.nan
+        block = blocks + (np.arange(len(grid)) * grid.step / BLOCK).astype(int)
+        blocks = int(block[-1]) + 1
+        number = np.full(len(grid), paths.index(grid.path or f"{k}"))
+        parts.append((*motion, error, _filtered(slide, grid.rate), block, number))
+    rows = ZeroRows(grids[0].joints, *(np.concatenate(some) for some in zip(*parts, strict=True)))
+    return rows.part(np.isfinite(rows.error).any(axis=1)).thinned(most)
+
+
+def fixed_columns(rows: ZeroRows, j: int, use: Mask) -> Array:
+    """Damping, dry friction, armature and constant of one joint in the rows `use` (N,): (M, 4)."""
+    v = rows.v[use, j]
+    return np.column_stack([v, rows.slide[use, j], rows.a[use, j], np.ones_like(v)])
+
+
+@njit(cache=True)
+def slides(q):  # type: ignore[no-untyped-def]
+    """Direction of dry friction (N, n) [1] along positions q (N, n) [rad or m], kept at rest."""
+    out = np.zeros_like(q)
+    for i in range(1, len(q)):
+        for j in range(q.shape[1]):
+            out[i, j] = min(max(out[i - 1, j] + (q[i, j] - q[i - 1, j]) / PLAY, -1.0), 1.0)
+    return out
+
+
+def _error(grid: ServoGrid, j: int, servo: Servo | None) -> Array:
+    """Filtered error (N,) [rad or m] of a joint; NaN while its drive is off or gives its limit, and near that."""
+    nothing = np.full(len(grid), np.nan)
+    edge = max(int(EDGE * grid.rate), 1)
+    if servo is None or not grid.driven[j] or len(grid) < 4 * edge:
+        return nothing
+    command = commands_at(grid, j, "velocity", servo.delay, np.inf, 1)[0]
+    error = grid.gain[j] * (command - grid.q[:, j])
+    usable = _away_from(grid.on[:, j] < 0.5, edge)
+    most = servo.effort_limit / servo.kp if servo.kp > 0 else np.inf
+    unsaturated = usable & _away_from(np.abs(error) > FULL * most, edge // 2)
+    usable = unsaturated if 2 * unsaturated.sum() > usable.sum() else usable
+    usable[:edge] = usable[-edge:] = False
+    return np.where(usable, _filtered(error, grid.rate), np.nan)
+
+
+def _filtered(x: Array, rate: float) -> Array:
+    b, a = butter(3, min(2 * CUTOFF / rate, 0.8))
+    return np.asarray(filtfilt(b, a, x, axis=0))
+
+
+def _away_from(bad: Mask, edge: int) -> Mask:
+    """Rows (N,) that are further than `edge` rows from every bad one."""
+    near = np.convolve(bad.astype(float), np.ones(2 * edge + 1), mode="full")[edge : edge + len(bad)]
+    return np.asarray(near < 0.5)

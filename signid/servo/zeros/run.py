@@ -1,0 +1,143 @@
+"""Recordings of position drives -> signs and zeros of their positions against the description, by the load."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from ...servos import Servo, ServoGrid
+from ...types import Array, Robot
+from .choose import chosen, cost, simplified
+from .fit import ZeroFit, fit_zeros, noise_of, weighted
+from .judge import held_out, log_odds, probability
+from .load import Loads, unexplained
+from .result import JointZero
+from .rows import zero_rows
+from .search import POINTS, Trial, search, turned
+
+FINE, COARSE = 500, 250  # rows of the fits and of the search
+LEAST_BLOCKS = 4  # blocks without which nothing is said
+ACTS = 1e-3  # share of the largest gravity torque that another zero of a joint must change
+KNOWN = 0.35  # [rad] standard deviation from which a zero is not identifiable
+LEAST = 0.1  # [rad] smaller zeros are within what masses of a description leave open
+SURE = 0.95  # probability from which a change is said
+CLEAR = 0.02  # sum over joints of the log rms that all changes must save
+
+
+def find_zeros(
+    robot: Robot, grids: Sequence[ServoGrid], servos: Mapping[str, Servo], seed: int = 0
+) -> tuple[JointZero, ...]:
+    """Signs and zeros of the revolute joints of a robot whose loops carry known masses; empty without enough rows.
+
+    Args:
+        robot: with the joints of the grids alone.
+        grids: recordings, all of the same joints.
+        servos: drives that start a fit, for delays and limits.
+        seed: of random starts.
+    """
+    rows = zero_rows(grids, servos, FINE)
+    turning = [j for j in range(len(rows.joints)) if _turns(robot, j)]
+    coarse, fine = Loads(robot, rows.thinned(COARSE)), Loads(robot, rows)
+    joints = acting(coarse, turning) if len(rows) else []
+    if not joints or not coarse.lines or len(np.unique(rows.block)) < LEAST_BLOCKS:
+        return ()
+    trials = search(coarse, joints, seed)
+    load = fine.torque(trials[0].signs, trials[0].zeros)
+    fine = weighted(fine, load)
+    noise = noise_of(fine, load)
+    best = chosen(fine, noise, trials, joints)
+    noise = noise_of(fine, fine.torque(best.signs, best.zeros))
+    best = fit_zeros(fine, noise, best.signs, best.zeros, best.free)
+    return _Judged(fine, noise, coarse, best, joints, trials).all(turning)
+
+
+def acting(loads: Loads, joints: Iterable[int]) -> list[int]:
+    """Joints whose zeros change the load of a loop that is recorded."""
+    n = len(loads.rows.joints)
+    signs, used = np.ones(n), [line.joint for line in loads.lines]
+    plain = loads.gravity(signs, np.zeros(n))[:, used]
+    found = []
+    for j in joints:
+        turned_by = [loads.gravity(signs, turn * np.eye(n)[j])[:, used] for turn in POINTS[1:]]
+        if max(np.abs(x - plain).max(initial=0.0) for x in turned_by) > ACTS * np.abs(plain).max(initial=0.0):
+            found.append(j)
+    return found
+
+
+def _turns(robot: Robot, j: int) -> bool:
+    """Whether a joint is revolute and moves no other one."""
+    drive = robot.drive[:, j]
+    return not robot.prismatic[j] and np.count_nonzero(drive) == 1 and abs(drive).max() == 1
+
+
+class _Judged:
+    """A fit of zeros, with evidence for each of its signs and zeros."""
+
+    def __init__(
+        self, loads: Loads, noise: Array, coarse: Loads, best: ZeroFit, joints: Sequence[int], trials: Sequence[Trial]
+    ) -> None:
+        self.loads, self.noise, self.coarse = loads, noise, coarse
+        self.best, self.joints, self.trials = best, joints, trials
+        self.scores = held_out(loads, noise, best)
+        n = len(best.signs)
+        described = self._fit(np.ones(n), np.zeros(n), ())
+        self.sure = probability(self._odds(described)) > SURE and self._saved(described) > CLEAR
+
+    def all(self, turning: Sequence[int]) -> tuple[JointZero, ...]:
+        """Each revolute joint."""
+        names = self.loads.rows.joints
+        return tuple(
+            self._joint(j) if j in self.joints else JointZero(names[j], 1, 0.5, None, None, False, False, 0.0)
+            for j in turning
+        )
+
+    def _joint(self, j: int) -> JointZero:
+        best, free = self.best, tuple(dict.fromkeys((*self.best.free, j)))
+        own = best if j in best.free else self._fit(best.signs, best.zeros, free)
+        shifted = best.signs[j] < 0 or j in best.free
+        sign = probability(self._odds(self._flipped(j)))
+        shift = probability(self._odds(self._plain(j))) if shifted else 0.0
+        zero, std = float(own.zeros[j]), float(own.std[j])
+        far = best.signs[j] < 0 or abs(zero) > max(2 * std, LEAST)
+        known = std < KNOWN
+        changed = bool(self.sure and shifted and far and known and shift > SURE)
+        return JointZero(
+            self.loads.rows.joints[j], int(best.signs[j]), sign, zero, std, known, changed, shift if self.sure else 0.0
+        )
+
+    def _flipped(self, j: int) -> ZeroFit:
+        """Best fit with the other sign of a joint."""
+        locked = {j: -self.best.signs[j]}
+        start = Trial(np.inf, self.best.signs, self.best.zeros)
+        one = turned(self.coarse, start, [(j,)], locked)
+        found = [self._fit(one.signs, one.zeros, tuple(dict.fromkeys((*self.best.free, j))))]
+        rivals = [trial for trial in self.trials if trial.signs[j] == locked[j]][:1]
+        found += [self._fit(trial.signs, trial.zeros, tuple(self.joints)) for trial in rivals]
+        least = min(found, key=cost)
+        if not self.sure or cost(least) > cost(self.best) + 30:
+            return least
+        return simplified(self.loads, self.noise, least, self.joints, locked)
+
+    def _plain(self, j: int) -> ZeroFit:
+        """Best fit with sign and zero of a joint as described."""
+        signs, zeros = self.best.signs.copy(), self.best.zeros.copy()
+        signs[j], zeros[j] = 1.0, 0.0
+        return self._fit(signs, zeros, tuple(k for k in self.best.free if k != j))
+
+    def _fit(self, signs: Array, zeros: Array, free: tuple[int, ...]) -> ZeroFit:
+        return fit_zeros(self.loads, self.noise, signs, zeros, free)
+
+    def _odds(self, other: ZeroFit) -> float:
+        more = self.best.changed - other.changed
+        return log_odds(self.scores, held_out(self.loads, self.noise, other), more)
+
+    def _saved(self, described: ZeroFit) -> float:
+        """Sum over joints of the log rms that the fit saves."""
+        sizes = []
+        for fit in (described, self.best):
+            load = self.loads.torque(fit.signs, fit.zeros)
+            sizes.append(sum(float(np.log(np.std(unexplained(line, load)) + 1e-9)) for line in self.loads.lines))
+        return sizes[0] - sizes[1]
+
+
