@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +14,8 @@ from .search import Trial, best_zeros
 
 COST = 4.0  # nats that a changed zero or sign must save, beyond the fit of noise: a prior of 1/5 each and its width
 LIKELY = 3  # trials of the search from which the choice starts, beside the description
-
-Locked = Mapping[int, float]  # signs that are kept, by joint
+WORSE = 0.2  # sum of log rms by which gravity alone may fit worse with a sign that is tried
+MOST = 6.0  # standard deviations of a zero that may be none
 
 
 class Proposal(NamedTuple):
@@ -41,13 +41,11 @@ def cost(fit: ZeroFit) -> float:
     return fit.squares + COST * fit.changed
 
 
-def simplified(
-    loads: Loads, noise: Array, fit: ZeroFit, joints: Sequence[int], locked: Locked | None = None
-) -> ZeroFit:
-    """Cheapest fit that changes of single joints lead to; noise: (n,) [rad or m]; `locked`: signs that are kept."""
+def simplified(loads: Loads, noise: Array, fit: ZeroFit, joints: Sequence[int]) -> ZeroFit:
+    """Cheapest fit that changes of single joints lead to; noise: (n,) [rad or m]."""
     for _ in range(2 * len(joints)):
         best = fit
-        for proposal in _neighbours(loads, fit, joints, locked or {}):
+        for proposal in _neighbours(loads, fit, joints):
             other = fit_zeros(loads, noise, *proposal)
             best = other if cost(other) < cost(best) - 0.1 else best
         if best is fit:
@@ -56,18 +54,20 @@ def simplified(
     return fit
 
 
-def _neighbours(loads: Loads, fit: ZeroFit, joints: Sequence[int], locked: Locked) -> Iterator[Proposal]:
-    """Fits with another sign or zero of one joint; zeros that were free become those of the description."""
+def _neighbours(loads: Loads, fit: ZeroFit, joints: Sequence[int]) -> Iterator[Proposal]:
+    """Fits with another sign or zero of one joint that may be cheaper; zeros that were free may be as described."""
     here = Trial(np.inf, fit.signs, fit.zeros)
     for j in joints:
         others = tuple(k for k in fit.free if k != j)
-        for sign in (1.0, -1.0):
-            if locked.get(j, sign) != sign:
-                continue
-            at = best_zeros(loads, here, (j,), (sign,))
-            plain = at.zeros.copy()
+        at = {sign: best_zeros(loads, here, (j,), (sign,)) for sign in (1.0, -1.0)}
+        least = min(one.score for one in at.values())
+        for sign, one in at.items():
+            plain = one.zeros.copy()
             plain[j] = 0.0
-            if j in fit.free or sign != fit.signs[j]:
-                yield Proposal(at.signs, plain, others)
-            if j not in fit.free or sign != fit.signs[j]:
-                yield Proposal(at.signs, at.zeros, (*others, j))
+            other = sign != fit.signs[j]
+            if other and one.score > least + WORSE:
+                continue
+            if other or (j in fit.free and abs(fit.zeros[j]) < MOST * fit.std[j]):
+                yield Proposal(one.signs, plain, others)
+            if other or j not in fit.free:
+                yield Proposal(one.signs, one.zeros, (*others, j))

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import pinocchio as pin
 
 from ...frozen import Frozen
-from ...robot import configuration
-from ...robot.dynamics import rigid_torque
-from ...types import Array, Mask, Robot
+from ...types import Array, Mask
+from .chain import Chain
 from .rows import FEWEST, ZeroRows, fixed_columns
 
 FLOOR = 1e-5  # [rad or m] rms error that counts as none
@@ -43,9 +41,9 @@ class Line(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Rows of recordings with the robot that they move."""
+    """Rows of recordings with the bodies that they move."""
 
-    robot: Robot
+    chain: Chain
     rows: ZeroRows
     weights: Array | None = None  # (N, n) [1]
     lines: tuple[Line, ...] = field(init=False)
@@ -65,19 +63,16 @@ class Loads:
 
         signs: (n,) [1] 1 or -1; zeros: (n,) [rad or m].
         """
-        model, data = self.robot.model, self.robot.model.createData()
-        q = configuration(self.robot, signs * self.rows.q + zeros)
-        rows = [pin.computeGeneralizedGravity(model, data, x).copy() for x in q]
-        return np.asarray(np.reshape(rows, (len(q), model.nv)) @ self.robot.drive * signs)
+        still = np.zeros_like(self.rows.q)
+        return self.chain.torque(signs * self.rows.q + zeros, still, still) * signs
 
     def torque(self, signs: Array, zeros: Array) -> Array:
         """Load of the motion (N, n) [N.m or N] with positions sign q + zero.
 
         signs: (n,) [1] 1 or -1; zeros: (n,) [rad or m].
         """
-        q = configuration(self.robot, signs * self.rows.q + zeros)
-        v, a = ((signs * x) @ self.robot.drive.T for x in (self.rows.v, self.rows.a))
-        return rigid_torque(self.robot, q, v, a) * signs
+        q, v, a = (signs * x for x in (self.rows.q, self.rows.v, self.rows.a))
+        return self.chain.torque(q + zeros, v, a) * signs
 
 
 def responses(line: Line, load: Array) -> tuple[Array, Array]:

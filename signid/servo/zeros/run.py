@@ -8,7 +8,8 @@ import numpy as np
 
 from ...servos import Servo, ServoGrid
 from ...types import Array, Robot
-from .choose import chosen, cost, simplified
+from .chain import chain_of
+from .choose import chosen, cost
 from .fit import ZeroFit, fit_zeros, noise_of, weighted
 from .judge import held_out, log_odds, probability
 from .load import Loads, unexplained
@@ -38,7 +39,10 @@ def find_zeros(
     """
     rows = zero_rows(grids, servos, FINE)
     turning = [j for j in range(len(rows.joints)) if _turns(robot, j)]
-    coarse, fine = Loads(robot, rows.thinned(COARSE)), Loads(robot, rows)
+    chain = chain_of(robot)
+    if chain is None or not turning:
+        return ()
+    coarse, fine = Loads(chain, rows.thinned(COARSE)), Loads(chain, rows)
     joints = acting(coarse, turning) if len(rows) else []
     if not joints or not coarse.lines or len(np.unique(rows.block)) < LEAST_BLOCKS:
         return ()
@@ -112,12 +116,13 @@ class _Judged:
         start = Trial(np.inf, self.best.signs, self.best.zeros)
         one = turned(self.coarse, start, [(j,)], locked)
         found = [self._fit(one.signs, one.zeros, tuple(dict.fromkeys((*self.best.free, j))))]
-        rivals = [trial for trial in self.trials if trial.signs[j] == locked[j]][:1]
-        found += [self._fit(trial.signs, trial.zeros, tuple(self.joints)) for trial in rivals]
-        least = min(found, key=cost)
-        if not self.sure or cost(least) > cost(self.best) + 30:
-            return least
-        return simplified(self.loads, self.noise, least, self.joints, locked)
+        rivals = [trial for trial in self.trials if trial.signs[j] == locked[j]][:1] if self.sure else []
+        for trial in rivals:
+            rival = self._fit(trial.signs, trial.zeros, tuple(self.joints))
+            kept = tuple(k for k in rival.free if abs(rival.zeros[k]) > 2 * rival.std[k])
+            zeros = np.where(np.isin(np.arange(len(rival.zeros)), kept), rival.zeros, 0.0)
+            found += [rival, self._fit(rival.signs, zeros, kept)]
+        return min(found, key=cost)
 
     def _plain(self, j: int) -> ZeroFit:
         """Best fit with sign and zero of a joint as described."""
