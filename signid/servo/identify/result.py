@@ -10,6 +10,7 @@ from ...model import Model
 from ...parameters import Array
 from ...servos import Servo
 from ...types import Input, Robot
+from ..zeros import JointZero
 
 BY_INERTIALS = "inertials of the description"  # what the scale of torque is known by
 BY_GAIN = "stated kp"
@@ -101,3 +102,4 @@ class ServoIdentification(Result):
     flags: tuple[str, ...]  # exit 3
     notes: tuple[str, ...]
     seed: int
+    zeros: tuple[JointZero, ...] = ()  # signs and zeros of positions, where gravity was compared with them

@@ -15,7 +15,8 @@ from .rows import RECORDINGS
 
 WIDE = 1.8  # [rad] standard deviation of a zero of which nothing is known
 ROBUST = 2.5  # standard deviations from which an error counts less
-STEPS = 40  # most evaluations of a fit
+STEPS = 12  # most steps of a fit
+BIAS = 0.02  # [rad] what filters and stops leave in zeros of simulated arms, beyond noise
 SLOPE = 1e-4  # [rad] of the difference quotients
 
 
@@ -28,6 +29,11 @@ class ZeroFit(Frozen):
     free: tuple[int, ...]
     squares: float  # half the squared errors over their noise, in nats
     std: Array  # (n,) [rad or m] 0 where not free
+
+    @property
+    def start(self) -> tuple[Array, Array, tuple[int, ...]]:
+        """Signs (n,) [1], zeros (n,) [rad or m] and free joints, to start another fit from."""
+        return self.signs, self.zeros, self.free
 
     @property
     def changed(self) -> int:
@@ -101,4 +107,4 @@ def _std(loads: Loads, jacobian: Array, left: Array) -> Array:
         np.add.at(pushes, number, jacobian * left[:, None])
         spread = bread @ (pushes.T @ pushes) @ bread * len(names) / max(len(names) - 1, 1)
         variances.append(np.diag(spread))
-    return np.asarray(np.sqrt(np.max(variances, axis=0)))
+    return np.asarray(np.sqrt(np.max(variances, axis=0) + BIAS**2))

@@ -9,7 +9,7 @@ import numpy as np
 from ...servos import Servo, ServoGrid
 from ...types import Array, Robot
 from .chain import chain_of
-from .choose import chosen, cost
+from .choose import chosen, cost, simplified
 from .fit import ZeroFit, fit_zeros, noise_of, weighted
 from .judge import held_out, log_odds, probability
 from .load import Loads, unexplained
@@ -29,7 +29,7 @@ CLEAR = 0.02  # sum over joints of the log rms that all changes must save
 def find_zeros(
     robot: Robot, grids: Sequence[ServoGrid], servos: Mapping[str, Servo], seed: int = 0
 ) -> tuple[JointZero, ...]:
-    """Signs and zeros of the revolute joints of a robot whose loops carry known masses; empty without enough rows.
+    """Signs and zeros of the revolute joints with drives; empty without enough rows or without gravity.
 
     Args:
         robot: with the joints of the grids alone.
@@ -38,7 +38,7 @@ def find_zeros(
         seed: of random starts.
     """
     rows = zero_rows(grids, servos, FINE)
-    turning = [j for j in range(len(rows.joints)) if _turns(robot, j)]
+    turning = [j for j in range(len(rows.joints)) if rows.joints[j] in servos and turns(robot, j)]
     chain = chain_of(robot)
     if chain is None or not turning:
         return ()
@@ -47,12 +47,12 @@ def find_zeros(
     if not joints or not coarse.lines or len(np.unique(rows.block)) < LEAST_BLOCKS:
         return ()
     trials = search(coarse, joints, seed)
-    load = fine.torque(trials[0].signs, trials[0].zeros)
-    fine = weighted(fine, load)
-    noise = noise_of(fine, load)
+    first = fit_zeros(fine, np.ones(len(rows.joints)), trials[0].signs, trials[0].zeros, joints)
+    fine, noise = _weighed(fine, first)
     best = chosen(fine, noise, trials, joints)
-    noise = noise_of(fine, fine.torque(best.signs, best.zeros))
-    best = fit_zeros(fine, noise, best.signs, best.zeros, best.free)
+    if best.changed:
+        fine, noise = _weighed(fine, best)
+        best = simplified(fine, noise, fit_zeros(fine, noise, *best.start), joints)
     return _Judged(fine, noise, coarse, best, joints, trials).all(turning)
 
 
@@ -69,7 +69,14 @@ def acting(loads: Loads, joints: Iterable[int]) -> list[int]:
     return found
 
 
-def _turns(robot: Robot, j: int) -> bool:
+def _weighed(loads: Loads, fit: ZeroFit) -> tuple[Loads, Array]:
+    """Rows with less weight where a fit leaves much, and the noise (n,) [rad or m] of their errors."""
+    load = loads.torque(fit.signs, fit.zeros)
+    loads = weighted(loads, load)
+    return loads, noise_of(loads, load)
+
+
+def turns(robot: Robot, j: int) -> bool:
     """Whether a joint is revolute and moves no other one."""
     drive = robot.drive[:, j]
     return not robot.prismatic[j] and np.count_nonzero(drive) == 1 and abs(drive).max() == 1
