@@ -50,7 +50,8 @@ def chain_of(robot: Robot) -> Chain | None:
         return None
     data, at = model.createData(), pin.neutral(model)
     pin.computeJointJacobians(model, data, at)
-    own = [np.asarray(pin.getJointJacobian(model, data, i + 1, pin.LOCAL))[:, i] for i in range(model.nv)]
+    every = (np.reshape(pin.getJointJacobian(model, data, i + 1, pin.LOCAL), (6, -1)) for i in range(model.nv))
+    own = [jacobian[:, i] for i, jacobian in enumerate(every)]
     slides = np.array([bool(np.linalg.norm(column[3:]) < 0.5) for column in own])
     axis = np.array([column[:3] if slide else column[3:] for column, slide in zip(own, slides, strict=True)])
     places, bodies = list(model.jointPlacements)[1:], list(model.inertias)[1:]

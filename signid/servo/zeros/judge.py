@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import t as student
 
 from ...types import Array
 from .fit import ZeroFit, fit_zeros
@@ -11,6 +11,7 @@ from .load import Loads, foreseen
 
 PRIOR = np.log(4.0)  # nats that each changed sign or zero is less likely before
 WHOLE = 4  # recordings from which they are held out whole
+FEW = 0.5  # nats of errors of a block that count as none
 MOST = 12.0  # nats that the evidence can reach; models of robots are not exact
 
 
@@ -35,14 +36,17 @@ def held_out(loads: Loads, noise: Array, fit: ZeroFit) -> Array:
 
 
 def log_odds(first: Array, second: Array, more: int) -> float:
-    """Log odds of a first fit against a second one [nats], at most those by which its blocks are surely better.
+    """Log odds of a first fit against a second one [nats], at most those by which its blocks are better on average.
 
     first: (B,) [nats] of its blocks; second: (B,) of the other's; more: changes of the first beyond the second's.
     """
-    saved = second - first
-    total = float(saved.sum())
-    spread = float(np.std(saved, ddof=1)) * np.sqrt(len(saved)) if len(saved) > 1 else abs(total)
-    sure = abs(float(norm.logcdf(-abs(total) / max(spread, 1e-12))))
+    total, ratio = float(np.sum(second - first)), np.log((second + FEW) / (first + FEW))
+    count = len(ratio)
+    if count < 2 or total == 0.0:
+        return -PRIOR * more
+    spread = float(np.std(ratio, ddof=1)) / np.sqrt(count)
+    steady = float(np.sign(total) * np.mean(ratio)) / max(spread, 1e-12)
+    sure = -float(student.logsf(max(steady, 0.0), count - 1))
     return float(np.clip(np.sign(total) * min(abs(total), sure), -MOST, MOST)) - PRIOR * more
 
 

@@ -14,6 +14,6 @@ class JointZero:
     sign_probability: float  # [1] 0.5 where gravity is the same with either sign
     zero: float | None  # [rad] None where it is not identifiable at all
     std: float | None  # [rad]
-    identifiable: bool  # whether gravity shows the zero
+    identifiable: bool  # whether gravity shows sign and zero
     changed: bool  # whether it surely is not as the description says
     probability: float  # [1] that sign or zero are not as the description says

@@ -17,7 +17,7 @@ from ..plant.course import smooth
 
 CUTOFF = 10.0  # [Hz] of motion and errors; at 6 Hz, zeros of a simulated SO-101 are biased by up to two std
 EDGE = 0.3  # [s] left out beside ends and switched drives
-BLOCK = 4.0  # [s] of a block; residuals of different blocks count as independent
+BLOCK = 3.0  # [s] of a block; residuals of different blocks count as independent
 PLAY = 0.012  # [rad or m] over which dry friction turns (SO-101: least residual of 0.003 to 0.025)
 SLOW = 0.03  # [rad/s or m/s] slower joints may stick, and dry friction is then unknown
 FULL = 0.97  # share of the largest error that a drive answers from which a row counts as saturated
@@ -48,7 +48,7 @@ class ZeroRows(Frozen):
 
     def thinned(self, most: int) -> ZeroRows:
         """At most about so many rows, evenly."""
-        return self.part(slice(0, None, max(len(self) // most, 1)))
+        return self.part(slice(0, None, max(round(len(self) / most), 1)))
 
 
 def zero_rows(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], most: int) -> ZeroRows:

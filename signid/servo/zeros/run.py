@@ -17,13 +17,14 @@ from .result import JointZero
 from .rows import zero_rows
 from .search import POINTS, Trial, search, turned
 
-FINE, COARSE = 500, 250  # rows of the fits and of the search
+FINEST, FINE, COARSE = 1200, 400, 200  # rows of the last fit, of those before, and of the search
 LEAST_BLOCKS = 4  # blocks without which nothing is said
 ACTS = 1e-3  # share of the largest gravity torque that another zero of a joint must change
 KNOWN = 0.35  # [rad] standard deviation from which a zero is not identifiable
 LEAST = 0.1  # [rad] smaller zeros are within what masses of a description leave open
 SURE = 0.95  # probability from which a change is said
-CLEAR = 0.02  # sum over joints of the log rms that all changes must save
+CLEAR = 0.9  # probability from which a sign is identifiable
+SAVED = 0.02  # sum over joints of the log rms that all changes must save
 
 
 def find_zeros(
@@ -37,7 +38,8 @@ def find_zeros(
         servos: drives that start a fit, for delays and limits.
         seed: of random starts.
     """
-    rows = zero_rows(grids, servos, FINE)
+    whole = zero_rows(grids, servos, FINEST)
+    rows = whole.thinned(FINE)
     turning = [j for j in range(len(rows.joints)) if rows.joints[j] in servos and turns(robot, j)]
     chain = chain_of(robot)
     if chain is None or not turning:
@@ -53,7 +55,7 @@ def find_zeros(
     if best.changed:
         fine, noise = _weighed(fine, best)
         best = simplified(fine, noise, fit_zeros(fine, noise, *best.start), joints)
-    return _Judged(fine, noise, coarse, best, joints, trials).all(turning)
+    return _Judged(_weighed(Loads(chain, whole), best), fine, noise, coarse, best, joints, trials).all(turning)
 
 
 def acting(loads: Loads, joints: Iterable[int]) -> list[int]:
@@ -86,14 +88,24 @@ class _Judged:
     """A fit of zeros, with evidence for each of its signs and zeros."""
 
     def __init__(
-        self, loads: Loads, noise: Array, coarse: Loads, best: ZeroFit, joints: Sequence[int], trials: Sequence[Trial]
+        self,
+        whole: tuple[Loads, Array],
+        loads: Loads,
+        noise: Array,
+        coarse: Loads,
+        best: ZeroFit,
+        joints: Sequence[int],
+        trials: Sequence[Trial],
     ) -> None:
+        self.last = fit_zeros(*whole, *best.start)
+        self.whole = whole
         self.loads, self.noise, self.coarse = loads, noise, coarse
         self.best, self.joints, self.trials = best, joints, trials
         self.scores = held_out(loads, noise, best)
         n = len(best.signs)
         described = self._fit(np.ones(n), np.zeros(n), ())
-        self.sure = probability(self._odds(described)) > SURE and self._saved(described) > CLEAR
+        odds = log_odds(self.scores, held_out(loads, noise, described), min(best.changed, 1))
+        self.sure = probability(odds) > SURE and self._saved(described) > SAVED
 
     def all(self, turning: Sequence[int]) -> tuple[JointZero, ...]:
         """Each revolute joint."""
@@ -104,18 +116,21 @@ class _Judged:
         )
 
     def _joint(self, j: int) -> JointZero:
-        best, free = self.best, tuple(dict.fromkeys((*self.best.free, j)))
-        own = best if j in best.free else self._fit(best.signs, best.zeros, free)
+        best, last, free = self.best, self.last, tuple(dict.fromkeys((*self.best.free, j)))
+        own = last if j in best.free else fit_zeros(*self.whole, last.signs, last.zeros, free)
         shifted = best.signs[j] < 0 or j in best.free
         sign = probability(self._odds(self._flipped(j)))
         shift = probability(self._odds(self._plain(j))) if shifted else 0.0
         zero, std = float(own.zeros[j]), float(own.std[j])
         far = best.signs[j] < 0 or abs(zero) > max(2 * std, LEAST)
-        known = std < KNOWN
-        changed = bool(self.sure and shifted and far and known and shift > SURE)
-        return JointZero(
-            self.loads.rows.joints[j], int(best.signs[j]), sign, zero, std, known, changed, shift if self.sure else 0.0
-        )
+        changed = bool(self.sure and shifted and far and std < KNOWN and shift > SURE)
+        undecided = far and not changed
+        known = std < KNOWN and sign > CLEAR and not undecided
+        turn = int(best.signs[j])
+        if undecided and turn < 0:
+            turn, sign = 1, 1 - sign
+        name = self.loads.rows.joints[j]
+        return JointZero(name, turn, sign, zero, std, known, changed, shift if self.sure else 0.0)
 
     def _flipped(self, j: int) -> ZeroFit:
         """Best fit with the other sign of a joint."""
