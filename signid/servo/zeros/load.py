@@ -26,7 +26,7 @@ class Line(Frozen):
     use: Mask  # (N,) rows
     weight: Array  # (M - 1,) [1] square root of the weights
     error: Array  # (M,) [rad or m] error, without its part in the fixed columns
-    basis: Array  # (M, 4) orthonormal basis of the fixed columns
+    basis: Array  # (M, 5) orthonormal basis of the fixed columns
     slide: Array  # (M,) direction of dry friction [1]
 
     def of(self, load: Array) -> Array:
@@ -117,14 +117,14 @@ def foreseen(here: Loads, line: Line, load: Array, there: Loads, other: Array) -
 
 
 def _stacked(rows: ZeroRows, j: int, use: Mask, weight: Array) -> tuple[Array, Array, Array]:
-    """Fixed columns (M, 4), error (M,) [rad or m] and direction of friction (M,) of a line.
+    """Fixed columns (M, 5), error (M,) [rad or m] and direction of friction (M,) of a line.
 
     The last row says that a loop without load rests without error; use: (N,); weight: (M - 1,) [1].
     """
     error, columns = rows.error[use, j] * weight, fixed_columns(rows, j, use) * weight[:, None]
     free = np.column_stack([columns, columns[:, 1] * np.abs(rows.q[use, j])])
     noise = np.std(error - free @ np.linalg.lstsq(free, error, rcond=None)[0]) + FLOOR
-    columns = np.vstack([columns, [0, 0, 0, noise * np.sqrt(SAME) / OWN]])
+    columns = np.vstack([columns, [0, 0, 0, 0, noise * np.sqrt(SAME) / OWN]])
     return columns, np.append(error, 0.0), np.append(rows.slide[use, j], 0.0)
 
 

@@ -34,6 +34,7 @@ class ZeroRows(Frozen):
     v: Array  # (N, n) [rad/s or m/s]
     a: Array  # (N, n) [rad/s2 or m/s2]
     error: Array  # (N, n) [rad or m] of the loop, filtered
+    rush: Array  # (N, n) [rad/s or m/s] speed of the command: an error of the delay
     slide: Array  # (N, n) [1] direction of dry friction, -1 to 1; at rest that of the last motion
     block: Array  # (N,) number of the block
     recording: Array  # (N,) number of the recording
@@ -43,7 +44,7 @@ class ZeroRows(Frozen):
 
     def part(self, use: Mask | slice) -> ZeroRows:
         """Some rows: a mask (N,), or a slice."""
-        names = ("q", "v", "a", "error", "slide", "block", "recording")
+        names = ("q", "v", "a", "error", "rush", "slide", "block", "recording")
         return replace(self, **{name: getattr(self, name)[use] for name in names})
 
     def thinned(self, most: int) -> ZeroRows:
@@ -64,15 +65,16 @@ def zero_rows(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], most: int
         block = blocks + (np.arange(len(grid)) * grid.step / BLOCK).astype(int)
         blocks = int(block[-1]) + 1
         number = np.full(len(grid), paths.index(grid.path or f"{k}"))
-        parts.append((*motion, error, _filtered(slide, grid.rate), block, number))
+        rush = _filtered(np.gradient(grid.command, grid.step, axis=0), grid.rate)
+        parts.append((*motion, error, rush, _filtered(slide, grid.rate), block, number))
     rows = ZeroRows(grids[0].joints, *(np.concatenate(some) for some in zip(*parts, strict=True)))
     return rows.part(np.isfinite(rows.error).any(axis=1)).thinned(most)
 
 
 def fixed_columns(rows: ZeroRows, j: int, use: Mask) -> Array:
-    """Damping, dry friction, armature and constant of one joint in the rows `use` (N,): (M, 4)."""
+    """Damping, dry friction, armature, delay and constant of one joint in the rows `use` (N,): (M, 5) [any unit]."""
     v = rows.v[use, j]
-    return np.column_stack([v, rows.slide[use, j], rows.a[use, j], np.ones_like(v)])
+    return np.column_stack([v, rows.slide[use, j], rows.a[use, j], rows.rush[use, j], np.ones_like(v)])
 
 
 @njit(cache=True)

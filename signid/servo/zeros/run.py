@@ -15,9 +15,10 @@ from .judge import held_out, log_odds, probability
 from .load import Loads, unexplained
 from .result import JointZero
 from .rows import zero_rows
-from .search import POINTS, Trial, search, turned
+from .search import POINTS, Trial, mirrored, search, turned
 
 FINEST, FINE, COARSE = 1200, 400, 200  # rows of the last fit, of those before, and of the search
+RIVALS = 2  # fits with another sign that are refined
 LEAST_BLOCKS = 4  # blocks without which nothing is said
 ACTS = 1e-3  # share of the largest gravity torque that another zero of a joint must change
 KNOWN = 0.35  # [rad] standard deviation from which a zero is not identifiable
@@ -138,8 +139,13 @@ class _Judged:
         start = Trial(np.inf, self.best.signs, self.best.zeros)
         one = turned(self.coarse, start, [(j,)], locked)
         found = [self._fit(one.signs, one.zeros, tuple(dict.fromkeys((*self.best.free, j))))]
-        rivals = [trial for trial in self.trials if trial.signs[j] == locked[j]][:1] if self.sure else []
-        for trial in rivals:
+        if not self.sure:
+            return found[0]
+        others = [k for k in self.joints if k != j]
+        rivals = [turned(self.coarse, start, [(j, k)], locked) for k in others]
+        rivals += [trial for trial in self.trials if trial.signs[j] == locked[j]][:1]
+        rivals = sorted([*rivals, mirrored(self.coarse, start, self.joints)], key=lambda trial: trial.score)
+        for trial in rivals[:RIVALS]:
             rival = self._fit(trial.signs, trial.zeros, tuple(self.joints))
             kept = tuple(k for k in rival.free if abs(rival.zeros[k]) > 2 * rival.std[k])
             zeros = np.where(np.isin(np.arange(len(rival.zeros)), kept), rival.zeros, 0.0)

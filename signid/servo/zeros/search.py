@@ -59,6 +59,15 @@ def turned(
     return trial
 
 
+def mirrored(loads: Loads, trial: Trial, joints: Sequence[int]) -> Trial:
+    """Best zeros with all signs turned: gravity of a planar arm is the same in a mirror."""
+    fixed = {j: -trial.signs[j] for j in joints}
+    signs, zeros = trial.signs.copy(), trial.zeros.copy()
+    signs[list(joints)] *= -1
+    zeros[list(joints)] *= -1
+    return _descended(loads, Trial(np.inf, signs, zeros), [(j,) for j in joints], fixed)
+
+
 def best_zeros(loads: Loads, trial: Trial, joints: tuple[int, ...], signs: tuple[float, ...]) -> Trial:
     """Best zeros on a grid of some joints with given signs."""
     own, rows = trial.signs.copy(), list(joints)
@@ -90,9 +99,11 @@ def _score(loads: Loads, signs: Array, zeros: Array) -> float:
     return float(np.sum(0.5 * np.log(np.maximum(left, FLOOR**2))))
 
 
-def _descended(loads: Loads, trial: Trial, moves: Sequence[tuple[int, ...]]) -> Trial:
+def _descended(
+    loads: Loads, trial: Trial, moves: Sequence[tuple[int, ...]], fixed: Mapping[int, float] | None = None
+) -> Trial:
     for _ in range(SWEEPS):
-        before, trial = trial.score, turned(loads, trial, moves)
+        before, trial = trial.score, turned(loads, trial, moves, fixed)
         if not trial.score < before - SAVED:
             break
     return trial
