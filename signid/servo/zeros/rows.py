@@ -20,6 +20,7 @@ EDGE = 0.3  # [s] left out beside ends and switched drives
 BLOCK = 3.0  # [s] of a block; residuals of different blocks count as independent
 PLAY = 0.012  # [rad or m] over which dry friction turns (SO-101: least residual of 0.003 to 0.025)
 SLOW = 0.03  # [rad/s or m/s] slower joints may stick, and dry friction is then unknown
+TURNING = 0.2  # share of the usual speed of a joint below which it turns round (zeros of a simulated Go2: no bias)
 FULL = 0.97  # share of the largest error that a drive answers from which a row counts as saturated
 FEWEST = 40  # usable rows of a joint; a joint with fewer is not used
 RECORDINGS = 6  # from so many recordings on, each is one block
@@ -55,13 +56,14 @@ class ZeroRows(Frozen):
 def zero_rows(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], most: int) -> ZeroRows:
     """Rows of grids in which a joint slides, evenly, about `most`; delays and limits are those of drives."""
     paths = list(dict.fromkeys(grid.path or f"{k}" for k, grid in enumerate(grids)))
+    motions = [smooth(grid.q, grid.rate, CUTOFF) for grid in grids]
+    slow = _slow(np.abs(np.concatenate([motion.v for motion in motions])))
     parts, blocks = [], 0
-    for k, grid in enumerate(grids):
-        motion = smooth(grid.q, grid.rate, CUTOFF)
+    for k, (grid, motion) in enumerate(zip(grids, motions, strict=True)):
         error = np.column_stack([_error(grid, j, servos.get(joint)) for j, joint in enumerate(grid.joints)])
         slide = slides(motion.q)
         unknown = np.cumsum(np.abs(slide) == 1, axis=0) == 0  # before a joint has slid for the first time
-        error[unknown | (np.abs(motion.v) < SLOW)] = np.nan
+        error[unknown | (np.abs(motion.v) < slow)] = np.nan
         block = blocks + (np.arange(len(grid)) * grid.step / BLOCK).astype(int)
         blocks = int(block[-1]) + 1
         number = np.full(len(grid), paths.index(grid.path or f"{k}"))
@@ -69,6 +71,13 @@ def zero_rows(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], most: int
         parts.append((*motion, error, rush, _filtered(slide, grid.rate), block, number))
     rows = ZeroRows(grids[0].joints, *(np.concatenate(some) for some in zip(*parts, strict=True)))
     return rows.part(np.isfinite(rows.error).any(axis=1)).thinned(most)
+
+
+def _slow(speed: Array) -> Array:
+    """Speed (n,) [rad/s or m/s] below which joints may stick or turn round, from their speeds (N, n)."""
+    moving = speed > SLOW
+    usual = np.sqrt(np.sum(np.where(moving, speed, 0.0) ** 2, axis=0) / np.maximum(moving.sum(axis=0), 1))
+    return np.maximum(SLOW, TURNING * usual)
 
 
 def fixed_columns(rows: ZeroRows, j: int, use: Mask) -> Array:
