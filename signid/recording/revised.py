@@ -74,5 +74,3 @@ def _tables(parsed: ParsedColumns) -> Iterator[str]:
     if parsed.units:
         yield "\n[units]"
         yield from (f"{kind} = {quoted(unit)}" for kind, unit in parsed.units.items())
-
-

@@ -38,12 +38,16 @@ def zero_flags(zeros: Sequence[JointZero], columns: Mapping[str, str]) -> Iterat
         scale = "scale = -1, " if turned else ""
         entry = f'q_{one.joint} = {{ column = "{columns.get(one.joint, "...")}", {scale}offset = {one.zero:.4g} }}'
         what = "has the opposite sign, and its zero is" if turned else "has a zero that is"
-        unsure = "" if one.sign_probability >= CLEAR else f", whose sign is not sure ({one.sign_probability:.2f}),"
+        unsure = (
+            ""
+            if one.sign_probability >= CLEAR
+            else f", whose sign is not sure (probability {one.sign_probability:.2f}),"
+        )
         yield (
-            f"{one.joint}: the recorded position{unsure} {what} {one.zero:.3g} \u00b1 {1.96 * one.std:.2g} rad off the "
-            f"description (probability {_percent(one.probability)}), by the load of the joints; nothing was changed, and "
-            f"the scale rests on this gravity: for positions in rad write {entry}, and q_des_{one.joint} alike, into the "
-            f"column map (--columns), or pass the columns.toml that -o writes"
+            f"{one.joint}: the recorded position{unsure} {what} {one.zero:.3g} ± {1.96 * one.std:.2g} rad off the "
+            f"description, by the load of the joints (probability {_percent(one.probability)}); nothing was changed, "
+            f"and the scale rests on this gravity: for positions in rad write {entry}, and q_des_{one.joint} alike, "
+            f"into the column map (--columns), or pass the columns.toml that -o writes"
         )
 
 
@@ -55,4 +59,4 @@ def _notes(zeros: Sequence[JointZero]) -> Iterator[str]:
     """Joints whose zeros nothing shows, if that of another joint is off."""
     lost = [one.joint for one in zeros if not one.identifiable]
     if lost and any(one.changed for one in zeros):
-        yield f"{shorten(lost)}: sign and zero of the position are not identifiable, since gravity hardly depends on them"
+        yield f"{shorten(lost)}: sign and zero of the position are not identifiable; gravity hardly depends on them"

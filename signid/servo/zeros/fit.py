@@ -93,9 +93,9 @@ def weighted(loads: Loads, load: Array) -> Loads:
 
 
 def _std(loads: Loads, jacobian: Array, left: Array) -> Array:
-    """Standard deviations (k,) [rad] from the Jacobian (M, k) [1/rad] and errors (M,), robust to errors alike in a block.
+    """Standard deviations (k,) [rad] from the Jacobian (M, k) [1/rad] and errors (M,) [1].
 
-    The largest of: of independent errors, by blocks, and, of many recordings, by recordings.
+    The largest of those of independent errors, of errors alike in blocks, and of errors alike in recordings.
     """
     bread = np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]) / WIDE**2)
     variances = [np.diag(bread)]

@@ -172,5 +172,3 @@ class _Judged:
             load = self.loads.torque(fit.signs, fit.zeros)
             sizes.append(sum(float(np.log(np.std(unexplained(line, load)) + 1e-9)) for line in self.loads.lines))
         return sizes[0] - sizes[1]
-
-
