@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...frozen import Frozen, Result
 from ...model import Model
@@ -103,3 +103,7 @@ class ServoIdentification(Result):
     notes: tuple[str, ...]
     seed: int
     zeros: tuple[JointZero, ...] = ()  # signs and zeros of positions, where gravity was compared with them
+
+    def with_zeros(self, zeros: tuple[JointZero, ...], notes: tuple[str, ...]) -> ServoIdentification:
+        """The same with signs and zeros of positions, and notes on them."""
+        return replace(self, zeros=zeros, notes=(*self.notes, *notes))

@@ -99,8 +99,7 @@ def identify_servos(
     zeros, notes = joint_zeros(plain, data, starts[PLAIN], options.seed) if scale == "masses" else ((), ())
     remarks = (*remarks, *zero_flags(zeros, _position_columns(given[0])))
     case = Known(scale, wanted, fixed, limits.laws, duty, sets)
-    found = conclude((plain, weighed), data, chosen, fit, case, remarks, options)
-    return replace(found, zeros=zeros, notes=(*found.notes, *notes))
+    return conclude((plain, weighed), data, chosen, fit, case, remarks, options).with_zeros(zeros, notes)
 
 
 def _position_columns(recording: Recording) -> dict[str, str]:

@@ -19,10 +19,10 @@ from ...types import Array, Mask, Robot
 class Chain(Frozen):
     """Joints of a robot in Pinocchio's order, m of them, with the bodies that they carry."""
 
-    parent: Array  # (m,) number of the parent joint, -1 for the base
-    rotation: Array  # (m, 3, 3) from the frame of a joint at zero to its parent's
+    parent: Array  # (m,) [1] number of the parent joint, -1 for the base
+    rotation: Array  # (m, 3, 3) [1] from the frame of a joint at zero to its parent's
     place: Array  # (m, 3) [m] in the frame of the parent
-    axis: Array  # (m, 3) in the frame of the joint
+    axis: Array  # (m, 3) [1] in the frame of the joint
     slides: Mask  # (m,)
     mass: Array  # (m,) [kg]
     centre: Array  # (m, 3) [m]

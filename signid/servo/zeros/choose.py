@@ -10,7 +10,7 @@ import numpy as np
 from ...types import Array
 from .fit import ZeroFit, fit_zeros
 from .load import Loads
-from .search import Trial, best_zeros
+from .search import ZeroTrial, best_zeros
 
 COST = 4.0  # nats that a changed zero or sign must save, beyond the fit of noise: a prior of 1/5 each and its width
 LIKELY = 3  # trials of the search from which the choice starts, beside the description
@@ -19,14 +19,14 @@ MOST = 6.0  # standard deviations of a zero that may be none
 
 
 class Proposal(NamedTuple):
-    """Signs (n,) and zeros (n,) [rad or m] to start a fit from, and the joints whose zeros are free."""
+    """Start of a fit, and the joints whose zeros are free."""
 
-    signs: Array
-    zeros: Array
+    signs: Array  # (n,) [1]
+    zeros: Array  # (n,) [rad or m]
     free: tuple[int, ...]
 
 
-def chosen(loads: Loads, noise: Array, trials: Sequence[Trial], joints: Sequence[int]) -> ZeroFit:
+def chosen(loads: Loads, noise: Array, trials: Sequence[ZeroTrial], joints: Sequence[int]) -> ZeroFit:
     """Cheapest fit from the description and from the best trials; noise: (n,) [rad or m] of independent rows."""
     n = len(loads.rows.joints)
     starts = [fit_zeros(loads, noise, np.ones(n), np.zeros(n), ())]
@@ -56,7 +56,7 @@ def simplified(loads: Loads, noise: Array, fit: ZeroFit, joints: Sequence[int]) 
 
 def _neighbours(loads: Loads, fit: ZeroFit, joints: Sequence[int]) -> Iterator[Proposal]:
     """Fits with another sign or zero of one joint that may be cheaper; zeros that were free may be as described."""
-    here = Trial(np.inf, fit.signs, fit.zeros)
+    here = ZeroTrial(np.inf, fit.signs, fit.zeros)
     for j in joints:
         others = tuple(k for k in fit.free if k != j)
         at = {sign: best_zeros(loads, here, (j,), (sign,)) for sign in (1.0, -1.0)}

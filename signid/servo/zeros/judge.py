@@ -38,16 +38,16 @@ def held_out(loads: Loads, noise: Array, fit: ZeroFit) -> Array:
 def log_odds(first: Array, second: Array, more: int) -> float:
     """Log odds of a first fit against a second one [nats], at most those by which its blocks are better on average.
 
-    first: (B,) [nats] of its blocks; second: (B,) of the other's; more: changes of the first beyond the second's.
+    first: (B,) [nats] of its blocks; second: (B,) [nats] of the other's; more: changes of the first alone.
     """
     total, ratio = float(np.sum(second - first)), np.log((second + FEW) / (first + FEW))
     count = len(ratio)
     if count < 2 or total == 0.0:
-        return -PRIOR * more
+        return float(-PRIOR * more)
     spread = float(np.std(ratio, ddof=1)) / np.sqrt(count)
     steady = float(np.sign(total) * np.mean(ratio)) / max(spread, 1e-12)
     sure = -float(student.logsf(max(steady, 0.0), count - 1))
-    return float(np.clip(np.sign(total) * min(abs(total), sure), -MOST, MOST)) - PRIOR * more
+    return float(np.clip(np.sign(total) * min(abs(total), sure), -MOST, MOST) - PRIOR * more)
 
 
 def probability(odds: float) -> float:

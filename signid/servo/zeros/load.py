@@ -19,23 +19,23 @@ TINY = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
-class Line(Frozen):
+class LoopLine(Frozen):
     """Errors of one joint without what needs no load: M rows, times their weights; the last one is knowledge."""
 
     joint: int
     use: Mask  # (N,) rows
     weight: Array  # (M - 1,) [1] square root of the weights
     error: Array  # (M,) [rad or m] error, without its part in the fixed columns
-    basis: Array  # (M, 5) orthonormal basis of the fixed columns
+    basis: Array  # (M, 5) [1] orthonormal basis of the fixed columns
     slide: Array  # (M,) direction of dry friction [1]
 
     def of(self, load: Array) -> Array:
-        """Load of the joint (N, n, K) [N.m or N] for K trials in the rows of the line, weighted: (M, K) [N.m or N]."""
+        """Weighted load of the joint, (M, K) [N.m or N]; load: (N, n, K) [N.m or N] of all joints in K trials."""
         own = load[self.use, self.joint] * self.weight[:, None]
         return np.concatenate([own, np.zeros_like(own[:1])])
 
     def without(self, x: Array) -> Array:
-        """Columns (M, ...) [any unit] without their part in the fixed columns."""
+        """Columns without their part in the fixed columns; x: (M, ...) [any unit]."""
         return np.asarray(x - self.basis @ (self.basis.T @ x))
 
 
@@ -46,7 +46,7 @@ class Loads:
     chain: Chain
     rows: ZeroRows
     weights: Array | None = None  # (N, n) [1]
-    lines: tuple[Line, ...] = field(init=False)
+    lines: tuple[LoopLine, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         weights = np.ones_like(self.rows.q) if self.weights is None else self.weights
@@ -75,7 +75,7 @@ class Loads:
         return self.chain.torque(q + zeros, v, a) * signs
 
 
-def responses(line: Line, load: Array) -> tuple[Array, Array]:
+def responses(line: LoopLine, load: Array) -> tuple[Array, Array]:
     """Compliance (2, K) [rad/(N.m) or m/N] of load and of friction by load, and the squared errors (K,) that are left.
 
     load: (M, K) [N.m or N] in the rows of the line, for K trials.
@@ -93,14 +93,14 @@ def responses(line: Line, load: Array) -> tuple[Array, Array]:
     return c, np.maximum(left, 0.0)
 
 
-def unexplained(line: Line, load: Array) -> Array:
+def unexplained(line: LoopLine, load: Array) -> Array:
     """Weighted error (M - 1,) [rad or m] of a line without its response to the load (N, n) [N.m or N]."""
     own = line.of(load[..., None])
     (a, b), _ = responses(line, own)
     return np.asarray(line.error - line.without(a * own[:, 0] + b * line.slide * np.abs(own[:, 0])))[:-1]
 
 
-def foreseen(here: Loads, line: Line, load: Array, there: Loads, other: Array) -> tuple[Array, Mask]:
+def foreseen(here: Loads, line: LoopLine, load: Array, there: Loads, other: Array) -> tuple[Array, Mask]:
     """Errors in other rows (M,) [rad or m] of what one joint's line predicts there, weighted; and these rows (N,).
 
     load: (N, n) [N.m or N] in the rows of `here`; other: (N, n) [N.m or N] in those of `there`.
@@ -128,8 +128,8 @@ def _stacked(rows: ZeroRows, j: int, use: Mask, weight: Array) -> tuple[Array, A
     return columns, np.append(error, 0.0), np.append(rows.slide[use, j], 0.0)
 
 
-def _line(rows: ZeroRows, j: int, weight: Array) -> Line | None:
-    """Line of a joint; None if too few rows are usable."""
+def _line(rows: ZeroRows, j: int, weight: Array) -> LoopLine | None:
+    """LoopLine of a joint; None if too few rows are usable."""
     use = np.isfinite(rows.error[:, j])
     if use.sum() < FEWEST:
         return None
@@ -138,4 +138,4 @@ def _line(rows: ZeroRows, j: int, weight: Array) -> Line | None:
     error = error - basis @ (basis.T @ error)
     if not np.sqrt(np.mean(error**2)) > FLOOR:
         return None
-    return Line(j, use, weight[use], error, basis, slide)
+    return LoopLine(j, use, weight[use], error, basis, slide)

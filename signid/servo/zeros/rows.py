@@ -23,7 +23,7 @@ SLOW = 0.03  # [rad/s or m/s] slower joints may stick, and dry friction is then 
 TURNING = 0.2  # share of the usual speed of a joint below which it turns round (zeros of a simulated Go2: no bias)
 FULL = 0.97  # share of the largest error that a drive answers from which a row counts as saturated
 FEWEST = 40  # usable rows of a joint; a joint with fewer is not used
-RECORDINGS = 6  # from so many recordings on, each is one block
+RECORDINGS = 6  # least number of recordings of which each is one block
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +37,8 @@ class ZeroRows(Frozen):
     error: Array  # (N, n) [rad or m] of the loop, filtered
     rush: Array  # (N, n) [rad/s or m/s] speed of the command: an error of the delay
     slide: Array  # (N, n) [1] direction of dry friction, -1 to 1; at rest that of the last motion
-    block: Array  # (N,) number of the block
-    recording: Array  # (N,) number of the recording
+    block: Array  # (N,) [1] number of the block
+    recording: Array  # (N,) [1] number of the recording
 
     def __len__(self) -> int:
         return len(self.q)
@@ -49,7 +49,7 @@ class ZeroRows(Frozen):
         return replace(self, **{name: getattr(self, name)[use] for name in names})
 
     def thinned(self, most: int) -> ZeroRows:
-        """At most about so many rows, evenly."""
+        """About `most` rows, evenly."""
         return self.part(slice(0, None, max(round(len(self) / most), 1)))
 
 
@@ -70,14 +70,14 @@ def zero_rows(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], most: int
         rush = _filtered(np.gradient(grid.command, grid.step, axis=0), grid.rate)
         parts.append((*motion, error, rush, _filtered(slide, grid.rate), block, number))
     rows = ZeroRows(grids[0].joints, *(np.concatenate(some) for some in zip(*parts, strict=True)))
-    return rows.part(np.isfinite(rows.error).any(axis=1)).thinned(most)
+    return rows.part(np.asarray(np.isfinite(rows.error).any(axis=1))).thinned(most)
 
 
 def _slow(speed: Array) -> Array:
     """Speed (n,) [rad/s or m/s] below which joints may stick or turn round, from their speeds (N, n)."""
     moving = speed > SLOW
     usual = np.sqrt(np.sum(np.where(moving, speed, 0.0) ** 2, axis=0) / np.maximum(moving.sum(axis=0), 1))
-    return np.maximum(SLOW, TURNING * usual)
+    return np.asarray(np.maximum(SLOW, TURNING * usual))
 
 
 def fixed_columns(rows: ZeroRows, j: int, use: Mask) -> Array:

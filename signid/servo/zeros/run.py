@@ -15,7 +15,7 @@ from .judge import held_out, log_odds, probability
 from .load import Loads, unexplained
 from .result import JointZero
 from .rows import zero_rows
-from .search import POINTS, Trial, mirrored, search, turned
+from .search import POINTS, ZeroTrial, mirrored, search, turned
 
 FINEST, FINE, COARSE = 1200, 400, 200  # rows of the last fit, of those before, and of the search
 RIVALS = 2  # fits with another sign that are refined
@@ -96,9 +96,9 @@ class _Judged:
         coarse: Loads,
         best: ZeroFit,
         joints: Sequence[int],
-        trials: Sequence[Trial],
+        trials: Sequence[ZeroTrial],
     ) -> None:
-        self.last = fit_zeros(*whole, *best.start)
+        self.last = fit_zeros(whole[0], whole[1], *best.start)
         self.whole = whole
         self.loads, self.noise, self.coarse = loads, noise, coarse
         self.best, self.joints, self.trials = best, joints, trials
@@ -136,7 +136,7 @@ class _Judged:
     def _flipped(self, j: int) -> ZeroFit:
         """Best fit with the other sign of a joint."""
         locked = {j: -self.best.signs[j]}
-        start = Trial(np.inf, self.best.signs, self.best.zeros)
+        start = ZeroTrial(np.inf, self.best.signs, self.best.zeros)
         one = turned(self.coarse, start, [(j,)], locked)
         found = [self._fit(one.signs, one.zeros, tuple(dict.fromkeys((*self.best.free, j))))]
         if not self.sure:

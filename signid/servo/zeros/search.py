@@ -21,19 +21,19 @@ SAVED = 1e-3  # sum of log rms that a move must save
 ENOUGH = 0.1  # sum of log rms that one or two joints must save, for others to be tried
 
 
-class Trial(NamedTuple):
-    """Signs (n,) and zeros (n,) [rad or m], and the sum over joints of the log rms of what is left [1]."""
+class ZeroTrial(NamedTuple):
+    """Signs and zeros of all joints."""
 
-    score: float
-    signs: Array
-    zeros: Array
+    score: float  # [1] sum over joints of the log rms of the residual
+    signs: Array  # (n,) [1]
+    zeros: Array  # (n,) [rad or m]
 
 
-def search(loads: Loads, joints: Sequence[int], seed: int) -> list[Trial]:
+def search(loads: Loads, joints: Sequence[int], seed: int) -> list[ZeroTrial]:
     """Best signs and zeros of some joints, best first; random starts only if another zero saves enough."""
     rng, n = np.random.default_rng(seed), len(loads.rows.joints)
     moves, pairs = [(j,) for j in joints], list(combinations(joints, 2))
-    described = Trial(_score(loads, np.ones(n), np.zeros(n)), np.ones(n), np.zeros(n))
+    described = ZeroTrial(_score(loads, np.ones(n), np.zeros(n)), np.ones(n), np.zeros(n))
     found = [described, _descended(loads, described, moves), turned(loads, described, pairs)]
     if described.score - min(trial.score for trial in found) < ENOUGH:
         return _different(found)
@@ -41,15 +41,15 @@ def search(loads: Loads, joints: Sequence[int], seed: int) -> list[Trial]:
         signs, zeros = np.ones(n), np.zeros(n)
         signs[list(joints)] = rng.choice([1.0, -1.0], len(joints))
         zeros[list(joints)] = rng.uniform(-np.pi, np.pi, len(joints))
-        found.append(_descended(loads, Trial(np.inf, signs, zeros), moves))
+        found.append(_descended(loads, ZeroTrial(np.inf, signs, zeros), moves))
     best = _different(found)[:KEPT]
     found += [_descended(loads, turned(loads, trial, pairs), moves) for trial in best]
     return _different(found)
 
 
 def turned(
-    loads: Loads, trial: Trial, moves: Iterable[tuple[int, ...]], fixed: Mapping[int, float] | None = None
-) -> Trial:
+    loads: Loads, trial: ZeroTrial, moves: Iterable[tuple[int, ...]], fixed: Mapping[int, float] | None = None
+) -> ZeroTrial:
     """Best signs and zeros of the joints of each move in turn, the others as they are; `fixed`: signs that are kept."""
     for joints in moves:
         choices = [(fixed[j],) if fixed and j in fixed else (1.0, -1.0) for j in joints]
@@ -59,16 +59,16 @@ def turned(
     return trial
 
 
-def mirrored(loads: Loads, trial: Trial, joints: Sequence[int]) -> Trial:
+def mirrored(loads: Loads, trial: ZeroTrial, joints: Sequence[int]) -> ZeroTrial:
     """Best zeros with all signs turned: gravity of a planar arm is the same in a mirror."""
     fixed = {j: -trial.signs[j] for j in joints}
     signs, zeros = trial.signs.copy(), trial.zeros.copy()
     signs[list(joints)] *= -1
     zeros[list(joints)] *= -1
-    return _descended(loads, Trial(np.inf, signs, zeros), [(j,) for j in joints], fixed)
+    return _descended(loads, ZeroTrial(np.inf, signs, zeros), [(j,) for j in joints], fixed)
 
 
-def best_zeros(loads: Loads, trial: Trial, joints: tuple[int, ...], signs: tuple[float, ...]) -> Trial:
+def best_zeros(loads: Loads, trial: ZeroTrial, joints: tuple[int, ...], signs: tuple[float, ...]) -> ZeroTrial:
     """Best zeros on a grid of some joints with given signs."""
     own, rows = trial.signs.copy(), list(joints)
     own[rows] = signs
@@ -90,7 +90,7 @@ def best_zeros(loads: Loads, trial: Trial, joints: tuple[int, ...], signs: tuple
     k = int(np.argmin(score))
     zeros = trial.zeros.copy()
     zeros[rows] = grid[list(np.unravel_index(k, (count,) * len(rows)))]
-    return Trial(float(score[k]), own, zeros)
+    return ZeroTrial(float(score[k]), own, zeros)
 
 
 def _score(loads: Loads, signs: Array, zeros: Array) -> float:
@@ -100,8 +100,8 @@ def _score(loads: Loads, signs: Array, zeros: Array) -> float:
 
 
 def _descended(
-    loads: Loads, trial: Trial, moves: Sequence[tuple[int, ...]], fixed: Mapping[int, float] | None = None
-) -> Trial:
+    loads: Loads, trial: ZeroTrial, moves: Sequence[tuple[int, ...]], fixed: Mapping[int, float] | None = None
+) -> ZeroTrial:
     for _ in range(SWEEPS):
         before, trial = trial.score, turned(loads, trial, moves, fixed)
         if not trial.score < before - SAVED:
@@ -109,9 +109,9 @@ def _descended(
     return trial
 
 
-def _different(trials: Sequence[Trial]) -> list[Trial]:
+def _different(trials: Sequence[ZeroTrial]) -> list[ZeroTrial]:
     """Trials in the order of their scores, without repetitions."""
-    kept: list[Trial] = []
+    kept: list[ZeroTrial] = []
     for trial in sorted(trials, key=lambda one: one.score):
         near = (np.abs(np.exp(1j * trial.zeros) - np.exp(1j * other.zeros)).max() < 0.1 for other in kept)
         same = (np.array_equal(trial.signs, other.signs) for other in kept)
