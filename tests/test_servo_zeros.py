@@ -110,6 +110,8 @@ def test_drives_that_are_off_and_short_recordings_give_nothing(arm: Robot, grid:
     assert found(arm, replace(grid, on=np.zeros_like(grid.on))) == {}
     short = replace(grid, **{key: getattr(grid, key)[:300] for key in ("q", "command", "on", "voltage")})
     assert found(arm, short) == {}
+    tiny = replace(grid, **{key: getattr(grid, key)[:5] for key in ("q", "command", "on", "voltage")})
+    assert found(arm, tiny) == {}
 
 
 def test_the_load_is_that_of_pinocchio(arm: Robot) -> None:

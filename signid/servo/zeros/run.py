@@ -14,11 +14,12 @@ from .fit import ZeroFit, fit_zeros, noise_of, weighted
 from .judge import held_out, log_odds, probability
 from .load import Loads, unexplained
 from .result import JointZero
-from .rows import zero_rows
+from .rows import FEWEST, zero_rows
 from .search import POINTS, ZeroTrial, mirrored, search, turned
 
 FINEST, FINE, COARSE = 1200, 400, 200  # rows of the last fit, of those before, and of the search
 RIVALS = 2  # fits with another sign that are refined
+SHORTEST = 1.5  # [s] of a recording
 LEAST_BLOCKS = 4  # blocks without which nothing is said
 ACTS = 1e-3  # share of the largest gravity torque that another zero of a joint must change
 KNOWN = 0.35  # [rad] standard deviation from which a zero is not identifiable
@@ -39,7 +40,10 @@ def find_zeros(
         servos: drives that start a fit, for delays and limits.
         seed: of random starts.
     """
-    whole = zero_rows(grids, servos, FINEST)
+    long = [grid for grid in grids if len(grid) >= max(SHORTEST * grid.rate, FEWEST)]
+    if not long:
+        return ()
+    whole = zero_rows(long, servos, FINEST)
     rows = whole.thinned(FINE)
     turning = [j for j in range(len(rows.joints)) if rows.joints[j] in servos and turns(robot, j)]
     chain = chain_of(robot)
