@@ -13,7 +13,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "recording regression model inspect simulation estimation signs recording_faults payload check identify diagnose "
     "validate servo watch output cli __main__ __init__",
     "cli": "app terminal completion options arguments files fleet demo commands run worker __init__",
-    "servo": "__init__ stated plant simulate audit fit search identify validate diagnose",
+    "servo": "__init__ stated plant simulate audit fit search zeros identify validate diagnose",
     "servo/diagnose": "result closed_loop laws noise repeats coordinates unexplained refine evidence search conclude "
     "run __init__",
     "diagnose": "data evidence result extend search findings preparation run __init__",
@@ -25,7 +25,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
     "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "
     "factors session prepare reduced",
-    "recording": "mapping formats source meaning names columns sampling gallery plausible read bare accept "
+    "recording": "mapping formats source meaning names revised columns sampling gallery plausible read bare accept "
     "__init__ convert noticed draft",
     "robot": "dynamics joints actuators description locate load accept __init__",
     "signs": "thresholds result observations segments search samples posterior infer flags tree torque_constants "

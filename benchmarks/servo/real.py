@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from signid.recording import read_recording
 from signid.robot import load_robot
 from signid.servo.diagnose import diagnose_servos
 from signid.servo.identify import ServoIdentification, identify_servos
@@ -21,6 +23,27 @@ MAUICV = (
     ("chirp", "prbs_small", "square_large", "square_small", "step_large", "triangle"),
     ("prbs_large", "ramp"),
 )
+SO101 = (
+    (
+        "center_workspace",
+        "diagonal_sweep",
+        "oscillation_low_freq",
+        "reaching_points",
+        "symmetric_motion",
+        "triangle_wave",
+    ),
+    ("wave_motion", "staircase_motion", "velocity_ramp"),
+)
+SO101_JOINTS = {  # signs and zeros are those of the description, as far as the load shows them
+    "joints": {
+        "shoulder_pan": "Rotation",
+        "shoulder_lift": "Pitch",
+        "elbow_flex": "Elbow",
+        "wrist_flex": "Wrist_Pitch",
+        "wrist_roll": "Wrist_Roll",
+        "gripper": "Jaw",
+    }
+}
 
 
 @dataclass(frozen=True)
@@ -52,6 +75,11 @@ def sets(folder: Path) -> Iterator[RealRow]:
     place = data / "mauicv_servo"
     train, unseen = ([place / f"a_{name}.csv.gz" for name in names] for names in MAUICV)
     yield _row("mauicv, other motions", load_robot(place / "arm.urdf"), train, unseen, ".060")
+    place = data / "so101_servo"
+    train, unseen = ([place / f"{name}.csv.gz" for name in names] for names in SO101)
+    yield _row(
+        "SO-101, whole arm, other motions", load_robot(place / "so101.urdf"), train, unseen, ".010", SO101_JOINTS
+    )
 
 
 def xl330(data: Path, folder: Path) -> Robot:
@@ -65,11 +93,19 @@ def xl330(data: Path, folder: Path) -> Robot:
     return load_robot(data / "bam_xl330" / "pendulum.urdf", actuators=file)
 
 
-def _row(name: str, robot: Robot, train: Sequence[Path], unseen: Sequence[Path], target: str) -> RealRow:
+def _row(
+    name: str,
+    robot: Robot,
+    train: Sequence[Path],
+    unseen: Sequence[Path],
+    target: str,
+    columns: Mapping[str, Any] | None = None,
+) -> RealRow:
+    learned, held_out = ([read_recording(f, robot, columns=columns) for f in files] for files in (train, unseen))
     start = time.process_time()
-    found = identify_servos(robot, [str(f) for f in train], held_out=[str(f) for f in unseen])
+    found = identify_servos(robot, learned, held_out=held_out)
     seconds = time.process_time() - start
-    missing = diagnose_servos(found.model, [str(f) for f in train], held_out=[str(f) for f in unseen])
+    missing = diagnose_servos(found.model, learned, held_out=held_out)
     names = ", ".join(f"{x.effect}@{x.joint} {x.probability:.2f}" for x in missing.causes[:3])
     return RealRow(name, len(found.joints), *_errors(found), seconds, target, names or missing.verdict)
 

@@ -47,9 +47,14 @@ def deliver(result: Identification, inputs: Sequence[Input], output: str | None,
 
 
 def deliver_servos(
-    result: ServoIdentification, inputs: Sequence[Input], output: str | None, json: bool, command: str
+    result: ServoIdentification,
+    inputs: Sequence[Input],
+    output: str | None,
+    json: bool,
+    command: str,
+    more: Mapping[str, Content],
 ) -> int:
-    """Write and print an identification of position drives; return the exit code."""
+    """Write and print an identification of position drives, with more files; return the exit code."""
     from ..effects.naming import drive_laws
     from ..output.report import servo_identification_document, servo_identification_tables, servo_page, to_json
 
@@ -58,7 +63,7 @@ def deliver_servos(
         laws = (*result.model.laws, *drive_laws(result.model.robot, result.model.servos))
         described, notes = _urdf(result.model.robot, result.model.inertials, laws)
         result = replace(result, notes=(*result.notes, *notes))
-        files = {**described, "report.html": servo_page(result, inputs, command)}
+        files = {**described, "report.html": servo_page(result, inputs, command), **more}
     document = to_json(servo_identification_document(result, inputs))
     files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
     return show(document if json else servo_identification_tables(result), result.flags, _written(output, files))

@@ -10,16 +10,18 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ...errors import InputError, OptionError, readable
+from ...errors import InputError, OptionError, OutputError, readable
 from ..options import DriveOptions
 from ..terminal import bars
 
 if TYPE_CHECKING:
     from ...model import Model
+    from ...output.report import Content
     from ...servo.diagnose import ServoDiagnosis
     from ...servo.identify import ServoIdentification
     from ...types import Input, Recording, Robot
 
+COLUMNS = "columns.toml"  # column map with the signs and zeros that an identification found
 SERVO = "servo@"  # beginning of injected numbers of drives
 TORQUE_ONLY = (  # options of `identify` that act on torque
     *("method", "estimator", "robust", "unsigned", "signs", "bounds", "global_algorithm", "local_algorithm"),
@@ -98,6 +100,26 @@ def identify_drives(
             options=ServoOptions(seed=seed),
             progress=progress,
         )
+
+
+def revised_columns(
+    result: ServoIdentification, recordings: Sequence[Recording], columns: str | None, output: str | None
+) -> tuple[dict[str, Content], tuple[str, ...]]:
+    """columns.toml with the signs and zeros that were found; if it cannot be written, a note with the reason."""
+    from ...output.report import check_foreign
+    from ...recording.revised import Turned, revised_map
+
+    turned = {one.joint: Turned(one.sign, one.zero or 0.0) for one in result.zeros if one.changed}
+    if not turned or output is None:
+        return {}, ()
+    first = recordings[0]
+    if any(other.columns != first.columns for other in recordings):
+        return {}, (f"{COLUMNS} is not written: the recordings have columns of different names",)
+    try:
+        check_foreign(output, [COLUMNS])
+    except OutputError:
+        return {}, (f"{COLUMNS} is not written: {output} has one that is not of signid",)
+    return {COLUMNS: revised_map(columns, first.joints, first.columns, turned)}, ()
 
 
 def diagnose_drives(

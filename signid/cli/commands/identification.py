@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -161,7 +161,7 @@ def identify(
     """
     from ...identify import identify as learn
     from ..files import IDENTIFIED, deliver, deliver_servos
-    from .drives import advising_servo_mode, check_options, has_drives, identify_drives
+    from .drives import advising_servo_mode, check_options, has_drives, identify_drives, revised_columns
     from .factors import factor_inputs, given_factors
 
     check_folder(fit.output, run.json, IDENTIFIED)
@@ -175,7 +175,9 @@ def identify(
     if servo:
         with time_limit(fit.time_limit):
             found = identify_drives(described, given, held_out, drives, run.seed, run.json)
-            return deliver_servos(found, read, fit.output, run.json, given_command(context))
+            more, notes = revised_columns(found, (*given, *held_out), rows.columns, fit.output)
+            found = replace(found, notes=(*found.notes, *notes))
+            return deliver_servos(found, read, fit.output, run.json, given_command(context), more)
     options, search = given_options(rows, run.seed, fit.robust), _search(fit)
     with time_limit(fit.time_limit):
         with bars(run.json) as progress, advising_servo_mode(given):

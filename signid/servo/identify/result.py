@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...frozen import Frozen, Result
 from ...model import Model
 from ...parameters import Array
 from ...servos import Servo
 from ...types import Input, Robot
+from ..zeros import JointZero
 
 BY_INERTIALS = "inertials of the description"  # what the scale of torque is known by
 BY_GAIN = "stated kp"
@@ -101,3 +102,8 @@ class ServoIdentification(Result):
     flags: tuple[str, ...]  # exit 3
     notes: tuple[str, ...]
     seed: int
+    zeros: tuple[JointZero, ...] = ()  # signs and zeros of positions, where gravity was compared with them
+
+    def with_zeros(self, zeros: tuple[JointZero, ...], notes: tuple[str, ...]) -> ServoIdentification:
+        """The same with signs and zeros of positions, and notes on them."""
+        return replace(self, zeros=zeros, notes=(*self.notes, *notes))

@@ -26,7 +26,7 @@ from .fits import final_fit, weigh_bodies
 from .result import ServoIdentification
 from .scale import connected_sets
 from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
-from .zeros import zero_flags
+from .zeros import joint_zeros, zero_flags
 
 ALONE, COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits (BAM XL330, Go2)
 PLAIN = "duty"  # its regression has one number less
@@ -96,10 +96,15 @@ def identify_servos(
     fit = final_fit(weighed, replace(data, train=thinned(data.train, FITTED // cost)), chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.95)
     remarks = (*audit_flags(model.robot, (*given, *unseen)), *remarks)
-    if scale == "masses":
-        remarks = (*remarks, *zero_flags(plain, few))
+    zeros, notes = joint_zeros(plain, data, starts[PLAIN], options.seed) if scale == "masses" else ((), ())
+    remarks = (*remarks, *zero_flags(zeros, _position_columns(given[0])))
     case = Known(scale, wanted, fixed, limits.laws, duty, sets)
-    return conclude((plain, weighed), data, chosen, fit, case, remarks, options)
+    return conclude((plain, weighed), data, chosen, fit, case, remarks, options).with_zeros(zeros, notes)
+
+
+def _position_columns(recording: Recording) -> dict[str, str]:
+    """Column of the position of each joint."""
+    return dict(zip(recording.joints, recording.columns.get("q", ()), strict=False))
 
 
 def _has_voltage(recording: Recording) -> bool:

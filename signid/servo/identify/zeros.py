@@ -1,105 +1,62 @@
-"""Signs and zeros of recorded positions against the description, checked by what gravity does to the loop's error."""
+"""Signs and zeros of recorded positions against the description: sentences on what gravity shows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 
-import numpy as np
-import pinocchio as pin
-
+from ...errors import shorten
 from ...model import Model
-from ...parameters import Array
-from ...robot import configuration
-from ...servos import ServoGrid
-from ...types import Mask, Robot
-from ..plant.course import bodies_of, motion_of
+from ...servos import Servo
+from ..plant.course import bodies_of
 from ..search.data import ServoData
+from ..zeros import JointZero, find_zeros, turns
 
-ROWS = 400  # of all recordings
-STEPS = 24  # zeros that are tried in a turn
-SWEEPS = 2
-EDGE = 0.3  # [s] left out at the ends
-MOST_JOINTS = 7  # beyond them the search over zeros is too long
-SAVED = 0.3  # sum over joints of the log rms error on rows that took no part that another zero or sign must save
+MOST_JOINTS = 7  # beyond them the search over signs and zeros is too long
+CLEAR = 0.9  # probability from which a sign is identifiable
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Rows of all recordings: error, position and columns of each joint; `half` marks the rows that are fitted."""
-
-    q: Array  # (N, n) [rad or m]
-    error: Array  # (N, n)
-    v: Array  # (N, n)
-    a: Array  # (N, n)
-    half: Mask  # (N,)
-
-
-def zero_flags(model: Model, data: ServoData) -> Iterator[str]:
-    """A sentence on each joint whose sign or zero seems to differ from the description; nothing is changed."""
+def joint_zeros(
+    model: Model, data: ServoData, servos: Mapping[str, Servo], seed: int
+) -> tuple[tuple[JointZero, ...], tuple[str, ...]]:
+    """Sign and zero of each revolute joint with a drive, and notes; servos: drives that start a fit."""
     robot = bodies_of(model, data.joints)
-    turning = [j for j, joint in enumerate(data.joints) if joint in data.driven and not robot.prismatic[j]]
+    driven = {joint: servos[joint] for joint in data.driven if joint in servos}
+    turning = [joint for j, joint in enumerate(data.joints) if joint in driven and turns(robot, j)]
     if len(turning) > MOST_JOINTS:
-        return
-    rows = _rows(data)
-    signs, zeros = np.ones(len(data.joints)), np.zeros(len(data.joints))
-    score = first = _score(robot, rows, signs, zeros)
-    for _ in range(SWEEPS):
-        for j in turning:
-            for sign in (1.0, -1.0):
-                for zero in np.arange(STEPS) * 2 * np.pi / STEPS:
-                    trial = signs.copy(), zeros.copy()
-                    trial[0][j], trial[1][j] = sign, zero
-                    new = _score(robot, rows, *trial)
-                    if new < score - SAVED:
-                        score, (signs, zeros) = new, trial
-    if score > first - SAVED:
-        return
-    for j in turning:
-        turn = (zeros[j] + np.pi) % (2 * np.pi) - np.pi
-        if signs[j] < 0 or turn:
-            what = " and the opposite sign" if signs[j] < 0 else ""
-            yield (
-                f"{data.joints[j]}: gravity fits the recording better with a zero that is about {turn:.2g} rad "
-                f"off{what}; compare zero and sign of the recorded positions with the description, since nothing was "
-                f"changed and the scale rests on its gravity"
-            )
+        note = f"signs and zeros of positions are not compared with gravity: {len(turning)} joints are too many"
+        return (), (note,)
+    zeros = find_zeros(robot, data.train, driven, seed)
+    return zeros, tuple(_notes(zeros))
 
 
-def _rows(data: ServoData) -> _Rows:
-    step = max(sum(map(len, data.train)) // ROWS, 1)
-    parts = [_part(grid, k, step) for k, grid in enumerate(data.train)]
-    return _Rows(*(np.concatenate(some) for some in zip(*parts, strict=True)))
+def zero_flags(zeros: Sequence[JointZero], columns: Mapping[str, str]) -> Iterator[str]:
+    """A sentence on each joint whose sign or zero differs from the description; columns: of q, by joint."""
+    for one in zeros:
+        if not one.changed or one.zero is None or one.std is None:
+            continue
+        turned = one.sign < 0
+        scale = "scale = -1, " if turned else ""
+        entry = f'q_{one.joint} = {{ column = "{columns.get(one.joint, "...")}", {scale}offset = {one.zero:.4g} }}'
+        what = "has the opposite sign, and its zero is" if turned else "has a zero that is"
+        unsure = (
+            ""
+            if one.sign_probability >= CLEAR
+            else f", whose sign is not sure (probability {one.sign_probability:.2f}),"
+        )
+        yield (
+            f"{one.joint}: the recorded position{unsure} {what} {one.zero:.3g} ± {1.96 * one.std:.2g} rad off the "
+            f"description, by the load of the joints (probability {_percent(one.probability)}); nothing was changed, "
+            f"and the scale rests on this gravity: for positions in rad write {entry}, and q_des_{one.joint} alike, "
+            f"into the column map (--columns), or pass the columns.toml that -o writes"
+        )
 
 
-def _part(grid: ServoGrid, number: int, step: int) -> tuple[Array, Array, Array, Array, Mask]:
-    edge = min(int(EDGE * grid.rate), len(grid) // 4)
-    use = np.arange(edge, len(grid) - edge, step)
-    motion = motion_of(grid)
-    error = grid.gain * (grid.command - motion.q)
-    second = (use * grid.step).astype(int) // 2 + number
-    held = np.where(grid.on[use] > 0.5, error[use], np.nan)
-    return motion.q[use], held, motion.v[use], motion.a[use], second % 2 == 0
+def _percent(probability: float) -> str:
+    return "> 99 %" if probability > 0.99 else f"{100 * probability:.0f} %"
 
 
-def _score(robot: Robot, rows: _Rows, signs: Array, zeros: Array) -> float:
-    """Sum over joints of the log rms of the error on rows that took no part."""
-    data = robot.model.createData()
-    q = configuration(robot, signs * rows.q + zeros)
-    load = np.array([pin.computeGeneralizedGravity(robot.model, data, x) for x in q]) @ robot.drive * signs
-    return sum(_unseen(rows, load[:, j], j) for j in range(rows.q.shape[1]))
-
-
-def _unseen(rows: _Rows, load: Array, j: int) -> float:
-    known = np.isfinite(rows.error[:, j])
-    y, half = rows.error[known, j], rows.half[known]
-    v, a, load = rows.v[known, j], rows.a[known, j], load[known]
-    x = np.column_stack([v, np.tanh(v / 0.05), a, np.ones_like(v)])
-    if min(half.sum(), (~half).sum()) < 20 or not y.any():
-        return 0.0
-    both = np.column_stack([x, load])
-    found = np.linalg.lstsq(both[half], y[half], rcond=None)[0]
-    if found[-1] < 0:  # a drive does not push along its load
-        both, found = x, np.linalg.lstsq(x[half], y[half], rcond=None)[0]
-    left = y[~half] - both[~half] @ found
-    return float(np.log(max(np.sqrt(np.mean(left**2)), 1e-6)))
+def _notes(zeros: Sequence[JointZero]) -> Iterator[str]:
+    """Joints whose zeros nothing shows, if that of another joint is off."""
+    lost = [one.joint for one in zeros if not one.identifiable]
+    if lost and any(one.changed for one in zeros):
+        yield f"{shorten(lost)}: sign and zero of the position are not identifiable; gravity hardly depends on them"

@@ -17,6 +17,7 @@ from .closed_loops import closed_loop_rows, closed_loop_title, position_fit, rol
 
 if TYPE_CHECKING:
     from .....servo.identify import ServoIdentification, ServoJoint, ServoNumber
+    from .....servo.zeros import JointZero
 
 FIRST = ("kp", "damping", "delay", "lag", "effort_limit", "armature", "coulomb_friction", "load_friction")
 LAWS = {  # passive numbers of a drive -> key of the effect of the same name
@@ -47,6 +48,7 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
             "scale": _scale(result),
             "joints": [_joint(one) for one in result.joints],
             "rollout": rollout_document(result.rollout),
+            **({"zeros": [_zero(one) for one in result.zeros]} if result.zeros else {}),
         },
         **ending(result, result.inputs, inputs or [description(robot)], result.seed),
     }
@@ -82,6 +84,16 @@ def _joint(one: ServoJoint) -> Document:
         "effort_limit": {**limit, "saturated_share": one.saturated_share},
         "known_load_share": one.known_load_share,
         "not_told": list(one.not_identifiable),
+    }
+
+
+def _zero(one: JointZero) -> Document:
+    return {
+        "joint": one.joint,
+        "sign": one.sign,
+        "sign_probability": one.sign_probability,
+        "zero": {"value": one.zero, "std": one.std, "unit": "rad"},
+        "identifiable": one.identifiable,
     }
 
 

@@ -1,0 +1,178 @@
+"""Recordings of position drives -> signs and zeros of their positions against the description, by the load."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from ...servos import Servo, ServoGrid
+from ...types import Array, Robot
+from .chain import chain_of
+from .choose import chosen, cost, simplified
+from .fit import ZeroFit, fit_zeros, noise_of, weighted
+from .judge import held_out, log_odds, probability
+from .load import Loads, unexplained
+from .result import JointZero
+from .rows import FEWEST, zero_rows
+from .search import POINTS, ZeroTrial, mirrored, search, turned
+
+FINEST, FINE, COARSE = 1200, 400, 200  # rows of the last fit, of those before, and of the search
+RIVALS = 2  # fits with another sign that are refined
+SHORTEST = 1.5  # [s] of a recording
+LEAST_BLOCKS = 4  # blocks without which nothing is said
+ACTS = 1e-3  # share of the largest gravity torque that another zero of a joint must change
+KNOWN = 0.35  # [rad] standard deviation from which a zero is not identifiable
+LEAST = 0.1  # [rad] smaller zeros are within what masses of a description leave open
+SURE = 0.95  # probability from which a change is said
+CLEAR = 0.9  # probability from which a sign is identifiable
+SAVED = 0.02  # sum over joints of the log rms that all changes must save
+
+
+def find_zeros(
+    robot: Robot, grids: Sequence[ServoGrid], servos: Mapping[str, Servo], seed: int = 0
+) -> tuple[JointZero, ...]:
+    """Signs and zeros of the revolute joints with drives; empty without enough rows or without gravity.
+
+    Args:
+        robot: with the joints of the grids alone.
+        grids: recordings, all of the same joints.
+        servos: drives that start a fit, for delays and limits.
+        seed: of random starts.
+    """
+    long = [grid for grid in grids if len(grid) >= max(SHORTEST * grid.rate, FEWEST)]
+    if not long:
+        return ()
+    whole = zero_rows(long, servos, FINEST)
+    rows = whole.thinned(FINE)
+    turning = [j for j in range(len(rows.joints)) if rows.joints[j] in servos and turns(robot, j)]
+    chain = chain_of(robot)
+    if chain is None or not turning:
+        return ()
+    coarse, fine = Loads(chain, rows.thinned(COARSE)), Loads(chain, rows)
+    joints = acting(coarse, turning) if len(rows) else []
+    if not joints or not coarse.lines or len(np.unique(rows.block)) < LEAST_BLOCKS:
+        return ()
+    trials = search(coarse, joints, seed)
+    first = fit_zeros(fine, np.ones(len(rows.joints)), trials[0].signs, trials[0].zeros, joints)
+    fine, noise = _weighed(fine, first)
+    best = chosen(fine, noise, trials, joints)
+    if best.changed:
+        fine, noise = _weighed(fine, best)
+        best = simplified(fine, noise, fit_zeros(fine, noise, *best.start), joints)
+    return _Judged(_weighed(Loads(chain, whole), best), fine, noise, coarse, best, joints, trials).all(turning)
+
+
+def acting(loads: Loads, joints: Iterable[int]) -> list[int]:
+    """Joints whose zeros change the load of a loop that is recorded."""
+    n = len(loads.rows.joints)
+    signs, used = np.ones(n), [line.joint for line in loads.lines]
+    plain = loads.gravity(signs, np.zeros(n))[:, used]
+    found = []
+    for j in joints:
+        turned_by = [loads.gravity(signs, turn * np.eye(n)[j])[:, used] for turn in POINTS[1:]]
+        if max(np.abs(x - plain).max(initial=0.0) for x in turned_by) > ACTS * np.abs(plain).max(initial=0.0):
+            found.append(j)
+    return found
+
+
+def _weighed(loads: Loads, fit: ZeroFit) -> tuple[Loads, Array]:
+    """Rows with less weight where a fit leaves much, and the noise (n,) [rad or m] of their errors."""
+    load = loads.torque(fit.signs, fit.zeros)
+    loads = weighted(loads, load)
+    return loads, noise_of(loads, load)
+
+
+def turns(robot: Robot, j: int) -> bool:
+    """Whether a joint is revolute and moves no other one."""
+    drive = robot.drive[:, j]
+    return not robot.prismatic[j] and np.count_nonzero(drive) == 1 and abs(drive).max() == 1
+
+
+class _Judged:
+    """A fit of zeros, with evidence for each of its signs and zeros."""
+
+    def __init__(
+        self,
+        whole: tuple[Loads, Array],
+        loads: Loads,
+        noise: Array,
+        coarse: Loads,
+        best: ZeroFit,
+        joints: Sequence[int],
+        trials: Sequence[ZeroTrial],
+    ) -> None:
+        self.last = fit_zeros(whole[0], whole[1], *best.start)
+        self.whole = whole
+        self.loads, self.noise, self.coarse = loads, noise, coarse
+        self.best, self.joints, self.trials = best, joints, trials
+        self.scores = held_out(loads, noise, best)
+        n = len(best.signs)
+        described = self._fit(np.ones(n), np.zeros(n), ())
+        odds = log_odds(self.scores, held_out(loads, noise, described), min(best.changed, 1))
+        self.sure = probability(odds) > SURE and self._saved(described) > SAVED
+
+    def all(self, turning: Sequence[int]) -> tuple[JointZero, ...]:
+        """Each revolute joint."""
+        names = self.loads.rows.joints
+        return tuple(
+            self._joint(j) if j in self.joints else JointZero(names[j], 1, 0.5, None, None, False, False, 0.0)
+            for j in turning
+        )
+
+    def _joint(self, j: int) -> JointZero:
+        best, last, free = self.best, self.last, tuple(dict.fromkeys((*self.best.free, j)))
+        own = last if j in best.free else fit_zeros(*self.whole, last.signs, last.zeros, free)
+        shifted = best.signs[j] < 0 or j in best.free
+        sign = probability(self._odds(self._flipped(j)))
+        shift = probability(self._odds(self._plain(j))) if shifted else 0.0
+        zero, std = float(own.zeros[j]), float(own.std[j])
+        far = best.signs[j] < 0 or abs(zero) > max(2 * std, LEAST)
+        changed = bool(self.sure and shifted and far and std < KNOWN and shift > SURE)
+        undecided = far and not changed
+        known = std < KNOWN and sign > CLEAR and not undecided
+        turn = int(best.signs[j])
+        if undecided and turn < 0:
+            turn, sign = 1, 1 - sign
+        name = self.loads.rows.joints[j]
+        return JointZero(name, turn, sign, zero, std, known, changed, shift if self.sure else 0.0)
+
+    def _flipped(self, j: int) -> ZeroFit:
+        """Best fit with the other sign of a joint."""
+        locked = {j: -self.best.signs[j]}
+        start = ZeroTrial(np.inf, self.best.signs, self.best.zeros)
+        one = turned(self.coarse, start, [(j,)], locked)
+        found = [self._fit(one.signs, one.zeros, tuple(dict.fromkeys((*self.best.free, j))))]
+        if not self.sure:
+            return found[0]
+        others = [k for k in self.joints if k != j]
+        rivals = [turned(self.coarse, start, [(j, k)], locked) for k in others]
+        rivals += [trial for trial in self.trials if trial.signs[j] == locked[j]][:1]
+        rivals = sorted([*rivals, mirrored(self.coarse, start, self.joints)], key=lambda trial: trial.score)
+        for trial in rivals[:RIVALS]:
+            rival = self._fit(trial.signs, trial.zeros, tuple(self.joints))
+            kept = tuple(k for k in rival.free if abs(rival.zeros[k]) > 2 * rival.std[k])
+            zeros = np.where(np.isin(np.arange(len(rival.zeros)), kept), rival.zeros, 0.0)
+            found += [rival, self._fit(rival.signs, zeros, kept)]
+        return min(found, key=cost)
+
+    def _plain(self, j: int) -> ZeroFit:
+        """Best fit with sign and zero of a joint as described."""
+        signs, zeros = self.best.signs.copy(), self.best.zeros.copy()
+        signs[j], zeros[j] = 1.0, 0.0
+        return self._fit(signs, zeros, tuple(k for k in self.best.free if k != j))
+
+    def _fit(self, signs: Array, zeros: Array, free: tuple[int, ...]) -> ZeroFit:
+        return fit_zeros(self.loads, self.noise, signs, zeros, free)
+
+    def _odds(self, other: ZeroFit) -> float:
+        more = self.best.changed - other.changed
+        return log_odds(self.scores, held_out(self.loads, self.noise, other), more)
+
+    def _saved(self, described: ZeroFit) -> float:
+        """Sum over joints of the log rms that the fit saves."""
+        sizes = []
+        for fit in (described, self.best):
+            load = self.loads.torque(fit.signs, fit.zeros)
+            sizes.append(sum(float(np.log(np.std(unexplained(line, load)) + 1e-9)) for line in self.loads.lines))
+        return sizes[0] - sizes[1]
