@@ -6,6 +6,7 @@ are x = z. One direction of each joint is its common scale of torque: all its to
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -149,6 +150,21 @@ class Coordinates:
             for j in range(len(self.servos)) if slot.shared else (slot.joint,):
                 changed[j][slot.number] = float(table[j, slot.column])
         return tuple(servo.with_(**new) for servo, new in zip(self.servos, changed, strict=True))
+
+
+def slots(
+    free: Sequence[Sequence[str]], sizes: Sequence[dict[str, float]], shared: Sequence[str], usual: Sequence[float]
+) -> tuple[Slot, ...]:
+    """Free numbers of the joints of a branch: their names and sizes by joint, numbers that all share, and usual kp."""
+    out, common = [], set()
+    for j, numbers in enumerate(free):
+        for number in numbers:
+            if number in shared and number in common:
+                continue
+            if number in shared:
+                common.add(number)
+            out.append(Slot(j, number, sizes[j][number], number in shared, usual[j] if number == "kp" else 0.0))
+    return tuple(out)
 
 
 def _low(slot: Slot) -> float:

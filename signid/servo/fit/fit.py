@@ -14,7 +14,7 @@ from ...servos import SERVO_NUMBERS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..plant.course import Moved, RobotCourse, bodies_of, course, groups, part, recorded_course, single
 from ..plant.substeps import substeps
-from .coordinates import Coordinates, Slot
+from .coordinates import Coordinates, slots
 from .intervals import covariance
 from .scan import scan
 from .shots import Shots, build_shots, shoot, window_starts
@@ -89,7 +89,8 @@ def fit_servos(
     robot = bodies_of(model, grids[0].joints)
     courses = tuple(recorded_course(model, grid) for grid in grids)
     acting = [j for j, joint in enumerate(grids[0].joints) if joint in servos]
-    task = _Task(grids, robot, courses, dict(servos), tuple(free), window, tuple(shared), frozenset(own), coarse, usual or {})
+    rest = tuple(shared), frozenset(own), coarse, usual or {}
+    task = _Task(grids, robot, courses, dict(servos), tuple(free), window, *rest)
     joints = groups(robot, acting)
     fits = [_fit_group(task, group, iterations, scales=scales) for group in joints]
     steps = 0
@@ -145,25 +146,11 @@ def _fit_group(
     free = [[number for joint, number in task.free if joint == name] for name in names]
     drives = tuple(started(task.servos[name], mine, size) for name, mine, size in zip(names, free, sizes, strict=True))
     shared = () if task.own.intersection(names) else task.shared
-    where = Coordinates(drives, _slots(free, sizes, shared, [task.usual.get(name, 0.0) for name in names]))
+    where = Coordinates(drives, slots(free, sizes, shared, [task.usual.get(name, 0.0) for name in names]))
     shots = tuple(_shots(task, k, joints, drives) for k in range(len(task.grids)))
     point = before.solved.point if before else first_point(shots, where)
     solved = solve(shots, where, point, iterations if where.slots else 0, task.coarse)
     return _Group(shots, where, solved if before or not scales else scan(shots, where, solved, iterations))
-
-
-def _slots(
-    free: Sequence[Sequence[str]], sizes: Sequence[dict[str, float]], shared: Sequence[str], usual: Sequence[float]
-) -> tuple[Slot, ...]:
-    out, common = [], set()
-    for j, numbers in enumerate(free):
-        for number in numbers:
-            if number in shared and number in common:
-                continue
-            if number in shared:
-                common.add(number)
-            out.append(Slot(j, number, sizes[j][number], number in shared, usual[j] if number == "kp" else 0.0))
-    return tuple(out)
 
 
 def _shots(task: _Task, k: int, joints: tuple[int, ...], drives: Sequence[Servo]) -> Shots:

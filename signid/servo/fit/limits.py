@@ -41,7 +41,11 @@ def start_limits(
 
 
 def _squares(
-    model: Model, grids: Sequence[ServoGrid], joints: Sequence[int], drives: Sequence[Servo], top: Sequence[float | None]
+    model: Model,
+    grids: Sequence[ServoGrid],
+    joints: Sequence[int],
+    drives: Sequence[Servo],
+    top: Sequence[float | None],
 ) -> Array:
     """Mean squares (K, n) [rad2 or m2] of the joints of a branch at K shares of their largest torques."""
     copies = np.repeat(np.array([numbers(servo) for servo in drives])[None], len(SHARES), 0)

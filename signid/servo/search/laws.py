@@ -62,7 +62,7 @@ def try_laws(
 
 
 def _lengthened(by: Searcher, trial: ServoTrial) -> ServoTrial:
-    """Trial with the drives of longer windows, and its residual of short ones, which is compared with that of others."""
+    """Trial with the drives of longer windows; its residual stays that of short ones, to compare it with others."""
     return replace(by.lengthen(trial), residual=trial.residual)
 
 

@@ -17,7 +17,7 @@ from .data import ServoData
 FACTORS = (2.0, 4.0, 16.0)  # of the windows, one after another
 LEAST = 16  # windows in all recordings: fewer give no intervals
 WORSE = 1.15  # error of whole recordings over that of windows from which longer windows are tried
-BETTER = 0.98  # error of whole recordings over that before, geometric mean of the joints, from which longer windows stay
+BETTER = 0.98  # error of whole recordings over that before, geometric mean of the joints, so that they stay
 
 
 def lengthened(model: Model, data: ServoData, trial: ServoTrial, window: float) -> ServoTrial:
