@@ -157,8 +157,8 @@ def slots(
 ) -> tuple[Slot, ...]:
     """Free numbers of the joints of a branch: their names and sizes by joint, numbers that all share, and usual kp."""
     out, common = [], set()
-    for j, numbers in enumerate(free):
-        for number in numbers:
+    for j, names in enumerate(free):
+        for number in names:
             if number in shared and number in common:
                 continue
             if number in shared:

@@ -31,8 +31,9 @@ def try_laws(
     start = replace(base.candidate.only(near), own_delay=frozenset(by.sharing(base.candidate, near)), window=0.0)
     for law in ("effort", "duty", "torque_speed"):  # where no limit of the effort helps, one of the duty does not
         if own := _with(given, law, suspects):
-            trials[law] = _lengthened(by, by.fit(_law_start(by, start, own, law, limits, trials)))
-            helps = {*stated, *loose, *worth(base, trials[law], own)}
+            new = by.fit(_law_start(by, start, own, law, limits, trials))
+            helps = {*stated, *loose, *worth(base, new, own)}
+            trials[law] = _lengthened(by, new) if helps.intersection(own) else new
             suspects = [joint for joint in suspects if law != "effort" or joint in helps or joint not in own]
     keep = {*stated, *(j for law, trial in trials.items() for j in worth(base, trial, _with(given, law, suspects)))}
     if not keep:

@@ -13,7 +13,7 @@ from .laws import largest_torques, limited
 from .searcher import KnownLimits, Searcher
 
 STEPS = 8  # most iterations
-WORTH = 0.93  # residual over that without a limit from which the laws of a joint are tried
+WORTH = 0.8  # residual over that without a limit from which the laws of a joint are tried
 
 
 def rare_limits(by: Searcher, base: ServoTrial, limits: KnownLimits) -> tuple[KnownLimits, list[str]]:

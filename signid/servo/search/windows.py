@@ -16,6 +16,7 @@ from .data import ServoData
 
 FACTORS = (2.0, 4.0, 16.0)  # of the windows, one after another
 LEAST = 16  # windows in all recordings: fewer give no intervals
+STEPS = 8  # most iterations
 WORSE = 1.15  # error of whole recordings over that of windows from which longer windows are tried
 BETTER = 0.98  # error of whole recordings over that before, geometric mean of the joints, so that they stay
 
@@ -32,7 +33,7 @@ def lengthened(model: Model, data: ServoData, trial: ServoTrial, window: float) 
     for factor in FACTORS:
         if seconds / (factor * window) < LEAST and factor * window > max(len(g) / g.rate for g in data.train):
             break
-        new = tried(model, data, replace(best.candidate, window=factor * window), window)
+        new = tried(model, data, replace(best.candidate, window=factor * window), window, STEPS)
         after = whole_rms(model, data.train, new.candidate)
         if np.mean([np.log(after[joint] / whole[joint]) for joint in whole]) > np.log(BETTER):
             break
