@@ -89,11 +89,11 @@ def chain(joints: int) -> str:
 def test_long_chains_are_refused_at_once() -> None:
     assert len(robot_from_text(chain(MOST_JOINTS), "urdf", "c").joints) == MOST_JOINTS
     bodies = "".join(f'<body><joint name="j{i}"/><geom size="1"/></body>' for i in range(999))
-    start = time.monotonic()
+    start = time.process_time()
     for kind, text in (("urdf", chain(999)), ("mjcf", f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")):
         with pytest.raises(RobotError, match=f"999 moving joints, more than {MOST_JOINTS}"):
             robot_from_text(text, kind, "c")
-    assert time.monotonic() - start < 5
+    assert time.process_time() - start < 5
 
 
 def test_devices_pipes_and_giants_are_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -142,10 +142,12 @@ def check_logs(**files: str | None) -> dict[str, Path]:
         OptionError: a name does not end as its kind does, or a library is missing.
         OutputError: a folder cannot be written.
     """
+    asked = {kind: Path(file) for kind, file in files.items() if file is not None}
+    if not asked:
+        return asked
     from ..output.report import probe_folder
     from ..output.viewers import check_library
 
-    asked = {kind: Path(file) for kind, file in files.items() if file is not None}
     for kind, path in asked.items():
         if path.suffix.lower() != f".{kind}" or path.is_dir():
             raise OptionError(f"--{kind} {files[kind]!r} is not the name of a log; use a name that ends in .{kind}")

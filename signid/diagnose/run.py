@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..deadline import ends_in_time, steps_shown, time_is_up
+from ..deadline import ends_in_time, seconds_left, steps_shown, time_is_up
 from ..effects import EFFECT_NAMES, EFFECTS
 from ..errors import InputError, OptionError
 from ..model import Model, ModelSource, as_model
@@ -166,7 +166,9 @@ def _posterior(model: Model, evidence: Evidence, skip: Sequence[str]) -> Posteri
 def _roll_out(
     session: Session, before: Model, after: Model, show: Progress
 ) -> tuple[RollOut | None, RollOut | None, tuple[str, ...]]:
-    """Roll out both simulations; without a roll-out, a note says why."""
+    """Roll out both simulations; without a roll-out, as after the time limit, a note says why."""
+    if seconds_left() <= 0:
+        return None, None, ("no roll-out was made: the time limit had passed, or the search was stopped",)
     show("rolling out", 0.9)
     pairs = (before, after), (after, before)
     try:

@@ -120,9 +120,11 @@ def _log(
     model: Model, recordings: Sequence[Recording], found: Diagnosis | ServoDiagnosis, paths: dict[str, Path]
 ) -> Logs:
     """Log of the recordings for viewers, and the paths that were asked for."""
+    if not paths:
+        return None
     from ...output.viewers import viewer_log
 
-    return (viewer_log(model, recordings, found), paths) if paths else None
+    return viewer_log(model, recordings, found), paths
 
 
 @dataclass(frozen=True, kw_only=True)
