@@ -5,14 +5,18 @@ from __future__ import annotations
 import shutil
 import subprocess
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import signid
 from signid.cli import run
 from signid.effects import EFFECTS
+from signid.effects.base import BodyLaw, TorqueLaw
 from signid.effects.naming import law_at
 from signid.errors import RobotError
 from signid.model import Model, load_model
@@ -23,6 +27,7 @@ from signid.output.export.code.program import program_of
 from signid.regression.motion import Motion
 from signid.robot import robot_from_text
 
+ROOT = Path(__file__).parents[1]
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 STRICT = "-std=c99 -pedantic -O1 -Wall -Wextra -Wconversion -Wshadow -Werror".split()
 LAWS = {
@@ -58,8 +63,16 @@ MIMIC = """<robot name="9 bad*/ name"><link name="base"/>
  iyz="0"/></inertial></link></robot>"""
 
 
+@cache
+def identified() -> Model:
+    """Model that `signid identify` writes for the 3r: armature, friction and offset of every joint are laws."""
+    return signid.identify("3r", [ROOT / "robots" / "3r" / "recording.parquet"]).model
+
+
 def a_model(name: str) -> Model:
-    """Model of a robot by name, of the mimic robot above, or of the 3r with every law that code can hold."""
+    """Model of a robot by name, identified, of the mimic robot, or of the 3r with every law that code can hold."""
+    if name == "identified":
+        return identified()
     if name == "mimic":
         return load_model(robot_from_text(MIMIC, "urdf", "9 bad*/ name"))
     if name != "laws":
@@ -96,7 +109,7 @@ def compiled(model: Model, folder: Path) -> Path:
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-@pytest.mark.parametrize("name", ["1r", "3r", "ur5", "panda", "emps", "mimic", "laws"])
+@pytest.mark.parametrize("name", ["1r", "3r", "identified", "ur5", "panda", "emps", "mimic", "laws"])
 def test_the_c_code_agrees_with_the_model(name: str, tmp_path: Path) -> None:
     model = a_model(name)
     motion, n = states(model), len(model.robot.joints)
@@ -110,9 +123,44 @@ def test_the_c_code_agrees_with_the_model(name: str, tmp_path: Path) -> None:
     assert_allclose(found["inverse_dynamics"], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
     mass = found["mass_matrix"].reshape(-1, n, n)
     assert_allclose(mass, mass.transpose(0, 2, 1), atol=1e-9 * np.abs(mass).max())
+    assert_allclose(found["laws"], expected - without_laws(model).inverse(motion), atol=1e-9 * np.abs(expected).max())
+    weight = without_laws(model).inverse(replace(motion, v=0 * motion.v, a=0 * motion.a))
+    assert_allclose(found["gravity"], weight, atol=1e-9 * np.abs(weight).max(initial=1e-3))
     if name != "laws":  # friction that depends on load is not linear in the acceleration
         change = model.inverse(replace(motion, a=motion.a + 1.0)) - expected
         assert_allclose(mass.sum(-1), change, atol=1e-8 * np.abs(change).max())
+
+
+def without_laws(model: Model) -> Model:
+    """The bodies alone, with the laws that change them, without armature."""
+    laws = (law for law in model.laws if isinstance(law.effect, BodyLaw) and law.effect.name != "armature")
+    return replace(model, laws=tuple(laws))
+
+
+WRITTEN = [name for name in EFFECTS.names if isinstance(EFFECTS[name], TorqueLaw | BodyLaw)]
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_each_law_is_in_the_function_where_it_belongs(name: str) -> None:
+    effect, model = EFFECTS[name], load_model("3r")
+    where = None if effect.scope in ("tip", "robot") else "joint_2"
+    law = law_at(
+        effect, model.robot, where, {**({"partner": "joint_3"} if effect.scope == "pair" else {}), **effect.example}
+    )
+    model = replace(identified(), laws=(*identified().laws, law))
+    motion = states(model)
+    space: dict[str, Any] = {}
+    made = export(model, "arrays")
+    exec(made.text, space)
+    if any(name in note for note in made.notes):
+        model = identified()
+    expected, atol = model.inverse(motion), 1e-9 * np.abs(model.inverse(motion)).max()
+    q, v, a = motion.q, motion.v, motion.a
+    assert_allclose(space["inverse_dynamics"](q, v, a), expected, atol=atol)
+    assert_allclose(space["laws"](q, v, a), expected - without_laws(model).inverse(motion), atol=atol)
+    mass, rest = space["mass_matrix"](q), space["inverse_dynamics"](q, v, 0 * a)
+    if name != "load_friction":
+        assert_allclose(np.einsum("kij,kj->ki", mass, a) + rest, expected, atol=atol)
 
 
 @pytest.mark.parametrize("name", ["3r", "panda", "mimic", "laws"])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +13,12 @@ from ..beyond import fixed_note, lacking
 from .graph import Graph, Scalar
 from .laws import inertial, law_expressions, writable
 from .rigid import Bodies, Expressions, rigid_torque, rotor_torque, tree_of
+
+MASS = (
+    "mass matrix by rows, of the bodies, the armature and couplings of joints: mass_matrix(q) a + "
+    "inverse_dynamics(q, v, 0) = inverse_dynamics(q, v, a) where friction does not depend on load"
+)
+ACCELERATION = re.compile(r"\ba\b")  # in the equation of a law
 
 
 @dataclass(frozen=True)
@@ -44,24 +51,23 @@ def program_of(model: Model, mass_matrix: bool = False) -> Program:
     zero = np.array([graph.constant(0.0)] * n)
     motion = {key: np.array([graph.variable(f"{key}[{j}]") for j in range(n)]) for key in ("q", "v", "a")}
     load = rigid_torque(graph, tree, motion["q"], motion["v"], motion["a"])
-    laws = law_expressions(graph, model, {**motion, "load": load})
+    laws = rotor_torque(tree, motion["a"]) + law_expressions(graph, model, {**motion, "load": load})
     gravity = rigid_torque(graph, tree, motion["q"], zero, zero)
     functions = [
         _function(
             "inverse_dynamics",
             "qva",
             "tau",
-            load + rotor_torque(tree, motion["a"]) + laws,
-            "torque of the bodies, the rotors and the laws",
+            load + laws,
+            "torque of the bodies and of all laws",
         ),
         _function("gravity", "q", "tau", gravity, "torque of gravity"),
-        _function("laws", "qva", "tau", laws, "torque of the laws alone: friction, springs, offsets, armature"),
+        _function("laws", "qva", "tau", laws, "torque of the laws alone: armature, friction, springs, offsets"),
     ]
     if mass_matrix:
         columns = [_unit_torque(graph, tree, model, motion["q"], zero, j) for j in range(n)]
         matrix = np.array(columns).T.ravel()
-        meaning = "mass matrix by rows, of the bodies, the rotors and the armature"
-        functions.append(_function("mass_matrix", "q", "mass", matrix, meaning))
+        functions.append(_function("mass_matrix", "q", "mass", matrix, MASS))
     return Program(graph, tuple(functions), tuple(_notes(model)))
 
 
@@ -72,14 +78,16 @@ def _function(name: str, arguments: str, result: str, outputs: Expressions, mean
 def _unit_torque(
     graph: Graph, tree: Bodies, model: Model, q: Expressions, zero: Expressions, joint: int
 ) -> Expressions:
-    """Column of the mass matrix (n,)."""
+    """Column of the mass matrix (n,): torque at rest of a unit acceleration of one joint."""
     unit = zero.copy()
     unit[joint] = graph.constant(1.0)
     column = rigid_torque(graph, tree, q, zero, unit, gravity=False) + rotor_torque(tree, unit)
-    for law in model.laws:
-        if law.effect.name == "armature" and law.joints == (joint,):
-            column[joint] = column[joint] + law.parameters["inertia"]
-    return column
+    return column + law_expressions(graph, _accelerated(model), {"q": q, "v": zero, "a": unit, "load": zero})
+
+
+def _accelerated(model: Model) -> Model:
+    """The model with the laws only that are linear in acceleration and need no motion, as a coupling of two joints."""
+    return replace(model, laws=tuple(law for law in model.laws if ACCELERATION.search(law.effect.equation)))
 
 
 def _notes(model: Model) -> list[str]:
