@@ -14,20 +14,19 @@ from .effects import EFFECT_NAMES, EFFECTS
 from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw, of_kind
 from .effects.bodies import body_inertia
 from .effects.law import law_torque
-from .effects.naming import drive_laws, law_at, law_place, possible
-from .errors import OptionError, RobotError, SignidError, unexpected
+from .effects.naming import drive_laws, law_at, law_name, law_place, possible
+from .errors import OptionError, RobotError, SignidError, shorten, unexpected
 from .frozen import show_with
 from .regression.covariance import Covariance, read_covariance
 from .regression.motion import Motion
 from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text
 from .robot.dynamics import joint_of_row, own_row, standard_parameters as standard_parameters
-from .servos import Servo, servos_document, servos_from
+from .servos import PASSIVE, Servo, servos_document, servos_from
 from .toml_json import check_schema, read_json
 from .types import Array, Law, Parameters, Result, Robot
 
 SCHEMA = "signid.model/1"
-SERVO_LAWS = ("armature", "viscous_friction", "coulomb_friction", "load_friction", "torque_offset")  # fields of Servo
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +60,16 @@ class Model(Result):
     def inverse(self, motion: Motion) -> Array:
         """Predict the recorded torque (N, n) [N.m or N] along a recorded motion.
 
-        Actuator laws are included only if the motion has recorded torque.
+        Armature, friction and offset of drives count as laws. Actuator laws are included only if the motion has
+        recorded torque.
         """
+        if self.servos:
+            return torque_model(self).inverse(motion)
         whole = self.bodies()
         rotors, whole.armature = whole.armature.copy(), np.zeros(whole.nv)
         acting = replace(self.acted(motion), robot=replace(self.robot, model=whole), predicted=None)
         torque = acting.load + (acting.rates[1] * rotors) @ self.robot.drive
-        for law in (*self.laws, *drive_laws(self.robot, self.servos)):
+        for law in self.laws:
             known = not isinstance(law.effect, ActuatorLaw) or motion.recorded is not None
             if known and not isinstance(law.effect, BodyLaw | RecordingLaw):
                 rows, added = law_torque(law, acting)
@@ -199,10 +201,36 @@ def fitted_model(task: Task, parameters: Parameters) -> Model:
 
 
 def with_servos(model: Model, servos: Mapping[str, Servo]) -> Model:
-    """Model whose joints of these names have these drives, which replace the laws of SERVO_LAWS there."""
-    driven = {model.robot.index(joint) for joint in servos}
-    laws = (law for law in model.laws if law.effect.name not in SERVO_LAWS or not driven.issuperset(law.joints))
+    """Model whose joints of these names have these drives; their numbers replace laws of the same name there."""
+    stated = {(name, model.robot.index(j)) for j, servo in servos.items() for name in PASSIVE if getattr(servo, name)}
+    laws = (law for law in model.laws if (law.effect.name, *law.joints) not in stated)
     return replace(model, laws=tuple(laws), servos={**model.servos, **servos})
+
+
+def torque_model(model: Model) -> Model:
+    """Model for recorded or applied torque: numbers of its drives are laws of the joints, commands have no effect."""
+    return replace(model, laws=(*model.laws, *drive_laws(model.robot, model.servos)), servos={})
+
+
+def command_model(model: Model, servos: Mapping[str, Servo], complete: bool = False) -> tuple[Model, tuple[str, ...]]:
+    """Model for commands: laws of joints with these drives that are numbers of a drive become such numbers.
+
+    A number that a drive states replaces them; with `complete`, zero is stated as well. A note names the laws that the
+    simulation of commands leaves out.
+    """
+    driven = {model.robot.index(joint): joint for joint in servos}
+    out, laws = dict(servos), list[Law]()
+    for law in model.laws:
+        joint, name = driven.get(law.joints[0], ""), law.effect.name
+        if not joint or name not in PASSIVE:
+            laws.append(law)
+        elif not complete and not getattr(servos[joint], name):
+            value = getattr(out[joint], name) + law.effect.coefficients(law.parameters)[0]
+            out[joint] = out[joint].with_(**{name: value if name == "torque_offset" else max(value, 0.0)})
+    acts = [law for law in laws if any(law.effect.coefficients(law.parameters)) and driven.keys() & set(law.joints)]
+    left = [law_name(law, model.robot) for law in acts if not isinstance(law.effect, BodyLaw)]
+    notes = (f"the simulation of commands leaves out {shorten(left)}",) if left else ()
+    return replace(model, laws=tuple(laws), servos=out), notes
 
 
 def _read(path: Path) -> Model:

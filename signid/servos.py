@@ -29,6 +29,8 @@ from .parameters import Array
 
 DRIVE_LAWS = ("effort", "duty", "torque_speed")
 KD_ON = ("velocity", "error")
+# numbers of a drive that are laws of its joint, of the same name
+PASSIVE = ("armature", "viscous_friction", "coulomb_friction", "torque_offset")
 WORDS: Mapping[str, Sequence[str]] = {"law": DRIVE_LAWS, "kd_on": KD_ON}
 SMALLEST, LARGEST = 1e-9, 1e7  # [unit of the number] least that is not zero, and largest; of the drives of robots
 SIZED = ("kp", "effort_limit", "speed_limit", "profile_speed")  # numbers that are zero or at least SMALLEST
@@ -50,7 +52,7 @@ class Servo:
     profile_speed: float = np.inf  # [rad/s] largest speed at which the firmware moves its own command
     coulomb_friction: float = 0.0  # [N.m]
     viscous_friction: float = 0.0  # [N.m.s/rad] of the joint, drive on or off
-    load_friction: float = 0.0  # [1] friction per motor torque
+    load_friction: float = 0.0  # [1] friction per motor torque; the law `load_friction` is about the torque of the link
     armature: float = 0.0  # [kg.m2]
     torque_offset: float = 0.0  # [N.m]
     droop: float = 0.0  # [1/N.m] torque is divided by 1 + droop |torque|

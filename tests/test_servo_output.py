@@ -14,9 +14,9 @@ from servo_results import invented
 
 import signid
 from signid.errors import RobotError
-from signid.model import SERVO_LAWS, Model, load_model, with_servos
+from signid.model import Model, load_model, with_servos
 from signid.output.report import servo_identification_document, to_json
-from signid.servos import Servo
+from signid.servos import PASSIVE, Servo
 from signid.toml_json import SCHEMAS, check_schema
 
 DUTY = Servo(law="duty", kp=1.1, kd=0.05, delay=0.01, effort_limit=0.8, coulomb_friction=0.1, torque_offset=-0.2)
@@ -37,13 +37,13 @@ def test_a_model_with_servos_loads_back(servo_model: Model, tmp_path: Path) -> N
     assert signid.load_model(path).servos == {"joint_1": DUTY, "joint_3": REGISTER}
 
 
-def test_laws_of_a_servo_joint_move_into_its_drive(tmp_path: Path) -> None:
+def test_a_number_of_a_drive_replaces_the_law_of_its_joint(tmp_path: Path) -> None:
     (tmp_path / "actuators.toml").write_text("[joint.joint_1]\narmature = 0.1\n[joint.joint_2]\narmature = 0.2\n")
     stated = load_model("3r", actuators=tmp_path / "actuators.toml")
-    driven = with_servos(stated, {"joint_1": DUTY})
-    assert len(stated.laws) == 2
+    assert len(stated.laws) == len(with_servos(stated, {"joint_1": DUTY}).laws) == 2, "it states no armature"
+    driven = with_servos(stated, {"joint_1": DUTY.with_(armature=0.3)})
     assert [(law.effect.name, law.joints) for law in driven.laws] == [("armature", (1,))]
-    assert all(hasattr(DUTY, name) for name in SERVO_LAWS)
+    assert all(hasattr(DUTY, name) for name in PASSIVE)
 
 
 @pytest.mark.parametrize(

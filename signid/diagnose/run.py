@@ -8,7 +8,7 @@ from dataclasses import replace
 from ..deadline import ends_in_time, seconds_left, steps_shown, time_is_up
 from ..effects import EFFECT_NAMES, EFFECTS
 from ..errors import InputError, OptionError
-from ..model import Model, ModelSource, as_model
+from ..model import Model, ModelSource, as_model, torque_model
 from ..recording import Recordings, as_recordings
 from ..recording_faults import RecordingFaults
 from ..regression.base_parameters import build_base
@@ -107,7 +107,7 @@ def diagnose(
 
 def _given(model: ModelSource, *some: Recordings) -> tuple[Model, list[Recording], list[Recording], list[Recording]]:
     """Model and recordings as they are given to the verb, read where they are paths."""
-    loaded = as_model(model, "diagnose")
+    loaded = torque_model(as_model(model, "diagnose"))
     recordings, held_out, reference = (as_recordings(each, loaded.robot, "diagnose") for each in some)
     return loaded, recordings, held_out, reference
 

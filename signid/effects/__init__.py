@@ -28,5 +28,5 @@ EFFECTS: Registry[Effect] = Registry(
     torque_ripple backlash joint_elasticity encoder_offset time_delay torque_lag payload link_inertia base_tilt
     joint_coupling torque_saturation external_contact fluid_drag torque_sign channel_swap
     """,
-    unlisted="empirical",
+    unlisted="empirical motor_friction",
 )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from ..errors import OptionError
 from ..robot.joints import find
-from ..servos import Servo
+from ..servos import PASSIVE, Servo
 from ..types import Law, Robot, Shape
 from . import EFFECTS
 from .base import Effect
@@ -53,12 +53,26 @@ def law_place(law: Law, robot: Robot) -> tuple[str | None, dict[str, str | float
 def drive_laws(robot: Robot, servos: Mapping[str, Servo]) -> tuple[Law, ...]:
     """Armature, friction and offset of drives as laws, in the order of the joints."""
     return tuple(
-        Law(EFFECTS[name], (j,), EFFECTS[name].physical([getattr(servos[joint], name)], {}))
+        law
         for j, joint in enumerate(robot.joints)
         if joint in servos
-        for name in ("armature", "viscous_friction", "coulomb_friction", "torque_offset")
-        if getattr(servos[joint], name) != 0.0
+        for law in (*passive_laws(servos[joint], j), *_motor_friction(servos[joint], j))
     )
+
+
+def passive_laws(servo: Servo, joint: int) -> tuple[Law, ...]:
+    """Numbers of a drive that are laws of the same name at its joint."""
+    numbers = {name: getattr(servo, name) for name in PASSIVE}
+    return tuple(
+        Law(EFFECTS[name], (joint,), EFFECTS[name].physical([x], {})) for name, x in numbers.items() if x != 0.0
+    )
+
+
+def _motor_friction(servo: Servo, joint: int) -> Iterator[Law]:
+    if servo.load_friction > 0:
+        values = (servo.load_friction, servo.armature, servo.viscous_friction, servo.coulomb_friction)
+        effect = EFFECTS["motor_friction"]
+        yield Law(effect, (joint,), dict(zip(effect.parameters, (*values, servo.torque_offset), strict=True)))
 
 
 def law_name(law: Law, robot: Robot) -> str:

@@ -9,25 +9,18 @@ import numpy as np
 
 from ..effects.base import BodyLaw
 from ..errors import OptionError, RecordingError, shorten
-from ..model import Model, ModelSource, as_model, with_servos
+from ..model import Model, ModelSource, as_model, command_model
 from ..recording import as_recording
 from ..recording.source import Source
-from ..servos import SERVO_NUMBERS, Servo, ServoGrid
+from ..servos import PASSIVE, SERVO_NUMBERS, Servo, ServoGrid
 from ..simulation.plant import Sensors, record_held
 from ..simulation.rollout.joints import restrict_joints
 from ..types import Array, Law, Recording, Result, Robot, Trajectory
-from .plant import grids_of_arrays, roll_out, servo_grid, servo_grids
+from .plant import grids_of_arrays, roll_out, saturated_share, servo_grid, servo_grids
 from .stated import stated_servos
 
 STEP = 1e-3  # [s] of the simulation
 MOST_SPEED = 1e4  # [rad/s or m/s] from which on a simulation has diverged
-FRICTIONS = {  # laws that are numbers of a drive: number by parameter
-    "armature": ("inertia", "armature"),
-    "viscous_friction": ("coefficient", "viscous_friction"),
-    "coulomb_friction": ("level", "coulomb_friction"),
-    "load_friction": ("coefficient", "load_friction"),
-    "torque_offset": ("offset", "torque_offset"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,26 +36,13 @@ class ServoSimulation(Result):
     columns: Mapping[str, Array]  # (N,) each, as recorded [units of their names]
     sensors: Sensors
     notes: tuple[str, ...]
+    saturated: Array  # (n,) [1] share of time at which the limit cuts the torque of the drive
 
     @property
     def error_rms(self) -> Array:
         """Rms of command - position (n,) [rad or m]; NaN for joints without a drive."""
         driven = np.array([joint in self.model.servos for joint in self.model.robot.joints])
         return np.where(driven, np.sqrt(np.mean((self.command - self.q) ** 2, axis=0)), np.nan)
-
-    @property
-    def saturated(self) -> Array:
-        """Share of time (n,) [1] at which the limit of the torque at rest cuts what the loop demands."""
-        return np.array([self._clipped(j, joint) for j, joint in enumerate(self.model.robot.joints)])
-
-    def _clipped(self, j: int, joint: str) -> float:
-        servo = self.model.servos.get(joint, Servo())
-        late = min(round(servo.delay / STEP), len(self.t) - 1)
-        command = np.concatenate([np.full(late, self.command[0, j]), self.command[: len(self.t) - late, j]])
-        demand = servo.kp * (command - self.q[:, j])
-        if servo.law != "duty":
-            demand = demand - servo.kd * self.v[:, j]
-        return float(np.mean(np.abs(demand) > servo.effort_limit))
 
 
 def simulate_servos(
@@ -95,8 +75,8 @@ def simulate_servos(
         commands = as_recording(commands, model.robot, "simulate_servos")
     grid, model, notes = _grid(model, commands)
     servos = _injected(model.robot, dict(model.servos), inject, numbers or {})
-    bodies = tuple(law for law in inject if isinstance(law.effect, BodyLaw) and law.effect.name not in FRICTIONS)
-    model = with_servos(replace(model, laws=(*model.laws, *bodies)), servos)
+    bodies = tuple(law for law in inject if isinstance(law.effect, BodyLaw) and law.effect.name not in PASSIVE)
+    model = replace(model, laws=(*model.laws, *bodies), servos=servos)
     with np.errstate(all="ignore"):
         q = roll_out(model, servos, grid)
         v = np.gradient(q, grid.step, axis=0)
@@ -108,9 +88,9 @@ def simulate_servos(
         model.robot.prismatic, grid.joints, grid.step, q, v, _held(grid, servos), replace(sensors, rate=rate), seed
     )
     t = np.asarray(np.arange(len(grid)) * grid.step)
-    return ServoSimulation(
-        model, tuple(injected), t, q, v, grid.command, columns, replace(sensors, rate=rate), tuple(notes)
-    )
+    saturated = saturated_share(servos, replace(grid, q=q), v)
+    sensors = replace(sensors, rate=rate)
+    return ServoSimulation(model, tuple(injected), t, q, v, grid.command, columns, sensors, tuple(notes), saturated)
 
 
 def _grid(model: Model, commands: Recording | Trajectory) -> tuple[ServoGrid, Model, list[str]]:
@@ -138,7 +118,8 @@ def _grid(model: Model, commands: Recording | Trajectory) -> tuple[ServoGrid, Mo
         )
     if free := [joint for joint in grid.joints if joint not in kept]:
         notes.append(f"{shorten(free)} without a drive follow the given motion")
-    return grid, with_servos(replace(restricted, servos={}), kept), notes
+    driven, left = command_model(restricted, kept)
+    return grid, driven, [*notes, *left]
 
 
 def registered(robot: Robot, servos: Mapping[str, Servo]) -> dict[str, Mapping[str, float | str]]:
@@ -156,16 +137,16 @@ def _injected(
     """Drives with the laws added to their numbers, and with other numbers."""
     for law in laws:
         name = law.effect.name
-        if name not in FRICTIONS:
+        if name not in PASSIVE:
             if isinstance(law.effect, BodyLaw):
                 continue
-            raise OptionError(f"--servo cannot inject {name}; choose laws of bodies, or {', '.join(FRICTIONS)}")
-        key, number = FRICTIONS[name]
+            own = "; the friction of a drive by its motor torque is servo@JOINT:load_friction=0.1" * ("load_" in name)
+            raise OptionError(f"--servo cannot inject {name}; choose laws of bodies, or {', '.join(PASSIVE)}{own}")
         for j in law.joints:
             if (joint := robot.joints[j]) not in servos:
                 raise OptionError(f"--inject {name} is at {joint}, which has no drive; name a joint with a drive")
-            value = getattr(servos[joint], number) + float(law.parameters[key])
-            servos[joint] = servos[joint].with_(**{number: value})
+            value = getattr(servos[joint], name) + law.effect.coefficients(law.parameters)[0]
+            servos[joint] = servos[joint].with_(**{name: value})
     for joint, given in numbers.items():
         if joint not in servos:
             raise OptionError(f"--inject servo@{joint}: {joint} has no drive; choose from {', '.join(servos)}")

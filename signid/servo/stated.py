@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..servos import SERVO_NUMBERS, Servo
+from ..servos import PASSIVE, SERVO_NUMBERS, Servo
 from ..types import Robot
 
-PASSIVE = ("armature", "viscous_friction", "coulomb_friction", "torque_offset")  # also stated outside [joint.X.servo]
 STALLED = ("duty", "torque_speed")  # laws whose limit is the stall torque
 
 
@@ -26,7 +25,7 @@ def stated_servo(robot: Robot, joint: str) -> Servo:
     """Drive of a joint with the numbers that the actuators file states, defaults elsewhere."""
     stated, j = robot.servo.get(joint, {}), robot.index(joint)
     numbers: dict[str, Any] = {}
-    for name in PASSIVE:
+    for name in PASSIVE:  # also stated outside [joint.X.servo]
         value = float(getattr(robot.actuators, name)[j])
         numbers |= {name: value} if np.isfinite(value) else {}
     numbers |= {name: float(stated[name]) for name in (*SERVO_NUMBERS, "kp_register") if name in stated}

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import OptionError, RecordingError, shorten
-from ..model import Model, ModelSource, with_servos
+from ..model import Model, ModelSource, command_model
 from ..recording import Recordings, as_recordings, same_joints
 from ..robot.actuators import state_actuators
 from ..servos import Servo, ServoGrid
@@ -190,7 +190,8 @@ def _restricted(name: str, model: Model, recordings: Sequence[Recording]) -> tup
         )
     restricted, notes = restrict_joints(model, recordings)
     kept = {joint: servo for joint, servo in servos.items() if joint in restricted.robot.joints}
-    return with_servos(replace(restricted, servos={}), kept), [f"{name}: {note}" for note in notes]
+    model, left = command_model(restricted, kept)
+    return model, [f"{name}: {note}" for note in (*notes, *left)]
 
 
 def _registered(name: str, model: Model, actuators: str | Path | None) -> tuple[Robot, list[str]]:

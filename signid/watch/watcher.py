@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import OptionError
-from ..model import Model, ModelSource, as_model
+from ..model import Model, ModelSource, as_model, torque_model
 from ..types import Array
 from .blocks import Blocks, Cutter
 from .changes import Changes
@@ -38,7 +38,7 @@ class Watcher:
     def __init__(self, model: ModelSource, *, quiet: float = QUIET) -> None:
         if not 0 < quiet < 1e5:
             raise OptionError(f"quiet is {quiet:g} s; give the duration of the stretch without contacts, such as 10")
-        self.model: Model = as_model(model, "watch")
+        self.model: Model = torque_model(as_model(model, "watch"))
         robot = self.model.robot
         self.momentum = Momentum(self.model)
         self.intake, self.cutter = Intake(robot), Cutter()

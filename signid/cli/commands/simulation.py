@@ -168,7 +168,7 @@ def _run(
 ) -> SimulationRun:
     """Simulate and record the known model with the injected laws."""
     from ...effects.naming import parse_law
-    from ...model import Model
+    from ...model import Model, torque_model
     from ...output.report import SimulationRun
     from ...simulation.plant import Torques, record, simulate
 
@@ -178,7 +178,8 @@ def _run(
             f"{seconds:g} s at {sensors.rate:g} Hz are a single row; give a longer duration or a higher --rate"
         )
     injected = tuple(parse_law(text, known.robot) for text in plant.inject or ())
-    model = Model(known.robot, known.inertials, (*known.laws, *injected))
+    model = torque_model(known)
+    model = Model(known.robot, known.inertials, (*model.laws, *injected))
     with bars(run.json) as progress:
         moved = simulate(
             model,
@@ -190,7 +191,7 @@ def _run(
             progress=progress,
         )
     columns = record(known.robot, moved, sensors, desired=not isinstance(drive, Torques), seed=run.seed)
-    return SimulationRun(model, injected, moved, columns, sensors, drive, plant.integrator)
+    return SimulationRun(model, injected, moved, columns, sensors, drive, plant.integrator, tuple(known.servos))
 
 
 def _drive(

@@ -101,17 +101,18 @@ def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypo
 
     Where the simulation has a law, the hypothesis is that the law's size is wrong.
     """
-    known = {(law.effect.name, law.joints): law for law in model.laws if any(law.effect.coefficients(law.parameters))}
-    shaped = [Law(x.effect, x.joints, shape) for x in known.values() if (shape := x.effect.shape(x.parameters))]
+    known = [law for law in model.laws if any(law.effect.coefficients(law.parameters))]
+    shaped = [Law(x.effect, x.joints, shape) for x in known if (shape := x.effect.shape(x.parameters))]
+    places = {(law.effect.name, law.joints) for law in known}
     n = len(motion.robot.joints)
     found = [
-        Hypothesis((law,), stated=_stated(known.get((effect.name, law.joints)), law))
+        Hypothesis((law,), stated=_stated(known, law))
         for effect in EFFECTS
         if effect.name not in skip
         for law in [*(x for x in shaped if x.effect is effect), *hypotheses(effect, motion, n)]
         if law.effect.possible(motion.at(law.joints), **law.parameters)
     ]
-    return [*found, *_scaled_links(model, skip), *_friction(set(known), n, skip), *_unknown(motion)]
+    return [*found, *_scaled_links(model, skip), *_friction(places, n, skip), *_unknown(motion)]
 
 
 def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
@@ -126,10 +127,10 @@ def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
             yield Hypothesis((law,), scaled=True)
 
 
-def _stated(known: Law | None, law: Law) -> Law | None:
-    """The law of the simulation if it has the same shape, else None."""
-    same = known is not None and known.effect.shape(known.parameters) == law.effect.shape(law.parameters)
-    return known if same else None
+def _stated(known: Sequence[Law], law: Law) -> Law | None:
+    """The law of the simulation with the same joints and shape, if any."""
+    same = (x for x in known if x.effect is law.effect and x.joints == law.joints)
+    return next((x for x in same if x.effect.shape(x.parameters) == law.effect.shape(law.parameters)), None)
 
 
 def pooled(motions: Sequence[Motion]) -> Motion:

@@ -7,10 +7,11 @@ laws that neither URDF nor MJCF can express, and needs only NumPy.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ...errors import OptionError
-from ...model import ModelSource, as_model
+from ...model import ModelSource, as_model, torque_model
 from .actuators import write_actuators, write_ros
 from .beyond import Exported
 from .code import write_arrays, write_c
@@ -37,6 +38,7 @@ _WRITERS: dict[str, Callable[..., Exported]] = {
     "arrays": write_arrays,
 }
 KINDS = tuple(_WRITERS)
+OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
 
 
 def export(
@@ -67,7 +69,8 @@ def export(
         OptionError: the kind is unknown.
         RobotError: the format cannot hold the bodies of the model, the robot has no URDF, or a floating base no mass.
     """
-    model = with_drive_laws(as_model(model, "export"))
+    model = as_model(model, "export")
+    model = replace(model, laws=torque_model(model).laws) if kind in OF_TORQUE else with_drive_laws(model)
     if kind == "mjcf":
         return write_mjcf(model, package_dirs, floating, meshes)
     if kind == "c":

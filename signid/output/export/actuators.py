@@ -12,10 +12,9 @@ import pinocchio as pin
 from ...errors import one_line
 from ...model import Model
 from ...recording.names import quoted
-from ...servos import SERVO_NUMBERS, SERVO_UNITS, Servo, servos_document
+from ...servos import PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo, servos_document
 from ...types import Actuators, Array
 from .beyond import BODIES, Exported, beyond, fixed_note, remarks, summed
-from .drives import DRY
 from .training import FIELDS
 
 _UNITS = {
@@ -54,7 +53,7 @@ def write_actuators(model: Model) -> Exported:
 def _servo_lines(servo: Servo) -> list[str]:
     """Keys of a drive that are not keys of its joint; numbers without an effect are left out."""
     lines = [f'law = "{servo.law}"', *([f'kd_on = "{servo.kd_on}"'] if servo.kd_on != Servo.kd_on else [])]
-    for key in (name for name in SERVO_NUMBERS if name not in (*DRY, "droop")):
+    for key in (name for name in SERVO_NUMBERS if name not in (*PASSIVE, "droop")):
         value = float(getattr(servo, key))
         if np.isfinite(value) and (value > 0 or key in ("kd", "delay")):
             lines.append(f"{key} = {value!r}  # {SERVO_UNITS[key]}")

@@ -7,16 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...effects import EFFECTS
+from ...effects.naming import passive_laws
 from ...errors import shorten
 from ...model import Model
 from ...servos import Servo
-from ...types import Law
 from .beyond import MOST
 from .shapes import words
 
 STEP = 1e-4  # time step of an exported MJCF with drives: 1 mrad beside exact roll-outs, also saturated [s]
-DRY = ("armature", "viscous_friction", "coulomb_friction", "torque_offset")  # numbers of a drive that are laws as well
 _LACKED = {  # numbers that no format of a simulator holds: words, value without the effect
     "load_friction": ("friction per motor torque", 0.0),
     "dead_band": ("the dead band", 0.0),
@@ -29,13 +27,8 @@ _APART = 1.0 + 1e-9  # keeps MuJoCo from reading a positive coefficient of the s
 
 def with_drive_laws(model: Model) -> Model:
     """The model with armature, friction and offset of its drives as laws, in the order of the joints."""
-    laws = [
-        Law(EFFECTS[name], (j,), EFFECTS[name].physical([getattr(model.servos[joint], name)], {}))
-        for j, joint in enumerate(model.robot.joints)
-        if joint in model.servos
-        for name in DRY
-        if getattr(model.servos[joint], name) != 0.0
-    ]
+    joints = ((j, joint) for j, joint in enumerate(model.robot.joints) if joint in model.servos)
+    laws = [law for j, joint in joints for law in passive_laws(model.servos[joint], j)]
     return replace(model, laws=(*model.laws, *laws)) if laws else model
 
 

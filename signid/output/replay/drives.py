@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import OptionError, shorten
-from ...model import Model, with_servos
+from ...model import Model, command_model
 from ...servo.plant import roll_out, servo_grid
 from ...servo.simulate import registered
 from ...servo.stated import stated_servos
@@ -42,7 +42,8 @@ def with_drives(model: Model, recording: Recording) -> tuple[Model, Sequence[str
     restricted, notes = restrict_joints(model, [recording])
     free = [joint for joint in restricted.robot.joints if joint not in kept]
     follow = [f"{shorten(free)} without a drive follow the recorded motion"] if free else []
-    return with_servos(replace(restricted, servos={}), kept), [*notes, *follow]
+    driven, left = command_model(restricted, kept)
+    return driven, [*notes, *left, *follow]
 
 
 def follow_commands(models: Sequence[Model], recording: Recording, window: float | None, rate: float) -> Track:

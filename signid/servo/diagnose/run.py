@@ -9,7 +9,7 @@ from pathlib import Path
 from ...deadline import ends_in_time
 from ...effects import EFFECTS
 from ...errors import OptionError, RecordingError
-from ...model import Model, ModelSource, as_model, with_servos
+from ...model import Model, ModelSource, as_model
 from ...recording import Recordings, as_recordings
 from ...types import Array, Law, Progress
 from ..audit import audit_flags
@@ -142,7 +142,7 @@ def _extended(model: Model, data: ServoData, found: Sequence[tuple[tuple[int, ..
             tip = model.robot.index(data.joints[joints[one.setting.loop.leaf]])
             numbers = {"mass": mass, "first_moment_x": x, "first_moment_y": y, "first_moment_z": z}
             laws.append(Law(EFFECTS["payload"], (tip,), numbers))
-    return with_servos(replace(model, laws=tuple(laws)), servos)
+    return replace(model, laws=tuple(laws), servos=servos)
 
 
 def _rolled(

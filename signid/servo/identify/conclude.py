@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ...model import Model, with_servos
+from ...model import Model, command_model
 from ..fit import ServoFit
 from ..search.data import ServoData, loop_error
 from ..search.searcher import Chosen, ServoOptions
@@ -79,7 +79,7 @@ def conclude(
     notes = (*joint_notes(joints), *law_notes(joints, known.laws, limited))
     return ServoIdentification(
         robot=robot,
-        model=with_servos(model, servos),
+        model=command_model(model, servos, complete=True)[0],
         servos=servos,
         joints=joints,
         scale=scale,

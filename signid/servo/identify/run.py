@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...deadline import ends_in_time
-from ...model import ModelSource, as_model, with_servos
+from ...model import ModelSource, as_model, command_model
 from ...recording import Recordings, as_recordings
 from ...regression.session import only_once
 from ...servos import Servo
@@ -78,7 +78,7 @@ def identify_servos(
     most = SEARCHED // cost
     folds = tuple((thinned(a, most), thinned(b, most)) for a, b in data.folds)
     few = replace(data, train=thinned(data.train, most), folds=folds)
-    plain = with_servos(model, {joint: Servo() for joint in data.driven})
+    plain, _ = command_model(model, {joint: Servo() for joint in data.driven}, complete=True)
     starts = {law: _driven(start_servos(plain, few.train, law), data.driven) for law in EQUAL}
     weighed, remarks = plain, tuple[str, ...]()
     if scale == "kp":

@@ -74,6 +74,21 @@ def roll_out_along(
     return out
 
 
+def saturated_share(servos: Mapping[str, Servo], grid: ServoGrid, v: Array) -> Array:
+    """Share (n,) [1] of rows in which the limit of a drive cuts its torque; 0 for joints without one.
+
+    The positions of the grid and the speeds v (N, n) [rad/s or m/s] are those of the closed loop.
+    """
+    driven = [j for j, joint in enumerate(grid.joints) if joint in servos]
+    drives = _Drives(grid, driven, [servos[grid.joints[j]] for j in driven], 1)
+    act, cut = np.empty((4, len(driven))), np.zeros(len(grid.joints))
+    q, v = (np.ascontiguousarray(x[:, driven]) for x in (grid.q, v))
+    for k in range(len(grid)):
+        drives.act(k, k, q[k], v[k], act)
+        cut[driven] += act[3] != 0.0
+    return cut / len(grid)
+
+
 def _restart(grid: ServoGrid, horizon: float | None) -> int:
     """Rows from one measured state to the next."""
     return len(grid) if horizon is None else max(int(round(horizon * grid.rate)), 1)
@@ -104,6 +119,24 @@ class _Drives:
         self.commands = np.ascontiguousarray(np.moveaxis(np.array(each), 0, 1))  # (7, n, N parts)
         self.variant = np.arange(len(driven))[None]
         self.on, self.voltage, self.gain = grid.on[:, driven], grid.voltage[:, driven], grid.gain[driven]
+
+    def act(self, row: int, step: int, q: Array, v: Array, out: Array) -> None:
+        """Torque, damping, friction bound and kind of limit, out (4, n), in a substep of a row at q and v, (n,)."""
+        actuate(
+            self.numbers,
+            0,
+            self.laws,
+            q,
+            v,
+            self.commands,
+            self.variant,
+            step,
+            self.on,
+            self.voltage,
+            row,
+            self.gain,
+            out,
+        )
 
     def along(self, along: RobotCourse, starts: Indices, rows: int) -> Array:
         """Positions (W, rows + 1, n) [rad or m] of windows that begin at the states of a motion, in rows `starts`."""
@@ -151,21 +184,7 @@ class _Loop(_Drives):
             whole, speed, rate = ((1 - far) * x[k] + far * x[k + 1] for x in motion)
             half, step = q + 0.5 * self.h * v, k * self.parts + s
             whole[j], speed[j], rate[j] = half, v, 0.0
-            actuate(
-                self.numbers,
-                0,
-                self.laws,
-                half,
-                v,
-                self.commands,
-                self.variant,
-                step,
-                self.on,
-                self.voltage,
-                k,
-                self.gain,
-                act,
-            )
+            self.act(k, step, half, v, act)
             mass, load = self._dynamics(whole, speed, rate)
             before, known[0] = v.copy(), -1.0
             for _ in range(PASSES):

@@ -11,7 +11,7 @@ import numpy as np
 from ...deadline import ends_in_time
 from ...effects import EFFECT_NAMES
 from ...errors import OptionError
-from ...model import ModelSource, as_model
+from ...model import ModelSource, as_model, torque_model
 from ...types import Array, Progress, Trajectory
 from .cost import CRITERIA, ExcitationCost
 from .families import FAMILIES
@@ -70,7 +70,7 @@ def excite(
     Raises:
         OptionError: an option is unknown, a limit leaves no motion, or the duration is shorter than a period.
     """
-    model = as_model(model, "excite")
+    model = torque_model(as_model(model, "excite"))
     frequency = 1 / duration if base_frequency is None and duration > 0 else base_frequency or 0.0
     _check(kind, criterion, rate, duration, harmonics, frequency)
     family = FAMILIES["fourier" if kind == RANDOM else kind](duration, harmonics, frequency)

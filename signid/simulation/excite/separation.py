@@ -13,7 +13,7 @@ from ...deadline import ends_in_time
 from ...effects import EFFECTS
 from ...effects.law import places
 from ...errors import OptionError
-from ...model import Model, ModelSource, as_model
+from ...model import Model, ModelSource, as_model, torque_model
 from ...optimisers import OPTIMISERS, Problem
 from ...regression.motion import Motion
 from ...types import Array, Frozen, Law, Progress
@@ -77,7 +77,7 @@ def separate(
 
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """
-    model = as_model(model, "separate")
+    model = torque_model(as_model(model, "separate"))
     _refuse(model, first, second, nuisance)
     check_duration(duration, harmonics, 1 / duration if duration > 0 else 0.0)
     check_rows(duration, rate)

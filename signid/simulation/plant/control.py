@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ...effects.base import BodyLaw
 from ...errors import InputError, OptionError, RecordingError, unexpected
-from ...model import Model, ModelSource, as_model
+from ...model import Model, ModelSource, as_model, torque_model
 from ...recording.columns import assign_columns
 from ...recording.source import Source, open_source
 from ...regression.motion import Motion
@@ -116,7 +116,7 @@ def track(
         InputError: the trajectory is of other joints.
         OptionError: a gain is negative, bandwidth or damping are invalid, or the motion is no Trajectory.
     """
-    known = as_model(known, "track")
+    known = torque_model(as_model(known, "track"))
     robot = known.robot
     if not isinstance(trajectory, Trajectory):
         raise unexpected("track", "a Trajectory", trajectory, "signid.excite(robot).trajectory")

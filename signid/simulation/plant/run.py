@@ -10,7 +10,7 @@ import numpy as np
 from ...effects.base import ActuatorLaw, RecordingLaw, of_kind
 from ...effects.trial import Trial
 from ...errors import OptionError
-from ...model import Model, ModelSource, as_model
+from ...model import Model, ModelSource, as_model, torque_model
 from ...types import Array, Law, Progress, Result
 from .control import Drive
 from .plant import Plant
@@ -61,7 +61,7 @@ def simulate(
     Raises:
         OptionError: the duration, the step or a law cannot be simulated, or the simulation diverges.
     """
-    model = as_model(model, "simulate")
+    model = torque_model(as_model(model, "simulate"))
     return simulate_many(
         model, [drive], duration, step=step, integrator=integrator, substeps=substeps, progress=progress
     )[0]

@@ -11,7 +11,7 @@ import numpy as np
 from ...effects.base import TorqueLaw, of_kind
 from ...effects.trial import Trial
 from ...errors import OptionError
-from ...model import Model, ModelSource, as_model
+from ...model import Model, ModelSource, as_model, torque_model
 from ...recording import Recordings, as_recordings, need_torque
 from ...recording.sampling import survey
 from ...regression.bandwidth import Band, choose_band
@@ -109,7 +109,7 @@ def roll_out(
         OptionError: a horizon, the number of windows or the step is invalid, or a recording's torque has no sign.
         RecordingError: a recording cannot be used, or no stretch of it is long enough.
     """
-    model = as_model(model, "roll_out")
+    model = torque_model(as_model(model, "roll_out"))
     each = _each(recordings, model.robot)
     need_torque(each)
     _check(each, horizons, windows, step)

@@ -41,6 +41,7 @@ class SimulationRun:
     sensors: Sensors
     drive: Drive  # drive of the robot
     integrator: str
+    without_drives: tuple[str, ...] = ()  # joints whose position drives take no part, except by friction and armature
 
     @property
     def acting(self) -> list[Law]:
@@ -58,7 +59,12 @@ class SimulationRun:
             "tracked poorly; a larger --bandwidth may help": error > np.where(robot.prismatic, *FAR),
         }
         named = {text: list(compress(robot.joints, which)) for text, which in said.items()}
-        return (*robot.notes, *(f"{shorten(joints)} {text}" for text, joints in named.items() if joints))
+        drives = [
+            f"torque moves the robot: of the position drives of {shorten(self.without_drives)} only armature, friction "
+            f"and offset act; --servo simulates the drives"
+        ] * bool(self.without_drives)
+        found = (f"{shorten(joints)} {text}" for text, joints in named.items() if joints)
+        return (*robot.notes, *drives, *found)
 
     @property
     def torque_rms(self) -> Array:

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import RenderableType
 
+from .....effects import EFFECTS
 from .....model import standard_parameters
 from .....parameters import Array, pseudo_inertia
+from .....servos import PASSIVE
 from .....types import Input
 from ...layout import UNKNOWN, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
 from ..documents import Document, description, ending, opening
@@ -20,13 +22,7 @@ if TYPE_CHECKING:
     from .....servo.zeros import JointZero
 
 FIRST = ("kp", "damping", "delay", "lag", "effort_limit", "armature", "coulomb_friction", "load_friction")
-LAWS = {  # passive numbers of a drive -> key of the effect of the same name
-    "armature": "inertia",
-    "viscous_friction": "coefficient",
-    "coulomb_friction": "level",
-    "load_friction": "coefficient",
-    "torque_offset": "offset",
-}
+LAWS = (*PASSIVE, "load_friction")  # numbers of a drive that are written as effects
 ROUNDING = 1e-9  # eigenvalue over trace of a pseudo-inertia that counts as 0
 DAMPING = "kd + viscous_friction + back_emf"
 
@@ -112,11 +108,11 @@ def _number(number: ServoNumber) -> Document:
 def _effects(result: ServoIdentification) -> Iterator[Document]:
     """Passive laws of the joints that the recordings identify."""
     for one in result.joints:
-        for name, key in LAWS.items():
+        for name in LAWS:
             number = one.numbers.get(name)
             if number is not None and number.value is not None:
                 value = {"value": number.value, "std": number.std, "unit": number.unit}
-                yield {"effect": name, "joint": one.joint, "parameters": {key: value}}
+                yield {"effect": name, "joint": one.joint, "parameters": {next(iter(EFFECTS[name].parameters)): value}}
 
 
 def ordered_numbers(joints: Sequence[ServoJoint]) -> list[str]:
