@@ -18,7 +18,7 @@ Torque off (`on` = 0): tau_m = 0. Source: methods of BAM (Duclusaud et al. 2025)
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -57,6 +57,8 @@ class Servo:
     torque_offset: float = 0.0  # [N.m]
     droop: float = 0.0  # [1/N.m] torque is divided by 1 + droop |torque|
     kp_register: float | None = None  # firmware gain that `kp` belongs to; a recording's own is relative to it
+    # numbers that recordings do not identify, with the value that was stated before, if any [unit of the number]
+    not_identifiable: Mapping[str, float | None] = field(default_factory=dict, compare=False)
 
     @property
     def damping(self) -> float:
@@ -73,7 +75,7 @@ class Servo:
         return replace(self, **numbers)  # type: ignore[arg-type]
 
 
-SERVO_NUMBERS = tuple(f.name for f in fields(Servo) if f.name not in (*WORDS, "kp_register"))
+SERVO_NUMBERS = tuple(f.name for f in fields(Servo) if f.name not in (*WORDS, "kp_register", "not_identifiable"))
 SERVO_UNITS = {
     "kp": "N.m/rad",
     "kd": "N.m.s/rad",
@@ -141,7 +143,8 @@ def _document(servo: Servo) -> dict[str, Any]:
     numbers = {name: float(getattr(servo, name)) for name in SERVO_NUMBERS}
     finite = {name: value for name, value in numbers.items() if np.isfinite(value)}
     register = {} if servo.kp_register is None else {"kp_register": float(servo.kp_register)}
-    return {"law": servo.law, "kd_on": servo.kd_on, **finite, **register}
+    unknown = {"not_identifiable": dict(servo.not_identifiable)} if servo.not_identifiable else {}
+    return {"law": servo.law, "kd_on": servo.kd_on, **finite, **register, **unknown}
 
 
 def servos_from(content: Mapping[str, Mapping[str, Any]], joints: Sequence[str]) -> dict[str, Servo]:
@@ -157,8 +160,11 @@ def servos_from(content: Mapping[str, Mapping[str, Any]], joints: Sequence[str])
         for key, known in WORDS.items():
             if getattr(servo, key) not in known:
                 raise ValueError(f"servos.{joint}.{key}: {getattr(servo, key)!r} is none of {', '.join(known)}")
-        for name, value in content[joint].items():
+        if strangers := [name for name in servo.not_identifiable if name not in SERVO_NUMBERS]:
+            raise ValueError(f"servos.{joint}.not_identifiable: a drive has no number {strangers[0]!r}")
+        given = {name: value for name, value in content[joint].items() if name not in (*WORDS, "not_identifiable")}
+        for name, value in given.items():
             positive = name == "kp_register" or (name in SIZED and value > 0)
-            if name not in WORDS and value is not None and (fault := number_fault(name, value, positive)):
+            if value is not None and (fault := number_fault(name, value, positive)):
                 raise ValueError(f"servos.{joint}.{name}: {value:g} {SERVO_UNITS.get(name, '')}; {fault}")
     return found

@@ -55,13 +55,15 @@ def deliver_servos(
     more: Mapping[str, Content],
 ) -> int:
     """Write and print an identification of position drives, with more files; return the exit code."""
-    from ..effects.naming import drive_laws
+    from ..model import torque_model
+    from ..output.export import with_known_numbers
     from ..output.report import servo_identification_document, servo_identification_tables, servo_page, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
-        laws = (*result.model.laws, *drive_laws(result.model.robot, result.model.servos))
-        described, notes = _urdf(result.model.robot, result.model.inertials, laws)
+        known, left = with_known_numbers(result.model, gain=False)
+        described, notes = _urdf(known.robot, known.inertials, torque_model(known).laws)
+        notes = (*notes, *(f"robot.urdf: {note}" for note in left))
         result = replace(result, notes=(*result.notes, *notes))
         files = {**described, "report.html": servo_page(result, inputs, command), **more}
     document = to_json(servo_identification_document(result, inputs))

@@ -15,14 +15,14 @@ from ...model import ModelSource, as_model, torque_model
 from .actuators import write_actuators, write_ros
 from .beyond import Exported
 from .code import write_arrays, write_c
-from .drives import with_drive_laws
+from .drives import annotated, with_drive_laws, with_known_numbers
 from .function import write_function
 from .lerobot import write_expected, write_lerobot
 from .mjcf import write_mjcf
 from .training import write_isaaclab, write_mjlab
 from .urdf import urdf_with, with_comment, write_urdf
 
-__all__ = ["KINDS", "Exported", "export", "urdf_with", "with_comment"]
+__all__ = ["KINDS", "Exported", "export", "urdf_with", "with_comment", "with_known_numbers"]
 
 _WRITERS: dict[str, Callable[..., Exported]] = {
     "urdf": write_urdf,
@@ -66,15 +66,16 @@ def export(
             Default: they are read from their place.
 
     Raises:
-        OptionError: the kind is unknown.
+        OptionError: the kind is unknown, or the gain of a position drive.
         RobotError: the format cannot hold the bodies of the model, the robot has no URDF, or a floating base no mass.
     """
     model = as_model(model, "export")
-    model = replace(model, laws=torque_model(model).laws) if kind in OF_TORQUE else with_drive_laws(model)
-    if kind == "mjcf":
-        return write_mjcf(model, package_dirs, floating, meshes)
-    if kind == "c":
-        return write_c(model, name)
     if kind not in _WRITERS:
         raise OptionError(f"there is no export to {kind!r}; choose from {', '.join(KINDS)}")
-    return _WRITERS[kind](model)
+    model, unknown = with_known_numbers(model, gain=kind not in (*OF_TORQUE, "urdf"))
+    model = replace(model, laws=torque_model(model).laws) if kind in OF_TORQUE else with_drive_laws(model)
+    if kind == "mjcf":
+        made = write_mjcf(model, package_dirs, floating, meshes)
+    else:
+        made = write_c(model, name) if kind == "c" else _WRITERS[kind](model)
+    return annotated(kind, made, unknown)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from ...effects.naming import passive_laws
-from ...errors import shorten
+from ...errors import OptionError, shorten
 from ...model import Model
-from ...servos import Servo
-from .beyond import MOST
+from ...servos import PASSIVE, Servo
+from .beyond import MOST, Exported, commented, remarks
 from .shapes import words
 
 STEP = 1e-4  # time step of an exported MJCF with drives: 1 mrad beside exact roll-outs, also saturated [s]
@@ -30,6 +31,50 @@ def with_drive_laws(model: Model) -> Model:
     joints = ((j, joint) for j, joint in enumerate(model.robot.joints) if joint in model.servos)
     laws = [law for j, joint in joints for law in passive_laws(model.servos[joint], j)]
     return replace(model, laws=(*model.laws, *laws)) if laws else model
+
+
+def with_known_numbers(model: Model, gain: bool) -> tuple[Model, list[str]]:
+    """Model without numbers of drives that the recordings did not identify, and a note on each.
+
+    The value that was stated before takes its place, else none: no friction, armature, offset, limit or delay. A drive
+    has no use without its `gain` kp, so that must be known.
+
+    Raises:
+        OptionError: the gain of a drive is neither identifiable nor stated.
+    """
+    servos, notes = dict(model.servos), list[str]()
+    for joint, servo in model.servos.items():
+        unknown = servo.not_identifiable
+        if gain and unknown.get("kp", 0.0) is None:
+            raise OptionError(
+                f"kp of {joint} is not identifiable from the recordings, so it cannot be exported; state it: signid "
+                f"identify --known kp.{joint}=20, or kp below [joint.{joint}.servo] in actuators.toml"
+            )
+        known = {name: getattr(Servo, name) if x is None else x for name, x in unknown.items()}
+        servos[joint] = replace(servo.with_(**known), not_identifiable={})
+        for stated, what in ((True, "as stated before the recordings"), (False, "left out")):
+            if names := [
+                name for name, x in unknown.items() if (x is not None) == stated and (gain or name in PASSIVE)
+            ]:
+                notes.append(f"not identifiable from the recordings and {what}: {shorten(names)} of {joint}")
+    return replace(model, servos=servos), notes
+
+
+def annotated(kind: str, made: Exported, notes: list[str]) -> Exported:
+    """An export with further notes, as comments of its text; JSON has a list of them."""
+    if not notes:
+        return made
+    if kind == "lerobot":
+        text = json.dumps({**json.loads(made.text), "notes": notes}, indent=2, ensure_ascii=False) + "\n"
+    elif kind in ("urdf", "mjcf"):
+        head = made.text.index("?>") + 2 if made.text.startswith("<?xml") else 0
+        comment = f"<!--\n{commented(notes)}\n-->\n"
+        text = f"{made.text[:head]}{chr(10) * bool(head)}{comment}{made.text[head:].lstrip()}"
+    elif kind == "c":
+        text = "".join(f"/* {note} */\n" for note in notes) + made.text
+    else:
+        text = remarks(notes) + made.text
+    return replace(made, text=text, notes=(*made.notes, *notes))
 
 
 def drive_note(subject: str, model: Model) -> list[str]:

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ...model import Model, command_model
+from ...servos import PASSIVE, SERVO_NUMBERS, Servo
+from ...types import Robot
 from ..fit import ServoFit
 from ..search.data import ServoData, loop_error
 from ..search.searcher import Chosen, ServoOptions
@@ -66,7 +70,8 @@ def conclude(
     joints = tuple(_joint(joint, fit, chosen, facts[joint], known.sets) for joint in fit.servos)
     unseen = data.held_out is not data.train
     rolled, traces = assess(model, described, fit.servos, known.stated, data.held_out, unseen)
-    servos, robot, added = dict(fit.servos), model.robot, list(remarks)
+    robot, added = model.robot, list(remarks)
+    servos = _marked(fit.servos, joints, known.stated, robot)
     if worse_than_stated(rolled):
         servos = nominal_servos(robot, fit.servos, known.stated)
         model, added = described, [*added, worse_flag(rolled)]
@@ -90,6 +95,28 @@ def conclude(
         notes=(*model.robot.notes, *notes, *duty_notes(known.tied), *fit.notes),
         seed=options.seed,
     )
+
+
+def _marked(
+    servos: Mapping[str, Servo], joints: Sequence[ServoJoint], stated: Stated, robot: Robot
+) -> dict[str, Servo]:
+    """Drives that know which of their numbers are not identifiable, and what was stated of them before."""
+    out = dict(servos)
+    for one in joints:
+        known = {n: float(x) for n in PASSIVE if np.isfinite(x := getattr(robot.actuators, n)[robot.index(one.joint)])}
+        known |= {name: float(x) for name, x in stated.get(one.joint, {}).items() if name in SERVO_NUMBERS}
+        lost = {name for name, number in one.numbers.items() if number.value is None and name in SERVO_NUMBERS}
+        if _has(one, "damping"):  # their sum is identifiable
+            lost -= {"kd", "viscous_friction"}
+        if _has(one, "lag"):  # delay + damping / kp is
+            lost -= {"delay"}
+        unknown = {name: known.get(name) for name in SERVO_NUMBERS if name in lost}
+        out[one.joint] = replace(out[one.joint], not_identifiable=unknown)
+    return out
+
+
+def _has(one: ServoJoint, name: str) -> bool:
+    return name in one.numbers and one.numbers[name].value is not None
 
 
 def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, sets: Sequence[Sequence[str]]) -> ServoJoint:

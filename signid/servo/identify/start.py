@@ -39,8 +39,7 @@ def stated_drive(robot: Robot, joint: str) -> Servo:
         law=str(entries.get("law", DRIVE_LAWS[0])),
         kd_on=str(entries.get("kd_on", KD_ON[0])),
         kp_register=None if register is None else float(register),
-        **numbers,
-    )
+    ).with_(**numbers)
 
 
 def stated_laws(robot: Robot, joints: Sequence[str], laws: Mapping[str, str] | str | None) -> dict[str, str]:
