@@ -17,8 +17,8 @@ from signid.model import Model, load_model, with_servos
 from signid.servo.diagnose import diagnose_servos
 from signid.servo.diagnose.closed_loop import LINEAR, ClosedLoop
 from signid.servo.diagnose.laws import HYPOTHESES, Reach
-from signid.servo.diagnose.noise import position_noise
 from signid.servo.plant import grids_of_arrays, roll_out
+from signid.servo.search.noise import position_noise
 from signid.servos import SERVO_NUMBERS, Servo
 from signid.toml_json import check_schema
 

@@ -17,11 +17,11 @@ from ..identify.result import ServoRollOut, ServoTrace
 from ..plant import roll_out
 from ..plant.course import bodies_of, groups
 from ..search.data import ServoData, servo_data
+from ..search.noise import position_noise
 from ..validate import closed_loops, need_commands, prepared_model
 from .closed_loop import ClosedLoop, Point
 from .conclude import conclude, fits
 from .laws import HYPOTHESES
-from .noise import position_noise
 from .repeats import servo_repeats
 from .result import ServoDiagnosis, ServoRepeats
 from .search import GroupSearch, search

@@ -27,6 +27,7 @@ from .flags import (
     worse_flag,
     worse_than_stated,
 )
+from .held_out import compared, far_flags, held_out_errors
 from .identifiable import RARE, JointFacts, dependence, dependent_numbers, joint_numbers
 from .result import ServoIdentification, ServoJoint, ServoRollOut
 from .scale import alternatives, known_scale
@@ -67,8 +68,10 @@ def conclude(
             model, data, fit.servos, saturated, known.fixed, known.scale != "nothing"
         ).items()
     }
-    joints = tuple(_joint(joint, fit, chosen, facts[joint], known.sets) for joint in fit.servos)
     unseen = data.held_out is not data.train
+    errors = held_out_errors(model, data, fit.servos) if unseen else {}
+    facts = compared(model, data, fit.servos, facts, errors) if unseen else facts
+    joints = tuple(_joint(joint, fit, chosen, facts[joint], known.sets) for joint in fit.servos)
     rolled, traces = assess(model, described, fit.servos, known.stated, data.held_out, unseen)
     robot, added = model.robot, list(remarks)
     servos = _marked(fit.servos, joints, known.stated, robot)
@@ -81,7 +84,9 @@ def conclude(
     other = alternatives(known.sets, fit.servos, std, gains) if known.scale == "masses" else ()
     scale = known_scale(known.scale, gains, other)
     added += [scale.sentence] if known.scale == "nothing" else []
-    notes = (*joint_notes(joints), *law_notes(joints, known.laws, limited))
+    added += far_flags(errors)
+    unsure = [joint for joint, fact in facts.items() if fact.held_out_torque > 0]
+    notes = (*joint_notes(joints), *law_notes(joints, known.laws, [*limited, *unsure]))
     return ServoIdentification(
         robot=robot,
         model=command_model(model, servos, complete=True)[0],

@@ -13,13 +13,14 @@ from ...types import Recording, Robot
 from ..plant import servo_grids
 from ..plant.course import bodies_of, recorded_course
 from ..search.data import ServoData
-from .identifiable import JointFacts
+from .identifiable import RARE, JointFacts
 from .start import Stated, moves_while_off
 
 FULL = 0.95  # duty from which a sample is left out of the slope
 LINEAR = 0.98  # share of the variance of the duty that the error explains
 ROWS = 50  # least number of samples
 SLIDING = 0.05  # [rad/s or m/s] over which friction turns
+PARTS = 9  # of the damping of a drive
 POWER = 0.95  # share of the power of the commands below the frequency of the shortest period
 
 
@@ -38,7 +39,7 @@ def joint_facts(
     facts = {}
     for joint, servo in servos.items():
         j = data.joints.index(joint)
-        rows = np.concatenate([motor_torque(servo, grid, j) for grid in data.train])
+        reached, damping = reached_torque(servo, data.train, [one.motion.v[:, j] for one in courses], j)
         share, unique = known_load_share(loads[:, j], v[:, j], a[:, j], servo)
         facts[joint] = JointFacts(
             joint,
@@ -48,7 +49,8 @@ def joint_facts(
             unique_load_share=unique,
             masses_set_scale="kp" not in stated.get(joint, {}),
             saturated_share=float(np.nan_to_num(saturated.get(joint, 0.0))),
-            largest_torque=float(np.abs(rows).max(initial=0.0)),
+            largest_torque=reached,
+            drive_damping=damping,
             torque_off=moves_while_off(data, joint),
             command_speed=servo.kd_on == "error",
             stated=stated.get(joint, {}),
@@ -75,14 +77,31 @@ def _rms(x: Array) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def motor_torque(servo: Servo, grid: ServoGrid, joint: int) -> Array:
-    """Torque (N,) [N.m or N] of a drive along measured positions, without its limit at the torque that it reaches."""
-    rows = np.arange(len(grid))
-    command = np.interp(rows - servo.delay * grid.rate, rows, grid.command[:, joint])
-    error = command - grid.q[:, joint]
+def demand(servo: Servo, grid: ServoGrid, v: Array, joint: int, damping: float) -> Array:
+    """Torque (N,) [N.m or N] that a recorded motion asks of a drive with some damping.
+
+    v: (N,) measured speed [rad/s or m/s]; damping [N.m.s/rad or N.s/m].
+    """
+    held = np.floor(np.arange(len(grid)) - servo.delay * grid.rate + 1e-9).astype(int)
+    error = grid.command[np.maximum(held, 0), joint] - grid.q[:, joint]
     error = np.sign(error) * np.maximum(np.abs(error) - servo.dead_band, 0)
-    torque = grid.gain[joint] * servo.kp * error
-    return np.asarray(np.clip(torque, -servo.effort_limit, servo.effort_limit) * grid.on[:, joint])
+    return np.asarray((grid.gain[joint] * servo.kp * error - damping * v) * grid.on[:, joint])
+
+
+def reached_torque(
+    servo: Servo, grids: Sequence[ServoGrid], speeds: Sequence[Array], joint: int
+) -> tuple[float, float]:
+    """Torque [N.m or N] that a drive gives at least in a share RARE of the samples, and the damping for which it holds.
+
+    speeds: (N,) each, measured [rad/s or m/s]. The least torque of all parts of the damping: the part that acts inside
+    the limit is unknown, and none does by the law `duty`. A limit that cuts fewer samples may remain unnoticed.
+    """
+    tried = list[tuple[float, float]]()
+    for damping in np.linspace(0.0, servo.damping, PARTS).tolist():
+        torque = np.concatenate([demand(servo, g, v, joint, damping) for g, v in zip(grids, speeds, strict=True)])
+        tried.append((float(np.quantile(np.abs(torque), 1 - RARE)), damping))
+    least, part = min(tried)
+    return min(least, servo.effort_limit), part
 
 
 def shortest_period(grids: Sequence[ServoGrid], joint: str) -> float:

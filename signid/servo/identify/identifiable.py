@@ -43,7 +43,10 @@ class JointFacts:
     unexplained: float = 1.0  # residual over the error of the loop [1]
     masses_set_scale: bool = True  # no gain of the joint is stated
     saturated_share: float = 0.0  # [1]
-    largest_torque: float = 0.0  # [N.m or N] that the drive gives
+    largest_torque: float = 0.0  # [N.m or N] that the drive gives at least
+    drive_damping: float = 0.0  # [N.m.s/rad or N.s/m] inside the limit, for which that holds
+    held_out_torque: float = 0.0  # [N.m or N] that held-out rows ask for, where they do not confirm that torque
+    held_out_limit: float = np.inf  # [N.m or N] effort limit that held-out rows show
     torque_off: bool = False  # whether the joint moves while the drive is off
     command_speed: bool = False  # whether the law contains a recorded speed of the command
     full_duty_error: float = 0.0  # [rad or m] at the nominal gain, where the recorded PWM shows it; else 0
@@ -123,10 +126,7 @@ def _lost(
             f"split needs faster motion, near sqrt(kp/inertia)",
         )
     if not ("effort_limit" in facts.stated or facts.full_duty_error) and facts.saturated_share < RARE:
-        above = f"above {facts.largest_torque:.3g} {unit_of('effort_limit', facts.prismatic)}"
-        if not _scale_known(facts):
-            above = "above all torques of the recordings"
-        yield "effort_limit", f"{facts.joint}: no sample saturates, so the effort limit is {above}"
+        yield "effort_limit", _limit_sentence(facts)
     if sentence := _scale_sentence(servo, facts):
         yield from ((n, sentence) for n in (*SCALED, *INVERSE_SCALED) if n in std or n in free)
 
@@ -156,6 +156,22 @@ def _one_with_lag(free: Sequence[str], values: Mapping[str, float], std: Mapping
         return False
     wide = 1.96 * std["delay"] > SPLIT * abs(values["lag"])
     return bool(wide and std["lag"] < 0.5 * std["delay"])
+
+
+def _limit_sentence(facts: JointFacts) -> str:
+    """Sentence on the limit of a drive that does not saturate in the training data."""
+    unit, known = unit_of("effort_limit", facts.prismatic), _scale_known(facts)
+    if facts.held_out_torque > 0:
+        shown = "asks for more torque, and is predicted far worse"
+        if facts.held_out_limit < np.inf:
+            size = f" near {facts.held_out_limit:.2g} {unit}" if known else ""
+            shown = f"is predicted better with an effort limit{size}"
+        return (
+            f"{facts.joint}: no sample of the training data saturates, so the effort limit is not identifiable, but "
+            f"held-out motion {shown}; learn from such motion as well"
+        )
+    above = f"above {facts.largest_torque:.3g} {unit}" if known else "above all torques of the recordings"
+    return f"{facts.joint}: no sample saturates, so the effort limit is {above}"
 
 
 def _scale_known(facts: JointFacts) -> bool:
