@@ -179,12 +179,17 @@ def stated_parameters(task: Task) -> Parameters:
 
 def stated_laws(robot: Robot) -> tuple[Law, ...]:
     """Laws of the description and its actuators file."""
-    return tuple(
+    springs = (
+        Law(EFFECTS["spring"], (robot.index(joint),), dict(zip(("stiffness", "rest"), spring, strict=True)))
+        for joint, spring in robot.springs.items()
+    )
+    drives = (
         Law(EFFECTS[name], (j,), EFFECTS[name].physical([value], {}))
         for name in EFFECT_NAMES  # keys of an actuators file are names of effects
         for j, value in enumerate(getattr(robot.actuators, name))
         if np.isfinite(value)
     )
+    return (*drives, *springs)
 
 
 def fitted_model(task: Task, parameters: Parameters) -> Model:

@@ -82,6 +82,7 @@ class Robot(Result):
     sha256: str
     notes: tuple[str, ...] = ()  # defects of the description, one sentence each
     servo: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)  # stated numbers of drives by joint
+    springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # stated (stiffness, rest) by joint
     registers: Mapping[tuple[str, str], Mapping[str, float]] = field(default_factory=dict)  # by recording file, joint
 
     def index(self, joint: str) -> int:

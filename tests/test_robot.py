@@ -58,12 +58,12 @@ BAD = {
     "xacro left": (urdf(*PAIR[:2], joint("z", "a", "b", axis="${x} 0 0")), "end in .xacro"),
     "empty mjcf": ("<mujoco/>", "no moving joint"),
     "mjcf without joint": ("<mujoco><worldbody><body/></worldbody></mujoco>", "no moving joint"),
-    "mjcf type": ('<mujoco><worldbody><body><joint type="x"/></body></worldbody></mujoco>', "Pinocchio cannot build"),
+    "mjcf type": ('<mujoco><worldbody><body><joint type="x"/></body></worldbody></mujoco>', "MuJoCo cannot compile"),
     "mjcf include": ('<mujoco><include file="none.xml"/></mujoco>', "none.xml cannot be read"),
-    "mjcf frame": ("<mujoco><worldbody><frame><body/></frame></worldbody></mujoco>", "<frame>"),
+    "mjcf attach": ("<mujoco><worldbody><attach/></worldbody></mujoco>", "<attach>"),
     "mjcf numbers": (
         '<mujoco><worldbody><body><joint range="a b" limited="true"/><geom size="1"/></body></worldbody></mujoco>',
-        "expected numbers|Pinocchio cannot build",
+        "MuJoCo cannot compile",
     ),
 }  # fmt: skip
 

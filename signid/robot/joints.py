@@ -62,6 +62,7 @@ def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
         rest=robot.rest + sum((robot.drive[:, i] * value for i, value in held.items()), np.zeros(len(robot.rest))),
         actuators=Actuators(*(getattr(robot.actuators, item.name)[keep] for item in fields(Actuators))),
         servo={joint: stated for joint, stated in robot.servo.items() if robot.index(joint) not in held},
+        springs={joint: stated for joint, stated in robot.springs.items() if robot.index(joint) not in held},
         registers={key: stated for key, stated in robot.registers.items() if robot.index(key[1]) not in held},
         notes=(*robot.notes, f"held fixed: {shorten(each)}"),
         **{key: getattr(robot, key)[keep] for key in _BY_JOINT},

@@ -123,6 +123,7 @@ def _assemble(draft: Draft, document: Document) -> Robot:
         path=document.path,
         sha256=document.sha256,
         notes=draft.notes,
+        springs={axis.name: axis.spring for axis in free if axis.spring is not None},
     )
 
 

@@ -75,6 +75,7 @@ class Axis:
     coulomb: float = nan
     armature: float = nan
     mimic: Mimic | None = None
+    spring: tuple[float, float] | None = None  # stiffness [N.m/rad or N/m], rest [rad or m]
 
 
 @dataclass(frozen=True)

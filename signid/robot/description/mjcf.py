@@ -1,61 +1,52 @@
-"""Read MJCF: Pinocchio builds the model from the bodies and joints alone."""
+"""Read MJCF: MuJoCo compiles it, and the robot is built from the bodies and joints that it compiled."""
 
 from __future__ import annotations
 
-import tempfile
+import warnings
 from copy import deepcopy
 from dataclasses import replace
-from math import inf, nan, pi
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import RobotError, shorten
-from ..joints import is_plain
 from .document import Axis, Document, Draft, Mimic, impossible_notes, massless_note
-from .limits import bounded, check_count, check_names, not_negative
-from .mjcf_tree import below_world, compiler_setting, included, joint_attribute, prepare
+from .limits import LARGEST
+from .mjcf_text import dynamics_text, included
 
 if TYPE_CHECKING:
     import pinocchio as pin
 
-FRICTION = ("damping", "frictionloss", "armature")
-NUMBERS = (
-    "pos quat axisangle xyaxes zaxis euler axis ref springref stiffness damping frictionloss armature margin "
-    "mass density diaginertia fullinertia size fromto shellinertia"
-).split()  # attributes of bodies, joints, inertials and geometry
+LEAST = 2e-15  # [kg or kg.m2] bound with which bodies without mass compile; MuJoCo refuses 1e-15
+MASSLESS = 1e-14  # [kg or kg.m2] masses and inertias below it are zero
+PLACE = 1e-9  # largest deviation of an axis from x, y or z that is rounding
 
 
 def read_mjcf(document: Document) -> Draft:
-    """Read an MJCF file; free bases are held fixed.
+    """Read an MJCF file; free bases and ball joints are held fixed.
 
     Raises:
-        RobotError: Pinocchio cannot build the model, or there is no hinge or slide.
+        RobotError: MuJoCo cannot compile the file, or there is no hinge or slide.
     """
     root = deepcopy(document.root)
     text = included(root, Path(document.path).parent, document.text)
-    bodies, joints = (below_world(root, kinds) for kinds in (("body",), ("joint",)))
-    check_count(len(bodies), len(joints), "bodies")
-    check_names(joint=[node.get("name") for node in joints], body=[node.get("name") for node in bodies])
-    _bound(root)
-    notes = prepare(root)
-    if not below_world(root, ("joint",)):
+    stated, notes = dynamics_text(root)
+    compiled, still, more = _compile(stated)
+    if not compiled.njnt:
         raise RobotError("the file has no moving joint (hinge or slide): nothing to identify")
-    model = _build(root)
-    _check_numbers(model)
-    model.gravity.linear = _gravity(root)
-    axes, still = _axes(root, model)
-    mimics, more = _mimics(root)
-    links = tuple(_link(model, i) for i in range(1, model.njoints))
+    model = _build(compiled)
+    mimics = _mimics(compiled)
+    links = tuple(str(model.frames[_first(model, i)].name) for i in range(1, model.njoints))
     moved = dict(zip(links, list(model.inertias)[1:], strict=True))
-    notes += [*massless_note({name: body.mass for name, body in moved.items()}), *more]
+    notes += [*more, *massless_note({name: body.mass for name, body in moved.items()}), *_lost(compiled)]
     notes += impossible_notes({name: (body.mass, body.inertia) for name, body in moved.items()})
     if still:
         notes.append(f"held fixed at neutral: {shorten(still)}")
-    model.armature = np.zeros(model.nv)  # armature is a law, not part of the rigid bodies
+    axes = (_axis(compiled, j, model) for j in range(compiled.njnt))
     return Draft(
-        name=root.get("model") or document.stem,
+        name=document.root.get("model") or document.stem,
         model=model,
         axes=tuple(replace(axis, mimic=mimics.get(axis.name)) for axis in axes),
         links=links,
@@ -66,131 +57,224 @@ def read_mjcf(document: Document) -> Draft:
     )
 
 
-def _build(root: Any) -> pin.Model:
-    import pinocchio as pin
-    from lxml import etree
+def _compile(text: str) -> tuple[Any, list[str], list[str]]:
+    """Compiled MjModel of hinges and slides; names of ball joints; notes on free bodies and on meshes."""
+    import mujoco
 
-    bare = etree.Element("mujoco", dict(root.attrib))
-    for tag in ("compiler", "option", "default", "worldbody"):
-        bare.extend([deepcopy(node) for node in root.iterchildren(tag)])
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.xml"
-        path.write_bytes(etree.tostring(bare))
-        try:
-            return pin.buildModelFromMJCF(str(path))
-        except Exception as error:  # Pinocchio's exceptions share no base class
-            reason = str(error).partition("message:")[2] or str(error)
-            raise RobotError(f"Pinocchio cannot build it: {' '.join(reason.split())}") from None
-
-
-def _bound(root: Any) -> None:
-    """Check the magnitude of the numbers that shape the dynamics, in place: negligible ones become 0."""
-    for node in root.iter("body", "joint", "inertial", "geom"):
-        for key in (key for key in NUMBERS if node.get(key)):
-            stated = f"a <{node.tag}> has {key}={node.get(key)!r}"
-            words = node.get(key).split()
-            node.set(key, " ".join(_bounded(word, stated, key in FRICTION) for word in words))
-
-
-def _bounded(word: str, stated: str, positive: bool) -> str:
     try:
-        number = float(word)
-    except ValueError:
-        return word  # Pinocchio accepts words among numbers
-    if positive:
-        not_negative(number, stated)
-    return word if bounded(number, stated) else "0"
+        spec = mujoco.MjSpec.from_string(text)
+        notes = [*_without_meshes(spec), *_without_free(spec)]
+        ball = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_BALL]
+        still = [joint.name for joint in ball]
+        kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        moving = {joint.name for joint in spec.joints if joint.type in kinds}
+        others = [eq for eq in spec.equalities if not _couples(eq, moving)]
+        if count := sum(bool(eq.active) for eq in others):
+            notes.append(f"{count} equality constraints are ignored: they are not linear between two joints")
+        for element in (*ball, *others):
+            spec.delete(element)
+        compiler = spec.compiler
+        compiler.boundmass, compiler.boundinertia = max(compiler.boundmass, LEAST), max(compiler.boundinertia, LEAST)
+        compiler.fusestatic = False
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of deprecated settings, which are honoured
+            return spec.compile(), still, notes
+    except (ValueError, TypeError, RuntimeError, mujoco.FatalError) as error:
+        reason = " ".join(str(error).split())
+        raise RobotError(f"MuJoCo cannot compile it: {reason.removeprefix('Error: ')}") from None
 
 
-def _check_numbers(model: pin.Model) -> None:
-    """Reject poses and inertials that are not finite, because Pinocchio accepts words among numbers."""
-    for name, place, body in list(zip(model.names, model.jointPlacements, model.inertias, strict=True))[1:]:
-        if not (np.isfinite(place.homogeneous).all() and np.isfinite(body.toDynamicParameters()).all()):
-            fault = "has a pose or an <inertial> that is not a finite number; correct it"
-            raise RobotError(f"the body of joint {name!r} {fault}")
+def _without_free(spec: Any) -> list[str]:
+    """Delete free joints; a note on each body that is then held."""
+    import mujoco
+
+    free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    notes = [f"body {joint.parent.name} is free; it is held fixed at the pose of the file" for joint in free]
+    for joint in free:
+        spec.delete(joint)
+    return notes
 
 
-def _gravity(root: Any) -> Any:
-    """Gravity (3,) [m/s2]."""
-    stated = [node.get("gravity") for node in root.iterchildren("option") if node.get("gravity")]
-    gravity = _numbers(stated[-1], "gravity is") if stated else [0.0, 0.0, -9.81]
-    if len(gravity) != 3:
-        raise RobotError(f"gravity is {stated[-1]!r}; expected three numbers")
-    return np.array(gravity)
+def _without_meshes(spec: Any) -> list[str]:
+    """Delete geometry that needs files, and all materials; a note on bodies whose mass it would give."""
+    import mujoco
+
+    kinds = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGeom.mjGEOM_SDF)
+    lost = set()
+    for geom in list(spec.geoms):
+        geom.material = ""
+        if geom.type in kinds or geom.meshname:
+            body = geom.parent
+            everywhere = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+            if body.name != "world" and (everywhere or not body.explicitinertial):
+                lost.add(body.name)
+            spec.delete(geom)
+    for site in spec.sites:
+        site.material = ""
+    said = f"the mass of the meshes of {shorten(sorted(lost))} is not computed; add an <inertial> there"
+    return [said] if lost else []
 
 
-def _axes(root: Any, model: pin.Model) -> tuple[list[Axis], list[str]]:
-    """Hinges and slides in the order of the file, and the names of all other joints."""
-    axes, still = [], []
-    for body in below_world(root, ("body",)):
-        nodes = list(body.iterchildren("joint"))
-        if not nodes:
-            continue
-        names = [node.get("name") for node in nodes]
-        name = names[0] if len(names) == 1 else f"Composite_{names[0]}"
-        if not model.existJointName(name):
-            raise RobotError(f"Pinocchio omits joint {names[0]!r}; give the compiled model as saved by MuJoCo")
-        joint = model.joints[model.getJointId(name)]
-        parts = list(joint.extract().joints) if joint.shortname() == "JointModelComposite" else [joint]
-        if is_plain(joint) and len(parts) == len(nodes):
-            axes += [_axis(root, node, row, model) for row, node in enumerate(nodes, joint.idx_v)]
-        else:
-            still += names
-    return axes, still
+def _couples(equality: Any, moving: set[str]) -> bool:
+    """Whether a constraint is active and linear between two joints."""
+    import mujoco
+
+    terms = equality.data[:5]
+    if equality.type == mujoco.mjtEq.mjEQ_JOINT and not np.all(np.abs(terms) <= LARGEST):
+        raise RobotError(f"the constraint of joint {equality.name1!r} has polycoef {terms}; expected finite numbers")
+    joints = {equality.name1, equality.name2} <= moving and equality.type == mujoco.mjtEq.mjEQ_JOINT
+    return bool(joints and equality.active and not np.any(terms[2:]))
 
 
-def _axis(root: Any, node: Any, row: int, model: pin.Model) -> Axis:
-    """One hinge or slide; the range is read here, because Pinocchio scales ranges of slides like angles."""
-    prismatic = joint_attribute(root, node, "type", "hinge") == "slide"
-    degrees = compiler_setting(root, "angle", "degree") == "degree" and not prismatic
-    ends = _numbers(joint_attribute(root, node, "range", ""), f"joint {node.get('name')!r} has range", False)
-    limited = joint_attribute(root, node, "limited", "auto")
-    if limited == "auto":
-        limited = compiler_setting(root, "autolimits")
-    free = limited == "false" or len(ends) != 2
-    lower, upper = (-inf, inf) if free else (x * (pi / 180 if degrees else 1.0) for x in ends)
+def _build(compiled: Any) -> pin.Model:
+    """Model of Pinocchio with the bodies, joints and gravity of a compiled MjModel, without armature."""
+    import pinocchio as pin
+
+    model = pin.Model()
+    if not np.all(np.abs(compiled.opt.gravity) <= LARGEST):
+        raise RobotError(f"gravity is {compiled.opt.gravity}; expected finite numbers")
+    model.gravity.linear = compiled.opt.gravity
+    joint_of, place_of, frame_of = [0], [pin.SE3.Identity()], [0]  # of each body: its joint, its pose there, its frame
+    for i in range(1, compiled.nbody):
+        parent, name = int(compiled.body_parentid[i]), compiled.body(i).name
+        place = place_of[parent] * pin.SE3(_rotation(compiled.body_quat[i]), compiled.body_pos[i])
+        first, count = int(compiled.body_jntadr[i]), int(compiled.body_jntnum[i])
+        joint, frame = joint_of[parent], frame_of[parent]
+        if count:
+            place, joint = _add_joint(model, compiled, joint, place, range(first, first + count))
+            frame = model.addJointFrame(joint, frame)
+        model.appendBodyToJoint(joint, _inertia(compiled, i), place)
+        frame_of.append(model.addBodyFrame(name, joint, place, frame))
+        joint_of.append(joint)
+        place_of.append(place)
+    model.armature = np.zeros(model.nv)  # armature is a law, not part of the rigid bodies
+    return model
+
+
+def _add_joint(model: pin.Model, compiled: Any, parent: int, place: pin.SE3, joints: range) -> tuple[pin.SE3, int]:
+    """Append the joints of a body at its `place` in the frame of `parent`; the body's place in the new joint's frame.
+
+    The frame of a joint has the orientation of the body, and its origin at the anchor of the joint.
+    """
+    import pinocchio as pin
+
+    parts, anchor = list[tuple[Any, pin.SE3]](), np.zeros(3)
+    for k, j in enumerate(joints):
+        shift = compiled.jnt_pos[j] - anchor
+        before = (place if k == 0 else pin.SE3.Identity()) * pin.SE3(np.eye(3), shift)
+        parts.append((_kind(compiled, j), before * _reference(compiled, j)))
+        anchor = compiled.jnt_pos[j].copy()
+    first = compiled.joint(joints[0]).name
+    if len(parts) == 1:
+        (kind, where), name = parts[0], first
+    else:
+        kind, where, name = pin.JointModelComposite(len(parts)), pin.SE3.Identity(), f"Composite_{first}"
+        for part in parts:
+            kind.addJoint(*part)
+    return pin.SE3(np.eye(3), -anchor), model.addJoint(parent, kind, where, name)
+
+
+def _kind(compiled: Any, j: int) -> Any:
+    """Joint of Pinocchio for a hinge or a slide."""
+    import mujoco
+    import pinocchio as pin
+
+    slides = compiled.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
+    axis = compiled.jnt_axis[j]
+    k = int(np.argmax(np.abs(axis)))
+    if np.abs(axis - np.eye(3)[k]).max() < PLACE:
+        return (
+            (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)[k]()
+            if slides
+            else (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)[k]()
+        )
+    return (pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned)(axis.copy())
+
+
+def _reference(compiled: Any, j: int) -> pin.SE3:
+    """Displacement that a joint has at position zero: the pose of the file is that at its reference."""
+    import mujoco
+    import pinocchio as pin
+
+    axis, zero = compiled.jnt_axis[j], -float(compiled.qpos0[compiled.jnt_qposadr[j]])
+    if compiled.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE:
+        return pin.SE3(np.eye(3), axis * zero)
+    return pin.SE3(pin.exp3(axis * zero), np.zeros(3))
+
+
+def _inertia(compiled: Any, i: int) -> pin.Inertia:
+    """Inertia of a body in its frame; the bounds that let it compile are zero."""
+    import pinocchio as pin
+
+    mass, moments = float(compiled.body_mass[i]), compiled.body_inertia[i].copy()
+    turn = _rotation(compiled.body_iquat[i])
+    moments[moments < MASSLESS] = 0.0
+    return pin.Inertia(mass if mass > MASSLESS else 0.0, compiled.body_ipos[i].copy(), turn @ np.diag(moments) @ turn.T)
+
+
+def _rotation(quaternion: Any) -> Any:
+    import mujoco
+
+    out = np.zeros(9)
+    mujoco.mju_quat2Mat(out, quaternion)
+    near = np.round(out)
+    return np.where(np.abs(out - near) < PLACE, near, out).reshape(3, 3)
+
+
+def _axis(compiled: Any, j: int, model: pin.Model) -> Axis:
+    """Degree of freedom of a hinge or a slide."""
+    import mujoco
+
+    row = int(compiled.jnt_dofadr[j])
+    limited, driven = bool(compiled.jnt_limited[j]), bool(compiled.jnt_actfrclimited[j])
+    lower, upper = compiled.jnt_range[j].tolist() if limited else (-inf, inf)
+    stiffness = float(compiled.jnt_stiffness[j])
     return Axis(
-        name=node.get("name"),
+        name=compiled.joint(j).name,
         row=row,
-        prismatic=prismatic,
+        prismatic=bool(compiled.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE),
         lower=lower,
         upper=upper,
-        velocity=float(model.velocityLimit[row]),
-        effort=float(model.upperEffortLimit[row]),
-        viscous=float(model.damping[row]),
-        coulomb=float(model.upperDryFrictionLimit[row]),
-        armature=float(model.armature[row]),
+        effort=float(compiled.jnt_actfrcrange[j][1]) if driven else inf,
+        viscous=float(compiled.dof_damping[row]),
+        coulomb=float(compiled.dof_frictionloss[row]),
+        armature=float(compiled.dof_armature[row]),
+        spring=(stiffness, float(compiled.qpos_spring[compiled.jnt_qposadr[j]])) if stiffness > 0 else None,
     )
 
 
-def _mimics(root: Any) -> tuple[dict[str, Mimic], list[str]]:
-    """Linear equality constraints between two joints, and a note on all others."""
-    found: dict[str, Mimic] = {}
-    other = 0
-    shifted = any(node.get("ref") for node in root.iter("joint"))  # the offset would differ
-    for node in (node for group in root.iterchildren("equality") for node in group.iterchildren("*")):
-        terms = _numbers(node.get("polycoef") or "0 1", f"the constraint of joint {node.get('joint1')!r} has polycoef")
-        linear = node.tag == "joint" and node.get("joint2") and not any(terms[2:]) and not shifted
-        if linear and len(terms) >= 2 and node.get("active") != "false":
-            found[node.get("joint1")] = Mimic(node.get("joint2"), terms[1], terms[0])
-        else:
-            other += node.get("active") != "false"
-    return found, [f"{other} equality constraints are ignored: they are not linear between two joints"] if other else []
+def _mimics(compiled: Any) -> dict[str, Mimic]:
+    """Linear constraints between two joints: y - y0 = a + b (x - x0)."""
+    found = {}
+    for k in range(compiled.neq):
+        y, x = (int(ids[k]) for ids in (compiled.eq_obj1id, compiled.eq_obj2id))
+        a, b = compiled.eq_data[k][:2].tolist()
+        at = [float(compiled.qpos0[compiled.jnt_qposadr[j]]) for j in (y, x)]
+        found[compiled.joint(y).name] = Mimic(compiled.joint(x).name, b, a + at[0] - b * at[1])
+    return found
 
 
-def _link(model: pin.Model, joint: int) -> str:
-    """Name of the first body that a joint moves."""
+def _lost(compiled: Any) -> list[str]:
+    """Notes on physics of MuJoCo that the robot does not have."""
+    lifted = [compiled.body(i).name for i in np.flatnonzero(compiled.body_gravcomp)]
+    curved = [
+        compiled.joint(j).name
+        for j in range(compiled.njnt)
+        if np.any(compiled.jnt_stiffnesspoly[j]) or np.any(compiled.dof_dampingpoly[compiled.jnt_dofadr[j]])
+    ]
+    notes = []
+    if lifted:
+        notes.append(
+            f"gravcomp of {shorten(lifted)} is ignored: recorded torque is taken to carry the weight; if it does not, "
+            f"state --gravity 0,0,0"
+        )
+    if curved:
+        notes.append(f"polynomial stiffness and damping of {shorten(curved)} are ignored beyond their linear part")
+    return notes
+
+
+def _first(model: pin.Model, joint: int) -> int:
+    """Index of the frame of the first body that a joint moves."""
     import pinocchio as pin
 
-    frames = [x for x in model.frames if x.parentJoint == joint and x.type == pin.FrameType.BODY]
-    return str(frames[0].name) if frames else str(model.names[joint])
-
-
-def _numbers(text: str, what: str, finite: bool = True) -> list[float]:
-    try:
-        numbers = [float(word) for word in text.split()]
-    except ValueError:
-        numbers = [nan]
-    if np.isnan(numbers).any() or (finite and np.isinf(numbers).any()):
-        raise RobotError(f"{what} {text!r}; expected {'finite ' if finite else ''}numbers")
-    return [bounded(number, f"{what} {text!r}") for number in numbers] if finite else numbers
+    return next(i for i, x in enumerate(model.frames) if x.parentJoint == joint and x.type == pin.FrameType.BODY)
