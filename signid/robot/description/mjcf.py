@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import replace
 from math import inf
@@ -62,26 +64,45 @@ def _compile(text: str) -> tuple[Any, list[str], list[str]]:
     import mujoco
 
     try:
-        spec = mujoco.MjSpec.from_string(text)
-        notes = [*_without_meshes(spec), *_without_free(spec)]
-        ball = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_BALL]
-        still = [joint.name for joint in ball]
-        kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-        moving = {joint.name for joint in spec.joints if joint.type in kinds}
-        others = [eq for eq in spec.equalities if not _couples(eq, moving)]
-        if count := sum(bool(eq.active) for eq in others):
-            notes.append(f"{count} equality constraints are ignored: they are not linear between two joints")
-        for element in (*ball, *others):
-            spec.delete(element)
-        compiler = spec.compiler
-        compiler.boundmass, compiler.boundinertia = max(compiler.boundmass, LEAST), max(compiler.boundinertia, LEAST)
-        compiler.fusestatic = False
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of deprecated settings, which are honoured
-            return spec.compile(), still, notes
+        with _quietly():
+            return _compiled(mujoco.MjSpec.from_string(text))
     except (ValueError, TypeError, RuntimeError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise RobotError(f"MuJoCo cannot compile it: {reason.removeprefix('Error: ')}") from None
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Keep MuJoCo from writing its warnings, of deprecated settings among others, to a log file and standard error."""
+    import mujoco
+
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def _compiled(spec: Any) -> tuple[Any, list[str], list[str]]:
+    import mujoco
+
+    notes = [*_without_meshes(spec), *_without_free(spec)]
+    ball = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_BALL]
+    still = [joint.name for joint in ball]
+    kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    moving = {joint.name for joint in spec.joints if joint.type in kinds}
+    others = [eq for eq in spec.equalities if not _couples(eq, moving)]
+    if count := sum(bool(eq.active) for eq in others):
+        notes.append(f"{count} equality constraints are ignored: they are not linear between two joints")
+    for element in (*ball, *others):
+        spec.delete(element)
+    compiler = spec.compiler
+    compiler.boundmass, compiler.boundinertia = max(compiler.boundmass, LEAST), max(compiler.boundinertia, LEAST)
+    compiler.fusestatic = False
+    return spec.compile(), still, notes
 
 
 def _without_free(spec: Any) -> list[str]:
