@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from test_recording_formats import sentence
 
@@ -30,7 +31,11 @@ def arm(*names: str, constants: object = np.nan, numbers: tuple[int, ...] = ()) 
     wide = np.full(n, np.inf)
     limits = (-3 * np.ones(n), 3 * np.ones(n), wide, wide)
     still = np.zeros(n)
-    return Robot("arm", None, names, numbers, names, np.eye(n), still, still > 0, *limits, drives, "", "urdf", "", "")
+    model = pin.Model()
+    for name in names:
+        body = model.addJoint(model.njoints - 1, pin.JointModelRX(), pin.SE3(np.eye(3), np.array([0, 0, 0.3])), name)
+        model.appendBodyToJoint(body, pin.Inertia(1.0, np.array([0.0, 0.1, 0.2]), 0.01 * np.eye(3)), pin.SE3.Identity())
+    return Robot("arm", model, names, numbers, names, np.eye(n), still, still > 0, *limits, drives, "", "urdf", "", "")
 
 
 def whole(**changes: Any) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...types import Array, Recording, Robot
 from .accumulate import Accumulator
+from .choice import Choice
 from .clock import likely_unit, time_origin
 
 FEWEST = 20  # minimum number of usable samples
@@ -32,6 +33,7 @@ class Facts(NamedTuple):
     missing: Mapping[str, int]  # values, by column
     incomplete: int  # rows
     repeated: int  # rows
+    choice: Choice  # clock of the rows
 
     @property
     def speed(self) -> Array:
@@ -132,13 +134,25 @@ def notes(facts: Facts) -> Iterator[str]:
         yield f"values are missing ({where}); {omitted}" + (f"; {BRIDGE}" if facts.incomplete else "")
     if facts.repeated:
         yield f"{_count(facts.repeated, 'sample')} dropped: same time as the previous sample"
-    if not accumulated.uniform:
+    if facts.choice.times is not None:
+        yield _even(facts.choice)
+    elif not accumulated.uniform:
         least, most = accumulated.total.shortest * 1e3, accumulated.total.longest * 1e3
         fact = f"time steps vary from {least:.4g} to {most:.4g} ms"
         yield f"{fact}: resampled every {accumulated.clock.period * 1e3:.6g} ms by cubic interpolation"
     if accumulated.short:
         yield f"{_count(accumulated.short, 'stretch', 'es')} shorter than 8 samples or 0.5 s omitted"
     yield from _joint_notes(facts)
+
+
+def _even(choice: Choice) -> str:
+    """The clock that takes the place of the stamps."""
+    jitter, period = choice.jitter * 1e3, choice.period * 1e3
+    fact = f"stamps of time jitter by {jitter:.2g} ms rms around an even clock of {period:.5g} ms"
+    lost = (
+        f", {_count(choice.missing, 'row')} {'is' if choice.missing == 1 else 'are'} missing" if choice.missing else ""
+    )
+    return f"{fact}; the even clock is used{lost}"
 
 
 def _joint_notes(facts: Facts) -> Iterator[str]:

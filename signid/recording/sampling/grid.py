@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...errors import RecordingError
 from ...types import Array, Frozen, Recording, Samples
+from .choice import Choice
 
 STRIDE = 4096  # [kept rows] between two stored time stamps
 SHORTEST = 8  # minimum length of a stretch [samples]
@@ -59,6 +60,7 @@ class Sampling(Frozen):
     turns: Array  # (k, n) full turns to be added from these rows on [1]
     incomplete: frozenset[str]  # columns with missing values
     origin: float = 0.0  # [s] `time_origin` of the recording
+    clock: Choice = Choice.stamps(0.0)  # clock of the rows
 
     def stretch(self, span: Span) -> Stretch:
         """Stretch of a span.
@@ -155,6 +157,13 @@ def samples(recording: Recording, sampling: Sampling, span: Span, start: int, st
     return _interpolate(rows, t, ~recording.signed)._replace(origin=sampling.origin)
 
 
+def row_times(recording: Recording, sampling: Sampling, start: int, stop: int) -> Array:
+    """Times (stop - start,) [s] of rows of a file by the clock of its sampling."""
+    if sampling.clock.times is not None:
+        return sampling.clock.times[start:stop]
+    return recording.table.read(recording.columns["t"], start, stop)[:, 0]
+
+
 def _rows(recording: Recording, sampling: Sampling, stretch: Stretch, low: int, high: int) -> Samples:
     """Kept rows low..high of a stretch, with unwrapped angles."""
     ends = np.searchsorted(sampling.dropped, [stretch.start, stretch.stop])
@@ -163,6 +172,8 @@ def _rows(recording: Recording, sampling: Sampling, stretch: Stretch, low: int, 
     begin, end = (stretch.start + k + int(np.searchsorted(place, k, side="right")) for k in (low, high - 1))
     end = end + 1 if high > low else begin
     found = recording.read(begin, end, servo=False)
+    if sampling.clock.times is not None:
+        found = found._replace(t=sampling.clock.times[begin:end])
     inside = dropped[slice(*np.searchsorted(dropped + stretch.start, [begin, end]))] + stretch.start - begin
     if len(inside):
         signals: Any = found._asdict()

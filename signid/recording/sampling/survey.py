@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import RecordingError
-from ...types import Array, Recording, Robot, Samples
+from ...types import Array, Mask, Recording, Robot, Samples
 from .accumulate import Accumulator
 from .checks import Facts, faults, notes
+from .choice import Choice, choose_clock
 from .clock import CHUNK, Clock, read_clock, time_origin
 from .grid import Sampling
 
@@ -75,7 +76,9 @@ def survey(recording: Recording, robot: Robot) -> Sampling:
     Rows without time, position or torque split the recording, as do gaps longer than 3.5 periods and 10 ms. Rows with
     the time of the previous row (to 2 % of a period) are dropped, and stretches shorter than 8 samples or 0.5 s are
     omitted. Sampling is uniform if time is linear to 0.1 % of a period over 1, 16 and 256 samples, up to the rounding
-    of the stamps. Encoder wraps are removed. Memory does not grow with the number of samples.
+    of the stamps. Encoder wraps are removed. Memory does not grow with the number of samples of uniform recordings.
+
+    If the stamps are not uniform, an even clock takes their place where torques or positions fit it (`choose_clock`).
 
     Raises:
         RecordingError: unusable samples.
@@ -85,19 +88,37 @@ def survey(recording: Recording, robot: Robot) -> Sampling:
     clock = read_clock(recording, name)
     room = robot.upper[place] - robot.lower[place]
     wraps = ~robot.prismatic[place] & ((room >= ROUND) | (room <= 0))
+    facts, dropped = _read(recording, robot, clock, wraps, Choice.stamps(clock.period))
+    if facts.accumulated.uniform or not facts.accumulated.stretches:
+        return _sampling(facts, clock, dropped)
+    spans = [(stretch.start, stretch.stop) for stretch in facts.accumulated.stretches]
+    choice = choose_clock(recording, robot, clock, spans, dropped)
+    if choice.times is not None:
+        clock = Clock(choice.period, choice.period, 0.0)
+        facts, dropped = _read(recording, robot, clock, wraps, choice)
+    return _sampling(facts, clock, dropped)
+
+
+def _read(
+    recording: Recording, robot: Robot, clock: Clock, wraps: Mask, choice: Choice
+) -> tuple[Facts, NDArray[np.intp]]:
+    """One pass over a recording on the times of a clock; what was found, and the rows that repeat a time."""
+    name = recording.path or "the recording"
     columns, accumulated = _Columns(recording, name), Accumulator(clock, wraps)
     for start in range(0, len(recording), CHUNK):
         chunk = recording.read(start, start + CHUNK, servo=False)
+        if choice.times is not None:
+            chunk = chunk._replace(t=choice.times[start : start + CHUNK])
         repeated = columns.repeated_rows(chunk.t, start, clock.close)
         missing = columns.missing_rows(chunk, start) & ~repeated
         columns.incomplete += int(missing.sum())
         accumulated.take(start, chunk.t, chunk.q, chunk.tau, missing, repeated)
     accumulated.close()
     dropped = np.concatenate(columns.dropped)
-    facts = Facts(recording, robot, accumulated, columns.missing, columns.incomplete, len(dropped))
+    facts = Facts(recording, robot, accumulated, columns.missing, columns.incomplete, len(dropped), choice)
     for fault in faults(facts):
         raise RecordingError(f"{name}: {fault}")
-    return _sampling(facts, clock, dropped)
+    return facts, dropped
 
 
 def _sampling(facts: Facts, clock: Clock, dropped: NDArray[np.intp]) -> Sampling:
@@ -124,4 +145,5 @@ def _sampling(facts: Facts, clock: Clock, dropped: NDArray[np.intp]) -> Sampling
         turns=np.array(accumulated.turns).reshape(-1, len(total.lower)),
         incomplete=frozenset(name for name, count in facts.missing.items() if count),
         origin=time_origin(facts.recording),
+        clock=facts.choice,
     )

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...recording.sampling.grid import Stretch
+from ...recording.sampling.grid import Stretch, row_times
 from ...regression.rows import Task
 from ...regression.session import Part
 from ...types import Array, Indices, Mask
@@ -98,7 +98,7 @@ def _assign(found: Weights, part: Part, stretch: Stretch, expected: Weights) -> 
     recording, sampling = part
     for start in range(stretch.start, stretch.stop, CHUNK):
         rows = slice(start, min(start + CHUNK, stretch.stop))
-        stamps = recording.table.read(recording.columns["t"], rows.start, rows.stop)[:, 0]
+        stamps = row_times(recording, sampling, rows.start, rows.stop)
         place = np.round((stamps - stretch.stamps[0]) / sampling.period).astype(np.intp) - stretch.first
         inside = (place >= 0) & (place < len(expected))
         soft, hard = expected[np.clip(place, 0, len(expected) - 1)], found[rows]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...recording.sampling import Sampling
-from ...recording.sampling.grid import Stretch
+from ...recording.sampling.grid import Stretch, row_times
 from ...types import Array, Indices, Mask, Recording
 
 CHUNK = 65_536  # [rows] read at a time; bounds memory
@@ -61,7 +61,7 @@ class _Span(NamedTuple):
     """Rows begin..end of a recording, and the first row at or after each of M samples."""
 
     recording: Recording
-    dropped: Indices
+    sampling: Sampling
     hidden: list[int]  # h joints without a sign
     small: Array  # (h,) [N.m or N]
     begin: int
@@ -77,17 +77,18 @@ class _Span(NamedTuple):
         end = stretch.stop if stretch.first + stretch.count == stretch.size else int(at[-1])
         hidden = np.flatnonzero(~recording.signed).tolist()
         small, at = SMALL * sampling.torque_rms[hidden], np.clip(at[1:-1], begin, end - 1)
-        return cls(recording, sampling.dropped, hidden, small, begin, end, at, sampling.uniform)
+        return cls(recording, sampling, hidden, small, begin, end, at, sampling.uniform)
 
     def read(self, start: int, stop: int) -> _FileRows:
         """Rows start..stop inside the span, without those that repeat a time."""
         start, stop = max(start, self.begin), min(stop, self.end)
-        names = [*self.recording.columns["t"], *(self.recording.columns["tau"][j] for j in self.hidden)]
-        inside = slice(*np.searchsorted(self.dropped, [start, stop]))
-        repeated = self.dropped[inside] - start
+        names = [self.recording.columns["tau"][j] for j in self.hidden]
+        inside = slice(*np.searchsorted(self.sampling.dropped, [start, stop]))
+        repeated = self.sampling.dropped[inside] - start
+        t = np.delete(row_times(self.recording, self.sampling, start, stop), repeated)
         values = np.delete(self.recording.table.read(names, start, stop), repeated, axis=0)
         number = np.delete(np.arange(start, stop), repeated)
-        return _FileRows(number, values[:, 0], np.abs(values[:, 1:] * self.recording.torque_per_unit[self.hidden]))
+        return _FileRows(number, t, np.abs(values * self.recording.torque_per_unit[self.hidden]))
 
 
 def _ends(stretch: Stretch, period: float) -> tuple[float, float]:
@@ -107,7 +108,7 @@ def _at(recording: Recording, sampling: Sampling, stretch: Stretch, t: Array) ->
     rows = np.full(len(t), stretch.start, dtype=np.intp)
     for start in range(stretch.start, stretch.stop, CHUNK):
         stop = min(start + CHUNK, stretch.stop)
-        stamps = recording.table.read(recording.columns["t"], start, stop)[:, 0]
+        stamps = row_times(recording, sampling, start, stop)
         rows += np.searchsorted(stamps, t - NEAR * sampling.period)
     return rows
 

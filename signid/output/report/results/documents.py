@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ....errors import readable
-from ....types import Array, Input, Robot
+from ....types import Array, Input, Recording, Robot
 from ....version import __version__
 
 if TYPE_CHECKING:
     from ....estimation.excitation import ExcitationVerdict
     from ....estimation.fit_quality import Fit
+    from ....recording.sampling import Sampling
 
 Document = dict[str, Any]
 _NUMBERS = re.compile(r"\[\n *(?:(?:[-+.\deE]+|null),?\n *)+\]")  # one per line; strings have no line ends
@@ -71,6 +72,12 @@ def rms(values: Array) -> Array:
 def description(robot: Robot) -> Input:
     """The description file of a robot."""
     return Input(readable(robot.path), robot.sha256, "description")
+
+
+def recorded(recording: Recording, sampling: Sampling) -> Document:
+    """A recording and the clock of its rows [s]."""
+    clock = sampling.clock
+    return {"path": recording.path, "clock": {"kind": clock.kind, "period": sampling.period, "jitter": clock.jitter}}
 
 
 def once(files: Iterable[Input]) -> list[Input]:

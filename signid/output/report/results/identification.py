@@ -14,7 +14,7 @@ from ....estimation.excitation import ENOUGH
 from ....model import standard_parameters
 from ....types import Array, BaseMap, Input, Law
 from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
-from .documents import Document, description, ending, excitation_verdict, fit_document, opening
+from .documents import Document, description, ending, excitation_verdict, fit_document, opening, recorded
 from .laws import law_units
 from .signs import signs_document, signs_tables
 
@@ -116,6 +116,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "excitation": excitation_verdict(result.excitation),
         "method": result.method,
         "estimator": result.estimate.method,
+        "recordings": [recorded(recording, sampling) for recording, sampling in result.session.whole],
         "cutoff": {"torque": result.cutoff, "position": result.position_cutoff, "unit": "Hz"},
         **ending(result, result.inputs, inputs or [description(robot)], result.seed),
     }

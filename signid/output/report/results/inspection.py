@@ -24,7 +24,7 @@ from ..layout import (
     share,
     torque_units,
 )
-from .documents import Document, description, ending, excitation_verdict, picked, provenance
+from .documents import Document, description, ending, excitation_verdict, picked, provenance, recorded
 from .identification import base_documents, cutoff_words, excited_words
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         "robot": robot.name,
         "joints": [dict(zip(("name", "cutoff", "used", "noise_floor"), joint, strict=True)) for joint in joints],
         "recordings": [
-            {"path": recording.path, "rate": 1 / s.period, "duration": s.duration, "samples": s.rows}
+            {**recorded(recording, s), "rate": 1 / s.period, "duration": s.duration, "samples": s.rows}
             | {**picked(s, "spans duplicates uniform"), "spacing": list(s.jitter)}
             for recording, s in zip(found.recordings, found.samplings, strict=True)
         ],
