@@ -15,6 +15,7 @@ from .formats import FORMATS
 from .formats.base import About
 from .mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
 from .plausible import drop_implausible
+from .sampling.rivals import ask_for_time
 from .source import Opened, Source, open_source
 
 DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf", ".json", ".toml")  # suffixes that are of no recording
@@ -45,6 +46,8 @@ def read_bare(
     mapping = read_map(columns)
     signals = {signal.logical: signal for signal in mapping.signals(opened.table.columns, opened.name)}
     joints = _joints(opened, signals)
+    if not signals["t"].mapped:
+        ask_for_time(opened.table, "t", {each.column for name, each in signals.items() if split(name)}, opened.name)
     chosen = {kind: tuple(_column(signals, kind, joint) for joint in joints) for kind in KINDS}
     functions: dict[str, Callable[[Array, int], Array]] = {}
     unknown: set[tuple[str, str]] = set()

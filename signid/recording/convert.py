@@ -16,6 +16,7 @@ from .formats.base import About, MemoryTable
 from .mapping import DRIVE, ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
 from .names import MEANT, OFFER, propose
 from .sampling.clock import read_clock
+from .sampling.rivals import rivals
 from .source import Opened, Source, open_source
 
 
@@ -70,7 +71,7 @@ def convert(
     """
     opened = open_source(source, topics)
     mapping = read_map(columns, units)
-    signals = _signals(opened, mapping)
+    signals, left = _one_time(opened, _signals(opened, mapping))
     about, skipped = About.of(opened.table), []
     found: dict[str, Array] = {}
     stated: dict[str, str] = {}
@@ -86,6 +87,8 @@ def convert(
         notes.append(f"the unit of {', '.join(idle)} is unused: there is no such column")
     if skipped:
         notes.append(f"omitted, because they hold no numbers: {shorten(skipped)}")
+    if left:
+        notes.append(f"omitted, because they differ from the stated time: {shorten(left)}")
     if drop_missing:
         found, dropped = _complete(found)
         notes += dropped
@@ -116,6 +119,14 @@ def _signals(opened: Opened, mapping: ParsedColumns) -> list[Signal]:
     if not opened.table.rows:
         raise RecordingError(f"{opened.name} has columns but no samples; record the robot in motion")
     return signals
+
+
+def _one_time(opened: Opened, signals: list[Signal]) -> tuple[list[Signal], list[str]]:
+    """Signals without columns of time that differ from the stated one, and these columns."""
+    stated = next((each.column for each in signals if each.logical == "t" and each.mapped), "")
+    used = {each.column for each in signals if split(each.logical)}
+    left = [other for _, other, _ in rivals(opened.table, stated, used)] if stated else []
+    return [each for each in signals if each.column not in left], left
 
 
 def _values(opened: Opened, mapping: ParsedColumns, signal: Signal, robot: Robot | None) -> tuple[Array | None, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from .mapping import DRIVE, Change, change_of
 from .meaning import Guess, guess, without_bare
 from .names import key_of, known_joints, match_signals, quoted
 from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
+from .sampling.rivals import rivals
 from .source import Opened, Source, open_source
 
 ROWS = 200_000  # rows whose numbers are examined
@@ -70,7 +71,7 @@ def draft_map(source: Source, robot: Robot, topics: Sequence[str] = ()) -> Draft
     lines = tuple(_lines(signals, time, values, robot))
     used = {line.guess.column for line in lines}
     unused = tuple(name for name in opened.table.columns if name not in used)
-    lacking = tuple(_lacking(lines, robot, opened.name))
+    lacking = (*_lacking(lines, robot, opened.name), *_other_times(opened, time, used))
     return DraftedMap(_text(opened.name, robot, lines, spare, unused, lacking), lines, unused, lacking)
 
 
@@ -179,6 +180,13 @@ def _lacking(lines: Sequence[MappedColumn], robot: Robot, source: str) -> Iterat
     ):
         if not has:
             yield f"{source}: no column of {what} was recognised; add lines for them to the map"
+
+
+def _other_times(opened: Opened, time: Guess | None, used: Collection[str]) -> Iterator[str]:
+    """Columns of time that differ from the one of the map."""
+    if time is not None:
+        for first, other, apart in rivals(opened.table, time.column, {*used} - {time.column}):
+            yield f"{first} and {other} differ by up to {apart * 1e3:.3g} ms; choose the time of the samples for t"
 
 
 def _text(

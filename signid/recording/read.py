@@ -20,6 +20,7 @@ from .mapping import ColumnMap, DerivedTable
 from .names import suggest
 from .plausible import drop_implausible
 from .sampling.clock import CHUNK
+from .sampling.rivals import ask_for_time
 from .source import Opened, Source, columns_of, open_source
 
 POSITIONS = ("q", "dq", "ddq", "q_des")
@@ -57,6 +58,9 @@ def read_recording(
     robot = as_robot(robot, "read_recording")
     opened = open_source(source if isinstance(source, str | Path) else _by_joint(columns_of(source), robot), topics)
     found = assign_columns(opened, columns, robot)
+    if (time := found.signals.get(("t", 0))) is None or not time.mapped:
+        used = {signal.column for signal in found.signals.values()}
+        ask_for_time(opened.table, time.column if time else "", used, opened.name)
     joints = _joints(found, robot, opened)
     torques = [found.torque(j) for j in joints]
     absolute = [bool(kind) and (unsigned or kind.startswith("abs_")) for kind in torques]

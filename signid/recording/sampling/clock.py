@@ -73,7 +73,7 @@ def read_clock(recording: Recording, name: str) -> Clock:
         advice = f"it looks like {unit}; convert it to seconds" + _line(unit)
         raise RecordingError(f"{name}: column {column!r} steps by {period:g}, which cannot be seconds: {advice}")
     mean = float(forward[(forward <= max(GAP * period, GAP_SECONDS)) & (forward > CLOSE * period)].mean())
-    return Clock(period, mean, _step(last) if len(last) else 0.0)
+    return Clock(period, mean, resolution(last) if len(last) else 0.0)
 
 
 def time_origin(recording: Recording) -> float:
@@ -91,13 +91,7 @@ def likely_unit(step: float) -> str:
     return min(UNITS, key=lambda unit: abs(log(step * UNITS[unit] / TYPICAL)))
 
 
-def _line(unit: str) -> str:
-    """Line of a column map for a unit of time, as the end of a message."""
-    short = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns", "hours": "h"}.get(unit)
-    return f', or write [units] t = "{short}", on two lines, into a column map (--columns)' if short else ""
-
-
-def _step(stamps: Array) -> float:
+def resolution(stamps: Array) -> float:
     """Resolution of the stamps (N,) [s]: a power of ten if they have a fixed number of decimals."""
     limit = 4 * float(np.spacing(np.abs(stamps).max()))
     for digits in range(10):
@@ -107,3 +101,9 @@ def _step(stamps: Array) -> float:
     if np.array_equal(stamps, stamps.astype(np.float32)):
         return float(np.spacing(np.abs(stamps).max().astype(np.float32)))
     return limit
+
+
+def _line(unit: str) -> str:
+    """Line of a column map for a unit of time, as the end of a message."""
+    short = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns", "hours": "h"}.get(unit)
+    return f', or write [units] t = "{short}", on two lines, into a column map (--columns)' if short else ""
