@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .deadline import ends_in_time, steps_shown
+from .deadline import ends_in_time, seconds_left, steps_shown
 from .errors import OptionError, shorten
 from .estimation.estimators import ESTIMATORS, Estimator, Given
 from .estimation.excitation import ExcitationVerdict, judge_excitation
@@ -29,6 +29,9 @@ from .types import Array, BaseMap, Estimate, Input, Parameters, Progress, Record
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
+# [1] held-out rms over training rms from which on the held-out rows are not learned from: another load or regime.
+# Measured, split of one recording or whole recordings apart: see tests/test_identify.py
+UNLIKE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +57,7 @@ class Identification(Result):
     position_cutoff: float  # [Hz]
     seed: int
     session: Session  # its recordings, ready to be reduced
+    judged: Model  # fitted to the training rows alone, the model that `fit` is about; `model` if `fit.refit` is false
 
     @property
     def physically_consistent(self) -> bool:
@@ -72,11 +76,13 @@ def identify(
     estimator: str | Estimator | None = None,
     search: Search | None = None,
     options: Options | None = None,
+    refit: bool = True,
     progress: Progress | None = None,
 ) -> Identification:
     """Identify a dynamics model from a description and recordings.
 
-    Where torque was recorded without its sign, the signs are recovered first and then count as measured.
+    Where torque was recorded without its sign, the signs are recovered first and then count as measured. Once its
+    errors on held-out rows are known, the model is fitted again to all rows.
 
     Args:
         robot: as `load_robot` gives it, or what it reads; a model counts as its robot.
@@ -90,6 +96,8 @@ def identify(
             positions as instruments where they are recorded.
         search: options of penalty-based parameter retrieval.
         options: effects, cut-off and the like.
+        refit: whether the model is fitted again to all rows, held-out ones too, after its held-out errors are known;
+            it is not if they are far above the training errors, since the held-out rows may show another robot.
         progress: called with the current step and the share that is done.
 
     Raises:
@@ -106,7 +114,7 @@ def identify(
     if isinstance(recordings, Reduced):
         if estimator not in (None, "wls"):
             raise OptionError(f"factors answer by weighted least squares alone; give recordings for {way.name!r}")
-        return _from_factors(robot, recordings, held_out, method or METHODS[0], search, options)
+        return _from_factors(robot, recordings, held_out, method or METHODS[0], search, options, refit)
     recordings = as_recordings(recordings, robot, "identify")
     everything = (*recordings, *held_out)
     only_once(everything)
@@ -118,12 +126,19 @@ def identify(
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search)
     notes = (*recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)
-    found = _judged(found, train, test, everything)
-    return replace(found, inputs=recordings_used(recordings, held_out), notes=notes)
+    found = _judged(replace(found, notes=notes), train, test, everything)
+    found = _refit(found, given, test, way, recovered, search) if refit else found
+    return replace(found, inputs=recordings_used(recordings, held_out))
 
 
 def _from_factors(
-    robot: Robot, reduced: Reduced, held_out: Sequence[Recording], method: str, search: Search, options: Options
+    robot: Robot,
+    reduced: Reduced,
+    held_out: Sequence[Recording],
+    method: str,
+    search: Search,
+    options: Options,
+    refit: bool,
 ) -> Identification:
     """Identify from factors, without samples."""
     if held_out or options.robust:
@@ -136,8 +151,10 @@ def _from_factors(
     session = Session(reduced.task, (), (), reduced.notes, options=options)
     given = Given(session, reduced.train[0].factors, _prior(session), options.whiten)
     recovered, test = Recovered(session, session), reduced.held_out[0].factors
-    found = _conclude(given, test, ESTIMATORS["wls"], recovered, method, search)
-    return replace(_judged(found, given.factors, test, ()), inputs=reduced.inputs)
+    way = ESTIMATORS["wls"]
+    found = _judged(_conclude(given, test, way, recovered, method, search), given.factors, test, ())
+    found = _refit(found, given, test, way, recovered, search) if refit else found
+    return replace(found, inputs=reduced.inputs)
 
 
 def _judged(found: Identification, train: Factors, test: Factors, recordings: Sequence[Recording]) -> Identification:
@@ -145,6 +162,46 @@ def _judged(found: Identification, train: Factors, test: Factors, recordings: Se
     rows = IdentifiedData(found.session, train, test, recordings)
     own = identification_flags(rows, found.model, found.excitation, found.fit, found.estimate.value)
     return replace(found, flags=(*own, *found.flags))
+
+
+def _refit(
+    found: Identification, given: Given, test: Factors, way: Estimator, recovered: Recovered, search: Search
+) -> Identification:
+    """The same fitted again to all rows, with the fit on held-out rows as it was; unchanged where it must not be."""
+    session = given.session
+    if test is given.factors or session.judges_itself or seconds_left() <= 0:
+        return found
+    if why := _unlike(found, recovered):
+        return replace(found, notes=(*found.notes, f"the model was not fitted again to the held-out rows: {why}"))
+    everything = replace(session, train=(*session.train, *session.held_out), held_out=())
+    again = replace(given, session=everything, factors=given.factors + test, prior=found.base_value)
+    whole = _conclude(again, test, way, recovered, found.method, search)
+    if seconds_left() <= 0:
+        return found
+    return replace(
+        found,
+        estimate=whole.estimate,
+        base_value=whole.base_value,
+        parameters=whole.parameters,
+        model=whole.model,
+        excitation=whole.excitation,
+        method=whole.method,
+        moved=whole.moved,
+        fit=replace(found.fit, refit=True),
+    )
+
+
+def _unlike(found: Identification, recovered: Recovered) -> str:
+    """Why held-out rows must not be learned from; empty if they may."""
+    fit = found.fit
+    far = fit.held_out_rms > UNLIKE * np.maximum(fit.train_rms, fit.noise_floor)
+    if far.any():
+        worst = shorten([fit.joints[j] for j in np.flatnonzero(far)])
+        return f"its errors there are more than {UNLIKE:g} times those of the training rows ({worst})"
+    learned = {recording for recording, _ in found.session.learned}
+    if recovered.signs is not None and any(recording not in learned for recording, _ in found.session.held_out):
+        return "the signs of their torque follow from this model"
+    return ""
 
 
 def _prior(session: Session) -> Array:
@@ -188,6 +245,7 @@ def _conclude(
         position_cutoff=session.task.band.position_cutoff,
         seed=seed,
         session=session,
+        judged=model,
     )
 
 
@@ -216,7 +274,11 @@ def _factors(session: Session, options: Options, progress: Progress | None) -> t
             found = estimate(train, session.task.base, whiten=False)
             weigh = _huber(found, train)
             train = session.reduce(session.train, weigh=weigh, progress=progress, purpose="weighing", lags=lags)
-    return train, session.reduce(session.held_out, progress=progress, purpose="judging by", lags=0), weigh
+    return (
+        train,
+        session.reduce(session.held_out, weigh=weigh, progress=progress, purpose="judging by", lags=lags),
+        weigh,
+    )
 
 
 def _huber(found: Estimate, factors: Factors) -> Weigh:

@@ -45,6 +45,7 @@ class Fit(Result):
     noise_floor: Array  # (n,) [N.m or N] rms of what white measurement noise leaves in the band
     held_out_r2: Array  # (n,) [1], NaN where torque is not recorded, or does not vary
     irreducible_rms: Array  # (n,) [N.m or N] of all that no model could predict: noise of any colour, reversals
+    refit: bool = False  # whether the written model was fitted again to all rows afterwards
 
     @property
     def sentences(self) -> tuple[str, ...]:

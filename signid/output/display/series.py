@@ -29,7 +29,7 @@ def held_out_course(result: Any) -> Course:
         raise OptionError("an identification from factors has no samples to show; identify the recordings instead")
     from ..report.pages.identification import held_out_rows
 
-    return held_out_rows(result.session, result.model)[0]
+    return held_out_rows(result.session, result.judged)[0]
 
 
 def held_out_residuals(result: Any) -> pl.DataFrame:

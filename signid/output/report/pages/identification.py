@@ -34,7 +34,7 @@ FEW = 20_000  # number of samples below which no further part of a recording is 
 def identification_page(result: Identification, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of an identification; `inputs` besides the recordings default to the description."""
     session, base = result.session, result.base
-    course, whole = held_out_rows(session, result.model) if session.held_out else (None, True)
+    course, whole = held_out_rows(session, result.judged) if session.held_out else (None, True)
     order, r2 = worst(result.fit), result.fit.held_out_r2[np.isfinite(result.fit.held_out_r2)]
     quality = f"; held-out R2 at least {determination(r2.min())}" if len(r2) else ""
     before = None if course is None else replace(result.fit, held_out_rms=rms(course.before))
