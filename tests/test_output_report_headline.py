@@ -11,9 +11,11 @@ from test_output_report_diagnosis import ROBOT, finding, made
 
 import signid
 from signid.diagnose import Diagnosis
+from signid.diagnose.result import Unexplained
 from signid.effects import EFFECTS
 from signid.effects.naming import law_syntax, parse_law
 from signid.output.report.pages.heat import LABEL, short_names
+from signid.output.report.results.diagnosis import diagnosis_document
 from signid.output.report.results.headline import finding_headline, named, quantity
 from signid.output.report.results.sentences import place_words, verdict_words
 from signid.types import Robot
@@ -87,6 +89,23 @@ def test_at_most_three_causes_and_the_number_of_all_others() -> None:
     mixed += [finding(law, {}) for law in ("coulomb_friction@3:level=1", "payload:mass=2")]
     said = verdict_words(made(findings=tuple(mixed)))
     assert said == "the simulation lacks Coulomb friction of all joints: 0.500 to 1.50 N.m; a payload of 2.00 kg"
+
+
+def test_joints_that_stay_unexplained_count() -> None:
+    cause = replace(finding("coulomb_friction@2:level=1", {}), torque_share=np.array([0.0, 0.4, 0.1]))
+    place = made().located[0]
+    left = tuple(Unexplained(j, place._replace(joint=j), share) for j, share in enumerate((0.34, 0.5, 0.999)))
+    result = made(verdict="unknown", findings=(cause,), unexplained=left)
+    assert [one.joint for one in result.without_cause] == [0, 2], "the cause acts on joint_2"
+    assert verdict_words(result).endswith("; and 2 joints stay unexplained, 34 to >99 % of their torque")
+    one = made(verdict="unknown", findings=(cause,), unexplained=left[:2])
+    assert verdict_words(one) == (
+        "the simulation lacks Coulomb friction of joint_2: 1.00 N.m; and 1 joint stays unexplained, 34 % of its torque"
+    )
+    document = diagnosis_document(result)
+    assert [x["without_cause"] for x in document["unexplained"]] == [True, False, True]
+    little = replace(left[0], share=0.2)
+    assert not made(findings=(cause,), unexplained=(little,)).without_cause
 
 
 def test_labels_of_heat_maps_are_short_and_different() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,6 +13,11 @@ from ..signs import Signs
 from ..simulation.rollout import RollOut
 from ..types import Array, Frozen, Input, Law, Recording, Result, Robot
 from .data.locate import Location
+
+MUCH = 0.3  # share of a joint's torque that is much if no law explains it [1]: R2 below 0.91; heuristic
+HARDLY = (
+    0.5  # torque of a cause over the unexplained torque of a joint, below which it hardly acts there [1]; heuristic
+)
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,16 @@ class Unexplained:
     modelled: bool = False  # whether the extended simulation has that function, as `empirical` torque
 
 
+def without_cause(findings: Iterable[Finding], unexplained: Iterable[Unexplained]) -> tuple[Unexplained, ...]:
+    """Joints much of whose torque stays unexplained although the causes hardly act on them."""
+    causes = [finding.torque_share for finding in findings if finding.role == "cause"]
+    return tuple(
+        left
+        for left in unexplained
+        if left.share >= MUCH and all(share[left.joint] < HARDLY * left.share for share in causes)
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Result):
     """Differences between a simulation and recordings, and the laws that explain them."""
@@ -84,6 +99,11 @@ class Diagnosis(Result):
     def causes(self) -> tuple[Finding, ...]:
         """Findings that are causes."""
         return tuple(finding for finding in self.findings if finding.role == "cause")
+
+    @property
+    def without_cause(self) -> tuple[Unexplained, ...]:
+        """Joints much of whose torque stays unexplained although the causes hardly act on them."""
+        return without_cause(self.findings, self.unexplained)
 
     @property
     def gain(self) -> Array:

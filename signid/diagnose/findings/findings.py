@@ -18,7 +18,7 @@ from ..data.hypotheses import VARIABLES
 from ..data.locate import Location, locate
 from ..evidence.selection import Selection
 from ..extend.holdout import Prediction
-from ..result import Alternative, Finding, Unexplained
+from ..result import Alternative, Finding, Unexplained, without_cause
 from ..search.stepwise import required_log_odds
 from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
 from .contender import Contender
@@ -68,14 +68,17 @@ def conclude(
     if verdict.name == "unknown" and not verdict.causes:
         findings = [*stated_number_findings(dataset, session, selection, extended), *findings]
     floor, scale = selection.data.floor, selection.data.scale
+    unexplained = tuple(_unexplained(dataset, prediction, verdict))
+    if verdict.name == "named" and without_cause(findings, unexplained):
+        verdict = replace(verdict, name="unknown")
     return Conclusions(
         verdict=verdict.name,
         prediction=prediction,
         findings=tuple(findings),
-        unexplained=tuple(_unexplained(dataset, prediction, verdict)),
+        unexplained=unexplained,
         located=tuple(_place(dataset, j, dataset.table.residual[:, j]) for j in range(dataset.table.joints)),
         tolerance=float(np.max(np.sqrt(verdict.threshold / selection.data.counts) * floor / scale)),
-        flags=tuple(_flags(dataset, findings, verdict, session.judges_itself)),
+        flags=tuple(_flags(dataset, findings, unexplained, verdict, session.judges_itself)),
     )
 
 
@@ -177,12 +180,16 @@ def _unexplained(dataset: Dataset, prediction: Prediction, verdict: Verdict) -> 
         yield Unexplained(joint, _place(dataset, joint, residual[:, joint]), share)
 
 
-def _flags(dataset: Dataset, findings: Sequence[Finding], verdict: Verdict, reused: bool) -> Iterator[str]:
+def _flags(
+    dataset: Dataset, findings: Sequence[Finding], unexplained: Sequence[Unexplained], verdict: Verdict, reused: bool
+) -> Iterator[str]:
     """Warnings on the findings, one sentence each."""
     robot = dataset.model.robot
     if verdict.name == "unknown":
         named = any(finding.role == "cause" for finding in findings)
         lead = "the named causes leave more torque than they explain: " if named else ""
+        if named and (rest := without_cause(findings, unexplained)):
+            lead = f"the named causes do not act on {shorten([robot.joints[x.joint] for x in rest])}: "
         yield (
             f"{lead}something is missing that no effect of the library explains; "
             "the report says what it depends on, not what it is"

@@ -58,6 +58,7 @@ class ReplayFindings(NamedTuple):
     after: Model  # the extended simulation
     findings: tuple[ReplayFinding, ...]
     drives: tuple[DriveFinding, ...] = ()
+    left: tuple[float, ...] = ()  # unexplained shares [1] of the torque of joints on which the causes hardly act
 
 
 def read_found(diagnosis: Diagnosis | ServoDiagnosis | str | Path) -> ReplayFindings:
@@ -68,7 +69,8 @@ def read_found(diagnosis: Diagnosis | ServoDiagnosis | str | Path) -> ReplayFind
     """
     if isinstance(diagnosis, Diagnosis):
         shown = (ReplayFinding(x.law, x.std, x.probability, x.role == "cause", x.stated) for x in diagnosis.findings)
-        return ReplayFindings(diagnosis.verdict, diagnosis.model, tuple(shown))
+        left = tuple(one.share for one in diagnosis.without_cause)
+        return ReplayFindings(diagnosis.verdict, diagnosis.model, tuple(shown), left=left)
     if not isinstance(diagnosis, str | Path):
         content = servo_diagnosis_document(diagnosis)
         return ReplayFindings(diagnosis.verdict, diagnosis.model, (), tuple(map(_drive_finding, content["findings"])))
@@ -84,7 +86,9 @@ def read_found(diagnosis: Diagnosis | ServoDiagnosis | str | Path) -> ReplayFind
         if after.servos:
             drives = tuple(map(_drive_finding, content["findings"]))
             return ReplayFindings(str(content["verdict"]), after, (), drives)
-        return ReplayFindings(str(content["verdict"]), after, tuple(_finding(x, after) for x in content["findings"]))
+        findings = tuple(_finding(x, after) for x in content["findings"])
+        left = tuple(float(x["share"]) for x in content["unexplained"] if x.get("without_cause"))
+        return ReplayFindings(str(content["verdict"]), after, findings, left=left)
     except OSError as error:
         raise OptionError(f"cannot read {path}: {error.strerror}; give diagnosis.json of `signid diagnose`") from None
     except SignidError:
@@ -146,7 +150,7 @@ def headline(robot: Robot, found: ReplayFindings) -> str:
     if found.drives:
         listed = [f"{x.effect.replace('_', ' ')} of {x.joint}" for x in found.drives if x.cause]
         return f"Missing or wrongly stated: {', '.join(listed)}."
-    return sentence_case(causes_words(causes, found.verdict == "named", len(robot.joints))) + "."
+    return sentence_case(causes_words(causes, found.verdict == "named", len(robot.joints), found.left)) + "."
 
 
 def _places(robot: Robot, law: Law) -> tuple[str, ...]:

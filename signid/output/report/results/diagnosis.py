@@ -44,6 +44,7 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
                 "region": left.place.region,
                 "held_out_gain": left.held_out_gain,
                 "empirical": left.modelled,
+                "without_cause": left in result.without_cause,
             }
             for left in result.unexplained
         ],

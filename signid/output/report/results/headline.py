@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from ....effects.naming import law_place
 from ....types import TWO_SIDED, Coefficient, Effect, Law, Robot, Shape
-from ..layout import UNKNOWN, figure
+from ..layout import UNKNOWN, figure, plural, share
 from .laws import changed_link, law_units
 
 FEW = 3  # maximum number of causes in a headline
@@ -172,14 +172,17 @@ def listed(words: Sequence[tuple[str, int]], total: int) -> str:
     return "; ".join([*(text for text, _ in shown), *([f"and {more} more"] if more > 0 else [])])
 
 
-def causes_words(causes: Sequence[Named], explained: bool, joints: int) -> str:
+def causes_words(causes: Sequence[Named], explained: bool, joints: int, left: Sequence[float] = ()) -> str:
     """Missing effects, then wrong parameters of a simulation: three at most, and the number of all others.
 
     Args:
         causes: the largest first.
         explained: whether they explain most of the torque; if not, that is said.
         joints: number of joints of the robot.
+        left: unexplained shares [1] of the torque of joints on which the causes hardly act.
     """
+    if causes and left:
+        return f"{causes_words(causes, True, joints)}; and {_left_words(left)}"
     unexplained = "the simulation lacks physics that no law explains"
     if not explained and not causes:
         return unexplained
@@ -191,6 +194,14 @@ def causes_words(causes: Sequence[Named], explained: bool, joints: int) -> str:
     lacking, beside = list(grouped(missing, joints)), list(_wrong(wrong, joints))
     lead = "the simulation lacks " if missing else ""
     return lead + listed([*lacking, *beside], len(causes))
+
+
+def _left_words(left: Sequence[float]) -> str:
+    """Number of joints that stay unexplained, and the range of their shares."""
+    least, most = share(min(left)), share(max(left))
+    stay, their = ("stays", "its") if len(left) == 1 else ("stay", "their")
+    between = least if least == most else f"{least.removesuffix(' %')} to {most}"
+    return f"{plural(len(left), 'joint')} {stay} unexplained, {between} of {their} torque"
 
 
 def _wrong(findings: Sequence[Named], joints: int) -> Iterator[tuple[str, int]]:

@@ -46,7 +46,8 @@ def verdict_words(result: Diagnosis) -> str:
         within = f", within {share(result.tolerance)} of the torque" if isfinite(result.tolerance) else ""
         return f"{'no law' if better else 'nothing'} is missing{within}{refit}"
     causes = [named(result.robot, finding.law, finding.std, finding.stated) for finding in result.causes]
-    words = causes_words(causes, result.verdict == "named", len(result.robot.joints))
+    left = [one.share for one in result.without_cause]
+    words = causes_words(causes, result.verdict == "named", len(result.robot.joints), left)
     alone = result.verdict == "named" and len(causes) == 1 and isfinite(result.causes[0].probability)
     return words + (f" (probability {confidence(result.causes[0].probability)})" if alone else "")
 
@@ -60,7 +61,7 @@ def role_words(result: Diagnosis) -> dict[str, str]:
     """Headings of the findings of each role."""
     stated = [bool(finding.stated) for finding in result.causes]
     causes = "Wrong in the simulation" if all(stated) else "Missing or wrong" if any(stated) else "Missing"
-    if result.verdict == "unknown":
+    if result.verdict == "unknown" and not result.without_cause:
         causes = "Causes that explain less than they leave unexplained"
     return {"cause": causes, "secondary": "Small corrections"}
 
