@@ -59,7 +59,7 @@ def three_r() -> Case:
     train, held_out = (
         signid.read_recording(ROBOTS / "3r" / f"{key}.parquet", robot) for key in ("recording", "held_out")
     )
-    found = signid.identify(robot, [train], held_out=[held_out], refit=False)
+    found = signid.identify(robot, [train], held_out=[held_out])
     truth = tomllib.loads((ROBOTS / "3r" / "truth.toml").read_text(encoding="utf-8"))
     links = [truth["link"][name] for name in robot.links]
     inertials = np.array([[link["mass"], *link["first_moment"], *link["inertia"]] for link in links])
@@ -76,7 +76,7 @@ def three_r() -> Case:
 def real() -> Iterator[Case]:
     """A UR10e and an EMPS with a second recording held out, a Panda with its last 30 % held out."""
     train, held_out = ur10e_recording(UNLOADED[1]), ur10e_recording(HELD_OUT)
-    found = signid.identify(ur10e(), [train], held_out=[held_out], refit=False)
+    found = signid.identify(ur10e(), [train], held_out=[held_out])
     yield Case("UR10e, 50 s", held_out, {"URDF": bare(found.model), "identified": found.model})
     robot, options = signid.load_robot(data() / "panda_gaz2019" / "panda.urdf"), Options(effects=LINK_SIDE)
     train = recording("panda_gaz2019", "exciting_traj_1", robot)
@@ -85,7 +85,7 @@ def real() -> Iterator[Case]:
     yield Case("Panda, last 30 %", session, {"URDF": bare(found.model), "identified": found.model})
     robot = signid.load_robot("emps")
     train, held_out = (recording("emps_janot", f"emps_{key}", robot) for key in ("train", "pulses"))
-    found = signid.identify(robot, [train], held_out=[held_out], refit=False)
+    found = signid.identify(robot, [train], held_out=[held_out])
     yield Case("EMPS, pulses", held_out, {"URDF": bare(found.model), "identified": found.model})
 
 

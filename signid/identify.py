@@ -76,13 +76,13 @@ def identify(
     estimator: str | Estimator | None = None,
     search: Search | None = None,
     options: Options | None = None,
-    refit: bool = True,
+    refit: bool | None = None,
     progress: Progress | None = None,
 ) -> Identification:
     """Identify a dynamics model from a description and recordings.
 
     Where torque was recorded without its sign, the signs are recovered first and then count as measured. Once its
-    errors on held-out rows are known, the model is fitted again to all rows.
+    errors on held-out rows are known, the model is fitted again to all rows, except those of `held_out`.
 
     Args:
         robot: as `load_robot` gives it, or what it reads; a model counts as its robot.
@@ -96,8 +96,9 @@ def identify(
             positions as instruments where they are recorded.
         search: options of penalty-based parameter retrieval.
         options: effects, cut-off and the like.
-        refit: whether the model is fitted again to all rows, held-out ones too, after its held-out errors are known;
-            it is not if they are far above the training errors, since the held-out rows may show another robot.
+        refit: whether the model is fitted again to all rows after its held-out errors are known; None: unless
+            held-out recordings are given. It is not if these errors are far above the training errors, since the
+            held-out rows may show another load.
         progress: called with the current step and the share that is done.
 
     Raises:
@@ -114,7 +115,7 @@ def identify(
     if isinstance(recordings, Reduced):
         if estimator not in (None, "wls"):
             raise OptionError(f"factors answer by weighted least squares alone; give recordings for {way.name!r}")
-        return _from_factors(robot, recordings, held_out, method or METHODS[0], search, options, refit)
+        return _from_factors(robot, recordings, held_out, method or METHODS[0], search, options, refit is not False)
     recordings = as_recordings(recordings, robot, "identify")
     everything = (*recordings, *held_out)
     only_once(everything)
@@ -127,7 +128,8 @@ def identify(
     found = _conclude(given, test, way, recovered, method, search)
     notes = (*recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)
     found = _judged(replace(found, notes=notes), train, test, everything)
-    found = _refit(found, given, test, way, recovered, search) if refit else found
+    again = not held_out if refit is None else refit
+    found = _refit(found, given, test, way, recovered, search) if again else found
     return replace(found, inputs=recordings_used(recordings, held_out))
 
 
@@ -169,12 +171,13 @@ def _refit(
 ) -> Identification:
     """The same fitted again to all rows, with the fit on held-out rows as it was; unchanged where it must not be."""
     session = given.session
-    if test is given.factors or session.judges_itself or seconds_left() <= 0:
+    without_lags = len(test.joints[0].grams) < len(given.factors.joints[0].grams)  # of given held-out recordings
+    if test is given.factors or session.judges_itself or without_lags or seconds_left() <= 0:
         return found
     if why := _unlike(found, recovered):
         return replace(found, notes=(*found.notes, f"the model was not fitted again to the held-out rows: {why}"))
     everything = replace(session, train=(*session.train, *session.held_out), held_out=())
-    again = replace(given, session=everything, factors=given.factors + test, prior=found.base_value)
+    again = replace(given, session=everything, factors=given.factors + test)
     whole = _conclude(again, test, way, recovered, found.method, search)
     if seconds_left() <= 0:
         return found

@@ -26,7 +26,7 @@ def read(name: str, robot: signid.Robot) -> signid.Recording:
 
 def test_held_out_rows_are_learned_from_after_the_fit_is_measured(robot: signid.Robot) -> None:
     first, other = read("recording", robot), read("held_out", robot)
-    split, refit = (signid.identify(robot, [first], held_out=[other], refit=yes) for yes in (False, True))
+    split, refit = (signid.identify(robot, [first], held_out=[other], refit=yes) for yes in (None, True))
     assert (split.fit.refit, refit.fit.refit) == (False, True)
     for name in ("train_rms", "held_out_rms", "held_out_r2"):
         assert np.array_equal(getattr(split.fit, name), getattr(refit.fit, name)), name
@@ -42,7 +42,7 @@ def test_another_load_is_not_learned_from(robot: signid.Robot, tmp_path: Path) -
     assert run([*words.split(), "--seed", "1", "--inject", "payload:mass=0.6", "-o", str(tmp_path / "load.csv")]) == 0
     paths = (str(tmp_path / name) for name in ("bare.csv", "load.csv"))
     bare, load = (signid.read_recording(path, robot) for path in paths)
-    found = signid.identify(robot, [bare], held_out=[load])
+    found = signid.identify(robot, [bare, load])
     assert not found.fit.refit and found.judged is found.model
     assert any(
         "not fitted again to the held-out rows: its errors there are more than 2 times" in n for n in found.notes

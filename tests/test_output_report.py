@@ -154,7 +154,7 @@ def test_identification_document(result: Identification) -> None:
     assert list(found)[:5] == ["schema", "robot", "joints", "base_parameters", "standard_parameters"]
     assert {"physically_consistent", "effects", "signs", "fit", "inputs", "seed", "version"} <= set(found)
     assert found["inputs"][-1] == {"path": "1r", "sha256": "0" * 64, "role": "description"}
-    assert set(found["fit"]) == {"joints", "unit", "train_rms", "held_out_rms", "noise_floor", "held_out_r2"}
+    assert set(found["fit"]) == {"joints", "unit", "train_rms", "held_out_rms", "noise_floor", "held_out_r2", "refit"}
     assert {entry["unit"] for entry in found["base_parameters"]} == {"kg.m", "kg.m^2", "N.m.s/rad", "N.m"}
     assert found["signs"] is None and found["physically_consistent"] is True
 

@@ -190,7 +190,7 @@ def test_recordings_that_cannot_be_reduced_are_refused(robot: Robot, long: Recor
 def test_a_file_is_small_and_the_same_every_time(robot: Robot, whole: Reduced, tmp_path: Path) -> None:
     minute = reduce(robot, [signid.read_recording(columns(robot, 0, 60.0), robot)])
     sizes = [len(encode_factors(found)) for found in (whole, minute)]
-    assert max(sizes) < 120_000 and sizes[0] < 1.05 * sizes[1]
+    assert max(sizes) < 180_000 and sizes[0] < 1.1 * sizes[1]
     path = saved(tmp_path, whole)
     assert encode_factors(load_factors(path, robot)) == encode_factors(whole) == Path(path).read_bytes()
     assert is_factor_file(path) and not is_factor_file(ARM / "recording.parquet") and not is_factor_file("none.npz")

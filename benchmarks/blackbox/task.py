@@ -121,4 +121,4 @@ def identified(robot: Robot, recordings: Sequence[Recording], **options: object)
     """
     columns = columns_of(recordings[-1])
     last = rebuilt(robot, columns_of(recordings[-1], start=float(columns["t"][1])))
-    return signid.identify(robot, recordings, held_out=[last], refit=False, **options)  # type: ignore[arg-type]
+    return signid.identify(robot, recordings, held_out=[last], **options)  # type: ignore[arg-type]

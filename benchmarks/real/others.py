@@ -36,10 +36,8 @@ def tx40() -> Iterator[Row]:
     whole = recording("staubli_tx40", "exciting_traj", robot)
     with tempfile.TemporaryDirectory() as folder:
         train, held_out = blocks(whole, robot, BLOCK, EVERY, Path(folder))
-        model = signid.identify(robot, train, held_out=held_out, refit=False).model
-        yield attempt(
-            "TX40", "wrist coupling", lambda: signid.diagnose(model, train, held_out=held_out, refit=False), _wrist
-        )[0]
+        model = signid.identify(robot, train, held_out=held_out).model
+        yield attempt("TX40", "wrist coupling", lambda: signid.diagnose(model, train, held_out=held_out), _wrist)[0]
 
 
 def _wrist(diagnosis: Diagnosis) -> Sequence[Target]:
@@ -60,14 +58,12 @@ def emps() -> Iterator[Row]:
     """EMPS with asymmetric friction; the run with added pulses is held out."""
     robot = signid.load_robot(ROBOTS / "emps" / "robot.urdf")
     train, held_out = (recording("emps_janot", f"emps_{name}", robot) for name in ("train", "pulses"))
-    model = signid.identify(robot, [train], held_out=[held_out], refit=False).model
-    published = signid.identify(
-        robot, [train], held_out=[held_out], refit=False, options=signid.Options(effects=PUBLISHED)
-    )
+    model = signid.identify(robot, [train], held_out=[held_out]).model
+    published = signid.identify(robot, [train], held_out=[held_out], options=signid.Options(effects=PUBLISHED))
     yield attempt(
         "EMPS",
         "asymmetric friction",
-        lambda: signid.diagnose(model, [train], held_out=[held_out], refit=False),
+        lambda: signid.diagnose(model, [train], held_out=[held_out]),
         lambda diagnosis: _directions(diagnosis, published),
     )[0]
 

@@ -62,7 +62,7 @@ def report() -> Report:
         for names in (TRAIN, HELD_OUT)
     )
     start = time.process_time()
-    found = signid.identify(robot, train, held_out=held_out, refit=False)
+    found = signid.identify(robot, train, held_out=held_out)
     seconds = time.process_time() - start
     assert found.signs is not None, "the recordings have no signs"
     joints = tuple(joint_result(found, j) for j in range(len(JOINTS)))

@@ -135,7 +135,9 @@ class IdentifyOptions:
     bounds: Text = option(None, "TOML of parameter bounds for pbrp. Default: around ROBOT's values.", metavar="FILE")
     global_algorithm: str = option("GN_CRS2_LM", "Global NLopt algorithm for pbrp.", metavar="NAME")
     local_algorithm: str = option("LD_LBFGS", "Local NLopt algorithm for pbrp.", metavar="NAME")
-    no_refit: bool = option(False, "Keep the model of the training rows; do not fit it to all rows.", "--no-refit")
+    refit: bool | None = option(
+        None, "Fit the written model again to all rows. Default: unless --held-out is given.", "--refit/--no-refit"
+    )
     total_mass: Text = option(None, "Range of the total mass [kg], for pbrp. Default: any.", metavar="LO,HI")
     time_limit: TimeLimit = USUAL
 
@@ -191,7 +193,7 @@ def identify(
                 estimator=fit.estimator,
                 search=search,
                 options=options,
-                refit=not fit.no_refit,
+                refit=fit.refit,
                 progress=progress,
             )
         read += factor_inputs(recordings)

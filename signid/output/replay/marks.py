@@ -87,7 +87,7 @@ def read_found(diagnosis: Diagnosis | ServoDiagnosis | str | Path) -> ReplayFind
             drives = tuple(map(_drive_finding, content["findings"]))
             return ReplayFindings(str(content["verdict"]), after, (), drives)
         findings = tuple(_finding(x, after) for x in content["findings"])
-        left = tuple(float(x["share"]) for x in content["unexplained"] if x.get("without_cause"))
+        left = tuple(float(x["share"]) for x in content.get("unexplained", ()) if x.get("without_cause"))
         return ReplayFindings(str(content["verdict"]), after, findings, left=left)
     except OSError as error:
         raise OptionError(f"cannot read {path}: {error.strerror}; give diagnosis.json of `signid diagnose`") from None

@@ -76,7 +76,8 @@ def reduce(
         session = _alike(prepare(robot, recordings, held_out, _same(like.task, options)), like.task)
     lags = LAGS if options.whiten else 0
     train = _factors(session, session.train, share, lags, progress, "learning from")
-    held = _factors(session, session.held_out, share, lags, progress, "evaluating on")
+    learned_later = 0 if held_out else lags  # given held-out recordings are never learned from
+    held = _factors(session, session.held_out, share, learned_later, progress, "evaluating on")
     return Reduced(session.task, train, held, recordings_used(recordings, held_out), session.notes, share)
 
 

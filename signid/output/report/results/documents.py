@@ -54,8 +54,7 @@ def excitation_verdict(found: ExcitationVerdict) -> Document:
 def fit_document(fit: Fit) -> Document:
     """Quality of the torque prediction, per joint."""
     sizes = picked(fit, "train_rms held_out_rms noise_floor held_out_r2")
-    numbers = {key: x.tolist() for key, x in sizes.items()}
-    return {"joints": list(fit.joints), "unit": list(fit.unit), **numbers, "refit": fit.refit}
+    return {"joints": list(fit.joints), "unit": list(fit.unit), **{key: x.tolist() for key, x in sizes.items()}}
 
 
 def fit_with_errors(fit: Fit) -> Document:

@@ -112,7 +112,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
             for law, numbers in zip(result.model.laws, identified_numbers(result), strict=True)
         ],
         "signs": signs_document(result.signs),
-        "fit": fit_document(result.fit),
+        "fit": {**fit_document(result.fit), "refit": result.fit.refit},
         "excitation": excitation_verdict(result.excitation),
         "method": result.method,
         "estimator": result.estimate.method,
