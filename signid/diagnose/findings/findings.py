@@ -78,7 +78,7 @@ def conclude(
         unexplained=unexplained,
         located=tuple(_place(dataset, j, dataset.table.residual[:, j]) for j in range(dataset.table.joints)),
         tolerance=float(np.max(np.sqrt(verdict.threshold / selection.data.counts) * floor / scale)),
-        flags=tuple(_flags(dataset, findings, unexplained, verdict, session.judges_itself)),
+        flags=tuple(_flags(dataset, findings, verdict, session.judges_itself, unexplained)),
     )
 
 
@@ -181,7 +181,11 @@ def _unexplained(dataset: Dataset, prediction: Prediction, verdict: Verdict) -> 
 
 
 def _flags(
-    dataset: Dataset, findings: Sequence[Finding], unexplained: Sequence[Unexplained], verdict: Verdict, reused: bool
+    dataset: Dataset,
+    findings: Sequence[Finding],
+    verdict: Verdict,
+    reused: bool,
+    unexplained: Sequence[Unexplained] = (),
 ) -> Iterator[str]:
     """Warnings on the findings, one sentence each."""
     robot = dataset.model.robot
