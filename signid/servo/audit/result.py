@@ -57,6 +57,7 @@ class ServoAudit(Frozen):
     rates: tuple[float, ...]  # [Hz] per recording
     durations: tuple[float, ...]  # [s] per recording, with a command
     uneven: tuple[float, ...]  # [1] per recording: share of time steps that differ by half from the median
+    content_rates: tuple[float, ...]  # [Hz] per recording, of rows that were neither interpolated nor repeated
     stamps: tuple[str, ...]  # faults of stamps, one sentence each
     notes: tuple[str, ...] = ()
 

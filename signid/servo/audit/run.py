@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import RecordingError
 from ...types import Recording, Robot, Samples
+from ..plant.content import content_rate
 from .faults import (
     command_noise,
     command_period,
@@ -71,6 +72,7 @@ def audit_servos(recordings: Recording | Sequence[Recording], units: Mapping[str
         tuple(1 / clock.period for clock in clocks),
         tuple(clock.duration for clock in clocks),
         tuple(clock.uneven for clock in clocks),
+        tuple(content_rate(samples.t, samples.q) for _, samples in read),
         tuple(stamps),
         tuple(dict.fromkeys(notes)),
     )

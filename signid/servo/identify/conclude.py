@@ -44,6 +44,7 @@ class Known:
     laws: Mapping[str, str]  # stated laws by joint
     tied: Mapping[str, float]  # error of full duty [rad or m] by joint, from the recorded PWM
     sets: Sequence[Sequence[str]]  # connected joints
+    timing: Mapping[str, float]  # time [s] by which the delay of a joint may be longer, as commands change between rows
 
 
 def conclude(
@@ -62,6 +63,7 @@ def conclude(
         joint: replace(
             fact,
             full_duty_error=known.tied.get(joint, 0.0),
+            command_timing=known.timing.get(joint, 0.0),
             unexplained=float(fit.residual_rms[data.joints.index(joint)]) / max(loop_error(data, joint), 1e-12),
         )
         for joint, fact in joint_facts(

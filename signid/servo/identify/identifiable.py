@@ -45,6 +45,7 @@ class JointFacts:
     saturated_share: float = 0.0  # [1]
     largest_torque: float = 0.0  # [N.m or N] that the drive gives at least
     drive_damping: float = 0.0  # [N.m.s/rad or N.s/m] inside the limit, for which that holds
+    command_timing: float = 0.0  # [s] by which the delay may be longer, as commands may change between rows
     held_out_torque: float = 0.0  # [N.m or N] that held-out rows ask for, where they do not confirm that torque
     held_out_limit: float = np.inf  # [N.m or N] effort limit that held-out rows show
     torque_off: bool = False  # whether the joint moves while the drive is off
@@ -79,6 +80,8 @@ def joint_numbers(
     if facts.full_duty_error > 0 and "kp" in std:
         std["effort_limit"] = facts.full_duty_error * std["kp"]
     lost = dict(_lost(servo, free, values, std, facts))
+    for name in {"delay", "lag"} & set(std):
+        std[name] = float(np.hypot(std[name], facts.command_timing / 1.96))
     numbers = {}
     for name in ("kp", "damping", *[n for n in SERVO_UNITS if n != "kp"], "lag"):
         if name in lost or name in std or name in facts.stated:
@@ -90,7 +93,7 @@ def joint_numbers(
                 float(values[name]) if keep else None,
                 float(std[name]) if keep and name in std else None,
                 stated,
-                lost.get(name, _remark(name, servo)),
+                lost.get(name, _remark(name, servo, facts)),
             )
     return numbers, tuple(dict.fromkeys(lost.values()))
 
@@ -204,7 +207,9 @@ def _scale_sentence(servo: Servo, facts: JointFacts) -> str:
     )
 
 
-def _remark(name: str, servo: Servo) -> str:
+def _remark(name: str, servo: Servo, facts: JointFacts) -> str:
+    if name == "delay" and facts.command_timing > 0:
+        return f"up to {1e3 * facts.command_timing:.3g} ms longer if the command changes between the rows of the log"
     if name == "damping":
         return "kd + viscous_friction + back_emf" if servo.law == "duty" else "kd + viscous_friction"
     if name == "torque_offset":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from ...frozen import Frozen, Result
 from ...model import Model
@@ -102,6 +102,7 @@ class ServoIdentification(Result):
     flags: tuple[str, ...]  # exit 3
     notes: tuple[str, ...]
     seed: int
+    content_rates: Mapping[str, float] = field(default_factory=dict)  # [Hz] by path, of rows with content of their own
     zeros: tuple[JointZero, ...] = ()  # signs and zeros of positions, where gravity was compared with them
 
     def with_zeros(self, zeros: tuple[JointZero, ...], notes: tuple[str, ...]) -> ServoIdentification:

@@ -15,6 +15,7 @@ from ...servos import Servo
 from ...types import Progress, Recording
 from ..audit import audit_flags
 from ..fit import start_servos
+from ..plant.content import content_rate
 from ..plant.substeps import LONGEST
 from ..search.choice import Candidate
 from ..search.data import servo_data, thinned
@@ -26,10 +27,12 @@ from .fits import final_fit, weigh_bodies
 from .result import ServoIdentification
 from .scale import connected_sets
 from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
+from .timing import command_timing
 from .zeros import joint_zeros, zero_flags
 
 ALONE, COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits (BAM XL330, Go2)
 PLAIN = "duty"  # its regression has one number less
+FINER = 0.7  # rows of the log over those of the grid [1], below which the grid averages known changes of commands
 SEARCHED, FITTED = 60_000, 180_000  # substeps times squared joints of a branch
 
 
@@ -98,8 +101,19 @@ def identify_servos(
     remarks = (*audit_flags(model.robot, (*given, *unseen)), *remarks)
     zeros, notes = joint_zeros(plain, data, starts[PLAIN], options.seed) if scale == "masses" else ((), ())
     remarks = (*remarks, *zero_flags(zeros, _position_columns(given[0])))
-    case = Known(scale, wanted, fixed, limits.laws, duty, sets)
-    return conclude((plain, weighed), data, chosen, fit, case, remarks, options).with_zeros(zeros, notes)
+    content = {recording.path: _content_rate(recording) for recording in (*given, *unseen)}
+    slow = FINER * min(content.values()) < data.train[0].rate
+    late = command_timing(weighed, few, fit, options.window) if slow else {}
+    case = Known(scale, wanted, fixed, limits.laws, duty, sets, late)
+    found = conclude((plain, weighed), data, chosen, fit, case, remarks, options).with_zeros(zeros, notes)
+    return replace(found, content_rates=content)
+
+
+def _content_rate(recording: Recording) -> float:
+    """Rate [Hz] of the rows that were neither interpolated nor repeated."""
+    x = recording.read()
+    known = np.isfinite(x.t) & np.isfinite(x.q).all(axis=1)
+    return content_rate(x.t[known], x.q[known])
 
 
 def _position_columns(recording: Recording) -> dict[str, str]:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ...errors import RecordingError
 from ...servos import ServoGrid
 from ...types import Array, Mask, Recording, Robot
+from .content import content_rows
 
 FASTEST = 250.0  # [Hz] of a grid by default; enough for loops of position drives
 GAP = 0.25  # [s] without samples, beyond 5 periods, ends a grid
@@ -105,7 +106,8 @@ def grids_of_arrays(
     columns = {k: np.reshape(np.asarray(x, float), (len(stamps), n)) for k, x in table.items() if x is not None}
     keep = np.isfinite(stamps) & np.isfinite(columns["q"]).all(1)
     keep[keep] = np.diff(stamps[keep], prepend=-np.inf) > 0
-    stamps, columns = stamps[keep], {k: x[keep] for k, x in columns.items()}
+    own = content_rows(stamps[keep], columns["q"][keep])
+    stamps, columns = stamps[keep][own], {k: x[keep][own] for k, x in columns.items()}
     source = path or "the recording"
     have = np.asarray(np.isfinite(columns["u"]).any(0) if driven is None else driven)
     if not have.any():

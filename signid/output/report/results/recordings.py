@@ -198,9 +198,16 @@ def audit_document(found: ServoAudit, inputs: Sequence[Input] = (), seed: int = 
         "schema": "signid.check/1",
         "robot": robot or None,
         "recordings": [
-            {"path": recording.path, "rate": rate, "duration": duration, "samples": len(recording), "uneven": uneven}
-            for recording, rate, duration, uneven in zip(
-                found.recordings, found.rates, found.durations, found.uneven, strict=True
+            {
+                "path": recording.path,
+                "rate": rate,
+                "content_rate": content,
+                "duration": duration,
+                "samples": len(recording),
+                "uneven": uneven,
+            }
+            for recording, rate, content, duration, uneven in zip(
+                found.recordings, found.rates, found.content_rates, found.durations, found.uneven, strict=True
             )
         ],
         "servo": [{**joint.numbers(), "flags": list(joint.flags)} for joint in found.joints],

@@ -40,6 +40,7 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
         "signs": None,
         "fit": position_fit(result.rollout),
         "method": "output error of the closed loop",
+        "recordings": [{"path": path, "content_rate": rate} for path, rate in result.content_rates.items()],
         "servo": {
             "scale": _scale(result),
             "joints": [_joint(one) for one in result.joints],
