@@ -161,6 +161,9 @@ def test_each_law_is_in_the_function_where_it_belongs(name: str) -> None:
     mass, rest = space["mass_matrix"](q), space["inverse_dynamics"](q, v, 0 * a)
     if name != "load_friction":
         assert_allclose(np.einsum("kij,kj->ki", mass, a) + rest, expected, atol=atol)
+        bias = without_laws(model).inverse(replace(motion, a=0 * a))  # Coriolis torque and gravity
+        laws = space["laws"](q, v, 0 * a)
+        assert_allclose(np.einsum("kij,kj->ki", mass, a) + bias + laws, expected, atol=atol)
 
 
 @pytest.mark.parametrize("name", ["3r", "panda", "mimic", "laws"])

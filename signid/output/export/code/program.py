@@ -16,7 +16,12 @@ from .rigid import Bodies, Expressions, rigid_torque, rotor_torque, tree_of
 
 MASS = (
     "mass matrix by rows, of the bodies, the armature and couplings of joints: mass_matrix(q) a + "
-    "inverse_dynamics(q, v, 0) = inverse_dynamics(q, v, a) where friction does not depend on load"
+    "inverse_dynamics(q, v, 0) = inverse_dynamics(q, v, a) where no law depends on load or is a curve over acceleration"
+)
+LAWS = "torque of the laws alone: armature, friction, springs, offsets"
+TWICE = (
+    "; mass_matrix holds the armature, too: inverse_dynamics(q, v, a) is mass_matrix(q) a + Coriolis torque + "
+    "gravity(q) + laws(q, v, 0)"
 )
 ACCELERATION = re.compile(r"\ba\b")  # in the equation of a law
 
@@ -62,7 +67,7 @@ def program_of(model: Model, mass_matrix: bool = False) -> Program:
             "torque of the bodies and of all laws",
         ),
         _function("gravity", "q", "tau", gravity, "torque of gravity"),
-        _function("laws", "qva", "tau", laws, "torque of the laws alone: armature, friction, springs, offsets"),
+        _function("laws", "qva", "tau", laws, LAWS + TWICE * mass_matrix),
     ]
     if mass_matrix:
         columns = [_unit_torque(graph, tree, model, motion["q"], zero, j) for j in range(n)]
