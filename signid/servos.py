@@ -59,6 +59,7 @@ class Servo:
     kp_register: float | None = None  # firmware gain that `kp` belongs to; a recording's own is relative to it
     # numbers that recordings do not identify, with the value that was stated before, if any [unit of the number]
     not_identifiable: Mapping[str, float | None] = field(default_factory=dict, compare=False)
+    combined: tuple[str, ...] = field(default=(), compare=False)  # of SUMS, those that recordings identify only whole
 
     @property
     def damping(self) -> float:
@@ -71,11 +72,17 @@ class Servo:
         return self.delay + self.damping / self.kp if self.kp > 0 else np.inf
 
     def with_(self, **numbers: float) -> Servo:
-        """The same drive with other numbers."""
-        return replace(self, **numbers)  # type: ignore[arg-type]
+        """The same drive with other numbers, which are no longer marked as not identifiable."""
+        marks: dict[str, Any] = {}
+        if self.not_identifiable or self.combined:
+            marks["not_identifiable"] = {name: x for name, x in self.not_identifiable.items() if name not in numbers}
+            marks["combined"] = tuple(name for name in self.combined if not numbers.keys() & set(SUMS[name]))
+        return replace(self, **numbers, **marks)  # type: ignore[arg-type]
 
 
-SERVO_NUMBERS = tuple(f.name for f in fields(Servo) if f.name not in (*WORDS, "kp_register", "not_identifiable"))
+MARKS = ("not_identifiable", "combined")
+SUMS: Mapping[str, Sequence[str]] = {"damping": ("kd", "viscous_friction"), "lag": ("delay",)}  # and their parts
+SERVO_NUMBERS = tuple(f.name for f in fields(Servo) if f.name not in (*WORDS, "kp_register", *MARKS))
 SERVO_UNITS = {
     "kp": "N.m/rad",
     "kd": "N.m.s/rad",
@@ -144,7 +151,8 @@ def _document(servo: Servo) -> dict[str, Any]:
     finite = {name: value for name, value in numbers.items() if np.isfinite(value)}
     register = {} if servo.kp_register is None else {"kp_register": float(servo.kp_register)}
     unknown = {"not_identifiable": dict(servo.not_identifiable)} if servo.not_identifiable else {}
-    return {"law": servo.law, "kd_on": servo.kd_on, **finite, **register, **unknown}
+    combined = {"combined": list(servo.combined)} if servo.combined else {}
+    return {"law": servo.law, "kd_on": servo.kd_on, **finite, **register, **unknown, **combined}
 
 
 def servos_from(content: Mapping[str, Mapping[str, Any]], joints: Sequence[str]) -> dict[str, Servo]:
@@ -155,14 +163,20 @@ def servos_from(content: Mapping[str, Mapping[str, Any]], joints: Sequence[str])
     """
     if strangers := [joint for joint in content if joint not in joints]:
         raise ValueError(f"servos: the robot moves {shorten(joints)}, and no joint {strangers[0]!r}")
-    found = {joint: Servo(**content[joint]) for joint in joints if joint in content}
+    found = {
+        joint: Servo(**{**content[joint], "combined": tuple(content[joint].get("combined", ()))})
+        for joint in joints
+        if joint in content
+    }
     for joint, servo in found.items():
         for key, known in WORDS.items():
             if getattr(servo, key) not in known:
                 raise ValueError(f"servos.{joint}.{key}: {getattr(servo, key)!r} is none of {', '.join(known)}")
         if strangers := [name for name in servo.not_identifiable if name not in SERVO_NUMBERS]:
             raise ValueError(f"servos.{joint}.not_identifiable: a drive has no number {strangers[0]!r}")
-        given = {name: value for name, value in content[joint].items() if name not in (*WORDS, "not_identifiable")}
+        if strangers := [name for name in servo.combined if name not in SUMS]:
+            raise ValueError(f"servos.{joint}.combined: {strangers[0]!r} is none of {', '.join(SUMS)}")
+        given = {name: value for name, value in content[joint].items() if name not in (*WORDS, *MARKS)}
         for name, value in given.items():
             positive = name == "kp_register" or (name in SIZED and value > 0)
             if value is not None and (fault := number_fault(name, value, positive)):

@@ -12,9 +12,10 @@ import pinocchio as pin
 from ...errors import one_line
 from ...model import Model
 from ...recording.names import quoted
-from ...servos import PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo, servos_document
+from ...servos import PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo
 from ...types import Actuators, Array
 from .beyond import BODIES, Exported, beyond, fixed_note, remarks, summed
+from .drives import known_document, left_out
 from .training import FIELDS
 
 _UNITS = {
@@ -51,12 +52,13 @@ def write_actuators(model: Model) -> Exported:
 
 
 def _servo_lines(servo: Servo) -> list[str]:
-    """Keys of a drive that are not keys of its joint; numbers without an effect are left out."""
+    """Keys of a drive that are not keys of its joint; numbers without an effect or not known are left out."""
     lines = [f'law = "{servo.law}"', *([f'kd_on = "{servo.kd_on}"'] if servo.kd_on != Servo.kd_on else [])]
-    for key in (name for name in SERVO_NUMBERS if name not in (*PASSIVE, "droop")):
+    for key in (name for name in SERVO_NUMBERS if name not in (*PASSIVE, "droop", *left_out(servo))):
         value = float(getattr(servo, key))
         if np.isfinite(value) and (value > 0 or key in ("kd", "delay")):
-            lines.append(f"{key} = {value!r}  # {SERVO_UNITS[key]}")
+            known = "; not identifiable, as stated before" if key in servo.not_identifiable else ""
+            lines.append(f"{key} = {value!r}  # {SERVO_UNITS[key]}{known}")
     return [*lines, *([] if servo.kp_register is None else [f"kp_register = {float(servo.kp_register)!r}"])]
 
 
@@ -93,7 +95,7 @@ def write_ros(model: Model) -> Exported:
     parameters = {
         "joints": list(robot.joints),
         "joint": {joint: stated for joint, stated in _driven(model).items() if stated},
-        **({"servo": servos_document(model.servos, robot.joints)} if model.servos else {}),
+        **({"servo": known_document(model.servos, robot.joints)} if model.servos else {}),
         "link": {link: _inertial(body) for link, body in zip(robot.links, bodies, strict=True)},
     }
     lacks = beyond("a ROS parameter file", model, FIELDS, ("torque_offset", *BODIES))

@@ -86,3 +86,8 @@ def remarks(lines: Iterable[str]) -> str:
 def commented(lines: Iterable[str]) -> str:
     """Format lines as the text of an XML comment, without double hyphens."""
     return "\n".join(lines).replace("--", "- -").replace("--", "- -")
+
+
+def c_comment(text: str) -> str:
+    """Format text as part of a comment of C, which it cannot end."""
+    return one_line(text).replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode()

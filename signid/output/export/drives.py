@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ...effects.naming import passive_laws
 from ...errors import OptionError, shorten
 from ...model import Model
-from ...servos import PASSIVE, Servo
-from .beyond import MOST, Exported, commented, remarks
+from ...servos import MARKS, PASSIVE, SERVO_NUMBERS, Servo, servos_document
+from .beyond import MOST, Exported, c_comment, commented, remarks
 from .shapes import words
 
 STEP = 1e-4  # time step of an exported MJCF with drives: 1 mrad beside exact roll-outs, also saturated [s]
@@ -22,6 +23,7 @@ _LACKED = {  # numbers that no format of a simulator holds: words, value without
     "profile_speed": ("the profile speed", np.inf),
     "droop": ("the droop of the torque", 0.0),
 }
+SHOWN = 0.1  # share of the lag that damping has where it is not negligible
 _HARD = {"solreffriction": "0.0002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # else dry friction creeps
 _APART = 1.0 + 1e-9  # keeps MuJoCo from reading a positive coefficient of the speed as a damping ratio
 
@@ -34,30 +36,74 @@ def with_drive_laws(model: Model) -> Model:
 
 
 def with_known_numbers(model: Model, gain: bool) -> tuple[Model, list[str]]:
-    """Model without numbers of drives that the recordings did not identify, and a note on each.
+    """Model without numbers of drives that the recordings did not identify, and notes on them.
 
-    The value that was stated before takes its place, else none: no friction, armature, offset, limit or delay. A drive
-    has no use without its `gain` kp, so that must be known.
+    The value that was stated before takes its place, else none: no friction, armature, offset, limit or delay; writers
+    leave out the numbers of `left_out`. A drive has no use without its `gain` kp, so that must be known.
 
     Raises:
-        OptionError: the gain of a drive is neither identifiable nor stated.
+        OptionError: the gain of a drive, or its damping, is neither identifiable nor stated.
     """
-    servos, notes = dict(model.servos), list[str]()
+    if gain:
+        _need_gains(model.servos)
+    servos: dict[str, Servo] = {}
     for joint, servo in model.servos.items():
-        unknown = servo.not_identifiable
-        if gain and unknown.get("kp", 0.0) is None:
+        known = {name: getattr(Servo, name) if x is None else x for name, x in servo.not_identifiable.items()}
+        servos[joint] = replace(servo, **known)  # type: ignore[arg-type]
+    return replace(model, servos=servos), list(_unknown_notes(model.servos, SERVO_NUMBERS if gain else PASSIVE))
+
+
+def _unknown_notes(servos: Mapping[str, Servo], names: Sequence[str]) -> Iterator[str]:
+    """Numbers that are left out or as stated, those of the same joints together, and sums."""
+    for stated, what in ((True, "as stated before the recordings"), (False, "left out")):
+        where: dict[str, list[str]] = {}
+        for name in names:
+            at = [j for j, x in servos.items() if name in x.not_identifiable and (name in left_out(x)) != stated]
+            if at:
+                where.setdefault(shorten(at, MOST), []).append(name)
+        if where:
+            listed = "; ".join(f"{', '.join(group)} of {at}" for at, group in where.items())
+            yield f"not identifiable from the recordings and {what}: {listed}"
+    for name, sentence in _PARTS.items():
+        if at := [joint for joint, servo in servos.items() if name in servo.combined and "kp" in names]:
+            yield sentence.format(shorten(at, MOST))
+
+
+_PARTS = {
+    "damping": "kd of {} is the damping, kd + viscous_friction, whose parts are not identifiable from the recordings",
+    "lag": "delay of {} is one possible value: the lag, delay + damping / kp, is identifiable, and its parts are not",
+}
+
+
+def _need_gains(servos: Mapping[str, Servo]) -> None:
+    """Raise unless the gain of each drive is known, and its damping, unless that has hardly an effect."""
+    for key in ("kp", "kd"):
+        if of := [joint for joint, servo in servos.items() if key in left_out(servo) and _acts(key, servo)]:
+            be, it = ("is", "it") if len(of) == 1 else ("are", "they")
             raise OptionError(
-                f"kp of {joint} is not identifiable from the recordings, so it cannot be exported; state it: signid "
-                f"identify --known kp.{joint}=20, or kp below [joint.{joint}.servo] in actuators.toml"
+                f"{key} of {shorten(of, MOST)} {be} not identifiable from the recordings, so {it} cannot be exported; "
+                f"state {'it' if key == 'kp' else 'the gain'}: signid identify --known kp.{of[0]}=20, or {key} below "
+                f"[joint.{of[0]}.servo] in actuators.toml"
             )
-        known = {name: getattr(Servo, name) if x is None else x for name, x in unknown.items()}
-        servos[joint] = replace(servo.with_(**known), not_identifiable={})
-        for stated, what in ((True, "as stated before the recordings"), (False, "left out")):
-            if names := [
-                name for name, x in unknown.items() if (x is not None) == stated and (gain or name in PASSIVE)
-            ]:
-                notes.append(f"not identifiable from the recordings and {what}: {shorten(names)} of {joint}")
-    return replace(model, servos=servos), notes
+
+
+def _acts(key: str, servo: Servo) -> bool:
+    """Whether a loop without a number differs; a damping whose scale alone is unknown shows in the lag."""
+    return key == "kp" or "kp" in servo.not_identifiable or servo.damping > SHOWN * servo.lag * servo.kp
+
+
+def left_out(servo: Servo) -> frozenset[str]:
+    """Numbers of a drive that the recordings do not identify and nothing states."""
+    return frozenset(name for name, stated in servo.not_identifiable.items() if stated is None)
+
+
+def known_document(servos: Mapping[str, Servo], joints: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Drives by joint as JSON, without the numbers that are left out and without marks."""
+    written = servos_document(servos, joints)
+    return {
+        joint: {key: x for key, x in numbers.items() if key not in (*left_out(servos[joint]), *MARKS)}
+        for joint, numbers in written.items()
+    }
 
 
 def annotated(kind: str, made: Exported, notes: list[str]) -> Exported:
@@ -71,7 +117,9 @@ def annotated(kind: str, made: Exported, notes: list[str]) -> Exported:
         comment = f"<!--\n{commented(notes)}\n-->\n"
         text = f"{made.text[:head]}{chr(10) * bool(head)}{comment}{made.text[head:].lstrip()}"
     elif kind == "c":
-        text = "".join(f"/* {note} */\n" for note in notes) + made.text
+        comment = "".join(f"/* {c_comment(note)} */\n" for note in notes)
+        header = {end: comment + beside if end == ".h" else beside for end, beside in made.beside.items()}
+        return replace(made, text=comment + made.text, beside=header, notes=(*made.notes, *notes))
     else:
         text = remarks(notes) + made.text
     return replace(made, text=text, notes=(*made.notes, *notes))

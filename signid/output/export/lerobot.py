@@ -16,11 +16,17 @@ from ...errors import OptionError, one_line
 from ...model import Model
 from ...robot import configuration
 from ...robot.dynamics import joint_inertia
-from ...servos import Servo, servos_document
+from ...servos import SERVO_NUMBERS, Servo
 from ...types import Array
 from .beyond import Exported
+from .drives import known_document, left_out
 
 SCHEMA = "signid.motors/1"
+_DERIVED = {  # numbers of a motor that follow from those of its drive
+    "inertia": ("armature",),
+    "lag": ("delay", "kd", "viscous_friction"),
+    "standing_error": ("coulomb_friction", "dead_band"),
+}
 _HEAD = '''"""Positions that the joints of {name} should reach, from their commanded positions; needs no package.
 
     found = expected([0.0, 0.02, ...], {{"{first}": [0.1, 0.12, ...]}})["{first}"]
@@ -30,6 +36,7 @@ the other joints and contacts.
 """
 
 MOTORS = {motors}
+NONE = {none}  # numbers without an effect, where MOTORS has none
 '''
 _BODY = '''
 
@@ -39,7 +46,7 @@ def expected(times, commands, start=None, step=0.001):
     times: stamps of the commands [s], ascending; commands: positions by joint [rad or m], each held until the next;
     start: positions at the first stamp by joint, else the first commands; step: largest time step [s].
     """
-    return {joint: _follow(MOTORS[joint], times, list(command), (start or {}).get(joint, command[0]), step)
+    return {joint: _follow({**NONE, **MOTORS[joint]}, times, list(command), (start or {}).get(joint, command[0]), step)
             for joint, command in commands.items()}
 
 
@@ -90,6 +97,15 @@ def write_lerobot(model: Model) -> Exported:
         OptionError: the model has no position drive.
     """
     motors = _motors(model, "--lerobot")
+    for joint, numbers in motors.items():
+        unknown = left_out(model.servos[joint])
+        for key, parts in _DERIVED.items():
+            if unknown.intersection(parts):
+                numbers.pop(key, None)
+        if model.servos[joint].not_identifiable:
+            numbers["not_identifiable"] = dict(model.servos[joint].not_identifiable)
+        if model.servos[joint].combined:
+            numbers["combined"] = list(model.servos[joint].combined)
     units = {"angle": "rad", "length": "m", "torque": "N.m", "force": "N", "time": "s"}
     document = {"schema": SCHEMA, "robot": model.robot.name, "units": units, "motors": motors}
     return Exported(json.dumps(document, indent=2, ensure_ascii=False) + "\n")
@@ -111,6 +127,7 @@ def write_expected(model: Model) -> Exported:
         first=_plain(next(iter(motors))),
         inertia="kg.m2 or kg, in the middle of the ranges",
         motors="{\n" + rows + "}",
+        none=repr({name: 0.0 for name in SERVO_NUMBERS if getattr(Servo, name) == 0.0}),
     )
     return Exported(text + _BODY, tuple(notes))
 
@@ -124,7 +141,7 @@ def _motors(model: Model, option: str) -> dict[str, dict[str, Any]]:
         )
     inertia = dict(zip(model.robot.joints, _inertia(model).tolist(), strict=True))
     found = {}
-    for joint, numbers in servos_document(model.servos, model.robot.joints).items():
+    for joint, numbers in known_document(model.servos, model.robot.joints).items():
         servo = model.servos[joint]
         derived = {"inertia": inertia[joint], "lag": servo.lag, "standing_error": _standing(servo)}
         found[joint] = {**numbers, **{key: float(x) for key, x in derived.items() if np.isfinite(x)}}

@@ -12,7 +12,7 @@ from ...errors import one_line
 from ...model import Model
 from ...servos import Servo
 from .beyond import Exported, beyond, remarks, summed
-from .drives import curved, lacked_notes
+from .drives import curved, lacked_notes, left_out
 
 FIELDS = {"armature": "armature", "viscous_friction": "viscous_friction", "coulomb_friction": "friction"}
 _ISAACLAB_HEAD = '''\
@@ -85,7 +85,12 @@ def write_mjlab(model: Model) -> Exported:
         notes.append('dry friction creeps unless joints have solreffriction="0.001 1" solimpfriction="0.9999 0.9999"')
     made = []
     for j, joint in enumerate(model.robot.joints):
-        numbers = {key: max(0.0, float(np.nan_to_num(summed(model, effect)[j]))) for effect, key in _MJLAB.items()}
+        unknown = left_out(servos[joint]) if joint in servos else ()
+        numbers = {
+            key: max(0.0, float(np.nan_to_num(summed(model, effect)[j])))
+            for effect, key in _MJLAB.items()
+            if effect not in unknown
+        }
         kind, loop = _mjlab_drive(servos.get(joint), float(model.robot.effort_limit[j]))
         if joint in servos and servos[joint].law == "duty":
             numbers["viscous_damping"] = servos[joint].damping
@@ -110,22 +115,33 @@ def _servos(model: Model) -> dict[str, Servo]:
 
 
 def _isaaclab_drive(joint: str, servo: Servo) -> tuple[str, list[str]]:
-    """Class and arguments of a drive; below a duty limit, damping of the drive is friction, since it is not clipped."""
-    duty = servo.law == "duty"
+    """Class and arguments of a drive; below a duty limit, damping of the drive is friction, since it is not clipped.
+
+    Numbers that are left out are those of the asset.
+    """
+    duty, unknown = servo.law == "duty", left_out(servo)
     friction = float(servo.coulomb_friction)
+    passive = {
+        "armature": ("armature", float(servo.armature)),
+        "friction": ("coulomb_friction", friction),
+        "dynamic_friction": ("coulomb_friction", friction),
+        "viscous_friction": ("viscous_friction", float(servo.damping if duty else servo.viscous_friction)),
+    }
+    damping = None if "kd" in unknown and not duty else 0.0 if duty else float(servo.kd)
     lines = [
         f"joint_names_expr=[{_text(re.escape(joint))}]",
         f"stiffness={float(servo.kp)!r}",
-        f"damping={0.0 if duty else float(servo.kd)!r}",
+        f"damping={damping!r}",
         *_limit(servo),
-        f"armature={float(servo.armature)!r}",
-        f"friction={friction!r}",
-        f"dynamic_friction={friction!r}",
-        f"viscous_friction={float(servo.damping if duty else servo.viscous_friction)!r}",
+        *(f"{field}={value!r}" for field, (name, value) in passive.items() if name not in unknown or value),
     ]
     if curved(servo):
         return "DCMotorCfg", lines
-    return "DelayedPDActuatorCfg", [*lines, f"**delayed({float(servo.delay)!r})"]
+    return "DelayedPDActuatorCfg", [*lines, *_delay(servo)]
+
+
+def _delay(servo: Servo) -> list[str]:
+    return [] if "delay" in left_out(servo) else [f"**delayed({float(servo.delay)!r})"]
 
 
 def _limit(servo: Servo) -> list[str]:
@@ -168,7 +184,7 @@ def _mjlab_drive(servo: Servo | None, limit: float) -> tuple[str, list[str]]:
     duty = servo.law == "duty"
     lines = [f"stiffness={float(servo.kp)!r}", f"damping={0.0 if duty else float(servo.kd)!r}", *_limit(servo)]
     kind = "BuiltinPositionActuatorCfg" if duty or servo.kd_on == "velocity" else "IdealPdActuatorCfg"
-    return "DcMotorActuatorCfg" if curved(servo) else kind, [*lines, f"**delayed({float(servo.delay)!r})"]
+    return "DcMotorActuatorCfg" if curved(servo) else kind, [*lines, *_delay(servo)]
 
 
 def _call(kind: str, lines: list[str]) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...model import Model, command_model
-from ...servos import PASSIVE, SERVO_NUMBERS, Servo
+from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo
 from ...types import Robot
 from ..fit import ServoFit
 from ..search.data import ServoData, loop_error
@@ -113,12 +113,10 @@ def _marked(
         known = {n: float(x) for n in PASSIVE if np.isfinite(x := getattr(robot.actuators, n)[robot.index(one.joint)])}
         known |= {name: float(x) for name, x in stated.get(one.joint, {}).items() if name in SERVO_NUMBERS}
         lost = {name for name, number in one.numbers.items() if number.value is None and name in SERVO_NUMBERS}
-        if _has(one, "damping"):  # their sum is identifiable
-            lost -= {"kd", "viscous_friction"}
-        if _has(one, "lag"):  # delay + damping / kp is
-            lost -= {"delay"}
+        combined = tuple(name for name, parts in SUMS.items() if _has(one, name) and lost.issuperset(parts))
+        lost = lost.difference(*(SUMS[name] for name in combined))
         unknown = {name: known.get(name) for name in SERVO_NUMBERS if name in lost}
-        out[one.joint] = replace(out[one.joint], not_identifiable=unknown)
+        out[one.joint] = replace(out[one.joint], not_identifiable=unknown, combined=combined)
     return out
 
 

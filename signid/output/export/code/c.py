@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from ....errors import one_line
 from ....model import Model
 from ....types import Robot
 from ....version import __version__
 from ...report.layout import torque_units
-from ..beyond import Exported
+from ..beyond import Exported, c_comment
 from .program import Function, Program, program_of, statements
 
 _WORDS = {
@@ -49,7 +48,7 @@ def write_c(model: Model, stem: str | None = None, *, mass_matrix: bool = True) 
     program, robot = program_of(model, mass_matrix), model.robot
     name, n = identifier(robot.name), len(robot.joints)
     stem = name if stem is None else stem
-    head = f"/* Dynamics of {_plain(robot.name)}, written by signid {__version__}. "
+    head = f"/* Dynamics of {c_comment(robot.name)}, written by signid {__version__}. "
     body = "".join(_definition(program, function, name, n) for function in program.functions)
     source = f'{head}See {stem}.h. */\n#include "{stem}.h"\n\n#include <math.h>\n{body}'
     header = f"{head}C99, no dependencies but math.h (-lm). */\n{_header(robot, program, name)}"
@@ -60,11 +59,6 @@ def identifier(name: str) -> str:
     """A name as an identifier of C: letters, digits and underscores."""
     plain = re.sub(r"\W", "_", name, flags=re.ASCII).strip("_") or "robot"
     return f"robot_{plain}" if plain[0].isdigit() else plain
-
-
-def _plain(text: str) -> str:
-    """Text that cannot end a comment of C."""
-    return one_line(text).replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode()
 
 
 def _signature(function: Function, name: str, n: int) -> str:
@@ -95,7 +89,7 @@ def _header(robot: Robot, program: Program, name: str) -> str:
             f"#ifndef {guard}",
             f"#define {guard}\n",
             "/*",
-            *(f" * {_plain(line) if not line.startswith(' ') else line}" for line in comment),
+            *(f" * {c_comment(line) if not line.startswith(' ') else line}" for line in comment),
             " */",
             f"#define {name.upper()}_JOINTS {n}\n",
             "#ifdef __cplusplus",
@@ -113,7 +107,7 @@ def _header(robot: Robot, program: Program, name: str) -> str:
 
 def _joints(robot: Robot) -> Iterator[str]:
     for joint, prismatic, unit in zip(robot.joints, robot.prismatic, torque_units(robot), strict=True):
-        yield f"{_plain(joint)}  {'m' if prismatic else 'rad'}  {unit}"
+        yield f"{c_comment(joint)}  {'m' if prismatic else 'rad'}  {unit}"
 
 
 _TEST = """/* Reads lines of q, v and a from standard input; without any, uses one motion. */
