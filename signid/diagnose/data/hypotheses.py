@@ -20,7 +20,7 @@ from ...types import Array, Law
 VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
 UNKNOWN_KNOTS = 8  # knots of an unknown dependence. Heuristic
 OVERFLOW = 1e60  # [torque per coefficient] larger columns are zeroed: sums of their squares could overflow
-Key = tuple[str, tuple[int, ...]]  # effect and joints, shared by all shapes of a hypothesis
+Key = tuple[str, tuple[int, ...]]  # effect and joints, shared by all shapes of a hypothesis; see `Hypothesis.nth`
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +37,7 @@ class Hypothesis:
     variable: str = ""  # variable of an unknown dependence
     knots: tuple[float, ...] = ()  # knots of an unknown dependence [unit of the variable]
     stated: Law | None = None  # the same law in the simulation, if the hypothesis is that its size is wrong
+    nth: int = 1  # which law of its effect at its joints, where the simulation states several
 
     @property
     def unknown(self) -> bool:
@@ -44,18 +45,25 @@ class Hypothesis:
         return not self.laws
 
     @cached_property
+    def kind(self) -> str:
+        """Effect, effects or variable."""
+        return self.variable if self.unknown else "+".join(dict.fromkeys(law.effect.name for law in self.laws))
+
+    @cached_property
     def key(self) -> Key:
         """Effect and joints, for all shapes."""
         if self.unknown:
-            return self.variable, (self.joint,)
+            return self.kind, (self.joint,)
         joints = tuple(sorted({j for law in self.laws for j in law.joints}))
-        names = dict.fromkeys(law.effect.name for law in self.laws)
-        return "+".join(names), self.laws[0].joints if len(self.laws) == 1 else joints
+        return self._numbered(self.kind), self.laws[0].joints if len(self.laws) == 1 else joints
 
     @property
     def names(self) -> set[Key]:
         """Effect and joints of each of its laws."""
-        return {(law.effect.name, law.joints) for law in self.laws}
+        return {(self._numbered(law.effect.name), law.joints) for law in self.laws}
+
+    def _numbered(self, name: str) -> str:
+        return name if self.nth == 1 else f"{name} {self.nth}"
 
     @property
     def bodies(self) -> set[int]:
@@ -99,20 +107,39 @@ def finite(x: Array) -> Array:
 def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypothesis]:
     """List all hypotheses of a search; the grids of shapes are chosen from a motion.
 
-    Where the simulation has a law, the hypothesis is that the law's size is wrong.
+    Where the simulation has a law, the hypothesis is that the law's size is wrong; where it has several of one effect
+    at the same joints, each may be wrong.
     """
-    known = [law for law in model.laws if any(law.effect.coefficients(law.parameters))]
-    shaped = [Law(x.effect, x.joints, shape) for x in known if (shape := x.effect.shape(x.parameters))]
-    places = {(law.effect.name, law.joints) for law in known}
+    known = _known(model)
+    shaped = [Law(x.effect, x.joints, shape) for x, *_ in known.values() if (shape := x.effect.shape(x.parameters))]
     n = len(motion.robot.joints)
     found = [
-        Hypothesis((law,), stated=_stated(known, law))
+        Hypothesis((law,), stated=_stated(known.get((effect.name, law.joints), ()), law))
         for effect in EFFECTS
         if effect.name not in skip
         for law in [*(x for x in shaped if x.effect is effect), *hypotheses(effect, motion, n)]
         if law.effect.possible(motion.at(law.joints), **law.parameters)
     ]
-    return [*found, *_scaled_links(model, skip), *_friction(places, n, skip), *_unknown(motion)]
+    found = [x for x in found if x.stated is None or x.stated is known[x.key][0]]  # the others have their own
+    more = [
+        Hypothesis((Law(law.effect, law.joints, law.effect.shape(law.parameters)),), stated=law, nth=k)
+        for effect in EFFECTS
+        if effect.name not in skip
+        for laws in known.values()
+        for k, law in enumerate(laws[1:], 2)
+        if law.effect is effect
+    ]
+    return [*found, *more, *_scaled_links(model, skip), *_friction(set(known), n, skip), *_unknown(motion)]
+
+
+def _known(model: Model) -> dict[Key, list[Law]]:
+    """Laws of the simulation that are not zero, by effect and joints; of each shape, the first."""
+    out = dict[Key, list[Law]]()
+    for law in (law for law in model.laws if any(law.effect.coefficients(law.parameters))):
+        same = out.setdefault((law.effect.name, law.joints), [])
+        if _stated(same, law) is None:
+            same.append(law)
+    return out
 
 
 def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
@@ -128,9 +155,8 @@ def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
 
 
 def _stated(known: Sequence[Law], law: Law) -> Law | None:
-    """The law of the simulation with the same joints and shape, if any."""
-    same = (x for x in known if x.effect is law.effect and x.joints == law.joints)
-    return next((x for x in same if x.effect.shape(x.parameters) == law.effect.shape(law.parameters)), None)
+    """The first of some laws of one effect and joints that has the same shape, else None."""
+    return next((x for x in known if x.effect.shape(x.parameters) == law.effect.shape(law.parameters)), None)
 
 
 def pooled(motions: Sequence[Motion]) -> Motion:

@@ -146,5 +146,5 @@ def _columns(model: Model, groups: Sequence[Group], piece: Piece, dry: Array) ->
     yield from (found.columns for found in nuisances(model, piece.motion, dry))
     for group in (group for group in groups if group.hypothesis is not None):
         need_time("the search for laws")
-        show_step(f"columns of {group.claim.key[0]}", group.start / max(groups[-1].start, 1))
+        show_step(f"columns of {group.claim.kind}", group.start / max(groups[-1].start, 1))
         yield group.claim.columns(piece.motion)

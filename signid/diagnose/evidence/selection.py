@@ -107,14 +107,14 @@ class Posterior(Frozen):
         return log - float(np.log(PRIOR_NOTHING))
 
     def _prior(self, hypothesis: Hypothesis) -> float:
-        places = max(1, self._places.get(hypothesis.key[0], 0))
+        places = max(1, self._places.get(hypothesis.kind, 0))
         return log_prior(hypothesis, places, self.kinds, self._places.get("", 1))
 
     @cached_property
     def _places(self) -> dict[str, int]:
         """Number of hypotheses of each effect; the empty name stands for all unknown dependences."""
-        unknown = [self.evidence.data.groups[which[0]].claim.unknown for which in self.keys.values()]
-        return Counter([*(name for name, _ in self.keys), *[""] * sum(unknown)])
+        claims = [self.evidence.data.groups[which[0]].claim for which in self.keys.values()]
+        return Counter([*(claim.kind for claim in claims), *("" for claim in claims if claim.unknown)])
 
     def odds(
         self, selected: Sequence[Group], dispersion: Array, without: Group | None = None

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...effects.base import TorqueLaw
 from ...effects.law import coefficient_count
 from ...estimation.feasible import ConsistentFit, fit_consistent
 from ...model import Model
 from ...regression.base_parameters import build_base
-from ...types import INERTIAL, Array, BaseMap, Estimate, Indices, Law, Parameters, pseudo_inertia
+from ...types import INERTIAL, Array, BaseMap, Effect, Estimate, Indices, Law, Parameters, pseudo_inertia
 from ..data.column_groups import Group, tolerance
 from ..data.hypotheses import is_refitted
 from ..data.normal_equations import Fitted
@@ -39,7 +40,9 @@ def extend(
     if len(bodies):
         step, spread = fit.value[bodies].reshape(inertials.shape), fit.covariance[np.ix_(bodies, bodies)]
         inertials = move_bodies(base or build_base(model.robot), inertials, step, spread)
-    return _with_consistent_bodies(model, Model(model.robot, inertials, extended_laws(own, laws)), base)
+    return _with_consistent_bodies(
+        model, replace(model, inertials=inertials, laws=extended_laws(own, laws), covariance=None), base
+    )
 
 
 def extended_laws(known: Sequence[Law], laws: Sequence[Law]) -> tuple[Law, ...]:
@@ -49,10 +52,7 @@ def extended_laws(known: Sequence[Law], laws: Sequence[Law]) -> tuple[Law, ...]:
         law, own = _merged(law, own)
         same = [k for k, other in enumerate(own) if _adds(law, other)]
         if same:
-            stated = law.effect.filled(own[same[0]].parameters)
-            added = law.effect.filled(law.parameters)
-            total = {key: stated[key] + added[key] for key in added if key in law.effect.linear()}
-            own[same[0]] = replace(law, parameters={**law.parameters, **total})
+            own[same[0]] = _sum(law, own[same[0]])
         else:
             own.append(law)
     return tuple(law for one in own for law in _positive(one))
@@ -74,7 +74,8 @@ def _with_consistent_bodies(given: Model, model: Model, base: BaseMap | None) ->
         return model
     step, kept = total - model.inertials, tuple(law for law in model.laws if law not in changes)
     spread = np.diag(OTHER_BODY_STD**2 * tolerance(given).ravel() ** 2 + _step_std(step).ravel() ** 2)
-    return Model(model.robot, move_bodies(base or build_base(model.robot), model.inertials, step, spread), kept)
+    bodies = move_bodies(base or build_base(model.robot), model.inertials, step, spread)
+    return replace(model, inertials=bodies, laws=kept)
 
 
 def _step_std(step: Array) -> Array:
@@ -110,11 +111,24 @@ def _moved(law: Law, step: Array) -> Law:
     return replace(law, parameters=numbers)
 
 
-def _adds(law: Law, other: Law) -> bool:
-    """Whether two laws add up to one law with the sum of their numbers."""
+def _sum(law: Law, other: Law) -> Law:
+    """One law in place of two of the same effect, joints and shape; the sum of their coefficients."""
     effect = law.effect
-    plain = [effect.filled(effect.example)[key] for key in effect.linear()]
-    return is_same(law, other) and effect.coefficients(effect.example) == plain
+    if is_plain(effect):
+        one, two = (effect.filled(x.parameters) for x in (law, other))
+        return replace(law, parameters={**law.parameters, **{key: one[key] + two[key] for key in effect.linear()}})
+    total = [x + y for x, y in zip(*(effect.coefficients(x.parameters) for x in (law, other)), strict=True)]
+    return replace(law, parameters=effect.physical(total, effect.shape(law.parameters)))
+
+
+def _adds(law: Law, other: Law) -> bool:
+    """Whether two laws add up to one law."""
+    return is_same(law, other) and (is_plain(law.effect) or isinstance(law.effect, TorqueLaw))
+
+
+def is_plain(effect: Effect) -> bool:
+    """Whether the coefficients of an effect are its numbers."""
+    return effect.coefficients(effect.example) == [effect.filled(effect.example)[key] for key in effect.linear()]
 
 
 def is_same(law: Law, other: Law) -> bool:

@@ -97,8 +97,7 @@ def residual_energies(
 
 def _is_twin(posterior: Posterior, group: Group, rival: Group) -> bool:
     """Whether a rival at the same place is nearly indistinguishable at any size, as its effect states."""
-    name, joints = rival.claim.key
-    if joints != group.claim.key[1] or name not in group.claim.laws[0].effect.twins:
+    if rival.claim.key[1] != group.claim.key[1] or rival.claim.kind not in group.claim.laws[0].effect.twins:
         return False
     prior = posterior.evidence.coefficient_priors[rival]
     return prior is not None and not prior.mean

@@ -25,7 +25,7 @@ from .contender import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
 from .separating_motion import tell_apart
-from .stated import stated_number_findings, stated_numbers, torque_share, total_law
+from .stated import reported_laws, stated_number_findings, stated_numbers, torque_share, total_law
 from .thresholds import AMBIGUOUS, LEAST_PROBABILITY, PLAUSIBLE, SEPARATED, SEPARATED_PER_FINDING, UNSURE, VAGUE_STD
 from .verdict import Verdict
 
@@ -55,7 +55,7 @@ def conclude(
     """Extend the simulation, and report each selected law with its numbers and alternatives."""
     order = [*verdict.causes, *verdict.secondary]
     extended = select_on_held_out(session, dataset.model, selection, order)
-    stds = standard_deviations(dataset, selection, extended.laws)
+    stds = standard_deviations(dataset, selection, reported_laws(dataset.model, extended))
     contenders = [_with_held_out(one, extended, stds, session.judges_itself) for one in contenders]
     verdict = _revised(verdict, contenders, extended, session.judges_itself)
     prediction = extended.prediction

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from ...effects.base import TorqueLaw
 from ...model import Model
 from ...regression.projection import leave
 from ...regression.session import Session
@@ -16,7 +17,7 @@ from ..data.hypotheses import VARIABLES, Key
 from ..data.locate import locate
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Posterior, Selection
-from ..extend.extend import extended_laws, is_same
+from ..extend.extend import extended_laws, is_plain, is_same
 from ..extend.holdout import predict
 from ..result import Alternative, Finding
 from ..search.thresholds import LEAST_TORQUE_SHARE
@@ -37,7 +38,8 @@ def stated_number_findings(
     """
     no_law, library = _library_probabilities(selection)
     wrong = {g: no_law * p for g, p in _wrong_probabilities(selection, extended).items()}
-    likely = {g: min(p + (library[_key(g)][0] if _key(g) in library else 0.0), MOST_PROBABLE) for g, p in wrong.items()}
+    own = {g: library.get(_key(g, library), (0.0, g))[0] for g in wrong}
+    likely = {g: min(p + own[g], MOST_PROBABLE) for g, p in wrong.items()}
     likely = {g: p for g, p in likely.items() if p >= LEAST_PROBABILITY}
     if not likely:
         return
@@ -73,10 +75,29 @@ def total_law(law: Law, given: Model, extended: Model | None) -> Law:
     return next((other for other in model.laws if is_same(law, other)), law)
 
 
+def reported_laws(given: Model, extended: ExtendedSimulation) -> dict[Group, tuple[Law, ...]]:
+    """Laws of each hypothesis, at the numbers that findings report where the torque is not linear in these.
+
+    The standard deviation of a phase, for example, is that beside the whole amplitude, not beside its change.
+    """
+    return {
+        group: tuple(
+            _reported(law, given, extended.prediction.model if group in extended.kept else None) for law in own
+        )
+        for group, own in extended.laws.items()
+    }
+
+
+def _reported(law: Law, given: Model, extended: Model | None) -> Law:
+    known = isinstance(law.effect, TorqueLaw) and any(is_same(law, other) for other in given.laws)
+    return total_law(law, given, extended) if known and not is_plain(law.effect) else law
+
+
 def stated_numbers(model: Model, law: Law) -> dict[str, float]:
     """Numbers that the simulation states of a law with the same joints and shape."""
-    same = [other for other in model.laws if is_same(law, other)]
-    return {key: float(x) for one in same for key, x in one.parameters.items() if key in law.effect.linear()}
+    same = next((other for other in model.laws if is_same(law, other)), None)  # the one that `total_law` adds to
+    numbers = {} if same is None else same.parameters
+    return {key: float(x) for key, x in numbers.items() if key in law.effect.linear()}
 
 
 def torque_share(torque: Mapping[int, Array], scale: Array) -> Array:
@@ -113,20 +134,23 @@ def _wrong_probabilities(selection: Selection, extended: ExtendedSimulation) -> 
     return out
 
 
-def _key(group: Group) -> Key:
-    """Effect and joints of a stated law."""
-    assert group.law is not None, "refitted laws are stated"
-    return group.law.effect.name, group.law.joints
+def _key(group: Group, library: Mapping[Key, tuple[float, Group]]) -> Key:
+    """Key of the hypothesis that the size of a stated law is wrong; without one, effect and joints."""
+    law = group.law
+    assert law is not None, "refitted laws are stated"
+    found = (key for key, (_, best) in library.items() if best.claim.stated is not None and best.claim.stated is law)
+    return next(found, (law.effect.name, law.joints))
 
 
 def _rivals(
     posterior: Posterior, group: Group, value: Array, library: Mapping[Key, tuple[float, Group]]
 ) -> Iterator[Alternative]:
     """Laws of the library that make at least half of the torque of a changed number, the most probable first."""
-    data, joint = posterior.evidence.data, _key(group)[1][0]
+    data, own = posterior.evidence.data, _key(group, library)
+    joint = own[1][0]
     torque = data.part(joint, group) @ value
     for key, (probability, rival) in sorted(library.items(), key=lambda item: -item[1][0]):
-        if probability > LISTED_PROBABILITY and key != _key(group) and rival.claim.laws and joint in data.rows(rival):
+        if probability > LISTED_PROBABILITY and key != own and rival.claim.laws and joint in data.rows(rival):
             rest = leave(torque, data.part(joint, rival))
             if rest @ rest <= RIVAL_SHARE * (torque @ torque):
                 yield Alternative(rival.claim.laws[0], probability, "")

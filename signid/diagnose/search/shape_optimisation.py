@@ -25,6 +25,7 @@ from .thresholds import (
     EVALUATIONS_PER_SHAPE,
     LOG_ODDS_TOLERANCE,
     RECORDING_LIMITS,
+    SHAPE_CHANGES,
     SHAPE_FACTOR,
     SIZE_ROUNDS,
     WINDOW_REACH,
@@ -57,7 +58,7 @@ def optimise_shapes(dataset: Dataset, selection: Selection) -> Selection:
         options = _options(selection.posterior, group, {other.claim.key for other in selection.selected})
         if not options or time_is_up(SEARCH):
             continue
-        show_step(f"fitting numbers of {group.claim.key[0]}", 0.7)
+        show_step(f"fitting numbers of {group.claim.kind}", 0.7)
         rest = selection.without(group)
         dispersion = inflated_dispersion(rest)
         fit = selection.evidence.fit(rest.selected, dispersion, selection.prior_scale)
@@ -133,6 +134,8 @@ def _optimise(dataset: Dataset, option: _Option, others: _Others) -> tuple[float
     if not keys:
         return -cost(zero), known
     best = _minimised(cost, zero, SIZE_ROUNDS if known.finite else 0)
+    if known.stated is not None and cost(zero) - best.value < SHAPE_CHANGES:  # the shape is the stated one
+        return -cost(zero), known
     ends = [k for k, key in enumerate(keys) if key in WINDOW_ENDS]
     value, x = _stepped(cost, best.value, best.x, ends, dataset.pieces[0].motion.dt / WINDOW_REACH)
     return -value, hypothesis(x)

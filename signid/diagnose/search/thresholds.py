@@ -46,6 +46,7 @@ CONTACT_TORQUE = 0.15  # prior rms torque of the force over the rms torque [1]; 
 # Shape optimisation (shape_optimisation.py)
 EVALUATIONS_PER_SHAPE = 20  # evaluations of the optimiser; heuristic
 LOG_ODDS_TOLERANCE = 1e-4  # of the optimiser [-]; looser, shapes ended half a standard deviation apart by rounding
+SHAPE_CHANGES = 3.0  # log odds by which another shape must explain more than the stated one [-]; e^3 to 1: strong
 SHAPE_FACTOR = 1.6  # by which a shape may change from its grid value [1]: grids are coarser; heuristic
 WINDOW_REACH = 0.5  # [s] by which the ends of a window may move; heuristic
 SIZE_ROUNDS = 4  # times that the size of a recording law may grow by that factor again; heuristic
