@@ -178,7 +178,7 @@ def stated_parameters(task: Task) -> Parameters:
 
 
 def stated_laws(robot: Robot) -> tuple[Law, ...]:
-    """Laws of the description and its actuators file."""
+    """Laws of the description and its actuators file, where [joint.J.servo] wins over [joint.J]."""
     springs = (
         Law(EFFECTS["spring"], (robot.index(joint),), dict(zip(("stiffness", "rest"), spring, strict=True)))
         for joint, spring in robot.springs.items()
@@ -186,8 +186,8 @@ def stated_laws(robot: Robot) -> tuple[Law, ...]:
     drives = (
         Law(EFFECTS[name], (j,), EFFECTS[name].physical([value], {}))
         for name in EFFECT_NAMES  # keys of an actuators file are names of effects
-        for j, value in enumerate(getattr(robot.actuators, name))
-        if np.isfinite(value)
+        for j, joint in enumerate(robot.joints)
+        if np.isfinite(value := float(robot.servo.get(joint, {}).get(name, getattr(robot.actuators, name)[j])))
     )
     return (*drives, *springs)
 

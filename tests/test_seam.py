@@ -39,8 +39,11 @@ def motion(model: Model) -> Motion:
 
 
 def with_law(model: Model, name: str, size: float) -> Model:
-    law = Law(EFFECTS[name], (1,), EFFECTS[name].physical([size], {}))
-    return replace(model, laws=(*model.laws, law))
+    return replace(model, laws=(*model.laws, law(name, size)))
+
+
+def law(name: str, size: float) -> Law:
+    return Law(EFFECTS[name], (1,), EFFECTS[name].physical([size], {}))
 
 
 def commanded(seconds: float = 1.0, size: float = 0.3) -> Trajectory:
@@ -52,12 +55,12 @@ def commanded(seconds: float = 1.0, size: float = 0.3) -> Trajectory:
 @pytest.mark.parametrize("name", PASSIVE)
 def test_a_number_of_a_drive_is_a_law_of_its_joint(name: str, bare: Model) -> None:
     x, size = motion(bare), SIZES[name]
-    law, drive = with_law(bare, name, size), with_servos(bare, {"joint_2": replace(DRIVE, **{name: size})})
-    change = law.inverse(x) - bare.inverse(x)
+    stated, drive = with_law(bare, name, size), with_servos(bare, {"joint_2": replace(DRIVE, **{name: size})})
+    change = stated.inverse(x) - bare.inverse(x)
     assert np.abs(change).max() >= 0.29
-    assert_allclose(drive.inverse(x), law.inverse(x), atol=1e-12)
-    both = with_servos(law, {"joint_2": replace(DRIVE, **{name: size})})
-    assert_allclose(both.inverse(x), law.inverse(x), atol=1e-12, err_msg="stated twice, counted once")
+    assert_allclose(drive.inverse(x), stated.inverse(x), atol=1e-12)
+    both = with_servos(stated, {"joint_2": replace(DRIVE, **{name: size})})
+    assert_allclose(both.inverse(x), stated.inverse(x), atol=1e-12, err_msg="stated twice, counted once")
 
 
 def test_friction_by_motor_torque_has_its_own_law(bare: Model) -> None:
@@ -106,6 +109,24 @@ def test_applied_torque_feels_the_numbers_of_drives(
         notes = json.loads(capsys.readouterr().out)["notes"]
         assert any("position drives of joint_2" in note for note in notes) == (name == "driven")
     assert rows[0] == rows[1]
+
+
+def test_a_table_of_a_drive_states_laws_in_both_modes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A friction of 0.5 in [joint.J.servo] wins over 0.1 in [joint.J]; an identified one wins over both."""
+    monkeypatch.chdir(tmp_path)
+    text = "[joint.joint_2]\nviscous_friction = 0.1\n[joint.joint_2.servo]\nkp = 40.0\nkd = 1.0\n"
+    Path("a.toml").write_text(text + "viscous_friction = 0.5\n")
+    stated = load_model("3r", actuators="a.toml")
+    assert [(law.effect.name, law.joints, law.parameters) for law in stated.laws] == [
+        ("viscous_friction", (1,), {"coefficient": 0.5})
+    ]
+    assert run("simulate 3r --actuators a.toml --duration 1 --json -o x.csv".split()) == 0
+    assert any("position drives of joint_2" in note for note in json.loads(capsys.readouterr().out)["notes"])
+    identified = replace(stated, laws=(law("viscous_friction", 0.8),))
+    loops = [simulate_servos(model, commanded()).model.servos["joint_2"] for model in (stated, identified)]
+    assert [loop.viscous_friction for loop in loops] == [0.5, 0.8]
 
 
 def test_saturation_knows_the_whole_drive(bare: Model) -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from ..servos import PASSIVE, SERVO_NUMBERS, Servo
 from ..types import Robot
 
@@ -13,7 +11,10 @@ STALLED = ("duty", "torque_speed")  # laws whose limit is the stall torque
 
 
 def stated_servos(robot: Robot) -> dict[str, Servo]:
-    """Drives by joint whose kp the actuators file states; what it leaves out is ideal: no delay, no limit."""
+    """Drives by joint whose kp the actuators file states; what it leaves out is ideal: no delay, no limit.
+
+    Numbers of PASSIVE are left out, since they are laws of the model of the robot, stated or identified.
+    """
     return {
         joint: stated_servo(robot, joint)
         for joint in robot.joints
@@ -23,12 +24,9 @@ def stated_servos(robot: Robot) -> dict[str, Servo]:
 
 def stated_servo(robot: Robot, joint: str) -> Servo:
     """Drive of a joint with the numbers that the actuators file states, defaults elsewhere."""
-    stated, j = robot.servo.get(joint, {}), robot.index(joint)
-    numbers: dict[str, Any] = {}
-    for name in PASSIVE:  # also stated outside [joint.X.servo]
-        value = float(getattr(robot.actuators, name)[j])
-        numbers |= {name: value} if np.isfinite(value) else {}
-    numbers |= {name: float(stated[name]) for name in (*SERVO_NUMBERS, "kp_register") if name in stated}
+    stated = robot.servo.get(joint, {})
+    own = [name for name in (*SERVO_NUMBERS, "kp_register") if name in stated and name not in PASSIVE]
+    numbers: dict[str, Any] = {name: float(stated[name]) for name in own}
     numbers |= {key: str(stated[key]) for key in ("law", "kd_on") if key in stated}
     if "stall_torque" in stated and numbers.get("law", "effort") in STALLED:
         numbers["effort_limit"] = float(stated["stall_torque"])

@@ -170,6 +170,7 @@ def _run(
     from ...effects.naming import parse_law
     from ...model import Model, torque_model
     from ...output.report import SimulationRun
+    from ...servo.stated import stated_servos
     from ...simulation.plant import Torques, record, simulate
 
     drive, seconds = _drive(known, asked, loop, plant.duration, plant.step, run.seed)
@@ -191,7 +192,8 @@ def _run(
             progress=progress,
         )
     columns = record(known.robot, moved, sensors, desired=not isinstance(drive, Torques), seed=run.seed)
-    return SimulationRun(model, injected, moved, columns, sensors, drive, plant.integrator, tuple(known.servos))
+    idle = tuple({**stated_servos(known.robot), **known.servos})
+    return SimulationRun(model, injected, moved, columns, sensors, drive, plant.integrator, idle)
 
 
 def _drive(
