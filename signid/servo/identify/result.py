@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from ...frozen import Frozen, Result
 from ...model import Model
@@ -15,6 +16,14 @@ from ..zeros import JointZero
 BY_INERTIALS = "inertials of the description"  # what the scale of torque is known by
 BY_GAIN = "stated kp"
 BY_NOTHING = "none"
+
+
+class LoggedRows(NamedTuple):
+    """Rows of one recording; its stamps are taken as they are."""
+
+    path: str
+    period: float  # [s] median
+    content_rate: float  # [Hz] of the rows that were neither interpolated nor repeated
 
 
 @dataclass(frozen=True)
@@ -102,7 +111,7 @@ class ServoIdentification(Result):
     flags: tuple[str, ...]  # exit 3
     notes: tuple[str, ...]
     seed: int
-    content_rates: Mapping[str, float] = field(default_factory=dict)  # [Hz] by path, of rows with content of their own
+    logs: tuple[LoggedRows, ...] = ()  # rows of the recordings
     zeros: tuple[JointZero, ...] = ()  # signs and zeros of positions, where gravity was compared with them
 
     def with_zeros(self, zeros: tuple[JointZero, ...], notes: tuple[str, ...]) -> ServoIdentification:

@@ -24,7 +24,7 @@ from ..search.searcher import KnownLimits, Searcher, ServoOptions
 from .conclude import Known, conclude
 from .facts import full_duty_errors
 from .fits import final_fit, weigh_bodies
-from .result import ServoIdentification
+from .result import LoggedRows, ServoIdentification
 from .scale import connected_sets
 from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
 from .timing import command_timing
@@ -101,19 +101,20 @@ def identify_servos(
     remarks = (*audit_flags(model.robot, (*given, *unseen)), *remarks)
     zeros, notes = joint_zeros(plain, data, starts[PLAIN], options.seed) if scale == "masses" else ((), ())
     remarks = (*remarks, *zero_flags(zeros, _position_columns(given[0])))
-    content = {recording.path: _content_rate(recording) for recording in (*given, *unseen)}
-    slow = FINER * min(content.values()) < data.train[0].rate
+    logs = tuple(map(_logged_rows, (*given, *unseen)))
+    slow = FINER * min(log.content_rate for log in logs) < data.train[0].rate
     late = command_timing(weighed, few, fit, options.window) if slow else {}
     case = Known(scale, wanted, fixed, limits.laws, duty, sets, late)
     found = conclude((plain, weighed), data, chosen, fit, case, remarks, options).with_zeros(zeros, notes)
-    return replace(found, content_rates=content)
+    return replace(found, logs=logs)
 
 
-def _content_rate(recording: Recording) -> float:
-    """Rate [Hz] of the rows that were neither interpolated nor repeated."""
+def _logged_rows(recording: Recording) -> LoggedRows:
+    """Period of the rows, and rate of those that were neither interpolated nor repeated."""
     x = recording.read()
     known = np.isfinite(x.t) & np.isfinite(x.q).all(axis=1)
-    return content_rate(x.t[known], x.q[known])
+    t, q = x.t[known], x.q[known]
+    return LoggedRows(recording.path, float(np.median(np.diff(t))), content_rate(t, q))
 
 
 def _position_columns(recording: Recording) -> dict[str, str]:

@@ -45,7 +45,7 @@ def command_timing(model: Model, data: ServoData, fit: ServoFit, window: float) 
 
 
 def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window: float) -> Array:
-    """Mean squares (W, n) [rad2 or m2] of windows, fitted with so many changes of the command in a row."""
+    """Mean squares (W, n) [rad2 or m2] of windows, fitted with a number of `changes` of the command in each row."""
     late = BETWEEN.get(changes, 0.0) * data.train[0].step
     servos = {joint: servo.with_(delay=servo.delay + late) for joint, servo in fit.servos.items()}
     grids = [_refined(grid, changes) for grid in data.train]

@@ -80,6 +80,11 @@ def recorded(recording: Recording, sampling: Sampling) -> Document:
     return {"path": recording.path, "clock": {"kind": clock.kind, "period": sampling.period, "jitter": clock.jitter}}
 
 
+def stamps_clock(period: float) -> Document:
+    """The clock of rows whose stamps are taken as they are; `period` [s]."""
+    return {"kind": "stamps", "period": period, "jitter": 0.0}
+
+
 def once(files: Iterable[Input]) -> list[Input]:
     """Remove repeated files."""
     return list({(file.path, file.sha256): file for file in files}.values())

@@ -17,7 +17,7 @@ from ....recording.mapping import split
 from ....types import TWO_SIDED, Input
 from ....version import __version__
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural, share
-from .documents import Document, ending, opening, picked
+from .documents import Document, ending, opening, picked, stamps_clock
 
 if TYPE_CHECKING:
     from ....recording.convert import Conversion, Pace
@@ -201,6 +201,7 @@ def audit_document(found: ServoAudit, inputs: Sequence[Input] = (), seed: int = 
             {
                 "path": recording.path,
                 "rate": rate,
+                "clock": stamps_clock(1 / rate),
                 "content_rate": content,
                 "duration": duration,
                 "samples": len(recording),

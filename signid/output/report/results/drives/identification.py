@@ -14,7 +14,7 @@ from .....parameters import Array, pseudo_inertia
 from .....servos import PASSIVE
 from .....types import Input
 from ...layout import UNKNOWN, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
-from ..documents import Document, description, ending, opening
+from ..documents import Document, description, ending, opening, stamps_clock
 from .closed_loops import closed_loop_rows, closed_loop_title, position_fit, rollout_document
 
 if TYPE_CHECKING:
@@ -40,7 +40,10 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
         "signs": None,
         "fit": position_fit(result.rollout),
         "method": "output error of the closed loop",
-        "recordings": [{"path": path, "content_rate": rate} for path, rate in result.content_rates.items()],
+        "recordings": [
+            {"path": log.path, "clock": stamps_clock(log.period), "content_rate": log.content_rate}
+            for log in result.logs
+        ],
         "servo": {
             "scale": _scale(result),
             "joints": [_joint(one) for one in result.joints],
