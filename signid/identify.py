@@ -148,6 +148,8 @@ def _from_factors(
         raise OptionError(f"{what}; give recordings instead of their factors")
     if robot.sha256 != reduced.robot.sha256:
         raise OptionError(f"the factors are not of {robot.name} as it is described; give the robot they were made with")
+    if not np.array_equal(robot.model.gravity.linear, reduced.robot.model.gravity.linear):
+        raise OptionError(f"the factors were made with another gravity than that of {robot.name}; give it the same")
     if reduced.share[1] > 1:
         raise OptionError(f"the factors are one part of {reduced.share[1]}; add all of them first")
     session = Session(reduced.task, (), (), reduced.notes, options=options)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from .frozen import show_with
 from .regression.covariance import Covariance, read_covariance
 from .regression.motion import Motion
 from .regression.rows import Task
-from .robot import held_positions, load_robot, robot_from_text
+from .robot import held_positions, load_robot, robot_from_text, with_gravity
 from .robot.dynamics import joint_of_row, own_row, standard_parameters as standard_parameters
 from .servos import PASSIVE, Servo, servos_document, servos_from
 from .toml_json import check_schema, read_json
@@ -112,6 +112,7 @@ class Model(Result):
             "robot": {"name": robot.name, "kind": robot.kind, "description": robot.document},
             "joints": list(robot.joints),
             "held": held_positions(robot),
+            "gravity": robot.model.gravity.linear.tolist(),
             "torque_constants": {
                 joint: float(x)
                 for joint, x in zip(robot.joints, robot.actuators.torque_constant, strict=True)
@@ -131,18 +132,24 @@ class Model(Result):
 ModelSource = Model | Robot | str | Path  # a model, or what `load_model` reads
 
 
-def load_model(source: str | Path | Robot, actuators: str | Path | None = None) -> Model:
+def load_model(
+    source: str | Path | Robot, actuators: str | Path | None = None, gravity: Sequence[float] | None = None
+) -> Model:
     """Load a saved model.json, or the model that a robot description and its actuators file state.
+
+    gravity: (3,) [m/s2] in the frame of the root link, in the place of that of the source.
 
     Raises:
         RobotError: the source is neither.
-        OptionError: the source is neither a path nor a robot.
+        OptionError: the source is neither a path nor a robot, or gravity is not a vector.
     """
     if not isinstance(source, str | Path | Robot):
         raise unexpected("load_model", "a path, the name of a robot or a Robot", source, '"model.json" or "robot.urdf"')
     if not isinstance(source, Robot) and str(source).endswith(".json"):
-        return _read(Path(source))
+        model = _read(Path(source))
+        return replace(model, robot=with_gravity(model.robot, gravity))
     robot = source if isinstance(source, Robot) else load_robot(str(source), actuators=actuators)
+    robot = with_gravity(robot, gravity)
     return Model(robot, stated_inertials(robot), stated_laws(robot))
 
 
@@ -247,7 +254,10 @@ def _read(path: Path) -> Model:
             )
         check_schema(content, "model")
         described: Mapping[str, str] = content["robot"]
-        robot = robot_from_text(described["description"], described["kind"], described["name"], lock=content["held"])
+        gravity = content.get("gravity")  # absent in older files
+        robot = robot_from_text(
+            described["description"], described["kind"], described["name"], lock=content["held"], gravity=gravity
+        )
         known: Mapping[str, float] = content.get("torque_constants", {})
         constants = np.array([float(known.get(joint, np.nan)) for joint in robot.joints])
         robot = replace(robot, actuators=replace(robot.actuators, torque_constant=constants))

@@ -50,7 +50,20 @@ def given_robot(name: str, options: RobotOptions) -> Robot:
             raise OptionError(f"--package-dir {folder} is not a folder; name the folder that holds the packages")
     moving = None if options.joints is None else _names("--joints", options.joints)
     held = _locks(options.lock or ())
-    return load_robot(name, lock=held, joints=moving, actuators=options.actuators, package_dirs=packages)
+    return load_robot(
+        name,
+        lock=held,
+        joints=moving,
+        actuators=options.actuators,
+        package_dirs=packages,
+        gravity=_gravity(options),
+    )
+
+
+def _gravity(options: RobotOptions) -> tuple[float, ...] | None:
+    from ..robot.gravity import parse_gravity
+
+    return None if options.gravity is None else parse_gravity(options.gravity)
 
 
 def _locks(texts: Sequence[str]) -> dict[str, float]:
@@ -85,7 +98,7 @@ def given_model(
         raise OptionError("--motion and --torque both drive the robot; give one of them")
     if source.saved and any((source.joints, source.lock, source.actuators, source.package_dir)):
         raise OptionError(f"{name} states its joints and actuators itself; leave --joints, --lock, --actuators out")
-    model = load_model(name) if source.saved else None
+    model = load_model(name, gravity=_gravity(source)) if source.saved else None
     robot = model.robot if model else given_robot(name, source)
     asked: Trajectory | Torques | None = None
     moving = robot.joints

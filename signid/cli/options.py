@@ -50,6 +50,13 @@ Cutoff = Annotated[
 PackageDir = Annotated[
     Texts, typer.Option(metavar="DIR", help="Folder with packages of meshes and xacro files. Repeatable.")
 ]
+Gravity = Annotated[
+    Text,
+    typer.Option(
+        metavar="X,Y,Z",
+        help="Gravity [m/s2] in the frame of the root link; 0,0,0: the torque carries no weight. Default: 0,0,-9.81.",
+    ),
+]
 Unsigned = Annotated[bool, typer.Option("--unsigned", help="Discard the signs of the torques.")]
 TimeLimit = Annotated[
     float, typer.Option(metavar="S", help="Time limit for searches [s]; truncated results are flagged.")
@@ -70,6 +77,7 @@ class RobotOptions:
     lock: Texts = option(None, "Hold joint J at this position [rad or m]. Repeatable.", metavar="J=VALUE")
     actuators: Text = option(None, "TOML of the actuators. Default: actuators.toml.", metavar="FILE")
     package_dir: PackageDir = None
+    gravity: Gravity = None
 
 
 @dataclass(frozen=True, kw_only=True)

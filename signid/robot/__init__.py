@@ -6,14 +6,16 @@ held fixed; mimic joints follow. `urdf_from_dh` generates a URDF from Denavit-Ha
 
 from .accept import as_robot
 from .description.dh import DHLink, urdf_from_dh
+from .gravity import with_gravity
 from .joints import configuration, hold, resting, weld
-from .load import held_positions, load_robot, robot_from_text
+from .load import described_gravity, held_positions, load_robot, robot_from_text
 from .locate import locate, names
 
 __all__ = [
     "DHLink",
     "as_robot",
     "configuration",
+    "described_gravity",
     "held_positions",
     "hold",
     "load_robot",
@@ -23,4 +25,5 @@ __all__ = [
     "robot_from_text",
     "urdf_from_dh",
     "weld",
+    "with_gravity",
 ]

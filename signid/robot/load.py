@@ -12,6 +12,7 @@ from ..errors import RobotError, one_line, shorten, unexpected
 from ..types import Actuators, Array, Robot
 from .actuators import state_actuators
 from .description.document import Axis, Document, Draft, parse, read_document
+from .gravity import with_gravity
 from .joints import find, hold, resting
 from .locate import locate
 
@@ -23,6 +24,7 @@ def load_robot(
     joints: Sequence[str] | None = None,
     actuators: str | Path | None = None,
     package_dirs: Sequence[str | Path] = (),
+    gravity: Sequence[float] | None = None,
 ) -> Robot:
     """Load a robot from a URDF, xacro or MJCF file, with a fixed base; meshes are not required.
 
@@ -34,10 +36,12 @@ def load_robot(
         joints: joints that move; all others are held at zero, or at the nearest position within their limits.
         actuators: TOML file with parameters of the drives; by default the `actuators.toml` beside the description.
         package_dirs: folders that xacro searches for packages.
+        gravity: (3,) [m/s2] in the frame of the root link, if the robot is not mounted as described; zeros: the
+            recorded torque carries no weight. By default that of the description, or (0, 0, -9.81).
 
     Raises:
         RobotError: invalid description, joint name or actuators file.
-        OptionError: the source is neither a path nor a name.
+        OptionError: the source is neither a path nor a name, or gravity is not a vector.
     """
     if not isinstance(source, str | Path):
         raise unexpected("load_robot", "a path or the name of a robot", source, '"robot.urdf" or "panda"')
@@ -51,14 +55,21 @@ def load_robot(
     stated = Path(actuators) if actuators is not None else beside if beside.is_file() else None
     if stated is not None:
         robot = state_actuators(robot, stated)
-    return hold(robot, _held(robot, joints, lock or {}))
+    return hold(with_gravity(robot, gravity), _held(robot, joints, lock or {}))
 
 
-def robot_from_text(text: str, kind: str, name: str, *, lock: Mapping[str, float] | None = None) -> Robot:
+def robot_from_text(
+    text: str,
+    kind: str,
+    name: str,
+    *,
+    lock: Mapping[str, float] | None = None,
+    gravity: Sequence[float] | None = None,
+) -> Robot:
     """Load a robot from the text of its description, its `document`.
 
     `kind` is "urdf" or "mjcf"; `name` counts if the text has none. Joints of `lock` are held fixed at these positions
-    [rad or m], mimic joints excepted.
+    [rad or m], mimic joints excepted. gravity: (3,) [m/s2] in the frame of the root link; None: that of the text.
 
     Raises:
         RobotError: invalid text or joint name.
@@ -69,7 +80,7 @@ def robot_from_text(text: str, kind: str, name: str, *, lock: Mapping[str, float
         raise RobotError(f"the description of {name} is declared as {kind!r}, but is {draft.kind!r}; correct its kind")
     follow = {axis.name for axis in draft.axes if axis.mimic}
     held = {joint: value for joint, value in (lock or {}).items() if joint not in follow}
-    return hold(_assemble(draft, document), held)
+    return hold(with_gravity(_assemble(draft, document), gravity), held)
 
 
 def held_positions(robot: Robot) -> dict[str, float]:
@@ -82,6 +93,11 @@ def held_positions(robot: Robot) -> dict[str, float]:
         if joint not in robot.joints:
             held[joint] = float(shift[own] / whole.drive[own, j])
     return held
+
+
+def described_gravity(robot: Robot) -> Array:
+    """Gravity (3,) [m/s2] that the description itself states, or implies."""
+    return np.array(robot_from_text(robot.document, robot.kind, robot.name).model.gravity.linear)
 
 
 def _draft(document: Document) -> Draft:

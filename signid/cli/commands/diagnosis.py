@@ -173,7 +173,9 @@ def validate(
     names, recordings = _sort_arguments(given)
     sources = [SimulationArguments(simulation=name, **vars(robot)) for name in names]
     if not all(source.saved for source in sources):
-        sources = [SimulationArguments(simulation=one.simulation) if one.saved else one for one in sources]
+        sources = [
+            SimulationArguments(simulation=one.simulation, gravity=one.gravity) if one.saved else one for one in sources
+        ]
     stated = robot.actuators is not None and all(source.saved for source in sources)
     sources = [replace(one, actuators=None) if stated else one for one in sources]
     models = {readable(source.simulation): given_model(source)[0] for source in sources}

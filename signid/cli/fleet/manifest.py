@@ -12,12 +12,13 @@ from hashlib import sha256
 from pathlib import Path
 
 from ...errors import ManifestError, readable, shorten
+from ...robot.gravity import parse_gravity
 from ...types import Input
 
 TASKS = ("diagnose", "identify", "reduce")  # default: the first
 NEEDED = ("robot", "recording")
 FILES = (*NEEDED, "held_out", "reference", "columns", "actuators", "like")
-COLUMNS = (*FILES, "task", "name", "time", "session")
+COLUMNS = (*FILES, "gravity", "task", "name", "time", "session")
 BELONGS = {"reference": "diagnose", "like": "reduce"}  # column -> the only task that uses it
 DAY = 86_400.0  # s
 LONGEST = 100  # maximum length of a session name [characters]
@@ -40,6 +41,7 @@ class Entry:
     columns: str
     actuators: str
     like: str
+    gravity: str
     time: str
     day: float | None  # days since 1970, UTC
 
@@ -47,6 +49,7 @@ class Entry:
         """Arguments of this session's command, without -o."""
         given = [("--held-out", x) for x in self.held_out] + [("--reference", x) for x in self.reference]
         given += [(f"--{key}", value) for key in ("columns", "actuators", "like") if (value := getattr(self, key))]
+        given += [("--gravity", self.gravity)] if self.gravity else []
         given += [("--seed", str(seed))] if seed else []
         return (self.task, self.robot, *self.recordings, *(word for pair in given for word in pair))
 
@@ -70,9 +73,9 @@ def read_manifest(path: str | Path) -> Manifest:
     """Read the sessions listed in a CSV file.
 
     Required columns: `robot` and `recording` (one file, or several separated by `;`). Optional columns: `held_out`,
-    `reference`, `columns`, `actuators`, `task` (diagnose, identify or reduce), `like` (factors to which those of a
-    reduction are added), `name` of the individual robot, `time` (ISO 8601; UTC if without zone) and `session` (name of
-    the output folder).
+    `reference`, `columns`, `actuators`, `gravity` ("X,Y,Z" in quotes), `task` (diagnose, identify or reduce), `like`
+    (factors to which those of a reduction are added), `name` of the individual robot, `time` (ISO 8601; UTC if without
+    zone) and `session` (name of the output folder).
 
     Args:
         path: CSV file; paths in it are relative to its folder.
@@ -157,6 +160,7 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
         row.get("columns", ""),
         row.get("actuators", ""),
         row.get("like", ""),
+        _gravity(row.get("gravity", "")),
         row.get("time", ""),
         _day(row.get("time", "")),
     )
@@ -164,6 +168,11 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
 
 def _split(cell: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in cell.split(";") if part.strip())
+
+
+def _gravity(text: str) -> str:
+    """Gravity X,Y,Z as the option takes it; ValueError if it is not a vector."""
+    return ",".join(map(repr, parse_gravity(text))) if text else ""
 
 
 def _day(text: str) -> float | None:

@@ -6,8 +6,11 @@ import ast
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ...effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TorqueLaw, TransmissionLaw
 from ...model import Model
+from ...robot import described_gravity
 from ...types import Law
 from ..report.layout import torque_units
 from .beyond import BODIES, Exported, among, lacking
@@ -84,8 +87,9 @@ def write_function(model: Model) -> Exported:
         but=' if key != "t"' if "t" in more else "",
         also=', **({"t": t} if "t" in needs else {})' if "t" in more else "",
     )
-    gravity = f"GRAVITY = {tuple(map(float, model.bodies().gravity.linear))}  # m/s2, in the tilted base frame\n"
-    tilted = any(law.effect.name == "base_tilt" for law in model.laws)
+    acts = model.bodies().gravity.linear
+    gravity = f"GRAVITY = {tuple(map(float, acts))}  # m/s2, in the frame of the base\n"
+    tilted = not np.allclose(acts, described_gravity(robot), atol=1e-12)
     laws = [_entry(law, code, among(law, inside)) for law, code in written]
     table = "\n\nLAWS = [  # function, signals, joints, parameters, whether the MJCF holds it\n" + "".join(laws) + "]\n"
     return Exported(head + (gravity if tilted else "") + _functions(written) + table + body, tuple(notes))

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...errors import RobotError
 from ...model import Model, stated_inertials
+from ...robot import described_gravity
 from ...robot.description.document import without_declaration
 from ...types import Array, Robot
 from .beyond import Exported, beyond, commented, fixed_note, summed
@@ -60,7 +61,7 @@ def write_urdf(model: Model) -> Exported:
     text = urdf_with(robot, np.where(same, np.nan, bodies), *friction)
     notes = fixed_note(robot, "they move in the URDF")
     notes += beyond("a URDF", model, FRICTION) + drive_note("a URDF", model)
-    if any(law.effect.name == "base_tilt" for law in model.laws):
+    if not np.allclose(model.bodies().gravity.linear, described_gravity(robot), atol=1e-12):
         gravity = " ".join(repr(float(x)) for x in model.bodies().gravity.linear)
         notes.append(f"the gravity of the model is {gravity} m/s2")
     return Exported(with_comment(text, notes), tuple(notes))

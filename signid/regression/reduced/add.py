@@ -80,6 +80,7 @@ def _definition(task: Task) -> dict[str, tuple[Any, ...]]:
     laws = tuple((law.effect.name, law.joints) for law in task.laws)
     return {
         "robot or its held joints": (robot.sha256, robot.joints, robot.rest, robot.drive),
+        "gravity": (np.array(robot.model.gravity.linear),),
         "laws": (laws, task.recorded_derivatives, task.instruments),
         "base parameters": (base.independent.tolist(), base.combination, base.sees.tolist()),
         FILTERS: (band.rate, band.factor, band.filtered, band.beyond, band.torque_floor, task.slow, task.reach),

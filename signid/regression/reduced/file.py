@@ -15,7 +15,7 @@ import numpy as np
 from ...effects import EFFECTS
 from ...errors import OptionError, RobotError, SignidError
 from ...recording.formats.npz import HEADER
-from ...robot import hold, resting
+from ...robot import described_gravity, hold, resting
 from ...types import Array, BaseMap, Indices, Input, Law, Robot
 from ...version import __version__
 from ..bandwidth import Band
@@ -102,7 +102,7 @@ def load_factors(path: str | Path, robot: Robot) -> Reduced:
             name = header["robot"]["name"]
             raise RobotError(
                 f"{path} holds factors of {name}, which differs from {robot.name} as given here; "
-                f"give the description, --joints, --lock and torque constants of the reduction"
+                f"give the description, --joints, --lock, --gravity and torque constants of the reduction"
             )
         check_laws(header["laws"], moving)
         check_files(header["inputs"], header["notes"])
@@ -133,9 +133,13 @@ def _nodes(name: str, header: Mapping[str, Any], arrays: Mapping[str, Any], task
 
 
 def _digest(robot: Robot) -> str:
-    """Hash of everything in a robot that rows depend on: description, held joints and torque constants."""
+    """Hash of everything in a robot that rows depend on: description, held joints, torque constants, gravity."""
     digest = sha256(f"{robot.sha256} {robot.joints}".encode())
-    for array in (robot.rest, robot.drive, robot.actuators.torque_constant):
+    arrays = [robot.rest, robot.drive, robot.actuators.torque_constant]
+    gravity = np.array(robot.model.gravity.linear)
+    if not np.array_equal(gravity, described_gravity(robot)):
+        arrays.append(gravity)  # not otherwise: factors of earlier versions load
+    for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 
