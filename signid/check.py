@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from .estimation.least_squares import estimate
 from .model import Model, ModelSource, stated_inertials, stated_laws
 from .recording import Recordings, as_recordings
 from .recording.sampling import Sampling
-from .recording_faults import RecordingFaults, examine, naming_faults
+from .recording_faults import RecordingFaults, examine, naming_faults, under_found_gravity
 from .regression.bandwidth import Band
 from .regression.factors import Factors
 from .regression.session import Options, Session
@@ -59,7 +59,8 @@ def check(
 ) -> Check:
     """Check recordings, all of them together; signs of unsigned torque are recovered first.
 
-    Recording faults are detected with the inertials that the description states.
+    Recording faults are detected with the inertials that the description states. Where the recordings clearly show
+    another gravity than the stated one, the check is made with it, and a flag says so.
 
     Raises:
         InputError: a recording or an option cannot be used; the sentence says which and why.
@@ -68,13 +69,17 @@ def check(
     recordings, options = as_recordings(recordings, robot, "check"), options or Options()
     recovered = prepare_and_recover(robot, recordings, recordings, options=options, progress=progress)
     session = recovered.session_to_fit(robot)
+    signed = np.all([recording.signed for recording in recordings], axis=0)
+    if mounted := under_found_gravity(robot, session, signed):
+        made = check(mounted.robot, recordings, options=options, progress=progress)
+        return replace(made, faults=replace(made.faults, findings=(mounted.fault, *made.faults.findings)))
     with naming_faults(session):
         factors = session.reduce(session.train, progress=progress)
     found = estimate(factors, session.task.base, whiten=options.whiten)
     found = recovered.widen(found, factors, session.task.base, options.whiten)
     excitation = judge_excitation(session.task, factors, found, options.seed)
     stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))
-    faults = examine(stated, session, excitation, np.all([recording.signed for recording in recordings], axis=0))
+    faults = examine(stated, session, excitation, signed)
     used = np.array([f.counts[0] / f.rows if f.rows else 0.0 for f in factors.joints])
     weak = {name for group in excitation.weak for name in group}
     verdicts = tuple(

@@ -16,14 +16,16 @@ from .estimation.least_squares import estimate
 from .estimation.standard import METHODS, Search, choose_in_time
 from .model import Model, ModelSource, fitted_model, stated_parameters
 from .recording import Recordings, as_recordings
-from .recording_faults import IdentifiedData, identification_flags, naming_faults
+from .recording_faults import IdentifiedData, identification_flags, naming_faults, under_found_gravity
 from .regression.covariance import base_covariance
 from .regression.factors import LAGS, Factors, Weigh
 from .regression.prepare import ITSELF
 from .regression.reduced import Reduced
 from .regression.rows import Rows
 from .regression.session import Options, Session, only_once, recordings_used
-from .robot import as_robot
+from .robot import as_robot, described_gravity
+from .robot.dynamics import shows_gravity
+from .robot.gravity import is_weightless
 from .signs import Recovered, Signs, prepare_and_recover
 from .types import Array, BaseMap, Estimate, Input, Parameters, Progress, Recording, Result, Robot
 
@@ -81,8 +83,9 @@ def identify(
 ) -> Identification:
     """Identify a dynamics model from a description and recordings.
 
-    Where torque was recorded without its sign, the signs are recovered first and then count as measured. Once its
-    errors on held-out rows are known, the model is fitted again to all rows, except those of `held_out`.
+    Where torque was recorded without its sign, the signs are recovered first and then count as measured. Where the
+    recordings clearly show another gravity than the stated one, the model is identified with it, and a flag says so.
+    Once its errors on held-out rows are known, the model is fitted again to all rows, except those of `held_out`.
 
     Args:
         robot: as `load_robot` gives it, or what it reads; a model counts as its robot.
@@ -122,6 +125,21 @@ def identify(
     recovered = prepare_and_recover(robot, recordings, held_out, options=options, method=signs, progress=progress)
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
     session = recovered.session_to_fit(robot)
+    signed = np.all([recording.signed for recording in everything], axis=0)
+    if mounted := under_found_gravity(robot, session, signed):
+        found = identify(
+            mounted.robot,
+            recordings,
+            held_out=held_out,
+            method=method,
+            signs=signs,
+            estimator=estimator,
+            search=search,
+            options=options,
+            refit=refit,
+            progress=progress,
+        )
+        return replace(found, flags=(f"{mounted.fault.sentence}; the model is identified with it", *found.flags))
     with naming_faults(session):
         train, test, weigh = _factors(session, options, progress)
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
@@ -246,7 +264,14 @@ def _conclude(
         inputs=(),
         signs=recovered.signs,
         recordings=recovered.session.recordings,
-        flags=(*recovered.flags, *found.flags, *excitation.sentences, *_too_few(given, found), *chosen.flags),
+        flags=(
+            *recovered.flags,
+            *found.flags,
+            *excitation.sentences,
+            *_too_few(given, found),
+            *_weightless(session.robot),
+            *chosen.flags,
+        ),
         notes=(*(note for note in session.notes if note != ITSELF), *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
@@ -254,6 +279,15 @@ def _conclude(
         session=session,
         judged=model,
     )
+
+
+def _weightless(robot: Robot) -> Iterator[str]:
+    """A flag if gravity is stated to be zero, although the description's would show in some torque."""
+    if is_weightless(robot.model) and shows_gravity(robot, described_gravity(robot)):
+        yield (
+            "the recorded torque carries no weight, so masses are not identifiable: those that inertia does not show "
+            "are those of the description; inertia and friction are identified"
+        )
 
 
 def _too_few(given: Given, found: Estimate) -> Iterator[str]:
@@ -266,6 +300,7 @@ def _too_few(given: Given, found: Estimate) -> Iterator[str]:
             f"all filtered rows of {shorten(masked)} lie near reversals of the motion, where friction is uncertain, "
             f"and are not used: move farther or faster at a time, or raise the cut-off"
         )
+    yield from _weightless(given.session.robot)
     if lost := int(np.isinf(found.std).sum()):
         yield (
             f"{lost} of {len(found.std)} base parameters are not identifiable from the rows that are used and keep the "

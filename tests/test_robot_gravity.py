@@ -80,7 +80,7 @@ def test_bad_gravity_is_one_sentence_and_exit_code_2(wrong: str, capsys: pytest.
 
 
 def test_inspection_without_gravity_knows_fewer_parameters(capsys: pytest.CaptureFixture[str]) -> None:
-    """Of the first moments of link 2 of a 3r, which turns with joints 1 and 2, fewer show without their weight."""
+    """First moments show in the weight of links, and without it only in the torque of joints that accelerate them."""
     counts = []
     for more in ([], ["--gravity=-9.81,0,0"], ["--gravity", "0,0,0"]):
         assert run(["inspect", "3r", "--json", *more]) == 0

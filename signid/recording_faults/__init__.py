@@ -1,11 +1,11 @@
 """Recording faults, found before a fit: wrong order, signs or units, lags, clipping, distortions, too little data.
 
 `signid check`, `identify` and `diagnose` look for them: drop-outs, spikes and stuck sensors, exchanged or negated
-columns, degrees instead of radians, wrong zeros, factors and clocks, torque that is late or clipped. Each
-`RecordingFault` has a sentence: the fault, its evidence, and how to correct it.
+columns, degrees instead of radians, wrong zeros, factors and clocks, torque that is late or clipped, another gravity.
+Each `RecordingFault` has a sentence: the fault, its evidence, and how to correct it.
 """
 
-from .examine import examine
+from .examine import examine, gravity_fault, is_sole, under_found_gravity
 from .identified import IdentifiedData, identification_flags
 from .recorded import NO_EXCITATION, OF_A_FIT, recording_flags
 from .result import REFUSE, RecordingFault, RecordingFaults
@@ -20,7 +20,10 @@ __all__ = [
     "RecordingFaults",
     "IdentifiedData",
     "examine",
+    "gravity_fault",
+    "is_sole",
     "identification_flags",
     "naming_faults",
     "recording_flags",
+    "under_found_gravity",
 ]

@@ -86,9 +86,9 @@ class _Trial(NamedTuple):
     value: float
 
 
-def nats(left: Array, informative: Mask) -> float:
+def nats(left: Array, informative: Mask, floor: float = FLOOR) -> float:
     """Sum of the log unexplained shares, left: (n,) [1], of informative torques; a small one does not count."""
-    return float(np.sum(np.log(np.maximum(left[informative], FLOOR))))
+    return float(np.sum(np.log(np.maximum(left[informative], floor))))
 
 
 def find_distortion(evidence: FaultEvidence, informative: Mask, rest: float) -> Distortion | None:
@@ -96,7 +96,7 @@ def find_distortion(evidence: FaultEvidence, informative: Mask, rest: float) -> 
     before = unexplained(evidence.plain)
     if min(nats(before, informative), rest) - informative.sum() * log(FLOOR) < WORTH:
         return None
-    few, found = _thinned(evidence), dict[_Trial, float]()
+    few, found = thinned(evidence)[0], dict[_Trial, float]()
     for trial in _trials(evidence, bool(np.any(before[informative] >= BAD))):
         if time_is_up(SEARCH, answer=False):
             return None
@@ -111,8 +111,8 @@ def find_distortion(evidence: FaultEvidence, informative: Mask, rest: float) -> 
     return _judged(evidence, informative, best, rest)
 
 
-def _thinned(evidence: FaultEvidence) -> FaultEvidence:
-    """Every so often a row, up to `ROWS`."""
+def thinned(evidence: FaultEvidence) -> tuple[FaultEvidence, Indices]:
+    """Evidence of every n-th row, up to `ROWS`, and the numbers of these rows."""
     every = -(-len(evidence.q) // ROWS)
     moments = tuple(t[::every] for t in evidence.moments)
     starts = np.cumsum([0, *(len(t) for t in evidence.moments)])[:-1]
@@ -120,7 +120,8 @@ def _thinned(evidence: FaultEvidence) -> FaultEvidence:
         [start + np.arange(0, len(t), every) for start, t in zip(starts, evidence.moments, strict=True)]
     )
     plain = Signals(*(signal[kept] for signal in evidence.plain))
-    return replace(evidence, q=evidence.q[kept], plain=plain, moments=moments, block=evidence.block[kept])
+    few = replace(evidence, q=evidence.q[kept], plain=plain, moments=moments, block=evidence.block[kept])
+    return few, kept
 
 
 def _judged(evidence: FaultEvidence, informative: Mask, trial: _Trial, rest: float) -> Distortion | None:

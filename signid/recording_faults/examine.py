@@ -11,14 +11,16 @@ import numpy as np
 from ..errors import OptionError
 from ..estimation.excitation import ExcitationVerdict, judge_excitation
 from ..estimation.least_squares import estimate
-from ..model import Model
+from ..model import Model, stated_inertials, stated_laws
 from ..regression.session import Part, Session
-from ..types import Array, Mask
+from ..robot import with_gravity
+from ..types import Array, Mask, Robot
 from . import messages
 from .channels import judge_absolute, judge_amount, judge_channels, judge_limits
 from .distortions import KINDS as DISTORTIONS, Distortion, distortion_fault, find_distortion, nats
 from .evidence import Correction, FaultEvidence, Signals, gather
 from .fits import FitColumns, unexplained
+from .gravity import GravityEstimate, find_gravity, under_gravity, weigh
 from .lag_and_gain import Gains, Lags, judge_gains, judge_lags
 from .result import REFUSE, UNCERTAIN, RecordingFault, RecordingFaults
 from .samples import SAMPLE_KINDS, judge_samples
@@ -30,11 +32,13 @@ from .standstill import judge_standstills
 UNEXPLAINED, STRONG = 0.6, 0.05
 MOVES = 0.05  # [1] smallest rms velocity of that joint over the largest
 CLEAR = 0.2  # [1] difference of unexplained shares by which the right sign or order is better than a wrong one
+USABLE = 0.5  # [1] smallest share of bodies with mass, for the description to be used as a simulation
 UNFIT = "unexplained torque"
 SIGNS, ORDERS = ("torque sign", "position sign", "axis"), ("torque order", "position order", "joint order")
 # possible causes of other findings
 REASONS = (*messages.KINDS, "absolute torque", "units", "gain", UNFIT, *SAMPLE_KINDS, *DISTORTIONS)
 WEAK = 0.2  # [1] unexplained share after a claim, from which on it is chance if another torque remains unexplained
+AS_WELL = 0.9  # [nats] difference of log unexplained shares up to which gravity and a fault explain torque equally well
 UNSIGNED = (0.1, 100.0)  # [1] range of absolute torque over predicted torque (rms) that friction can explain
 
 
@@ -50,6 +54,8 @@ class _Seen(NamedTuple):
     lags: Lags
     gains: Gains
     distortion: Distortion | None
+    gravity: GravityEstimate | None = None  # if it explains the torque as well as any fault
+    rivals: tuple[RecordingFault, ...] = ()  # faults that explain it as well as gravity
 
 
 def examine(
@@ -115,7 +121,59 @@ def _limits_and_excitation(
         yield from messages.excitation_findings(excitation)
 
 
+class Mounted(NamedTuple):
+    """A robot in the field of gravity that its recordings show."""
+
+    robot: Robot
+    fault: RecordingFault
+
+
+def under_found_gravity(robot: Robot, session: Session, signed: Mask) -> Mounted | None:
+    """Robot under the gravity that the recordings clearly show, if it is not the stated one; signed: (n,)."""
+    inertials = stated_inertials(session.robot)
+    if np.mean(inertials[:, 0] > 0) < USABLE:
+        return None
+    described = Model(session.robot, inertials, stated_laws(session.robot))
+    fault = gravity_fault(described, session, signed)
+    return None if fault is None else Mounted(with_gravity(robot, [fault.measures[k] for k in "xyz"]), fault)
+
+
+def gravity_fault(model: Model, session: Session, signed: Mask | None = None) -> RecordingFault | None:
+    """Find another gravity than that of the model, if it is the only explanation of the torque.
+
+    A fit under the given gravity would be about another robot, so this is asked before. signed: (n,) as in `examine`.
+    """
+    evidence = gather(model, session, list(session.whole))
+    if evidence is None:
+        return None
+    evidence = evidence if signed is None else replace(evidence, signed=evidence.signed & signed)
+    if find_gravity(evidence, informative_torques(evidence.plain, evidence.signed)) is None:
+        return None
+    seen = _see(evidence)
+    if seen.gravity is None:
+        return None
+    fault = messages.gravity_finding(seen.gravity, seen.rivals, evidence)
+    return fault if is_sole(fault) else None
+
+
+def is_sole(fault: RecordingFault) -> bool:
+    """Whether gravity is the only explanation of the torque."""
+    return not fault.alternatives and not fault.measures["single"]
+
+
 def _see(evidence: FaultEvidence) -> _Seen:
+    """Faults under the given gravity, or under the one that explains the torque as well or better."""
+    seen = _see_faults(evidence)
+    found = find_gravity(evidence, informative_torques(evidence.plain, evidence.signed))
+    rest = nats(seen.left, seen.informative)
+    if found is None or rest < found.left - AS_WELL:
+        return seen
+    named = [f for f in _torque_findings(seen) if f.kind not in (UNFIT, "units", "gain")]
+    rivals = tuple(named) if rest <= found.left + AS_WELL else ()
+    return _see_faults(under_gravity(evidence, found.value))._replace(gravity=found, rivals=rivals)
+
+
+def _see_faults(evidence: FaultEvidence) -> _Seen:
     informative = informative_torques(evidence.plain, evidence.signed)
     claims, nothing = search(evidence, informative), Correction.none(len(informative))
     done = claims[-1].correction if claims else nothing
@@ -132,9 +190,13 @@ def _see(evidence: FaultEvidence) -> _Seen:
 
 def _torque_findings(seen: _Seen) -> Iterator[RecordingFault]:
     evidence, x, joints = seen.evidence, seen.signals, seen.evidence.robot.joints
+    if seen.gravity is not None:
+        yield messages.gravity_finding(seen.gravity, seen.rivals, evidence)
     if seen.distortion is not None:
         yield distortion_fault(seen.distortion, joints, len(np.unique(evidence.block)))
         return
+    if seen.gravity is None and not seen.claims:
+        yield from messages.weight_findings([joints[j] for j in np.flatnonzero(weigh(evidence).only)])
     yield from messages.claim_findings(seen.claims, joints, len(np.unique(evidence.block)))
     yield from messages.lag_findings(seen.lags, seen.done, joints)
     yield from messages.factor_findings(seen.gains, evidence.robot)

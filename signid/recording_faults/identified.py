@@ -20,7 +20,7 @@ from ..regression.projection import least_squares
 from ..regression.rows import Rows, Task, read_rows, torque_rates
 from ..regression.session import Session
 from ..types import Array, Mask, Recording
-from .examine import examine
+from .examine import USABLE, examine
 from .result import NOTE, RecordingFault
 
 LOUD = 3.0  # [noise floors] held-out rms from which on it is more than noise
@@ -31,7 +31,6 @@ LOUD = 3.0  # [noise floors] held-out rms from which on it is more than noise
 FAR, POOR = 50.0, 0.9
 WORSE = 1.05  # [1] rms over that of the description, from which on the fit is worse
 TRIFLE = 1e-3  # [1] held-out rms over the rms torque up to which no use of a model depends on it; heuristic
-USABLE = 0.5  # [1] smallest share of bodies with mass, for the description to be used as a simulation
 SECONDS = 30.0  # [s] total duration of the evenly spread stretches that are read
 SPARE = 2.0  # [rows per column] smallest number of rows
 # [s] smallest delay that is flagged, and largest one for a first-order estimate. Measured on real arms: TX40 -3.0 ms;

@@ -8,9 +8,11 @@ from math import isfinite, log
 import numpy as np
 
 from ..estimation.excitation import ExcitationVerdict
-from ..types import Robot
+from ..robot.gravity import gravity_text, root_link
+from ..types import Array, Robot
 from .channels import Amount
-from .evidence import Correction
+from .evidence import Correction, FaultEvidence
+from .gravity import GravityEstimate
 from .lag_and_gain import Gains, Lags
 from .result import REFUSE, WARN, RecordingFault
 from .search import Claim
@@ -37,6 +39,7 @@ KINDS = {  # kind -> fault of some joints, correction that was tried, advice
 DIAGNOSABLE = ("torque sign", "torque order", "lag")  # faults that a diagnosis can handle, since it has laws for them
 UNITS = {1e3: "mN.m", 1e-3: "kN.m", 10.197: "kgf.cm", 141.61: "ozf.in", 8.851: "lbf.in"}  # per N.m
 NEAR = log(1.35)  # [nats] largest distance of a factor from that of a unit
+UPRIGHT = 1.0  # [degrees] largest angle to an upright or level base that is called so
 SPARE = 1.05  # [1] recommended duration over the necessary one
 LARGE = 5.0  # [1] factor of units from which on a diagnosis is meaningless
 
@@ -64,6 +67,60 @@ def claim_findings(claims: Sequence[Claim], joints: Sequence[str], blocks: int) 
 def _equally_likely(rivals: Sequence[tuple[str, tuple[str, ...]]]) -> str:
     others = [KINDS[kind][0].format(_named(about)) for kind, about in rivals if kind != "lag"]
     return f" (equally likely: {'; '.join(others[:3])})" if others else ""
+
+
+def gravity_finding(
+    found: GravityEstimate, rivals: Sequence[RecordingFault], evidence: FaultEvidence
+) -> RecordingFault:
+    """Finding that gravity acts otherwise than the description says, or that the torque carries no weight."""
+    robot, blocks = evidence.robot, len(np.unique(evidence.block))
+    words = ",".join(f"{x + 0.0:.4g}" for x in found.value)
+    gain = (
+        f"model and friction explain {_percent(1 - found.after)} of the torque instead of {_percent(1 - found.before)}"
+    )
+    better = f"better in {round(found.agreement * blocks)} of {blocks} blocks of the recordings"
+    others = [rival.sentence.partition(":")[0] for rival in rivals]
+    if found.single:
+        others.append(f"another zero or first moment of {robot.joints[int(np.argmax(evidence.signed))]}")
+    if found.weightless and found.hidden:
+        others.append("gravity along an axis that no joint feels")
+    equally = f" (equally likely: {'; '.join(others)})" if others else ""
+    if found.weightless:
+        fact, how = "the recorded torque carries no weight of the robot", "without gravity"
+        advice = f"log the whole torque, or state it with --gravity {words}; masses are not identifiable from it"
+    else:
+        fact = f"gravity acts along {_along(found.value)} of {root_link(robot)} {gravity_text(found.value)}"
+        fact, how = f"{fact}: {_mounting(found.value)}", "with it"
+        advice = f"state it with --gravity {words}"
+    measures = dict(zip(("x", "y", "z", "std_x", "std_y", "std_z"), (*found.value, *found.std), strict=True))
+    measures |= {"explained_before": 1 - found.before, "explained_after": 1 - found.after, "gain": found.gain}
+    measures |= {"agreement": found.agreement, "single": float(found.single)}
+    kinds = tuple((rival.kind, rival.joints) for rival in rivals)
+    return RecordingFault("gravity", (), WARN, measures, f"{fact}; {how}, {gain} ({better}){equally}; {advice}", kinds)
+
+
+def weight_findings(joints: Sequence[str]) -> Iterator[RecordingFault]:
+    """Finding on torque of some joints that carries no weight, although that of others does."""
+    if joints:
+        fact = f"the torque of {_named(joints)} carries no weight of the links, although that of other joints does"
+        why = "its drive, a spring or a counterweight compensates it, so masses are not identifiable from it"
+        yield RecordingFault("weight", tuple(joints), WARN, {}, f"{fact}: {why}; log the whole torque")
+
+
+def _along(gravity: Array) -> str:
+    """Direction of gravity (3,) in a sentence: "-y"."""
+    k = int(np.argmax(np.abs(gravity)))
+    plain = np.count_nonzero(gravity) == 1
+    return f"{'-' if gravity[k] < 0 else ''}{'xyz'[k]}" if plain else "the direction"
+
+
+def _mounting(gravity: Array) -> str:
+    """How a robot stands in a field of gravity (3,) [m/s2] in the frame of its root link, whose z points up."""
+    angle = float(np.degrees(np.arccos(np.clip(-gravity[2] / np.linalg.norm(gravity), -1.0, 1.0))))
+    for middle, words in ((0.0, "stands upright"), (90.0, "is mounted on its side"), (180.0, "hangs upside down")):
+        if abs(angle - middle) < UPRIGHT:
+            return f"the robot {words}"
+    return f"its base is inclined by {angle:.0f} degrees"
 
 
 def lag_findings(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterator[RecordingFault]:

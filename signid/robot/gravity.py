@@ -64,7 +64,7 @@ def parse_gravity(text: str) -> tuple[float, ...]:
 
 
 def gravity_text(gravity: Sequence[float] | Array) -> str:
-    """Gravity in a sentence: (0, -9.81, 0)."""
+    """Write gravity: (3,) [m/s2] as in a sentence: (0, -9.81, 0)."""
     return f"({', '.join(f'{float(x) + 0.0:.4g}' for x in gravity)})"
 
 
