@@ -143,7 +143,7 @@ def test_a_saved_model_has_its_torque_constants(place: Path) -> None:
         ("1r none.csv -o bad", "none.csv"),
         ("1r fine.csv --held-out none.csv -o bad", "none.csv"),
         ("1r fine.csv --reference fine.csv -o bad", "its own reference"),
-        ("1r fine.csv --skip gravity -o bad", "there is no effect named 'gravity'"),
+        ("1r fine.csv --skip magnetism -o bad", "there is no effect named 'magnetism'"),
         ("panda fine.csv -o bad", "panda_joint1"),
         ("none.json fine.csv -o bad", "none.json"),
         ("drive.json fine.csv --actuators drive.toml -o bad", "actuators itself"),

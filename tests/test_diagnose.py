@@ -197,5 +197,5 @@ def test_too_little_data_is_refused_in_one_sentence(rows: int) -> None:
 
 
 def test_laws_that_cannot_be_skipped_are_reported() -> None:
-    with pytest.raises(OptionError, match="gravity"):
-        look("3r", skip=("gravity",))
+    with pytest.raises(OptionError, match="magnetism"):
+        look("3r", skip=("magnetism",))

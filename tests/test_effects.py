@@ -24,7 +24,7 @@ DESIGN = """
     viscous_friction coulomb_friction asymmetric_friction stribeck_friction quadratic_friction load_friction
     presliding_friction position_friction friction_drift armature torque_offset spring cable_torque counterbalance
     torque_gain torque_ripple backlash joint_elasticity encoder_offset time_delay torque_lag payload link_inertia
-    base_tilt joint_coupling torque_saturation external_contact fluid_drag torque_sign channel_swap"""
+    base_tilt gravity joint_coupling torque_saturation external_contact fluid_drag torque_sign channel_swap"""
 
 
 def test_every_law_is_registered() -> None:

@@ -8,10 +8,11 @@ from recover import case, misses, recover
 from signid.effects import EFFECTS
 from signid.effects.base import Effect
 
+# gravity is a vector in the place of another one, not an addition to it: tests/test_recording_faults_gravity.py
 SECONDS, SEED = 8.0, 5  # longer ones and other seeds: python -m benchmarks.effects
 
 
-@pytest.mark.parametrize("effect", list(EFFECTS), ids=lambda e: e.name)
+@pytest.mark.parametrize("effect", [e for e in EFFECTS if e.name != "gravity"], ids=lambda e: e.name)
 def test_parameters_are_recovered(effect: Effect) -> None:
     planted = case(effect, SEED, SECONDS)
     far = misses(planted, recover(planted))

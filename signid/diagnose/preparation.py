@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..deadline import OutOfTimeError, steps_shown
 from ..errors import RecordingError
 from ..model import Model
-from ..recording_faults import REFUSE, SAMPLE_KINDS, RecordingFault, RecordingFaults, examine, naming_faults
+from ..recording_faults import REFUSE, SAMPLE_KINDS, RecordingFault, RecordingFaults, examine, is_sole, naming_faults
 from ..regression.prepare import rearrange
 from ..regression.session import Options, Session, longest_piece
+from ..robot import with_gravity
 from ..signs import Recovered
 from ..types import Progress
 from .data.column_groups import build_groups, dry_friction
 from .data.dataset import Dataset
-from .data.hypotheses import pooled, propose
+from .data.hypotheses import GRAVITY, pooled, propose
 from .data.motions import pieces, row_filter, subsample
 from .data.noise import find_period, measure_noise
 from .data.rows import build_table
@@ -61,6 +63,27 @@ def prepare_session(
     return _with_held_out(model, session), faults
 
 
+class Mounting(NamedTuple):
+    """Simulation and session under one gravity, and the finding if it is not the simulation's own."""
+
+    model: Model
+    session: Session
+    faults: RecordingFaults
+    gravity: RecordingFault | None = None
+
+
+def mount(model: Model, session: Session, faults: RecordingFaults, skip: Sequence[str]) -> Mounting:
+    """Put simulation and session under the gravity that the recordings clearly show, else that of the simulation."""
+    shown = next((fault for fault in faults.findings if fault.kind == GRAVITY), None)
+    if shown is not None and (GRAVITY in skip or not is_sole(shown)):
+        shown = None
+    if shown is not None:
+        faults = replace(faults, findings=tuple(fault for fault in faults.findings if fault is not shown))
+        model = replace(model, robot=with_gravity(model.robot, [shown.measures[key] for key in "xyz"]))
+    task = replace(session.task, robot=with_gravity(session.robot, model.robot.model.gravity.linear))
+    return Mounting(model, replace(session, task=task), faults, shown)
+
+
 def _is_clear(fault: RecordingFault) -> bool:
     """Whether few rows suffice for a recording fault: a sign or an order of torques that all parts agree on."""
     measured = fault.measures
@@ -102,7 +125,7 @@ def build(model: Model, session: Session, skip: Sequence[str] | None, show: Prog
             f"or raise the cut-off"
         )
     motion = pooled([p.motion for p in made])
-    hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT))
+    hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT, GRAVITY))
     dry = dry_friction(model, made)
     table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry), made, dry)
     periods = tuple(find_period(longest_piece(part).q, 1 / part[1].period) for part in parts)

@@ -19,16 +19,17 @@ from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
 from ..types import Progress, Recording
 from .data.dataset import Dataset
-from .data.hypotheses import is_transient
+from .data.hypotheses import GRAVITY, is_transient
 from .evidence.bayes_factors import Evidence
 from .evidence.prior import stated_prior
 from .evidence.selection import Posterior, StatedBodies
 from .extend.holdout import compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
 from .findings.findings import conclude
+from .findings.gravity import with_gravity_finding
 from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse
 from .findings.verdict import decide_verdict
-from .preparation import build_in_time, prepare_session
+from .preparation import build_in_time, mount, prepare_session
 from .result import Diagnosis
 from .search.iterate import SearchResult, select
 from .search.prune import prune
@@ -70,7 +71,7 @@ def diagnose(
     given, notes = restrict_joints(model, [*recordings, *held_out])
     recovered = _recover(given, recordings, held_out, options, show)
     model = restrict_joints(_lasting(healthy.model), [*recordings, *held_out])[0] if healthy else given
-    session, faults = prepare_session(model, recovered, options, show)
+    model, session, faults, gravity = mount(model, *prepare_session(model, recovered, options, show), skip)
     dataset, data = build_in_time(model, session, skip, show)
     evidence = Evidence(data, stated_prior(model, data.groups))
     dataset, selection, disagreement = _search(dataset, _posterior(model, evidence, skip), skip, healthy, show)
@@ -80,6 +81,8 @@ def diagnose(
     conclusions = conclude(dataset, session, selection, contenders, verdict, options.seed)
     before, floor = predict(session, given), session.task.band.torque_floor
     result = keep_given_if_worse(before, add_empirical_torque(session, conclusions), dataset.noise, floor)
+    if gravity is not None:
+        result = with_gravity_finding(result, gravity, given, before, dataset)
     comparison = compare(before, result.prediction, dataset.noise, floor)
     rolled = _roll_out(session, given, result.prediction.model, show)
     return Diagnosis(
@@ -160,7 +163,7 @@ def _posterior(model: Model, evidence: Evidence, skip: Sequence[str]) -> Posteri
     """Evidence with the priors of the library."""
     bodies = tuple(own_body(model.robot, j) for j in range(len(model.robot.joints)))
     own = StatedBodies(build_base(model.robot), model.whole_inertials())
-    return Posterior(evidence, len(list(EFFECTS)) - len(skip), bodies, own)
+    return Posterior(evidence, len(list(EFFECTS)) - len({*skip, GRAVITY}), bodies, own)
 
 
 def _roll_out(

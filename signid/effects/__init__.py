@@ -25,7 +25,7 @@ EFFECTS: Registry[Effect] = Registry(
     """
     viscous_friction coulomb_friction torque_offset armature asymmetric_friction stribeck_friction quadratic_friction
     load_friction presliding_friction position_friction friction_drift spring cable_torque counterbalance torque_gain
-    torque_ripple backlash joint_elasticity encoder_offset time_delay torque_lag payload link_inertia base_tilt
+    torque_ripple backlash joint_elasticity encoder_offset time_delay torque_lag payload link_inertia base_tilt gravity
     joint_coupling torque_saturation external_contact fluid_drag torque_sign channel_swap
     """,
     unlisted="empirical motor_friction",

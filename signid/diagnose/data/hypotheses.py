@@ -17,6 +17,7 @@ from ...regression.motion import Motion
 from ...robot.dynamics import own_body
 from ...types import Array, Law
 
+GRAVITY = "gravity"  # determined before the search: it is no small correction of the simulation
 VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
 UNKNOWN_KNOTS = 8  # knots of an unknown dependence. Heuristic
 OVERFLOW = 1e60  # [torque per coefficient] larger columns are zeroed: sums of their squares could overflow
