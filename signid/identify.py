@@ -300,7 +300,6 @@ def _too_few(given: Given, found: Estimate) -> Iterator[str]:
             f"all filtered rows of {shorten(masked)} lie near reversals of the motion, where friction is uncertain, "
             f"and are not used: move farther or faster at a time, or raise the cut-off"
         )
-    yield from _weightless(given.session.robot)
     if lost := int(np.isinf(found.std).sum()):
         yield (
             f"{lost} of {len(found.std)} base parameters are not identifiable from the rows that are used and keep the "
