@@ -60,10 +60,14 @@ BAD = {
     "mjcf without joint": ("<mujoco><worldbody><body/></worldbody></mujoco>", "no moving joint"),
     "mjcf type": ('<mujoco><worldbody><body><joint type="x"/></body></worldbody></mujoco>', "MuJoCo cannot compile"),
     "mjcf include": ('<mujoco><include file="none.xml"/></mujoco>', "none.xml cannot be read"),
-    "mjcf attach": ("<mujoco><worldbody><attach/></worldbody></mujoco>", "<attach>"),
+    "mjcf cloth": ("<mujoco><worldbody><frame><flexcomp/></frame></worldbody></mujoco>", "<flexcomp>"),
+    "mjcf body of the world": (
+        '<mujoco><worldbody><body name="world"><joint/><geom size="1"/></body></worldbody></mujoco>',
+        "MuJoCo cannot compile it: .*'world'",
+    ),
     "mjcf numbers": (
         '<mujoco><worldbody><body><joint range="a b" limited="true"/><geom size="1"/></body></worldbody></mujoco>',
-        "MuJoCo cannot compile",
+        "MuJoCo cannot compile it: .*'range'",
     ),
 }  # fmt: skip
 

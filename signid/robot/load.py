@@ -139,7 +139,7 @@ def _assemble(draft: Draft, document: Document) -> Robot:
         path=document.path,
         sha256=document.sha256,
         notes=draft.notes,
-        springs={axis.name: axis.spring for axis in free if axis.spring is not None},
+        springs=_springs(draft, drive, rest, tuple(column)),
     )
 
 
@@ -175,6 +175,17 @@ def _stated(draft: Draft, drive: Array) -> Actuators:
 
     armature, viscous = (reflected(key, drive**2) for key in ("armature", "viscous"))
     return Actuators(armature, viscous, reflected("coulomb", np.abs(drive)), nothing, nothing)
+
+
+def _springs(draft: Draft, drive: Array, rest: Array, joints: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    """Stiffness and rest position of the springs by joint; those of mimic joints are added to the joint they follow."""
+    stiffness, moment = np.zeros(len(joints)), np.zeros(len(joints))
+    for axis in draft.axes:
+        weight, (stated, place) = drive[axis.row], axis.spring
+        stiffness += weight**2 * stated
+        moment += weight * stated * (place - rest[axis.row])
+    found = zip(joints, stiffness.tolist(), moment.tolist(), strict=True)
+    return {joint: (total, part / total) for joint, total, part in found if total}
 
 
 def _held(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float]) -> dict[str, float]:

@@ -74,8 +74,8 @@ class Axis:
     viscous: float = nan
     coulomb: float = nan
     armature: float = nan
+    spring: tuple[float, float] = (0.0, 0.0)  # stiffness [N.m/rad or N/m], rest position [rad or m]
     mimic: Mimic | None = None
-    spring: tuple[float, float] | None = None  # stiffness [N.m/rad or N/m], rest [rad or m]
 
 
 @dataclass(frozen=True)
@@ -167,16 +167,33 @@ def _parser(recover: bool = False) -> Any:
 def _expand(path: Path, package_dirs: Sequence[str | Path]) -> str:
     """Expand a xacro file; packages are searched above the file and in `package_dirs`."""
     with tempfile.TemporaryDirectory() as scratch:
-        given = [str(path.absolute()), scratch, *(str(Path(folder).absolute()) for folder in package_dirs)]
-        command = [sys.executable, "-P", "-X", "utf8", str(Path(sandbox.__file__).absolute()), *given]
-        beside, there = path.absolute().parent, {**os.environ, "TMPDIR": scratch}
-        try:
-            done = subprocess.run(command, cwd=beside, env=there, capture_output=True, timeout=sandbox.SECONDS)
-        except subprocess.TimeoutExpired:
-            raise RobotError(f"xacro cannot expand it in {sandbox.SECONDS} s; check for endless macros") from None
+        given = [str(path.absolute()), *(str(Path(folder).absolute()) for folder in package_dirs)]
+        late = f"xacro cannot expand it in {sandbox.SECONDS} s; check for endless macros"
+        return restricted(scratch, given, path.absolute().parent, "xacro cannot expand it", late)
+
+
+def restricted(scratch: str, given: Sequence[str], folder: str | Path, fault: str, late: str) -> str:
+    """Output of the restricted process.
+
+    Args:
+        scratch: the folder in which it may write.
+        given: path of a xacro file and folders of packages, or an empty path for the MJCF in `scratch`.
+        folder: working directory.
+        fault: beginning of the message if the process fails.
+        late: message if it takes too long.
+
+    Raises:
+        RobotError: the process fails.
+    """
+    command = [sys.executable, "-P", "-X", "utf8", str(Path(sandbox.__file__).absolute()), scratch, *given]
+    there = {**os.environ, "TMPDIR": scratch, "OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
+    try:
+        done = subprocess.run(command, cwd=folder, env=there, capture_output=True, timeout=sandbox.SECONDS)
+    except subprocess.TimeoutExpired:
+        raise RobotError(late) from None
     if done.returncode:
-        reason = done.stderr.decode("utf-8", "replace").strip() or "it needs too much time or memory"
-        raise RobotError(f"xacro cannot expand it: {reason}")
+        lines = done.stderr.decode("utf-8", "replace").split("\n")  # the reason is the last one, after warnings
+        raise RobotError(f"{fault}: {lines[-1].strip() or 'it needs too much time or memory'}")
     return done.stdout.decode("utf-8")
 
 

@@ -14,8 +14,7 @@ MOST_LINKS = 1000
 MOST_JOINTS = 120  # moving joints of a file; base parameters of 120 joints need 20 s
 MOST_BYTES = 100_000_000  # of a file
 UNIVERSE = "universe"  # name of the fixed joint and frame of every model of Pinocchio
-CARRIER = "world body"  # name of the body that carries all bodies of an MJCF file
-RESERVED = {"joint": (UNIVERSE,), "body": (UNIVERSE, CARRIER, "world"), "link": ()}
+RESERVED = {"joint": (UNIVERSE,), "body": (UNIVERSE,), "link": ()}
 
 
 def bounded(value: float, stated: str) -> float:

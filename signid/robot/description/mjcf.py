@@ -1,301 +1,339 @@
-"""Read MJCF: MuJoCo compiles it, and the robot is built from the bodies and joints that it compiled."""
+"""Read MJCF: MuJoCo compiles it, and the model is built from the bodies and joints that it compiled."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+import json
+import re
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import replace
+from functools import lru_cache
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ...errors import RobotError, shorten
-from .document import Axis, Document, Draft, Mimic, impossible_notes, massless_note
-from .limits import LARGEST
-from .mjcf_text import dynamics_text, included
+from . import sandbox
+from .document import Axis, Document, Draft, Mimic, impossible_notes, massless_note, restricted
+from .limits import bounded, check_count, check_names
+from .mjcf_tree import NEGLIGIBLE, Source, included, prepare
 
 if TYPE_CHECKING:
     import pinocchio as pin
 
-LEAST = 2e-15  # [kg or kg.m2] bound with which bodies without mass compile; MuJoCo refuses 1e-15
-MASSLESS = 1e-14  # [kg or kg.m2] masses and inertias below it are zero
-PLACE = 1e-9  # largest deviation of an axis from x, y or z that is rounding
+_MOVING = ("hinge", "slide")
+_NUMBERS = ("ref", "damping", "frictionloss", "armature", "stiffness", "springref")  # of a joint in an MJCF
+_LINE = re.compile(r",? line -?\d+")  # of the text that MuJoCo reads, which is not that of the file
+
+
+class _Body(NamedTuple):
+    """A compiled body: pose in its parent, mass [kg], principal moments [kg.m2] and their frame in the body."""
+
+    name: str
+    parent: int  # 0: world
+    pos: Sequence[float]
+    quat: Sequence[float]  # w x y z, as `iquat`
+    ipos: Sequence[float]
+    iquat: Sequence[float]
+    mass: float
+    inertia: Sequence[float]
+    gravcomp: float  # compensated share of its weight [1]
+
+
+class _Joint(NamedTuple):
+    """A compiled joint, in the frame of its body, in [rad, N.m] or [m, N]."""
+
+    name: str
+    kind: str  # "free", "ball", "slide" or "hinge"
+    body: int
+    pos: Sequence[float]
+    axis: Sequence[float]
+    ref: float  # position at which the bodies have the poses of the file
+    range: Sequence[float]
+    limited: bool
+    effort: float | None
+    damping: float
+    frictionloss: float
+    armature: float
+    stiffness: float
+    springref: float
+    nonlinear: bool  # stiffness or damping of higher order
+
+
+class _Compiled(NamedTuple):
+    """A compiled file: bodies without the world, joints in the order of bodies, joint constraints."""
+
+    bodies: tuple[_Body, ...]
+    joints: tuple[_Joint, ...]
+    ties: tuple[tuple[int, int, list[float]], ...]  # joints (the second one may be -1), polynomial
+    gravity: list[float]  # [m/s2]
+    medium: bool  # density, viscosity or wind
 
 
 def read_mjcf(document: Document) -> Draft:
-    """Read an MJCF file; free bases and ball joints are held fixed.
+    """Read an MJCF file; free bases are held fixed.
 
     Raises:
         RobotError: MuJoCo cannot compile the file, or there is no hinge or slide.
     """
-    root = deepcopy(document.root)
-    text = included(root, Path(document.path).parent, document.text)
-    stated, notes = dynamics_text(root)
-    compiled, still, more = _compile(stated)
-    if not compiled.njnt:
+    root, folder = deepcopy(document.root), Path(document.path).parent
+    text = included(root, folder, document.text)
+    source = prepare(root, folder if document.path else None)
+    found = _compiled(source)
+    moving = [joint for joint in found.joints if joint.kind in _MOVING]
+    check_count(len(found.bodies), len(moving), "bodies")
+    check_names(joint=[joint.name for joint in found.joints], body=[body.name for body in found.bodies])
+    if not moving:
         raise RobotError("the file has no moving joint (hinge or slide): nothing to identify")
-    model = _build(compiled)
-    mimics = _mimics(compiled)
-    links = tuple(str(model.frames[_first(model, i)].name) for i in range(1, model.njoints))
+    found, unnamed = _named(found)
+    model, links, rows = _build(found)
+    mimics, curved = _mimics(found)
+    axes = [_axis(joint, rows[i], mimics.get(joint.name)) for i, joint in enumerate(found.joints) if i in rows]
+    name = root.get("model") or document.stem
     moved = dict(zip(links, list(model.inertias)[1:], strict=True))
-    notes += [*more, *massless_note({name: body.mass for name, body in moved.items()}), *_lost(compiled)]
-    notes += impossible_notes({name: (body.mass, body.inertia) for name, body in moved.items()})
-    if still:
-        notes.append(f"held fixed at neutral: {shorten(still)}")
-    axes = (_axis(compiled, j, model) for j in range(compiled.njnt))
     return Draft(
-        name=document.root.get("model") or document.stem,
+        name=name,
         model=model,
-        axes=tuple(replace(axis, mimic=mimics.get(axis.name)) for axis in axes),
+        axes=tuple(axes),
         links=links,
-        document=text,
+        document=_text(name, found) if source.files else text,
         kind="mjcf",
-        notes=tuple(notes),
-        still=frozenset(still),
+        notes=(
+            *unnamed,
+            *source.notes,
+            *_notes(found, curved + source.ignored),
+            *massless_note({name: body.mass for name, body in moved.items()}),
+            *impossible_notes({name: (body.mass, body.inertia) for name, body in moved.items()}),
+        ),
+        still=frozenset(joint.name for joint in found.joints if joint.kind == "ball"),
     )
 
 
-def _compile(text: str) -> tuple[Any, list[str], list[str]]:
-    """Compiled MjModel of hinges and slides; names of ball joints; notes on free bodies and on meshes."""
-    import mujoco
+def _compiled(source: Source) -> _Compiled:
+    """Compile with MuJoCo, in a process of its own.
 
-    try:
-        with _quietly():
-            return _compiled(mujoco.MjSpec.from_string(text))
-    except (ValueError, TypeError, RuntimeError, mujoco.FatalError) as error:
-        reason = " ".join(str(error).split())
-        raise RobotError(f"MuJoCo cannot compile it: {reason.removeprefix('Error: ')}") from None
-
-
-@contextmanager
-def _quietly() -> Iterator[None]:
-    """Keep MuJoCo from writing its warnings, of deprecated settings among others, to a log file and standard error."""
-    import mujoco
-
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda message: None)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        mujoco.set_mju_user_warning(before)
+    Raises:
+        RobotError: MuJoCo rejects the file, or a number is not finite or too large.
+    """
+    content = json.loads(_run_cached(source.text) if not source.files else _run(source.text, source.files))
+    _check_finite(content)
+    return _Compiled(
+        tuple(_Body(**{**body, **_without_negligible(body)}) for body in content["bodies"]),
+        tuple(_Joint(**joint) for joint in content["joints"]),
+        tuple((one, other, polynomial) for one, other, polynomial in content["ties"]),
+        content["gravity"],
+        content["medium"],
+    )
 
 
-def _compiled(spec: Any) -> tuple[Any, list[str], list[str]]:
-    import mujoco
-
-    notes = [*_without_meshes(spec), *_without_free(spec)]
-    ball = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_BALL]
-    still = [joint.name for joint in ball]
-    kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    moving = {joint.name for joint in spec.joints if joint.type in kinds}
-    others = [eq for eq in spec.equalities if not _couples(eq, moving)]
-    if count := sum(bool(eq.active) for eq in others):
-        notes.append(f"{count} equality constraints are ignored: they are not linear between two joints")
-    for element in (*ball, *others):
-        spec.delete(element)
-    compiler = spec.compiler
-    compiler.boundmass, compiler.boundinertia = max(compiler.boundmass, LEAST), max(compiler.boundinertia, LEAST)
-    compiler.fusestatic = False
-    return spec.compile(), still, notes
+def _without_negligible(body: Mapping[str, Any]) -> dict[str, Any]:
+    """Mass and moments of a body, with those that replaced zero as zero."""
+    mass = 0.0 if body["mass"] <= NEGLIGIBLE else body["mass"]
+    return {"mass": mass, "inertia": [0.0 if x <= NEGLIGIBLE else x for x in body["inertia"]]}
 
 
-def _without_free(spec: Any) -> list[str]:
-    """Delete free joints; a note on each body that is then held."""
-    import mujoco
-
-    free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
-    notes = [f"body {joint.parent.name} is free; it is held fixed at the pose of the file" for joint in free]
-    for joint in free:
-        spec.delete(joint)
-    return notes
-
-
-def _without_meshes(spec: Any) -> list[str]:
-    """Delete geometry that needs files, and all materials; a note on bodies whose mass it would give."""
-    import mujoco
-
-    kinds = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGeom.mjGEOM_SDF)
-    lost = set()
-    for geom in list(spec.geoms):
-        geom.material = ""
-        if geom.type in kinds or geom.meshname:
-            body = geom.parent
-            everywhere = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-            if body.name != "world" and (everywhere or not body.explicitinertial):
-                lost.add(body.name)
-            spec.delete(geom)
-    for site in spec.sites:
-        site.material = ""
-    said = f"the mass of the meshes of {shorten(sorted(lost))} is not computed; add an <inertial> there"
-    return [said] if lost else []
+def _run(text: str, files: Mapping[str, bytes]) -> str:
+    with tempfile.TemporaryDirectory() as scratch:
+        for name, data in {**files, sandbox.COMPILED: text.encode()}.items():
+            Path(scratch, name).write_bytes(data)
+        late = f"MuJoCo cannot compile it in {sandbox.SECONDS} s; give fewer or smaller meshes"
+        try:
+            return restricted(scratch, [""], scratch, "MuJoCo cannot compile it", late).split("\n")[-1]
+        except RobotError as error:
+            raise RobotError(_LINE.sub("", str(error))) from None
 
 
-def _couples(equality: Any, moving: set[str]) -> bool:
-    """Whether a constraint is active and linear between two joints."""
-    import mujoco
-
-    terms = equality.data[:5]
-    if equality.type == mujoco.mjtEq.mjEQ_JOINT and not np.all(np.abs(terms) <= LARGEST):
-        raise RobotError(f"the constraint of joint {equality.name1!r} has polycoef {terms}; expected finite numbers")
-    joints = {equality.name1, equality.name2} <= moving and equality.type == mujoco.mjtEq.mjEQ_JOINT
-    return bool(joints and equality.active and not np.any(terms[2:]))
+@lru_cache(maxsize=64)
+def _run_cached(text: str) -> str:
+    return _run(text, {})
 
 
-def _build(compiled: Any) -> pin.Model:
-    """Model of Pinocchio with the bodies, joints and gravity of a compiled MjModel, without armature."""
+def _check_finite(content: Mapping[str, Any]) -> None:
+    for what, each in (("body", content["bodies"]), ("joint", content["joints"])):
+        for part in each:
+            for key, value in part.items():
+                stated = f"{what} {part['name']!r} has {key}={value!r}"
+                if key not in ("name", "kind", "range", "effort"):
+                    _ = [bounded(float(number), stated) for number in np.atleast_1d(value)]
+                elif key in ("range", "effort") and np.isnan(np.array(value, float)).any() and value is not None:
+                    raise RobotError(f"{stated}; expected numbers")
+    for _, _, polynomial in content["ties"]:
+        _ = [bounded(number, f"a joint constraint has polycoef={polynomial}") for number in polynomial]
+    _ = [bounded(number, f"gravity is {content['gravity']}") for number in content["gravity"]]
+
+
+def _named(found: _Compiled) -> tuple[_Compiled, list[str]]:
+    """Name all unnamed bodies and joints, and say so of joints."""
+    used = {*(body.name for body in found.bodies), *(joint.name for joint in found.joints)}
+
+    def name(kind: str, number: int, stated: str) -> str:
+        if stated:
+            return stated
+        new = f"{kind}_{number}"
+        while new in used:
+            new += "_"
+        used.add(new)
+        return new
+
+    joints = tuple(x._replace(name=name("joint", i, x.name)) for i, x in enumerate(found.joints, 1))
+    bodies = tuple(x._replace(name=name("body", i, x.name)) for i, x in enumerate(found.bodies, 1))
+    unnamed = sum(not joint.name for joint in found.joints)
+    note = f"{unnamed} joints have no name; they are named joint_1, joint_2 ... in the order of the file"
+    return found._replace(bodies=bodies, joints=joints), [note] if unnamed else []
+
+
+def _build(found: _Compiled) -> tuple[pin.Model, tuple[str, ...], dict[int, int]]:
+    """Build the model; return the link that each joint moves, and the row of each hinge and slide by its number."""
     import pinocchio as pin
 
     model = pin.Model()
-    if not np.all(np.abs(compiled.opt.gravity) <= LARGEST):
-        raise RobotError(f"gravity is {compiled.opt.gravity}; expected finite numbers")
-    model.gravity.linear = compiled.opt.gravity
-    joint_of, place_of, frame_of = [0], [pin.SE3.Identity()], [0]  # of each body: its joint, its pose there, its frame
-    for i in range(1, compiled.nbody):
-        parent, name = int(compiled.body_parentid[i]), compiled.body(i).name
-        place = place_of[parent] * pin.SE3(_rotation(compiled.body_quat[i]), compiled.body_pos[i])
-        first, count = int(compiled.body_jntadr[i]), int(compiled.body_jntnum[i])
-        joint, frame = joint_of[parent], frame_of[parent]
-        if count:
-            place, joint = _add_joint(model, compiled, joint, place, range(first, first + count))
-            frame = model.addJointFrame(joint, frame)
-        model.appendBodyToJoint(joint, _inertia(compiled, i), place)
-        frame_of.append(model.addBodyFrame(name, joint, place, frame))
-        joint_of.append(joint)
-        place_of.append(place)
-    model.armature = np.zeros(model.nv)  # armature is a law, not part of the rigid bodies
-    return model
+    model.gravity.linear = np.array(found.gravity)
+    place, links, rows = [(0, pin.SE3.Identity())], list[str](), dict[int, int]()
+    for number, body in enumerate(found.bodies, 1):
+        parent, above = place[body.parent]
+        pose = above * _pose(body.pos, body.quat)
+        own = [i for i, joint in enumerate(found.joints) if joint.body == number and joint.kind in _MOVING]
+        if own:
+            axes = [found.joints[i] for i in own]
+            name = axes[0].name if len(axes) == 1 else f"Composite_{axes[0].name}"
+            parent = model.addJoint(parent, *_joint_model(axes, pose), name)
+            model.addJointFrame(parent)
+            pose = _offset(axes[-1].pos).inverse()
+            links.append(body.name)
+            rows |= {i: model.joints[parent].idx_v + k for k, i in enumerate(own)}
+        rotation = _pose(body.ipos, body.iquat).rotation
+        inertia = pin.Inertia(body.mass, np.array(body.ipos), rotation @ np.diag(body.inertia) @ rotation.T)
+        model.appendBodyToJoint(parent, inertia, pose)
+        model.addBodyFrame(body.name, parent, pose, -1)
+        place.append((parent, pose))
+    return model, tuple(links), rows
 
 
-def _add_joint(model: pin.Model, compiled: Any, parent: int, place: pin.SE3, joints: range) -> tuple[pin.SE3, int]:
-    """Append the joints of a body at its `place` in the frame of `parent`; the body's place in the new joint's frame.
-
-    The frame of a joint has the orientation of the body, and its origin at the anchor of the joint.
-    """
+def _joint_model(axes: Sequence[_Joint], pose: pin.SE3) -> tuple[Any, pin.SE3]:
+    """Joint of Pinocchio for the joints of a body, and its placement; `pose` is that of the body in the parent."""
     import pinocchio as pin
 
-    parts, anchor = list[tuple[Any, pin.SE3]](), np.zeros(3)
-    for k, j in enumerate(joints):
-        shift = compiled.jnt_pos[j] - anchor
-        before = (place if k == 0 else pin.SE3.Identity()) * pin.SE3(np.eye(3), shift)
-        parts.append((_kind(compiled, j), before * _reference(compiled, j)))
-        anchor = compiled.jnt_pos[j].copy()
-    first = compiled.joint(joints[0]).name
-    if len(parts) == 1:
-        (kind, where), name = parts[0], first
-    else:
-        kind, where, name = pin.JointModelComposite(len(parts)), pin.SE3.Identity(), f"Composite_{first}"
-        for part in parts:
-            kind.addJoint(*part)
-    return pin.SE3(np.eye(3), -anchor), model.addJoint(parent, kind, where, name)
+    whole, before = pin.JointModelComposite(), pose
+    for joint in axes:
+        before = before * _offset(joint.pos) * _moved(joint, -joint.ref)
+        one = _single(joint)
+        if len(axes) == 1:
+            return one, before
+        whole.addJoint(one, before)
+        before = _offset(joint.pos).inverse()
+    return whole, pin.SE3.Identity()
 
 
-def _kind(compiled: Any, j: int) -> Any:
-    """Joint of Pinocchio for a hinge or a slide."""
-    import mujoco
+def _single(joint: _Joint) -> Any:
     import pinocchio as pin
 
-    slides = compiled.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
-    axis = compiled.jnt_axis[j]
-    k = int(np.argmax(np.abs(axis)))
-    if np.abs(axis - np.eye(3)[k]).max() < PLACE:
-        return (
-            (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)[k]()
-            if slides
-            else (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)[k]()
-        )
-    return (pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned)(axis.copy())
+    kind = "Revolute" if joint.kind == "hinge" else "Prismatic"
+    for letter, unit in zip("XYZ", np.eye(3), strict=True):
+        if np.array_equal(unit, joint.axis):
+            return getattr(pin, f"JointModel{kind[0]}{letter}")()
+    return getattr(pin, f"JointModel{kind}Unaligned")(np.array(joint.axis))
 
 
-def _reference(compiled: Any, j: int) -> pin.SE3:
-    """Displacement that a joint has at position zero: the pose of the file is that at its reference."""
-    import mujoco
+def _moved(joint: _Joint, position: float) -> pin.SE3:
+    """Motion of a joint by a position [rad or m]."""
     import pinocchio as pin
 
-    axis, zero = compiled.jnt_axis[j], -float(compiled.qpos0[compiled.jnt_qposadr[j]])
-    if compiled.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE:
-        return pin.SE3(np.eye(3), axis * zero)
-    return pin.SE3(pin.exp3(axis * zero), np.zeros(3))
+    axis = np.array(joint.axis) * position
+    return pin.SE3(np.eye(3), axis) if joint.kind == "slide" else pin.SE3(pin.exp3(axis), np.zeros(3))
 
 
-def _inertia(compiled: Any, i: int) -> pin.Inertia:
-    """Inertia of a body in its frame; the bounds that let it compile are zero."""
+def _offset(position: Sequence[float]) -> pin.SE3:
+    return _pose(position, (1.0, 0.0, 0.0, 0.0))
+
+
+def _pose(position: Sequence[float], quaternion: Sequence[float]) -> pin.SE3:
+    """Pose of a position [m] and a quaternion w x y z."""
     import pinocchio as pin
 
-    mass, moments = float(compiled.body_mass[i]), compiled.body_inertia[i].copy()
-    turn = _rotation(compiled.body_iquat[i])
-    moments[moments < MASSLESS] = 0.0
-    return pin.Inertia(mass if mass > MASSLESS else 0.0, compiled.body_ipos[i].copy(), turn @ np.diag(moments) @ turn.T)
+    w, x, y, z = quaternion
+    return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(position))
 
 
-def _rotation(quaternion: Any) -> Any:
-    import mujoco
-
-    out = np.zeros(9)
-    mujoco.mju_quat2Mat(out, quaternion)
-    near = np.round(out)
-    return np.where(np.abs(out - near) < PLACE, near, out).reshape(3, 3)
-
-
-def _axis(compiled: Any, j: int, model: pin.Model) -> Axis:
-    """Degree of freedom of a hinge or a slide."""
-    import mujoco
-
-    row = int(compiled.jnt_dofadr[j])
-    limited, driven = bool(compiled.jnt_limited[j]), bool(compiled.jnt_actfrclimited[j])
-    lower, upper = compiled.jnt_range[j].tolist() if limited else (-inf, inf)
-    stiffness = float(compiled.jnt_stiffness[j])
+def _axis(joint: _Joint, row: int, mimic: Mimic | None) -> Axis:
+    lower, upper = joint.range if joint.limited else (-inf, inf)
     return Axis(
-        name=compiled.joint(j).name,
+        name=joint.name,
         row=row,
-        prismatic=bool(compiled.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE),
+        prismatic=joint.kind == "slide",
         lower=lower,
         upper=upper,
-        effort=float(compiled.jnt_actfrcrange[j][1]) if driven else inf,
-        viscous=float(compiled.dof_damping[row]),
-        coulomb=float(compiled.dof_frictionloss[row]),
-        armature=float(compiled.dof_armature[row]),
-        spring=(stiffness, float(compiled.qpos_spring[compiled.jnt_qposadr[j]])) if stiffness > 0 else None,
+        effort=inf if joint.effort is None else joint.effort,
+        viscous=joint.damping,
+        coulomb=joint.frictionloss,
+        armature=joint.armature,
+        spring=(joint.stiffness, joint.springref),
+        mimic=mimic,
     )
 
 
-def _mimics(compiled: Any) -> dict[str, Mimic]:
-    """Linear constraints between two joints: y - y0 = a + b (x - x0)."""
-    found = {}
-    for k in range(compiled.neq):
-        y, x = (int(ids[k]) for ids in (compiled.eq_obj1id, compiled.eq_obj2id))
-        a, b = compiled.eq_data[k][:2].tolist()
-        at = [float(compiled.qpos0[compiled.jnt_qposadr[j]]) for j in (y, x)]
-        found[compiled.joint(y).name] = Mimic(compiled.joint(x).name, b, a + at[0] - b * at[1])
-    return found
+def _mimics(found: _Compiled) -> tuple[dict[str, Mimic], int]:
+    """Linear constraints between two joints, and the number of all others: q - ref = p0 + p1 (q2 - ref2)."""
+    linear: dict[str, Mimic] = {}
+    for one, other, (constant, scale, *higher) in found.ties:
+        if other >= 0 and not any(higher):
+            follower, leader = found.joints[one], found.joints[other]
+            offset = constant + follower.ref - scale * leader.ref
+            linear[follower.name] = Mimic(leader.name, scale, offset)
+    return linear, len(found.ties) - sum(other >= 0 and not any(p[2:]) for _, other, p in found.ties)
 
 
-def _lost(compiled: Any) -> list[str]:
-    """Notes on physics of MuJoCo that the robot does not have."""
-    lifted = [compiled.body(i).name for i in np.flatnonzero(compiled.body_gravcomp)]
-    curved = [
-        compiled.joint(j).name
-        for j in range(compiled.njnt)
-        if np.any(compiled.jnt_stiffnesspoly[j]) or np.any(compiled.dof_dampingpoly[compiled.jnt_dofadr[j]])
-    ]
-    notes = []
-    if lifted:
-        notes.append(
-            f"gravcomp of {shorten(lifted)} is ignored: recorded torque is taken to carry the weight; if it does not, "
-            f"state --gravity 0,0,0"
-        )
-    if curved:
-        notes.append(f"polynomial stiffness and damping of {shorten(curved)} are ignored beyond their linear part")
-    return notes
+def _notes(found: _Compiled, constraints: int) -> Iterator[str]:
+    """Notes on what the file states and the model does not contain."""
+    for joint in found.joints:
+        if joint.kind == "free":
+            yield f"body {found.bodies[joint.body - 1].name} is free; it is held fixed at the pose of the file"
+    if constraints:
+        yield f"{constraints} equality constraints are ignored: they are not linear between two joints"
+    if still := [joint.name for joint in found.joints if joint.kind == "ball"]:
+        yield f"held fixed at neutral: {shorten(still)}"
+    if carried := [body.name for body in found.bodies if body.gravcomp and body.mass]:
+        yield f"gravcomp of {shorten(carried)} is ignored: torque here includes the weight that MuJoCo compensates"
+    if curved := [joint.name for joint in found.joints if joint.nonlinear]:
+        yield f"stiffness and damping of higher order are ignored: {shorten(curved)}"
+    if sprung := [joint.name for joint in found.joints if joint.stiffness and joint.kind in _MOVING]:
+        yield f"joint springs are part of the simulation; identify fits them with --effects spring: {shorten(sprung)}"
+    if found.medium:
+        yield "forces of the medium (density, viscosity, wind) are ignored"
 
 
-def _first(model: pin.Model, joint: int) -> int:
-    """Index of the frame of the first body that a joint moves."""
-    import pinocchio as pin
+def _text(name: str, found: _Compiled) -> str:
+    """MJCF of the compiled bodies and joints, which needs no other file."""
+    from lxml import etree
 
-    return next(i for i, x in enumerate(model.frames) if x.parentJoint == joint and x.type == pin.FrameType.BODY)
+    root = etree.Element("mujoco", {"model": name})
+    etree.SubElement(root, "compiler", {"angle": "radian"})
+    etree.SubElement(root, "option", {"gravity": _words(found.gravity)})
+    nodes = [etree.SubElement(root, "worldbody")]
+    for body in found.bodies:
+        pose = {"name": body.name, "pos": _words(body.pos), "quat": _words(body.quat), "gravcomp": repr(body.gravcomp)}
+        node = etree.SubElement(nodes[body.parent], "body", pose)
+        nodes.append(node)
+        if body.mass:
+            inertial = {"pos": body.ipos, "quat": body.iquat, "mass": [body.mass], "diaginertia": body.inertia}
+            etree.SubElement(node, "inertial", {key: _words(value) for key, value in inertial.items()})
+    for joint in found.joints:
+        stated = {"name": joint.name, "type": joint.kind}
+        if joint.kind in _MOVING:
+            stated |= {key: _words(getattr(joint, key)) for key in ("pos", "axis", "range")}
+            stated |= {key: repr(getattr(joint, key)) for key in _NUMBERS}
+            stated["limited"] = str(joint.limited).lower()
+            effort = {} if joint.effort is None else {"actuatorfrcrange": f"{-joint.effort!r} {joint.effort!r}"}
+            stated |= effort
+        etree.SubElement(nodes[joint.body], "joint", stated)
+    ties = etree.SubElement(root, "equality")
+    for one, other, polynomial in found.ties:
+        second = {} if other < 0 else {"joint2": found.joints[other].name}
+        etree.SubElement(ties, "joint", {"joint1": found.joints[one].name, **second, "polycoef": _words(polynomial)})
+    etree.indent(root)
+    return str(etree.tostring(root, encoding="unicode"))
+
+
+def _words(numbers: Sequence[float]) -> str:
+    return " ".join(map(repr, numbers))

@@ -1,6 +1,7 @@
-"""File access rules for descriptions, and a restricted process for xacro, whose files contain expressions.
+"""File access rules for descriptions, and a restricted process for xacro and for MuJoCo's compiler.
 
-Three walls, each of which holds alone against an honest mistake in another:
+The compiler is C code, which may crash on a damaged file; the process reads files that signid has copied for it. Xacro
+files contain expressions. Three walls, each of which holds alone against an honest mistake in another:
 
 1. Expressions are walked as a syntax tree (simpleeval): numbers, strings, lists, dictionaries, operators, the functions
    that xacro documents, and listed methods. Python never evaluates them.
@@ -28,6 +29,9 @@ WHERE = "it lies neither beside the description nor in a package or a --package-
 LANDLOCK_CREATE, LANDLOCK_ADD, LANDLOCK_RESTRICT, NO_NEW_PRIVILEGES = 444, 445, 446, 38
 LANDLOCK_EXECUTE = 1  # access right
 LANDLOCK_WRITES = ((1, 1 << 1), *((1, 1 << k) for k in range(4, 13)), (2, 1 << 13), (3, 1 << 14))  # version, right
+COMPILED = "model.xml"  # name of the MJCF in its folder
+_FLAGS = ("GRAVITY", "SPRING", "DAMPER", "FRICTIONLOSS")  # of MuJoCo's mjtDisableBit
+_BODY = ("pos", "quat", "ipos", "iquat", "mass", "inertia", "gravcomp")  # of MuJoCo's mjModel
 MANIFESTS = ("package.xml", "manifest.xml", "stack.xml")
 REFUSED = tuple(
     "socket. subprocess. ctypes. shutil. os.system os.exec os.posix_spawn os.spawn os.fork os.kill os.remove os.rename "
@@ -195,10 +199,67 @@ def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
         return str(XacroDoc.from_file(path, resolve_packages=False).dom.toxml())
 
 
-def _main(path: str, scratch: str, *package_dirs: str) -> None:
-    """Print the URDF of a xacro file, or exit with 1 and print the reason to standard error."""
+def _compile(scratch: str) -> str:
+    """Bodies, joints, joint constraints and gravity of `model.xml` in `scratch`, compiled by MuJoCo, as JSON."""
+    import json
+
+    import mujoco
+
+    _limit()
+    _landlock(scratch)
+    spec = mujoco.MjSpec.from_file(os.path.join(scratch, COMPILED))
+    spec.compiler.usethread = False  # the process may start nothing
+    model = spec.compile()
+    off = {name: bool(model.opt.disableflags & getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")) for name in _FLAGS}
+    bodies = [
+        {
+            **{key: getattr(model, f"body_{key}")[i].tolist() for key in _BODY},
+            "name": model.body(i).name,
+            "parent": int(model.body_parentid[i]),
+        }
+        for i in range(1, model.nbody)
+    ]
+    ties = [i for i in range(model.neq) if model.eq_active0[i]]
+    medium = [model.opt.density, model.opt.viscosity, *model.opt.wind]
+    found = {
+        "gravity": [0.0] * 3 if off["GRAVITY"] else model.opt.gravity.tolist(),
+        "medium": any(medium),
+        "bodies": bodies,
+        "joints": [_joint(model, i, off) for i in range(model.njnt)],
+        "ties": [[int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i, :5].tolist()] for i in ties],
+    }
+    return json.dumps(found)
+
+
+def _joint(model: Any, i: int, off: dict[str, bool]) -> dict[str, Any]:
+    """A joint of a compiled model; `off` names the passive torques that the file disables."""
+    row, place = model.jnt_dofadr[i], model.jnt_qposadr[i]
+    beyond = (model.dof_dampingpoly[row].any() and not off["DAMPER"], model.jnt_stiffnesspoly[i].any())
+    return {
+        **{key: getattr(model, f"jnt_{key}")[i].tolist() for key in ("pos", "axis", "range")},
+        "name": model.joint(i).name,
+        "kind": ("free", "ball", "slide", "hinge")[model.jnt_type[i]],
+        "body": int(model.jnt_bodyid[i]),
+        "ref": float(model.qpos0[place]),
+        "limited": bool(model.jnt_limited[i]),
+        "effort": float(model.jnt_actfrcrange[i, 1]) if model.jnt_actfrclimited[i] else None,
+        "damping": 0.0 if off["DAMPER"] else float(model.dof_damping[row]),
+        "frictionloss": 0.0 if off["FRICTIONLOSS"] else float(model.dof_frictionloss[row]),
+        "armature": float(model.dof_armature[row]),
+        "stiffness": 0.0 if off["SPRING"] else float(model.jnt_stiffness[i]),
+        "springref": float(model.qpos_spring[place]),
+        "nonlinear": any(map(bool, beyond)),
+    }
+
+
+def _main(scratch: str, path: str, *package_dirs: str) -> None:
+    """Print the URDF of a xacro file, or what MuJoCo compiles of an MJCF; or exit with 1 and print the reason.
+
+    The reason goes to standard error. `path` is empty for MJCF.
+    """
     try:
-        sys.stdout.buffer.write(_expand(path, package_dirs, scratch).encode())
+        result = _expand(path, package_dirs, scratch) if path else _compile(scratch)
+        sys.stdout.buffer.write(result.encode())
     except (Exception, SystemExit) as error:  # expressions in the file may raise anything
         reason = "it needs too much memory" if isinstance(error, MemoryError) else " ".join(str(error).split())
         sys.stderr.buffer.write((reason or type(error).__name__).encode("utf-8", "replace"))

@@ -1,0 +1,301 @@
+"""Prepare an MJCF tree for MuJoCo's compiler: resolve includes, read meshes, keep only what shapes the dynamics."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from ...errors import RobotError, shorten
+from . import limits
+from .document import parse
+from .limits import bounded, check_count, not_negative, read_bytes
+from .sandbox import may_read
+
+_SETTINGS = (
+    "angle autolimits balanceinertia boundinertia boundmass eulerseq inertiafromgeom inertiagrouprange settotalmass"
+).split()  # attributes of <compiler> that shape the dynamics
+_MEDIUM = ("gravity", "density", "viscosity", "wind")  # attributes of <option> that do
+_PLACES = ("body", "frame", "replicate", "attach")  # elements that create or place bodies
+_KEPT = (*_PLACES, "joint", "freejoint", "inertial", "geom")
+_CLASSES = ("default", "joint", "geom", "mesh", "equality")  # elements of a <default> that are kept
+_LOOKS = ("material", "hfield")  # attributes of geometry that refer to removed assets
+_SOFT = ("composite", "flexcomp")  # elements that create deformable bodies
+_NUMBERS = (
+    "pos quat axisangle xyaxes zaxis euler axis ref springref stiffness damping frictionloss armature margin "
+    "mass density diaginertia fullinertia size fromto"
+).split()  # attributes of bodies, joints, inertials and geometry
+_FRICTION = ("damping", "frictionloss", "armature")
+_DEPTH = 20  # maximum depth of nested files
+_FILES = 500  # maximum number of included and attached files
+_ELEMENTS = 100_000  # maximum number of elements of the world, with those that are replicated
+NEGLIGIBLE = 2e-15  # [kg, kg.m2] what MuJoCo gets in place of zero mass and inertia, which it rejects
+
+
+@dataclass
+class Source:
+    """An MJCF text for MuJoCo's compiler, and the files that it refers to, by name."""
+
+    text: str = ""
+    files: dict[str, bytes] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    ignored: int = 0  # constraints that are not between joints
+    read: int = 0  # number of files read
+    size: int = 0  # of these files [bytes]
+
+
+def included(root: Any, folder: Path, text: str) -> str:
+    """Resolve the includes of an MJCF tree in place and return its text."""
+    from lxml import etree
+
+    if next(root.iter("include"), None) is None:
+        return text
+    _include(root, folder, Source(), 0)
+    text = str(etree.tostring(root, encoding="unicode"))
+    parse(text)  # rejects what has become too deep
+    return text
+
+
+def prepare(root: Any, folder: Path | None) -> Source:
+    """Write an MJCF tree without includes for the compiler; it is changed.
+
+    Meshes and attached models are read below `folder`, the place of the file; None if it has none.
+
+    Raises:
+        RobotError: too many or too large elements, or elements that are not read.
+    """
+    source = Source()
+    text, counts = _part(root, folder, source, 0)
+    check_count(counts["body"], counts["joint"], "bodies")
+    if sum(counts.values()) > _ELEMENTS:
+        raise RobotError(f"the world has more than {_ELEMENTS} elements; give the description of one robot")
+    source.text = text
+    return source
+
+
+def _include(element: Any, folder: Path, source: Source, depth: int) -> None:
+    """Replace each <include> by the content of its file."""
+    for node in list(element.iter("include")):
+        part = _read(node, folder, source, depth, "included")
+        _include(part, folder, source, depth + 1)
+        place = node.getparent()
+        if place is None:
+            raise RobotError("the file is an <include> itself; give the file that it includes")
+        where = place.index(node)
+        place[where : where + 1] = list(part)
+
+
+def _read(node: Any, folder: Path, source: Source, depth: int, how: str) -> Any:
+    """Tree of the file that an element refers to."""
+    path = folder / (node.get("file") or "")
+    if depth > _DEPTH:
+        raise RobotError(f"{path.name} includes itself; remove that <{node.tag}>")
+    source.read += 1
+    if source.read > _FILES:
+        raise RobotError(f"the file includes more than {_FILES} files; give the description of one robot")
+    if not may_read(path, [folder]):
+        raise RobotError(f"the {how} file {path} lies outside the folder of the description; move it inside")
+    try:
+        return parse(_bytes(path, source).decode("utf-8-sig"))
+    except (OSError, UnicodeDecodeError):
+        raise RobotError(f"the {how} file {path} cannot be read; place it where <{node.tag}> points") from None
+    except RobotError as error:
+        raise RobotError(f"{how} file {path.name}: {error}") from None
+
+
+def _bytes(path: Path, source: Source) -> bytes:
+    """Content of a file; the sum of all is limited as that of one."""
+    data = read_bytes(path)
+    source.size += len(data)
+    if source.size > limits.MOST_BYTES:
+        raise RobotError(
+            f"its files have more than {limits.MOST_BYTES / 1e6:.0f} MB; give the description of one robot"
+        )
+    return data
+
+
+def _part(root: Any, folder: Path | None, source: Source, depth: int) -> tuple[str, Counter[str]]:
+    """Text of a file without what does not shape the dynamics, and the number of its elements by tag."""
+    from lxml import etree
+
+    settings = _last(root, "compiler", (*_SETTINGS, "meshdir", "assetdir", "strippath"))
+    _bound(root)
+    _check(root)
+    bare = etree.Element("mujoco", {"model": root.get("model") or "robot"})
+    kept = {key: settings[key] for key in _SETTINGS if key in settings}
+    etree.SubElement(bare, "compiler", kept | {key: _least(kept, key) for key in ("boundmass", "boundinertia")})
+    option = etree.SubElement(bare, "option", _last(root, "option", _MEDIUM))
+    option.extend([flag for node in root.iterchildren("option") for flag in node.iterchildren("flag")])
+    for node in root.iterchildren("default"):
+        _prune_class(node)
+        bare.append(node)
+    worlds = list(root.iterchildren("worldbody"))
+    for world in worlds:
+        _prune(world, True, settings.get("inertiafromgeom") == "true")
+    models = _models(root, bare, folder, source, depth)
+    lost = _meshes(root, bare, worlds, settings, folder, source)
+    if lost:
+        source.notes.append(f"the mass of the meshes of {lost} is not computed; add an <inertial> there")
+    bare.extend(worlds)
+    ties = [node for group in root.iterchildren("equality") for node in group.iterchildren("*")]
+    source.ignored += sum(node.tag != "joint" and node.get("active") != "false" for node in ties)
+    if tendons := sum(len(group) for group in root.iterchildren("tendon")):
+        source.notes.append(f"{tendons} tendons are ignored, with their stiffness, damping and friction")
+    etree.SubElement(bare, "equality").extend([node for node in ties if node.tag == "joint"])
+    counts = sum((_count(world, models) for world in worlds), Counter[str]())
+    return str(etree.tostring(bare, encoding="unicode")), counts
+
+
+def _check(root: Any) -> None:
+    for world in root.iterchildren("worldbody"):
+        for node in world.iter(*_SOFT):
+            raise RobotError(f"the file uses <{node.tag}>, which makes deformable bodies; give a file of rigid ones")
+    if _last(root, "compiler", ("coordinate",)).get("coordinate") == "global":
+        raise RobotError("the file uses global coordinates; load and save it with MuJoCo 2.3.3 or older")
+
+
+def _last(root: Any, tag: str, keys: tuple[str, ...]) -> dict[str, str]:
+    """Attributes of a section; the last one counts."""
+    return {key: node.get(key) for node in root.iterchildren(tag) for key in keys if node.get(key)}
+
+
+def _least(settings: dict[str, str], key: str) -> str:
+    """Lower bound of masses or inertias: that of the file, or one that counts as none."""
+    stated = settings.get(key, "0")
+    try:
+        return stated if not float(stated) < NEGLIGIBLE else repr(NEGLIGIBLE)
+    except ValueError:
+        return stated
+
+
+def _bound(root: Any) -> None:
+    """Check the magnitude of the numbers that shape the dynamics, in place: negligible ones become 0."""
+    for node in root.iter("body", "frame", "replicate", "joint", "inertial", "geom"):
+        for key in (key for key in _NUMBERS if node.get(key)):
+            stated = f"a <{node.tag}> has {key}={node.get(key)!r}"
+            words = node.get(key).split()
+            node.set(key, " ".join(_bounded(word, stated, key in _FRICTION) for word in words))
+
+
+def _bounded(word: str, stated: str, positive: bool) -> str:
+    try:
+        number = float(word)
+    except ValueError:
+        return word  # MuJoCo rejects it
+    if positive:
+        not_negative(number, stated)
+    return word if bounded(number, stated) else "0"
+
+
+def _prune_class(node: Any) -> None:
+    for child in list(node):
+        if child.tag not in _CLASSES:
+            node.remove(child)
+        elif child.tag == "default":
+            _prune_class(child)
+        else:
+            _plain(child)
+
+
+def _plain(node: Any) -> None:
+    """Remove plug-ins, and references to removed assets."""
+    for child in list(node):
+        node.remove(child)
+    for key in _LOOKS:
+        node.attrib.pop(key, None)
+
+
+def _prune(node: Any, stated: bool, everywhere: bool) -> None:
+    """Remove elements without influence on the dynamics; geometry counts only for bodies without inertial."""
+    for child in list(node):
+        if child.tag not in _KEPT or (child.tag == "geom" and stated):
+            node.remove(child)
+        elif child.tag == "body":
+            _prune(child, child.find("inertial") is not None and not everywhere, everywhere)
+        elif child.tag in ("frame", "replicate"):
+            _prune(child, stated, everywhere)
+        else:
+            _plain(child)
+
+
+def _models(root: Any, bare: Any, folder: Path | None, source: Source, depth: int) -> dict[str, Counter[str]]:
+    """Prepare the models that a file attaches; return the number of their elements by name and tag."""
+    from lxml import etree
+
+    found: dict[str, Counter[str]] = {}
+    for node in (node for group in root.iterchildren("asset") for node in group.iterchildren("model")):
+        if folder is None:
+            raise RobotError("the description attaches other files; give it as a file")
+        part, place = _read(node, folder, source, depth, "attached"), (folder / (node.get("file") or "")).parent
+        _include(part, place, source, depth + 1)
+        part = parse(etree.tostring(part, encoding="unicode"))  # rejects what has become too deep
+        name, file = node.get("name") or part.get("model") or "", f"model_{source.read}.xml"
+        text, found[name] = _part(part, place, source, depth + 1)
+        source.files[file] = text.encode()
+        etree.SubElement(etree.SubElement(bare, "asset"), "model", {"name": name, "file": file})
+    return found
+
+
+def _meshes(
+    root: Any, bare: Any, worlds: list[Any], settings: dict[str, str], folder: Path | None, source: Source
+) -> str:
+    """Read the meshes that give mass; return names of bodies with missing ones, whose geometry is removed."""
+    from lxml import etree
+
+    used = [geom for world in worlds for geom in world.iter("geom") if geom.get("mesh")]
+    known, wanted = set[str](), {geom.get("mesh") for geom in used}
+    for node in (node for group in root.iterchildren("asset") for node in group.iterchildren("mesh")):
+        name, file = node.get("name") or Path(node.get("file") or "").stem, node.get("file")
+        if name not in wanted:
+            continue
+        if file:
+            data = _mesh(file, settings, folder, source)
+            if data is None:
+                continue
+            node.set("file", f"mesh_{len(source.files)}{Path(file).suffix.lower()}")
+            source.files[node.get("file")] = data
+        node.set("name", name)
+        _plain(node)
+        etree.SubElement(bare, "asset").append(node)
+        known.add(name)
+    lost = set[str]()
+    for geom in used:
+        geom.attrib.update({"contype": "0", "conaffinity": "0"})  # MuJoCo then needs no convex hull
+        if geom.get("mesh") not in known:
+            lost.add(next(geom.iterancestors("body")).get("name") or "a body without a name")
+            geom.getparent().remove(geom)
+    return shorten(sorted(lost)) if lost else ""
+
+
+def _mesh(file: str, settings: dict[str, str], folder: Path | None, source: Source) -> bytes | None:
+    """Content of a mesh; None if it is missing or outside of the folder."""
+    if folder is None:
+        return None
+    below = Path(file).name if settings.get("strippath") == "true" else file
+    path = folder / settings.get("meshdir", settings.get("assetdir", "")) / below
+    try:
+        return _bytes(path, source) if may_read(path, [folder]) else None
+    except OSError:
+        return None
+
+
+def _count(node: Any, models: dict[str, Counter[str]]) -> Counter[str]:
+    """Number of elements by tag, with those that are replicated and attached."""
+    total: Counter[str] = Counter()
+    for child in node:
+        times = _times(child) if child.tag == "replicate" else 1
+        inside = models.get(child.get("model"), Counter()) if child.tag == "attach" else _count(child, models)
+        total[child.tag] += 1
+        for tag, number in inside.items():
+            total[tag] += times * number
+    return total
+
+
+def _times(node: Any) -> int:
+    try:
+        number = float(node.get("count") or 0)
+    except ValueError:
+        return 1  # MuJoCo rejects it
+    return int(number) if isfinite(number) and number > 0 else 1
