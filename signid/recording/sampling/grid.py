@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...errors import RecordingError
 from ...types import Array, Frozen, Recording, Samples
 from .choice import Choice
+from .content import Content, content_samples, first_sample
 
 STRIDE = 4096  # [kept rows] between two stored time stamps
 SHORTEST = 8  # minimum length of a stretch [samples]
@@ -32,6 +33,8 @@ class Stretch(Frozen):
     size: int  # number of grid samples over all rows
     first: int  # first grid sample of the span
     count: int  # number of samples of the span
+    row: float = 0.0  # [rows] of its first row from that of the first stretch, where `Sampling.content` is not None
+    offset: float = 0.0  # [rows] of its first sample from its first row, where `Sampling.content` is not None
 
     def part(self, low: int, high: int) -> Stretch:
         """Samples low..high of this stretch."""
@@ -61,6 +64,17 @@ class Sampling(Frozen):
     incomplete: frozenset[str]  # columns with missing values
     origin: float = 0.0  # [s] `time_origin` of the recording
     clock: Choice = Choice.stamps(0.0)  # clock of the rows
+    content: Content | None = None  # None: the rows have content up to their rate
+
+    @property
+    def step(self) -> float:
+        """Time between rows [s]."""
+        return self.period if self.content is None else self.content.row
+
+    @property
+    def content_rate(self) -> float:
+        """Rate at which the recording has content of its own [Hz]: that of the samples."""
+        return 1 / self.period
 
     def stretch(self, span: Span) -> Stretch:
         """Stretch of a span.
@@ -149,12 +163,38 @@ def samples(recording: Recording, sampling: Sampling, span: Span, start: int, st
     t = stretch.stamps[0] + np.arange(low, high) * sampling.period
     if not len(t):
         return _rows(recording, sampling, stretch, 0, 0)
+    if sampling.content is not None:
+        u = np.asarray(stretch.offset + np.arange(low, high) * sampling.content.grid.step)
+        read = row_reader(recording, sampling, stretch)
+        found: Any = content_samples(sampling.content, read, stretch.row, stretch.kept, u)
+        tau = np.where(recording.signed, found["tau"], np.maximum(found["tau"], 0.0))
+        return Samples(t=t, **{**found, "tau": tau}, origin=sampling.origin)
     if sampling.uniform:
         return _rows(recording, sampling, stretch, low, high)._replace(t=t, origin=sampling.origin)
     blocks = np.searchsorted(stretch.stamps, t[[0, -1]], side="right") - 1
     first, last = max(0, blocks[0] * STRIDE - 1), min(stretch.kept, (blocks[1] + 1) * STRIDE + 2)
     rows = _rows(recording, sampling, stretch, first, last)
     return _interpolate(rows, t, ~recording.signed)._replace(origin=sampling.origin)
+
+
+def row_reader(recording: Recording, sampling: Sampling, stretch: Stretch) -> Callable[[int, int], Samples]:
+    """Reader of the kept rows low..high of a stretch."""
+    return lambda low, high: _rows(recording, sampling, stretch, low, high)
+
+
+def at_content(sampling: Sampling, content: Content) -> Sampling:
+    """The same sampling with samples at the rate of the content."""
+    origin, stretches = float(sampling.stretches[0].stamps[0]), []
+    for stretch in sampling.stretches:
+        row = (float(stretch.stamps[0]) - origin) / content.row
+        offset, size = first_sample(content, row, stretch.kept)
+        if size >= SHORTEST and size * content.period >= BRIEFEST:
+            stamps = stretch.stamps[:1] + offset * content.row
+            stretches.append(replace(stretch, stamps=stamps, size=size, first=0, count=size, row=row, offset=offset))
+    if not stretches:
+        return sampling
+    limited = replace(sampling, period=content.period, uniform=False, content=content)
+    return _restrict(limited, stretches)
 
 
 def row_times(recording: Recording, sampling: Sampling, start: int, stop: int) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,8 @@ from .accumulate import Accumulator
 from .checks import Facts, faults, notes
 from .choice import Choice, choose_clock
 from .clock import CHUNK, Clock, read_clock, time_origin
-from .grid import Sampling
+from .content import Content, content_notes, find_content, widest
+from .grid import Sampling, at_content, row_reader
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
 NEEDED = ("t", "q", "tau")
@@ -90,13 +91,28 @@ def survey(recording: Recording, robot: Robot) -> Sampling:
     wraps = ~robot.prismatic[place] & ((room >= ROUND) | (room <= 0))
     facts, dropped = _read(recording, robot, clock, wraps, Choice.stamps(clock.period))
     if facts.accumulated.uniform or not facts.accumulated.stretches:
-        return _sampling(facts, clock, dropped)
+        return _limited(recording, _sampling(facts, clock, dropped))
     spans = [(stretch.start, stretch.stop) for stretch in facts.accumulated.stretches]
     choice = choose_clock(recording, robot, clock, spans, dropped)
     if choice.times is not None:
         clock = Clock(choice.period, choice.period, 0.0)
         facts, dropped = _read(recording, robot, clock, wraps, choice)
-    return _sampling(facts, clock, dropped)
+    return _limited(recording, _sampling(facts, clock, dropped))
+
+
+def _limited(recording: Recording, sampling: Sampling) -> Sampling:
+    """The sampling at the rate at which the file has content of its own."""
+    if not sampling.uniform:
+        return sampling
+    longest = max(sampling.stretches, key=lambda stretch: stretch.kept)
+    knots = find_content(row_reader(recording, sampling, longest), longest.kept)
+    if knots is None:
+        return sampling
+    row = (float(longest.stamps[0]) - float(sampling.stretches[0].stamps[0])) / sampling.period
+    moved = {name: tuple(each and each.moved(row) for each in columns) for name, columns in knots.items()}
+    limited = at_content(sampling, Content(moved, sampling.period, widest(moved)))
+    said = tuple(content_notes(recording.columns, limited.content)) if limited.content else ()
+    return replace(limited, notes=(*limited.notes, *said))
 
 
 def _read(

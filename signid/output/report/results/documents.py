@@ -75,9 +75,13 @@ def description(robot: Robot) -> Input:
 
 
 def recorded(recording: Recording, sampling: Sampling) -> Document:
-    """A recording and the clock of its rows [s]."""
+    """A recording, the clock of its rows [s], and the rate at which it has content of its own [Hz]."""
     clock = sampling.clock
-    return {"path": recording.path, "clock": {"kind": clock.kind, "period": sampling.period, "jitter": clock.jitter}}
+    return {
+        "path": recording.path,
+        "clock": {"kind": clock.kind, "period": sampling.step, "jitter": clock.jitter},
+        "content_rate": sampling.content_rate,
+    }
 
 
 def stamps_clock(period: float) -> Document:

@@ -127,7 +127,7 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         "robot": robot.name,
         "joints": [dict(zip(("name", "cutoff", "used", "noise_floor"), joint, strict=True)) for joint in joints],
         "recordings": [
-            {**recorded(recording, s), "rate": 1 / s.period, "duration": s.duration, "samples": s.rows}
+            {**recorded(recording, s), "rate": 1 / s.step, "duration": s.duration, "samples": s.rows}
             | {**picked(s, "spans duplicates uniform"), "spacing": list(s.jitter)}
             for recording, s in zip(found.recordings, found.samplings, strict=True)
         ],
@@ -194,7 +194,7 @@ def _sampling_cells(found: Sampling) -> tuple[str, ...]:
     """Rate, duration, samples, gaps, jitter."""
     shortest, longest = (figure(1e3 * x) for x in found.jitter)
     spacing = shortest if shortest == longest else f"{shortest} to {longest}"
-    rate = figure(1 / found.period, 4)
+    rate = figure(1 / found.step, 4)
     return rate, figure(found.duration), str(found.rows), str(len(found.spans) - 1), spacing
 
 

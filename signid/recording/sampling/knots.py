@@ -1,0 +1,331 @@
+"""Knots of interpolated and held signals: the instants at which the signals of a file have content of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil, floor
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import make_lsq_spline
+
+from ...types import Array
+
+HELD, LINEAR, CUBIC, SMOOTH = "held", "linear", "cubic", "smooth"
+SPACES = {LINEAR: (1, 1), CUBIC: (3, 1), SMOOTH: (3, 2)}  # degree of the spline, multiplicity of its knots
+ORDERS = (1, 2, 4)  # differences that show knots of held signals, of lines, of smooth interpolation
+SLOWEST, DENSEST = 64.0, 1.05  # [rows] largest and smallest distance between knots
+FULL = 0.82  # [1/rows] most free numbers of a spline with multiple knots, which fits everything beyond
+LOCAL = 65  # [rows] window of the local rms that scales differences
+OUTLIER = 4.0  # [1] largest scaled difference
+LINES, LINE = 3, 100.0  # strongest lines; [1] their power over the background (real logs: 133 at most, off low rates)
+LOWEST = 0.01  # [1/rows] lowest frequency of a line
+SLOW, MOTION = 0.1, 10.0  # [1/rows] frequency below which lines are those of the motion, unless they are stronger [1]
+FEWEST, MANY = 3, 5  # blocks in motion that must agree, for simple ratios of rates and for others
+STEADY, LATE = 0.3, 1.01  # [rows] range of the phases of interpolated and of held signals in all blocks
+BLOCK = 480  # [rows] on which knots are tested
+LIMITED = 2.5  # [rows] half a step beyond which fits may be limited by the motion itself
+NEAR = 0.02  # [rows] distance at which a knot lies on a row
+MARGIN = 3  # [rows] between the ends of a fit and its first and last knot
+PHASES = 8  # phases of knots that are tried first
+FIT = 0.35  # [1] rms beside a spline with these knots, over that with the worst phase; white noise: above 0.8
+HOPEFUL, REFINED = 0.8, 14  # [1] share from which a phase is refined; steps of its refinement
+COARSE = 0.5  # [quanta] least rms of displaced knots: counts at a steady speed are periodic (0.29)
+NOTHING = 0.03  # [1] share below which a spline leaves nothing but the error of its phase
+ALIKE = 3.0  # [1] ratio of rms within which the fewer knots are preferred
+ROUNDING = 1e-13  # [1] rounding errors of a fit, over the size of the signal
+OFF_TICK, ON_TICK = 0.01, 0.3  # [1] share of the changes between the ticks of a held signal; share of ticks with one
+SNAP, RATIO = 2e-3, 8  # [1] tolerance, and largest denominator of a simple ratio of rates that is tried
+
+
+@dataclass(frozen=True)
+class Knots:
+    """Evenly spaced knots of a signal, in rows."""
+
+    kind: str  # HELD, LINEAR, CUBIC (twice differentiable) or SMOOTH (once differentiable)
+    step: float  # [rows] between knots
+    phase: float  # [rows] of a knot, below the step
+
+    @property
+    def on_rows(self) -> bool:
+        """Whether every knot lies on a row."""
+        return self.step == round(self.step) and self.phase == round(self.phase)
+
+    def moved(self, rows: float) -> Knots:
+        """The same knots where row 0 becomes row `rows`."""
+        return Knots(self.kind, self.step, (self.phase + rows) % self.step)
+
+    def near(self, other: Knots) -> bool:
+        """Whether two estimates are of the same knots."""
+        distance = abs(self.phase - other.phase) % self.step
+        apart = min(distance, self.step - distance)
+        return self.kind == other.kind and abs(self.step - other.step) < 1e-4 * self.step and apart < 0.1
+
+
+class _Trial(NamedTuple):
+    """A kind of knots tried on c signals."""
+
+    knots: Knots
+    rest: Array  # (c,) rms that the splines leave
+    share: Array  # (c,) [1] the same over that with the worst phase
+
+    @property
+    def dense(self) -> float:
+        """Free numbers of a spline [1/rows]."""
+        return SPACES[self.knots.kind][1] / self.knots.step
+
+
+def find_knots(x: Array) -> list[Knots | None]:
+    """Knots of each signal in consecutive rows x (N, c) of one kind [any]; None: it has content up to the rate.
+
+    Differences of interpolated signals vary periodically: those of order 1 of held ones, of order 2 of lines, of order
+    4 of smoother ones. Lines in the spectrum of their size propose steps. A least-squares spline with these knots must
+    then leave far less than one with displaced knots; for any other signal the phase makes no difference.
+
+    Source: Gallagher, Detection of linear and cubic interpolation in JPEG compressed images, CRV 2005 (periodic
+    variance of differences); de Boor, A Practical Guide to Splines, 1978, chapter XIV (least-squares splines).
+    """
+    found: list[Knots | None] = [None] * x.shape[1]
+    moving = np.flatnonzero(np.ptp(x, axis=0) > 0).tolist()
+    if len(x) < BLOCK or not moving:
+        return found
+    held = list(_steps(_lines(x[:, moving], 1)))
+    for j in moving:
+        found[j] = _held(x[:, j], held)
+    left = [j for j in moving if found[j] is None]
+    steps = list(_steps([line for order in ORDERS[1:] for line in _lines(x[:, left], order)])) if left else []
+    if steps:
+        for j, knots in zip(left, _splines(x[:, left], steps), strict=True):
+            found[j] = knots
+    return found
+
+
+def _activity(x: Array, order: int) -> Array:
+    """Size (N - order,) of differences of signals (N, c) over their local rms, summed over the signals [1]."""
+    if order == 1:
+        return np.asarray((np.diff(x, axis=0) != 0).mean(axis=1))
+    size = np.abs(np.diff(x, order, axis=0))
+    total = np.cumsum(np.vstack([np.zeros(x.shape[1]), size**2]), axis=0)
+    low = np.maximum(np.arange(len(size)) - LOCAL // 2, 0)
+    high = np.minimum(low + LOCAL, len(size))
+    local = np.sqrt(np.maximum(total[high] - total[low], 0.0) / (high - low)[:, None])
+    return np.asarray(np.minimum(size / np.where(local > 0, local, np.inf), OUTLIER).sum(axis=1))
+
+
+def _lines(x: Array, order: int) -> list[float]:
+    """Frequencies of lines in the spectrum of the activity of signals (N, c) [1/rows], the strongest first."""
+    y = _activity(x, order)
+    n = len(y)
+    power = np.abs(np.fft.rfft((y - y.mean()) * np.hanning(n), 4 * n)) ** 2
+    background = float(np.median(power)) / np.log(2)
+    power[: int(LOWEST * 4 * n)] = 0.0
+    power[: int(SLOW * 4 * n)] /= MOTION
+    found: list[float] = []
+    for _ in range(LINES):
+        k = int(np.argmax(power))
+        if not power[k] > LINE * background:
+            break
+        offset = 0.0
+        if k < len(power) - 1:
+            left, middle, right = np.log(np.maximum(power[k - 1 : k + 2], 1e-300))
+            bend = left - 2 * middle + right
+            offset = float(np.clip(0.5 * (left - right) / bend, -1, 1)) if bend < 0 else 0.0
+        found.append((k + offset) / (4 * n))
+        power[max(0, k - 12) : k + 13] = 0.0
+    return found
+
+
+def _steps(lines: Sequence[float]) -> Iterator[float]:
+    """Steps [rows] between knots that explain a line, the widest first; simple ratios before those near them."""
+    steps = {part / base for line in lines for base in (line, 1 - line) for part in (1, 2, 3)}
+    inside = sorted((step for step in steps if DENSEST <= step <= SLOWEST), reverse=True)
+    tried: list[float] = []
+    for step in inside:
+        ratio = float(Fraction(step).limit_denominator(RATIO))
+        for own in [ratio, step] if abs(ratio - step) < SNAP * step else [step]:
+            if all(abs(own - other) > 1e-6 * own for other in tried):
+                tried.append(own)
+                yield own
+
+
+def _held(x: Array, steps: Sequence[float]) -> Knots | None:
+    """Knots of a held signal (N,): changes lie in the rows at or after ticks."""
+    jumps = np.diff(x)
+    changes = np.flatnonzero(jumps) + 1.0
+    size = np.abs(jumps[jumps != 0])
+    if len(changes) < BLOCK / SLOWEST or np.median(size) <= 1.001 * size.min():
+        return None  # at rest, or counts of a coarse encoder at a slow speed
+    for step in steps:
+        middle = float(np.angle(np.exp(2j * np.pi * changes / step).sum())) / (2 * np.pi) * step
+        tick = np.round((changes - middle) / step)
+        late = changes - tick * step
+        near = np.abs(late - np.median(late)) < (0.5 if step < 4 else 1.0) + 1e-6
+        if np.mean(~near) > OFF_TICK or len(np.unique(tick)) < (1 - OFF_TICK) * len(tick):
+            continue
+        if near.sum() >= ON_TICK * len(x) / step:
+            return Knots(HELD, step, float(late[near].min() % step))
+    return None
+
+
+def _busiest(x: Array) -> int:
+    """First of BLOCK rows of signals (N, c) in which they vary most."""
+    starts = np.arange(0, len(x) - BLOCK + 1, BLOCK // 2)
+    change = np.array([np.abs(np.diff(x[k : k + BLOCK], axis=0)).sum(axis=0) for k in starts])
+    return int(starts[np.argmax((change / np.maximum(change.max(axis=0), 1e-300)).sum(axis=1))])
+
+
+def _splines(x: Array, steps: Sequence[float]) -> list[Knots | None]:
+    """Knots of piecewise polynomials (N, c): those of the splines that leave nothing, with the fewest free numbers."""
+    first = _busiest(x)
+    y = x[first : first + BLOCK] - x[first]
+    kinds = [
+        (kind, step) for step in steps for kind, (_, multiple) in SPACES.items() if multiple == 1 or 2 / step < FULL
+    ]
+    trials = [_trial(y, kind, step, first) for kind, step in kinds]
+    found: list[Knots | None] = []
+    for j, size in enumerate(np.ptp(y, axis=0)):
+        coarse = COARSE * _quantum(y[:, j])
+        good = [trial for trial in trials if trial.share[j] < FIT and trial.rest[j] > coarse * trial.share[j]]
+        least = ALIKE * min((trial.rest[j] for trial in good), default=0.0) + ROUNDING * size
+        fit = [trial for trial in good if trial.rest[j] <= least or trial.share[j] < NOTHING]
+        found.append(min(fit, key=lambda trial: (trial.dense, trial.rest[j])).knots if fit else None)
+    return found
+
+
+def _quantum(x: Array) -> float:
+    """Quantum of a signal (N,); 0 if it has none."""
+    bends = np.abs(np.diff(x, 2))
+    bends = bends[bends > 1e-12 * float(np.ptp(x))]
+    if not len(bends):
+        return 0.0
+    counts = bends / bends.min()
+    return float(bends.min()) if np.abs(counts - np.rint(counts)).max() < 0.01 else 0.0
+
+
+def _trial(y: Array, kind: str, step: float, first: int) -> _Trial:
+    """A kind of splines at the best phase of their knots, on BLOCK rows (N, c) from the row `first`."""
+    phases = step * np.arange(PHASES) / PHASES
+    whole = np.arange(step) if step == round(step) else np.zeros(0)
+    rest = {phase: _rest(y, kind, step, phase) for phase in np.unique([*phases, *whole]).tolist()}
+    worst = np.maximum(np.max([each for each in rest.values() if np.isfinite(each).all()], axis=0, initial=0.0), 1e-300)
+    share = {phase: float(np.min(own / worst)) for phase, own in rest.items()}
+    best = min(share, key=lambda phase: share[phase])
+    if share[best] < HOPEFUL:
+        low, high = best - step / PHASES, best + step / PHASES
+        for _ in range(REFINED):
+            left, right = low + (high - low) / 3, high - (high - low) / 3
+            for phase in (left, right):
+                rest[phase] = _rest(y, kind, step, phase)
+                share[phase] = float(np.min(rest[phase] / worst))
+            low, high = (low, right) if share[left] < share[right] else (left, high)
+        best = min(share, key=lambda phase: share[phase])
+    return _Trial(Knots(kind, step, float((best + first) % step)), rest[best], rest[best] / worst)
+
+
+def same_knots(knots: Knots, blocks: Sequence[tuple[int, Array]], agree: float) -> Knots | None:
+    """Knots that fit all blocks of a signal, those next to the estimate first.
+
+    Args:
+        knots: the estimate.
+        blocks: first row, and signal (N,) [any] of each block.
+        agree: smallest share of the blocks in motion that fit; None if fewer do.
+    """
+    step, phase, moving = knots.step, knots.phase, 0
+    places: list[tuple[float, float]] = []  # number of a knot, and its distance from the estimate [rows]
+    for first, y in blocks:
+        own = Knots(knots.kind, step, phase).moved(-first)
+        fit = _held_shift(y, own) if knots.kind == HELD else _spline_shift(y, own)
+        if fit is None:
+            continue
+        moving += 1
+        if not np.isnan(fit):
+            number = np.round((first + len(y) / 2 - knots.phase) / knots.step)
+            places.append((float(number), phase + step * float(number) + fit))
+            if len(places) > 1 and not _is_simple(knots.step):
+                step, phase = _line(places)
+    simple = _is_simple(knots.step)
+    if moving < (FEWEST if simple else MANY) or len(places) < agree * moving:
+        return None
+    numbers, at = np.transpose(places)
+    late = at - (knots.step * numbers if simple else step * numbers + phase)
+    if np.ptp(late) > (LATE if knots.kind == HELD else STEADY):
+        return None
+    if not simple:
+        return Knots(knots.kind, step, phase % step)
+    phase = float(late.min() if knots.kind == HELD else np.median(late))
+    parts = Fraction(knots.step).limit_denominator(RATIO).denominator
+    if abs(phase - round(phase * parts) / parts) < NEAR:  # where the first rows coincide, some knots lie on rows
+        phase = round(phase * parts) / parts
+    return Knots(knots.kind, knots.step, phase % knots.step)
+
+
+def _line(places: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Slope and intercept of the line through points."""
+    x, y = np.transpose(places)
+    slope, intercept = np.polyfit(x - x[0], y, 1)
+    return float(slope), float(intercept - slope * x[0])
+
+
+def _is_simple(step: float) -> bool:
+    return step == float(Fraction(step).limit_denominator(RATIO))
+
+
+def _held_shift(y: Array, knots: Knots) -> float | None:
+    """Distance of the ticks of a held signal (N,) from knots [rows]; NaN if it does not fit; None at rest."""
+    changes = np.flatnonzero(np.diff(y)) + 1.0
+    if len(changes) < len(y) / SLOWEST:
+        return None
+    late = changes - knots.phase
+    late -= np.round((late - 0.5) / knots.step) * knots.step
+    near = np.abs(late - np.median(late)) < (0.5 if knots.step < 4 else 1.0) + 1e-3
+    return float(late[near].min()) if np.mean(near) > 1 - 3 * OFF_TICK else np.nan
+
+
+def _spline_shift(y: Array, knots: Knots) -> float | None:
+    """Distance of the knots of a piecewise polynomial (N,) from knots [rows]; NaN if none fits; None at rest."""
+    y = (y - y[0])[:, None]
+    kind, step = knots.kind, knots.step
+    wrong = float(_rest(y, kind, step, (knots.phase + step / 2) % step)[0])
+    if wrong <= ROUNDING * float(np.ptp(y)) or not np.diff(y[:, 0]).any():
+        return None
+    low, high = -step / 6, step / 6
+    best = (float(_rest(y, kind, step, knots.phase)[0]), 0.0)
+    if best[0] > NOTHING / 3 * wrong:
+        for _ in range(REFINED):
+            left, right = low + (high - low) / 3, high - (high - low) / 3
+            rests = [(float(_rest(y, kind, step, (knots.phase + d) % step)[0]), d) for d in (left, right)]
+            low, high = (low, right) if rests[0][0] < rests[1][0] else (left, high)
+            best = min(best, *rests)
+    if best[0] > FIT * wrong:
+        return np.nan
+    half = float(_rest(y, kind, step / 2, (knots.phase + best[1]) % (step / 2))[0]) if step / 2 > LIMITED else best[0]
+    return best[1] if best[0] <= ALIKE * half + max(ROUNDING * float(np.ptp(y)), NOTHING * wrong) else np.nan
+
+
+def _rest(y: Array, kind: str, step: float, phase: float) -> Array:
+    """Rms (c,), without the ends, that splines with knots phase + k step [rows] leave of signals (N, c)."""
+    u = np.arange(len(y), dtype=float)
+    inside = slice(edge := ceil(2 * step) + MARGIN, len(y) - edge)
+    error = (y - spline_values(u, y, Knots(kind, step, phase), u))[inside]
+    return np.asarray(np.nan_to_num(np.sqrt(np.mean(error**2, axis=0)), nan=np.inf))
+
+
+def spline_values(u: Array, y: Array, knots: Knots, at: Array) -> Array:
+    """Values of the least-squares spline of a signal.
+
+    Within two steps and `MARGIN` rows of the ends it may differ from the signal.
+
+    Args:
+        u: (N,) [rows] of the signal.
+        y: (N,) or (N, c) [any] signal.
+        knots: of the spline.
+        at: (M,) [rows] of the values.
+    """
+    degree, multiple = SPACES[knots.kind]
+    low, high = u[0] + MARGIN, u[-1] - MARGIN
+    count = np.arange(ceil((low - knots.phase) / knots.step), floor((high - knots.phase) / knots.step) + 1)
+    edges = [np.full(degree + 1, u[k]) for k in (0, -1)]
+    places = np.concatenate([edges[0], np.repeat(knots.phase + knots.step * count, multiple), edges[1]])
+    return np.asarray(make_lsq_spline(u, y, places, degree)(at))
