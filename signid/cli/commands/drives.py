@@ -81,7 +81,13 @@ def check_options(context: typer.Context, drives: bool) -> None:
 
 
 def identify_drives(
-    robot: Robot, given: Sequence[Recording], held_out: Sequence[Recording], drives: DriveOptions, seed: int, json: bool
+    robot: Robot,
+    given: Sequence[Recording],
+    held_out: Sequence[Recording],
+    drives: DriveOptions,
+    refit: bool | None,
+    seed: int,
+    json: bool,
 ) -> ServoIdentification:
     """Identify position drives; `robot` is the description with its actuators file."""
     from ...servo.identify import ServoOptions, identify_servos
@@ -97,6 +103,7 @@ def identify_drives(
             held_out=held_out,
             laws=laws,
             known=known,
+            refit=refit,
             options=ServoOptions(seed=seed),
             progress=progress,
         )

@@ -177,7 +177,7 @@ def identify(
     read = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns, bounds=fit.bounds)
     if servo:
         with time_limit(fit.time_limit):
-            found = identify_drives(described, given, held_out, drives, run.seed, run.json)
+            found = identify_drives(described, given, held_out, drives, fit.refit, run.seed, run.json)
             more, notes = revised_columns(found, (*given, *held_out), rows.columns, fit.output)
             found = replace(found, notes=(*found.notes, *notes))
             return deliver_servos(found, read, fit.output, run.json, given_command(context), more)

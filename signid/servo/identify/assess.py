@@ -63,6 +63,12 @@ def assess(
     return rolled, tuple(traces)
 
 
+def whole_rms(model: Model, servos: Mapping[str, Servo], grids: Sequence[ServoGrid]) -> Array:
+    """Rms (n,) [rad or m] of whole recordings from commands alone; inf where it diverges, NaN without commands."""
+    errors = [roll_out(model, servos, grid) - grid.q for grid in grids]
+    return _rms(np.vstack(errors), np.array([joint in servos for joint in grids[0].joints]))
+
+
 def nominal_servos(robot: Robot, servos: Mapping[str, Servo], stated: Stated) -> dict[str, Servo]:
     """Drives of the stated numbers; empty unless every joint has a stated gain."""
     if not all(stated.get(joint, {}).get("kp", 0.0) > 0 for joint in servos):

@@ -27,9 +27,9 @@ from .flags import (
     worse_flag,
     worse_than_stated,
 )
-from .held_out import compared, far_flags, held_out_errors
+from .held_out import HeldOutError, compared, far_flags, held_out_errors
 from .identifiable import RARE, JointFacts, dependence, dependent_numbers, joint_numbers
-from .result import ServoIdentification, ServoJoint, ServoRollOut
+from .result import ServoIdentification, ServoJoint, ServoRollOut, ServoTrace
 from .scale import alternatives, known_scale
 from .start import Stated
 
@@ -47,19 +47,34 @@ class Known:
     timing: Mapping[str, float]  # time [s] by which the delay of a joint may be longer, as commands change between rows
 
 
-def conclude(
-    models: tuple[Model, Model],
-    data: ServoData,
-    chosen: Chosen,
-    fit: ServoFit,
-    known: Known,
-    remarks: Sequence[str],
-    options: ServoOptions,
-) -> ServoIdentification:
-    """Result of a fit. models: as described, and with the masses that were used; remarks: flags of earlier steps."""
+@dataclass(frozen=True)
+class JudgedFit:
+    """A fit, the facts of its rows, and the errors of a fit without the held-out rows."""
+
+    data: ServoData
+    fit: ServoFit
+    facts: Mapping[str, JointFacts]  # by joint
+    errors: Mapping[str, HeldOutError]  # by joint; empty where nothing is held out
+    rollout: ServoRollOut
+    traces: tuple[ServoTrace, ...]
+    refit: bool = False  # whether `data` and `fit` contain the held-out rows
+
+
+def judge(models: tuple[Model, Model], data: ServoData, fit: ServoFit, known: Known) -> JudgedFit:
+    """Errors of a fit on held-out rows. models: as described, and with the masses that were used."""
     described, model = models
+    unseen = data.held_out is not data.train
+    facts = facts_of(model, data, fit, known)
+    errors = held_out_errors(model, data, fit.servos) if unseen else {}
+    facts = compared(model, data, fit.servos, facts, errors) if unseen else facts
+    rolled, traces = assess(model, described, fit.servos, known.stated, data.held_out, unseen)
+    return JudgedFit(data, fit, facts, errors, rolled, traces)
+
+
+def facts_of(model: Model, data: ServoData, fit: ServoFit, known: Known) -> dict[str, JointFacts]:
+    """Facts of the rows of a fit, by joint."""
     saturated = {joint: float(fit.saturated_share[data.joints.index(joint)]) for joint in fit.servos}
-    facts = {
+    return {
         joint: replace(
             fact,
             full_duty_error=known.tied.get(joint, 0.0),
@@ -70,23 +85,32 @@ def conclude(
             model, data, fit.servos, saturated, known.fixed, known.scale != "nothing"
         ).items()
     }
-    unseen = data.held_out is not data.train
-    errors = held_out_errors(model, data, fit.servos) if unseen else {}
-    facts = compared(model, data, fit.servos, facts, errors) if unseen else facts
+
+
+def conclude(
+    models: tuple[Model, Model],
+    judged: JudgedFit,
+    chosen: Chosen,
+    known: Known,
+    remarks: Sequence[str],
+    options: ServoOptions,
+) -> ServoIdentification:
+    """Result of a fit. models: as described, and with the masses that were used; remarks: flags of earlier steps."""
+    described, model = models
+    data, fit, facts, rolled = judged.data, judged.fit, judged.facts, judged.rollout
     joints = tuple(_joint(joint, fit, chosen, facts[joint], known.sets) for joint in fit.servos)
-    rolled, traces = assess(model, described, fit.servos, known.stated, data.held_out, unseen)
     robot, added = model.robot, list(remarks)
     servos = _marked(fit.servos, joints, known.stated, robot)
     if worse_than_stated(rolled):
         servos = nominal_servos(robot, fit.servos, known.stated)
         model, added = described, [*added, worse_flag(rolled)]
-    limited = [joint for joint, share in saturated.items() if share >= RARE]
+    limited = [joint for joint, fact in facts.items() if fact.saturated_share >= RARE]
     gains = {joint: of["kp"] for joint, of in known.stated.items() if "kp" in of}
     std = {joint: s for joint, s in number_std(fit, "kp").items() if _has_value(joints, joint)}
     other = alternatives(known.sets, fit.servos, std, gains) if known.scale == "masses" else ()
     scale = known_scale(known.scale, gains, other)
     added += [scale.sentence] if known.scale == "nothing" else []
-    added += far_flags(errors)
+    added += far_flags(judged.errors)
     unsure = [joint for joint, fact in facts.items() if fact.held_out_torque > 0]
     notes = (*joint_notes(joints), *law_notes(joints, known.laws, [*limited, *unsure]))
     return ServoIdentification(
@@ -96,11 +120,12 @@ def conclude(
         joints=joints,
         scale=scale,
         rollout=rolled,
-        traces=traces,
+        traces=judged.traces,
         inputs=data.inputs,
         flags=_flags(added, joints, fit, data, rolled, limited),
         notes=(*model.robot.notes, *notes, *duty_notes(known.tied), *fit.notes),
         seed=options.seed,
+        refit=judged.refit,
     )
 
 

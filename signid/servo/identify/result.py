@@ -111,6 +111,7 @@ class ServoIdentification(Result):
     flags: tuple[str, ...]  # exit 3
     notes: tuple[str, ...]
     seed: int
+    refit: bool = False  # whether the model was fitted again to all rows; `rollout` and `traces` are of the fit before
     logs: tuple[LoggedRows, ...] = ()  # rows of the recordings
     zeros: tuple[JointZero, ...] = ()  # signs and zeros of positions, where gravity was compared with them
 

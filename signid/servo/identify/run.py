@@ -21,9 +21,10 @@ from ..search.choice import Candidate
 from ..search.data import servo_data, thinned
 from ..search.run import EQUAL, search
 from ..search.searcher import KnownLimits, Searcher, ServoOptions
-from .conclude import Known, conclude
+from .conclude import Known, conclude, judge
 from .facts import full_duty_errors
 from .fits import final_fit, weigh_bodies
+from .refit import fitted_again
 from .result import LoggedRows, ServoIdentification
 from .scale import connected_sets
 from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
@@ -44,10 +45,13 @@ def identify_servos(
     held_out: Recordings = (),
     laws: Mapping[str, str] | str | None = None,
     known: str | None = None,
+    refit: bool | None = None,
     options: ServoOptions | None = None,
     progress: Progress | None = None,
 ) -> ServoIdentification:
     """Identify position drives from commanded and measured positions; no torque is needed.
+
+    Once its errors on held-out rows are known, the model is fitted again to all rows, except those of `held_out`.
 
     Args:
         robot: as `load_robot` gives it, or what it reads; a model counts with its bodies.
@@ -56,6 +60,9 @@ def identify_servos(
         laws: law of all drives, or by joint: effort, duty or torque_speed. None: as stated, else by evidence.
         known: what sets the scale of torque: "masses" of the description, stated "kp", "kp=20" for all joints, or
             "nothing". None: stated gains where there are any, else masses.
+        refit: whether the model is fitted again to all rows after its held-out errors are known; None: unless
+            held-out recordings are given. It is not if these errors are far above the training errors, or if only
+            held-out rows reach a limit.
         options: rate, window, additional numbers and seed.
         progress: called with the current step and the share that is done.
 
@@ -78,7 +85,7 @@ def identify_servos(
     size = max(len(members) for members in sets) ** 2
     options = replace(options, window=options.window or (ALONE if size == 1 else COUPLED))
     cost = size * int(np.ceil(data.train[0].step / LONGEST - 1e-9))  # of a row
-    most = SEARCHED // cost
+    most, fitted = SEARCHED // cost, FITTED // cost
     folds = tuple((thinned(a, most), thinned(b, most)) for a, b in data.folds)
     few = replace(data, train=thinned(data.train, most), folds=folds)
     plain, _ = command_model(model, {joint: Servo() for joint in data.driven}, complete=True)
@@ -96,8 +103,8 @@ def identify_servos(
         options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
     chosen = search(Searcher(weighed, few, sets, options, progress), start, limits)
     _say(progress, "fitting servos", 0.8)
-    fit = final_fit(weighed, replace(data, train=thinned(data.train, FITTED // cost)), chosen.candidate, options)
-    _say(progress, "simulating held-out recordings", 0.95)
+    fit = final_fit(weighed, replace(data, train=thinned(data.train, fitted)), chosen.candidate, options)
+    _say(progress, "simulating held-out recordings", 0.9)
     remarks = (*audit_flags(model.robot, (*given, *unseen)), *remarks)
     zeros, notes = joint_zeros(plain, data, starts[PLAIN], options.seed) if scale == "masses" else ((), ())
     remarks = (*remarks, *zero_flags(zeros, _position_columns(given[0])))
@@ -105,7 +112,12 @@ def identify_servos(
     slow = FINER * min(log.content_rate for log in logs) < data.train[0].rate
     late = command_timing(weighed, few, fit, options.window) if slow else {}
     case = Known(scale, wanted, fixed, limits.laws, duty, sets, late)
-    found = conclude((plain, weighed), data, chosen, fit, case, remarks, options).with_zeros(zeros, notes)
+    judged = judge((plain, weighed), data, fit, case)
+    if (not unseen if refit is None else refit) and data.held_out is not data.train:
+        _say(progress, "fitting servos to all rows", 0.95)
+        judged, reasons = fitted_again(weighed, judged, chosen.candidate, case, options, fitted)
+        notes = (*notes, *reasons)
+    found = conclude((plain, weighed), judged, chosen, case, remarks, options).with_zeros(zeros, notes)
     return replace(found, logs=logs)
 
 

@@ -38,7 +38,7 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
         "physically_consistent": all(_is_possible(x) for x in inertials),
         "effects": list(_effects(result)),
         "signs": None,
-        "fit": position_fit(result.rollout),
+        "fit": {**position_fit(result.rollout), "refit": result.refit},
         "method": "output error of the closed loop",
         "recordings": [
             {"path": log.path, "clock": stamps_clock(log.period), "content_rate": log.content_rate}
