@@ -268,7 +268,7 @@ def _conclude(
             *recovered.flags,
             *found.flags,
             *excitation.sentences,
-            *_too_few(given, found),
+            *_left_out(given, found),
             *_weightless(session.robot),
             *chosen.flags,
         ),
@@ -290,8 +290,13 @@ def _weightless(robot: Robot) -> Iterator[str]:
         )
 
 
-def _too_few(given: Given, found: Estimate) -> Iterator[str]:
-    """Flags for too few rows to evaluate the model on, or to learn from, however exciting the motion is."""
+def _left_out(given: Given, found: Estimate) -> Iterator[str]:
+    """Flags for springs that the fit does not contain, and for too few rows to learn from or to evaluate on."""
+    if springs := given.session.robot.springs:
+        yield (
+            f"identify fits no springs, so those that the description states at {shorten(list(springs))} distort its "
+            f"other numbers there; signid diagnose keeps them"
+        )
     if ITSELF in given.session.notes:
         yield ITSELF
     joints = zip(given.session.robot.joints, given.factors.joints, strict=True)

@@ -12,7 +12,7 @@ import pytest
 import signid
 from signid.errors import RobotError
 from signid.model import stated_laws
-from signid.robot import configuration, load_robot, robot_from_text
+from signid.robot import configuration, hold, load_robot, robot_from_text
 from signid.types import Array, Robot
 
 mujoco = pytest.importorskip("mujoco")
@@ -215,7 +215,17 @@ def test_springs_are_laws_and_gravity_compensation_is_a_note(tmp_path: Path) -> 
     exported = signid.export(model, "mjcf").text
     again = robot_from_text(exported, "mjcf", "x")
     assert again.springs == {"j": (30.0, 0.2)}
-    assert signid.robot.hold(robot, {"j": 0.1}).springs == {}
+    assert hold(robot, {"j": 0.1}).springs == {}
+
+
+def test_identify_says_that_it_fits_no_springs(tmp_path: Path) -> None:
+    text = ARM.replace('name="shoulder"', 'name="shoulder" stiffness="3"')
+    (tmp_path / "arm.xml").write_text(text)
+    t = np.arange(0, 4, 0.01)
+    columns = {f"{key}_{j + 1}": np.sin((3 + j) * t) for key in ("q", "tau") for j in range(2)}
+    robot = load_robot(tmp_path / "arm.xml")
+    result = signid.identify(robot, [signid.read_recording({"t": t, **columns}, robot)])
+    assert any("identify fits no springs" in flag and "shoulder" in flag for flag in result.flags)
 
 
 def test_meshes_that_are_missing_cost_their_mass_and_a_note(tmp_path: Path) -> None:

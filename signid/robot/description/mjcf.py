@@ -298,7 +298,7 @@ def _notes(found: _Compiled, constraints: int) -> Iterator[str]:
     if curved := [joint.name for joint in found.joints if joint.nonlinear]:
         yield f"stiffness and damping of higher order are ignored: {shorten(curved)}"
     if sprung := [joint.name for joint in found.joints if joint.stiffness and joint.kind in _MOVING]:
-        yield f"joint springs are part of the simulation; identify fits them with --effects spring: {shorten(sprung)}"
+        yield f"joint springs are laws of the simulation: {shorten(sprung)}"
     if found.medium:
         yield "forces of the medium (density, viscosity, wind) are ignored"
 
