@@ -8,7 +8,7 @@ from signid.effects import EFFECT_NAMES, EFFECTS
 from signid.regression.base_parameters import build_base
 from signid.regression.motion import Motion
 from signid.regression.regressor import base_rows, regressor
-from signid.robot import hold, load_robot
+from signid.robot import hold, load_robot, robot_from_text
 from signid.types import Array, Law, Robot
 
 COUNTS = {  # bodies alone, with the four usual effects
@@ -90,3 +90,24 @@ def test_a_held_joint_leaves_fewer_base_parameters() -> None:
     held = hold(robot, {robot.joints[-1]: 0.3})
     assert build_base(held).rank < build_base(robot).rank
     assert len(held.joints) == 5
+
+
+def test_angles_rounded_by_hand_separate_no_parameters() -> None:
+    """1.57 and 3.14 stand for pi / 2 and pi; a joint turned by .01 rad is another robot."""
+    link = (
+        '<link name="{0}"><inertial><mass value="1"/><origin xyz=".1 .02 .03"/>'
+        '<inertia ixx=".01" iyy=".02" izz=".03" ixy=".001" ixz=".002" iyz=".003"/></inertial></link>'
+    )
+    joint = (
+        '<joint name="j{0}" type="revolute"><parent link="l{1}"/><child link="l{0}"/><origin xyz="0 0 .3" rpy="{2}"/>'
+        '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="9" velocity="9"/></joint>'
+    )
+    ranks = []
+    for rpy in ("1.5707963267948966 3.141592653589793 0", "1.57 3.14 0", "1.58 3.14 0"):
+        links = "".join(link.format(f"l{k}") for k in range(3))
+        text = f'<robot name="arm">{links}{joint.format(1, 0, "0 0 0")}{joint.format(2, 1, rpy)}</robot>'
+        robot = robot_from_text(text, "urdf", "arm")
+        base = build_base(robot, [Law(EFFECTS["armature"], (j,)) for j in range(2)])
+        ranks.append(base.rank)
+        assert not any("e-" in expression for expression in base.expressions)
+    assert ranks[0] == ranks[1] and ranks[2] > ranks[0]

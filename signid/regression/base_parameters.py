@@ -15,7 +15,7 @@ from .regressor import labels, regressor
 RANK_TOLERANCE = 1e-5  # [1] smallest singular value that counts, over the largest, columns scaled
 KEEP_TOLERANCE = 1e-5  # [1] smallest share of an independent column that is orthogonal to the columns kept
 ZERO = 1e-9  # smallest coefficient that is printed
-SNAP = 1e-5  # [1] distance from 0 or 1 below which a rotation entry is a typed number with few digits
+SNAP = 2e-3  # [1] distance from 0 or 1 below which a rotation entry is that of an angle typed with few digits (3.14)
 DIGITS = 6  # significant digits of a printed coefficient
 
 

@@ -14,7 +14,7 @@ from .grid import BRIEFEST, SHORTEST, STRIDE, Stretch
 SMOOTH = 0.02  # [s] averaging time of velocities
 WINDOWS = (16, 256)  # [samples] lengths over which a uniform clock must not drift
 UNEVEN = 1e-3  # tolerance of a uniform clock [periods]
-TURN = 1.0  # [rad] jumps this close to a full turn are wraps of the encoder
+TURN = 0.16  # [1] jumps this close to the span of a register, relative to it, are wraps
 Rows = NDArray[np.intp]
 
 
@@ -54,7 +54,7 @@ class OpenStretch:
 
     start: int
     range: Range
-    turns: Array  # (n,) full turns since its start [1]
+    turns: Array  # (n,) full turns since its start [1], fractions where a register does not end at full turns
     q: Array  # (n,) [rad or m] last recorded position
     stamps: list[float] = field(default_factory=list)
     t: float = 0.0  # [s] time of the last row
@@ -70,10 +70,10 @@ class OpenStretch:
 class Accumulator:
     """Accumulator of consecutive chunks: call `take` for each, then `close`."""
 
-    def __init__(self, clock: Clock, round_: NDArray[np.bool_]) -> None:
-        """Start without rows; round_: (n,) whether a joint can make full turns."""
-        n = len(round_)
-        self.clock, self.round, self.total = clock, round_, Range.empty(n)
+    def __init__(self, clock: Clock, spans: Array) -> None:
+        """Start without rows; spans: (n,) [rad or m] after which positions begin again, 0 where they do not."""
+        n = len(spans)
+        self.clock, self.spans, self.total = clock, spans, Range.empty(n)
         self.stretches: list[OpenStretch] = []
         self.gaps, self.longest_gap = 0, (0.0, 0.0)  # number; length and start [s]
         self.short, self.uniform = 0, True
@@ -112,7 +112,7 @@ class Accumulator:
             rows = index[bounds[k] : bounds[k + 1]]
             if breaks[bounds[k]]:
                 self.close()
-                none = Range.empty(len(self.round))
+                none = Range.empty(len(self.spans))
                 self._open = OpenStretch(start + int(rows[0]), none, 0 * self._turned, q[rows[0]])
             assert self._open is not None, "the first row starts a stretch"
             self._extend(self._open, start + rows, t[rows], q[rows], tau[rows])
@@ -139,13 +139,13 @@ class Accumulator:
 
     def _unwrap(self, stretch: OpenStretch, rows: Rows, q: Array) -> Array:
         """Positions (N, n) [rad or m] without wraps of the encoder."""
-        if not self.round.any():
+        if not self.spans.any():
             return q
         step = np.diff(q, axis=0, prepend=stretch.q[None])
-        wraps = (np.abs(np.abs(step) - 2 * np.pi) < TURN) & self.round
+        wraps = (np.abs(np.abs(step) - self.spans) < TURN * self.spans) & (self.spans > 0)
         if not wraps.any() and not stretch.turns.any():
             return q
-        turns = stretch.turns + np.cumsum(-np.sign(step) * wraps, axis=0)
+        turns = stretch.turns + np.cumsum(-np.sign(step) * wraps, axis=0) * self.spans / (2 * np.pi)
         for k in np.flatnonzero(wraps.any(axis=1)):
             self.turn_rows.append(int(rows[k]))
             self.turns.append(self._turned + turns[k])

@@ -159,6 +159,7 @@ def _joint_notes(facts: Facts) -> Iterator[str]:
     recording, (lower, upper) = facts.recording, facts.limits
     total = facts.accumulated.total
     wraps = {int(j) for turns in facts.accumulated.turns for j in np.flatnonzero(turns)}
+    spans = facts.accumulated.spans
     for j, joint in enumerate(recording.joints):
         column, unit = recording.columns["q"][j], "m" if facts.robot.prismatic[facts.place[j]] else "rad"
         beyond = max(total.upper[j] - upper[j], lower[j] - total.lower[j])
@@ -169,7 +170,8 @@ def _joint_notes(facts: Facts) -> Iterator[str]:
         if beyond > 0:
             yield f"{joint} goes {beyond:.3g} {unit} beyond the limits of its description"
         if j in wraps:
-            yield f"column {column} wraps around by full turns: unwrapped"
+            by = "full turns" if abs(spans[j] - 2 * np.pi) < 1e-9 else f"{spans[j]:.5g} {unit}"
+            yield f"column {column} wraps around by {by}: unwrapped"
 
 
 def _count(number: int, word: str, plural: str = "s") -> str:

@@ -60,7 +60,7 @@ class Sampling(Frozen):
     stretches: tuple[Stretch, ...]  # one per span
     dropped: NDArray[np.intp]  # (duplicates,) dropped rows
     turn_rows: NDArray[np.intp]  # (k,) rows at which an encoder wraps
-    turns: Array  # (k, n) full turns to be added from these rows on [1]
+    turns: Array  # (k, n) full turns to be added from these rows on [1], fractions for registers of other spans
     incomplete: frozenset[str]  # columns with missing values
     origin: float = 0.0  # [s] `time_origin` of the recording
     clock: Choice = Choice.stamps(0.0)  # clock of the rows
@@ -231,7 +231,10 @@ def _unwrap(found: Samples, sampling: Sampling, rows: NDArray[np.intp], start: i
     q = found.q + 2 * np.pi * (turns[at] - turns[before])
     if found.q_des is None:
         return found._replace(q=q)
-    nearest = found.q_des + 2 * np.pi * np.round((q - found.q_des) / (2 * np.pi))
+    steps = np.abs(np.diff(turns, axis=0))
+    span = 2 * np.pi * np.where(steps > 0, steps, np.inf).min(axis=0, initial=np.inf)
+    span = np.where(np.isfinite(span), span, 2 * np.pi)
+    nearest = found.q_des + span * np.round((q - found.q_des) / span)
     return found._replace(q=q, q_des=np.where(sampling.turns.any(axis=0), nearest, found.q_des))
 
 

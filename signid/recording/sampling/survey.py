@@ -8,16 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import RecordingError
-from ...types import Array, Mask, Recording, Robot, Samples
+from ...types import Array, Recording, Robot, Samples
 from .accumulate import Accumulator
 from .checks import Facts, faults, notes
 from .choice import Choice, choose_clock
 from .clock import CHUNK, Clock, read_clock, time_origin
 from .content import Content, content_notes, find_content, widest
 from .grid import Sampling, at_content, row_reader
+from .register import register_spans
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
 NEEDED = ("t", "q", "tau")
+ROUNDED = 0.02  # [1] resolution of stamps over the period, and part of a period, from which rounding matters
 ROUND = 6.2  # [rad] joints with a smaller range cannot wrap around
 
 
@@ -88,16 +90,24 @@ def survey(recording: Recording, robot: Robot) -> Sampling:
     place = [robot.index(joint) for joint in recording.joints]
     clock = read_clock(recording, name)
     room = robot.upper[place] - robot.lower[place]
-    wraps = ~robot.prismatic[place] & ((room >= ROUND) | (room <= 0))
+    turning, register = ~robot.prismatic[place] & ((room >= ROUND) | (room <= 0)), register_spans(recording)
+    wraps = np.where(register > 0, register, 2 * np.pi * turning)
     facts, dropped = _read(recording, robot, clock, wraps, Choice.stamps(clock.period))
     if facts.accumulated.uniform or not facts.accumulated.stretches:
-        return _limited(recording, _sampling(facts, clock, dropped))
+        sampling = _sampling(facts, clock, dropped)
+        return sampling if _is_rounded(clock, sampling.period) else _limited(recording, sampling)
     spans = [(stretch.start, stretch.stop) for stretch in facts.accumulated.stretches]
     choice = choose_clock(recording, robot, clock, spans, dropped)
     if choice.times is not None:
         clock = Clock(choice.period, choice.period, 0.0)
         facts, dropped = _read(recording, robot, clock, wraps, choice)
     return _limited(recording, _sampling(facts, clock, dropped))
+
+
+def _is_rounded(clock: Clock, period: float) -> bool:
+    """Whether stamps are rounded so coarsely that samples at rounded times look like interpolated ones."""
+    count = period / clock.step if clock.step > ROUNDED * period else 0.0
+    return abs(count - round(count)) > ROUNDED
 
 
 def _limited(recording: Recording, sampling: Sampling) -> Sampling:
@@ -116,7 +126,7 @@ def _limited(recording: Recording, sampling: Sampling) -> Sampling:
 
 
 def _read(
-    recording: Recording, robot: Robot, clock: Clock, wraps: Mask, choice: Choice
+    recording: Recording, robot: Robot, clock: Clock, wraps: Array, choice: Choice
 ) -> tuple[Facts, NDArray[np.intp]]:
     """One pass over a recording on the times of a clock; what was found, and the rows that repeat a time."""
     name = recording.path or "the recording"
