@@ -193,3 +193,13 @@ def test_the_map_in_the_readme_reads(tmp_path: Path) -> None:
 def test_motions_know_units_of_dates() -> None:
     motion = read_motion({"t": np.datetime64("2026-01-01", "ns") + (T * 1e9).astype("timedelta64[ns]"), "q": Q}, arm())
     np.testing.assert_allclose(motion.t, T, atol=1e-9)
+
+
+def test_kinds_of_columns_may_be_written_in_capitals() -> None:
+    robot = signid.load_robot("1r")
+    t = np.arange(0, 2, 0.01)
+    columns = {"T": t, "Q_1": np.sin(t), "TAU_1": np.cos(t)}
+    read = signid.read_recording(columns, robot)
+    assert (read.columns["t"], read.columns["q"], read.columns["tau"]) == (("T",), ("Q_1",), ("TAU_1",))
+    with pytest.raises(RecordingError, match="has q_1 and Q_1, which are the same signal"):
+        signid.read_recording({"t": t, "q_1": t, "Q_1": t, "tau_1": t}, robot)

@@ -138,6 +138,7 @@ class ParsedColumns(NamedTuple):
         yield from (Signal(self._renamed(name), name, False) for name in columns if name not in taken)
 
     def _renamed(self, name: str) -> str:
+        name = _lower_kind(name)
         for kind, token in split(name):
             if token in self.joints:
                 return f"{kind}_{self.joints[token]}"
@@ -145,6 +146,13 @@ class ParsedColumns(NamedTuple):
                 inner = token[len(self.pattern[0]) : len(token) - len(self.pattern[1])]
                 return f"{kind}_{inner}" if inner else name
         return name
+
+
+def _lower_kind(name: str) -> str:
+    """A column name whose kind is written as here: Q_1 is q_1, T is t."""
+    found = (kind for kind in KINDS if name.lower().startswith(f"{kind}_"))
+    kind = "t" if name == "T" else next(found, "")
+    return kind + name[len(kind) :]
 
 
 def change_of(unit: str, kind: str, prismatic: bool | None, subject: str) -> Change:
