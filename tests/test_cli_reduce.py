@@ -25,6 +25,7 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], mo
     assert Path("cut.npz").read_bytes() == Path("day.npz").read_bytes()
     codes = [run(["identify", "3r", *given]) for given in ([recording, "-o", "a"], ["day.npz", "-o", "b"])]
     ours, theirs = (json.loads(Path(place, "identification.json").read_text("utf-8")) for place in "ba")
+    assert ours.pop("recordings") == [] and [one["path"] for one in theirs.pop("recordings")] == [recording]
     assert codes[0] == codes[1] and ours["inputs"].pop()["role"] == "factors" and ours == theirs
     assert Path("b/model.json").read_bytes() == Path("a/model.json").read_bytes()
     pages = {place: Path(place, "report.html").read_text("utf-8") for place in "ab"}

@@ -138,7 +138,6 @@ BAD: dict[str, tuple[Mapping[str, Any], dict[str, Any], tuple[str, ...]]] = {
     "name and number": (whole(q_elbow=T), {}, ("q_elbow", "q_2", "same")),
     "negative absolute": (whole(tau_1=None, abs_tau_1=TAU[:, 0] - 9), {}, ("abs_tau_1", "negative", "row 1")),
     "later negative": (whole(tau_1=None, abs_tau_1=4.5 - np.arange(N)), {}, ("abs_tau_1", "row 6")),
-    "no constant": (whole(tau_2=None, current_2=T), {}, ("elbow", "torque_constant")),
     "no samples": ({"t": [], "q_1": [], "tau_1": []}, {}, ("no samples",)),
     "unequal": (whole(tau_1=T[:-1]), {}, ("tau_1", "29", "30")),
     "words": (whole(q_1=["up"] * N), {}, ("q_1", "numbers")),

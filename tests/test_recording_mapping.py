@@ -11,6 +11,7 @@ import pytest
 from test_recording import TAU, Q, T, arm, whole
 from test_recording_formats import sentence
 
+import signid
 from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.mapping import OF, change_of

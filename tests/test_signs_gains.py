@@ -19,7 +19,7 @@ from benchmarks.plants.mujoco_ import Body, draw_motion, log, simulate
 from signid.errors import InputError, OptionError, RecordingError
 from signid.regression.prepare import prepare
 from signid.regression.session import Options
-from signid.signs import Signs, recover
+from signid.signs import Signs, prepare_and_recover, recover
 from signid.signs.torque_constants import find as gains
 from signid.types import Array, Recording, Robot
 
@@ -213,18 +213,22 @@ def test_recordings_that_disagree_are_refused() -> None:
     assert f"lacks the torque constant of {robot.joints[2]}" in message
 
 
-def test_currents_with_signs_need_their_constant() -> None:
+def test_currents_with_signs_are_as_good_as_those_without() -> None:
+    """The third joint's constant, from signed currents and from their sizes."""
     robot, columns = planted()
-    signed = {key.replace("tau_", "current_"): x for key, x in columns.items()}
-    with pytest.raises(RecordingError, match="torque constant is not known"):
-        signid.read_recording(signed, stating(robot, (0, 1)))
-    with pytest.raises(RecordingError) as caught:
-        signid.read_recording(signed, stating(robot, (1,)))
-    for words in (f"{robot.joints[0]}, {robot.joints[2]}", "state torque_constant", "--unsigned"):
-        assert words in str(caught.value)
-    recording = signid.read_recording(signed, stating(robot, (0, 1)), unsigned=True)
-    assert recording.scaled is not None and recording.scaled.tolist() == [True, True, False]
-    assert recording.torque_per_unit.tolist() == [5.0, 3.0, 1.0]
+    constants = {"tau_1": 5.0, "tau_2": 3.0, "tau_3": 2.0}
+    signed = {key.replace("tau_", "current_"): x / constants.get(key, 1.0) for key, x in columns.items()}
+    known = stating(robot, (0, 1))
+    found = []
+    for unsigned in (False, True):
+        recording = signid.read_recording(signed, known, unsigned=unsigned)
+        assert recording.scaled is not None and recording.scaled.tolist() == [True, True, False]
+        assert recording.torque_per_unit.tolist() == [5.0, 3.0, 1.0]
+        found.append(prepare_and_recover(known, [recording], options=Options()).gains)
+    assert found[0] is not None and found[1] is not None
+    [own], [other] = found[0].gains, found[1].gains
+    assert own.joint == other.joint == robot.joints[2] and own.std <= 1.05 * other.std
+    assert abs(own.value - 2.0) < 3 * own.std < 0.6
 
 
 def lacking() -> tuple[Robot, Recording]:

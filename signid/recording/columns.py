@@ -63,7 +63,8 @@ def assign_columns(opened: Opened, given: ColumnMap | None, robot: Robot) -> Ass
         elif key[1] >= 0:
             rival = signals.get(key, signal)
             if rival is not signal and rival.mapped == signal.mapped:
-                names = f"{rival.column} and {signal.column}"
+                both = (rival.logical, signal.logical)
+                names = " and ".join(both if both[0] != both[1] else (rival.column, signal.column))
                 raise RecordingError(f"{source} has {names}, which are the same signal of one joint; keep one of them")
             signals[key] = signal if signal.mapped else rival
     notes = _ignored(unassigned, signals, robot, opened)

@@ -206,14 +206,12 @@ def _check_samples(table: Table, source: str, chosen: Mapping[str, tuple[str, ..
 def _torque_constants(
     robot: Robot, joints: Sequence[int], torques: Sequence[str], absolute: Sequence[bool], source: str
 ) -> Array:
-    """Torque constants (n,), 1 where torque is recorded; NaN where the constant of an absolute current is unknown."""
+    """Torque constants (n,), 1 where torque is recorded; NaN where the constant of a current is unknown."""
     current = np.array([kind.endswith("current") for kind in torques])
     values = np.where(current, robot.actuators.torque_constant[list(joints)], 1.0)
-    lacking = (values == 0) | ~(np.isfinite(values) | np.array(absolute))
-    if lacking.any():
-        names = [robot.joints[j] for j, lacks in zip(joints, lacking, strict=True) if lacks]
-        advice = "discard the signs (--unsigned), so that identification can estimate it"
-        raise RecordingError(_no_constant(source, names, advice))
+    if (values == 0).any():
+        names = [robot.joints[j] for j, zero in zip(joints, values == 0, strict=True) if zero]
+        raise RecordingError(_no_constant(source, names, "leave it out, so that identification can estimate it"))
     return np.where(absolute, np.abs(values), values)
 
 

@@ -35,7 +35,7 @@ SNAP = 0.5  # [nats] largest loss by taking the axis; heuristic
 # healthy real arms, and 2.4 on a dVRK whose description lacks masses
 WORTH, GOOD, MUCH, BETTER, AGREE = 3.0, 0.1, 0.35, 0.5, 0.8
 FINEST = 1e-4  # [1] unexplained share of a joint that the search for the direction does not reduce further
-# [1] smallest weight on a joint, over the largest one, that tells; largest share of it in torque without weight, and
+# [1] smallest weight on a joint, over the largest one, that counts; largest share of it in torque without weight, and
 # its range in torque with weight. Measured: 0.43 to 2.1 on healthy real arms, -0.25 to 0 on a dVRK without masses
 HEAVY, BARE, WHOLE = 0.1, 0.15, (0.5, 2.0)
 PROMISING = 0.5  # [nats] improvement by some coarse direction from which on the search goes on
@@ -129,7 +129,7 @@ class Weights(NamedTuple):
     """Share of the description's weight that the torque of each joint carries."""
 
     share: Array  # (n,) [1] by least squares; 0 where the torque does not show it
-    strong: Mask  # (n,) joints with so much weight, and torque that is explained so well, that the share tells
+    strong: Mask  # (n,) joints with so much weight, and torque that is explained so well, that the share counts
     bare: Mask  # (n,) those of them whose torque carries none
 
     @property

@@ -48,13 +48,13 @@ class Recovered:
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """Reasons not to rely on the signs."""
-        return () if self.signs is None else self.signs.flags
+        """Reasons not to rely on the signs and the torque constants."""
+        return self.signs.flags if self.signs else self.gains.flags if self.gains else ()
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks on how the signs were found."""
-        return () if self.signs is None else self.signs.notes
+        return self.signs.notes if self.signs else self.gains.notes if self.gains else ()
 
 
 def prepare_and_recover(
@@ -67,13 +67,14 @@ def prepare_and_recover(
     method: str = "exact",
     progress: Progress | None = None,
 ) -> Recovered:
-    """Prepare recordings once, and recover their signs; only signed currents need torque constants.
+    """Prepare recordings once, and recover their signs and the torque constants of their currents.
 
-    Where a torque lacks its sign, the options `unsigned` take the place of `options`, unless None.
+    Where a torque lacks its sign or its constant, the options `unsigned` take the place of `options`, unless None.
     """
-    signed = all(recording.signed.all() for recording in (*recordings, *held_out))
-    own = options if signed or unsigned is None else unsigned
-    return recover(prepare(robot, recordings, held_out, own, scaled=signed), method=method, progress=progress)
+    everything = (*recordings, *held_out)
+    known = all(r.signed.all() and (r.scaled is None or r.scaled.all()) for r in everything)
+    own = options if known or unsigned is None else unsigned
+    return recover(prepare(robot, recordings, held_out, own, scaled=False), method=method, progress=progress)
 
 
 def recover(session: Session, *, method: str = "exact", progress: Progress | None = None) -> Recovered:
@@ -88,14 +89,14 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
     """
     if method not in METHODS:
         raise OptionError(f"signs {method!r} is none of {', '.join(METHODS)}")
-    if session.signed:
-        return Recovered(session, session)
     gains = find_gains(session, progress)
     if gains is not None:
         found = recover(
             session.exchange({r: gains.scale(r) for r in session.recordings}), method=method, progress=progress
         )
         return replace(found, signs=found.signs and gains.describe(found.signs), gains=gains)
+    if session.signed:
+        return Recovered(session, session)
     task, learn, seed = session.task, session.learned, session.options.seed
     _same_torques([recording for recording, _ in learn])
     if progress is not None:
