@@ -269,7 +269,6 @@ def _conclude(
             *found.flags,
             *excitation.sentences,
             *_left_out(given, found),
-            *_weightless(session.robot),
             *chosen.flags,
         ),
         notes=(*(note for note in session.notes if note != ITSELF), *found.notes, *chosen.notes, *fit.sentences),
@@ -291,12 +290,13 @@ def _weightless(robot: Robot) -> Iterator[str]:
 
 
 def _left_out(given: Given, found: Estimate) -> Iterator[str]:
-    """Flags for springs that the fit does not contain, and for too few rows to learn from or to evaluate on."""
+    """Flags for springs and weight that the fit does not contain, and for too few rows to learn from or to judge by."""
     if springs := given.session.robot.springs:
         yield (
             f"identify fits no springs, so those that the description states at {shorten(list(springs))} distort its "
             f"other numbers there; signid diagnose keeps them"
         )
+    yield from _weightless(given.session.robot)
     if ITSELF in given.session.notes:
         yield ITSELF
     joints = zip(given.session.robot.joints, given.factors.joints, strict=True)
