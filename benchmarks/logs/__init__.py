@@ -1,0 +1,1 @@
+"""Changes of a log that must not matter."""
