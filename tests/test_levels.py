@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Mapping
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -36,11 +37,25 @@ MOST_FOLDERS, MOST_MODULES, MOST_FILES = 16, 15, 14  # below signid/, below sign
 Arrows = Mapping[str, set[str]]  # file -> files that it imports; "robot/load", without .py
 
 
+@cache
 def sources() -> dict[str, str]:
     """Source of every file, by its path below signid/ without .py."""
     return {path.relative_to(PACKAGE).as_posix()[:-3]: path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
 
 
+@cache
+def parsed(source: str) -> ast.Module:
+    """The tree of a source, made once for all tests."""
+    return ast.parse(source)
+
+
+@cache
+def import_statements(source: str) -> list[ast.Import | ast.ImportFrom]:
+    """Imports anywhere in a source."""
+    return [node for node in ast.walk(parsed(source)) if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
+@cache
 def rooms() -> list[Path]:
     """Every folder of the package that can be imported, without the package itself."""
     return [path.parent for path in sorted(PACKAGE.glob("*/**/__init__.py"))]
@@ -52,7 +67,7 @@ def arrows(files: Mapping[str, str]) -> dict[str, set[str]]:
 
 
 def imported(name: str, source: str, files: Mapping[str, str]) -> Iterator[str]:
-    for node in ast.walk(ast.parse(source)):
+    for node in import_statements(source):
         if isinstance(node, ast.ImportFrom) and node.level:
             folder = name.split("/")[:-1]
             base = [*folder[: len(folder) - node.level + 1], *(node.module.split(".") if node.module else ())]
@@ -77,14 +92,14 @@ def wrong_way(found: Arrows) -> Iterator[str]:
 
 def absolute(name: str, source: str) -> Iterator[str]:
     """One line for each import of signid that is not relative."""
-    for node in ast.walk(ast.parse(source)):
+    for node in import_statements(source):
         if isinstance(node, ast.Import):
             modules = [alias.name for alias in node.names]
         else:
-            modules = [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+            modules = [] if node.level else [node.module or ""]
         yield from (
             f"{name}:{node.lineno}: {module} is absolute" for module in modules if module.split(".")[0] == "signid"
-        )  # type: ignore[attr-defined]
+        )
 
 
 def test_imports_go_one_way() -> None:
@@ -161,7 +176,7 @@ def test_package_init_files_only_reexport() -> None:
 def test_a_class_name_stands_for_one_class() -> None:
     classes: dict[str, list[str]] = {}
     for file, source in sources().items():
-        for node in ast.parse(source).body:
+        for node in parsed(source).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 classes.setdefault(node.name, []).append(file)
     assert {name: places for name, places in classes.items() if len(places) > 1} == {}
