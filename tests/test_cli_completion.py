@@ -23,7 +23,9 @@ def completed(words: str) -> list[str]:
         "COMP_WORDS": words,
         "COMP_CWORD": str(len(words.split(" ")) - 1),
     }
-    done = subprocess.run([sys.executable, "-m", "signid"], env=environment, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-m", "signid"], env=environment, capture_output=True, text=True, timeout=300
+    )
     assert done.stderr == ""
     return done.stdout.split()
 

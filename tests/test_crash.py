@@ -88,7 +88,7 @@ def test_files_of_killed_runs_are_removed_a_day_later(tmp_path: Path) -> None:
 def test_two_runs_at_once_leave_complete_files(tmp_path: Path) -> None:
     both = [writer(tmp_path / "out", mark, ROUNDS) for mark in ("a", "b")]
     for process in both:
-        process.communicate(timeout=60)
+        process.communicate(timeout=300)
         assert process.returncode == 0
     assert {generation(tmp_path / "out" / f"{i}.txt") for i in range(FILES)} <= {f"{x} {ROUNDS:09d}" for x in "ab"}
     assert len(list((tmp_path / "out").iterdir())) == FILES, "nothing else is left"

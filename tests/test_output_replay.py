@@ -242,9 +242,9 @@ def test_the_command_serves_the_page_until_it_is_interrupted(shown: Replay, fold
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, cwd=folder, text=True, env=there, **pipes) as served:  # type: ignore[call-overload]
         address = next(line for line in served.stdout if line.startswith("http")).split()[0]
-        with urlopen(address, timeout=20) as answer:
+        with urlopen(address, timeout=60) as answer:
             page = shown.page().replace("<body>", '<body class="live">')
             host = urlsplit(address).netloc
             assert answer.read().decode() == page.replace("connect-src 'none'", f"connect-src ws://{host}")
         served.send_signal(signal.SIGINT)
-        assert served.wait(20) == 0 and served.stderr.read() == ""
+        assert served.wait(60) == 0 and served.stderr.read() == ""

@@ -26,7 +26,7 @@ def live() -> Iterator[Live]:
 def test_the_page_connects_to_its_own_server_only(live: Live) -> None:
     for name in ("127.0.0.1", "localhost"):
         host = f"{name}:{urlsplit(live.url).port}"
-        with urlopen(f"http://{host}/replay", timeout=20) as answer:
+        with urlopen(f"http://{host}/replay", timeout=60) as answer:
             text = answer.read().decode()
             assert answer.headers["Content-Security-Policy"] == "frame-ancestors 'none'"
         assert f"connect-src ws://{host};" in text and '<body class="live">' in text
@@ -43,4 +43,4 @@ def test_other_addresses_of_the_machine_do_not_answer(live: Live) -> None:
 def test_a_request_under_a_foreign_name_is_refused(live: Live, path: str, host: str) -> None:
     """A web page that resolves its own name to this machine cannot read the replay."""
     with pytest.raises(HTTPError, match="404|400"):
-        urlopen(Request(live.url.replace("replay", path), headers={"Host": host}), timeout=20)
+        urlopen(Request(live.url.replace("replay", path), headers={"Host": host}), timeout=60)

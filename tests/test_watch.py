@@ -164,7 +164,7 @@ def test_a_growing_file_is_followed(model: Model, columns: dict[str, Any], tmp_p
 
     thread = threading.Thread(target=grow)
     thread.start()
-    events = list(signid.watch(model, path, quiet=QUIET, follow=True, idle=1.0))
+    events = list(signid.watch(model, path, quiet=QUIET, follow=True, idle=3.0))
     thread.join()
     assert [type(e) for e in events] == [Note, Contact, Contact]
 
