@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import polars as pl
 import pytest
 
 from signid.cli import run
@@ -24,8 +25,8 @@ SINGLE = {  # command -> files that it writes
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with a robot, a recording and other files of the user."""
     monkeypatch.chdir(tmp_path)
-    for name in ("robot.urdf", "recording.parquet"):
-        shutil.copy(ROBOT / name, tmp_path)
+    shutil.copy(ROBOT / "robot.urdf", tmp_path)
+    pl.read_parquet(ROBOT / "recording.parquet")[:2500].write_parquet(tmp_path / "recording.parquet")
     (tmp_path / "notes.txt").write_text("mine")
     return tmp_path
 

@@ -30,7 +30,7 @@ def place(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     (folder / arm).write_text(text)
     numbers = "\n".join(f"{key} = {getattr(SWING, key)}" for key in ("kp", "kd", "delay"))
     (folder / "actuators.toml").write_text(f"[joint.1.servo]\n{numbers}\n")
-    columns = healthy(1, seconds=8.0)
+    columns = healthy(1, seconds=5.0)
     pl.DataFrame({"t": columns["t"], f"q_{joint}": columns["q_1"], f"q_des_{joint}": columns["q_des_1"]}).write_csv(
         folder / LOG
     )

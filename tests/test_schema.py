@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 import pytest
 from jsonschema import Draft202012Validator
 
@@ -15,18 +16,20 @@ from signid.errors import RobotError
 from signid.toml_json import SCHEMAS, check_schema, read_json
 
 ROBOTS = Path(__file__).parents[1] / "robots"
-RECORDING = str(ROBOTS / "3r" / "recording.parquet")
-SERVO = [str(ROBOTS / "so101" / name) for name in ("arm.urdf", "recording.csv.gz")]
+ARM, DRIVE = ROBOTS / "3r" / "recording.parquet", ROBOTS / "so101"
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folders `id`, `signs` and `diagnosis` with results on the 3r, and `servo` of a joint of an SO-101."""
     place = tmp_path_factory.mktemp("results")
-    assert run(["identify", "3r", RECORDING, "-o", str(place / "id")]) == 0
-    assert run(["identify", "3r", RECORDING, "--unsigned", "-o", str(place / "signs")]) == 0
-    assert run(["diagnose", "3r", RECORDING, "-o", str(place / "diagnosis")]) in (0, 3)
-    assert run(["identify", *SERVO, "-o", str(place / "servo")]) in (0, 3)
+    recording, motion = str(place / "short.parquet"), str(place / "short.csv")
+    pl.read_parquet(ARM)[:3000].write_parquet(recording)
+    pl.read_csv(DRIVE / "recording.csv.gz")[:800].write_csv(motion)
+    assert run(["identify", "3r", recording, "-o", str(place / "id")]) == 0
+    assert run(["identify", "3r", recording, "--unsigned", "-o", str(place / "signs")]) == 0
+    assert run(["diagnose", "3r", recording, "-o", str(place / "diagnosis")]) in (0, 3)
+    assert run(["identify", str(DRIVE / "arm.urdf"), motion, "-o", str(place / "servo")]) in (0, 3)
     return place
 
 

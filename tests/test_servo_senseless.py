@@ -14,6 +14,7 @@ from signid.servo.audit import audit_servos
 
 GOOD, OTHER = healthy(1), healthy(2)
 SENSELESS = senseless(GOOD, OTHER)
+SHORT = senseless(healthy(1, seconds=8.0), healthy(2, seconds=8.0))  # a search takes its time row by row
 WORDS = {
     "noise": "does not follow",
     "random walk": "does not follow",
@@ -80,7 +81,7 @@ def test_identification_and_diagnosis_end_with_2_or_3(
     verb: str, name: str, actuators: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = str(tmp_path / "log.csv")
-    pl.DataFrame(SENSELESS[name]).write_csv(file)
+    pl.DataFrame(SHORT[name]).write_csv(file)
     code = run([verb, "1r", file, "--actuators", actuators, "--json"])
     assert code == 2 or (code == 3 and WORDS[name] in capsys.readouterr().err)
 
