@@ -40,11 +40,10 @@ def test_a_payload_does_not_bias_the_parameters_of_affected_laws(other: Planted)
         assert abs(payload.law.parameters[key] - float(truth)) < 3 * payload.std[key]
 
 
-@pytest.mark.parametrize("other", OTHERS[:3], ids=[other[0] for other in OTHERS[:3]])
-def test_parameters_are_biased_without_relinearisation(other: Planted, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parameters_are_biased_without_relinearisation(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(TOGETHER, "relinearise", lambda *_: None)
-    found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, other)))
-    assert off(found, other) > 0.2
+    found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, OTHERS[1])))
+    assert off(found, OTHERS[1]) > 0.2
 
 
 def test_inertial_errors_within_tolerance_are_relinearised_too() -> None:

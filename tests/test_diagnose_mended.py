@@ -45,8 +45,8 @@ def test_the_limit_of_a_drive() -> None:
 
 def test_intervals_include_unexplained_torque() -> None:
     spring, wave = fault("spring", 2, stiffness=1.0, rest=0.2), fault("velocity_wave", 2, amplitude=0.3, velocity=0.25)
-    (alone,) = look("3r", spring, seconds=16.0).findings
-    (beside,) = look("3r", spring, wave, seconds=16.0).findings
+    (alone,) = look("3r", spring).findings
+    (beside,) = look("3r", spring, wave).findings
     assert all(beside.std[key] > 1.1 * alone.std[key] for key in alone.std)
     assert all(
         abs(beside.law.parameters[key] - x) < 3 * beside.std[key] for key, x in (("stiffness", 1.0), ("rest", 0.2))
@@ -55,7 +55,7 @@ def test_intervals_include_unexplained_torque() -> None:
 
 def test_unexplained_torque_becomes_empirical_torque(tmp_path: Path) -> None:
     planted = fault("velocity_wave", 2, amplitude=1.0, velocity=0.25)
-    found = look("3r", planted, seconds=16.0)
+    found = look("3r", planted)
     assert found.verdict == "unknown" and [one.joint for one in found.unexplained if one.modelled] == [1]
     assert [law.joints for law in found.model.laws if law.effect.name == "empirical"] == [(1,)]
     assert found.after.held_out_rms[1] < 0.9 * found.before.held_out_rms[1]

@@ -25,7 +25,7 @@ from signid.types import Array, Robot
 
 ARM = ARMS[0]
 WIDE, NOISE, MUCH = 8.0, 5e-4, 1e-3  # Hz, rad: least squares is biased
-SEEDS = (0, 1, 2)
+SEEDS = (0, 1)
 ROOT = Path(__file__).parents[1]
 
 
@@ -84,7 +84,7 @@ def test_bias_of_least_squares_is_removed() -> None:
 
 def test_intervals_cover_the_truth_better_than_inflated_least_squares() -> None:
     def away(how: str) -> float:
-        found = [identified(how, seed, MUCH, 0.02, WIDE) for seed in SEEDS[:2]]
+        found = [identified(how, seed, MUCH, 0.02, WIDE) for seed in SEEDS]
         z = [(f.estimate.value - truth(ARM, f.session)) / f.estimate.std for f in found]
         return float(np.sqrt(np.mean(np.square(z))))
 
@@ -106,8 +106,8 @@ def test_the_default_is_unchanged() -> None:
 
 def test_the_same_recording_gives_the_same_numbers() -> None:
     for how in ("tls", "oe"):
-        again = identified.__wrapped__(how, 0, NOISE, 0.02, WIDE)
-        assert np.array_equal(again.estimate.value, identified(how, 0, NOISE, 0.02, WIDE).estimate.value)
+        again = identified.__wrapped__(how, 0, NOISE, 0.01, WIDE)
+        assert np.array_equal(again.estimate.value, identified(how, 0, NOISE, 0.01, WIDE).estimate.value)
 
 
 def test_stated_gains_take_the_place_of_those_found() -> None:

@@ -54,6 +54,7 @@ def columns(arm: Arm, mass: float, seed: int, noise: float = 0.02, friction: flo
     return log(track, seed, 17, noise)
 
 
+@cache
 def recording(arm: Arm, mass: float, seed: int, noise: float = 0.02, friction: float = 1.0) -> Recording:
     return signid.read_recording(columns(arm, mass, seed, noise, friction), robot(arm))
 
@@ -66,7 +67,7 @@ def weighed(seed: int, friction: float = 1.0) -> Payload:
 @pytest.mark.parametrize("friction", [1.0, 1.05])
 def test_a_load_on_an_arm_of_six_joints_is_weighed(friction: float) -> None:
     held, errors = [], []
-    for seed in range(10):
+    for seed in range(6):
         found = weighed(seed, friction)
         mass, mass_std = found.mass
         errors.append(abs(mass / MASS - 1))
