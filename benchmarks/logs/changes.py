@@ -17,7 +17,7 @@ Generator = np.random.Generator
 
 @dataclass(frozen=True)
 class Changed:
-    """What is identified in place of the original: one log or several, a column map, a rotation of the base."""
+    """Replacement of the original log: one log or several, a column map, a rotation of the base."""
 
     logs: tuple[dict[str, Array], ...]
     map: str = ""  # TOML of a column map
