@@ -97,6 +97,7 @@ NOTED: dict[str, tuple[Change, tuple[str, ...]]] = {
     "still joint": (put("q", (slice(None), 1), 0.4), ("q_2", "constant", "elbow did not move")),
     "a bit beyond": (scale("q", 3.0), ("shoulder", "beyond the limits", "rad")),
     "no torque of one": (lambda c: c.update(tau=c["tau"][:, :1]), ("elbow moves",)),
+    "dead velocity": (lambda c: c.update(dq=np.gradient(c["q"], T, axis=0) * [1, 0]), ("dq_2", "zero")),
     "too short": (put("q", ([300, 330], 0), np.nan), ("1 stretch", "0.5 s")),
     "jitter": (put("t", slice(None, None, 2), T[::2] + 0.002), ("from 8 to 12 ms", "resampled every")),
 }

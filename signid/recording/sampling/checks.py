@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +34,7 @@ class Facts(NamedTuple):
     incomplete: int  # rows
     repeated: int  # rows
     choice: Choice  # clock of the rows
+    dead: Sequence[str]  # columns of velocities and accelerations that are zero throughout
 
     @property
     def speed(self) -> Array:
@@ -143,6 +144,7 @@ def notes(facts: Facts) -> Iterator[str]:
     if accumulated.short:
         yield f"{_count(accumulated.short, 'stretch', 'es')} shorter than 8 samples or 0.5 s omitted"
     yield from _joint_notes(facts)
+    yield from _dead_derivatives(facts)
 
 
 def _even(choice: Choice) -> str:
@@ -172,6 +174,14 @@ def _joint_notes(facts: Facts) -> Iterator[str]:
         if j in wraps:
             by = "full turns" if abs(spans[j] - 2 * np.pi) < 1e-9 else f"{spans[j]:.5g} {unit}"
             yield f"column {column} wraps around by {by}: unwrapped"
+
+
+def _dead_derivatives(facts: Facts) -> Iterator[str]:
+    """Recorded velocities and accelerations that are zero while their joints move."""
+    for key, word in (("dq", "velocities"), ("ddq", "accelerations")):
+        columns = zip(facts.recording.columns.get(key, ()), facts.moves, strict=False)
+        if dead := [name for name, moves in columns if moves and name in facts.dead]:
+            yield f"{', '.join(dead)}: zero throughout although the joints move; {word} are computed from positions"
 
 
 def _count(number: int, word: str, plural: str = "s") -> str:

@@ -19,6 +19,7 @@ from .register import register_spans
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
 NEEDED = ("t", "q", "tau")
+DERIVATIVES = ("dq", "ddq")
 ROUNDED = 0.02  # [1] resolution of stamps over the period, and part of a period, from which rounding matters
 ROUND = 6.2  # [rad] joints with a smaller range cannot wrap around
 
@@ -30,6 +31,7 @@ class _Columns:
     recording: Recording
     name: str
     missing: dict[str, int] = field(default_factory=dict)  # number of missing values by column
+    moving: set[str] = field(default_factory=set)  # recorded velocities and accelerations that are not zero throughout
     incomplete: int = 0  # number of rows with missing values
     dropped: list[NDArray[np.intp]] = field(default_factory=list)
     last: float = -np.inf  # time of the last row [s]
@@ -44,6 +46,9 @@ class _Columns:
             if values is None or not names:
                 continue
             values = values.reshape(len(rows), -1)[:, [bool(name) for name in group]]
+            if key in DERIVATIVES:
+                some = (np.nan_to_num(values) != 0).any(axis=0)
+                self.moving.update(name for name, moves in zip(names, some, strict=True) if moves)
             if np.isfinite(values).all():
                 continue
             if np.isinf(values).any():
@@ -141,7 +146,9 @@ def _read(
         accumulated.take(start, chunk.t, chunk.q, chunk.tau, missing, repeated)
     accumulated.close()
     dropped = np.concatenate(columns.dropped)
-    facts = Facts(recording, robot, accumulated, columns.missing, columns.incomplete, len(dropped), choice)
+    derivatives = [name for key in DERIVATIVES for name in recording.columns.get(key, ()) if name]
+    dead = [name for name in derivatives if name not in columns.moving]
+    facts = Facts(recording, robot, accumulated, columns.missing, columns.incomplete, len(dropped), choice, dead)
     for fault in faults(facts):
         raise RecordingError(f"{name}: {fault}")
     return facts, dropped
