@@ -94,7 +94,6 @@ def columns() -> list[Case]:
         recording("absolute torque constant", csv(swing(tau_1=None, abs_tau_1=0 * tau + 2)), "constant"),
         recording("one sample a segment", csv(swing(tau_1=None, abs_tau_1=flicker)), "record faster"),
         recording("signs by an unknown method", good, "exact, tree", more="--unsigned --signs magic"),
-        recording("a current without its constant", csv(swing(tau_1=None, current_1=tau)), "torque_constant"),
     ]
 
 

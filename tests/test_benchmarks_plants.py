@@ -163,8 +163,9 @@ def test_log_quantises_jitters_and_loses_rows(clean: Track) -> None:
 
 
 def test_faults_have_the_names_of_signids_effects() -> None:
-    assert set(EFFECTS) == {effect.name for effect in NAMED}
-    for effect in NAMED:
+    named = [effect for effect in NAMED if effect.name != "gravity"]  # turned with the robot's description instead
+    assert set(EFFECTS) == {effect.name for effect in named}
+    for effect in named:
         assert (
             set(EFFECTS[effect.name]) - {"partner"}
             <= set(effect.parameters)

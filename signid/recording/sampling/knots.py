@@ -9,7 +9,6 @@ from math import ceil, floor
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import make_lsq_spline
 
 from ...types import Array
 
@@ -22,6 +21,7 @@ LOCAL = 65  # [rows] window of the local rms that scales differences
 OUTLIER = 4.0  # [1] largest scaled difference
 LINES, LINE = 3, 100.0  # strongest lines; [1] their power over the background (real logs: 133 at most, off low rates)
 LOWEST = 0.01  # [1/rows] lowest frequency of a line
+HARMONICS = 8  # of the main frequency of a signal, lines at which are those of a periodic motion
 SLOW, MOTION = 0.1, 10.0  # [1/rows] frequency below which lines are those of the motion, unless they are stronger [1]
 FEWEST, MANY = 3, 5  # blocks in motion that must agree, for simple ratios of rates and for others
 STEADY, LATE = 0.3, 1.01  # [rows] range of the phases of interpolated and of held signals in all blocks
@@ -98,8 +98,17 @@ def find_knots(x: Array) -> list[Knots | None]:
     steps = list(_steps([line for order in ORDERS[1:] for line in _lines(x[:, left], order)])) if left else []
     if steps:
         for j, knots in zip(left, _splines(x[:, left], steps), strict=True):
-            found[j] = knots
+            found[j] = None if knots and _is_harmonic(x[:, j], knots) else knots
     return found
+
+
+def _is_harmonic(x: Array, knots: Knots) -> bool:
+    """Whether a harmonic of the main frequency of a signal (N,) explains the rate of knots, as of a single sine."""
+    n, rate = len(x), 1 / knots.step
+    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(n), 4 * n)) ** 2
+    main, line = int(np.argmax(power)) / (4 * n), min(rate, 1 - rate)
+    order = round(line / main) if main > 0 else 0
+    return 1 <= order <= HARMONICS and abs(line - order * main) < order / (2 * n)
 
 
 def _activity(x: Array, order: int) -> Array:
@@ -323,6 +332,8 @@ def spline_values(u: Array, y: Array, knots: Knots, at: Array) -> Array:
         knots: of the spline.
         at: (M,) [rows] of the values.
     """
+    from scipy.interpolate import make_lsq_spline  # slow import
+
     degree, multiple = SPACES[knots.kind]
     low, high = u[0] + MARGIN, u[-1] - MARGIN
     count = np.arange(ceil((low - knots.phase) / knots.step), floor((high - knots.phase) / knots.step) + 1)
