@@ -192,3 +192,15 @@ def test_real_recordings_have_content_up_to_their_rate(file: str, data: Path) ->
     robot = load_robot((data / file).with_name(REAL[file]))
     sampling = survey(read_recording(data / file, robot), robot)
     assert sampling.content is None and sampling.content_rate == pytest.approx(1 / sampling.step)
+
+
+@pytest.mark.parametrize("wave", [np.sin, lambda phase: np.arcsin(np.sin(phase))])
+@pytest.mark.parametrize("frequency", [1.5, 6.0, 7.74])
+def test_a_periodic_motion_is_not_interpolated(wave: Callable[[np.ndarray], np.ndarray], frequency: float) -> None:
+    t = np.arange(0, 20, 1 / 200)
+    noise = 1e-6 * np.random.default_rng(0).standard_normal((3, len(t)))
+    q = 0.1 * np.sin(2 * np.pi * frequency * t) + noise[0]
+    torque = wave(2 * np.pi * frequency * t + 0.4) + noise[1]
+    columns = {"t": t, "q_1": q, "tau_1": torque, "q_2": 0.2 * np.cos(t) + noise[2], "tau_2": torque}
+    robot = load_robot("3r")
+    assert survey(read_recording({**columns, "q_3": q, "tau_3": torque}, robot), robot).content is None
