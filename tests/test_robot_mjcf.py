@@ -59,7 +59,7 @@ SCENES: dict[str, dict[str, str | bytes]] = {
             f"{SHAPES}</body></replicate>"
         )
     },
-    "free base, mocap and statics": {
+    "free base, mocap and fixed bodies": {
         "m.xml": world(
             f'<body name="stand" pos="3 0 0"><geom size=".1"/><body pos="0 0 1" euler="30 0 0"><joint axis="1 0 0"/>'
             f'{SHAPES}</body></body><body mocap="true" pos="1 1 1"><geom size=".1"/></body>'
