@@ -10,6 +10,7 @@ from signid.diagnose.data.hypotheses import Hypothesis
 from signid.diagnose.evidence.selection import Selection
 from signid.diagnose.search import shape_optimisation
 from signid.diagnose.search.shape_optimisation import _options, _stepped, optimise_shapes
+from signid.diagnose.search.stepwise import initial_selection
 from signid.diagnose.search.thresholds import SHAPE_FACTOR, WINDOW_REACH
 from signid.types import Law
 
@@ -100,3 +101,12 @@ def test_twins_among_laws_of_recordings_are_tried_too() -> None:
         ("encoder_offset", True),
     ]
     assert len(_options(one.posterior, group, {group.claim.key, ("encoder_offset", (0,))})) == 0
+
+
+def test_the_same_hypothesis_among_other_rows_has_the_nearest_shape() -> None:
+    grid = [law("torque_ripple", frequency=f) for f in (3.0, 6.0, 9.0)]
+    one = pose(grid, law("torque_ripple", frequency=8.6, amplitude=0.5, phase=0.3))
+    last = one.posterior.evidence.data.groups[-1]
+    found = optimise_shapes(one.dataset, one.selection(last))
+    (again,) = initial_selection(one.posterior, one.dispersion, found.log_odds).selected
+    assert again.claim.laws[0].parameters["frequency"] == 9.0

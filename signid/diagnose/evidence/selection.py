@@ -76,9 +76,10 @@ class Posterior(Frozen):
         return tuple(self.evidence.data.groups[self.keys[key][0]] for key in keys if key in self.keys)
 
     def counterpart(self, group: Group) -> Group:
-        """First shape of a hypothesis of other rows that has the same number of coefficients in these rows."""
+        """Shape of a hypothesis of other rows that is closest to its own in these rows, with as many coefficients."""
         shapes = [self.evidence.data.groups[k] for k in self.keys[group.claim.key]]
-        return next((own for own in shapes if own.size == group.size), shapes[0])
+        alike = [own for own in shapes if own.size == group.size]
+        return min(alike, key=lambda own: _distance(own, group), default=shapes[0])
 
     @cached_property
     def _grids(self) -> _Grids:
@@ -138,6 +139,17 @@ class Posterior(Frozen):
             if yes and key not in taken:
                 out[key] = Odds(value, groups[which])
         return out, float(prior_scale[0])
+
+
+def _distance(one: Group, other: Group) -> float:
+    """Largest relative difference of the shape parameters of two groups of one hypothesis [1]."""
+    pairs = [
+        (a.parameters[key], b.parameters[key])
+        for a, b in zip(one.claim.laws, other.claim.laws, strict=False)
+        for key in a.effect.shape(a.parameters)
+        if key in b.parameters
+    ]
+    return max((abs(x - y) / max(abs(x), abs(y), 1e-300) for x, y in pairs), default=0.0)
 
 
 @dataclass(frozen=True, eq=False)
