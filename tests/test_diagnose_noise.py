@@ -13,8 +13,8 @@ from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.hypotheses import hats
 from signid.diagnose.data.locate import find_wave, locate
 from signid.diagnose.data.noise import measure_noise, whiten
-from signid.diagnose.data.rows import RowTable
-from signid.diagnose.data.thresholds import REPLICATE_FACTOR
+from signid.diagnose.data.rows import RowTable, _holding_torque, _pushed
+from signid.diagnose.data.thresholds import MIN_MOVING, REPLICATE_FACTOR, STATIC_OVER_DRY
 from signid.diagnose.data.whitening import weights
 from signid.types import Array
 
@@ -211,3 +211,20 @@ def test_hats_make_any_piecewise_linear_function() -> None:
     wanted = np.interp(x, knots, [3.0, -1.0, 0.5, 2.0])
     assert columns.shape == (200, 4)
     assert np.linalg.norm(wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]) < 1e-12
+
+
+def test_a_joint_at_rest_under_more_torque_than_friction_holds_is_no_rest() -> None:
+    rests = np.zeros((200, 2), dtype=bool)
+    rests[20:40], rests[90:120] = True, True
+    residual = np.where(rests, 0.1, 0.2)
+    residual[30, 0], residual[100, 1] = 3.0, 0.3  # a limited command; static friction
+    held = _holding_torque(residual, rests, np.array([0.1, 0.1]))
+    assert held == pytest.approx([STATIC_OVER_DRY * 0.3] * 2)
+    pushed = _pushed(rests, residual, held)
+    assert pushed[20:40, 0].all() and not pushed[90:120].any() and not pushed[:, 1].any() and pushed.sum() == 20
+
+
+def test_what_friction_holds_is_unknown_of_a_joint_that_hardly_moves() -> None:
+    rests = np.ones((200, 1), dtype=bool)
+    rests[:MIN_MOVING] = False
+    assert np.isinf(_holding_torque(np.ones((200, 1)), rests, np.zeros(1))).all()

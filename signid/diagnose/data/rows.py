@@ -17,7 +17,7 @@ from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group, nuisances
 from .hypotheses import finite
 from .motions import Piece, reversal_uncertainty, row_filter
-from .thresholds import HOLD_TIME, MIN_TORQUE, REST_SPEED, REST_TIME
+from .thresholds import HOLD_TIME, MIN_MOVING, MIN_TORQUE, REST_SPEED, REST_TIME, STATIC_OVER_DRY
 
 STAMP = 6  # decimals of times [s] that are differences of large time stamps
 BLOCK_GROUPS = 32  # groups of columns that are filtered at once: limits memory
@@ -93,6 +93,7 @@ def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Seque
     def inner(signals: Sequence[Array]) -> Array:
         return np.concatenate([thin.at(x) for x in signals])
 
+    rests = inner([standstill(piece.motion, thin, HOLD_TIME) for piece in pieces]) > 0
     sampled: dict[str, Any] = {name: inner([getattr(p.motion, name) for p in pieces]) for name in ("t", "q", "v", "a")}
     signals = [np.column_stack([p.residual, p.residual + np.asarray(p.motion.predicted)]) for p in pieces]
     residual, torque = np.split(np.concatenate([thin(np.nan_to_num(x)) for x in signals]), 2, axis=1)
@@ -103,7 +104,8 @@ def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Seque
         recording=np.repeat([p.recording for p in pieces], lengths),
         **sampled,
         reversal_std=reversal_uncertainty(thin, pieces, dry),
-        at_rest=inner([standstill(piece.motion, thin, HOLD_TIME) for piece in pieces]) > 0,
+        at_rest=rests
+        & ~_pushed(rests, np.abs(torque) - np.abs(torque - residual), _holding_torque(residual, rests, dry)),
         torque=torque,
         predicted=torque - residual,
         residual=residual,
@@ -111,6 +113,25 @@ def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Seque
         columns=columns,
         origins=tuple(piece.origin for piece in pieces),
     )
+
+
+def _holding_torque(residual: Array, rests: Mask, dry: Array) -> Array:
+    """(n,) [N.m or N] largest torque that dry friction may hold at rest; infinite for joints that hardly move.
+
+    Static friction exceeds that of motion by a factor: what the simulation states of it, `dry` (n,), and what it leaves
+    in motion, residual (M, n), bound it. A command beyond both and the load is another matter, such as saturation.
+    """
+    moving = np.where(rests, np.nan, np.abs(residual))
+    enough = np.sum(~rests, axis=0) > MIN_MOVING
+    largest = np.array([np.nanmax(x) if yes else np.inf for x, yes in zip(moving.T, enough, strict=True)])
+    return np.asarray(STATIC_OVER_DRY * (dry + largest))
+
+
+def _pushed(rests: Mask, excess: Array, held: Array) -> Mask:
+    """(M, n) rests in which the torque exceeds the load, by `excess` (M, n), by more than friction may hold, (n,)."""
+    run = np.cumsum(np.diff(rests, axis=0, prepend=False), axis=0)
+    beyond = rests & (excess > held)
+    return np.column_stack([np.isin(r, r[b]) for r, b in zip(run.T, beyond.T, strict=True)])
 
 
 def columns_along(

@@ -24,6 +24,7 @@ REVERSAL_TIME_STD = 0.006  # [s] standard deviation of the time of a reversal. H
 REVERSAL_SCALES = (0.0, 0.3, 0.6, 1.0, 1.3, 1.7, 2.2, 3.0)  # [1] grid of the scale of that deviation. Heuristic
 REST_SPEED = 2.0  # [1] a joint below this many reversal widths is at rest. Heuristic
 REST_TIME = 0.3  # [s] shortest rest for which held-out rows are ignored. Heuristic
+STATIC_OVER_DRY = 2.0  # [1] largest static over dry friction in motion. Armstrong 1994: 1.1 to 2
 HOLD_TIME = 0.1  # [s] shortest rest for which rows are ignored: static friction may hold the joint. Heuristic
 
 # Units of torque.
