@@ -19,6 +19,9 @@ from signid.errors import OptionError
 from signid.model import Model, stated_inertials, stated_laws
 from signid.output.report import check_document
 from signid.recording_faults import RecordingFaults, examine
+from signid.recording_faults.distortions import Distortion, distortion_fault
+from signid.recording_faults.evidence import gather
+from signid.recording_faults.fits import missing_laws
 from signid.regression.motion import Motion
 from signid.regression.prepare import prepare
 from signid.regression.session import Options
@@ -246,3 +249,27 @@ def test_check_reports_faults_and_exits_3(tmp_path: Path, capfd: pytest.CaptureF
     document = check_document(check(whole.robot, [signid.read_recording(columns, whole.robot)]))
     assert [joint["sign"] for joint in document["gross"]["joints"]] == ["right", "wrong", "right"]
     assert [finding["kind"] for finding in document["gross"]["findings"]] == ["torque sign"]
+
+
+def test_a_missing_body_explains_what_a_distortion_might() -> None:
+    robot = signid.load_robot("ur5")
+    stated = Model(robot, stated_inertials(robot), stated_laws(robot))
+    q, torque = sound()
+    session = prepare(robot, [signid.read_recording({"t": arm().t, "q": q, "tau": torque}, robot)], [])
+    sole = gather(stated, session, list(session.train))
+    assert sole is not None
+    assert max(left.max() for _, left in missing_laws(sole)) < 2e-3
+    lighter = stated_inertials(robot)
+    lighter[3] *= 0.3  # wrist_1_link
+    evidence = gather(Model(robot, lighter, stated_laws(robot)), session, list(session.train))
+    assert evidence is not None
+    shares = dict(missing_laws(evidence))
+    assert shares["friction or a rotor of another size"].max() > 0.02
+    assert shares["another body than stated at the link that wrist_1_joint moves"].max() < 2e-3
+
+
+@pytest.mark.parametrize(("law", "severity"), [("", "refuse"), ("a body", "warn")])
+def test_a_distortion_refuses_only_without_a_law_that_explains_as_much(law: str, severity: str) -> None:
+    found = Distortion("position scale", (1,), 1.4, 0.06, 0.006, 1.0, signals=None, law=law)  # type: ignore[arg-type]
+    fault = distortion_fault(found, ("a", "b"), 8)
+    assert fault.severity == severity and ("(equally likely: a body)" in fault.sentence) == bool(law)

@@ -17,7 +17,7 @@ from ..deadline import time_is_up
 from ..regression.motion import Motion
 from ..types import Array, Frozen, Indices, Mask
 from .evidence import LAG, FaultEvidence, Signals
-from .fits import fit_joints, unexplained
+from .fits import fit_joints, missing_laws, unexplained
 from .result import REFUSE, WARN, RecordingFault
 
 SEARCH = "the search for distorted recordings"
@@ -78,6 +78,7 @@ class Distortion(Frozen):
     after: float  # [1] the same after the correction
     agreement: float  # [1] share of the blocks in which it improves the fit
     signals: Signals  # after the correction
+    law: str = ""  # missing law that explains the torque as well
 
 
 class _Trial(NamedTuple):
@@ -139,7 +140,9 @@ def _judged(evidence: FaultEvidence, informative: Mask, trial: _Trial, rest: flo
         return None
     shares = float(before[betters].mean()), float(after[betters].mean())
     joints = () if trial.joint < 0 else (trial.joint,)
-    return Distortion(trial.kind, joints, trial.value, *shares, agreement, signals)
+    as_well = nats(after, informative) + TIE
+    law = next((name for name, left in missing_laws(evidence) if nats(left, informative) <= as_well), "")
+    return Distortion(trial.kind, joints, trial.value, *shares, agreement, signals, law)
 
 
 def _agreement(before: Signals, after: Signals, block: Indices, joints: Indices) -> float:
@@ -226,8 +229,9 @@ def distortion_fault(found: Distortion, joints: Sequence[str], blocks: int) -> R
     )
     shares = f"{100 * (1 - found.after):.1f} % of the torque instead of {100 * (1 - found.before):.1f} %"
     better = f"better in {round(found.agreement * blocks)} of {blocks} blocks of the recordings"
-    sentence = f"{fact}: {how}, model and friction explain {shares} ({better}); {advice}"
+    equally = f" (equally likely: {found.law})" if found.law else ""
+    sentence = f"{fact}: {how}, model and friction explain {shares} ({better}){equally}; {advice}"
     measures = {"value": found.value, "explained_before": 1 - found.before, "explained_after": 1 - found.after}
-    severity = WARN if found.kind in AMBIGUOUS else REFUSE
+    severity = WARN if found.kind in AMBIGUOUS or found.law else REFUSE
     about_joints = tuple(joints[j] for j in found.joints)
     return RecordingFault(found.kind, about_joints, severity, {**measures, "agreement": found.agreement}, sentence)

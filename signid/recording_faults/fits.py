@@ -1,13 +1,16 @@
-"""Fit of a joint's torque by a passive joint with the model's bodies."""
+"""Fit of a joint's torque by a passive joint with the model's bodies, or with a law that the model lacks."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from ..types import Array, Mask
-from .evidence import Signals
+from ..regression.projection import leave
+from ..robot.dynamics import own_body
+from ..types import INERTIAL, Array, Mask
+from .evidence import Correction, FaultEvidence, Signals
 
 ROUNDING = 1e-12  # [1] rounding error over the largest number
 
@@ -49,6 +52,30 @@ def fit_joints(x: Signals) -> list[ColumnFit]:
 def unexplained(x: Signals) -> Array:
     """Unexplained shares (n,) [1] of the torques' variances."""
     return np.array([fit.unexplained for fit in fit_joints(x)])
+
+
+def missing_laws(evidence: FaultEvidence) -> Iterator[tuple[str, Array]]:
+    """Each kind of missing law, in words, and the shares (n,) [1] of the torques' variances that it leaves.
+
+    Friction, rotor and offset of every joint may have any size and sign, since a simulation may state too much of them.
+    Beside these, all ten numbers of the body that one joint moves may be others: a payload, a counterbalance, a wrong
+    link.
+    """
+    x, count, joints = evidence.plain, len(evidence.q), np.flatnonzero(evidence.signed)
+    own = [np.stack([np.ones(count), x.v[:, j], x.direction[:, j], x.a[:, j]], axis=1) for j in joints]
+    size = np.maximum(np.std(x.torque, axis=0), 1e-300)
+    y = [leave((x.torque - x.predicted)[:, j], own[k]) / size[j] for k, j in enumerate(joints)]
+    shares = np.ones(len(size))
+    shares[joints] = np.mean(np.square(y), axis=1)
+    yield "friction or a rotor of another size", shares
+    bodies = evidence.along(Correction.none(len(size))).bodies.reshape(count, len(size), -1, len(INERTIAL))
+    for moved, joint in enumerate(evidence.robot.joints):
+        columns = bodies[:, :, own_body(evidence.robot, moved)]
+        beyond = [leave(columns[:, j], own[k]) / size[j] for k, j in enumerate(joints)]
+        rest = leave(np.concatenate(y), np.concatenate(beyond)).reshape(len(joints), count)
+        shares = shares.copy()
+        shares[joints] = np.mean(rest**2, axis=1)
+        yield f"another body than stated at the link that {joint} moves", shares
 
 
 def nonnegative(matrix: Array, target: Array) -> Array:
