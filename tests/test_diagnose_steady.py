@@ -15,7 +15,7 @@ from signid.diagnose.data.thresholds import MAX_AR_ROOT
 from signid.diagnose.extend.holdout import ResidualRows
 from signid.diagnose.findings.contender import Contender
 from signid.diagnose.findings.findings import _is_vague, _with_held_out
-from signid.diagnose.findings.held_out_selection import error_change
+from signid.diagnose.findings.held_out_selection import Extension, _pruned, error_change
 from signid.diagnose.search.contributions import steadiness
 from signid.diagnose.search.shape_optimisation import _minimised
 from signid.effects import EFFECTS
@@ -65,6 +65,14 @@ def test_a_law_acts_where_its_joint_moves() -> None:
     assert steady(torque, noise(2)) > 10  # blocks hold as much of its torque each, however long that takes
 
 
+def test_few_rows_of_large_torque_suffice_where_each_gains_alike() -> None:
+    torque = np.zeros(COUNT)
+    torque[[100, 300, 500, 700, 720]] = [2.0, 5.0, 6.0, 2.5, 0.8]  # a limited command, at reversals
+    assert steady(torque, noise(2)) > 7
+    imitated = torque * ([*[0.0] * 400, *[2.0] * 400]) + noise(2)  # the law makes too much of it in half of the rows
+    assert steady(torque, imitated) < 3
+
+
 def test_rare_laws_need_more() -> None:
     torque = np.sin(np.arange(COUNT) / 9.0)
     assert steady(torque, noise(3), 0.5) - steady(torque, noise(3), 0.005) == pytest.approx(np.log(100))
@@ -111,6 +119,34 @@ def test_a_pruned_law_has_at_most_even_odds(kept: bool, itself: bool, likely: fl
     extended = SimpleNamespace(kept={group} if kept else set(), log_bayes={group: 0.0}, laws={group: (SIGN,)})
     after = _with_held_out(contender, cast(Any, extended), {group: [{}]}, itself)
     assert after.probability == pytest.approx(likely, abs=0.001)
+
+
+def test_a_law_that_does_not_act_on_held_out_rows_stays() -> None:
+    group = Group(0, 1, cast(Any, SimpleNamespace(key=KEY, laws=(SIGN,))))
+    rest = noise(7)[:, None]
+
+    class _Trials:
+        session = SimpleNamespace(judges_itself=False)
+
+        def held_out(self, extension: Extension) -> ResidualRows:
+            return rows(rest)
+
+    kept, scores = _pruned(cast(Any, _Trials()), Extension((group,)), {})
+    assert kept.kept == (group,) and not scores[group].tested and scores[group].log_bayes == 0
+
+
+@pytest.mark.parametrize(("tolerated", "stays"), [(0.0, False), (0.1, True)])
+def test_a_law_that_refitted_numbers_can_replace_stays(tolerated: float, stays: bool) -> None:
+    group = Group(0, 1, cast(Any, SimpleNamespace(key=KEY, laws=(SIGN,))))
+
+    class _Trials:
+        session = SimpleNamespace(judges_itself=False)
+
+        def held_out(self, extension: Extension) -> ResidualRows:
+            return rows(noise(8)[:, None] * (1.005 if group in extension.kept else 1.0))
+
+    kept, _ = _pruned(cast(Any, _Trials()), Extension((group,)), {}, tolerated)
+    assert (kept.kept == (group,)) == stays
 
 
 @pytest.mark.parametrize(("best", "further", "found"), [(0.4, 0, 0.4), (2.5, 0, 1.0), (2.5, 4, 2.5), (-2.5, 4, -1.0)])

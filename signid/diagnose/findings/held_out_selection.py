@@ -42,6 +42,7 @@ class HeldOutScore(NamedTuple):
     log_bayes: float  # log Bayes factor against its absence [-]
     gain: float  # share of the sum of squares, on its joints, that it removes [1]
     change: float  # change of the log mean square by the law [-]; negative: better with it
+    tested: bool = True  # whether the law acts on held-out rows at all
 
 
 Scores = dict[Group, HeldOutScore]
@@ -166,19 +167,30 @@ def error_change(rows: ResidualRows, other: ResidualRows, errors: float = 1.0) -
 
 
 def _select(trials: Trials, start: Extension) -> tuple[Extension, Scores]:
-    """Drop laws that held-out rows do not support, then refit stated numbers; return the scores of all laws."""
+    """Drop laws that held-out rows do not support, then refit stated numbers; return the scores of all laws.
+
+    Refitted numbers may make the torque of a law, if they leave what is usual of them. The training rows have weighed
+    that already, so a law stays unless held-out rows speak against it beside them.
+    """
     chosen, scores = _pruned(trials, start, {})
     refitted = _refitted(trials, chosen)
-    return _pruned(trials, refitted, scores) if refitted != chosen else (chosen, scores)
+    if refitted == chosen:
+        return chosen, scores
+    kept, beside = _pruned(trials, refitted, {}, tuned.SAME_PREDICTION)
+    return kept, {**scores, **{group: one for group, one in beside.items() if group not in kept.kept}}
 
 
-def _pruned(trials: Trials, chosen: Extension, scores: Scores) -> tuple[Extension, Scores]:
-    """Drop laws that held-out rows do not support, the worst first; where time is up, all of them at once."""
+def _pruned(trials: Trials, chosen: Extension, scores: Scores, tolerated: float = 0.0) -> tuple[Extension, Scores]:
+    """Drop laws that held-out rows do not support, the worst first; where time is up, all of them at once.
+
+    `tolerated` [-]: the log mean square on held-out rows by which a law may be worse than its absence.
+    """
     while True:
         now = {group: _score(trials, chosen, group) for group in chosen.kept}
         scores = {**scores, **now}
-        least = tuned.LEAST_GAIN if trials.session.judges_itself else 0.0
-        out = [group for group, one in now.items() if one.change >= -least and not is_transient(group.claim.laws[0])]
+        least = tuned.LEAST_GAIN if trials.session.judges_itself else -tolerated
+        judged = {group: one for group, one in now.items() if one.tested and not is_transient(group.claim.laws[0])}
+        out = [group for group, one in judged.items() if one.change >= -least]
         if not out:
             return chosen, scores
         if time_is_up(SEARCH):
@@ -226,7 +238,7 @@ def _score(trials: Trials, chosen: Extension, group: Group) -> HeldOutScore:
     log_bayes, change = float(np.sum(count[acts] / 2 * log)), error_change(rows, other, 0.0)
     if trials.session.judges_itself and acts.any():
         log_bayes, change = min(log_bayes, 0.0), change + 2 * group.size / max(float(np.mean(count[acts])), 1e-9)
-    return HeldOutScore(log_bayes, gain, change)
+    return HeldOutScore(log_bayes, gain, change, bool(acts.any()))
 
 
 def _mean_square(x: Array) -> Array:

@@ -38,6 +38,7 @@ HELD_OUT_BLOCKS = 20  # blocks of held-out rows for standard errors; heuristic
 WORSE_WEIGHT = 3.0  # additional weight of joints that are predicted worse, or not clearly better [1]; heuristic
 LEAST_GAIN = 1.0  # log mean square that all refitted numbers together must gain, or a separate fit [-]; heuristic
 LEAST_BLOCK_GAIN = 0.5  # the same for the numbers of one joint, or of the bodies [-]; heuristic
+SAME_PREDICTION = 0.1  # log mean square by which two extensions predict held-out rows equally well [-]; heuristic
 LEAST_REFIT_ROWS = 40  # held-out rows without which stated numbers are not refitted; heuristic
 LEAST_RESIDUAL = 1e-3  # residual rms over torque rms: smaller residuals count as this large [1]; heuristic
 CORRELATED_ROWS = 4.0  # rows per independent row; heuristic

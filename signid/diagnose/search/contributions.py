@@ -90,12 +90,13 @@ def _growth(contributions: Contributions, which: Indices, steps: Array) -> Array
 def steadiness(posterior: Posterior, contributions: Contributions, residual: Array, group: Group) -> float:
     """Log odds that a law improves the prediction, from its gain in blocks of rows [-].
 
-    The log likelihood ratio against its absence is summed over blocks in each of which the law makes the same torque
-    energy. The mean over its standard error is compared with Student's t. A law that is right gains about the same in
-    each block; a law that imitates something else gains in some and loses in others. The test needs neither model to
-    be right. The residual (M, n) [N.m or N] is that of all selected laws.
+    The log likelihood ratio against its absence is summed over blocks in each of which the law makes about the same
+    torque energy. The gain per energy over its standard error is compared with Student's t. A law that is right gains
+    about the same per energy in each block; a law that imitates something else gains in some and loses in others. The
+    test needs neither model to be right. The residual (M, n) [N.m or N] is that of all selected laws.
 
-    Source: Vuong, Likelihood ratio tests for model selection and non-nested hypotheses, Econometrica 57, 1989.
+    Source: Vuong, Likelihood ratio tests for model selection and non-nested hypotheses, Econometrica 57, 1989;
+    Cochran, Sampling Techniques, 1977, section 6.3 (the standard error of a ratio).
     """
     data, gain, energy = posterior.evidence.data, np.zeros(len(residual)), np.zeros(len(residual))
     for j in data.rows(group):
@@ -106,10 +107,12 @@ def steadiness(posterior: Posterior, contributions: Contributions, residual: Arr
     if not made[-1] > 0:
         return np.inf
     block = np.minimum((BLOCKS * made / made[-1]).astype(int), BLOCKS - 1)
-    gains = np.array([gain[block == k].sum() for k in np.unique(block)])
-    if len(gains) < LEAST_BLOCKS:
+    parts = [block == k for k in np.unique(block)]
+    if (count := len(parts)) < LEAST_BLOCKS:
         return np.inf
-    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
-    better = float(stdtr(len(gains) - 1, float(np.mean(gains)) / max(error, 1e-300)))
+    gains, energies = (np.array([x[part].sum() for part in parts]) for x in (gain, energy))
+    uneven = gains - energies * gains.sum() / energies.sum()
+    error = float(np.sqrt(np.sum(uneven**2) * count / (count - 1)))
+    better = float(stdtr(count - 1, float(gains.sum()) / max(error, 1e-300)))
     prior = posterior.priors.get(group.claim.key, 0.0) - float(np.log(PRIOR_NOTHING))
     return float(np.log(max(better, LEAST_PROBABILITY)) - np.log(max(1 - better, LEAST_PROBABILITY))) + prior
