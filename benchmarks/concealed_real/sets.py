@@ -87,6 +87,14 @@ TABLE = (
         Part("psm3_two", end=14.5),
         Part("psm3_two", start=15.0),
     ),
+    RealSet(  # a second laboratory
+        "psm_radiang",
+        "dvrk_psm_radiang",
+        "psm3.urdf",
+        (Part("fourier_test2"), Part("fourier_test3")),
+        Part("fourier_test4"),
+        Part("fourier_test5"),
+    ),
     RealSet(
         "lwr4",
         "kuka_lwr4_flobaroid",
