@@ -17,7 +17,7 @@ from ..data.hypotheses import Hypothesis
 from .thresholds import APPROXIMATE_STD, BODY_LEVER, PRESENCE_STD, PRIOR_NOTHING, PRIOR_UNKNOWN, SINGLE_JOINT
 
 RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
-RANK = 1e-6  # [1] smallest eigenvalue that counts, over the largest. Prototype
+RANK = 1e-10  # [1] smallest eigenvalue that counts, over the largest; 1e-6 cuts off the cubic of a cable
 
 
 @dataclass(frozen=True, eq=False)
