@@ -76,8 +76,10 @@ class Posterior(Frozen):
         return tuple(self.evidence.data.groups[self.keys[key][0]] for key in keys if key in self.keys)
 
     def counterpart(self, group: Group) -> Group:
-        """Shape of a hypothesis of other rows that is closest to its own in these rows, with as many coefficients."""
+        """The same hypothesis of other rows in these, or its shape that is closest, with as many coefficients."""
         shapes = [self.evidence.data.groups[k] for k in self.keys[group.claim.key]]
+        if same := [own for own in shapes if own.claim == group.claim]:
+            return same[0]
         alike = [own for own in shapes if own.size == group.size]
         return min(alike, key=lambda own: _distance(own, group), default=shapes[0])
 

@@ -102,6 +102,8 @@ def _with_rows(posterior: Posterior, dataset: Dataset) -> Posterior:
 def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> tuple[Dataset, Selection]:
     """Alternate search and noise estimation while the posterior density of laws and noise together rises."""
     selection = _search(dataset, posterior, conditions)
+    if dataset.model.misfit is not None:
+        return _beside_misfit(dataset, selection, conditions)
     best, highest, refit_best = (dataset, selection), -np.inf, False
     for _ in range(NOISE_ROUNDS):
         if time_is_up(SEARCH):
@@ -123,6 +125,22 @@ def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> 
     return (best[0], _under_noise(*best, conditions)) if refit_best else best
 
 
+def _beside_misfit(dataset: Dataset, selection: Selection, conditions: _Conditions) -> tuple[Dataset, Selection]:
+    """Alternate search and growth of the known misfit until the laws stay."""
+    for _ in range(NOISE_ROUNDS):
+        if time_is_up(SEARCH):
+            break
+        updated = replace(dataset, noise=update_noise(dataset, selection))
+        again = _search(updated, _with_rows(selection.posterior, updated), conditions, selection)
+        if time_is_up(SEARCH):
+            break
+        same = _names(again) == _names(selection)
+        dataset, selection = updated, again
+        if same:
+            break
+    return dataset, selection
+
+
 def _score(dataset: Dataset, selection: Selection) -> float:
     """Log posterior density of the selected laws and of the noise estimated beside them, up to a constant [-]."""
     data = selection.data
@@ -134,7 +152,8 @@ def _score(dataset: Dataset, selection: Selection) -> float:
 def _under_noise(dataset: Dataset, selection: Selection, conditions: _Conditions) -> Selection:
     """The same laws, fitted under the noise of a dataset."""
     start = {group: selection.log_odds[group] for group in selection.selected}
-    kept = initial_selection(selection.posterior, _expected(selection.posterior, conditions.reference), start)
+    posterior = _with_shapes(dataset, selection.posterior, selection)
+    kept = initial_selection(posterior, _expected(posterior, conditions.reference), start)
     return optimise_shapes(dataset, replace(kept, first=kept.posterior.odds((), kept.dispersion)[0]))
 
 
@@ -143,6 +162,7 @@ def _search(
 ) -> Selection:
     """Search from the laws selected before, and from none if that changes them; then optimise shapes."""
     expected = _expected(posterior, conditions.reference)
+    posterior = posterior if before is None else _with_shapes(dataset, posterior, before)
     if before is None:
         scale = posterior.evidence.prior_scale((), expected)
         mean_square = measure_contributions(posterior.evidence, (), expected, scale).mean_square
@@ -153,7 +173,32 @@ def _search(
         selection = max(stepwise_search(posterior, expected), selection, key=log_posterior)
     if CONTACT not in conditions.skip:
         selection = _with_contact(dataset, selection)
-    return optimise_shapes(dataset, selection)
+    return _without_corrections(dataset, optimise_shapes(dataset, selection))
+
+
+def _without_corrections(dataset: Dataset, selection: Selection) -> Selection:
+    """Drop laws that only correct the shape of others: without them, at the best shape, these explain as much."""
+    for group in selection.selected:
+        if len(selection.selected) < 2 or time_is_up(SEARCH):
+            break
+        joints = set(selection.data.rows(group))
+        beside = [g for g in selection.selected if g is not group and not joints.isdisjoint(selection.data.rows(g))]
+        if any(g.claim.finite or law.effect.shape(law.parameters) for g in beside for law in g.claim.laws):
+            rest = optimise_shapes(dataset, selection.without(group))
+            selection = rest if log_posterior(rest) >= log_posterior(selection) else selection
+    return selection
+
+
+def _with_shapes(dataset: Dataset, posterior: Posterior, before: Selection) -> Posterior:
+    """Evidence that has the optimised shapes and sizes of selected laws among its hypotheses too."""
+    data = posterior.evidence.data
+    known = {group.hypothesis for group in data.groups}
+    for group in before.selected:
+        if group.hypothesis not in known and group.claim.key in posterior.keys:
+            data, _ = append(dataset, data, group.claim)
+    if data is posterior.evidence.data:
+        return posterior
+    return replace(posterior, evidence=replace(posterior.evidence, data=data))
 
 
 def _expected(posterior: Posterior, reference: Diagnosis | None) -> Array:
