@@ -19,6 +19,7 @@ from .recording import Recordings, as_recordings
 from .recording_faults import IdentifiedData, identification_flags, naming_faults, under_found_gravity
 from .regression.covariance import base_covariance
 from .regression.factors import LAGS, Factors, Weigh
+from .regression.misfit import measure_misfit
 from .regression.prepare import ITSELF
 from .regression.reduced import Reduced
 from .regression.rows import Rows
@@ -208,7 +209,7 @@ def _refit(
         estimate=whole.estimate,
         base_value=whole.base_value,
         parameters=whole.parameters,
-        model=whole.model,
+        model=replace(whole.model, misfit=found.model.misfit),
         excitation=whole.excitation,
         method=whole.method,
         moved=whole.moved,
@@ -249,6 +250,7 @@ def _conclude(
     model = replace(
         fitted_model(session.task, parameters),
         covariance=base_covariance(session.task.base, base_value, widened.covariance),
+        misfit=None if session.judges_itself else measure_misfit(session.task, test, base_value),
     )
     return Identification(
         robot=session.robot,

@@ -18,6 +18,7 @@ from .effects.naming import drive_laws, law_at, law_name, law_place, possible
 from .errors import OptionError, RobotError, SignidError, shorten, unexpected
 from .frozen import show_with
 from .regression.covariance import Covariance, read_covariance
+from .regression.misfit import Misfit, read_misfit
 from .regression.motion import Motion
 from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text, with_gravity
@@ -38,6 +39,7 @@ class Model(Result):
     laws: tuple[Law, ...] = ()
     covariance: Covariance | None = None  # of the identified base parameters
     servos: Mapping[str, Servo] = field(default_factory=dict)  # position drives by joint
+    misfit: Misfit | None = None  # torque that the laws left when the model was identified
 
     def bodies(self) -> pin.Model:
         """New pin.Model with these inertials and the changes by body laws; rotor inertia is its armature."""
@@ -125,6 +127,7 @@ class Model(Result):
                 for joint, parameters in [law_place(law, robot)]
             ],
             **({} if self.covariance is None else {"covariance": self.covariance.document()}),
+            **({} if self.misfit is None else {"misfit": self.misfit.document(robot.joints)}),
             **({"servos": servos_document(self.servos, robot.joints)} if self.servos else {}),
         }
 
@@ -270,6 +273,7 @@ def _read(path: Path) -> Model:
         if covariance is None:  # estimates may lie below zero; the laws of a description or a diagnosis do not
             laws = tuple(map(possible, laws))
         servos = servos_from(content.get("servos", {}), robot.joints)
+        misfit = read_misfit(content.get("misfit"), robot.joints)
     except OSError as error:
         raise RobotError(f"cannot read {path}: {error.strerror}") from None
     except OptionError as error:
@@ -280,7 +284,8 @@ def _read(path: Path) -> Model:
         optional = isinstance(error, ValueError) and str(error).startswith("covariance")
         mend = "identify again, or remove the key `covariance`" if optional else "give one that `signid identify` wrote"
         raise RobotError(f"{path} is not a valid model.json ({error}); {mend}") from None
-    return with_servos(Model(robot, np.array(inertials), laws, covariance), servos)
+    model = Model(robot, np.array(inertials), laws, covariance, misfit=misfit)
+    return with_servos(model, servos)
 
 
 def _covariance(path: Path, content: Any, bodies: int) -> Covariance | None:

@@ -21,7 +21,7 @@ from .data.column_groups import build_groups, dry_friction
 from .data.dataset import Dataset
 from .data.hypotheses import GRAVITY, pooled, propose
 from .data.motions import pieces, row_filter, subsample
-from .data.noise import find_period, measure_noise
+from .data.noise import find_period, measure_noise, noise_of_misfit
 from .data.rows import build_table
 from .data.whitened_rows import Whitened, whitened
 from .search.contact_window import NAME as CONTACT
@@ -69,19 +69,20 @@ class Mounting(NamedTuple):
     model: Model
     session: Session
     faults: RecordingFaults
+    given: Model  # the simulation as it was given
     gravity: RecordingFault | None = None
 
 
 def mount(model: Model, session: Session, faults: RecordingFaults, skip: Sequence[str]) -> Mounting:
     """Put simulation and session under the gravity that the recordings clearly show, else that of the simulation."""
-    shown = next((fault for fault in faults.findings if fault.kind == GRAVITY), None)
+    given, shown = model, next((fault for fault in faults.findings if fault.kind == GRAVITY), None)
     if shown is not None and (GRAVITY in skip or not is_sole(shown)):
         shown = None
     if shown is not None:
         faults = replace(faults, findings=tuple(fault for fault in faults.findings if fault is not shown))
         model = replace(model, robot=with_gravity(model.robot, [shown.measures[key] for key in "xyz"]))
     task = replace(session.task, robot=with_gravity(session.robot, model.robot.model.gravity.linear))
-    return Mounting(model, replace(session, task=task), faults, shown)
+    return Mounting(model, replace(session, task=task), faults, given, shown)
 
 
 def _is_clear(fault: RecordingFault) -> bool:
@@ -130,4 +131,5 @@ def build(model: Model, session: Session, skip: Sequence[str] | None, show: Prog
     table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry), made, dry)
     periods = tuple(find_period(longest_piece(part).q, 1 / part[1].period) for part in parts)
     noise = measure_noise(table, periods, task.band.rate / task.band.factor).white()
+    noise = noise if model.misfit is None else noise_of_misfit(noise, model.misfit, task.band)
     return Dataset(task, model, made, periods, table, noise), whitened(table, noise)

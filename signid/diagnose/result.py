@@ -94,6 +94,7 @@ class Diagnosis(Result):
     seed: int
     recordings: tuple[Recording, ...] = ()  # training and held-out data, with recovered signs
     informed: bool = False  # whether the simulation has a covariance from identification
+    question: str = ""  # of an identified model: what has "changed" since, or what it "lacked" from the start
 
     @property
     def causes(self) -> tuple[Finding, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from ..deadline import ends_in_time, seconds_left, steps_shown, time_is_up
 from ..effects import EFFECT_NAMES, EFFECTS
@@ -23,19 +24,20 @@ from .data.hypotheses import GRAVITY, is_transient
 from .evidence.bayes_factors import Evidence
 from .evidence.prior import stated_prior
 from .evidence.selection import Posterior, StatedBodies
-from .extend.holdout import compare, predict
+from .extend.holdout import Comparison, compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
-from .findings.findings import conclude
+from .findings.findings import Conclusions, conclude
 from .findings.gravity import with_gravity_finding
 from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse
 from .findings.verdict import decide_verdict
-from .preparation import build_in_time, mount, prepare_session
+from .preparation import Mounting, build_in_time, mount, prepare_session
 from .result import Diagnosis
 from .search.iterate import SearchResult, select
 from .search.prune import prune
 from .search.stepwise import SEARCH
 
 HORIZON = 0.5  # length of the roll-outs [s]
+NOTHING_MISSING = "nothing_missing"  # verdict
 
 
 @ends_in_time
@@ -71,19 +73,15 @@ def diagnose(
     given, notes = restrict_joints(model, [*recordings, *held_out])
     recovered = _recover(given, recordings, held_out, options, show)
     model = restrict_joints(_lasting(healthy.model), [*recordings, *held_out])[0] if healthy else given
-    model, session, faults, gravity = mount(model, *prepare_session(model, recovered, options, show), skip)
-    dataset, data = build_in_time(model, session, skip, show)
-    evidence = Evidence(data, stated_prior(model, data.groups))
-    dataset, selection, disagreement = _search(dataset, _posterior(model, evidence, skip), skip, healthy, show)
-    selection, contenders = replace_weak(dataset, prune(dataset, session, selection))
-    contenders = limit_in_step(dataset, contenders)
-    verdict = decide_verdict(dataset, selection, contenders)
-    conclusions = conclude(dataset, session, selection, contenders, verdict, options.seed)
-    before, floor = predict(session, given), session.task.band.torque_floor
-    result = keep_given_if_worse(before, add_empirical_torque(session, conclusions), dataset.noise, floor)
-    if gravity is not None:
-        result = with_gravity_finding(result, gravity, given, before, dataset)
-    comparison = compare(before, result.prediction, dataset.noise, floor)
+    mounting = mount(model, *prepare_session(model, recovered, options, show), skip)._replace(given=given)
+    answer = _answer(mounting.model, mounting, skip, healthy, options.seed, show)
+    known, lacked = mounting.model.misfit is not None, False
+    if known and answer.result.verdict == NOTHING_MISSING and not time_is_up(SEARCH, answer=False):
+        itself = _answer(replace(mounting.model, misfit=None), mounting, skip, healthy, options.seed, show)
+        lacked = any(finding.role == "cause" for finding in itself.result.findings)
+        answer = itself if lacked else answer
+    result, comparison, session = answer.result, answer.comparison, mounting.session
+    question = _question(lacked, result.verdict) if known else _Question()
     rolled = _roll_out(session, given, result.prediction.model, show)
     return Diagnosis(
         robot=session.robot,
@@ -96,16 +94,70 @@ def diagnose(
         rollout_before=rolled[0],
         rollout_after=rolled[1],
         model=result.prediction.model,
-        prior_scale=selection.prior_scale,
+        prior_scale=answer.prior_scale,
         signs=recovered.signs,
         inputs=recordings_used(recordings, held_out, reference),
-        flags=(*_flags(recovered, faults), *disagreement, *result.flags, *holdout_warnings(*comparison[:2])),
-        notes=(*recovered.notes, *notes, *session.notes, *faults.notes, *rolled[2]),
+        flags=(
+            *_flags(recovered, mounting.faults),
+            *answer.flags,
+            *result.flags,
+            *holdout_warnings(*comparison[:2]),
+        ),
+        notes=(*recovered.notes, *notes, *session.notes, *mounting.faults.notes, *question.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
         recordings=recovered.session.recordings,
-        informed=selection.evidence.informed,
+        informed=answer.informed,
+        question=question.name,
     )
+
+
+class _Answer(NamedTuple):
+    """Conclusions of one search for laws."""
+
+    result: Conclusions
+    comparison: Comparison
+    prior_scale: float
+    informed: bool
+    flags: tuple[str, ...]
+
+
+def _answer(
+    model: Model, mounting: Mounting, skip: Sequence[str], healthy: Diagnosis | None, seed: int, show: Progress
+) -> _Answer:
+    """Search for laws that a simulation lacks, and conclude."""
+    session, gravity = mounting.session, mounting.gravity
+    dataset, data = build_in_time(model, session, skip, show)
+    evidence = Evidence(data, stated_prior(model, data.groups))
+    dataset, selection, disagreement = _search(dataset, _posterior(model, evidence, skip), skip, healthy, show)
+    selection, contenders = replace_weak(dataset, prune(dataset, session, selection))
+    contenders = limit_in_step(dataset, contenders)
+    verdict = decide_verdict(dataset, selection, contenders)
+    conclusions = conclude(dataset, session, selection, contenders, verdict, seed)
+    before, floor = predict(session, mounting.given), session.task.band.torque_floor
+    result = keep_given_if_worse(before, add_empirical_torque(session, conclusions), dataset.noise, floor)
+    if gravity is not None:
+        result = with_gravity_finding(result, gravity, mounting.given, before, dataset)
+    comparison = compare(before, result.prediction, dataset.noise, floor)
+    return _Answer(result, comparison, selection.prior_scale, selection.evidence.informed, disagreement)
+
+
+class _Question(NamedTuple):
+    """Question that the diagnosis of an identified model answers; empty for a description."""
+
+    name: str = ""  # "changed" or "lacked"
+    notes: tuple[str, ...] = ()
+
+
+def _question(lacked: bool, verdict: str) -> _Question:
+    """Question that was answered at last: what has changed, or, where that is nothing, what the model lacked before."""
+    nothing = "nothing has changed since the model was identified"
+    if lacked:
+        return _Question("lacked", (f"{nothing}; what is found it lacked from the start",))
+    left = "what its laws left of the torque then"
+    if verdict == NOTHING_MISSING:
+        return _Question("changed", (f"{nothing}, beyond {left}",))
+    return _Question("changed", (f"what is found has changed since the model was identified: it is beyond {left}",))
 
 
 def _given(model: ModelSource, *some: Recordings) -> tuple[Model, list[Recording], list[Recording], list[Recording]]:

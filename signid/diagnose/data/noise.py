@@ -9,6 +9,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ...effects.base import ActuatorLaw
+from ...regression.bandwidth import Band
+from ...regression.misfit import Misfit
 from ...regression.projection import least_squares
 from ...types import Array, Frozen, Indices, Mask
 from .locate import find_wave
@@ -62,6 +64,25 @@ def measure_noise(table: RowTable, periods: Sequence[float | None], rate: float)
     found = [_of_joint(table, j, used, periods, rate) for j in range(table.joints)]
     floor, coefficients, innovation, scale = (np.array(x) for x in zip(*found, strict=True))
     return Noise(floor, coefficients, innovation, np.zeros(table.joints), floor, scale)
+
+
+def noise_of_misfit(noise: Noise, misfit: Misfit, band: Band) -> Noise:
+    """Noise of an identified model: the misfit that its laws left then, where it is more than that of the rows.
+
+    Rows within its length count as one. A wider band than the identification's is taken to hold more of it.
+    """
+    wider = np.sqrt(max(band.cutoff / misfit.cutoff, 1.0))
+    floor = np.fmax(noise.floor, misfit.size * wider)
+    rows = np.fmax(misfit.length * band.rate / band.factor, 1.0)
+    innovation = np.where(np.isfinite(misfit.size), floor * np.sqrt(rows), floor)
+    return Noise(
+        floor=floor,
+        coefficients=np.zeros_like(noise.coefficients),
+        innovation=innovation,
+        discrepancy=np.zeros_like(floor),
+        saturated_floor=floor,
+        reversal_scale=noise.reversal_scale,
+    )
 
 
 def find_period(q: Array, rate: float) -> float | None:

@@ -9,15 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
+from ...regression.misfit import Misfit
 from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
-from ..data.noise import Noise, measure_noise, noise_of_rest
+from ..data.noise import Noise, measure_noise, noise_of_misfit, noise_of_rest
 from ..data.normal_equations import solve
 from ..data.whitened_rows import columns_of
 from ..data.whitening import NoiseEstimate, Whitening, estimate_discrepancy, features
 from .selection import Selection
-from .thresholds import MIN_FLOOR, RELEVANT_DROP
+from .thresholds import MIN_FLOOR, MISFIT_GROWTH, RELEVANT_DROP
 
 NEGLIGIBLE = 12.0  # [-] scales k whose log density is this much below the highest are skipped: factor e^-12
 MIN_FREE = 0.1  # [1] lower bound of the free rows of a fit, as a share of all rows. Heuristic
@@ -28,8 +29,11 @@ def update_noise(dataset: Dataset, selection: Selection) -> Noise:
 
     The size of the discrepancy by maximum marginal likelihood and the autoregressive model from the residual of fit and
     discrepancy are estimated in turn. If a floor falls far below the saturated floor, a law had been counted as noise:
-    the saturated floor is then measured again without the selected laws.
+    the saturated floor is then measured again without the selected laws. The misfit of an identified model is known; it
+    is at most `MISFIT_GROWTH` times as large on other recordings.
     """
+    if dataset.model.misfit is not None:
+        return _grown(dataset, selection, dataset.model.misfit)
     noise = update_joints(dataset, selection, range(dataset.table.joints))
     if not np.any(noise.floor < RELEVANT_DROP * noise.saturated_floor):
         return noise
@@ -41,6 +45,17 @@ def update_noise(dataset: Dataset, selection: Selection) -> Noise:
     least = np.minimum(noise.saturated_floor, first.floor)
     raised = np.maximum(1.0, MIN_FLOOR * least / noise.floor)
     return replace(noise, saturated_floor=least, floor=raised * noise.floor, innovation=raised * noise.innovation)
+
+
+def _grown(dataset: Dataset, selection: Selection, misfit: Misfit) -> Noise:
+    """Noise of the misfit, as much larger as the rest of the selected laws is, within bounds."""
+    noise, table = dataset.noise, dataset.table
+    rest = np.where(table.at_rest, np.nan, dataset.remaining(selection.data, selection.fit()))
+    size = np.sqrt(np.nanmean(rest**2, axis=0))
+    first = noise_of_misfit(replace(noise, floor=np.zeros_like(size)), misfit, dataset.task.band)
+    growth = np.clip(size / first.floor, 1.0, MISFIT_GROWTH)
+    now = growth * first.floor / noise.floor
+    return replace(noise, floor=now * noise.floor, innovation=now * noise.innovation, saturated_floor=now * noise.floor)
 
 
 def update_joints(dataset: Dataset, selection: Selection, joints: Sequence[int], colour: bool = True) -> Noise:
@@ -98,6 +113,8 @@ class Likelihood(Frozen):
 
         G lets the discrepancy and the noise take over what the law explained.
         """
+        if self.dataset.model.misfit is not None:
+            return 0.0
         selected = tuple(g for g in self.selection.selected if g is not group)
         joints = self.selection.data.rows(group)
         return float(min(0.0, self._gained(self.selection.selected, joints) - self._gained(selected, joints)))

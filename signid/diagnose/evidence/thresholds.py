@@ -30,3 +30,6 @@ SINGLE_JOINT = 0.3  # [1] factor for one joint alone with an effect that all joi
 # Noise floor beside the selected laws.
 RELEVANT_DROP = 0.8  # [1] a floor below this share of the saturated floor makes that floor be measured again. Heuristic
 MIN_FLOOR = 0.7  # [1] lower bound of the floor, as a share of the saturated floor. Heuristic
+
+# Misfit of an identified model.
+MISFIT_GROWTH = 2.0  # [1] largest growth on other recordings: measured, .9 to 1.8 on a da Vinci PSM. Heuristic

@@ -26,7 +26,16 @@ from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
 from .separating_motion import tell_apart
 from .stated import reported_laws, stated_number_findings, stated_numbers, torque_share, total_law
-from .thresholds import AMBIGUOUS, LEAST_PROBABILITY, PLAUSIBLE, SEPARATED, SEPARATED_PER_FINDING, UNSURE, VAGUE_STD
+from .thresholds import (
+    AMBIGUOUS,
+    LEAST_PROBABILITY,
+    PLAUSIBLE,
+    SAID,
+    SEPARATED,
+    SEPARATED_PER_FINDING,
+    UNSURE,
+    VAGUE_STD,
+)
 from .verdict import Verdict
 
 Deviations = Mapping[Group, Sequence[Mapping[str, float]]]  # standard deviations of the numbers of each law
@@ -65,8 +74,11 @@ def conclude(
     reporter = _Reporter(dataset, selection, extended, stds, verdict.causes, seed)
     by_group = {contender.group: contender for contender in contenders}
     findings = list(reporter.findings([by_group[group] for group in (*verdict.causes, *verdict.secondary)]))
-    if verdict.name == "unknown" and not verdict.causes:
-        findings = [*stated_number_findings(dataset, session, selection, extended), *findings]
+    if not verdict.causes and (verdict.name == "unknown" or dataset.model.misfit is not None):
+        stated = list(stated_number_findings(dataset, session, selection, extended))
+        findings = [*stated, *findings]
+        if dataset.model.misfit is not None and any(finding.probability > SAID for finding in stated):
+            verdict = replace(verdict, name="named")
     floor, scale = selection.data.floor, selection.data.scale
     unexplained = tuple(_unexplained(dataset, prediction, verdict))
     if verdict.name == "named" and without_cause(findings, unexplained):

@@ -46,6 +46,7 @@ CORRELATED_ROWS = 4.0  # rows per independent row; heuristic
 # Findings (findings.py)
 AMBIGUOUS = "is one of several laws that explain the recordings"  # part of the flag on such a cause
 UNSURE = 0.95  # probability of a cause below which a flag names its rivals [1]; heuristic
+SAID = 0.5  # probability of a changed number from which on it is said to have changed [1]; more likely than not
 PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is sought [1]; heuristic
 SEPARATED_PER_FINDING = 4  # separating motions of one finding: each search simulates several motions
 SEPARATED = 2 * SEPARATED_PER_FINDING  # separating motions of all findings

@@ -70,7 +70,8 @@ def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[
     clear = _clearest_dependence(selection, before)
     scale = np.maximum(data.scale, tuned.FAINT_JOINT * data.scale.max())
     tolerated = (tuned.TOLERATED_DISCREPANCY * scale / noise.saturated_floor) ** 2
-    threshold = tuned.NOTICED_STD * np.sqrt(2 * data.counts) + data.counts * tolerated
+    correlated = np.maximum(noise.innovation / noise.floor, 1.0)  # of a known misfit
+    threshold = tuned.NOTICED_STD * np.sqrt(2 * data.counts) * correlated + data.counts * tolerated
     threshold = threshold * (tuned.CLEAR_THRESHOLD if clear > tuned.CLEAR_LOG_ODDS and not selection.selected else 1.0)
     by_group = {contender.group: contender for contender in contenders}
     importance = {g: _importance(selection.posterior, contributions, residual, g) for g in selection.selected}

@@ -34,6 +34,7 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
     return {
         **opening("signid.diagnosis/1", robot),
         "verdict": result.verdict,
+        **({"question": result.question} if result.question else {}),
         "tolerance": result.tolerance,
         "findings": [_finding(robot, finding) for finding in result.findings],
         "unexplained": [
