@@ -1,4 +1,4 @@
-"""The misfit of an identified model: learned on rows that took no part, and told apart from what has changed."""
+"""The misfit of an identified model: learned on rows that took no part, and distinguished from what has changed."""
 
 from __future__ import annotations
 

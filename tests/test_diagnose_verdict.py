@@ -14,7 +14,7 @@ from signid.diagnose.findings import alternatives
 from signid.diagnose.findings.alternatives import limit_in_step, rank_contenders, replace_weak
 from signid.diagnose.findings.contender import Contender, residual_energies
 from signid.diagnose.findings.thresholds import CAUSE_SHARE, FORMULA_ERROR, MOST_IN_STEP
-from signid.diagnose.findings.verdict import Verdict, decide_verdict
+from signid.diagnose.findings.verdict import Verdict, _drifts_first, decide_verdict
 from signid.diagnose.search.contributions import measure_contributions
 from signid.diagnose.search.stepwise import stepwise_search
 
@@ -186,3 +186,12 @@ def test_a_correction_that_matters_on_held_out_rows_is_a_cause(
     contender = Contender(viscous, evidence=log, shares={viscous.claim.key: 1.0}, candidates={}, unexplained=0.0)
     after = split.with_promoted([contender], {viscous: gain})
     assert (viscous in after.causes) == cause and (viscous in after.secondary) != cause
+
+
+@pytest.mark.parametrize(("level", "first"), [(1.0, "friction_drift"), (-1.0, "coulomb_friction")])
+def test_friction_that_drifts_to_the_stated_level_is_a_drift(level: float, first: str) -> None:
+    drift, dry = law("friction_drift", change=-0.9, time_constant=3.0), law("coulomb_friction", level=level)
+    one = pose((law("friction_drift", time_constant=3.0), law("coulomb_friction")), drift, dry)
+    found = one.selection(one.group("coulomb_friction", 0), one.group("friction_drift", 0))
+    parts = measure_contributions(found.evidence, found.selected, found.dispersion, found.prior_scale)
+    assert _drifts_first(found.selected, parts)[0].claim.kind == first

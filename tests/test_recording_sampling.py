@@ -14,7 +14,7 @@ from test_recording_formats import sentence
 
 from signid.errors import RecordingError
 from signid.recording import read_recording
-from signid.recording.sampling import Sampling, samples, split, survey
+from signid.recording.sampling import Sampling, one_after_another, samples, split, survey
 from signid.types import Recording, Robot, Samples
 
 Columns = dict[str, np.ndarray]
@@ -213,3 +213,26 @@ def test_splitting_keeps_the_grid() -> None:
     sentence(str(error.value), "too short")
     with pytest.raises(KeyError):
         sampling.length((1, 2))
+
+
+def _named(robot: Robot, start: float, seconds: float = 10.0) -> Sampling:
+    t = start + np.arange(0, seconds, 0.01)
+    q = np.column_stack([np.sin(t + k) for k in range(len(robot.joints))])
+    return survey(read_recording({"t": t, "q": q, "tau": q}, robot), robot)
+
+
+@pytest.mark.parametrize(
+    ("starts", "origins"),
+    [
+        ((0.0, 0.0, 0.5), (0.0, -10.0, -19.5)),  # begins again in each file
+        ((0.0, 12.0, 30.0), (0.0, 0.0, 0.0)),  # goes on
+        ((1.7e9, 1.7e9 + 60, 1.7e9 + 600), (1.7e9, 1.7e9, 1.7e9)),
+        ((1.7e9, 1.7e9 + 86400), (1.7e9, 1.7e9 + 86400)),  # the next day
+    ],
+)
+def test_time_of_a_session_counts_from_its_first_recording(
+    starts: tuple[float, ...], origins: tuple[float, ...]
+) -> None:
+    robot = arm()
+    found = one_after_another([_named(robot, start) for start in starts])
+    assert [one.origin for one in found] == pytest.approx(origins, abs=0.02)

@@ -7,7 +7,10 @@ from .base import TorqueLaw
 
 
 class FrictionDrift(TorqueLaw):
-    """Change of dry friction since the first sample; a negative change alone is not dissipative."""
+    """Change of dry friction since the first sample of a session; a negative change alone is not dissipative.
+
+    Recordings that are given together are one session, in their order.
+    """
 
     name, equation = "friction_drift", "change * (1 - exp(-t / time_constant)) * sign(v)"
     source = (

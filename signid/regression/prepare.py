@@ -10,7 +10,7 @@ from ..effects import EFFECTS
 from ..effects.base import ActuatorLaw, RecordingLaw
 from ..errors import OptionError
 from ..recording import need_constants, need_torque, same_joints
-from ..recording.sampling import Sampling, samples, split, survey
+from ..recording.sampling import Sampling, one_after_another, samples, split, survey
 from ..robot import hold, resting
 from ..robot.dynamics import check_masses
 from ..types import Array, Law, Recording, Robot
@@ -60,6 +60,7 @@ def prepare(
     check_masses(robot)
     moving = hold(robot, resting(robot, but=same_joints(everything)))
     surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
+    surveys = dict(zip(surveys, one_after_another(list(surveys.values())), strict=True))
     learn, judge = (tuple((r, surveys[r]) for r in some) for some in (recordings, held_out))
     return _arranged(moving, (learn, judge), options or Options(), robot.notes)
 

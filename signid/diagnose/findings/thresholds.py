@@ -18,6 +18,7 @@ FORMULA_ERROR = 0.2  # torque that the formula of a real law misses, over its to
 MOST_IN_STEP = log(0.95 / 0.05)  # log odds of laws of joints that moved in step [-]: a probability of .95; heuristic
 
 # Verdict (verdict.py)
+DRIFTS_BACK = 0.5  # drift of a number, against its difference from the stated one, that explains it [1]; heuristic
 CAUSE_SHARE = 0.15  # importance of a cause over the largest [1]: less is a correction; heuristic
 PROMOTED_TORQUE = 0.03  # torque share of a correction that becomes a cause [1]; heuristic
 PROMOTED_GAIN = 0.2  # held-out gain that it needs as well [1]; heuristic

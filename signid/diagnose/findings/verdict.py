@@ -77,6 +77,7 @@ def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[
     importance = {g: _importance(selection.posterior, contributions, residual, g) for g in selection.selected}
     largest = max(importance.values(), default=0.0)
     ranked = sorted(selection.selected, key=lambda g: (by_group[g].log_at_scale < 0, -importance[g]))
+    ranked = _drifts_first(ranked, contributions)
     causes = tuple(g for g in ranked if importance[g] >= tuned.CAUSE_SHARE * largest)
     secondary = tuple(group for group in ranked if group not in causes)
     if not causes:
@@ -122,6 +123,29 @@ def _importance(posterior: Posterior, contributions: Contributions, residual: Ar
         growth = max(float(np.mean((residual[:, j] + torque) ** 2)) - left, 0.0)
         size += min(growth, float(np.mean(alone**2))) / max(float(np.sqrt(left)) * data.scale[j], 1e-300)
     return float(np.sqrt(size))
+
+
+def _drifts_first(ranked: Sequence[Group], contributions: Contributions) -> list[Group]:
+    """Ranked laws, where one that changes another stands before it if the other's number is right at another time.
+
+    So friction that drifts to, or from, the stated level is a drift, and not a wrong level.
+    """
+    out, value = list(ranked), contributions.coefficients
+    for group in ranked:
+        law = group.claim.laws[0]
+        for other in ranked:
+            same = group.size == other.size == 1 and other.claim.laws[0].joints == law.joints
+            if not same or other.claim.laws[0].effect.name not in law.effect.changes:
+                continue
+            drift, level = float(value[group][0]), float(value[other][0])
+            if (
+                drift * level < 0
+                and abs(drift) >= tuned.DRIFTS_BACK * abs(level)
+                and out.index(other) < out.index(group)
+            ):
+                out.remove(group)
+                out.insert(out.index(other), group)
+    return out
 
 
 def _explain(causes: Sequence[Group], excess: tuple[Array, Array, Array], first: Contender) -> bool:

@@ -18,6 +18,7 @@ from .content import Content, content_samples, first_sample
 STRIDE = 4096  # [kept rows] between two stored time stamps
 SHORTEST = 8  # minimum length of a stretch [samples]
 BRIEFEST = 0.5  # minimum duration of a stretch [s]
+SESSION = 4 * 3600.0  # longest time over which recordings count as one session [s]: a shift without a cold start
 COUNT = 6  # number of stretches of a subsample
 Span = tuple[int, int]
 
@@ -62,7 +63,7 @@ class Sampling(Frozen):
     turn_rows: NDArray[np.intp]  # (k,) rows at which an encoder wraps
     turns: Array  # (k, n) full turns to be added from these rows on [1], fractions for registers of other spans
     incomplete: frozenset[str]  # columns with missing values
-    origin: float = 0.0  # [s] `time_origin` of the recording
+    origin: float = 0.0  # [s] time stamp of the start of the session: its first recording, or `time_origin`
     clock: Choice = Choice.stamps(0.0)  # clock of the rows
     content: Content | None = None  # None: the rows have content up to their rate
 
@@ -146,6 +147,25 @@ def select_stretches(sampling: Sampling, seconds: float) -> Sampling:
             low, high = max(0, start + stretch.count - end), min(stretch.count, start + size + stretch.count - end)
             parts += [stretch.part(low, high)] if high - low >= SHORTEST else []
     return _restrict(sampling, parts)
+
+
+def one_after_another(samplings: Sequence[Sampling]) -> list[Sampling]:
+    """Samplings of one session, whose time counts from the start of its first recording.
+
+    Stamps that begin again in each file are taken to follow those of the file before without a pause; stamps since
+    1970 count from the first, if all lie within `SESSION`.
+    """
+    first = [float(s.stretches[0].stamps[0]) for s in samplings]
+    last = [float(s.stretches[-1].stamps[0]) + s.stretches[-1].size * s.period for s in samplings]
+    if any(s.origin for s in samplings):
+        near = all(s.origin for s in samplings) and 0 <= last[-1] - first[0] <= SESSION
+        return [replace(s, origin=samplings[0].origin) for s in samplings] if near else list(samplings)
+    out, before = list[Sampling](), 0.0
+    for k, one in enumerate(samplings):
+        if k and first[k] < last[k - 1]:
+            before += last[k - 1] - first[k]
+        out.append(replace(one, origin=-before))
+    return out
 
 
 def samples(recording: Recording, sampling: Sampling, span: Span, start: int, stop: int) -> Samples:
