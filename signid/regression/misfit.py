@@ -1,7 +1,7 @@
 """Misfit of an identified model: the torque that its laws leave, on rows that took no part in the fit.
 
-It is small and stands in model.json, so that a later diagnosis can distinguish what has changed since from what the model
-never explained.
+It is small and stands in model.json, so that a later diagnosis can distinguish what has changed since from what the
+model never explained.
 
 Source: Kennedy, O'Hagan, J. R. Statist. Soc. B 63(3), 2001 (model inadequacy is learned from data of the system);
 Bartlett, J. R. Statist. Soc. Suppl. 8(1), 1946 (rows of two correlated series that count as one).
