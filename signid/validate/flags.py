@@ -11,6 +11,7 @@ from ..estimation.fit_quality import LITTLE
 from ..recording_faults import OF_A_FIT, RecordingFaults
 from ..recording_faults.result import REFUSE, WARN
 from ..simulation.rollout import RollOut
+from ..simulation.rollout.whole import WholeRollOut
 from .result import ModelCandidate, ValidatedModel
 
 
@@ -68,3 +69,13 @@ def rollout_notes(name: str, found: RollOut, horizon: float) -> Iterator[str]:
     if diverged.any():
         share = diverged.mean()
         yield f"{name} diverges within {horizon:g} s in {share:.0%} of the simulations: their error is infinite"
+
+
+def whole_notes(name: str, found: WholeRollOut) -> Iterator[str]:
+    """A sentence on joints whose simulation over whole recordings leaves the motion, so that its error means little."""
+    far = [joint for joint, rms, size in zip(found.joints, found.rms, found.motion, strict=True) if not rms <= size]
+    if far:
+        yield (
+            f"{name}, simulated over {found.seconds:.3g} s, leaves the motion ({shorten(far)}: error above the "
+            f"standard deviation of the position); short horizons say more about these joints"
+        )
