@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,8 +28,10 @@ from .robot import as_robot, described_gravity
 from .robot.dynamics import shows_gravity
 from .robot.gravity import is_weightless
 from .signs import Recovered, Signs, prepare_and_recover
-from .simulation.refine import Refinement, refine_parts
 from .types import Array, BaseMap, Estimate, Input, Parameters, Progress, Recording, Result, Robot
+
+if TYPE_CHECKING:
+    from .simulation.refine import Refinement
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
@@ -233,6 +236,8 @@ def _refit(
 
 def _refined(found: Identification, candidates: Sequence[str]) -> Identification:
     """With numbers refined by roll-outs: judged on held-out windows, then fitted to all where the model was."""
+    from .simulation.refine import refine_parts  # with the simulator and compiled code, needed only here
+
     session = found.session
     try:
         judge = () if session.judges_itself else session.held_out

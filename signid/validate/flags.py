@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,8 +12,10 @@ from ..estimation.fit_quality import LITTLE
 from ..recording_faults import OF_A_FIT, RecordingFaults
 from ..recording_faults.result import REFUSE, WARN
 from ..simulation.rollout import RollOut
-from ..simulation.rollout.whole import WholeRollOut
 from .result import ModelCandidate, ValidatedModel
+
+if TYPE_CHECKING:
+    from ..simulation.rollout.whole import WholeRollOut
 
 
 def joint_flags(candidates: Sequence[ModelCandidate], recorded: Sequence[str]) -> Iterator[str]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..estimation.fit_quality import Fit
 from ..model import Model
 from ..simulation.rollout import RollOut
-from ..simulation.rollout.whole import WholeRollOut
 from ..types import Array, Indices, Input, Recording, Result
+
+if TYPE_CHECKING:
+    from ..simulation.rollout.whole import WholeRollOut
 
 
 class ModelCandidate(NamedTuple):

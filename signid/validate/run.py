@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,11 +19,13 @@ from ..regression.prepare import prepare
 from ..regression.session import Options, Session, only_once
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
-from ..simulation.rollout.whole import WholeRollOut, roll_out_whole
 from ..types import Input, Progress, Recording
 from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_notes, whole_notes
 from .models import named_models
 from .result import ModelCandidate, ValidatedModel, Validation
+
+if TYPE_CHECKING:
+    from ..simulation.rollout.whole import WholeRollOut
 
 HORIZON = 0.5  # [s] of roll-outs, as in a diagnosis
 WHOLE = "whole"  # horizon: from the first samples of a recording to its end
@@ -165,6 +168,8 @@ def _simulated(
     laws = tuple(law for other in candidates for law in other.model.laws)
     try:
         if isinstance(horizon, str):
+            from ..simulation.rollout.whole import roll_out_whole  # compiled code, needed only here
+
             run = roll_out_whole(one.model, one.recordings)
             return run, [], list(whole_notes(one.name, run))
         found = roll_out(one.model, session, (horizon,), beside=replace(one.model, laws=laws))
@@ -176,7 +181,7 @@ def _simulated(
 
 
 def _with(model: ValidatedModel, found: RollOut | WholeRollOut | None) -> ValidatedModel:
-    return replace(model, whole=found) if isinstance(found, WholeRollOut) else replace(model, rollout=found)
+    return replace(model, rollout=found) if found is None or isinstance(found, RollOut) else replace(model, whole=found)
 
 
 def _validated(one: ModelCandidate, session: Session) -> tuple[ValidatedModel, tuple[str, ...]]:

@@ -208,10 +208,10 @@ def identify(
 
 def _candidates(text: str | None) -> tuple[str, ...] | None:
     """Laws that --refine names; none for rollout."""
-    from ...simulation.refine import LAWS
-
     if text is None or text == "rollout":
         return None if text is None else ()
+    from ...simulation.refine import LAWS
+
     return LAWS if text == "all" else tuple(name.strip() for name in text.split(","))
 
 
