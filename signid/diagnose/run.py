@@ -27,7 +27,7 @@ from .extend.holdout import compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
 from .findings.findings import conclude
 from .findings.gravity import with_gravity_finding
-from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse
+from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse, rollout_warnings
 from .findings.verdict import decide_verdict
 from .preparation import build_in_time, mount, prepare_session
 from .result import Diagnosis
@@ -99,7 +99,13 @@ def diagnose(
         prior_scale=selection.prior_scale,
         signs=recovered.signs,
         inputs=recordings_used(recordings, held_out, reference),
-        flags=(*_flags(recovered, faults), *disagreement, *result.flags, *holdout_warnings(*comparison[:2])),
+        flags=(
+            *_flags(recovered, faults),
+            *disagreement,
+            *result.flags,
+            *holdout_warnings(*comparison[:2]),
+            *rollout_warnings(*rolled[:2]),
+        ),
         notes=(*recovered.notes, *notes, *session.notes, *faults.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,

@@ -32,7 +32,7 @@ def fit_windows(
     Args:
         model: start values.
         windows: of all recordings.
-        scale: (n,) [rad or m] size of the errors of each joint, as weights.
+        scale: (n,) [rad or m] size of the errors of each joint, as weights; or (G, n), one row for each of the windows.
         steps: [1] of a number's size, differences of successive fits.
         most: iterations of each fit at most.
     """
@@ -78,12 +78,13 @@ def subset(windows: Windows, rows: Indices) -> Windows:
 
 def _residuals(model: Model, windows: Sequence[Windows], scale: Array) -> Array:
     out, total = [], sum(one.q.shape[0] * one.q.shape[1] for one in windows)
-    for one in windows:
+    scales = np.broadcast_to(scale, (len(windows), scale.shape[-1]))
+    for one, size in zip(windows, scales, strict=True):
         try:
             errors = position_errors(model, one)
         except InputError:  # numbers with which the model cannot be simulated
             errors = np.full_like(one.q[:, 1:], np.inf)
         thin = max(1, total // ROWS)
-        measured = errors[:, ::-1][:, ::thin][..., one.measured] / scale[one.measured]
+        measured = errors[:, ::-1][:, ::thin][..., one.measured] / size[one.measured]
         out.append(np.clip(np.nan_to_num(measured, nan=WORST, posinf=WORST, neginf=-WORST), -WORST, WORST).ravel())
     return np.concatenate(out)
