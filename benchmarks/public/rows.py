@@ -38,7 +38,7 @@ OTHERS = (
 )
 PUBLISHED = {"mass": 95.1089, "viscous": 203.5034, "coulomb": 20.3935, "offset": -3.1648}  # [kg, N.s/m, N, N]
 EARLIER = """The test file was scored before, in this order: a prototype outside the repository, with the laws chosen
-above 4.04 mm, with direction-dependent friction alone 9.10 mm; this command with a rule that prefers fewer numbers within
-a standard error 6.70 mm (a spring); with the rule above, but a last fit to the whole run alone, 7.15 mm (four numbers:
-6.74 mm). The rule was changed after 6.70 mm was seen, so it is not independent of the test file; the last fit was changed
-since it predicts thirds of the training file better that were not fitted."""
+above 4.04 mm, with direction-dependent friction alone 9.10 mm; this command with a rule that prefers fewer numbers
+within a standard error 6.70 mm (a spring); with the rule above, but a last fit to the whole run alone, 7.15 mm (four
+numbers: 6.74 mm). The rule was changed after 6.70 mm was seen, so it is not independent of the test file. The last fit
+was changed since it predicts thirds of the training file better that were not fitted."""
