@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from ...deadline import seconds_left
 from ...errors import InputError
 from ...model import Model
 from ...types import Array, Indices
@@ -38,6 +39,8 @@ def fit_windows(
     """
     best, cost = model, np.inf
     for step in steps:
+        if seconds_left() <= 0:  # the best so far
+            break
         found, now = _fit(best, windows, scale, step, most)
         if now < cost:
             best, cost = found, now
