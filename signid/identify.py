@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .deadline import ends_in_time, seconds_left, steps_shown
-from .errors import OptionError, shorten
+from .errors import OptionError, RecordingError, shorten
 from .estimation.estimators import ESTIMATORS, Estimator, Given
 from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.fit_quality import Fit, judge_fit
@@ -29,6 +30,9 @@ from .robot.dynamics import shows_gravity
 from .robot.gravity import is_weightless
 from .signs import Recovered, Signs, prepare_and_recover
 from .types import Array, BaseMap, Estimate, Input, Parameters, Progress, Recording, Result, Robot
+
+if TYPE_CHECKING:
+    from .simulation.refine import Refinement
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
@@ -61,6 +65,13 @@ class Identification(Result):
     seed: int
     session: Session  # its recordings, ready to be reduced
     judged: Model  # fitted to the training rows alone, the model that `fit` is about; `model` if `fit.refit` is false
+    refinement: Refinement | None = None  # by roll-outs, if asked for; its windows are held out as those of `fit`
+    refined: Model | None = None  # the model with refined numbers, fitted to all windows; None if it is not better
+
+    @property
+    def best(self) -> Model:
+        """The model to write and simulate: refined by roll-outs where these predict better, else `model`."""
+        return self.refined or self.model
 
     @property
     def physically_consistent(self) -> bool:
@@ -80,6 +91,7 @@ def identify(
     search: Search | None = None,
     options: Options | None = None,
     refit: bool | None = None,
+    refine: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> Identification:
     """Identify a dynamics model from a description and recordings.
@@ -103,6 +115,8 @@ def identify(
         refit: whether the model is fitted again to all rows after its held-out errors are known; None: unless
             held-out recordings are given. It is not if these errors are far above the training errors, since the
             held-out rows may show another load.
+        refine: names of laws to choose from by roll-outs, which may be none; their numbers are then refined so that
+            simulations under recorded torque follow the positions (`best`), if held-out windows agree. None: not.
         progress: called with the current step and the share that is done.
 
     Raises:
@@ -119,6 +133,8 @@ def identify(
     if isinstance(recordings, Reduced):
         if estimator not in (None, "wls"):
             raise OptionError(f"factors answer by weighted least squares alone; give recordings for {way.name!r}")
+        if refine is not None:
+            raise OptionError("roll-outs need samples; give recordings instead of their factors")
         return _from_factors(robot, recordings, held_out, method or METHODS[0], search, options, refit is not False)
     recordings = as_recordings(recordings, robot, "identify")
     everything = (*recordings, *held_out)
@@ -138,6 +154,7 @@ def identify(
             search=search,
             options=options,
             refit=refit,
+            refine=refine,
             progress=progress,
         )
         return replace(found, flags=(f"{mounted.fault.sentence}; the model is identified with it", *found.flags))
@@ -149,6 +166,7 @@ def identify(
     found = _judged(replace(found, notes=notes), train, test, everything)
     again = not held_out if refit is None else refit
     found = _refit(found, given, test, way, recovered, search) if again else found
+    found = found if refine is None else _refined(found, tuple(refine))
     return replace(found, inputs=recordings_used(recordings, held_out))
 
 
@@ -215,6 +233,26 @@ def _refit(
         moved=whole.moved,
         fit=replace(found.fit, refit=True),
     )
+
+
+def _refined(found: Identification, candidates: Sequence[str]) -> Identification:
+    """With numbers refined by roll-outs: judged on held-out windows, then fitted to all where the model was."""
+    from .simulation.refine import refine_parts  # with the simulator and compiled code, needed only here
+
+    session = found.session
+    try:
+        judge = () if session.judges_itself else session.held_out
+        result = refine_parts(found.judged, session.train, judge, session.task.band, candidates=candidates)
+        model = result.model if result.kept else None
+        if model is not None and found.fit.refit:
+            if len(session.robot.joints) > 1:  # whose bodies roll-outs do not refine
+                model = replace(model, inertials=found.model.inertials)
+            model = refine_parts(model, (*session.train, *session.held_out), (), session.task.band).model
+    except RecordingError as error:
+        return replace(found, notes=(*found.notes, f"numbers were not refined by roll-outs: {error}"))
+    more = "model.json has these numbers, the base parameters and the table of laws those of least squares"
+    notes = (*found.notes, more if model is not None else result.sentence)
+    return replace(found, refinement=result, refined=model, notes=notes)
 
 
 def _unlike(found: Identification, recovered: Recovered) -> str:

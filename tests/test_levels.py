@@ -21,8 +21,8 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "output": "__init__ geometry report replay viewers export display",
     "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators lerobot code function __init__",
     "output/report": "layout policy write results pages __init__",
-    "output/report/results": "__init__ documents drives laws recordings signs headline simulation identification "
-    "payload fleet sentences inspection validation diagnosis",
+    "output/report/results": "__init__ documents drives laws refinement recordings signs headline simulation "
+    "identification payload fleet sentences inspection validation diagnosis",
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
     "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "
     "factors misfit session prepare reduced",
@@ -31,7 +31,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "robot": "gravity joints dynamics actuators description locate load accept __init__",
     "signs": "thresholds result observations segments search samples posterior infer flags tree torque_constants "
     "recover __init__",
-    "simulation": "__init__ plant excite rollout",
+    "simulation": "__init__ plant excite rollout refine",
 }
 MOST_FOLDERS, MOST_MODULES, MOST_FILES = 16, 15, 14  # below signid/, below signid/, in any folder but effects/
 Arrows = Mapping[str, set[str]]  # file -> files that it imports; "robot/load", without .py

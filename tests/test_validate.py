@@ -15,6 +15,7 @@ from signid.effects import EFFECTS
 from signid.errors import OptionError, RecordingError
 from signid.identify import Identification
 from signid.model import Model, stated_inertials, stated_laws
+from signid.output.report.results.validation import validation_document
 from signid.regression.session import Options
 from signid.types import Array, Law, Recording, Robot
 from signid.validate import Validation, validate
@@ -218,3 +219,27 @@ def test_a_drive_identified_on_one_motion_predicts_another(data: Path) -> None:
     assert found.flags == () and given.fit.unit == ("N",)
     assert given.fit.held_out_r2[0] > 0.99 and given.fit.held_out_rms[0] < 0.2 * described.fit.held_out_rms[0]
     assert given.rollout is not None and given.rollout.rms(0.5)[0] < 0.005
+
+
+def test_whole_recordings_are_simulated() -> None:
+    robot = signid.load_robot("emps")
+    t = np.arange(0, 4, 1e-3)
+    tau = 60 * np.sin(4 * t)
+    still = signid.read_recording({"t": t, "q_1": 0.01 * np.sin(4 * t), "tau_1": tau}, robot)
+    free = Model(robot, stated_inertials(robot))
+    found = validate(free, still, horizon="whole")
+    one = found.models[0]
+    assert found.horizon == "whole" and one.rollout is None and one.whole is not None
+    assert one.whole.seconds == pytest.approx(4 - 0.021) and one.whole.rms[0] > one.whole.motion[0]
+    assert any("leaves the motion (joint_1" in note for note in found.notes)
+    shown = validation_document(found)["models"][0]["rollout"]
+    assert shown["horizon"] == "whole" and shown["rms"] == one.whole.rms.tolist() and shown["unit"] == ("m",)
+
+
+def test_a_horizon_can_be_chosen() -> None:
+    found = validate(described(), recording(), horizon=0.3)
+    rolled = found.models[0].rollout
+    assert rolled is not None and rolled.horizons == (0.3,) and found.horizon == 0.3
+    for wrong in (0.0, -1.0, float("nan"), "all"):
+        with pytest.raises(OptionError, match="is neither a time above 0 s nor 'whole'"):
+            validate(described(), recording(), horizon=wrong)

@@ -37,12 +37,12 @@ def deliver(result: Identification, inputs: Sequence[Input], output: str | None,
 
     files: dict[str, Content] = {}
     if output is not None:
-        described, notes = _urdf(result.robot, _identifiable_bodies(result), result.model.laws)
+        described, notes = _urdf(result.robot, _identifiable_bodies(result), result.best.laws)
         result = replace(result, notes=(*result.notes, *notes))
         signed = _signed(result.signs, result.recordings, result.robot)
         files = {**described, "report.html": identification_page(result, inputs, command), **signed}
     document = to_json(identification_document(result, inputs))
-    files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
+    files = {"identification.json": document, "model.json": to_json(result.best.document()), **files}
     return show(document if json else identification_tables(result), result.flags, _written(output, files))
 
 
@@ -225,7 +225,7 @@ def _marked(text: str) -> str:
 
 def _identifiable_bodies(result: Identification) -> Array:
     """(nb, 10) inertial parameters [kg, kg.m, kg.m2]; NaN for bodies without effect on torque."""
-    bodies = result.parameters.bodies().copy()
+    bodies = (result.parameters.bodies() if result.refined is None else result.refined.inertials).copy()
     shown = np.any(result.base.combination != 0, axis=0)
     seen = {label.body for s, label in zip(shown, result.base.labels, strict=True) if s}
     bodies[[body not in seen for body in range(len(bodies))]] = np.nan

@@ -28,7 +28,7 @@ from .extend.holdout import Comparison, compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
 from .findings.findings import Conclusions, conclude
 from .findings.gravity import with_gravity_finding
-from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse
+from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse, rollout_warnings
 from .findings.verdict import decide_verdict
 from .preparation import Mounting, build_in_time, mount, prepare_session
 from .result import Diagnosis
@@ -102,6 +102,7 @@ def diagnose(
             *answer.flags,
             *result.flags,
             *holdout_warnings(*comparison[:2]),
+            *rollout_warnings(*rolled[:2]),
         ),
         notes=(*recovered.notes, *notes, *session.notes, *mounting.faults.notes, *question.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,

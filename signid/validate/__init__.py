@@ -5,6 +5,6 @@ dry friction can take any value there.
 """
 
 from .result import ValidatedModel, Validation
-from .run import validate
+from .run import HORIZON, validate
 
-__all__ = ["ValidatedModel", "Validation", "validate"]
+__all__ = ["HORIZON", "ValidatedModel", "Validation", "validate"]

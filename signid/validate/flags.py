@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from ..recording_faults import OF_A_FIT, RecordingFaults
 from ..recording_faults.result import REFUSE, WARN
 from ..simulation.rollout import RollOut
 from .result import ModelCandidate, ValidatedModel
+
+if TYPE_CHECKING:
+    from ..simulation.rollout.whole import WholeRollOut
 
 
 def joint_flags(candidates: Sequence[ModelCandidate], recorded: Sequence[str]) -> Iterator[str]:
@@ -68,3 +72,13 @@ def rollout_notes(name: str, found: RollOut, horizon: float) -> Iterator[str]:
     if diverged.any():
         share = diverged.mean()
         yield f"{name} diverges within {horizon:g} s in {share:.0%} of the simulations: their error is infinite"
+
+
+def whole_notes(name: str, found: WholeRollOut) -> Iterator[str]:
+    """A sentence on joints whose simulation over whole recordings leaves the motion, so that its error means little."""
+    far = [joint for joint, rms, size in zip(found.joints, found.rms, found.motion, strict=True) if not rms <= size]
+    if far:
+        yield (
+            f"{name}, simulated over {found.seconds:.3g} s, leaves the motion ({shorten(far)}: error above the "
+            f"standard deviation of the position); short horizons say more about these joints"
+        )

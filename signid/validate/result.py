@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..estimation.fit_quality import Fit
 from ..model import Model
 from ..simulation.rollout import RollOut
 from ..types import Array, Indices, Input, Recording, Result
+
+if TYPE_CHECKING:
+    from ..simulation.rollout.whole import WholeRollOut
 
 
 class ModelCandidate(NamedTuple):
@@ -33,6 +36,7 @@ class ValidatedModel(Result):
     t: Array  # (M,) [s] since the start of the recording if its stamps begin far from 0
     torque: Array  # (M, n) [N.m or N] measured, low-passed
     residual: Array  # (M, n) [N.m or N] measured - predicted, low-passed
+    whole: WholeRollOut | None = None  # simulation of whole recordings, instead of `rollout`
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +47,7 @@ class Validation(Result):
     inputs: tuple[Input, ...]  # the recordings
     flags: tuple[str, ...]
     notes: tuple[str, ...]
-    horizon: float  # [s] of the roll-outs
+    horizon: float | str  # [s] of the roll-outs, or whole: of whole recordings
     cutoff: float  # [Hz] of the torque
     position_cutoff: float  # [Hz] of the positions
     seed: int

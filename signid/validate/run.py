@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,11 +20,15 @@ from ..regression.session import Options, Session, only_once
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
 from ..types import Input, Progress, Recording
-from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_notes
+from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_notes, whole_notes
 from .models import named_models
 from .result import ModelCandidate, ValidatedModel, Validation
 
+if TYPE_CHECKING:
+    from ..simulation.rollout.whole import WholeRollOut
+
 HORIZON = 0.5  # [s] of roll-outs, as in a diagnosis
+WHOLE = "whole"  # horizon: from the first samples of a recording to its end
 
 
 def validate(
@@ -32,6 +37,7 @@ def validate(
     *,
     options: Options | None = None,
     rollout: bool = True,
+    horizon: float | str = HORIZON,
     progress: Progress | None = None,
 ) -> Validation:
     """How well given models predict recordings; nothing is fitted.
@@ -43,13 +49,16 @@ def validate(
         models: one or several, as `load_model` gives them; a mapping names them, else they have the robot's name.
         recordings: with signed torque, one or several, all of the same joints.
         options: cut-off and the like; its effects do not count.
-        rollout: whether to simulate short horizons from measured states, too.
+        rollout: whether to simulate horizons from measured states, too.
+        horizon: length of these simulations [s], or `whole`: whole recordings, open loop under recorded torque.
         progress: called with what is being done and the share of it that is done.
 
     Raises:
-        OptionError: a model or a recording is missing or was given twice, or they have no joint in common.
+        OptionError: a model or a recording is missing or was given twice, they have no joint in common, or the horizon
+            is invalid.
         RecordingError: a recording cannot be used; the sentence says which and why.
     """
+    _check_horizon(horizon)
     named = named_models(models, "validate")
     given = as_recordings(recordings, next(iter(named.values())).robot, "validate") if named else []
     _check(named, given)
@@ -63,9 +72,9 @@ def validate(
             progress(f"validating {one.name}", k / len(candidates))
         session = sessions[one.model.robot.joints]
         faults.append(examine(one.model, session, NO_EXCITATION))
-        rolled, failures, remarks = _roll_out(session, one, candidates) if rollout else (None, [], [])
-        model, lost = _validated(one, session, rolled)
-        validated.append(model)
+        model, lost = _validated(one, session)
+        simulated, failures, remarks = _simulated(session, one, candidates, horizon) if rollout else (None, [], [])
+        validated.append(_with(model, simulated))
         if lost:
             has = f"{one.name} predicts a torque of {shorten(lost)} that is not finite, so it has no rms"
             flags.append(f"{has}; correct the numbers of the model")
@@ -77,7 +86,7 @@ def validate(
         inputs=tuple(Input(r.path, r.sha256, "recording") for r in given),
         flags=(*fault_flags(list(named), faults), *flags),
         notes=tuple(dict.fromkeys(notes)),
-        horizon=HORIZON,
+        horizon=horizon if isinstance(horizon, str) else float(horizon),
         cutoff=band.cutoff,
         position_cutoff=band.position_cutoff,
         seed=options.seed,
@@ -147,23 +156,35 @@ def _sessions(candidates: Sequence[ModelCandidate], options: Options) -> dict[tu
     return sessions
 
 
-def _roll_out(
-    session: Session, one: ModelCandidate, candidates: Sequence[ModelCandidate]
-) -> tuple[RollOut | None, list[str], list[str]]:
-    """Short simulations, flags and notes; windows leave room for the laws of all models, so that all have the same."""
+def _check_horizon(horizon: float | str) -> None:
+    if horizon != WHOLE and not (isinstance(horizon, float | int) and np.isfinite(horizon) and horizon > 0):
+        raise OptionError(f"the horizon {horizon!r} is neither a time above 0 s nor {WHOLE!r}; give one, such as 0.5")
+
+
+def _simulated(
+    session: Session, one: ModelCandidate, candidates: Sequence[ModelCandidate], horizon: float | str
+) -> tuple[RollOut | WholeRollOut | None, list[str], list[str]]:
+    """Simulations, flags and notes; windows leave room for the laws of all models, so that all have the same."""
     laws = tuple(law for other in candidates for law in other.model.laws)
     try:
-        found = roll_out(one.model, session, (HORIZON,), beside=replace(one.model, laws=laws))
+        if isinstance(horizon, str):
+            from ..simulation.rollout.whole import roll_out_whole  # compiled code, needed only here
+
+            run = roll_out_whole(one.model, one.recordings)
+            return run, [], list(whole_notes(one.name, run))
+        found = roll_out(one.model, session, (horizon,), beside=replace(one.model, laws=laws))
     except RecordingError as error:
         return None, [], [f"no roll-out was made: {error}"]
     except InputError as error:
         return None, [f"{one.name} cannot be simulated: {error}"], []
-    return found, [], list(rollout_notes(one.name, found, HORIZON))
+    return found, [], list(rollout_notes(one.name, found, horizon))
 
 
-def _validated(
-    one: ModelCandidate, session: Session, rollout: RollOut | None
-) -> tuple[ValidatedModel, tuple[str, ...]]:
+def _with(model: ValidatedModel, found: RollOut | WholeRollOut | None) -> ValidatedModel:
+    return replace(model, rollout=found) if found is None or isinstance(found, RollOut) else replace(model, whole=found)
+
+
+def _validated(one: ModelCandidate, session: Session) -> tuple[ValidatedModel, tuple[str, ...]]:
     """A model on all recordings, and the joints whose predicted torque is not finite: these have no residual.
 
     Rows are computed piece by piece: memory grows with their rate, twice the cut-off, not with the sampling rate. The
@@ -187,4 +208,4 @@ def _validated(
     measured = np.any([[bool(column) for column in r.columns["tau"]] for r, _ in session.held_out], axis=0)
     lost = tuple(model.robot.joints[j] for j in np.flatnonzero(measured & ~finite))
     fit = fit_rows(model.robot, residual, torque, band.torque_floor)
-    return ValidatedModel(one.name, model, fit, rollout, recording, stretch, t, torque, residual), lost
+    return ValidatedModel(one.name, model, fit, None, recording, stretch, t, torque, residual), lost

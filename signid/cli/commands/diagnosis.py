@@ -132,7 +132,8 @@ class ValidateOptions:
     """Data and output of a validation."""
 
     output: Text = output_option("Output folder. Default: none.")
-    rollout: bool = option(True, "Also simulate short horizons.", "--rollout/--no-rollout")
+    rollout: bool = option(True, "Also simulate from measured states.", "--rollout/--no-rollout")
+    horizon: Text = option(None, "Length of these simulations [s], or whole. Default: 0.5.", metavar="S")
     columns: Columns = None
     cutoff: Cutoff = None
 
@@ -162,14 +163,18 @@ def validate(
     Recordings with commanded positions (q_des_J) and without torque are compared with closed loops of models with
     position drives: rms position error over whole recordings and over 1 s. --actuators then states the firmware gains
     of recordings, for a model.json too.
+
+    Raises:
+        OptionError: a horizon for recordings of closed loops.
     """
     from ...regression.session import Options
     from ...servo.validate import validate_servos
-    from ...validate import validate as judge
+    from ...validate import HORIZON, validate as judge
     from ..files import VALIDATED, deliver_servo_validation, deliver_validation
     from .drives import has_drives, registers_beside
 
     check_folder(validation.output, True, VALIDATED)
+    horizon = HORIZON if validation.horizon is None else _horizon(validation.horizon)
     names, recordings = _sort_arguments(given)
     sources = [SimulationArguments(simulation=name, **vars(robot)) for name in names]
     if not all(source.saved for source in sources):
@@ -188,6 +193,10 @@ def validate(
         for one in sources
         for file in simulation_inputs(one, models[readable(one.simulation)].robot, columns=validation.columns)
     ]
+    if servo and validation.horizon is not None:
+        raise OptionError(
+            "--horizon is for recordings with torque; closed loops are always simulated over whole recordings and 1 s"
+        )
     if servo:
         gains, file = registers_beside(robot.actuators, names)
         with bars(run.json) as progress:
@@ -195,7 +204,7 @@ def validate(
         return deliver_servo_validation(loops, [*inputs, *file], validation.output, run.json, given_command(context))
     options = Options(cutoff=validation.cutoff, seed=run.seed)
     with bars(run.json) as progress:
-        result = judge(models, read, options=options, rollout=validation.rollout, progress=progress)
+        result = judge(models, read, options=options, rollout=validation.rollout, horizon=horizon, progress=progress)
     return deliver_validation(result, inputs, validation.output, run.json, given_command(context))
 
 
@@ -250,3 +259,11 @@ def _reader(models: Sequence[Model]) -> Robot:
         return len(robot.joints), sum(map(isfinite, robot.actuators.torque_constant.tolist()))
 
     return max((model.robot for model in models), key=known)
+
+
+def _horizon(text: str) -> float | str:
+    """A horizon [s], or `whole`; other texts stay as they are, for the sentence that refuses them."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -25,7 +25,7 @@ COLUMNS = "columns.toml"  # column map with the signs and zeros that an identifi
 SERVO = "servo@"  # beginning of injected numbers of drives
 TORQUE_ONLY = (  # options of `identify` that act on torque
     *("method", "estimator", "robust", "unsigned", "signs", "bounds", "global_algorithm", "local_algorithm"),
-    *("total_mass", "effects", "cutoff", "derivatives", "no_instruments", "white"),
+    *("total_mass", "effects", "cutoff", "derivatives", "no_instruments", "white", "refine"),
 )
 
 

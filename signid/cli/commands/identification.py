@@ -138,6 +138,11 @@ class IdentifyOptions:
     refit: bool | None = option(
         None, "Fit the written model again to all rows. Default: unless --held-out is given.", "--refit/--no-refit"
     )
+    refine: Text = option(
+        None,
+        "Refine model.json by roll-outs: rollout; all or A,B: also choose laws (one joint). Default: no.",
+        metavar="HOW",
+    )
     total_mass: Text = option(None, "Range of the total mass [kg], for pbrp. Default: any.", metavar="LO,HI")
     time_limit: TimeLimit = USUAL
 
@@ -194,10 +199,20 @@ def identify(
                 search=search,
                 options=options,
                 refit=fit.refit,
+                refine=_candidates(fit.refine),
                 progress=progress,
             )
         read += factor_inputs(recordings)
         return deliver(result, read, fit.output, run.json, given_command(context))
+
+
+def _candidates(text: str | None) -> tuple[str, ...] | None:
+    """Laws that --refine names; none for rollout."""
+    if text is None or text == "rollout":
+        return None if text is None else ()
+    from ...simulation.refine import LAWS
+
+    return LAWS if text == "all" else tuple(name.strip() for name in text.split(","))
 
 
 def _search(fit: IdentifyOptions) -> Search:

@@ -13,13 +13,14 @@ from ...effects.empirical import PLACES, VARIABLES
 from ...effects.law import law_columns
 from ...estimation.fit_quality import LITTLE, Fit
 from ...regression.session import Session
+from ...simulation.rollout import RollOut
 from ...types import Array, Law
 from ..data.noise import Noise
 from ..extend.holdout import Prediction, ResidualRows, fit_of, predict
 from ..result import Unexplained
 from ..search.stepwise import SEARCH
 from .findings import Conclusions
-from .thresholds import CORRELATED_ROWS, EMPIRICAL_GAIN, LOUD, WORSE
+from .thresholds import CORRELATED_ROWS, EMPIRICAL_GAIN, FARTHER, FEWEST, LOUD, SURE, WORSE
 
 FALLBACK = (
     "the search was cut short, and with the laws found so far the held-out torque of {} is predicted worse than by the "
@@ -103,3 +104,26 @@ def _empirical_law(rows: ResidualRows, one: Unexplained) -> Law:
 def _columns(rows: ResidualRows, law: Law) -> Array:
     """(M, k) low-passed columns of the law at its joint [1]."""
     return np.concatenate([rows.thin(law_columns(law, piece.motion)[1][:, 0]) for piece in rows.pieces])
+
+
+def rollout_warnings(before: RollOut | None, after: RollOut | None) -> Iterator[str]:
+    """One sentence for each joint whose simulation by the extended model leaves the held-out motion faster.
+
+    A joint counts where its median error at the end of the windows grew by the factor `FARTHER`, and the mean log ratio
+    over windows is positive by `SURE` standard errors.
+    """
+    if before is None or after is None:
+        return
+    horizon = max(after.horizons)
+    errors = [np.clip(np.abs(one.end(horizon)), 1e-12, 1e12) for one in (before, after)]
+    for k, joint in enumerate(after.joints):
+        first, last = (error[:, k] for error in errors)
+        if len(first) < FEWEST or np.isnan(last).any():
+            continue
+        ratio, grown = np.log(last / first), float(np.median(last) / np.median(first))
+        if grown > FARTHER and ratio.mean() > SURE * ratio.std() / np.sqrt(len(ratio)):
+            yield (
+                f"the extended simulation leaves the held-out motion of {joint} faster than the given one (median "
+                f"error of roll-outs of {horizon:g} s: {grown:.2f} times); simulate {joint} with care, and record more "
+                f"motions"
+            )

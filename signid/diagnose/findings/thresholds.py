@@ -56,6 +56,9 @@ VAGUE_STD = 0.5  # standard deviations from zero below which a coefficient is va
 # Held-out prediction (held_out_prediction.py)
 EMPIRICAL_GAIN = 0.3  # share of the held-out sum of squares that an empirical function must remove [1]; heuristic
 WORSE = 1.05  # held-out rms after over before that is worse [1]; heuristic
+FARTHER = 1.2  # median roll-out error after over before that is worse [1]; heuristic
+SURE = 2.0  # standard errors by which roll-outs must be worse [1]
+FEWEST = 8  # windows that roll-outs are compared in, at least
 LOUD = 3.0  # held-out rms over irreducible rms above which it matters [1]; heuristic
 
 # Intervals (intervals.py)

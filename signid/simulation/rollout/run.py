@@ -126,7 +126,7 @@ def roll_out(
         cut_windows(model, part, band, max(horizons), count, step, beside=beside)
         for part, count in zip(parts, counts, strict=True)
     ]
-    errors = [_simulate(model, cut, integrator) for cut in cuts]
+    errors = [simulate_windows(model, cut, integrator) for cut in cuts]
     samples_each = min(error.shape[1] for error in errors)
     robot, first = model.robot, cuts[0]
     return RollOut(
@@ -163,7 +163,7 @@ def _check(recordings: Sequence[Recording], horizons: Sequence[float], windows: 
         raise OptionError(f"the torque of {', '.join(sorted(unsigned))} has no sign; a roll-out needs signed torque")
 
 
-def _simulate(model: Model, windows: Windows, integrator: str) -> Array:
+def simulate_windows(model: Model, windows: Windows, integrator: str = "semi-implicit") -> Array:
     """Simulated minus measured position (W, S, n) [rad or m] after each sample."""
     plant = Plant(model, windows.step, len(windows.t), integrator)
     plant.moment.origin = windows.origin

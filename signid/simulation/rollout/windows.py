@@ -38,12 +38,21 @@ class Windows(Frozen):
 
 
 def cut_windows(
-    model: Model, part: Part, band: Band, length: float, count: int, step: float, *, beside: Model | None = None
+    model: Model,
+    part: Part,
+    band: Band,
+    length: float,
+    count: int,
+    step: float,
+    *,
+    beside: Model | None = None,
+    held: bool = False,
 ) -> Windows:
     """Windows of a length [s] with evenly spaced starts over the usable stretches of a recording; they may overlap.
 
     The model's recording laws are undone, and its laws with memory need the motion before a window. The windows leave
-    enough room for the model `beside`, too. The step [s] is the largest one of the simulation.
+    enough room for the model `beside`, too. The step [s] is the largest one of the simulation. Torque is linear between
+    samples, or `held` from each to the next.
 
     Raises:
         RecordingError: no stretch of the recording is long enough.
@@ -77,7 +86,7 @@ def cut_windows(
         parts=parts,
         q=q[:, states],
         v=v[:, states],
-        torque=_means(torque[:, inside], stride, parts),
+        torque=_means(torque[:, inside], stride, parts, held),
         flex=np.stack([_deflections(model, m, lead) for m in motions], axis=1),
         before=v[:, lead - before : lead],
         measured=np.array([bool(c) for c in recording.columns["tau"]]),
@@ -133,8 +142,11 @@ def _deflections(model: Model, motion: Motion, k: int) -> Array:
     return out
 
 
-def _means(torque: Array, stride: int, parts: int) -> Array:
-    """Mean torque of each step, for torque (W, N, n) that is linear between samples."""
+def _means(torque: Array, stride: int, parts: int, held: bool) -> Array:
+    """Mean torque of each step, for torque (W, N, n) that is linear between samples, or held from each to the next."""
+    if held:
+        torque = torque[:, :-1].reshape(len(torque), -1, stride, torque.shape[2]).mean(axis=2)
+        return np.asarray(np.repeat(torque, parts, axis=1))
     if stride > 1:
         middle = (torque[:, 1:] + torque[:, :-1]) / 2
         return np.asarray(middle.reshape(len(torque), -1, stride, torque.shape[2]).mean(axis=2))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ....types import Input
 from ..layout import determination, figure
-from ..results.validation import joints_of, rollout_rows, torque_rows, validation_title
+from ..results.validation import joints_of, rollout_rows, rollout_title, torque_rows, validation_title
 from .courses import FEWEST, OPEN, POINTS, JointPlots, Line, rollout_plots, torque_plot, worst
 from .frame import AFTER, BEFORE, FLOOR, INK, Card, Plot, render, shared
 
@@ -31,7 +31,8 @@ def validation_page(result: Validation, inputs: Sequence[Input] = (), command: s
         cards=list(_cards(models)),
         torque=torque_rows(result),
         joints=list(validated_plots(result)),
-        errors=rollout_rows(result) if rolled else None,
+        errors=rollout_rows(result) if rolled or any(one.whole for one in models) else None,
+        errors_title=rollout_title(result),
         rolled=rolled,
         **shared(result, (one.model.robot for one in models), inputs, command),
     )

@@ -16,6 +16,7 @@ from ....types import Array, BaseMap, Input, Law
 from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
 from .documents import Document, description, ending, excitation_verdict, fit_document, opening, recorded
 from .laws import law_units
+from .refinement import refinement_document, refinement_tables
 from .signs import signs_document, signs_tables
 
 if TYPE_CHECKING:
@@ -113,6 +114,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         ],
         "signs": signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
+        **({} if result.refinement is None else {"refinement": refinement_document(result)}),
         "excitation": excitation_verdict(result.excitation),
         "method": result.method,
         "estimator": result.estimate.method,
@@ -140,6 +142,7 @@ def identification_tables(result: Identification) -> list[RenderableType]:
         paragraph(excited_words(result.excitation)),
         paragraph(consistent_words(result)),
         paragraph(f"{cutoff_words(result.cutoff, result.position_cutoff)}; {result.estimate.method}."),
+        *refinement_tables(result),
         *note_lines(result.notes),
     ]
 

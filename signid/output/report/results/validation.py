@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.console import RenderableType
 
 from ....types import Input
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Document:
     """Build the content of validation.json; `inputs` besides the recordings default to the models' descriptions."""
-    horizon = result.horizon
     return {
         "schema": "signid.validation/1",
         "models": [
@@ -26,8 +26,7 @@ def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Doc
                 "path": one.name,
                 "robot": one.model.robot.name,
                 "fit": {**fit_document(one.fit), "train_rms": None},
-                "rollout": one.rollout
-                and {"horizon": horizon, "rms": one.rollout.rms(horizon), "unit": one.rollout.unit},
+                "rollout": _rollout_document(one, result.horizon),
             }
             for one in result.models
         ],
@@ -40,18 +39,33 @@ def validation_tables(result: Validation) -> list[RenderableType]:
     """Rms, noise floor, R2 and roll-out errors of every model, per joint."""
     listed = [f"{number}  {one.name}" for number, one in enumerate(result.models, 1)]
     (heads, rows), (ends, errors) = torque_rows(result), rollout_rows(result)
-    title = f"Roll-outs of {result.horizon:g} s from measured states: rms position error at the end"
-    rolled = [heading(title), new_table(*ends, rows=errors)]
+    rolled = [heading(rollout_title(result)), new_table(*ends, rows=errors)]
     cutoff = cutoff_words(result.cutoff, result.position_cutoff)
     return [
         heading(validation_title(result), below=False),
         *map(paragraph, listed if len(listed) > 1 else []),
         heading("Torque: rms of measured - predicted"),
         new_table(*heads, rows=rows),
-        *(rolled if any(one.rollout is not None for one in result.models) else []),
+        *(rolled if any(one.rollout or one.whole for one in result.models) else []),
         paragraph(f"{cutoff}; rows where a joint is at rest are excluded. Nothing was fitted."),
         *note_lines(result.notes),
     ]
+
+
+def _rollout_document(one: ValidatedModel, horizon: float | str) -> Document | None:
+    if one.whole is not None:
+        rms = [float(x) if np.isfinite(x) else None for x in one.whole.rms]
+        return {"horizon": horizon, "rms": rms, "unit": one.whole.unit, "duration": one.whole.seconds}
+    if one.rollout is None or isinstance(horizon, str):
+        return None
+    return {"horizon": horizon, "rms": one.rollout.rms(horizon), "unit": one.rollout.unit}
+
+
+def rollout_title(result: Validation) -> str:
+    """Heading of the table of roll-outs."""
+    if isinstance(result.horizon, str):
+        return "Simulations of whole recordings under recorded torque: rms position error"
+    return f"Roll-outs of {result.horizon:g} s from measured states: rms position error at the end"
 
 
 def validation_title(result: Validation) -> str:
@@ -75,14 +89,24 @@ def torque_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
 
 
 def rollout_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
-    """Table heads, and rows with the rms position error of every model at the horizon."""
+    """Table heads, and rows with the rms position error of every model, at the horizon or over whole recordings."""
     heads, rows = ["joint", *(f"error{m}>" for m in _marks(result.models)), "unit"], []
+    simulated = [_errors(one, result.horizon) for one in result.models]
     for joint in joints_of(result.models):
-        rolled = [(r, None if r is None else _place(r.joints, joint)) for r in (one.rollout for one in result.models)]
-        errors = ["-" if r is None or j is None else figure(float(r.rms(result.horizon)[j])) for r, j in rolled]
-        unit = next((r.unit[j] for r, j in rolled if r is not None and j is not None), "")
-        rows.append([joint, *errors, unit])
+        errors = [figure(float(found[joint][0])) if joint in found else "-" for found in simulated]
+        rows.append([joint, *errors, next((found[joint][1] for found in simulated if joint in found), "")])
     return heads, rows
+
+
+def _errors(one: ValidatedModel, horizon: float | str) -> dict[str, tuple[float, str]]:
+    """Rms position error and its unit by joint; empty without a simulation."""
+    if one.whole is not None:
+        found, rms = one.whole, one.whole.rms
+        return {joint: (x, u) for joint, x, u in zip(found.joints, rms, found.unit, strict=True)}
+    if one.rollout is None or isinstance(horizon, str):
+        return {}
+    rolled = one.rollout
+    return {joint: (x, u) for joint, x, u in zip(rolled.joints, rolled.rms(horizon), rolled.unit, strict=True)}
 
 
 def joints_of(models: Sequence[ValidatedModel]) -> list[str]:

@@ -1,0 +1,1 @@
+"""Tables of public benchmarks with the rows that others published."""
