@@ -37,9 +37,9 @@ OTHERS = (
     Row("GRU", None, None, 220.0, CHAMPNEYS),
 )
 PUBLISHED = {"mass": 95.1089, "viscous": 203.5034, "coulomb": 20.3935, "offset": -3.1648}  # [kg, N.s/m, N, N]
-EARLIER = """The test file was looked at five times before, in this order: (1) a prototype outside the repository, 4.04 mm
-with the laws chosen above, taken by eye against its own rule, and 9.10 mm with direction-dependent friction alone;
-(2) this command with a rule that prefers fewer numbers within a standard error, 6.70 mm (a spring); (3) with the rule
-above, but a last fit to the whole run alone, 7.15 mm (four numbers: 6.74 mm); (4) as it is now; (5) constant forces
-added to the model of (3). The rule was changed after (2) and the last fit after (3): they are not independent of the test
-file."""
+EARLIER = """The test file was looked at five times before, in this order: (1) a prototype outside the repository,
+4.04 mm with the laws chosen above, taken by eye against its own rule, and 9.10 mm with direction-dependent friction
+alone; (2) this command with a rule that prefers fewer numbers within a standard error, 6.70 mm (a spring); (3) with the
+rule above, but a last fit to the whole run alone, 7.15 mm (four numbers: 6.74 mm); (4) as it is now; (5) forces
+added to the model of (3). The rule was changed after (2) and the last fit after (3): they are not independent of the
+test file."""
