@@ -10,7 +10,7 @@ from diagnosed import DRIVES, fault, look, named, posed, simulation
 from plant import law
 
 from signid.diagnose.data.column_groups import Group, tolerance
-from signid.diagnose.data.hypotheses import is_refitted, propose
+from signid.diagnose.data.hypotheses import Hypothesis, is_refitted, propose
 from signid.diagnose.data.normal_equations import Fitted, solve
 from signid.diagnose.extend.extend import extend
 from signid.diagnose.findings.separating_motion import tell_apart
@@ -49,6 +49,10 @@ def refitted(model: Model, steps: dict[int, float], bodies: Array | None = None)
     return groups, solve(which, 1e12 * np.eye(len(which)), 1e12 * values, 1e-12 * np.eye(len(which)))
 
 
+def added(*laws: Law) -> dict[Group, tuple[Law, ...]]:
+    return {Group(k, 0, Hypothesis((one,))): (one,) for k, one in enumerate(laws)}
+
+
 def numbers(model: Model, effect: str, *joints: int) -> dict[str, float]:
     (one,) = [x for x in model.laws if (x.effect.name, x.joints) == (effect, joints)]
     return dict(one.parameters)
@@ -57,7 +61,7 @@ def numbers(model: Model, effect: str, *joints: int) -> dict[str, float]:
 def test_a_stated_law_becomes_the_sum() -> None:
     model = simulated(law("viscous_friction", 0, coefficient=0.5), law("armature", 1, inertia=0.2))
     groups, fit = refitted(model, {0: 0.1})
-    wider = extend(model, groups, fit, [law("armature", 1, inertia=0.05), law("armature", 2, inertia=0.01)])
+    wider = extend(model, groups, fit, added(law("armature", 1, inertia=0.05), law("armature", 2, inertia=0.01)))
     assert len(wider.laws) == 3
     assert numbers(wider, "viscous_friction", 0)["coefficient"] == pytest.approx(0.6)  # refitted
     assert numbers(wider, "armature", 1)["inertia"] == pytest.approx(0.25)  # stated, plus the missing part
@@ -68,7 +72,7 @@ def test_a_stated_law_becomes_the_sum() -> None:
 def test_friction_is_never_negative() -> None:
     model = simulated(law("coulomb_friction", 0, level=0.5), law("torque_offset", 1, offset=0.2))
     groups, fit = refitted(model, {0: -0.7, 1: -0.5})
-    wider = extend(model, groups, fit, [])
+    wider = extend(model, groups, fit, {})
     assert numbers(wider, "coulomb_friction", 0) == {"level": 0}
     assert numbers(wider, "torque_offset", 1)["offset"] == pytest.approx(-0.3)
 
@@ -83,7 +87,7 @@ def test_contained_laws_are_merged() -> None:
     model = simulated(*plain, other)
     more = law("asymmetric_friction", 0, viscous_positive=0.2, viscous_negative=0.1, coulomb_positive=0.05,
                coulomb_negative=-0.05)  # fmt: skip
-    wider = extend(model, *refitted(model, {}), [more])
+    wider = extend(model, *refitted(model, {}), added(more))
     assert [(x.effect.name, x.joints) for x in wider.laws] == [
         ("coulomb_friction", (1,)),
         ("asymmetric_friction", (0,)),
@@ -95,7 +99,7 @@ def test_contained_laws_are_merged() -> None:
 def test_two_laws_with_shapes_stay_separate() -> None:
     one, other = (law("stribeck_friction", 0, level=0.3, velocity=v) for v in (0.1, 0.2))
     model = simulated(one)
-    wider = extend(model, *refitted(model, {}), [other])
+    wider = extend(model, *refitted(model, {}), added(other))
     assert [x.parameters["velocity"] for x in wider.laws] == [0.1, 0.2]
 
 
@@ -103,7 +107,7 @@ def test_two_laws_with_shapes_stay_separate() -> None:
 def test_bodies_stay_physically_consistent(size: float) -> None:
     model = simulated()
     step = size * tolerance(model).ravel() * np.random.default_rng(3).standard_normal(BODIES)
-    wider = extend(model, *refitted(model, {}, step), [])
+    wider = extend(model, *refitted(model, {}, step), {})
     for body in wider.inertials:
         assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0
 
@@ -117,7 +121,7 @@ def test_bodies_equivalent_to_consistent_ones_become_consistent() -> None:
     moved = (step + beside + model.inertials.ravel()).reshape(-1, 10)
     assert min(np.linalg.eigvalsh(pseudo_inertia(body)).min() for body in moved) < 0
     for change, share in ((step, 1e-9), (step + beside, 0.02)):
-        wider = extend(model, *refitted(model, {}, change), [])
+        wider = extend(model, *refitted(model, {}, change), {})
         off = base.combination @ (wider.inertials - real).ravel()
         assert np.linalg.norm(off) < share * np.linalg.norm(base.combination @ step)
         assert all(np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0 for body in wider.inertials)
@@ -125,7 +129,7 @@ def test_bodies_equivalent_to_consistent_ones_become_consistent() -> None:
 
 def test_bodies_without_tolerance_do_not_change() -> None:
     model = simulated(law("viscous_friction", 0, coefficient=0.5))
-    wider = extend(model, *refitted(model, {0: 0.1}), [])
+    wider = extend(model, *refitted(model, {0: 0.1}), {})
     np.testing.assert_array_equal(wider.inertials, model.inertials)
 
 
@@ -248,3 +252,20 @@ def test_a_law_with_more_parameters_is_described_so() -> None:
     plain, wider = (Law(EFFECTS[name], (1,), EFFECTS[name].example) for name in ("spring", "cable_torque"))
     assert tell_apart(simulation("3r"), plain, wider, FLOOR, 0).endswith("it does what spring does, by more numbers")
     assert "standard deviations apart" in tell_apart(simulation("3r"), wider, plain, FLOOR, 0)
+
+
+def test_a_changed_link_keeps_its_torque_where_its_mass_is_not_identifiable() -> None:
+    """The posterior says which numbers of the link are free; the projection moves these and no others."""
+    model, base = simulated(), build_base(ARM)
+    change, own = model.inertials[1] * 0.3, slice(10, 20)
+    hidden = np.linalg.svd(base.combination[:, own])[2][np.linalg.matrix_rank(base.combination[:, own]) :]
+    seen = np.eye(10) - hidden.T @ hidden
+    found = seen @ change  # as a fit finds it: nothing where torque shows nothing
+    link = law("link_inertia", 1, **dict(zip(EFFECTS["link_inertia"].linear(), found, strict=True)))
+    group = Group(0, 10, Hypothesis((link,)))
+    fit = solve(np.arange(10), 1e12 * seen, 1e12 * found, 1e-2 * np.eye(10))
+    wider = extend(model, (), fit, {group: (link,)})
+    whole = wider.whole_inertials()
+    assert all(np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0 for body in whole)
+    off = base.combination[:, own] @ (whole[1] - model.inertials[1] - change)
+    assert np.linalg.norm(off) < 0.02 * np.linalg.norm(base.combination[:, own] @ change)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from ...effects.law import coefficient_count
 from ...estimation.feasible import ConsistentFit, fit_consistent
 from ...model import Model
 from ...regression.base_parameters import build_base
+from ...robot.dynamics import own_body
 from ...types import INERTIAL, Array, BaseMap, Effect, Estimate, Indices, Law, Parameters, pseudo_inertia
 from ..data.column_groups import Group, tolerance
 from ..data.hypotheses import is_refitted
@@ -21,18 +22,23 @@ from ..data.whitened_rows import columns_of
 PRIOR_WEIGHTS = (0.01, 1.0)  # weights of the stated bodies where torque shows nothing, tried in turn [1]; heuristic
 ABSURD_MASS = 5.0  # mass over stated mass plus step beyond which the larger weight is used [1]; heuristic
 RELATIVE_STD, ABSOLUTE_STD = 1e-6, 1e-12  # least std of a base parameter, relative and absolute: conditions the inverse
-CHANGED_BODY_STD = 0.02  # std of a changed body's mass and first moment, over their change [1]; heuristic
+CHANGES = ("link_inertia", "payload")  # laws that change a body
 OTHER_BODY_STD = 0.1  # std of the other bodies, over their tolerance, in the same projection [1]; heuristic
 
 
 def extend(
-    model: Model, refitted: Sequence[Group], fit: Fitted, laws: Sequence[Law], base: BaseMap | None = None
+    model: Model,
+    refitted: Sequence[Group],
+    fit: Fitted,
+    added: Mapping[Group, Sequence[Law]],
+    base: BaseMap | None = None,
 ) -> Model:
-    """Refit numbers of the simulation and add laws.
+    """Refit numbers of the simulation and add the laws of some hypotheses.
 
-    A law that the simulation has already at the same joints becomes the sum of both. Refitted inertials stay physically
-    consistent. The groups `refitted` are in the order of the columns; `base` is built here if it is None.
+    A law that the simulation has already at the same joints becomes the sum of both. Bodies stay physically consistent.
+    The groups `refitted` are in the order of the columns; `base` is built here if it is None.
     """
+    laws = [law for own in added.values() for law in own]
     steps = iter([fit.value[fit.place(group)] for group in refitted if group.law is not None])
     moved = [_moved(law, next(steps)) if is_refitted(law) else law for law in model.laws] if refitted else [*model.laws]
     own, inertials = moved, model.inertials
@@ -40,9 +46,8 @@ def extend(
     if len(bodies):
         step, spread = fit.value[bodies].reshape(inertials.shape), fit.covariance[np.ix_(bodies, bodies)]
         inertials = move_bodies(base or build_base(model.robot), inertials, step, spread)
-    return _with_consistent_bodies(
-        model, replace(model, inertials=inertials, laws=extended_laws(own, laws), covariance=None), base
-    )
+    whole = replace(model, inertials=inertials, laws=extended_laws(own, laws), covariance=None)
+    return _with_consistent_bodies(model, whole, _changed_spread(model, fit, added), base)
 
 
 def extended_laws(known: Sequence[Law], laws: Sequence[Law]) -> tuple[Law, ...]:
@@ -66,23 +71,30 @@ def _positive(law: Law) -> tuple[Law, ...]:
     return (mended,) if not low or any(mended.parameters[key] for key in kinds) else ()
 
 
-def _with_consistent_bodies(given: Model, model: Model, base: BaseMap | None) -> Model:
+def _with_consistent_bodies(given: Model, model: Model, spread: Array, base: BaseMap | None) -> Model:
     """Replace body laws that make consistent bodies inconsistent by the nearest consistent bodies."""
-    changes = [law for law in model.laws if law.effect.name in ("link_inertia", "payload")]
+    changes = [law for law in model.laws if law.effect.name in CHANGES]
     total = model.whole_inertials() if changes else model.inertials
     if not changes or is_possible(given.whole_inertials(), total):
         return model
     step, kept = total - model.inertials, tuple(law for law in model.laws if law not in changes)
-    spread = np.diag(OTHER_BODY_STD**2 * tolerance(given).ravel() ** 2 + _step_std(step).ravel() ** 2)
     bodies = move_bodies(base or build_base(model.robot), model.inertials, step, spread)
     return replace(model, inertials=bodies, laws=kept)
 
 
-def _step_std(step: Array) -> Array:
-    """(nb, 10) standard deviation of body changes in the projection [kg, kg.m, kg.m2]; large for inertia."""
-    mass, moment = np.abs(step[:, :1]), np.linalg.norm(step[:, 1:4], axis=1, keepdims=True)
-    std = [CHANGED_BODY_STD * mass, CHANGED_BODY_STD * moment, moment**2 / np.maximum(mass, 1e-12)]
-    return np.repeat(np.concatenate(std, axis=1), (1, 3, 6), axis=1)
+def _changed_spread(model: Model, fit: Fitted, added: Mapping[Group, Sequence[Law]]) -> Array:
+    """(10 nb, 10 nb) covariance of the bodies with the changes by some hypotheses [products of kg, kg.m, kg.m2].
+
+    Bodies that no hypothesis changes keep a share of their tolerance.
+    """
+    spread = np.diag(OTHER_BODY_STD**2 * tolerance(model).ravel() ** 2)
+    for group in added:
+        law = group.claim.laws[0]
+        if law.effect.name in CHANGES:
+            own, numbers = fit.place(group), group.claim.numbers
+            at = 10 * own_body(model.robot, law.joints[0]) + np.arange(len(numbers))
+            spread[np.ix_(at, at)] += numbers @ fit.covariance[own, own] @ numbers.T
+    return spread
 
 
 def inertial_places(refitted: Sequence[Group], fit: Fitted) -> Indices:

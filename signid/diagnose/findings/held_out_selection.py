@@ -110,7 +110,7 @@ class Trials(Frozen):
             steps = fit.with_value(np.where(_among(fit, extension.groups), fit.value, 0.0))
             bodies = any(group.bodies for group in extension.groups)
             refitted = [g for g in self.selection.evidence.data.refitted if bodies or not g.bodies]
-            laws = [law for own in self.laws(extension).values() for law in own]
+            laws = self.laws(extension)
             own = extend(self.model, refitted if extension.refitted else (), steps, laws, self.session.task.base)
             rows = residual_rows(self.session.task, own, self.session.held_out)
             self.built[extension] = own, rows._replace(pieces=())  # motions of many trials would not fit into memory

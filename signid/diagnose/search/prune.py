@@ -72,7 +72,7 @@ def _training_harm(dataset: Dataset, session: Session, selection: Selection) -> 
     alone = whole.restricted(np.isin(whole.which, columns_of(selection.selected)))
     for fit, refitted in ((whole, evidence.data.refitted), (alone, ())):
         laws = {group: read_laws(group, fit.value[fit.place(group)]) for group in selection.selected}
-        model = extend(dataset.model, refitted, fit, [x for own in laws.values() for x in own], session.task.base)
+        model = extend(dataset.model, refitted, fit, laws, session.task.base)
         rows = residual_rows(session.task, model, session.train)
         noise = rows.irreducible_std(dataset.noise, 1)
         with_all = _square(rows.residual / noise)
