@@ -194,7 +194,7 @@ def test_sources_that_cannot_be_converted() -> None:
 CASES = {
     "the same file": ("convert a.csv -o ./a.csv", "another name"),
     "through a link": ("convert a.csv -o link.csv", "another name"),
-    "an unknown format": ("convert a.csv -o a.txt", "format"),
+    "an unknown format": ("convert a.csv -o a.doc", "format"),
     "a bag as the result": ("convert a.csv -o a.mcap", "cannot be written"),
     "a folder as the result": ("convert a.csv -o folder", "folder"),
     "no such source": ("convert gone.bag -o b.csv", "does not exist"),

@@ -42,8 +42,8 @@ def read_bare(
         OptionError: topics of a source without topics.
         RecordingError: invalid file, columns or column map, or no joint has both columns.
     """
-    opened = open_source(source, topics)
     mapping = read_map(columns)
+    opened = open_source(source, topics, mapping.heading)
     signals = {signal.logical: signal for signal in mapping.signals(opened.table.columns, opened.name)}
     joints = _joints(opened, signals)
     if not signals["t"].mapped:
@@ -85,7 +85,7 @@ def _column(signals: dict[str, Signal], kind: str, joint: str) -> str:
 
 def _unstated(opened: Opened, mapping: ParsedColumns, signal: Signal, kind: str) -> bool:
     """Whether neither the source nor the map states the unit of a column."""
-    stated = mapping.units.get(kind) or (signal.mapped and mapping.own.get(signal.logical))
+    stated = mapping.units.get(kind) or signal.unit or (signal.mapped and mapping.own.get(signal.logical))
     return not stated and signal.column in About.of(opened.table).unstated
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import RecordingError, shorten
 from ..types import Array, Robot, ServoSamples, Table
 from .formats.base import About
-from .mapping import Change, ColumnMap, DerivedTable, ParsedColumns, Signal, change_of, read_map, signed_register, split
+from .mapping import Change, DerivedTable, ParsedColumns, Signal, change_of, signed_register, split
 from .names import suggest
 from .source import Opened
 
@@ -44,7 +44,7 @@ class Assignment:
         return next((kind for kind in TORQUES if (kind, joint) in self.signals), "")
 
 
-def assign_columns(opened: Opened, given: ColumnMap | None, robot: Robot) -> Assignment:
+def assign_columns(opened: Opened, columns: ParsedColumns, robot: Robot) -> Assignment:
     """Assign all columns that are signals of joints; other columns are ignored.
 
     A column names its joint by name or, if no joint has that name, by number. A column of an unknown joint is an error
@@ -53,7 +53,7 @@ def assign_columns(opened: Opened, given: ColumnMap | None, robot: Robot) -> Ass
     Raises:
         RecordingError: invalid column map, missing column, unknown joint, duplicate signal, or missing or wrong unit.
     """
-    source, columns = opened.name, read_map(given)
+    source = opened.name
     signals: dict[tuple[str, int], Signal] = {}
     unassigned = []
     for signal in columns.signals(opened.table.columns, source):
@@ -93,7 +93,7 @@ def conversion(
     own = columns.own.get(signal.logical) if signal.mapped else None
     if isinstance(own, Change):
         return own
-    if unit := own or columns.units.get(kind):
+    if unit := own or columns.units.get(kind) or signal.unit:
         return change_of(unit, kind, prismatic, f"{opened.name}: column {signal.column!r}")
     if signal.column not in About.of(opened.table).unstated:
         return None

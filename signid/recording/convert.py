@@ -13,7 +13,7 @@ from ..types import Array, Frozen, Input, Recording, Robot
 from . import read_recording
 from .columns import TORQUES, conversion, function, resolve
 from .formats.base import About, MemoryTable
-from .mapping import DRIVE, ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
+from .mapping import DRIVE, ColumnMap, DerivedTable, Heading, ParsedColumns, Signal, read_map, split
 from .names import MEANT, OFFER, propose
 from .sampling.clock import read_clock
 from .sampling.rivals import rivals
@@ -62,15 +62,16 @@ def convert(
     topics: Sequence[str] = (),
     robot: Robot | None = None,
     drop_missing: bool = False,
+    heading: Heading | None = None,
 ) -> Conversion:
     """Convert all numeric columns to the names and units of recordings; other columns keep their names.
 
     Reading the converted columns gives the same recording as reading the source. Source, column map and topics are as
     for `read_recording`; `units` are those of the source by kind of column, {"q": "deg", "t": "ns"}. A robot's joint
-    names are checked. `drop_missing` omits rows without time, position or torque, which bridges short gaps.
+    names are checked. `heading` states lines before a header and names of columns. `drop_missing` omits rows without time, position or torque, which bridges short gaps.
     """
-    opened = open_source(source, topics)
-    mapping = read_map(columns, units)
+    mapping = read_map(columns, units, heading)
+    opened = open_source(source, topics, mapping.heading)
     signals, left = _one_time(opened, _signals(opened, mapping))
     about, skipped = About.of(opened.table), []
     found: dict[str, Array] = {}
@@ -145,7 +146,7 @@ def _values(opened: Opened, mapping: ParsedColumns, signal: Signal, robot: Robot
     converted = DerivedTable(table, {signal.column: change_values}) if change_values else table
     own = mapping.own.get(signal.logical, "") if signal.mapped else ""
     unit = own if isinstance(own, str) else f"value * {own.scale:g} + {own.offset:g}"
-    unit = unit or (mapping.units.get(kind, "") if change else "")
+    unit = unit or (mapping.units.get(kind, "") or signal.unit if change else "")
     return converted.read([signal.column], 0, table.rows)[:, 0].copy(), unit
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from ..errors import RecordingError, one_line, shorten
 from ..types import Array, Robot, ServoSamples
 from .columns import TORQUES
-from .mapping import DRIVE, Change, change_of
+from .mapping import DRIVE, Change, Heading, change_of
 from .meaning import Guess, guess, without_bare
-from .names import key_of, known_joints, match_signals, quoted
+from .names import heading_lines, key_of, known_joints, match_signals, quoted
 from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .sampling.rivals import rivals
 from .source import Opened, Source, open_source
@@ -54,14 +54,18 @@ class DraftedMap(NamedTuple):
     lacking: tuple[str, ...]  # what identification needs and no column seems to have, one sentence each
 
 
-def draft_map(source: Source, robot: Robot, topics: Sequence[str] = ()) -> DraftedMap:
+def draft_map(
+    source: Source, robot: Robot, topics: Sequence[str] = (), heading: Heading | None = None
+) -> DraftedMap:
     """Draft a column map of a log for a robot; names of columns and their first 200,000 rows give joints and units.
+
+    `heading` states lines before a header, and names of columns; the map then holds them as well.
 
     Raises:
         OptionError: topics of a source without topics.
         RecordingError: the source cannot be read.
     """
-    opened, known = open_source(source, topics), known_joints(robot)
+    opened, known = open_source(source, topics, heading), known_joints(robot)
     values = dict(_numbers(opened))
     guesses = without_bare([found for name in values if (found := guess(name, known))])
     chosen = {f"{key}|{one.desired}": (key, one) for key, one in match_signals(guesses, robot)}
@@ -72,7 +76,11 @@ def draft_map(source: Source, robot: Robot, topics: Sequence[str] = ()) -> Draft
     used = {line.guess.column for line in lines}
     unused = tuple(name for name in opened.table.columns if name not in used)
     lacking = (*_lacking(lines, robot, opened.name), *_other_times(opened, time, used))
-    return DraftedMap(_text(opened.name, robot, lines, spare, unused, lacking), lines, unused, lacking)
+    text = _text(opened.name, robot, lines, spare, unused, lacking)
+    if stated := heading_lines(heading or Heading()):
+        top, first, rest = text.partition("\n\n")
+        text = "".join((top, "\n\n", "\n".join(stated), first, rest))
+    return DraftedMap(text, lines, unused, lacking)
 
 
 def _numbers(opened: Opened) -> Iterator[tuple[str, Array]]:

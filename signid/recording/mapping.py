@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import RecordingError, shorten
 from ..toml_json import read_toml
 from ..types import Array, Table
+from .units import bracketed
 
 Units = Mapping[str, tuple[float, float]]  # numerator and denominator of the factor by unit
 TIME: Units = {"s": (1, 1), "ms": (1, 1e3), "us": (1, 1e6), "ns": (1, 1e9), "min": (60, 1), "h": (3600, 1)}
@@ -60,6 +61,7 @@ OF: Mapping[str, tuple[Units, Units]] = {  # at revolute and at prismatic joints
 KINDS = (*"abs_current abs_tau current dq_des tau_ff q_des volt temp pwm ddq tau dq on q".split(),)  # longest first
 DRIVE = ("on", "pwm", "volt", "temp")  # kinds of columns whose names often mean something else
 TURN = 65536.0  # values of a register of 16 bits
+MOST_SKIPPED = 10_000  # lines before a header
 FIELDS = ("column", "unit", "scale", "offset")  # keys of a column in the long form
 
 ColumnMap = str | Path | Mapping[str, Any]
@@ -110,6 +112,14 @@ class Signal(NamedTuple):
     logical: str  # "q_elbow"
     column: str  # "elbow_pos"
     mapped: bool
+    unit: str = ""  # stated in the name of the column: "rad" of "q_elbow [rad]"
+
+
+class Heading(NamedTuple):
+    """What a file does not say itself: where its header is, or the names of its columns."""
+
+    skip: int = 0  # lines before the header
+    names: tuple[str, ...] = ()  # of all columns, in place of a header; "" for a column without a name
 
 
 class ParsedColumns(NamedTuple):
@@ -120,6 +130,7 @@ class ParsedColumns(NamedTuple):
     units: Mapping[str, str]  # by kind: q, tau, t, ...
     joints: Mapping[str, str]  # joint name by its name in the source
     pattern: tuple[str, str] | None  # prefix and suffix of joint names in the source
+    heading: Heading = Heading()
 
     def signals(self, columns: Sequence[str], source: str) -> Iterator[Signal]:
         """Columns under their mapped names; a mapped column loses its original name.
@@ -127,15 +138,25 @@ class ParsedColumns(NamedTuple):
         Raises:
             RecordingError: a column of the map is missing.
         """
-        for key, column in self.named.items():
+        plain = {bracketed(name)[0]: name for name in reversed(columns)}
+        taken = {*self.named}
+        for key, given in self.named.items():
+            column = given if given in columns else plain.get(given, given)
             if column not in columns:
                 close = get_close_matches(column, columns, 1)
                 meant = f"; did you mean {key} = {json.dumps(close[0], ensure_ascii=False)}?" if close else ""
                 fault = f"{source} has no column {column!r} for {key}; it has {shorten(columns, 12)}"
                 raise RecordingError(fault + meant)
-            yield Signal(key, column, True)
-        taken = {*self.named, *self.named.values()}
-        yield from (Signal(self._renamed(name), name, False) for name in columns if name not in taken)
+            taken.add(column)
+            yield Signal(key, column, True, bracketed(column)[1])
+        for name in columns:
+            if name not in taken:
+                base, unit = bracketed(name)
+                logical = self._renamed(base)
+                if unit and logical != "t" and not split(logical):
+                    logical, unit = name, ""
+                if not (unit and logical in self.named):
+                    yield Signal(logical, name, False, unit)
 
     def _renamed(self, name: str) -> str:
         name = _lower_kind(name)
@@ -179,8 +200,10 @@ def split(logical: str) -> list[tuple[str, str]]:
     return [(kind, logical[len(kind) + 1 :]) for kind in KINDS if logical.startswith(kind + "_")]
 
 
-def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) -> ParsedColumns:
-    """Parse a column map: a mapping or a TOML file; `units` by kind of column override those of the map.
+def read_map(
+    given: ColumnMap | None, units: Mapping[str, str] | None = None, heading: Heading | None = None
+) -> ParsedColumns:
+    """Parse a column map: a mapping or a TOML file; `units` by kind of column and `heading` override those of the map.
 
     Raises:
         RecordingError: unreadable or invalid column map.
@@ -198,7 +221,7 @@ def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) ->
     named: dict[str, str] = {}
     own: dict[str, str | Change] = {}
     for key, value in table.items():
-        if key in ("joints", "units"):
+        if key in ("joints", "units", "skip", "names"):
             continue
         if key != "t" and not split(key):
             raise RecordingError(f"{name} gives {key!r}; expected t, or {'_, '.join(reversed(KINDS))}_ and a joint")
@@ -209,7 +232,27 @@ def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) ->
             raise RecordingError(f"{name} uses column {column!r} for both {key} and {twin}; each needs its own")
     joints, pattern = _joints(name, table.get("joints", {}))
     by_kind = {**_units(name, table.get("units", {})), **_units("--unit", units or {})}
-    return ParsedColumns(named, own, by_kind, joints, pattern)
+    stated = read_heading(name, table.get("skip", 0), table.get("names", ()))
+    given_here = heading or Heading()
+    merged = Heading(given_here.skip or stated.skip, given_here.names or stated.names)
+    return ParsedColumns(named, own, by_kind, joints, pattern, merged)
+
+
+def read_heading(name: str, skip: object, names: object) -> Heading:
+    """Check the lines before a header, and the names of columns, that `name` states.
+
+    Raises:
+        RecordingError: no number of lines, or no list of different names.
+    """
+    if not isinstance(skip, int) or isinstance(skip, bool) or not 0 <= skip <= MOST_SKIPPED:
+        raise RecordingError(f"{name} gives skip = {skip!r}; expected a number of lines, 0 to {MOST_SKIPPED}")
+    form = 'names = ["t", "q_1", "tau_1"]'
+    if not isinstance(names, Sequence) or isinstance(names, str) or not all(isinstance(each, str) for each in names):
+        raise RecordingError(f"{name} gives names = {names!r}; expected a list of names of columns, {form}")
+    filled = [each.strip() for each in names]
+    if twice := next((each for each in filled if each and filled.count(each) > 1), ""):
+        raise RecordingError(f"{name} gives the name {twice!r} to two columns; give every column its own name")
+    return Heading(skip, tuple(filled))
 
 
 def _column(name: str, key: str, value: object) -> tuple[str, str | Change]:

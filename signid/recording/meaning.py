@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from .mapping import DRIVE, split
+from .units import SPELLINGS, bracketed
 
 WORDS: Mapping[str, tuple[str, ...]] = {
     "q": ("q", "pos", "position", "positions", "angle", "angles", "theta", "qpos", "jpos", "winkel", "istposition"),
@@ -30,31 +31,11 @@ DESIRED = (
 ACTUAL = ("act", "actual", "measured", "meas", "present", "feedback", "fb", "ist")
 MEASURED = (*ACTUAL, "value", "val", "raw", "state", "states", "observation")
 ABSOLUTE = ("abs", "absolute", "magnitude", "unsigned")
-UNITS = {  # unit by its spellings at the end of a name
-    "deg/s": ("deg/s", "deg_s", "degs", "dps"),
-    "rad/s": ("rad/s", "rad_s", "rads"),
-    "rpm": ("rpm",),
-    "deg": ("deg", "degree", "degrees", "°", "grad"),
-    "mrad": ("mrad",),
-    "rad": ("rad", "radian", "radians"),
-    "mm": ("mm",),
-    "ms": ("ms", "msec", "msecs", "millis", "milliseconds"),
-    "us": ("us", "usec", "usecs", "micros", "microseconds"),
-    "ns": ("ns", "nsec", "nsecs", "nanos", "nanoseconds"),
-    "s": ("s", "sec", "secs", "seconds"),
-    "mN.m": ("mnm", "mn.m"),
-    "N.cm": ("ncm", "n.cm"),
-    "N.m": ("nm", "n.m", "n*m"),
-    "mA": ("ma",),
-}
-BRACKETED = {"a": "A", "m": "m", "n": "N"}  # units that only brackets distinguish from names
 FROM_BASE = ("rad", "rad/s", "s", "N.m", "A", "m", "N")  # units of recordings
-SPELLINGS = {spelt: unit for unit, known in UNITS.items() for spelt in known}
 ENDING = re.compile(
     r"[\s_./([-]+(" + "|".join(map(re.escape, sorted(SPELLINGS, key=len, reverse=True))) + r")[\])]*$", re.IGNORECASE
 )
 WITHIN = re.compile(r"(?<![a-z])(deg[_/]s|rad[_/]s|deg|rpm|ms|us|ns|mm|mnm)(?![a-z])", re.IGNORECASE)
-BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()\d]+?)\s*[\])]\s*$")
 LONGEST = 200  # characters of a name that has a meaning
 PREFIX = re.compile(r"(joint|motor|axis|servo|arm|q)(?=[a-z])")
 SETPOINT = re.compile(r"set[_ ]?point", re.IGNORECASE)
@@ -162,10 +143,9 @@ def _parts(word: str, known: Collection[str]) -> list[str]:
 
 def _unit(column: str) -> tuple[str, str]:
     """A name without its unit, and the unit, "" if there is none."""
-    if inside := BRACKETS.search(column):
-        spelt = inside[1].lower()
-        if unit := SPELLINGS.get(spelt) or BRACKETED.get(spelt):
-            return column[: inside.start()], unit
+    name, unit = bracketed(column)
+    if unit:
+        return name, unit
     if ended := ENDING.search(column):
         return column[: ended.start()], SPELLINGS[ended[1].lower()]
     if within := WITHIN.search(column):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import shorten
 from ..types import Robot
-from .mapping import split
+from .mapping import Heading, split
 from .meaning import FROM_BASE, Guess, guess
 
 ALIKE = 0.6  # minimum similarity of two names for a suggestion [1]
@@ -69,6 +69,12 @@ def suggest(columns: Sequence[str], robot: Robot) -> str:
 def known_joints(robot: Robot) -> frozenset[str]:
     """Names and numbers of the joints of a robot."""
     return frozenset([*robot.joints, *(str(number) for number in robot.numbers)])
+
+
+def heading_lines(heading: Heading) -> list[str]:
+    """Lines of a column map with what a file does not say itself; none if it says all."""
+    skip = [f"skip = {heading.skip}"] if heading.skip else []
+    return [*skip, *([f"names = [{', '.join(map(quoted, heading.names))}]"] if heading.names else [])]
 
 
 def match_signals(guesses: Sequence[Guess], robot: Robot) -> Iterator[tuple[str, Guess]]:

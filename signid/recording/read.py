@@ -16,7 +16,7 @@ from ..robot import as_robot
 from ..types import Array, Recording, Robot, ServoSamples, Table
 from .columns import TORQUES, Assignment, assign_columns
 from .formats.base import About
-from .mapping import ColumnMap, DerivedTable
+from .mapping import ColumnMap, DerivedTable, read_map
 from .names import suggest
 from .plausible import drop_implausible
 from .sampling.clock import CHUNK
@@ -56,8 +56,10 @@ def read_recording(
         RecordingError: invalid file, columns or column map.
     """
     robot = as_robot(robot, "read_recording")
-    opened = open_source(source if isinstance(source, str | Path) else _by_joint(columns_of(source), robot), topics)
-    found = assign_columns(opened, columns, robot)
+    mapping = read_map(columns)
+    given = source if isinstance(source, str | Path) else _by_joint(columns_of(source), robot)
+    opened = open_source(given, topics, mapping.heading)
+    found = assign_columns(opened, mapping, robot)
     if (time := found.signals.get(("t", 0))) is None or not time.mapped:
         used = {signal.column for signal in found.signals.values()}
         ask_for_time(opened.table, time.column if time else "", used, opened.name)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from .mapping import Change, ColumnMap, ParsedColumns, change_of, read_map
-from .names import key_of, quoted
+from .mapping import Change, ColumnMap, ParsedColumns, change_of, read_map, split
+from .names import heading_lines, key_of, quoted
+from .units import bracketed
 
 SHIFTED = ("q", "q_des")  # kinds of columns that a zero shifts
 SIGNED = (*SHIFTED, "dq", "dq_des", "ddq", "tau", "tau_ff", "current", "pwm")  # kinds whose sign is that of the joint
@@ -42,14 +43,14 @@ def revised_map(
     for kind in SIGNED:
         for joint, column in zip(joints, columns.get(kind, ()), strict=False):
             if column and joint in turned and (kind in SHIFTED or turned[joint].sign < 0):
-                key = next((k for k, name in parsed.named.items() if name == column), f"{kind}_{joint}")
-                entries[key] = _entry(key, column, _changed(parsed, key, kind, turned[joint]))
-    return "\n".join([*entries.values(), *_tables(parsed)]) + "\n"
+                key = next((k for k, name in parsed.named.items() if name in (column, bracketed(column)[0])), f"{kind}_{joint}")
+                entries[key] = _entry(key, column, _changed(parsed, key, column, turned[joint]))
+    return "\n".join([*heading_lines(parsed.heading), *entries.values(), *_tables(parsed)]) + "\n"
 
 
-def _changed(parsed: ParsedColumns, key: str, kind: str, turned: Turned) -> Change:
-    own = parsed.own.get(key, "")
-    unit = parsed.units.get(kind, "")
+def _changed(parsed: ParsedColumns, key: str, column: str, turned: Turned) -> Change:
+    own, kind = parsed.own.get(key, ""), split(key)[0][0]
+    unit = parsed.units.get(kind, "") or bracketed(column)[1]
     if not isinstance(own, Change):
         own = change_of(own or unit, kind, False, f"column map: {key}") if own or unit else Change()
     shift = turned.zero if kind in SHIFTED else 0.0

@@ -16,6 +16,7 @@ from ..errors import OptionError, RecordingError, readable
 from ..types import Table
 from .formats import find_format
 from .formats.base import memory_table
+from .mapping import Heading
 
 
 class Frame(Protocol):
@@ -36,10 +37,11 @@ class Opened(NamedTuple):
     sha256: str  # of the bytes of the file or the folder's files, or of the arrays
 
 
-def open_source(source: Source, topics: Sequence[str] = ()) -> Opened:
+def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | None = None) -> Opened:
     """Open a file or folder, arrays (N,) or (N, n) by column name, or a frame [s, rad or m, N.m or N, A].
 
-    `topics` of a log are joined in time; by default, the only suitable one is read.
+    `topics` of a log are joined in time; by default, the only suitable one is read. `heading` states lines before the
+    header of a file, and names of its columns; arrays and frames have names.
 
     Raises:
         OptionError: topics of a source without topics.
@@ -59,7 +61,16 @@ def open_source(source: Source, topics: Sequence[str] = ()) -> Opened:
     if not path.is_file() and not path.is_dir():
         raise RecordingError(f"recording {path} does not exist; expected a file of samples")
     name = readable(str(path))
-    return Opened(find_format(path).select(path, topics), name, name, digest_of(path))
+    return Opened(_table(path, topics, heading or Heading()), name, name, digest_of(path))
+
+
+def _table(path: Path, topics: Sequence[str], heading: Heading) -> Table:
+    form = find_format(path)
+    if heading == Heading():
+        return form.select(path, topics)
+    if topics:
+        raise OptionError(f"{path} has topics, so it has neither lines before a header nor columns without names")
+    return form.open_headed(path, heading)
 
 
 def digest_of(path: Path) -> str:

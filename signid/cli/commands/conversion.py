@@ -17,6 +17,7 @@ from ..options import Columns, Json, RobotOptions
 from ..terminal import check_file, show, write_columns
 
 if TYPE_CHECKING:
+    from ...recording.mapping import Heading
     from ...types import Robot
 
 
@@ -31,6 +32,12 @@ class ConvertOptions:
         None, "Column map: used if the file exists, else written for --robot. Default: none.", metavar="FILE"
     )
     unit: Texts = option(None, "Unit of the columns of a kind: q=deg, t=ns. Repeatable.", metavar="KIND=UNIT")
+    skip: int | None = option(
+        None, "Lines before the header of a text table. Default: found.", metavar="N", min=0, max=10_000
+    )
+    names: Text = option(
+        None, "Names of all columns of a table without a header; empty: not used.", metavar="t,q_1,..."
+    )
     drop_missing: bool = option(False, "Leave out rows that lack a position or torque.", "--drop-missing")
     robot: Text = option(
         None, "Compare column names with its joints. Default: none.", metavar="ROBOT", autocompletion=complete_robot
@@ -62,6 +69,7 @@ def convert(
     found = read(
         source,
         columns=columns,
+        heading=_heading(conversion),
         units=_units(conversion.unit or ()),
         topics=conversion.topic or (),
         robot=robot,
@@ -106,13 +114,21 @@ def _write_map(source: str, file: str, robot: Robot, conversion: ConvertOptions,
     from ...recording.draft import draft_map
 
     probe_folder(Path(file).parent, "--map")
-    drafted = draft_map(source, robot, conversion.topic or ())
+    drafted = draft_map(source, robot, conversion.topic or (), _heading(conversion))
     write_files(Path(file).parent, {Path(file).name: drafted.text}, "--map", named=True)
     again = ["signid", "convert", source, "--robot", str(conversion.robot), "--map", file]
     again += [word for topic in conversion.topic or () for word in ("--topic", topic)]
     again += ["-o", conversion.output or "recording.csv"]
     shown = to_json(map_document(drafted, robot, file)) if json else map_text(drafted, file, shlex.join(again))
     return show(shown, drafted.lacking)
+
+
+def _heading(conversion: ConvertOptions) -> Heading:
+    """What the file does not say itself: --skip and --names; a drafted column map keeps both."""
+    from ...recording.mapping import read_heading
+
+    names = () if conversion.names is None else conversion.names.split(",")
+    return read_heading("--names" if conversion.skip is None else "--skip, --names", conversion.skip or 0, names)
 
 
 def _units(texts: list[str] | tuple[()]) -> dict[str, str]:

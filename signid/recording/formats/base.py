@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import OptionError, RecordingError
 from ...types import Array, Table
+from ..mapping import Heading
 
 MOST = 8_000_000_000  # maximum uncompressed size of a file that is read completely [bytes]
 _MEMORY, _OWN = Path("/proc/meminfo"), Path("/proc/self/statm")  # of Linux
@@ -74,6 +75,16 @@ class Format(ABC):
         if topics:
             raise OptionError(f"{path} has the format {self.name}, which has no topics; remove --topic")
         return self.open(path)
+
+    def open_headed(self, path: Path, heading: Heading) -> Table:
+        """Open a file of which lines before the header, or the names of the columns, are stated.
+
+        Raises:
+            OptionError: the format names its columns itself.
+            RecordingError: as for `open`.
+        """
+        advice = "remove skip and names from the column map, or --skip and --names"
+        raise OptionError(f"{path} has the format {self.name}, which names its columns itself; {advice}")
 
     def files(self, path: Path) -> Sequence[Path]:
         """Files that are read from a folder; a file itself."""

@@ -1,14 +1,13 @@
-"""Text tables separated by comma, semicolon or tab, plain or gzip-compressed."""
+"""Text tables separated by comma, semicolon, tab or blanks, plain or gzip-compressed."""
 
 from __future__ import annotations
 
 import csv
 import gzip
 import io
-from collections import Counter
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from inspect import signature
 from itertools import islice
 from pathlib import Path
@@ -20,48 +19,48 @@ import polars as pl
 
 from ...errors import RecordingError
 from ...types import Array, Table
-from .base import MOST, Format, MemoryTable, free_memory, require_memory
+from ..mapping import Heading
+from .base import MOST, About, Format, MemoryTable, free_memory, require_memory
 from .panics import hushed
+from .text import BLANK, MISSING, TextLayout, find_layout
 
-SEPARATORS = ",;\t"
-MOST_HEADER, MOST_BLANK, MOST_COLUMNS = 1_000_000, 10_000, 20_000  # bytes, lines before a header, columns
+MOST_LINE = 1_000_000  # length of a line [bytes]
 MOST_NEWLINES = 1_000_000  # size from which on a text of empty lines is refused [bytes]
-TIMES = 3  # peak memory while reading [times the size of the text]
+ENDINGS = (".csv", ".txt", ".dat", ".tsv")
+TIMES = 4  # peak memory while reading [times the size of the text]
 BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
-# texts of missing values, in addition to empty cells and NaN
-MISSING = ["NA", "N/A", "null", "NULL", "None", "none", "-nan", "-NaN", "nan(ind)", "-nan(ind)"]
 FILL: Any = {"missing_columns": "insert"} if "missing_columns" in signature(pl.read_csv).parameters else {}
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """Header of a table."""
-
-    names: tuple[str, ...]
-    separator: str
-    skip: int  # lines before the first sample
-    decimal_comma: bool
 
 
 class Csv(Format):
     """Read completely. Lines that start with # are comments; empty cells, NaN, NA and null are missing values."""
 
-    name, suffixes = "csv", (".csv", ".csv.gz")
-    description = "text table with a header, comma, semicolon or tab separated, plain or gzip"
+    name = "csv"
+    suffixes = (*ENDINGS, *(f"{ending}.gz" for ending in ENDINGS))
+    description = "text table, separated by commas, semicolons, tabs or blanks, plain or gzip"
 
     def open(self, path: Path) -> Table:
+        return self.open_headed(path, Heading())
+
+    def open_headed(self, path: Path, heading: Heading) -> Table:
         content = _content(path)
         try:
-            layout = _layout(path, content)
+            layout = find_layout(path, content, heading)
+            if layout.separator == BLANK:
+                content = _single_blanks(content)
+                _check_width(path, content, layout)
+            about = About(layout.notes)
             frame = _parse(content, layout, pl.Float64)
         except BROKEN:
-            return MemoryTable(*_texts(path, content, layout), str(path))
+            return MemoryTable(*_texts(path, content, layout), str(path), about)
         except csv.Error as error:
             raise RecordingError(f"{path} is not a text table: {error} in its header; write it as plain CSV") from error
-        return MemoryTable({column.name: column.to_numpy() for column in frame}, {}, str(path))
+        return MemoryTable({column.name: column.to_numpy() for column in frame}, {}, str(path), about)
 
     def encode(self, columns: Mapping[str, Array], file: str) -> bytes:
-        text = pl.DataFrame(dict(columns)).write_csv().encode()
+        plain = file.lower().removesuffix(".gz")
+        separator = "\t" if plain.endswith(".tsv") else "," if plain.endswith(".csv") else BLANK
+        text = pl.DataFrame(dict(columns)).write_csv(separator=separator).encode()
         return gzip.compress(text, mtime=0) if file.lower().endswith(".gz") else text
 
 
@@ -82,7 +81,7 @@ def _content(path: Path) -> bytes:
     if len(content) > MOST_NEWLINES and 2 * content.count(b"\n") > len(content):
         raise RecordingError(f"{path} consists mostly of empty lines; write it again as plain CSV")
     if line := _long_line(content):
-        fault = f"has more than {MOST_HEADER / 1e6:.0f} MB without an end of line after line {line}"
+        fault = f"has more than {MOST_LINE / 1e6:.0f} MB without an end of line after line {line}"
         raise RecordingError(f"{path} {fault}; write a line for each sample")
     if b"\0" in content[:65536]:
         raise RecordingError(f"{path} is not a text table: it holds binary data; correct the suffix of its name")
@@ -90,66 +89,32 @@ def _content(path: Path) -> bytes:
 
 
 def _long_line(content: bytes) -> int:
-    """Number of complete lines before one of more than MOST_HEADER bytes; 0 if there is none, or if it is the first."""
+    """Number of complete lines before one of more than MOST_LINE bytes; 0 if there is none, or if it is the first."""
     place = 0
-    while place + MOST_HEADER < len(content):
-        end = content.rfind(b"\n", place, place + MOST_HEADER)
+    while place + MOST_LINE < len(content):
+        end = content.rfind(b"\n", place, place + MOST_LINE)
         if end < 0:
             return content.count(b"\n", 0, place)
         place = end + 1
     return 0
 
 
-def _layout(path: Path, content: bytes) -> _Layout:
-    """Parse the header: the first line that is neither blank nor a comment, or a comment directly above numbers."""
-    comment, first, skip = "", "", 0
-    lines = io.BytesIO(content)
-    for skip, line in enumerate(lines, 1):
-        if skip > MOST_BLANK or len(line) > MOST_HEADER:
-            fault = f"a header of more than {MOST_HEADER / 1e6:.0f} MB, or {MOST_BLANK} lines without one"
-            raise RecordingError(f"{path} has {fault}; expected a header such as t,q_1,tau_1 near its beginning")
-        try:
-            text = line.decode("utf-8-sig").strip("\r\n")
-        except UnicodeDecodeError as error:
-            raise RecordingError(f"{path} is not a text table: line {skip} is not UTF-8; save it as UTF-8") from error
-        if text.strip(" \t,;") and not text.startswith("#"):
-            first = text
-            break
-        comment = text.lstrip("# ") if text.startswith("#") else comment
-    if not first:
-        raise RecordingError(f"{path} is empty; expected a header such as t,q_1,tau_1 and a line for each sample")
-    commented = bool(comment) and _is_numeric(_split(first))
-    header = comment if commented else first
-    names = [name.strip() for name in _split(header)]
-    if len(names) > MOST_COLUMNS:
-        fault = f"has {len(names)} columns, more than {MOST_COLUMNS}"
-        raise RecordingError(f"{path} {fault}; write only those of the robot")
-    if _is_numeric(names):
-        raise RecordingError(f"{path} has no header: line {skip} holds numbers; put names such as t,q_1,tau_1 above it")
-    if len(names) == 1 and len(names[0].split()) > 1:
-        raise RecordingError(f"{path} separates its columns by blanks; expected commas, semicolons or tabs")
-    if repeated := [name for name, count in Counter(names).items() if name and count > 1]:
-        raise RecordingError(f"{path} names column {repeated[0]!r} twice in its header; give every column its own name")
-    full = tuple(name or f"unnamed {i}" for i, name in enumerate(names, 1))
-    separator = max(SEPARATORS, key=header.count)
-    below = first if commented else next(lines, b"").decode("utf-8", "replace")
-    return _Layout(full, separator, skip - commented, separator == ";" and "," in below)
+def _single_blanks(content: bytes) -> bytes:
+    """Text with one blank in place of several blanks or tabs, and none at the ends of lines."""
+    text = re.sub(rb"[ \t]{2,}|\t", b" ", content)
+    return text.replace(b"\n ", b"\n").replace(b" \n", b"\n").replace(b" \r\n", b"\r\n").strip(b" ")
 
 
-def _split(line: str) -> list[str]:
-    return next(csv.reader([line], delimiter=max(SEPARATORS, key=line.count)), [])
+def _check_width(path: Path, content: bytes, layout: TextLayout) -> None:
+    """Refuse a table separated by blanks in which a line is shorter: nobody knows which of its cells is missing."""
+    width = len(layout.names)
+    for number, line in enumerate(islice(io.BytesIO(content), layout.skip, None), layout.skip + 1):
+        if line.strip() and not line.startswith(b"#") and len(line.split()) < width and b'"' not in line:
+            fault = f"{path} has {len(line.split())} cells in line {number}, but {width} columns separated by blanks"
+            raise RecordingError(f"{fault}; write nan for a missing value, or correct that line")
 
 
-def _is_numeric(cells: Iterable[str]) -> bool:
-    """Whether all non-empty cells are numbers, and there is at least one."""
-    filled = [cell.strip() for cell in cells if cell.strip()]
-    try:
-        return bool([float(cell) for cell in filled])
-    except ValueError:
-        return False
-
-
-def _parse(content: bytes, layout: _Layout, kind: type[pl.DataType]) -> pl.DataFrame:
+def _parse(content: bytes, layout: TextLayout, kind: type[pl.DataType]) -> pl.DataFrame:
     """Parse all columns with one data type: a type inferred from the first rows may not fit later ones."""
     with hushed():
         frame = pl.read_csv(
@@ -159,7 +124,7 @@ def _parse(content: bytes, layout: _Layout, kind: type[pl.DataType]) -> pl.DataF
             separator=layout.separator,
             skip_lines=layout.skip,
             comment_prefix="#",
-            null_values=MISSING,
+            null_values=list(MISSING),
             **FILL,
             decimal_comma=layout.decimal_comma and kind == pl.Float64,
         )
@@ -167,7 +132,7 @@ def _parse(content: bytes, layout: _Layout, kind: type[pl.DataType]) -> pl.DataF
     return frame.filter(~blank) if frame.height and frame.to_series(0).null_count() else frame
 
 
-def _texts(path: Path, content: bytes, layout: _Layout) -> tuple[dict[str, Array], dict[str, str]]:
+def _texts(path: Path, content: bytes, layout: TextLayout) -> tuple[dict[str, Array], dict[str, str]]:
     """Numeric columns, and for each other column the reason with its first invalid cell."""
     try:
         frame = _parse(content, layout, pl.String)
@@ -186,11 +151,13 @@ def _texts(path: Path, content: bytes, layout: _Layout) -> tuple[dict[str, Array
     return usable, unusable
 
 
-def _shape_fault(path: Path, content: bytes, layout: _Layout) -> str:
+def _shape_fault(path: Path, content: bytes, layout: TextLayout) -> str:
     """Error message with the first line that has more cells than the header."""
     lines = islice(io.StringIO(content.decode("utf-8", "replace")), layout.skip, None)
     samples = (line for line in lines if line.strip() and not line.startswith("#"))
     width = len(layout.names)
+    if layout.separator == BLANK:
+        samples = (re.sub(r"[ \t]+", BLANK, line.strip()) for line in samples)
     with suppress(csv.Error):  # cell larger than the limit of csv
         for row, cells in enumerate(csv.reader(samples, delimiter=layout.separator), 1):
             if len(cells) > width:

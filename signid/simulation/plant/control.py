@@ -12,6 +12,7 @@ from ...effects.base import BodyLaw
 from ...errors import InputError, OptionError, RecordingError, unexpected
 from ...model import Model, ModelSource, as_model, torque_model
 from ...recording.columns import assign_columns
+from ...recording.mapping import read_map
 from ...recording.source import Source, open_source
 from ...regression.motion import Motion
 from ...robot import configuration
@@ -177,7 +178,7 @@ def read_motion(source: Source, robot: Robot) -> Trajectory:
         RecordingError: the file or its columns cannot be used; the sentence says why.
     """
     opened = open_source(source)
-    found = assign_columns(opened, None, robot)
+    found = assign_columns(opened, read_map(None), robot)
     joints = [j for j in range(len(robot.joints)) if found.column("q", j)]
     if not found.column("t", 0) or not joints:
         raise RecordingError(f"{opened.name} is not a motion; give columns t and q_J, such as q_{robot.joints[0]}")
