@@ -65,6 +65,9 @@ def guess(column: str, known: Collection[str] = ()) -> Guess | None:
         return None
     if column == "t":
         return Guess(column, "t", "", "", True)
+    name, unit = bracketed(column)
+    if unit and split(name) and (plain := guess(name, known)) and plain.plain:
+        return plain._replace(column=column, unit=unit)
     found = _by_words(column)
     if pairs := split(column):
         for kind, token in pairs:
