@@ -18,7 +18,7 @@ from benchmarks.public_sets import check, specification
 from benchmarks.public_sets.origins import ORIGINS
 from benchmarks.public_sets.specification import HEADLINE, Rows, channels, pooled_rms, read, relative
 from benchmarks.public_sets.stretches import PARTS, SetFiles, set_files
-from benchmarks.public_sets.write import COPY, describe, write_readme, write_set
+from benchmarks.public_sets.write import COPY, describe, refusal, write_readme, write_set, write_specification
 from signid.recording.gallery.sets import SETS as GALLERY
 from signid.regression.filters import Decimator, lowpass
 from signid.robot import robot_from_text
@@ -110,6 +110,15 @@ def test_a_description_can_be_written_as_json(toy: SetFiles) -> None:
     assert channels(found["joints"]) == (["q_j", "dq_j", "ddq_j"], ["tau_j"], ["counts_j"])
 
 
+def test_folders_of_others_and_the_repository_are_refused(tmp_path: Path) -> None:
+    assert "repository" in refusal(Path(specification.__file__).parent / "data")
+    assert not refusal(tmp_path) and not refusal(tmp_path / "new")
+    (tmp_path / "file").touch()
+    assert "other files" in refusal(tmp_path) and "is a file" in refusal(tmp_path / "file")
+    write_specification(tmp_path)
+    assert not refusal(tmp_path)
+
+
 def test_absent_identibench_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "identibench", None)
     with pytest.raises(ImportError, match="pip install identibench"):
@@ -127,6 +136,7 @@ def test_files_are_read_back_in_single_precision(toy: SetFiles, tmp_path: Path) 
     assert u == pytest.approx(test.motion, rel=1e-6, abs=1e-6) and y == pytest.approx(test.torque, rel=1e-6, abs=1e-6)
     assert np.array_equal(rows.counts, test.counts) and np.array_equal(rows.taps, test.taps)
     assert attributes["fs"] == pytest.approx(200) and attributes["licence"] == "BSD-3-Clause"
+    write_specification(tmp_path)
     write_readme(tmp_path)
     assert (tmp_path / COPY).read_text() == Path(specification.__file__).read_text()
     assert "| toy | 1 |" in (tmp_path / "README.md").read_text()

@@ -29,7 +29,7 @@ from ..summary import finite, frame, print_targets
 from .check import check, size
 from .specification import specifications
 from .stretches import PARTS, set_files
-from .write import missing, write_readme, write_set
+from .write import missing, refusal, write_readme, write_set, write_specification
 
 CLOSE = 1e-4  # [1] largest relative difference of least squares: files have single precision
 Row = dict[str, Any]
@@ -51,8 +51,9 @@ def main() -> int:
     options, console, found = parse(), Console(width=160), list[Row]()
     if not os.environ.get("SIGNID_DATA"):
         sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
-    if problem := missing():
+    if problem := missing() or refusal(options.folder):
         sys.exit(problem)
+    write_specification(options.folder)
     for name in options.sets:
         try:
             found.append(_run(options, name))

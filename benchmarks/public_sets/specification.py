@@ -3,6 +3,7 @@
 Inputs are filtered q, dq and ddq, the output is the measured torque of each joint (inverse dynamics). The task
 low-passes and decimates prediction and measurement, and evaluates the rows where the joint moves: rms of each joint,
 and as headline their geometric mean over the rms of least squares. This file needs IdentiBench alone, not signid.
+Licence of this file: BSD-3-Clause, as signid; the recordings have their own.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Model = Callable[[Any, Any, dict[str, Any]], Any]  # u (N, 3 n), y_init (0, n), attributes of the file -> torque (N, n)
 MISSING = "identibench is not installed; run pip install identibench==0.4.0"
@@ -39,7 +41,7 @@ class Rows(NamedTuple):
     factor: int  # samples per row
     counts: Mask  # (M, n)
 
-    def __call__(self, signal: Array) -> Array:
+    def __call__(self, signal: Array | Single) -> Array:
         """Rows (M, n) of a signal (N, n) [any unit]; the first is centred on sample k // 2.
 
         Args:
@@ -93,7 +95,7 @@ class TorqueRows:
         return rows(y - predicted), rows.counts
 
 
-def read(path: Path, joints: Iterable[str]) -> tuple[Array, Array, Rows, dict[str, Any]]:
+def read(path: Path, joints: Iterable[str]) -> tuple[Single, Single, Rows, dict[str, Any]]:
     """Read inputs (N, 3 n), torque (N, n) [N.m or N], rows and attributes of a file; in single precision.
 
     Args:

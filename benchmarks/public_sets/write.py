@@ -19,6 +19,7 @@ from .origins import ORIGINS
 from .specification import DESCRIPTION, MISSING, channels
 from .stretches import PARTS, SetFiles, Stretch
 
+REPOSITORY = Path(__file__).resolve().parents[2]
 COPY = "signid_sets.py"  # specification.py, beside the data
 README = """# Real robots: inverse dynamics
 
@@ -58,6 +59,21 @@ def missing() -> str:
         import identibench  # noqa: F401
     except ImportError:
         return MISSING
+    return ""
+
+
+def refusal(folder: Path) -> str:
+    """Error message if a folder is not for these files, otherwise an empty string.
+
+    Args:
+        folder: folder of all sets.
+    """
+    if folder.resolve().is_relative_to(REPOSITORY):
+        return f"{folder} is in the repository; recordings do not belong there; give another folder"
+    if folder.exists() and not folder.is_dir():
+        return f"{folder} is a file; give a folder"
+    if folder.exists() and any(folder.iterdir()) and not (folder / COPY).exists():
+        return f"{folder} holds other files, which could be replaced; give an empty folder"
     return ""
 
 
@@ -104,13 +120,22 @@ def describe(one: RealSet, found: SetFiles) -> dict[str, Any]:
     }
 
 
-def write_readme(folder: Path) -> None:
-    """Write the README of the folder, and the specifications beside it.
+def write_specification(folder: Path) -> None:
+    """Write the code of the specifications into the folder.
 
     Args:
         folder: folder of all sets.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(specification.__file__, folder / COPY)
+
+
+def write_readme(folder: Path) -> None:
+    """Write the README of the folder.
+
+    Args:
+        folder: folder of all sets, at least one of them written.
+    """
     known = [json.loads(x.read_text(encoding="utf-8")) for x in sorted(folder.glob(f"*/{DESCRIPTION}"))]
     lines = [f"| {x['name']} | {len(x['joints'])} | {x['source']} | {x['licence']} | {x['cite']} |" for x in known]
     filled = {"count": len(known), "example": known[0]["name"], "headline": specification.HEADLINE}
