@@ -41,6 +41,15 @@ class Store:
         except OSError as error:
             raise self._refusal(error) from None
 
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Remove the folder of sessions, and the one of results, where they are empty."""
+        for folder in (self.place, self.place.parent):
+            with suppress(OSError):
+                folder.rmdir()
+
     def record(self, name: str) -> Mapping[str, Any]:
         """The stored record of a session; empty if there is none, or if it or a file is not as signid wrote it."""
         found, files = self.document(name, RECORD), self._listed(name)
