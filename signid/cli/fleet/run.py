@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import InputError, ManifestError, SignidError
+from ...typed import typed
 from ...types import Input, Progress
 from .dispatch import cores, spread
 from .manifest import Entry, Manifest, read_manifest
@@ -30,6 +31,7 @@ class _Task:
     fault: str = ""  # reason
 
 
+@typed
 def fleet(
     manifest: str | Path,
     folder: str | Path,
