@@ -23,7 +23,7 @@ from typing import Any
 from rich.console import Console
 
 from ..one_thread import one_thread
-from ..summary import finite
+from ..summary import finite, origin
 from . import leave_out
 from .constants import CONSTANTS, Setting
 from .run import Row, run
@@ -107,7 +107,8 @@ def _fill(settings: Mapping[str, Sequence[Setting]], options: argparse.Namespace
 
 def _write(path: Path, rows: Sequence[Row], figures: Mapping[str, str]) -> None:
     """Write the file atomically."""
-    text = json.dumps({"rows": finite(rows), "totals": figures}, indent=1) + "\n"
+    document = {"origin": origin("concealed_real", sys.argv[1:]), "totals": figures, "rows": finite(rows)}
+    text = json.dumps(document, indent=1) + "\n"
     part = path.with_name(f"{path.name}.part")
     part.write_text(text, encoding="utf-8")
     part.replace(path)
