@@ -140,7 +140,7 @@ def unsourced(text: str) -> Iterator[str]:
     """
     for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
         heading, _, body = section.partition("\n")
-        figures = re.search(r"^\|[^`\n]*\d", body, re.MULTILINE)
+        figures = re.search(r"^\|[^|\n]*\|[^`\n]*\d", body, re.MULTILINE)
         if figures and not (COMMAND.search(body) and COMMIT.search(body)):
             yield heading
 

@@ -75,8 +75,9 @@ def test_figures_without_command_or_commit_are_listed() -> None:
     assert list(figures.unsourced("\n".join(("# b", *(f"## {section}" for section in sections))))) == ["two"]
 
 
-def test_the_readme_has_a_command_and_a_commit_for_each_figure() -> None:
+def test_both_pages_have_a_command_and_a_commit_for_each_figure() -> None:
     assert not list(figures.unsourced_rows((figures.ROOT / "README.md").read_text("utf-8")))
+    assert not list(figures.unsourced((figures.ROOT / "benchmarks" / "README.md").read_text("utf-8")))
 
 
 def test_check_fails_until_the_page_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -41,6 +41,8 @@ TABLE = (
     Constant("NEXT_LOG_ODDS", "search.thresholds", SEARCH, (2.0, 5.0)),
     Constant("NOISE_ERROR", "search.thresholds", SEARCH, (1.0, 1.8)),
     Constant("CAUSE_SHARE", "findings.thresholds", CONCLUSION, (0.07, 0.3)),
+    Constant("REPLACEMENT_RATIO", "findings.thresholds", CONCLUSION, (1.1, 2.5)),
+    Constant("WORSE_WEIGHT", "findings.thresholds", CONCLUSION, (1.0, 6.0)),
     Constant("LEAST_GAIN", "findings.thresholds", CONCLUSION, (0.5, 2.0)),
     Constant("SAME_PREDICTION", "findings.thresholds", CONCLUSION, (0.05, 0.2)),
     Constant("SAID", "findings.thresholds", CONCLUSION, (0.3, 0.7)),
