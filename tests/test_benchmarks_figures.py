@@ -62,7 +62,7 @@ def test_cells_of_the_other_benchmarks() -> None:
     assert figures.leave_out({"totals": LEFT_OUT}) == "82 of 104; 81 of 104"
     tested = [("pNARX", 5.17), ("ARX", 12.6), ("signid, refined", 8.32), ("signid identify", 8.85), ("other", None)]
     rows = [{"method": method, "test": test} for method, test in tested]
-    assert figures.public({"rows": rows}) == "8.32 mm; best published (pNARX) 5.17 mm"
+    assert figures.public({"rows": rows}) == "signid, refined: 8.32 mm; signid identify: 8.85 mm; pNARX: 5.17 mm"
 
 
 def test_figures_without_command_or_commit_are_listed() -> None:
