@@ -38,6 +38,7 @@ TOTALS = {"named first or flagged (85 %)": "74 % (67 of 91)"}
 LEFT_OUT = {
     "named first or flagged, constants as they are": "79 % (82 of 104)",
     "the same, constants chosen without the robot": "78 % (81 of 104)",
+    "the same, ties decided against the robot": "77 % (80 of 104)",
 }
 
 
@@ -59,7 +60,7 @@ def test_cells_of_the_other_benchmarks() -> None:
         {"words": "hard, 3 joints and more, 2%: effect and joint first", "share": 1.0, "of": 3},
     ]
     assert figures.concealed({"targets": targets}) == "59 of 71, 0 of 0"
-    assert figures.leave_out({"totals": LEFT_OUT}) == "82 of 104; 81 of 104"
+    assert figures.leave_out({"totals": LEFT_OUT}) == "82 of 104; 81 of 104, 80 of 104 if ties are decided against it"
     tested = [("pNARX", 5.17), ("ARX", 12.6), ("signid, refined", 8.32), ("signid identify", 8.85), ("other", None)]
     rows = [{"method": method, "test": test} for method, test in tested]
     assert figures.public({"rows": rows}) == "signid, refined: 8.32 mm; signid identify: 8.85 mm; pNARX: 5.17 mm"

@@ -41,15 +41,23 @@ def test_a_robot_takes_no_part_in_its_own_choice() -> None:
     found = {one.robot: one for one in leave_out.leave_out(some, [SAID], ROBOTS)}
     assert found["psm"].chosen == (("SAID", LESS),) and found["emps"].chosen == ()
     assert (found["psm"].usual, found["psm"].left_out) == (Share(9, 10), Share(2, 10))
-    assert found["psm"].difference == pytest.approx(70) and found["panda"].difference == 0
+    assert found["psm"].differences == pytest.approx((70, 70)) and found["panda"].differences == (0, 0)
     every = leave_out.together(list(found.values()))
-    assert (every.usual, every.left_out) == (Share(19, 30), Share(12, 30))
-    assert leave_out.totals(list(found.values()))["difference in points (5)"] == "23.3"
+    assert (every.usual, every.left_out, every.worst) == (Share(19, 30), Share(12, 30), Share(12, 30))
+    figures = leave_out.totals(list(found.values()))
+    assert figures["differences in points (5)"] == "23.3, 23.3" and figures["largest of one robot"] == "70.0, 70.0"
 
 
 def test_the_present_value_stays_in_a_tie() -> None:
     some = case_rows(psm=(9, 2, 3), emps=(5, 5, 5), panda=(5, 5, 5))
     assert leave_out.chosen_without(some, [SAID], "psm", ROBOTS) == ()
+
+
+def test_the_worst_tie_is_decided_against_the_robot() -> None:
+    some = case_rows(psm=(9, 2, 3), emps=(5, 5, 5), panda=(5, 4, 5))
+    assert leave_out.chosen_without(some, [SAID], "psm", ROBOTS, worst=True) == (("SAID", MORE),)
+    found = leave_out.leave_out(some, [SAID], ROBOTS)[0]
+    assert (found.left_out, found.worst) == (Share(9, 10), Share(3, 10))
 
 
 def test_sets_of_one_robot_leave_together() -> None:

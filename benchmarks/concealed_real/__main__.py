@@ -84,8 +84,9 @@ def _leave_out(options: argparse.Namespace, console: Console) -> int:
     options.cache.mkdir(parents=True, exist_ok=True)
     _fill({name: leave_out.settings_of(constants) for name in options.sets}, options)
     rows = load(options.cache, options.sets)
-    chosen = {x: leave_out.chosen_without(rows, constants, x, robots) for x in robots}
-    _fill({name: [(), chosen[leave_out.robot_of(name)]] for name in options.sets}, options)
+    for tie in (False, True):
+        chosen = {x: leave_out.chosen_without(rows, constants, x, robots, tie) for x in robots}
+        _fill({name: [(), chosen[leave_out.robot_of(name)]] for name in options.sets}, options)
     rows = load(options.cache, options.sets)
     found = leave_out.leave_out(rows, constants, robots)
     console.print(*leave_out.tables(found, list(leave_out.choices(rows, constants, robots))))

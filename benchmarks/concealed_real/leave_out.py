@@ -1,7 +1,8 @@
 """Tuned constants chosen without the robot that judges them, and the figures of each robot under that choice.
 
 One constant at a time is varied, the others stay. A robot's value of a constant is the one under which most fair cases
-of the other robots are named first or flagged; the present value stays in a tie. Several sets may be of one robot.
+of the other robots are named first or flagged; the present value stays in a tie. The worst tie is the bound: of values
+that are equally good for the others, the one that is worst for the robot itself. Several sets may be of one robot.
 """
 
 from __future__ import annotations
@@ -30,11 +31,13 @@ class LeftOut:
     chosen: Setting  # constants that the other robots set otherwise
     usual: Share  # fair cases that are named first or flagged
     left_out: Share
+    worst: Share  # the same where each tie is decided against the robot
 
     @property
-    def difference(self) -> float:
-        """Usual minus left-out share [percentage points]."""
-        return points(self.usual) - points(self.left_out)
+    def differences(self) -> tuple[float, float]:
+        """Usual share minus that left out, and minus that of the worst tie [percentage points]."""
+        usual = points(self.usual)
+        return usual - points(self.left_out), usual - points(self.worst)
 
 
 @dataclass(frozen=True)
@@ -86,18 +89,26 @@ def figure(rows: Sequence[Row], values: Setting, robots: Sequence[str]) -> Share
     return Share(sum(row["outcome"] in RIGHT for row in own), len(own))
 
 
-def choose(rows: Sequence[Row], constant: Constant, robots: Sequence[str]) -> float:
+def choose(rows: Sequence[Row], constant: Constant, robots: Sequence[str], against: Sequence[str] = ()) -> float:
     """Value of a constant under which most fair cases of some robots are named; the present one in a tie.
 
     Args:
         rows: rows of all settings.
         constant: constant, varied alone.
         robots: robots that count.
+        against: robots against which ties are decided.
     """
-    return max(constant.values, key=lambda x: figure(rows, setting({constant.name: x}), robots).some)
+
+    def named(value: float) -> tuple[int, int]:
+        alone = setting({constant.name: value})
+        return figure(rows, alone, robots).some, -figure(rows, alone, against).some
+
+    return max(constant.values, key=named)
 
 
-def chosen_without(rows: Sequence[Row], constants: Sequence[Constant], robot: str, robots: Sequence[str]) -> Setting:
+def chosen_without(
+    rows: Sequence[Row], constants: Sequence[Constant], robot: str, robots: Sequence[str], worst: bool = False
+) -> Setting:
     """Setting that all robots but one choose, constant by constant.
 
     Args:
@@ -105,9 +116,10 @@ def chosen_without(rows: Sequence[Row], constants: Sequence[Constant], robot: st
         constants: varied constants.
         robot: robot that takes no part.
         robots: all robots.
+        worst: decide ties against the robot.
     """
     others = [x for x in robots if x != robot]
-    return setting({one.name: choose(rows, one, others) for one in constants})
+    return setting({one.name: choose(rows, one, others, [robot] if worst else ()) for one in constants})
 
 
 def leave_out(rows: Sequence[Row], constants: Sequence[Constant], robots: Sequence[str]) -> list[LeftOut]:
@@ -120,8 +132,8 @@ def leave_out(rows: Sequence[Row], constants: Sequence[Constant], robots: Sequen
     """
     found = []
     for robot in robots:
-        chosen = chosen_without(rows, constants, robot, robots)
-        found.append(LeftOut(robot, chosen, figure(rows, (), [robot]), figure(rows, chosen, [robot])))
+        chosen, worst = (chosen_without(rows, constants, robot, robots, tie) for tie in (False, True))
+        found.append(LeftOut(robot, chosen, *(figure(rows, x, [robot]) for x in ((), chosen, worst))))
     return found
 
 
@@ -131,8 +143,8 @@ def together(found: Sequence[LeftOut]) -> LeftOut:
     Args:
         found: each robot.
     """
-    usual, left = ([getattr(one, key) for one in found] for key in ("usual", "left_out"))
-    sums = (Share(sum(x.some for x in shares), sum(x.of for x in shares)) for shares in (usual, left))
+    parts = ([getattr(one, key) for one in found] for key in ("usual", "left_out", "worst"))
+    sums = (Share(sum(x.some for x in shares), sum(x.of for x in shares)) for shares in parts)
     return LeftOut("all", (), *sums)
 
 
@@ -158,10 +170,11 @@ def tables(found: Sequence[LeftOut], varied: Sequence[Choice]) -> Iterator[Table
         found: each robot.
         varied: each constant.
     """
-    names = ("robot", "chosen without it", "usual", "left out", "difference [points]")
+    names = ("robot", "chosen without it", "usual", "left out", "worst tie", "differences, points")
     table = frame("fair cases named first or flagged", names, left=2)
     for one in (*found, together(found)):
-        table.add_row(one.robot, label(one.chosen), str(one.usual), str(one.left_out), f"{one.difference:.1f}")
+        shares = (str(x) for x in (one.usual, one.left_out, one.worst))
+        table.add_row(one.robot, label(one.chosen), *shares, ", ".join(f"{x:.1f}" for x in one.differences))
     yield table
     table = frame("the same of all robots, by value; the present value first", ("constant", "values", "decided by"), 3)
     for each in varied:
@@ -180,6 +193,7 @@ def totals(found: Sequence[LeftOut]) -> dict[str, str]:
     return {
         "named first or flagged, constants as they are": str(every.usual),
         "the same, constants chosen without the robot": str(every.left_out),
-        "difference in points (5)": f"{every.difference:.1f}",
-        "largest of one robot": f"{max((one.difference for one in found), default=0.0):.1f}",
+        "the same, ties decided against the robot": str(every.worst),
+        "differences in points (5)": ", ".join(f"{x:.1f}" for x in every.differences),
+        "largest of one robot": ", ".join(f"{max(x):.1f}" for x in zip(*(y.differences for y in found), strict=True)),
     }
