@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import inspect
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from functools import wraps
 from itertools import islice
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -51,23 +50,27 @@ def _wrong_type(verb: Callable[..., Any], args: tuple[Any, ...], kwargs: Mapping
         bound = signature.bind(*args, **kwargs).arguments
     except TypeError as error:
         return f"{verb.__name__}: {error}; it takes {', '.join(signature.parameters)}"
-    space = vars(sys.modules[verb.__module__])
+    hints = _hints(verb)
     for name, value in bound.items():
-        text = signature.parameters[name].annotation
-        if not fits(value, _hint(text, space)):
+        if not fits(value, hints.get(name, Any)):
             given = "None" if value is None else type(value).__name__
-            return f"{verb.__name__}: {name} is {given}, or holds another type; expected {text}"
+            expected = signature.parameters[name].annotation
+            return f"{verb.__name__}: {name} is {given}, or holds another type; expected {expected}"
     return ""
 
 
-def _hint(text: Any, space: Mapping[str, Any]) -> Any:
-    """Type of an annotation; anything where it cannot be read here."""
-    if not isinstance(text, str):
-        return text
-    try:
-        return eval(text, dict(space))  # the source of signid, not of a user
-    except Exception:  # names under TYPE_CHECKING are unknown here
-        return Any
+def _hints(verb: Callable[..., Any]) -> Mapping[str, Any]:
+    """Type of each annotation; a name that only type checkers import stands for anything."""
+    unknown = dict[str, Any]()
+    while True:
+        try:
+            return get_type_hints(verb, localns=unknown)
+        except NameError as error:
+            if not error.name or error.name in unknown:
+                return {}
+            unknown[error.name] = Any
+        except (AttributeError, TypeError):  # an annotation that exists for type checkers alone
+            return {}
 
 
 def fits(value: Any, hint: Any) -> bool:

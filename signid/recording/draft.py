@@ -78,7 +78,7 @@ def draft_map(source: Source, robot: Robot, topics: Sequence[str] = ()) -> Draft
 
 
 def _checked(line: MappedColumn, unstated: Collection[str]) -> MappedColumn:
-    """A line, with the doubt about its unit if the dataset does not state that of its positions."""
+    """A line, with a caveat on its unit if the dataset does not state that of its positions."""
     if line.kind not in ("q", "q_des") or line.guess.column not in unstated:
         return line
     return line._replace(noticed=line.noticed.with_caveat(unstated=True))

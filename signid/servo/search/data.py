@@ -48,6 +48,7 @@ def servo_data(
     """Grids of recordings: the last of several is held out, or the last 30 % of the only one, unless some are given.
 
     Raises:
+        OptionError: no recording.
         RecordingError: no joint has commands in all recordings, or they are too short.
     """
     if not recordings:
