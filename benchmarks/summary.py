@@ -54,7 +54,7 @@ def origin(module: str, arguments: Sequence[str], files: Sequence[str] = ("--jso
     command = " ".join(["python -m", f"benchmarks.{module}", *shown])
     describe = ["git", "describe", "--always", "--dirty", "--abbrev=7", "--exclude=*"]
     try:
-        done = subprocess.run(describe, cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
+        done = subprocess.run(describe, cwd=Path(__file__).parent, capture_output=True, encoding="utf-8", check=True)
     except (OSError, subprocess.CalledProcessError):
         return {"command": command, "commit": "unknown"}
     return {"command": command, "commit": done.stdout.strip()}
