@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import platform
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -28,7 +29,7 @@ from signid.types import TWO_SIDED, Estimate, Robot
 
 from .arms import ARMS, Arm, load, truth
 from .plants.mujoco_ import Body, Track, draw_motion, log, simulate
-from .summary import frame
+from .summary import frame, origin
 
 Array = NDArray[np.float64]
 
@@ -182,9 +183,12 @@ def main() -> None:
         console.print(summary + invalid, highlight=False, soft_wrap=True)
     if options.json:
         machine = {"python": platform.python_version(), "mujoco": mujoco.__version__, "processor": platform.machine()}
-        options.json.write_text(
-            json.dumps({"machine": machine, "rows": [asdict(row) for row in rows]}, indent=1), encoding="utf-8"
-        )
+        document = {
+            "origin": origin("coverage", sys.argv[1:]),
+            "machine": machine,
+            "rows": [asdict(row) for row in rows],
+        }
+        options.json.write_text(json.dumps(document, indent=1), encoding="utf-8")
     raise SystemExit(0 if options.quick or all(row.holds for row in rows) else 1)
 
 

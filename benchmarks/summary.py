@@ -1,9 +1,11 @@
-"""Shared output of benchmarks: tables and JSON-compatible numbers."""
+"""Shared output of benchmarks: tables, JSON-compatible numbers, and where they come from."""
 
 from __future__ import annotations
 
 import math
+import subprocess
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -34,3 +36,25 @@ def finite(x: Any) -> Any:
     if isinstance(x, list | tuple):
         return [finite(value) for value in x]
     return None if isinstance(x, float) and not math.isfinite(x) else x
+
+
+def origin(module: str, arguments: Sequence[str], files: Sequence[str] = ("--json", "--cache")) -> dict[str, str]:
+    """Command and commit of figures, for their JSON file.
+
+    Args:
+        module: name of the benchmark, such as `concealed_real`.
+        arguments: arguments of the command line.
+        files: options that name a file or folder; the command leaves them out.
+    """
+    shown, skip = [], False
+    for one in arguments:
+        if not skip and not one.startswith(tuple(f"{name}=" for name in files)) and one not in files:
+            shown.append(one)
+        skip = one in files
+    command = " ".join(["python -m", f"benchmarks.{module}", *shown])
+    describe = ["git", "describe", "--always", "--dirty", "--abbrev=7", "--exclude=*"]
+    try:
+        done = subprocess.run(describe, cwd=Path(__file__).parent, capture_output=True, encoding="utf-8", check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return {"command": command, "commit": "unknown"}
+    return {"command": command, "commit": done.stdout.strip()}

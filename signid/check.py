@@ -17,6 +17,7 @@ from .regression.factors import Factors
 from .regression.session import Options, Session
 from .robot import as_robot
 from .signs import Signs, prepare_and_recover
+from .typed import typed
 from .types import Array, BaseMap, Progress, Recording, Result, Robot
 
 WELL, BARELY = (0.3, 1.0)  # [1] expected over prior standard deviation: identifiable below, unidentifiable above
@@ -50,6 +51,7 @@ class Check(Result):
         return tuple(dict.fromkeys((*columns, *lost, *self.excitation.sentences, *self.faults.flags)))
 
 
+@typed
 def check(
     robot: ModelSource,
     recordings: Recordings,

@@ -29,6 +29,7 @@ from .robot import as_robot, described_gravity
 from .robot.dynamics import shows_gravity
 from .robot.gravity import is_weightless
 from .signs import Recovered, Signs, prepare_and_recover
+from .typed import typed
 from .types import Array, BaseMap, Estimate, Input, Parameters, Progress, Recording, Result, Robot
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ class Identification(Result):
         return self.parameters.is_feasible()
 
 
+@typed
 @ends_in_time
 def identify(
     robot: ModelSource,

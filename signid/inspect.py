@@ -9,6 +9,7 @@ from .effects import EFFECT_NAMES, EFFECTS
 from .model import ModelSource
 from .regression.base_parameters import build_base
 from .robot import as_robot
+from .typed import typed
 from .types import BaseMap, Law, Result, Robot
 
 
@@ -33,6 +34,7 @@ class Inspection(Result):
         return tuple(label.name for k, label in enumerate(self.base.labels) if seen[k] and k not in alone)
 
 
+@typed
 def inspect(robot: ModelSource, effects: Sequence[str] = EFFECT_NAMES, seed: int = 0) -> Inspection:
     """Determine the base parameters of a robot with the given effects at every joint.
 

@@ -25,6 +25,7 @@ from .robot import held_positions, load_robot, robot_from_text, with_gravity
 from .robot.dynamics import joint_of_row, own_row, standard_parameters as standard_parameters
 from .servos import PASSIVE, Servo, servos_document, servos_from
 from .toml_json import check_schema, read_json
+from .typed import typed
 from .types import Array, Law, Parameters, Result, Robot
 
 SCHEMA = "signid.model/1"
@@ -135,6 +136,7 @@ class Model(Result):
 ModelSource = Model | Robot | str | Path  # a model, or what `load_model` reads
 
 
+@typed
 def load_model(
     source: str | Path | Robot, actuators: str | Path | None = None, gravity: Sequence[float] | None = None
 ) -> Model:

@@ -49,7 +49,7 @@ def files() -> list[Case]:
         Case("folder", "identify 1r . -o out", "folder"),
         recording("empty file", "", "empty"),
         recording("header alone", "t,q_1,tau_1\n", "no samples"),
-        recording("wrong extension", good, "format", "bad.txt"),
+        recording("wrong extension", good, "format", "bad.doc"),
         recording("no extension", good, "format", "bad"),
         recording("binary as CSV", bytes(range(256)) * 40, "bad.csv"),
         recording("prose as CSV", "It was a dark and stormy night; the robot fell.\n" * 3, "bad.csv"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from signid.cli import run
 from signid.cli.fleet import process as process_module, run as run_module
 from signid.cli.fleet.dispatch import Answer, Order, spread
 from signid.cli.fleet.run import fleet
+from signid.cli.fleet.store import Store
 from signid.errors import InputError
 
 
@@ -133,6 +135,30 @@ def test_finished_sessions_are_not_repeated(done: Path, tmp_path: Path, monkeypa
     (tmp_path / "report.html").rename(out / "sessions/arm-2_2026-01-01/report.html")
     with pytest.raises(InputError, match=r"session arm-3_none\.csv \(line 7\) failed: cannot read"):
         fleet(path, out, keep_going=False)
+
+
+@pytest.mark.parametrize(
+    ("file", "key", "value"),
+    [
+        ("session.json", "code", None),
+        ("session.json", "said", None),
+        ("session.json", "digests", ["x"]),
+        ("identification.json", "fit", None),
+        ("identification.json", "base_parameters", "x"),
+    ],
+)
+def test_a_stored_session_that_was_changed_is_run_again(
+    done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, key: str, value: Any
+) -> None:
+    monkeypatch.setattr(run_module, "spread", refuse_all)
+    shutil.copytree(done / "out", tmp_path / "out")
+    place = tmp_path / "out/sessions/arm-1_2026-01-01_identify"
+    changed = json.loads((place / file).read_text("utf-8"))
+    changed[key] = value
+    (place / file).write_text(json.dumps(changed), "utf-8")
+    again = [one.said[0] for one in fleet(done / "manifest.csv", tmp_path / "out").outcomes if not one.done]
+    assert again[0].startswith("identify 3r day_0.parquet")
+    assert Store(done / "out").record(place.name) and not Store(tmp_path / "out").record(place.name)
 
 
 def test_a_session_whose_process_dies_twice_does_not_stop_the_others(

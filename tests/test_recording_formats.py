@@ -119,7 +119,11 @@ BAD: dict[str, tuple[str, Callable[[Path], object], tuple[str, ...]]] = {
     "only a comment": ("a.csv", lambda p: p.write_text("# log\n"), ("a.csv", "empty")),
     "no header": ("a.csv", lambda p: p.write_text("0,1.5\n1,2\n"), ("a.csv", "no header")),
     "twice": ("a.csv", lambda p: p.write_text("t,q_1,q_1\n0,1,2\n"), ("a.csv", "'q_1' twice")),
-    "a cell less": ("a.txt", lambda p: p.write_text("t q x\n0 1 2\n1 2\n2 3 4\n"), ("a.txt", "2 cells in line 3", "nan")),
+    "a cell less": (
+        "a.txt",
+        lambda p: p.write_text("t q x\n0 1 2\n1 2\n2 3 4\n"),
+        ("a.txt", "2 cells in line 3", "nan"),
+    ),
     "a cell more": ("a.txt", lambda p: p.write_text("t q\n0 1\n1 2 3\n"), ("a.txt", "3 cells", "row 2")),
     "no header below": ("a.txt", lambda p: p.write_text("Recorder\n0 1 2\n"), ("a.txt", "no header", "--names")),
     "binary": ("a.csv", png, ("a.csv", "binary")),

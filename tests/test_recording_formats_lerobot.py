@@ -16,6 +16,7 @@ from test_recording_formats import sentence
 
 from signid.errors import RecordingError
 from signid.recording import read_recording
+from signid.recording.draft import draft_map
 from signid.recording.formats import FORMATS, base
 from signid.recording.formats.base import About
 
@@ -100,6 +101,14 @@ def test_units_are_not_guessed(missing: str, tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as error:
         read_recording(path, arm(), columns=said)
     sentence(str(error.value), "does not state the unit", f"{missing}_shoulder", f"--unit {missing}=")
+
+
+def test_a_drafted_map_asks_about_units_of_positions(tmp_path: Path) -> None:
+    text = draft_map(two_episodes(tmp_path, together=True), arm()).text
+    asked = [
+        line for line in text.splitlines() if line.endswith("CHECK") and "per cent of the calibrated range" in line
+    ]
+    assert [line.partition(" ")[0] for line in asked] == ["q", "q_des"]
 
 
 def test_shares_of_the_range_by_scale_and_offset(tmp_path: Path) -> None:

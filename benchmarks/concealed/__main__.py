@@ -28,7 +28,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from ..one_thread import one_thread
-from ..summary import finite
+from ..summary import finite, origin
 from .cases import SIZES, SUITES, Case, cases, quick, sample
 from .evaluate import Evaluation, evaluate
 from .robots import ROBOTS
@@ -79,6 +79,7 @@ def document(evaluations: Sequence[Evaluation], found: Sequence[Target]) -> dict
     """All numbers as a JSON document."""
     machine = {"python": platform.python_version(), "processor": platform.machine()}
     return {
+        "origin": origin("concealed", sys.argv[1:], ("--json", "--cache", "--workers")),
         "machine": machine,
         "targets": [{**asdict(target), "met": target.met} for target in found],
         "cells": [cell._asdict() for by in (by_size, by_robot) for cell in cells(evaluations, by)],

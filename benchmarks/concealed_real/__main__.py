@@ -3,6 +3,8 @@
 Needs SIGNID_DATA. Part A of each set is identified. One known change is made to the model or to the recording B, which
 is diagnosed. The extended and the given model are compared on the held-out recording C. A case is fair if its torque is
 at least as large as the residual of the unchanged model on B, and if the control (no change) does not name the change.
+`--leave-out --cache DIR` runs all cases under other values of tuned constants and chooses these for each robot by the
+cases of the other robots; rows that DIR holds are not run again.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import Manager
 from pathlib import Path
@@ -21,11 +23,14 @@ from typing import Any
 from rich.console import Console
 
 from ..one_thread import one_thread
-from ..summary import finite
+from ..summary import finite, origin
+from . import leave_out
+from .constants import CONSTANTS, Setting
 from .run import Row, run
 from .sets import SETS
 from .show import line, tables
 from .summary import totals
+from .trials import fill, load
 
 WAIT = 1.0  # between polls of the processes [s]
 
@@ -39,7 +44,15 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes; each runs one set at a time")
     parser.add_argument("--limit", type=float, metavar="S", help="time limit of a diagnosis")
     parser.add_argument("--show", type=Path, metavar="FILE", help="print the tables of an existing JSON file")
-    return parser.parse_args()
+    parser.add_argument("--leave-out", action="store_true", help="choose constants without the robot that judges")
+    parser.add_argument("--cache", type=Path, metavar="DIR", help="folder of the rows of --leave-out")
+    parser.add_argument(
+        "--constants", nargs="+", choices=CONSTANTS, default=[], metavar="NAME", help=f"of {', '.join(CONSTANTS)}"
+    )
+    options = parser.parse_args()
+    if options.leave_out and not options.cache:
+        parser.error("--leave-out needs --cache DIR")
+    return options
 
 
 def main() -> int:
@@ -52,19 +65,51 @@ def main() -> int:
         return 0
     if not os.environ.get("SIGNID_DATA"):
         sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
+    if options.leave_out:
+        return _leave_out(options, console)
     rows = []
     for row in _rows(options.sets, options.cases, options.limit, options.jobs):
         rows.append(row)
         console.print(line(row), soft_wrap=True, highlight=False, markup=False)
         if options.json:
-            _write(options.json, rows)
+            _write(options.json, rows, totals(rows))
     console.print(*tables(rows))
     return 0
 
 
-def _write(path: Path, rows: Sequence[Row]) -> None:
+def _leave_out(options: argparse.Namespace, console: Console) -> int:
+    """Run what the folder lacks, choose the constants for each robot, and print the tables."""
+    constants = [CONSTANTS[name] for name in options.constants or CONSTANTS]
+    robots = list(dict.fromkeys(map(leave_out.robot_of, options.sets)))
+    options.cache.mkdir(parents=True, exist_ok=True)
+    _fill({name: leave_out.settings_of(constants) for name in options.sets}, options)
+    rows = load(options.cache, options.sets)
+    for tie in (False, True):
+        chosen = {x: leave_out.chosen_without(rows, constants, x, robots, tie) for x in robots}
+        _fill({name: [(), chosen[leave_out.robot_of(name)]] for name in options.sets}, options)
+    rows = load(options.cache, options.sets)
+    found = leave_out.leave_out(rows, constants, robots)
+    console.print(*leave_out.tables(found, list(leave_out.choices(rows, constants, robots))))
+    if options.json:
+        _write(options.json, rows, leave_out.totals(found))
+    return 0
+
+
+def _fill(settings: Mapping[str, Sequence[Setting]], options: argparse.Namespace) -> None:
+    """Run what the folder lacks, by set."""
+    if options.jobs == 1:
+        for name, some in settings.items():
+            fill(SETS[name], some, options.cache)
+        return
+    with ProcessPoolExecutor(options.jobs) as pool:
+        for future in [pool.submit(fill, SETS[name], some, options.cache) for name, some in settings.items()]:
+            future.result()
+
+
+def _write(path: Path, rows: Sequence[Row], figures: Mapping[str, str]) -> None:
     """Write the file atomically."""
-    text = json.dumps({"rows": finite(rows), "totals": totals(rows)}, indent=1) + "\n"
+    document = {"origin": origin("concealed_real", sys.argv[1:]), "totals": figures, "rows": finite(rows)}
+    text = json.dumps(document, indent=1) + "\n"
     part = path.with_name(f"{path.name}.part")
     part.write_text(text, encoding="utf-8")
     part.replace(path)

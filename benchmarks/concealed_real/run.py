@@ -71,8 +71,44 @@ def rows_of(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterat
         kinds: kinds of cases; empty: all.
         limit: time limit of a diagnosis [s]; None: none.
     """
+    begun = begin(one, limit)
+    setup, control, arm = begun.setup, begun.control, begun.arm
+    yield _control(one, setup, control, arm)
+    for case in begun.cases():
+        if not kinds or case.kind in kinds:
+            found = control if begun.is_unchanged(case) else attempt(case.model, [case.b], limit)
+            yield _row(one, setup, case, found, control, arm)
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A set with its identified model and the diagnosis of its control."""
+
+    one: RealSet
+    a: tuple[Recording, ...]  # identified recordings
+    setup: Setup
+    control: Attempt
+    arm: Arm
+
+    def cases(self) -> Iterator[Case]:
+        """Yield all cases of the set."""
+        yield from concealed(self.one, self.setup, list(self.a))
+        yield from all_cases(self.setup)
+
+    def is_unchanged(self, case: Case) -> bool:
+        """Whether a case diagnoses what the control does."""
+        return case.model is self.setup.model and case.b is self.setup.b
+
+
+def begin(one: RealSet, limit: float | None = None) -> Begun:
+    """Identify A of a set and diagnose its control.
+
+    Args:
+        one: set of recordings.
+        limit: time limit of the diagnosis [s]; None: none.
+    """
     robot = one.robot()
-    a = [read(one, robot, part) for part in one.a]
+    a = tuple(read(one, robot, part) for part in one.a)
     b, c = read(one, robot, one.b), read(one, robot, one.c)
     identified = signid.identify(robot, a)
     model = identified.model
@@ -80,11 +116,7 @@ def rows_of(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterat
     control = attempt(model, [b], limit)
     cutoff = control.diagnosis.cutoff if control.diagnosis else None
     setup = Setup(model, b, c, cutoff, residual(model, b, cutoff), identified_std(identified))
-    yield _control(one, setup, control, arm)
-    for case in (*concealed(one, setup, a), *all_cases(setup)):
-        if not kinds or case.kind in kinds:
-            unchanged = case.model is model and case.b is b
-            yield _row(one, setup, case, control if unchanged else attempt(case.model, [case.b], limit), control, arm)
+    return Begun(one, a, setup, control, arm)
 
 
 def attempt(model: Model, recordings: Sequence[Recording], limit: float | None) -> Attempt:
@@ -142,14 +174,28 @@ def _control(one: RealSet, setup: Setup, found: Attempt, arm: Arm) -> Row:
 
 
 def _row(one: RealSet, setup: Setup, case: Case, found: Attempt, control: Attempt, arm: Arm) -> Row:
-    reused = found is control
-    evaluation = evaluate(
-        found.answer, case.truth, replace(control.answer, candidates=()) if reused else control.answer, arm
-    )
-    sizes = _bound(setup, case)
+    row = judged(case, found, control, arm, bound(setup, case))
+    if found is control:
+        row["sure"] = []  # the truth about the rest of the model is not known
+    held_out = _held_out(case.model, case.c, found)
+    return _common(one, case.kind, case.what, found, arm) | row | held_out | {"undone": _undone(setup, case, found)}
+
+
+def judged(case: Case, found: Attempt, control: Attempt, arm: Arm, sizes: Array) -> Row:
+    """Evaluation of an attempt as a row.
+
+    Args:
+        case: known change.
+        found: its diagnosis.
+        control: diagnosis of the control; where it is `found`, none of its causes counts as old.
+        arm: joints of the robot.
+        sizes: bound (n,) of the change [1].
+    """
+    old = replace(control.answer, candidates=()) if found is control else control.answer
+    evaluation = evaluate(found.answer, case.truth, old, arm)
     largest = int(np.argmax(sizes))
     known = case.kind != KIND and already_named(control.answer, case.truth, arm)
-    row: Row = {
+    return {
         "bound": float(sizes[largest]),
         "bound_joint": arm.joints[largest],
         "known": known,
@@ -158,10 +204,6 @@ def _row(one: RealSet, setup: Setup, case: Case, found: Attempt, control: Attemp
         **asdict(evaluation),
         "numbers": [{**asdict(number), "within": number.within} for number in evaluation.numbers],
     }
-    if reused:
-        row["sure"] = []  # the truth about the rest of the model is not known
-    held_out = _held_out(case.model, case.c, found)
-    return _common(one, case.kind, case.what, found, arm) | row | held_out | {"undone": _undone(setup, case, found)}
 
 
 def _undone(setup: Setup, case: Case, found: Attempt) -> list[Row]:
@@ -177,8 +219,13 @@ def _undone(setup: Setup, case: Case, found: Attempt) -> list[Row]:
     return [asdict(one) for one in compare(given, truth, setup.model.robot.joints)] if same else []
 
 
-def _bound(setup: Setup, case: Case) -> Array:
-    """Rms torque of the change over the rms residual of the control (n,) [1]; 0 without rows."""
+def bound(setup: Setup, case: Case) -> Array:
+    """Rms torque of the change over the rms residual of the control (n,) [1]; 0 without rows.
+
+    Args:
+        setup: model and recordings of the set.
+        case: known change.
+    """
     try:
         changed = residual(case.model, case.b, setup.cutoff)
         if case.other:

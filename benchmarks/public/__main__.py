@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..one_thread import one_thread
-from ..summary import finite, frame
+from ..summary import finite, frame, origin
 from .emps import entries, files, scored
 from .rows import EARLIER, OTHERS, RULE, Row
 
@@ -46,7 +46,8 @@ def main() -> int:
     rows.sort(key=lambda row: row.test or 0.0)
     console.print(table(rows), EARLIER)
     if options.json:
-        text = json.dumps(finite([asdict(row) for row in rows]), indent=1, allow_nan=False)
+        document = {"origin": origin("public", sys.argv[1:]), "rows": [asdict(row) for row in rows]}
+        text = json.dumps(finite(document), indent=1, allow_nan=False)
         options.json.write_text(text + "\n", encoding="utf-8")
     return 0
 

@@ -18,6 +18,7 @@ from ..robot.dynamics import own_body
 from ..signs import Recovered, prepare_and_recover
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
+from ..typed import typed
 from ..types import Progress, Recording
 from .data.dataset import Dataset
 from .data.hypotheses import GRAVITY, is_transient
@@ -40,6 +41,7 @@ HORIZON = 0.5  # length of the roll-outs [s]
 NOTHING_MISSING = "nothing_missing"  # verdict
 
 
+@typed
 @ends_in_time
 def diagnose(
     model: ModelSource,

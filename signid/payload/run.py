@@ -13,6 +13,7 @@ from ..recording_faults import recording_flags
 from ..regression.prepare import prepare
 from ..regression.session import Options
 from ..robot import as_robot
+from ..typed import typed
 from ..types import Input, Progress, Recording
 from .pick_up import weigh_within
 from .result import Payload
@@ -22,6 +23,7 @@ ROLES = ("recording, without the load", "recording, with the load")
 WITHIN = "recording, in which the load is picked up"
 
 
+@typed
 @ends_in_time
 def payload(
     robot: ModelSource,

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import RecordingError, one_line, shorten
 from ..types import Array, Robot, ServoSamples
 from .columns import TORQUES
+from .formats.base import About
 from .mapping import DRIVE, Change, Heading, change_of
 from .meaning import Guess, guess, without_bare
 from .names import heading_lines, key_of, known_joints, match_signals, quoted
@@ -54,9 +55,7 @@ class DraftedMap(NamedTuple):
     lacking: tuple[str, ...]  # what identification needs and no column seems to have, one sentence each
 
 
-def draft_map(
-    source: Source, robot: Robot, topics: Sequence[str] = (), heading: Heading | None = None
-) -> DraftedMap:
+def draft_map(source: Source, robot: Robot, topics: Sequence[str] = (), heading: Heading | None = None) -> DraftedMap:
     """Draft a column map of a log for a robot; names of columns and their first 200,000 rows give joints and units.
 
     `heading` states lines before a header, and names of columns; the map then holds them as well.
@@ -72,7 +71,8 @@ def draft_map(
     signals = {key: one for key, one in chosen.values() if not one.desired}
     spare = [(key, one) for key, one in chosen.values() if one.desired]
     signals, time = _unsigned(signals, values), _time(guesses, values)
-    lines = tuple(_lines(signals, time, values, robot))
+    unstated = About.of(opened.table).unstated
+    lines = tuple(_checked(line, unstated) for line in _lines(signals, time, values, robot))
     used = {line.guess.column for line in lines}
     unused = tuple(name for name in opened.table.columns if name not in used)
     lacking = (*_lacking(lines, robot, opened.name), *_other_times(opened, time, used))
@@ -81,6 +81,13 @@ def draft_map(
         top, first, rest = text.partition("\n\n")
         text = "".join((top, "\n\n", "\n".join(stated), first, rest))
     return DraftedMap(text, lines, unused, lacking)
+
+
+def _checked(line: MappedColumn, unstated: Collection[str]) -> MappedColumn:
+    """A line, with a caveat on its unit if the dataset does not state that of its positions."""
+    if line.kind not in ("q", "q_des") or line.guess.column not in unstated:
+        return line
+    return line._replace(noticed=line.noticed.with_caveat(unstated=True))
 
 
 def _numbers(opened: Opened) -> Iterator[tuple[str, Array]]:

@@ -116,7 +116,7 @@ class Signal(NamedTuple):
 
 
 class Heading(NamedTuple):
-    """What a file does not say itself: where its header is, or the names of its columns."""
+    """Place of a header and names of columns, where the file does not state them itself."""
 
     skip: int = 0  # lines before the header
     names: tuple[str, ...] = ()  # of all columns, in place of a header; "" for a column without a name

@@ -25,6 +25,10 @@ VOLTS, MILLIVOLTS = 60.0, 1000.0  # [V] larger voltages are in tenths, or in tho
 LOAD = "a load may be in per mille of the largest torque"
 PERCENT = "the names state per cent; write scale = rated torque / 100"
 NAMELESS = "no name states that these are positions"
+UNSTATED = (
+    "LeRobot datasets do not say whether numbers are degrees or per cent of the calibrated range, and a gripper's are "
+    "0 to 100 % in any case; write scale and offset from the calibration file"
+)
 MILLIAMPERES = 60.0  # [A] larger currents are in milliamperes
 
 
@@ -34,9 +38,12 @@ class Noticed(NamedTuple):
     unit: str | Change
     why: str
 
-    def with_caveat(self, nameless: bool = False, percent: bool = False, load: bool = False) -> Noticed:
+    def with_caveat(
+        self, nameless: bool = False, percent: bool = False, load: bool = False, unstated: bool = False
+    ) -> Noticed:
         """The same unit, with the first caveat that holds, for the user to check."""
-        caveat = NAMELESS if nameless else PERCENT if percent else LOAD if load else ""
+        caveats = {UNSTATED: unstated, NAMELESS: nameless, PERCENT: percent, LOAD: load}
+        caveat = next((text for text, holds in caveats.items() if holds), "")
         return Noticed(self.unit, f"{self.why}; {caveat}: CHECK") if caveat else self
 
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import RecordingError, shorten
 from ..robot import as_robot
+from ..typed import typed
 from ..types import Array, Recording, Robot, ServoSamples, Table
 from .columns import TORQUES, Assignment, assign_columns
 from .formats.base import About
@@ -26,6 +27,7 @@ from .source import Opened, Source, columns_of, open_source
 POSITIONS = ("q", "dq", "ddq", "q_des")
 
 
+@typed
 def read_recording(
     source: Source,
     robot: Robot | str | Path,
@@ -168,7 +170,13 @@ def _by_joint(source: Mapping[str, ArrayLike], robot: Robot) -> Mapping[str, Arr
     """Split matrices with a column per joint into columns by joint number; other arrays are unchanged."""
     columns: dict[str, ArrayLike] = {}
     for key, value in source.items():
-        if np.ndim(value) == 2 and np.shape(value)[1] == len(robot.joints):
+        try:
+            shape = np.shape(value)
+        except ValueError:
+            raise RecordingError(
+                f"rows of {key} have different lengths; give one number a row, or one for each joint"
+            ) from None
+        if len(shape) == 2 and shape[1] == len(robot.joints):
             columns |= {f"{key}_{j}": part for j, part in zip(robot.numbers, np.transpose(value), strict=True)}
         else:
             columns[key] = value

@@ -43,7 +43,9 @@ def revised_map(
     for kind in SIGNED:
         for joint, column in zip(joints, columns.get(kind, ()), strict=False):
             if column and joint in turned and (kind in SHIFTED or turned[joint].sign < 0):
-                key = next((k for k, name in parsed.named.items() if name in (column, bracketed(column)[0])), f"{kind}_{joint}")
+                key = next(
+                    (k for k, name in parsed.named.items() if name in (column, bracketed(column)[0])), f"{kind}_{joint}"
+                )
                 entries[key] = _entry(key, column, _changed(parsed, key, column, turned[joint]))
     return "\n".join([*heading_lines(parsed.heading), *entries.values(), *_tables(parsed)]) + "\n"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from errno import EINVAL
 from hashlib import file_digest, sha256
 from pathlib import Path
@@ -103,12 +104,13 @@ def columns_of(source: Mapping[str, ArrayLike] | Frame) -> Mapping[str, ArrayLik
         return source
     if isinstance(source, np.ndarray) and source.dtype.names:
         return {name: source[name] for name in source.dtype.names}
-    if hasattr(source, "iloc"):
+    if hasattr(source, "iloc") and hasattr(source, "columns"):
         return _of_pandas(source)
     if isinstance(source, pl.LazyFrame):
         source = source.collect()
     elif hasattr(source, "__arrow_c_stream__") and not isinstance(source, pl.DataFrame):
-        source = pl.DataFrame(cast(Any, source))
+        with suppress(pl.exceptions.PolarsError):  # a single column is no frame
+            source = pl.DataFrame(cast(Any, source))
     if isinstance(source, pl.DataFrame):
         return {column.name: column.to_numpy() for column in source}
     expected = "expected a file, arrays by column name, or a frame of pandas, polars or arrow"

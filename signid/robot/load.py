@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import RobotError, one_line, shorten, unexpected
+from ..typed import typed
 from ..types import Actuators, Array, Robot
 from .actuators import state_actuators
 from .description.document import Axis, Document, Draft, parse, read_document
@@ -17,6 +18,7 @@ from .joints import find, hold, resting
 from .locate import locate
 
 
+@typed
 def load_robot(
     source: str | Path,
     *,

@@ -15,6 +15,7 @@ from ..recording.source import Source
 from ..servos import PASSIVE, SERVO_NUMBERS, Servo, ServoGrid
 from ..simulation.plant import Sensors, record_held
 from ..simulation.rollout.joints import restrict_joints
+from ..typed import typed
 from ..types import Array, Law, Recording, Result, Robot, Trajectory
 from .plant import grids_of_arrays, roll_out, saturated_share, servo_grid, servo_grids
 from .stated import stated_servos
@@ -45,6 +46,7 @@ class ServoSimulation(Result):
         return np.where(driven, np.sqrt(np.mean((self.command - self.q) ** 2, axis=0)), np.nan)
 
 
+@typed
 def simulate_servos(
     model: ModelSource,
     commands: Recording | Source | Trajectory,

@@ -14,6 +14,7 @@ from ..recording import Recordings, as_recordings, same_joints
 from ..robot.actuators import state_actuators
 from ..servos import Servo, ServoGrid
 from ..simulation.rollout.joints import restrict_joints
+from ..typed import typed
 from ..types import Array, Input, Progress, Recording, Result, Robot
 from ..validate.models import named_models
 from .audit import audit_flags
@@ -48,6 +49,7 @@ class ServoValidation(Result):
     seed: int
 
 
+@typed
 def validate_servos(
     models: ModelSource | Sequence[ModelSource] | Mapping[str, ModelSource],
     recordings: Recordings,

@@ -19,6 +19,7 @@ from ..regression.prepare import prepare
 from ..regression.session import Options, Session, only_once
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
+from ..typed import typed
 from ..types import Input, Progress, Recording
 from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_notes, whole_notes
 from .models import named_models
@@ -31,6 +32,7 @@ HORIZON = 0.5  # [s] of roll-outs, as in a diagnosis
 WHOLE = "whole"  # horizon: from the first samples of a recording to its end
 
 
+@typed
 def validate(
     models: ModelSource | Sequence[ModelSource] | Mapping[str, ModelSource],
     recordings: Recordings,

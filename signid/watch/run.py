@@ -11,12 +11,14 @@ from ..model import Model, ModelSource, as_model
 from ..recording.mapping import ColumnMap
 from ..recording_faults import recording_flags
 from ..robot import hold, resting
+from ..typed import typed
 from ..types import Law
 from .events import Event, Note
 from .sources import Stream, open_stream
 from .watcher import QUIET, Watcher
 
 
+@typed
 def watch(
     model: ModelSource,
     stream: object,

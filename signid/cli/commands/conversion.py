@@ -124,7 +124,7 @@ def _write_map(source: str, file: str, robot: Robot, conversion: ConvertOptions,
 
 
 def _heading(conversion: ConvertOptions) -> Heading:
-    """What the file does not say itself: --skip and --names; a drafted column map keeps both."""
+    """Lines and names that the file does not state itself; a drafted column map keeps them."""
     from ...recording.mapping import read_heading
 
     names = () if conversion.names is None else conversion.names.split(",")

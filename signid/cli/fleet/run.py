@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import InputError, ManifestError, SignidError
+from ...typed import typed
 from ...types import Input, Progress
 from .dispatch import cores, spread
 from .manifest import Entry, Manifest, read_manifest
@@ -30,6 +31,7 @@ class _Task:
     fault: str = ""  # reason
 
 
+@typed
 def fleet(
     manifest: str | Path,
     folder: str | Path,
@@ -62,27 +64,29 @@ def fleet(
     listed = read_manifest(manifest)
     report = progress or (lambda stage, share: None)
     tasks = _prepare(listed, seed, workers or cores(), report)
-    store = Store(folder)
-    store.check(task.entry.session for task in tasks)
-    answers = {k: Answer(None, (task.fault,), {}) for k, task in enumerate(tasks) if task.fault}
-    if answers and not keep_going:
-        raise InputError(_sentence(tasks[min(answers)].entry, answers[min(answers)]))
-    todo = [k for k, task in enumerate(tasks) if store.record(task.entry.session).get("key") != task.key != ""]
-    done = len(tasks) - len(todo)
-    report(f"{done} of {len(tasks)} sessions", done / len(tasks))
-    entries = [tasks[k].entry for k in todo]
-    orders = [Order(one.arguments(seed), str(listed.folder), "" if one.task in FILES else FACTORS) for one in entries]
-    with closing(spread(orders, workers, scheduler)) as found:
-        for number, answer in found:
-            task, done = tasks[todo[number]], done + 1
-            if answer.done:
-                _keep(store, task, orders[number], answer)
-            elif keep_going:
-                answers[todo[number]] = answer
-            else:
-                raise InputError(_sentence(task.entry, answer))
-            report(f"{done} of {len(tasks)} sessions", done / len(tasks))
-    return gather([_outcome(store, task, answers.get(k)) for k, task in enumerate(tasks)], listed.input, seed)
+    with Store(folder) as store:
+        store.check(task.entry.session for task in tasks)
+        answers = {k: Answer(None, (task.fault,), {}) for k, task in enumerate(tasks) if task.fault}
+        if answers and not keep_going:
+            raise InputError(_sentence(tasks[min(answers)].entry, answers[min(answers)]))
+        todo = [k for k, task in enumerate(tasks) if store.record(task.entry.session).get("key") != task.key != ""]
+        done = len(tasks) - len(todo)
+        report(f"{done} of {len(tasks)} sessions", done / len(tasks))
+        entries = [tasks[k].entry for k in todo]
+        orders = [
+            Order(one.arguments(seed), str(listed.folder), "" if one.task in FILES else FACTORS) for one in entries
+        ]
+        with closing(spread(orders, workers, scheduler)) as found:
+            for number, answer in found:
+                task, done = tasks[todo[number]], done + 1
+                if answer.done:
+                    _keep(store, task, orders[number], answer)
+                elif keep_going:
+                    answers[todo[number]] = answer
+                else:
+                    raise InputError(_sentence(task.entry, answer))
+                report(f"{done} of {len(tasks)} sessions", done / len(tasks))
+        return gather([_outcome(store, task, answers.get(k)) for k, task in enumerate(tasks)], listed.input, seed)
 
 
 def _prepare(listed: Manifest, seed: int, workers: int, report: Progress) -> list[_Task]:

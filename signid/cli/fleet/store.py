@@ -41,11 +41,30 @@ class Store:
         except OSError as error:
             raise self._refusal(error) from None
 
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Remove the folder of sessions, and the one of results, where they are empty."""
+        for folder in (self.place, self.place.parent):
+            with suppress(OSError):
+                folder.rmdir()
+
     def record(self, name: str) -> Mapping[str, Any]:
-        """The stored record of a session; empty if there is none or a file is missing."""
-        files = self._listed(name)
-        whole = bool(files) and all((self.place / name / file).is_file() for file in files)
-        return self.document(name, RECORD) if whole else {}
+        """The stored record of a session; empty if there is none, or if it or a file is not as signid wrote it."""
+        found, files = self.document(name, RECORD), self._listed(name)
+        digests = found.get("digests")
+        if not files or not isinstance(digests, dict) or not _is_answer(found):
+            return {}
+        whole = all(digests.get(file) == self._digest(name, file) for file in files)
+        return found if whole else {}
+
+    def _digest(self, name: str, file: str) -> str | None:
+        """SHA-256 of a file of a session; None if it cannot be read."""
+        try:
+            return sha256((self.place / name / file).read_bytes()).hexdigest()
+        except OSError:
+            return None
 
     def _listed(self, name: str) -> list[str]:
         """Files in the record of a session; none if it is not a record of signid."""
@@ -79,7 +98,8 @@ class Store:
 
     def keep(self, name: str, record: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
         """Store a session with its record and files, replacing an existing one completely or not at all."""
-        text = json.dumps({"schema": SCHEMA, **record}, indent=2, ensure_ascii=False) + "\n"
+        digests = {file: sha256(content).hexdigest() for file, content in sorted(files.items())}
+        text = json.dumps({"schema": SCHEMA, **record, "digests": digests}, indent=2, ensure_ascii=False) + "\n"
         new = None
         try:
             new = Path(tempfile.mkdtemp(prefix=MARK, dir=self.place))
@@ -111,6 +131,13 @@ class Store:
         return OutputError(
             f"cannot write results to {self.place}: {why}; name another folder with -o, or free disk space"
         )
+
+
+def _is_answer(record: Mapping[str, Any]) -> bool:
+    """Whether a record says how its command ended: an exit code, sentences and a key."""
+    said = record.get("said")
+    texts = isinstance(said, list) and all(isinstance(one, str) for one in said)
+    return texts and isinstance(record.get("code"), int) and isinstance(record.get("key"), str)
 
 
 def check_robot(entry: Entry, folder: Path) -> tuple[Input, ...]:

@@ -177,7 +177,10 @@ def _select(trials: Trials, start: Extension) -> tuple[Extension, Scores]:
     if refitted == chosen:
         return chosen, scores
     kept, beside = _pruned(trials, refitted, {}, tuned.SAME_PREDICTION)
-    return kept, {**scores, **{group: one for group, one in beside.items() if group not in kept.kept}}
+    for group, one in beside.items():
+        if group not in kept.kept or one.log_bayes > scores[group].log_bayes:
+            scores[group] = one
+    return kept, scores
 
 
 def _pruned(trials: Trials, chosen: Extension, scores: Scores, tolerated: float = 0.0) -> tuple[Extension, Scores]:

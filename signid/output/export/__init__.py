@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ...errors import OptionError
 from ...model import ModelSource, as_model, torque_model
+from ...typed import typed
 from .actuators import write_actuators, write_ros
 from .beyond import Exported
 from .code import write_arrays, write_c
@@ -41,6 +42,7 @@ KINDS = tuple(_WRITERS)
 OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
 
 
+@typed
 def export(
     model: ModelSource,
     kind: str,

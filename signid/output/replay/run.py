@@ -16,6 +16,7 @@ from ...recording import as_recording, need_torque
 from ...recording.sampling import time_origin
 from ...recording.source import Source
 from ...simulation.rollout.joints import restrict_joints
+from ...typed import typed
 from ...types import Array, Recording, Robot, Table
 from .drives import commands_only, follow_commands, with_drives
 from .marks import Mark, ReplayFindings, drive_marks, headline, marks, read_found
@@ -32,6 +33,7 @@ LONGEST = 60.0  # default maximum duration [s]
 MOST = 150_000  # maximum number of poses (bodies x frames x robots), about 6 MB
 
 
+@typed
 def replay(
     model: ModelSource,
     recording: Recording | Source,

@@ -15,6 +15,7 @@ from ...recording import Recordings, as_recordings, need_torque
 from ...recording.sampling import time_origin
 from ...regression.filters import lowpass
 from ...simulation.rollout.joints import restrict_joints
+from ...typed import typed
 from ...types import Array, Recording
 from ..replay.drives import commands_only, follow_commands, with_drives
 from ..replay.marks import Mark, ReplayFindings, drive_marks, headline, marks, read_found
@@ -58,6 +59,7 @@ class ViewerLog(LogContent):
         return write_mcap(self)
 
 
+@typed
 def viewer_log(
     model: ModelSource,
     recordings: Recordings,

@@ -19,7 +19,7 @@ from ..units import bracketed, unit_row
 SEPARATORS, BLANK = ",;\t", " "
 MOST_HEADER, MOST_BLANK, MOST_COLUMNS = 1_000_000, 10_000, 20_000  # bytes, lines before a header, columns
 SEEN = 64  # lines, without blank ones and comments, in which the header is searched
-BELOW = 3  # lines below a header that must be regular, if there are so many
+BELOW = 3  # lines below a header that must be regular, if there are as many
 MARKS = ("#", "%", "//")  # beginnings of comments before the samples
 MISSING = ("NA", "N/A", "null", "NULL", "None", "none", "-nan", "-NaN", "nan(ind)", "-nan(ind)")
 
@@ -64,7 +64,9 @@ def find_layout(path: Path, content: bytes, heading: Heading) -> TextLayout:
     skip, notes = header.number, _skipped(rows, header)
     if below and len(names) > 1 and len(cells := split_cells(below[0].text, separator)) == len(names):
         if units := unit_row(cells):
-            names = [f"{n} [{unit}]" if unit and not bracketed(n)[1] else n for n, unit in zip(names, units, strict=True)]
+            names = [
+                f"{n} [{unit}]" if unit and not bracketed(n)[1] else n for n, unit in zip(names, units, strict=True)
+            ]
             skip, below = below[0].number, below[1:]
     full = tuple(name or f"unnamed {i}" for i, name in enumerate(names, 1))
     decimal_comma = separator != "," and bool(below) and "," in below[0].text
@@ -134,13 +136,15 @@ def _header(path: Path, lines: Sequence[TextLine], rows: Sequence[TextLine]) -> 
             if separator := _regular(row.text, rows[k + 1 :], strict=k > 0):
                 return row, separator
     first = next((row for row in rows if _all_numbers(row.text)), rows[-1])
-    alone = len(split_cells(rows[0].text, separator_of(rows[0].text))) == 1
-    if numbers or (alone and first is not rows[0] and len(_number_cells(first.text)) > 1):
+    separator = separator_of(rows[0].text)
+    cells = split_cells(rows[0].text, separator)
+    prose = len(cells) == 1 or (separator == BLANK and "t" not in cells)  # no cells of a table
+    count = len(_number_cells(first.text))
+    if numbers or (prose and first is not rows[0] and 1 < count != len(cells)):
         fault = f"{path} has no header: line {first.number} holds numbers"
-        raise RecordingError(
-            f"{fault}; put names such as t,q_1,tau_1 above it, or state names of columns (--names t,q_1,tau_1)"
-        )
-    return rows[0], separator_of(rows[0].text)
+        advice = "put names such as t,q_1,tau_1 above it, or state them: signid convert --names t,q_1,tau_1"
+        raise RecordingError(f"{fault}; {advice}")
+    return rows[0], separator
 
 
 def _regular(header: str, below: Sequence[TextLine], strict: bool) -> str:

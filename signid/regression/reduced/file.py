@@ -16,6 +16,7 @@ from ...effects import EFFECTS
 from ...errors import OptionError, RobotError, SignidError
 from ...recording.formats.npz import HEADER
 from ...robot import described_gravity, hold, resting
+from ...typed import typed
 from ...types import Array, BaseMap, Indices, Input, Law, Robot
 from ...version import __version__
 from ..bandwidth import Band
@@ -43,6 +44,7 @@ SUMS = ("train", "held_out")
 FLAGS = ("recorded_derivatives", "instruments")
 
 
+@typed
 def encode_factors(reduced: Reduced) -> bytes:
     """Content of a file of factors; equal factors give equal bytes.
 
@@ -82,6 +84,7 @@ def encode_factors(reduced: Reduced) -> bytes:
     return archive.getvalue()
 
 
+@typed
 def load_factors(path: str | Path, robot: Robot) -> Reduced:
     """Read the factors in a file.
 

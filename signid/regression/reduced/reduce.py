@@ -9,6 +9,7 @@ from pathlib import Path
 from ...errors import OptionError, RecordingError
 from ...recording import Recordings, as_recordings
 from ...robot import as_robot
+from ...typed import typed
 from ...types import Input, Progress, Recording, Result, Robot
 from ..factors import LAGS, Factors, Node, cascade, window_factors
 from ..prepare import prepare
@@ -41,6 +42,7 @@ class Reduced(Result):
         return max((len(node.factors.joints[0].grams) - 1 for node in self.train), default=-1)
 
 
+@typed
 def reduce(
     robot: Robot | str | Path,
     recordings: Recordings,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import RobotError
+from ...typed import typed
 
 _DIGITS = 12  # decimals of computed numbers, so that cos(pi/2) is 0
 
@@ -38,6 +39,7 @@ class DHLink:
     effort: float = 1000.0  # limit [N.m or N]
 
 
+@typed
 def urdf_from_dh(name: str, links: Sequence[DHLink]) -> str:
     """Generate the URDF of a serial robot.
 

@@ -11,6 +11,7 @@ from ...effects import EFFECTS
 from ...errors import OptionError, RecordingError
 from ...model import Model, ModelSource, as_model
 from ...recording import Recordings, as_recordings
+from ...typed import typed
 from ...types import Array, Law, Progress
 from ..audit import audit_flags
 from ..identify.result import ServoRollOut, ServoTrace
@@ -32,6 +33,7 @@ WORSE = 1.15  # [1] growth of the rms error over whole recordings that is flagge
 DEAD = 0.05  # [1] of the stated gain, below which a drive counts as off
 
 
+@typed
 @ends_in_time
 def diagnose_servos(
     model: ModelSource,

@@ -12,6 +12,7 @@ from ...model import ModelSource, as_model, command_model
 from ...recording import Recordings, as_recordings
 from ...regression.session import only_once
 from ...servos import Servo
+from ...typed import typed
 from ...types import Progress, Recording
 from ..audit import audit_flags
 from ..fit import start_servos
@@ -37,6 +38,7 @@ FINER = 0.7  # rows of the log over those of the grid [1], below which the grid 
 SEARCHED, FITTED = 60_000, 180_000  # substeps times squared joints of a branch
 
 
+@typed
 @ends_in_time
 def identify_servos(
     robot: ModelSource,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import RecordingError
+from ...errors import OptionError, RecordingError
 from ...regression.session import TRAINING_SHARE, recordings_used
 from ...servos import ServoGrid
 from ...types import Input, Recording, Robot
@@ -48,8 +48,11 @@ def servo_data(
     """Grids of recordings: the last of several is held out, or the last 30 % of the only one, unless some are given.
 
     Raises:
+        OptionError: no recording.
         RecordingError: no joint has commands in all recordings, or they are too short.
     """
+    if not recordings:
+        raise OptionError("no recording was given; at least one is needed")
     rate = rate or float(np.median([servo_grids(r, robot)[0].rate for r in (*recordings, *held_out)]))
     grids = [servo_grids(recording, robot, rate) for recording in recordings]
     if held_out:

@@ -12,6 +12,7 @@ from ...deadline import ends_in_time
 from ...effects import EFFECT_NAMES
 from ...errors import OptionError
 from ...model import ModelSource, as_model, torque_model
+from ...typed import typed
 from ...types import Array, Progress, Trajectory
 from .cost import CRITERIA, ExcitationCost
 from .families import FAMILIES
@@ -29,6 +30,7 @@ KEPT = 0.95  # [1] scale of the motion that keeps all limits, below which it is 
 PENALTY = 100.0  # [1] on the mean square excess over a limit; the criterion is the log of a standard deviation
 
 
+@typed
 @ends_in_time
 def excite(
     model: ModelSource,

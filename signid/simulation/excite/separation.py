@@ -16,6 +16,7 @@ from ...errors import OptionError
 from ...model import Model, ModelSource, as_model, torque_model
 from ...optimisers import OPTIMISERS, Problem
 from ...regression.motion import Motion
+from ...typed import typed
 from ...types import Array, Frozen, Law, Progress
 from .design import CLEARANCE
 from .families import Family, Fourier, steady
@@ -37,6 +38,7 @@ PENALTY = 1e3  # [1] on the mean square excess over a limit; the objective is th
 LEAST = 1e-30  # [1] smallest distance, since the log of zero is infinite
 
 
+@typed
 @ends_in_time
 def separate(
     model: ModelSource,

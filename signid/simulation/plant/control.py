@@ -17,6 +17,7 @@ from ...recording.source import Source, open_source
 from ...regression.motion import Motion
 from ...robot import configuration
 from ...robot.dynamics import mass_matrices
+from ...typed import typed
 from ...types import Array, Frozen, Recording, Robot, Trajectory
 
 BANDWIDTH, DAMPING = 6.0, 0.9  # [Hz], [1] default natural frequency and damping ratio of the position loop
@@ -94,6 +95,7 @@ class Torques(Frozen):
         return Plan(torque, zero, zero, zero[0], zero[0])
 
 
+@typed
 def track(
     known: ModelSource,
     trajectory: Trajectory,

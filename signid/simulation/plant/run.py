@@ -11,6 +11,7 @@ from ...effects.base import ActuatorLaw, RecordingLaw, of_kind
 from ...effects.trial import Trial
 from ...errors import OptionError
 from ...model import Model, ModelSource, as_model, torque_model
+from ...typed import typed
 from ...types import Array, Law, Progress, Result
 from .control import Drive
 from .plant import Plant
@@ -35,6 +36,7 @@ class Simulation(Result):
     applied: Array  # (K, n) torque of the motors [N.m or N]
 
 
+@typed
 def simulate(
     model: ModelSource,
     drive: Drive,

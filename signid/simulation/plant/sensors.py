@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from ...errors import OptionError, unexpected
 from ...robot import as_robot
+from ...typed import typed
 from ...types import Array, Mask, Robot
 from .run import Simulation
 
@@ -59,6 +60,7 @@ class Sensors:
         return every
 
 
+@typed
 def record(
     robot: Robot, simulation: Simulation, sensors: Sensors | None = None, *, desired: bool = True, seed: int = 0
 ) -> dict[str, Array]:

@@ -16,6 +16,7 @@ from ...recording import Recordings, as_recordings, need_torque
 from ...recording.sampling import survey
 from ...regression.bandwidth import Band, choose_band
 from ...regression.session import Session, common_rate, longest_piece
+from ...typed import typed
 from ...types import Array, Indices, Recording, Result, Robot
 from ..plant.plant import Plant
 from .joints import restrict_joints
@@ -77,6 +78,7 @@ class RollOut(Result):
         return {"horizon": horizon, **numbers, "unit": list(self.unit)}
 
 
+@typed
 def roll_out(
     model: ModelSource,
     recordings: Recordings | Session,

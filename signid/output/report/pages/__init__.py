@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ....errors import unexpected
+from ....typed import typed
 from ....types import Input
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     Reported = Diagnosis | Identification | ServoDiagnosis | ServoIdentification | ServoValidation | Validation
 
 
+@typed
 def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a result: a self-contained page, reproducible to the byte.
 

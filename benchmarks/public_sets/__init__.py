@@ -1,0 +1,1 @@
+"""The sets of real recordings as specifications of IdentiBench."""
