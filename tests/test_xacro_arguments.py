@@ -98,7 +98,7 @@ def test_every_command_with_a_robot_takes_them(arm: str, capsys: pytest.CaptureF
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["mane:=a", *GIVEN], "has no argument 'mane'; its arguments are heavy, model, name, prefix"),
+        (["other:=a", *GIVEN], "has no argument 'other'; its arguments are heavy, model, name, prefix"),
         (["name:=a", *GIVEN], "names the argument name twice"),
         (["--xacro", "name=a"], "write NAME:=VALUE"),
         (["--xacro", ":=a"], "write NAME:=VALUE"),
