@@ -1,4 +1,4 @@
-"""What a URDF shows and the model lacks is said: loops of closed linkages, and links that are only drawn."""
+"""Notes on what a URDF shows and the model lacks: loops of closed linkages, and links that are only drawn."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def test_joints_of_gazebo_alone_are_left_out() -> None:
 
 def test_links_that_are_only_drawn() -> None:
     robot = toy(link("a", DRAWN), link("b", DRAWN), joint("z", "a", "b"), link("c"), joint("y", "b", "c"))
-    assert about(robot.notes, "no mass, inertia") == ["the shape of link b gives no mass, inertia or friction; "
+    assert about(robot.notes, "no mass and no inertia") == ["the shape of link b gives no mass and no inertia; "
                                                       "add an <inertial> there"]  # fmt: skip
     fixed = toy(link("a"), link("b"), joint("z", "a", "b"), link("c", DRAWN), joint("y", "b", "c", "fixed"))
-    assert not about(fixed.notes, "no mass, inertia"), "the body has a mass"
+    assert not about(fixed.notes, "no mass and no inertia"), "the body has a mass"
 
 
 @pytest.mark.parametrize("name", ["3r", "panda", "ur5", "kinova", "anymal_c", "pr2", "talos", "solo12"])

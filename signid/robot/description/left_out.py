@@ -23,7 +23,7 @@ def left_out_notes(robot: Any, massless: Collection[str]) -> Iterator[str]:
     if drawn:
         theirs = "the shape of link" if len(drawn) == 1 else "the shapes of links"
         gives = "gives" if len(drawn) == 1 else "give"
-        yield f"{theirs} {shorten(drawn)} {gives} no mass, inertia or friction; add an <inertial> there"
+        yield f"{theirs} {shorten(drawn)} {gives} no mass and no inertia; add an <inertial> there"
     names = [*_named(robot, "joint"), *_named(robot, "link")]
     if names:
         be = "is part of a closed linkage by its name" if len(names) == 1 else "are parts of closed linkages by name"
