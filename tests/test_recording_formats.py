@@ -114,6 +114,7 @@ BAD: dict[str, tuple[str, Callable[[Path], object], tuple[str, ...]]] = {
     "not UTF-8": ("a.csv", lambda p: p.write_bytes("t,Gelenk_ä\n".encode("latin-1")), ("a.csv", "UTF-8")),
     "line too long": ("a.csv", lambda p: p.write_text("t,q\n0,1\n1,2,3\n"), ("a.csv", "row 2", "3 cells")),
     "first line too long": ("a.csv", lambda p: p.write_text("t,q\n0,1,3\n1,2\n"), ("a.csv", "row 1")),
+    "a line of commas": ("a.csv", lambda p: p.write_text("t,q\n" + "," * 3_000_000), ("a.csv", "1 MB", "line 1")),
     "gzip cut": ("a.csv.gz", lambda p: p.write_bytes(gzip.compress(TEXT.encode() * 99)[:-9]), ("a.csv.gz", "gzip")),
     "gzip of noise": ("a.csv.gz", lambda p: p.write_bytes(b"\x1f\x8bnoise"), ("a.csv.gz", "gzip")),
     "not Parquet": ("a.parquet", write_csv, ("a.parquet", "not a Parquet")),

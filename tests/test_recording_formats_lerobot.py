@@ -229,3 +229,10 @@ def test_paths_in_the_description_lead_nowhere(tmp_path: Path) -> None:
     described = json.loads((path / "meta" / "info.json").read_text())
     (path / "meta" / "info.json").write_text(json.dumps({**described, "data_path": "/etc/{episode_index}"}))
     assert len(read_recording(path, arm(), columns=DEGREES)) == 300
+
+
+def test_tables_without_rows_are_refused_in_one_sentence(tmp_path: Path) -> None:
+    folder = dataset(tmp_path / "d", {"data/chunk-000/file-000.parquet": rows(0, 5, **motion(5)).head(0)})
+    with pytest.raises(RecordingError) as error:
+        FORMATS["lerobot"].open(folder)
+    sentence(str(error.value), "d", "without rows")

@@ -81,9 +81,23 @@ def _content(path: Path) -> bytes:
         raise RecordingError(f"{path} holds more than {MOST / 1e9:.3g} GB; {advice}")
     if len(content) > MOST_NEWLINES and 2 * content.count(b"\n") > len(content):
         raise RecordingError(f"{path} consists mostly of empty lines; write it again as plain CSV")
+    if line := _long_line(content):
+        fault = f"has more than {MOST_HEADER / 1e6:.0f} MB without an end of line after line {line}"
+        raise RecordingError(f"{path} {fault}; write a line for each sample")
     if b"\0" in content[:65536]:
         raise RecordingError(f"{path} is not a text table: it holds binary data; correct the suffix of its name")
     return content
+
+
+def _long_line(content: bytes) -> int:
+    """Number of complete lines before one of more than MOST_HEADER bytes; 0 if there is none, or if it is the first."""
+    place = 0
+    while place + MOST_HEADER < len(content):
+        end = content.rfind(b"\n", place, place + MOST_HEADER)
+        if end < 0:
+            return content.count(b"\n", 0, place)
+        place = end + 1
+    return 0
 
 
 def _layout(path: Path, content: bytes) -> _Layout:

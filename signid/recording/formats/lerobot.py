@@ -58,6 +58,8 @@ class LeRobot(Format):
         try:
             with hushed():
                 frame = pl.concat([_read(table) for table in tables], how="diagonal_relaxed")
+            if not frame.height:
+                raise RecordingError(f"{path} has tables without rows; record an episode, or copy the dataset again")
             return _table(path, frame, info)
         except BROKEN as error:
             raise RecordingError(f"{path} is not a valid LeRobot dataset, or is cut short; copy it again") from error
