@@ -24,7 +24,7 @@ from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text, with_gravity
 from .robot.dynamics import joint_of_row, own_row, standard_parameters as standard_parameters
 from .servos import PASSIVE, Servo, servos_document, servos_from
-from .toml_json import check_schema, read_json
+from .toml_json import check_numbers, check_schema, read_json
 from .typed import typed
 from .types import Array, Law, Parameters, Result, Robot
 
@@ -108,9 +108,13 @@ class Model(Result):
         return Path(show_with("save_model", self, path))
 
     def document(self) -> dict[str, Any]:
-        """Model as JSON, including the robot description."""
+        """Model as JSON, including the robot description.
+
+        Raises:
+            RobotError: it has numbers that `load_model` refuses.
+        """
         robot = self.robot
-        return {
+        written = {
             "schema": SCHEMA,
             "robot": {"name": robot.name, "kind": robot.kind, "description": robot.document},
             "joints": list(robot.joints),
@@ -131,6 +135,13 @@ class Model(Result):
             **({} if self.misfit is None else {"misfit": self.misfit.document(robot.joints)}),
             **({"servos": servos_document(self.servos, robot.joints)} if self.servos else {}),
         }
+        try:
+            check_numbers({key: value for key, value in written.items() if key not in ("covariance", "misfit")})
+            servos_from(written.get("servos", {}), robot.joints)
+        except ValueError as error:
+            advice = "check masses and lengths of the description, and stated gains"
+            raise RobotError(f"the model of {robot.name} has a number that no robot has ({error}); {advice}") from None
+        return written
 
 
 ModelSource = Model | Robot | str | Path  # a model, or what `load_model` reads

@@ -33,7 +33,7 @@ KD_ON = ("velocity", "error")
 PASSIVE = ("armature", "viscous_friction", "coulomb_friction", "torque_offset")
 WORDS: Mapping[str, Sequence[str]] = {"law": DRIVE_LAWS, "kd_on": KD_ON}
 SMALLEST, LARGEST = 1e-9, 1e7  # [unit of the number] least that is not zero, and largest; of the drives of robots
-SIZED = ("kp", "effort_limit", "speed_limit", "profile_speed")  # numbers that are zero or at least SMALLEST
+LIMITS = ("effort_limit", "speed_limit", "profile_speed")  # numbers that cannot be zero; infinite: no limit
 LONGEST_DELAY = 10.0  # [s]; the buses of robots need less than 0.3 s
 
 
@@ -178,7 +178,7 @@ def servos_from(content: Mapping[str, Mapping[str, Any]], joints: Sequence[str])
             raise ValueError(f"servos.{joint}.combined: {strangers[0]!r} is none of {', '.join(SUMS)}")
         given = {name: value for name, value in content[joint].items() if name not in (*WORDS, *MARKS)}
         for name, value in given.items():
-            positive = name == "kp_register" or (name in SIZED and value > 0)
+            positive = name in (*LIMITS, "kp_register") or (name == "kp" and value > 0)
             if value is not None and (fault := number_fault(name, value, positive)):
                 raise ValueError(f"servos.{joint}.{name}: {value:g} {SERVO_UNITS.get(name, '')}; {fault}")
     return found

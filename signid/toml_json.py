@@ -35,6 +35,15 @@ def check_schema(content: Any, name: str) -> None:
     schema = json.loads((SCHEMAS / f"{name}.json").read_text("utf-8"))
     if error := best_match(Draft202012Validator(schema).iter_errors(content)):
         raise ValueError(f"{error.json_path[2:] or 'its content'}: {_short(error.message)}")
+    check_numbers(content)
+
+
+def check_numbers(content: Any) -> None:
+    """Check that the numbers of a file's content are finite and not absurd.
+
+    Raises:
+        ValueError: one is not; the message says where.
+    """
     for place, number in _numbers(content, ""):
         if not -LARGEST <= number <= LARGEST:
             raise ValueError(f"{place[1:]}: expected a finite number up to {LARGEST:.0e}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import polars as pl
@@ -12,8 +13,9 @@ from servo_loops import driven
 from signid.cli import run
 from signid.errors import SignidError
 from signid.model import load_model
+from signid.output.export import KINDS, export
 from signid.robot import load_robot
-from signid.servos import Servo
+from signid.servos import DRIVE_LAWS, KD_ON, LIMITS, SERVO_NUMBERS, Servo
 
 WRONG = {
     "kp": ("5e-324", "1e-10", "1e11", "-1", "1e300"),
@@ -54,3 +56,48 @@ def test_the_extremes_and_zeros_of_saved_drives_are_read_again(tmp_path: Path) -
     servo = Servo(kp=1e7, kd=0.0, delay=1e-15, effort_limit=1e-9, coulomb_friction=1e-14, kp_register=1e7)
     (tmp_path / "model.json").write_text(json.dumps(driven("1r", {"joint_1": servo}).document()))
     assert load_model(tmp_path / "model.json").servos["joint_1"] == servo
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_limits_of_zero_are_refused(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = driven("1r", {"joint_1": Servo(law="torque_speed", kp=10.0, effort_limit=5.0)}).document()
+    for value in (0, 1e-300):
+        document["servos"]["joint_1"][name] = value
+        (tmp_path / "model.json").write_text(json.dumps(document))
+        for kind in ("mjcf", "isaaclab"):
+            assert run(["export", str(tmp_path / "model.json"), f"--{kind}", str(tmp_path / "x.txt")]) == 2
+            said = capsys.readouterr().err
+            assert said.count("\n") == 1 and f"servos.joint_1.{name}: " in said
+
+
+@pytest.mark.parametrize("law", DRIVE_LAWS)
+def test_drives_that_are_read_can_be_exported(law: str, tmp_path: Path) -> None:
+    whole = driven("1r", {"joint_1": Servo(kp=10.0, kd=1.0, effort_limit=5.0, speed_limit=4.0)}).document()
+    for name in SERVO_NUMBERS:
+        for value in (0.0, 5e-324, 1e-9, 1e7):
+            for kd_on in KD_ON:
+                numbers = {**whole["servos"]["joint_1"], "law": law, "kd_on": kd_on, name: value}
+                (tmp_path / "m.json").write_text(json.dumps({**whole, "servos": {"joint_1": numbers}}))
+                try:
+                    model = load_model(tmp_path / "m.json")
+                except SignidError:
+                    continue
+                for kind in KINDS:
+                    export(model, kind)
+
+
+@pytest.mark.parametrize("known", ["kp=1e300", "kp=1e30", "kp=1e8", "kp.joint_1=1e8", "kp=0", "kp=nan", "kp=x", "kp="])
+def test_stated_gains_have_the_same_bounds(known: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = [k / 100 for k in range(300)]
+    pl.DataFrame({"t": t, "q_1": t, "q_des_1": t}).write_csv(tmp_path / "log.csv")
+    assert run(["identify", "1r", str(tmp_path / "log.csv"), "--json", "--known", known]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "kp=20" in said and known in said
+
+
+def test_a_model_that_could_not_be_read_is_not_written(tmp_path: Path) -> None:
+    model = driven("1r", {"joint_1": Servo(kp=10.0)})
+    for wrong in (replace(model, inertials=1e13 * model.inertials), driven("1r", {"joint_1": Servo(kp=1e30)})):
+        with pytest.raises(SignidError, match="the model of 1r has a number that no robot has .*stated gains"):
+            wrong.save(tmp_path / "model.json")
+    assert not list(tmp_path.iterdir())

@@ -23,6 +23,7 @@ from ..version import __version__
 Text = str | None
 Texts = list[str] | None
 TYPE = re.compile(r" <[\w\[\]]+>$")  # of an argument: "ROBOT <str>"
+XACRO = re.compile(r"[A-Za-z_][\w.\-/]*:=")  # beginning of an argument of a xacro file
 LAST = ("seed", "json")  # options listed last in --help
 LARGEST, SMALLEST = 9e9, 1e-15  # magnitude of a number on the command line; 0 is smaller
 LARGEST_SEED = 2**64 - 1
@@ -68,7 +69,23 @@ def command(example: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
 
 
 class _Command(TyperCommand):
-    """A command whose help names its arguments as users do, without the types of Python."""
+    """A command whose help names its arguments as users do, without the types of Python.
+
+    A word NAME:=VALUE is an argument of the xacro file before it, as in ROS, if the command has --xacro.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, self._with_xacro(args))
+
+    def _with_xacro(self, args: list[str]) -> list[str]:
+        if all(parameter.name != "xacro" for parameter in self.params):
+            return args
+        flags = (parameter for parameter in self.params if not getattr(parameter, "is_flag", True))
+        valued = {name for parameter in flags for name in (*parameter.opts, *parameter.secondary_opts)}
+        end = args.index("--") if "--" in args else len(args)
+        pairs = zip(args[:end], ["", *args], strict=False)
+        words = [(["--xacro"] if XACRO.match(word) and before not in valued else []) + [word] for word, before in pairs]
+        return [*(each for pair in words for each in pair), *args[end:]]
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]

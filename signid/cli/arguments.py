@@ -43,6 +43,7 @@ def given_robot(name: str, options: RobotOptions) -> Robot:
         OptionError: a package folder does not exist, or a list of joints or a position is invalid.
     """
     from ..robot import load_robot
+    from ..robot.xacro_arguments import parse_arguments
 
     packages = options.package_dir or ()
     for folder in packages:
@@ -57,6 +58,7 @@ def given_robot(name: str, options: RobotOptions) -> Robot:
         actuators=options.actuators,
         package_dirs=packages,
         gravity=_gravity(options),
+        xacro=parse_arguments(options.xacro or ()),
     )
 
 
@@ -96,6 +98,8 @@ def given_model(
     name = source.simulation
     if motion is not None and torque is not None:
         raise OptionError("--motion and --torque both drive the robot; give one of them")
+    if source.saved and source.xacro:
+        raise OptionError(f"{name} is no xacro file: it holds the expanded description; leave --xacro out")
     if source.saved and any((source.joints, source.lock, source.actuators, source.package_dir)):
         raise OptionError(f"{name} states its joints and actuators itself; leave --joints, --lock, --actuators out")
     model = load_model(name, gravity=_gravity(source)) if source.saved else None

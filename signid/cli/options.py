@@ -50,6 +50,15 @@ Cutoff = Annotated[
 PackageDir = Annotated[
     Texts, typer.Option(metavar="DIR", help="Folder with packages of meshes and xacro files. Repeatable.")
 ]
+Xacro = Annotated[
+    Texts,
+    typer.Option(
+        "--xacro",
+        metavar="NAME:=VALUE",
+        help="Argument of a xacro file; also as a word of its own after the file. Default: that of the file. "
+        "Repeatable.",
+    ),
+]
 Gravity = Annotated[
     Text,
     typer.Option(
@@ -78,6 +87,7 @@ class RobotOptions:
     actuators: Text = option(None, "TOML of the actuators. Default: actuators.toml.", metavar="FILE")
     package_dir: PackageDir = None
     gravity: Gravity = None
+    xacro: Xacro = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,7 @@ from .description.document import Axis, Document, Draft, parse, read_document
 from .gravity import with_gravity
 from .joints import find, hold, resting
 from .locate import locate
+from .xacro_arguments import as_arguments
 
 
 @typed
@@ -27,6 +28,7 @@ def load_robot(
     actuators: str | Path | None = None,
     package_dirs: Sequence[str | Path] = (),
     gravity: Sequence[float] | None = None,
+    xacro: Mapping[str, object] | None = None,
 ) -> Robot:
     """Load a robot from a URDF, xacro or MJCF file, with a fixed base; meshes are not required.
 
@@ -40,16 +42,18 @@ def load_robot(
         package_dirs: folders that xacro searches for packages.
         gravity: (3,) [m/s2] in the frame of the root link, if the robot is not mounted as described; zeros: the
             recorded torque carries no weight. By default that of the description, or (0, 0, -9.81).
+        xacro: values of the arguments of a xacro file by name: {"name": "ur5e"}. The robot holds the expanded text.
 
     Raises:
-        RobotError: invalid description, joint name or actuators file.
-        OptionError: the source is neither a path nor a name, or gravity is not a vector.
+        RobotError: invalid description, joint name or actuators file; a xacro argument that is missing or unknown.
+        OptionError: the source is neither a path nor a name, gravity is not a vector, or xacro has invalid values.
     """
     if not isinstance(source, str | Path):
         raise unexpected("load_robot", "a path or the name of a robot", source, '"robot.urdf" or "panda"')
+    arguments = as_arguments(xacro)
     path = locate(source)
     try:
-        document = read_document(path, package_dirs)
+        document = read_document(path, package_dirs, arguments)
         robot = _assemble(_draft(document), document)
     except RobotError as error:
         raise RobotError(f"{path.name}: {error}") from None

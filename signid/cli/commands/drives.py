@@ -171,26 +171,20 @@ def registers_beside(actuators: str | None, models: Sequence[str]) -> tuple[str 
 
 def _known(robot: Robot, texts: Sequence[str]) -> tuple[Robot, str | None]:
     """Robot with the gains kp.JOINT=VALUE stated, and what sets the scale of torque."""
+    from ...servo.identify.start import known_gain
+
     servo: dict[str, Mapping[str, float | str]] = dict(robot.servo)
     general = [text for text in texts if not text.startswith("kp.")]
     if len(general) > 1 or (general and len(general) < len(texts)):
         raise OptionError("--known sets the scale once; give masses, kp=20, or kp.JOINT=20 for single joints")
     for text in (text for text in texts if text.startswith("kp.")):
         joint, _, number = text[3:].rpartition("=")
-        value = _positive(number)
-        if not joint or value is None:
+        if not joint:
             raise OptionError(f"--known {text!r} is no gain of a joint; write kp.JOINT=20, in N.m/rad")
+        value = known_gain(text, number)
         name = _joint(joint, robot)
         servo[name] = {**servo.get(name, {}), "kp": value}
     return replace(robot, servo=servo), general[0] if general else "kp" if texts else None
-
-
-def _positive(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if 0 < value < 1e9 else None
 
 
 def _laws(robot: Robot, texts: Sequence[str]) -> Mapping[str, str] | str | None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from ...errors import OptionError, OutputError
 from ..app import Text, command, option
 from ..arguments import given_model, simulation_inputs
-from ..options import Gravity, Json, PackageDir, SimulationArguments, SimulationName
+from ..options import Gravity, Json, PackageDir, SimulationArguments, SimulationName, Xacro
 from ..terminal import DONE, check_unread
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ def export(
     mjcf: MjcfOptions,
     package_dir: PackageDir = None,
     gravity: Gravity = None,
+    xacro: Xacro = None,
     json: Json = False,
 ) -> int:
     """Write a model in the file formats of other programs.
@@ -66,7 +67,7 @@ def export(
     paths = {kind: Path(file) for kind, file in asked.items() if file is not None}
     _check_exports(asked, paths, mjcf.copy_meshes or mjcf.floating)
     packages = None if simulation.endswith(".json") else package_dir
-    source = SimulationArguments(simulation=simulation, package_dir=packages, gravity=gravity)
+    source = SimulationArguments(simulation=simulation, package_dir=packages, gravity=gravity, xacro=xacro)
     model, _ = given_model(source)
     for kind, path in paths.items():
         check_unread(path, [simulation, model.robot.path], f"--{kind}")

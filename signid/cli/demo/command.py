@@ -13,7 +13,7 @@ import typer
 from ..app import command
 from ..arguments import given_inputs, given_robot
 from ..completion import complete_robot
-from ..options import RobotOptions, RunOptions
+from ..options import RobotOptions, RunOptions, Xacro
 from ..terminal import bars, check_folder, show
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ def demo(
     ] = "3r",
     output: Annotated[str, typer.Option("--output", "-o", metavar="DIR", help="Output folder.")] = "signid-demo",
     browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the pages in the browser.")] = True,
+    xacro: Xacro = None,
 ) -> int:
     """Demonstrate a diagnosis: conceal physics, and find it again.
 
@@ -49,7 +50,7 @@ def demo(
     from .words import story_document, story_end, story_tables
 
     check_folder(output, False, FILES)
-    described = given_robot(robot, RobotOptions())
+    described = given_robot(robot, RobotOptions(xacro=xacro))
     with bars(run.json, one=True) as progress:
         story = play(described, output, seed=run.seed, progress=progress)
         files = _files(story, robot)

@@ -13,12 +13,13 @@ from pathlib import Path
 
 from ...errors import ManifestError, readable, shorten
 from ...robot.gravity import parse_gravity
+from ...robot.xacro_arguments import parse_arguments
 from ...types import Input
 
 TASKS = ("diagnose", "identify", "reduce")  # default: the first
 NEEDED = ("robot", "recording")
 FILES = (*NEEDED, "held_out", "reference", "columns", "actuators", "like")
-COLUMNS = (*FILES, "gravity", "task", "name", "time", "session")
+COLUMNS = (*FILES, "gravity", "xacro", "task", "name", "time", "session")
 BELONGS = {"reference": "diagnose", "like": "reduce"}  # column -> the only task that uses it
 DAY = 86_400.0  # s
 LONGEST = 100  # maximum length of a session name [characters]
@@ -42,6 +43,7 @@ class Entry:
     actuators: str
     like: str
     gravity: str
+    xacro: tuple[str, ...]  # NAME:=VALUE each
     time: str
     day: float | None  # days since 1970, UTC
 
@@ -50,6 +52,7 @@ class Entry:
         given = [("--held-out", x) for x in self.held_out] + [("--reference", x) for x in self.reference]
         given += [(f"--{key}", value) for key in ("columns", "actuators", "like") if (value := getattr(self, key))]
         given += [("--gravity", self.gravity)] if self.gravity else []
+        given += [("--xacro", text) for text in self.xacro]
         given += [("--seed", str(seed))] if seed else []
         return (self.task, self.robot, *self.recordings, *(word for pair in given for word in pair))
 
@@ -73,9 +76,9 @@ def read_manifest(path: str | Path) -> Manifest:
     """Read the sessions listed in a CSV file.
 
     Required columns: `robot` and `recording` (one file, or several separated by `;`). Optional columns: `held_out`,
-    `reference`, `columns`, `actuators`, `gravity` ("X,Y,Z" in quotes), `task` (diagnose, identify or reduce), `like`
-    (factors to which those of a reduction are added), `name` of the individual robot, `time` (ISO 8601; UTC if without
-    zone) and `session` (name of the output folder).
+    `reference`, `columns`, `actuators`, `gravity` ("X,Y,Z" in quotes), `xacro` (NAME:=VALUE, separated by `;`),
+    `task` (diagnose, identify or reduce), `like` (factors to which those of a reduction are added), `name` of
+    the individual robot, `time` (ISO 8601; UTC if without zone) and `session` (name of the output folder).
 
     Args:
         path: CSV file; paths in it are relative to its folder.
@@ -161,6 +164,7 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
         row.get("actuators", ""),
         row.get("like", ""),
         _gravity(row.get("gravity", "")),
+        _xacro(row.get("xacro", "")),
         row.get("time", ""),
         _day(row.get("time", "")),
     )
@@ -173,6 +177,11 @@ def _split(cell: str) -> tuple[str, ...]:
 def _gravity(text: str) -> str:
     """Gravity X,Y,Z as the option takes it; ValueError if it is not a vector."""
     return ",".join(map(repr, parse_gravity(text))) if text else ""
+
+
+def _xacro(text: str) -> tuple[str, ...]:
+    """Arguments NAME:=VALUE of a xacro file, separated by `;`; ValueError if they are of another form."""
+    return tuple(f"{name}:={value}" for name, value in parse_arguments(_split(text)).items())
 
 
 def _day(text: str) -> float | None:

@@ -18,6 +18,7 @@ from ...errors import OutputError, RecordingError, RobotError
 from ...model import load_model
 from ...output.report.write import MARK, give_usual_rights, is_abandoned
 from ...robot import load_robot
+from ...robot.xacro_arguments import parse_arguments
 from ...toml_json import read_json
 from ...types import Input
 from ...version import __version__
@@ -145,7 +146,7 @@ def check_robot(entry: Entry, folder: Path) -> tuple[Input, ...]:
     beside = folder / entry.robot
     actuators = str(folder / entry.actuators) if entry.actuators else None
     source = str(beside) if beside.exists() else entry.robot
-    return _described(source, entry.robot, actuators, entry.task == TASKS[0])
+    return _described(source, entry.robot, actuators, entry.task == TASKS[0], entry.xacro)
 
 
 def read_inputs(entry: Entry, folder: Path) -> tuple[Input, ...]:
@@ -160,9 +161,14 @@ def key(arguments: Sequence[str], inputs: Sequence[Input]) -> str:
 
 
 @cache
-def _described(source: str, name: str, actuators: str | None, simulation: bool) -> tuple[Input, ...]:
+def _described(
+    source: str, name: str, actuators: str | None, simulation: bool, xacro: tuple[str, ...]
+) -> tuple[Input, ...]:
     saved = source.endswith(".json") and simulation
-    robot = load_model(source).robot if saved else load_robot(source, actuators=actuators)
+    arguments = parse_arguments(xacro)
+    robot = load_model(source).robot if saved else load_robot(source, actuators=actuators, xacro=arguments)
+    if saved and xacro:
+        raise RobotError(f"{name} is no xacro file: it holds the expanded description; leave xacro empty")
     if saved and actuators is not None:
         raise RobotError(f"{name} states its actuators itself; leave actuators empty")
     path = Path(source) if saved else Path(robot.path)

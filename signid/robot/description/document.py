@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...errors import RobotError, readable, shorten
+from ...errors import RobotError, one_line, readable, shorten
 from . import sandbox
 from .limits import read_bytes
 
@@ -34,6 +35,7 @@ _IMPOSSIBLE = {  # condition -> text for one link and for several that violate i
         "have inertias that violate the triangle inequality",
     ),
 }
+_USD = (".usd", ".usda", ".usdc", ".usdz")
 _ADVICE = {
     "sdf": "the file is SDF; signid reads URDF, xacro and MJCF, so convert it first",
     "mujocoinclude": "the file is a part of an MJCF file; give the file that includes it",
@@ -92,12 +94,16 @@ class Draft:
     still: frozenset[str] = frozenset()  # immobile joints: fixed, or held at neutral
 
 
-def read_document(path: Path, package_dirs: Sequence[str | Path] = ()) -> Document:
-    """Read a description file and expand xacro.
+def read_document(
+    path: Path, package_dirs: Sequence[str | Path] = (), arguments: Mapping[str, str] | None = None
+) -> Document:
+    """Read a description file and expand xacro, with values of its arguments by name.
 
     Raises:
-        RobotError: unreadable file, or neither URDF, xacro nor MJCF.
+        RobotError: unreadable file, or neither URDF, xacro nor MJCF; arguments that are not those of the file.
     """
+    if path.suffix.lower() in _USD:
+        raise RobotError("USD is out of scope; give the URDF, xacro or MJCF file of the robot")
     try:
         data = read_bytes(path)
     except OSError as error:
@@ -110,8 +116,12 @@ def read_document(path: Path, package_dirs: Sequence[str | Path] = ()) -> Docume
     # namespaces of tags in use: unused declarations often remain after an expansion
     tags = [element.tag for element in root.iter() if isinstance(element.tag, str) and element.tag[0] == "{"]
     if path.suffix == ".xacro" or any("xacro" in tag.partition("}")[0] for tag in tags):
-        text = _expand(path, package_dirs)
+        text = _expand(path, package_dirs, arguments or {})
         root = parse(text)
+    elif arguments:
+        raise RobotError(
+            f"the file is no xacro file, so it has no argument {next(iter(arguments))!r}; leave --xacro out"
+        )
     if local(root) not in ("robot", "mujoco"):
         other = f"the file has <{local(root)}> as its root; a URDF or xacro starts with <robot>, an MJCF with <mujoco>"
         raise RobotError(_ADVICE.get(local(root), other))
@@ -164,9 +174,10 @@ def _parser(recover: bool = False) -> Any:
     return etree.XMLParser(encoding="utf-8", resolve_entities=False, no_network=True, load_dtd=False, recover=recover)
 
 
-def _expand(path: Path, package_dirs: Sequence[str | Path]) -> str:
+def _expand(path: Path, package_dirs: Sequence[str | Path], arguments: Mapping[str, str]) -> str:
     """Expand a xacro file; packages are searched above the file and in `package_dirs`."""
     with tempfile.TemporaryDirectory() as scratch:
+        Path(scratch, sandbox.ARGUMENTS).write_text(json.dumps(dict(arguments)), encoding="utf-8")
         given = [str(path.absolute()), *(str(Path(folder).absolute()) for folder in package_dirs)]
         late = f"xacro cannot expand it in {sandbox.SECONDS} s; check for endless macros"
         return restricted(scratch, given, path.absolute().parent, "xacro cannot expand it", late)
@@ -193,7 +204,10 @@ def restricted(scratch: str, given: Sequence[str], folder: str | Path, fault: st
         raise RobotError(late) from None
     if done.returncode:
         lines = done.stderr.decode("utf-8", "replace").split("\n")  # the reason is the last one, after warnings
-        raise RobotError(f"{fault}: {lines[-1].strip() or 'it needs too much time or memory'}")
+        reason = one_line(lines[-1])
+        if reason and done.returncode == sandbox.SENTENCE:
+            raise RobotError(reason)
+        raise RobotError(f"{fault}: {reason or 'it needs too much time or memory'}")
     return done.stdout.decode("utf-8")
 
 

@@ -290,7 +290,8 @@ def _notes(found: _Compiled, constraints: int) -> Iterator[str]:
         if joint.kind == "free":
             yield f"body {found.bodies[joint.body - 1].name} is free; it is held fixed at the pose of the file"
     if constraints:
-        yield f"{constraints} equality constraints are ignored: they are not linear between two joints"
+        what = "they are not linear between two joints, as those that close loops"
+        yield f"{constraints} equality constraints are ignored: {what}"
     if still := [joint.name for joint in found.joints if joint.kind == "ball"]:
         yield f"held fixed at neutral: {shorten(still)}"
     if carried := [body.name for body in found.bodies if body.gravcomp and body.mass]:

@@ -30,6 +30,8 @@ LANDLOCK_CREATE, LANDLOCK_ADD, LANDLOCK_RESTRICT, NO_NEW_PRIVILEGES = 444, 445, 
 LANDLOCK_EXECUTE = 1  # access right
 LANDLOCK_WRITES = ((1, 1 << 1), *((1, 1 << k) for k in range(4, 13)), (2, 1 << 13), (3, 1 << 14))  # version, right
 COMPILED = "model.xml"  # name of the MJCF in its folder
+ARGUMENTS = "arguments.json"  # name of the file with the values of xacro's arguments, in the same folder
+SENTENCE = 2  # exit code if the reason is a sentence of its own
 _FLAGS = ("GRAVITY", "SPRING", "DAMPER", "FRICTIONLOSS")  # of MuJoCo's mjtDisableBit
 _BODY = ("pos", "quat", "ipos", "iquat", "mass", "inertia", "gravcomp")  # of MuJoCo's mjModel
 MANIFESTS = ("package.xml", "manifest.xml", "stack.xml")
@@ -173,8 +175,12 @@ def _restrict_expressions() -> None:
         return expression_class(names).eval(expression)
 
     def substitute(expression: str, context: dict[str, Any]) -> str:
-        given = {name: substitution_args.convert_value(text, "auto") for name, text in context.get("arg", {}).items()}
-        own = {"arg": given.__getitem__, "dirname": lambda: os.path.dirname(context["filename"])}
+        stated = context.get("arg", {})
+        given = {name: substitution_args.convert_value(text, "auto") for name, text in stated.items()}
+        own = {
+            "arg": lambda name: substitution_args.convert_value(stated[name], "auto"),
+            "dirname": lambda: os.path.dirname(context["filename"]),
+        }
         known = {k: v for k, v in substitution_args._eval_dict.items() if not k.startswith("_")}
         return str(evaluate(expression, {**given, **own, **known}))
 
@@ -185,9 +191,15 @@ def _restrict_expressions() -> None:
 
 def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
     import io
+    import json
 
+    import xacro
     from xacrodoc import XacroDoc, packages
 
+    strict = _beside("xacro_strict")
+    with open(os.path.join(scratch, ARGUMENTS), encoding="utf-8") as stream:
+        arguments = strict.Arguments(json.load(stream))
+    xacro.parse = strict.strict_parser(arguments)
     _restrict_expressions()
     _limit()
     _landlock(scratch)
@@ -196,7 +208,23 @@ def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
         packages.reset()
         if package_dirs:
             packages.look_in(list(package_dirs))
-        return str(XacroDoc.from_file(path, resolve_packages=False).dom.toxml())
+        try:
+            text = str(XacroDoc.from_file(path, resolve_packages=False, subargs=arguments).dom.toxml())
+        except (Exception, SystemExit) as error:
+            raise arguments.explain(error) from None
+    arguments.check()
+    return text
+
+
+def _beside(name: str) -> Any:
+    """Module of this folder; the script has no package."""
+    from importlib.util import module_from_spec, spec_from_file_location
+
+    found = spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
+    assert found is not None and found.loader is not None, "it is a file of signid"
+    module = module_from_spec(found)
+    found.loader.exec_module(module)
+    return module
 
 
 def _compile(scratch: str) -> str:
@@ -253,9 +281,10 @@ def _joint(model: Any, i: int, off: dict[str, bool]) -> dict[str, Any]:
 
 
 def _main(scratch: str, path: str, *package_dirs: str) -> None:
-    """Print the URDF of a xacro file, or what MuJoCo compiles of an MJCF; or exit with 1 and print the reason.
+    """Print the URDF of a xacro file, or what MuJoCo compiles of an MJCF; or print the reason and exit with 1.
 
-    The reason goes to standard error. `path` is empty for MJCF.
+    The reason goes to standard error; it is a sentence of its own if the exit code is SENTENCE. `path` is empty for
+    MJCF. The values of xacro's arguments are in ARGUMENTS, in `scratch`.
     """
     try:
         result = _expand(path, package_dirs, scratch) if path else _compile(scratch)
@@ -263,7 +292,7 @@ def _main(scratch: str, path: str, *package_dirs: str) -> None:
     except (Exception, SystemExit) as error:  # expressions in the file may raise anything
         reason = "it needs too much memory" if isinstance(error, MemoryError) else " ".join(str(error).split())
         sys.stderr.buffer.write((reason or type(error).__name__).encode("utf-8", "replace"))
-        sys.exit(1)
+        sys.exit(SENTENCE if type(error).__name__ == "Sentence" else 1)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import RobotError, shorten
 from ...types import Array
 from .document import Document, Draft, impossible_notes, massless_note
+from .left_out import left_out_notes
 from .tree import HELD, MOMENTS, MOVING, Joint, Pose, Tree, read_tree
 
 
@@ -44,7 +45,7 @@ def read_urdf(document: Document) -> Draft:
         links=tuple(child[name] for name in list(model.names)[1:]),
         document=document.text,
         kind="urdf",
-        notes=(*unnamed, *_notes(tree, moving, child)),
+        notes=(*unnamed, *_notes(tree, moving, child), *left_out_notes(document.root, _massless(tree))),
         still=frozenset(joint.name for joint in tree.joints if joint.kind not in MOVING),
     )
 
@@ -104,6 +105,15 @@ def _inertial_notes(tree: Tree) -> tuple[str, ...]:
             if inertial:
                 stated[link] = inertial.mass, np.array(inertial.moments)[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
     return massless_note(bodies) + impossible_notes(stated)
+
+
+def _massless(tree: Tree) -> frozenset[str]:
+    """Moving links without mass, and those rigidly attached to them."""
+    carried = _carriers(tree)
+    mass = dict.fromkeys(carried.values(), 0.0)
+    for link, inertial in tree.links.items():
+        mass[carried[link]] += inertial.mass if inertial else 0.0
+    return frozenset(link for link, name in carried.items() if name and mass[name] == 0)
 
 
 def _carriers(tree: Tree) -> dict[str, str | None]:

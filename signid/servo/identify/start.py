@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import OptionError, shorten
-from ...servos import DRIVE_LAWS, KD_ON, SERVO_NUMBERS, Servo, ServoGrid
+from ...servos import DRIVE_LAWS, KD_ON, SERVO_NUMBERS, Servo, ServoGrid, number_fault
 from ...types import Robot
 from ..search.choice import Candidate
 from ..search.data import ServoData
@@ -71,18 +71,28 @@ def known_scale_of(known: str | None, stated: Stated) -> tuple[str, dict[str, di
         return ("kp" if gains else "masses"), numbers
     word, _, value = known.partition("=")
     if word == "kp" and value:
-        try:
-            gain = float(value)
-        except ValueError:
-            gain = -1.0
-        if not 0 < gain < np.inf:
-            raise OptionError(f"known is {known!r}, and a gain is a positive number; give kp=20, for example")
+        gain = known_gain(known, value)
         return "kp", {joint: {**of, "kp": gain} for joint, of in numbers.items()}
     if word not in KNOWN or value:
         raise OptionError(f"known is {known!r}; give one of {', '.join(KNOWN)}, or kp=20, for example")
     if word == "kp" and not gains:
         raise OptionError("known is 'kp', and no kp is stated; state it in the actuators file, or give kp=20")
     return word, numbers
+
+
+def known_gain(given: str, text: str) -> float:
+    """Gain kp [N.m/rad] that a text states; `given` is the whole text of the user.
+
+    Raises:
+        OptionError: no number, or one that no drive has.
+    """
+    try:
+        gain = float(text)
+    except ValueError:
+        gain = -1.0
+    if fault := number_fault("kp", gain, positive=True):
+        raise OptionError(f"known is {given!r}; {fault} as the gain, in N.m/rad; give kp=20, for example")
+    return gain
 
 
 def first_candidate(
