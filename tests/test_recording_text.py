@@ -16,7 +16,7 @@ from signid.recording.convert import convert
 from signid.recording.draft import draft_map
 from signid.recording.formats import FORMATS
 from signid.recording.mapping import Heading
-from signid.recording.units import bracketed, unit_row
+from signid.recording.vocabulary import bracketed, unit_row
 from signid.toml_json import read_toml
 
 T = np.arange(30) / 100

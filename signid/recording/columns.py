@@ -12,9 +12,10 @@ import numpy as np
 from ..errors import RecordingError, shorten
 from ..types import Array, Robot, ServoSamples, Table
 from .formats.base import About
-from .mapping import Change, DerivedTable, ParsedColumns, Signal, change_of, signed_register, split
-from .names import suggest
+from .mapping import DerivedTable, ParsedColumns, Signal, split
 from .source import Opened
+from .suggest import suggest
+from .units import Change, change_of, signed_register
 
 TORQUES = ("tau", "current", "abs_tau", "abs_current")  # in the order of preference
 WHEEL = re.compile(r"wheel|caster|castor|rotor|propeller", re.IGNORECASE)

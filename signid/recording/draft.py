@@ -11,12 +11,12 @@ from ..errors import RecordingError, one_line, shorten
 from ..types import Array, Robot, ServoSamples
 from .columns import TORQUES
 from .formats.base import About
-from .mapping import DRIVE, Change, Heading, change_of
-from .meaning import Guess, guess, without_bare
-from .names import heading_lines, key_of, known_joints, match_signals, quoted
+from .mapping import DRIVE, Heading, heading_lines, key_of, quoted
+from .match import Guess, guess_columns, match_signals
 from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .sampling.rivals import rivals
 from .source import Opened, Source, open_source
+from .units import Change, change_of
 
 ROWS = 200_000  # rows whose numbers are examined
 ORDER = ("q", "dq", "ddq", "tau", "abs_tau", "current", "abs_current", "q_des", *ServoSamples._fields)
@@ -64,9 +64,9 @@ def draft_map(source: Source, robot: Robot, topics: Sequence[str] = (), heading:
         OptionError: topics of a source without topics.
         RecordingError: the source cannot be read.
     """
-    opened, known = open_source(source, topics, heading), known_joints(robot)
+    opened = open_source(source, topics, heading)
     values = dict(_numbers(opened))
-    guesses = without_bare([found for name in values if (found := guess(name, known))])
+    guesses = guess_columns(list(values), robot)
     chosen = {f"{key}|{one.desired}": (key, one) for key, one in match_signals(guesses, robot)}
     signals = {key: one for key, one in chosen.values() if not one.desired}
     spare = [(key, one) for key, one in chosen.values() if one.desired]

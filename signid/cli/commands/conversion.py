@@ -133,7 +133,7 @@ def _heading(conversion: ConvertOptions) -> Heading:
 
 def _units(texts: list[str] | tuple[()]) -> dict[str, str]:
     """Units by kind of column."""
-    from ...recording.mapping import OF
+    from ...recording.units import OF
 
     units: dict[str, str] = {}
     for text in texts:

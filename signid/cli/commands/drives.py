@@ -114,7 +114,7 @@ def revised_columns(
 ) -> tuple[dict[str, Content], tuple[str, ...]]:
     """columns.toml with the signs and zeros that were found; if it cannot be written, a note with the reason."""
     from ...output.report import check_foreign
-    from ...recording.revised import Turned, revised_map
+    from ...recording.mapping import Turned, revised_map
 
     turned = {one.joint: Turned(one.sign, one.zero or 0.0) for one in result.zeros if one.changed}
     if not turned or output is None:

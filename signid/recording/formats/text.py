@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from ...errors import RecordingError
 from ..mapping import Heading
-from ..units import bracketed, unit_row
+from ..vocabulary import bracketed, unit_row
 
 SEPARATORS, BLANK = ",;\t", " "
 MOST_HEADER, MOST_BLANK, MOST_COLUMNS = 1_000_000, 10_000, 20_000  # bytes, lines before a header, columns
