@@ -18,7 +18,7 @@ from signid.cli.terminal import write_error
 from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.draft import draft_map
-from signid.recording.match import guess
+from signid.recording.names.match import guess
 
 ROBOT = signid.load_robot("3r")
 T = np.arange(400) * 0.004

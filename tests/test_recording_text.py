@@ -15,8 +15,8 @@ from signid.recording import read_bare, read_recording
 from signid.recording.convert import convert
 from signid.recording.draft import draft_map
 from signid.recording.formats import FORMATS
-from signid.recording.mapping import Heading
-from signid.recording.vocabulary import bracketed, unit_row
+from signid.recording.names.mapping import Heading
+from signid.recording.names.vocabulary import bracketed, unit_row
 from signid.toml_json import read_toml
 
 T = np.arange(30) / 100

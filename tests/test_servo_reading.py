@@ -13,7 +13,7 @@ import signid
 from signid.errors import RecordingError, RobotError
 from signid.recording.convert import convert
 from signid.recording.draft import draft_map
-from signid.recording.match import guess
+from signid.recording.names.match import guess
 from signid.types import Array, Robot
 
 ROBOTS = Path(__file__).parents[1] / "robots"

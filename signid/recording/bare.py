@@ -13,7 +13,7 @@ from ..types import Array, Recording, ServoSamples
 from .columns import TORQUES, conversion, function
 from .formats import FORMATS
 from .formats.base import About
-from .mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
+from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
 from .plausible import drop_implausible
 from .sampling.rivals import ask_for_time
 from .source import Opened, Source, open_source

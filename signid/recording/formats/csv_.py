@@ -19,7 +19,7 @@ import polars as pl
 
 from ...errors import RecordingError
 from ...types import Array, Table
-from ..mapping import Heading
+from ..names.mapping import Heading
 from .base import MOST, About, Format, MemoryTable, free_memory, require_memory
 from .panics import hushed
 from .text import BLANK, MISSING, TextLayout, find_layout

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ....errors import shorten
 from ....recording.gallery import DataSet, is_complete
-from ....recording.mapping import split
+from ....recording.names.mapping import split
 from ....types import TWO_SIDED, Input
 from ....version import __version__
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural, share
@@ -83,8 +83,16 @@ def map_document(found: DraftedMap, robot: Robot, file: str) -> Document:
         }
         for line in found.lines
     ]
-    known = {"robot": robot.name, "columns": columns, "unused": list(found.unused), "flags": list(found.lacking)}
-    return {"schema": "signid.column_map/1", **known, "map": found.text, "written": file, "version": __version__}
+    offered = [{"signal": signal, "column": column} for signal, column in found.offered]
+    known = {"robot": robot.name, "columns": columns, "offered": offered, "unused": list(found.unused)}
+    return {
+        "schema": "signid.column_map/1",
+        **known,
+        "flags": list(found.lacking),
+        "map": found.text,
+        "written": file,
+        "version": __version__,
+    }
 
 
 def map_text(found: DraftedMap, file: str, again: str) -> str:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from difflib import SequenceMatcher
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from ..types import Robot
+from ...types import Robot
 from .mapping import DRIVE, split
 from .units import OF
 from .vocabulary import SPELLINGS, VOCABULARY, Word, bracketed, without_unit, words_of
@@ -75,8 +76,8 @@ def guess(column: str, known: Collection[str] = ()) -> Guess | None:
     if pairs:
         sides = {VOCABULARY.get(word, Word()).side for word in words_of(pairs[0][1])}
         other = found is None or found.desired or found.kind != pairs[0][0]
-        told = sides & {"commanded", "absolute", "none", "rate"} or "current" in column.lower()
-        if not (other and (told or "d" in words_of(pairs[0][1]))):
+        stated = sides & {"commanded", "absolute", "none", "rate"} or "current" in column.lower()
+        if not (other and (stated or "d" in words_of(pairs[0][1]))):
             return Guess(column, *pairs[0], "", True)
     return found
 
@@ -112,6 +113,26 @@ def _match_names(tokens: Sequence[str], joints: Sequence[str], robot: Robot) -> 
     alike = np.array([[_likeness(token, joint, robot, tokens) for joint in joints] for token in tokens])
     pairs = zip(*linear_sum_assignment(-alike), strict=True)
     return {tokens[i]: joints[j] for i, j in pairs if alike[i, j] >= ALIKE}
+
+
+def pair_in_order(guesses: Sequence[Guess], signals: Mapping[str, Guess], robot: Robot) -> Iterator[tuple[str, Guess]]:
+    """Pair joints without a column with columns without a joint, both in their order; for the user to decide.
+
+    Joints are in the order of their chain, which is reversed if the columns that have a joint run that way.
+
+    signals: columns by signal name, such as q_elbow, that have a joint.
+    """
+    chain = _chain(robot)
+    joints = {one.joint: key[len(one.kind) + 1 :] for key, one in signals.items()}
+    measured = [one for one in guesses if one.kind != "t" and not one.desired]
+    tokens = dict.fromkeys(one.joint for one in measured if one.kind in ("q", "q_des"))
+    places = [chain.index(joints[token]) for token in tokens if token in joints]
+    backwards = sum(b < a for a, b in pairwise(places)) > len(places) / 2 - 0.5 and len(places) > 1
+    lacking = [joint for joint in (reversed(chain) if backwards else chain) if joint not in joints.values()]
+    pairs = dict(zip((token for token in tokens if token not in joints), lacking, strict=False))
+    for one in measured:
+        if one.joint in pairs and (key := f"{one.kind}_{pairs[one.joint]}") not in signals:
+            yield key, one
 
 
 def common_pattern(tokens: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str], dict[str, str]] | None:
@@ -243,6 +264,14 @@ def _numbers(tokens: Sequence[str], robot: Robot) -> dict[str, int]:
     return {token: int(found[1]) for token in tokens if (found := NUMBER.fullmatch(_plain(own[token])))}
 
 
+def _chain(robot: Robot) -> list[str]:
+    """Joints in the order of the kinematic chain; in that of the description without a model."""
+    if robot.model is None:
+        return list(robot.joints)
+    order = {name: place for place, name in enumerate(robot.model.names)}
+    return sorted(robot.joints, key=lambda joint: order.get(joint, len(order)))
+
+
 def _by_number(robot: Robot) -> dict[int, str]:
     """Joints by the number in their names if each has its own, else by their numbers."""
     digits = _digits(robot)
@@ -267,7 +296,7 @@ def _by_limb(tokens: Sequence[str], joints: Sequence[str], robot: Robot) -> dict
     matched: dict[str, str] = {}
     first = 0 if any(0 in places for places in limbs.values()) else 1
     for limb, places in limbs.items():
-        own = [joint for joint in robot.joints if {*limb.split("_")} <= {*words_of(joint)}]
+        own = [joint for joint in _chain(robot) if {*limb.split("_")} <= {*words_of(joint)}]
         if len(own) in (0, len(robot.joints)) or max(places) - first >= len(own):
             return {}
         matched |= {token: own[place - first] for place, token in places.items() if own[place - first] in joints}

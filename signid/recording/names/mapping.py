@@ -11,9 +11,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..errors import RecordingError, shorten
-from ..toml_json import read_toml
-from ..types import Array, Table
+from ...errors import RecordingError, shorten
+from ...toml_json import read_toml
+from ...types import Array, Table
 from .units import OF, Change, change_of
 from .vocabulary import bracketed
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..errors import shorten
-from ..types import Robot
+from ...errors import shorten
+from ...types import Robot
 from .mapping import key_of, quoted, split
 from .match import Guess, common_pattern, guess_columns, known_joints, match_signals
 
