@@ -14,8 +14,8 @@ import signid
 from signid.cli import run
 from signid.errors import RecordingError
 from signid.recording import read_recording
-from signid.recording.names.calibration import calibrated, read_calibration
 from signid.recording.draft import draft_map
+from signid.recording.names.calibration import calibrated, read_calibration
 from signid.recording.names.match import guess_columns, match_signals
 from signid.recording.names.vocabulary import words_of
 

@@ -13,9 +13,9 @@ from ..errors import RecordingError, shorten
 from ..types import Array, Robot, ServoSamples, Table
 from .formats.base import About
 from .names.mapping import DerivedTable, ParsedColumns, Signal, split
-from .source import Opened
 from .names.suggest import suggest
 from .names.units import Change, change_of, signed_register
+from .source import Opened
 
 TORQUES = ("tau", "current", "abs_tau", "abs_current")  # in the order of preference
 WHEEL = re.compile(r"wheel|caster|castor|rotor|propeller", re.IGNORECASE)

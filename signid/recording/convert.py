@@ -14,10 +14,10 @@ from . import read_recording
 from .columns import TORQUES, conversion, function, resolve
 from .formats.base import About, MemoryTable
 from .names.mapping import DRIVE, ColumnMap, DerivedTable, Heading, ParsedColumns, Signal, read_map, split
+from .names.suggest import MEANT, OFFER, propose
 from .sampling.clock import read_clock
 from .sampling.rivals import rivals
 from .source import Opened, Source, open_source
-from .names.suggest import MEANT, OFFER, propose
 
 
 class Pace(NamedTuple):

@@ -9,15 +9,15 @@ import numpy as np
 
 from ..errors import RecordingError, one_line, shorten
 from ..types import Array, Robot, ServoSamples
-from .names.calibration import MotorRange, calibrated
 from .columns import TORQUES
 from .formats.base import About
+from .names.calibration import MotorRange, calibrated
 from .names.mapping import DRIVE, Heading, heading_lines, key_of, quoted, split
 from .names.match import Guess, guess_columns, match_signals, pair_in_order
+from .names.units import Change, change_of
 from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .sampling.rivals import rivals
 from .source import Opened, Source, open_source
-from .names.units import Change, change_of
 
 ROWS = 200_000  # rows whose numbers are examined
 ORDER = ("q", "dq", "ddq", "tau", "abs_tau", "current", "abs_current", "q_des", *ServoSamples._fields)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Array, Robot
-from .sampling.clock import FASTEST, SLOWEST
 from .names.units import OF, TURN, Change, Units, signed_register
+from .sampling.clock import FASTEST, SLOWEST
 
 EPOCH = 1.0e9, 2.5e9  # [s] time stamps since 1970 of the years 2001 to 2049
 SLACK = {False: 0.35, True: 0.02}  # [rad], [m] accepted distance beyond the limits, by whether a joint is prismatic

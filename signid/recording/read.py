@@ -18,11 +18,11 @@ from ..types import Array, Recording, Robot, ServoSamples, Table
 from .columns import TORQUES, Assignment, assign_columns
 from .formats.base import About
 from .names.mapping import ColumnMap, DerivedTable, read_map
+from .names.suggest import suggest
 from .plausible import drop_implausible
 from .sampling.clock import CHUNK
 from .sampling.rivals import ask_for_time
 from .source import Opened, Source, columns_of, open_source
-from .names.suggest import suggest
 
 POSITIONS = ("q", "dq", "ddq", "q_des")
 

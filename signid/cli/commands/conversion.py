@@ -116,8 +116,8 @@ def _write_map(source: str, file: str, robot: Robot, conversion: ConvertOptions,
     """Write a drafted column map, and print it and the next command."""
     from ...output.report import probe_folder, to_json, write_files
     from ...output.report.results.recordings import map_document, map_text
-    from ...recording.names.calibration import read_calibration
     from ...recording.draft import draft_map
+    from ...recording.names.calibration import read_calibration
 
     probe_folder(Path(file).parent, "--map")
     ranges = None if conversion.calibration is None else read_calibration(conversion.calibration)

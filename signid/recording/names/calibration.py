@@ -83,6 +83,6 @@ def calibrated(values: Mapping[str, Array], ranges: Mapping[str, MotorRange]) ->
         elif degrees:
             found[name] = Calibrated(None, "one joint goes beyond 100, so these are degrees")
         else:
-            doubt = "" if sure else "; these may be degrees: CHECK"
-            found[name] = Calibrated(Change(angle / (2 * PERCENT)), f"-100 to 100 % of {whole}{doubt}")
+            caveat = "" if sure else "; these may be degrees: CHECK"
+            found[name] = Calibrated(Change(angle / (2 * PERCENT)), f"-100 to 100 % of {whole}{caveat}")
     return found

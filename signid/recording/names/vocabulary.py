@@ -64,7 +64,7 @@ _TABLE: Mapping[Word, str] = {
     Word(unit="N.m"): "nm n.m n*m",
     Word(unit="mA"): "ma",
 }
-_BRACKETED: Mapping[str, str] = {  # spellings that only brackets, a row of units or the kind distinguish from other words
+_BRACKETED: Mapping[str, str] = {  # spellings that need brackets, a row of units or the kind
     **{"A": "a amp", "m": "m", "N": "n newton", "V": "v", "mV": "mv", "C": "c degc °c", "h": "h", "min": "min"},
     **{"m/s": "m/s", "mm/s": "mm/s", "cm": "cm", "um": "um µm", "us": "µs", "mrad/s": "mrad/s", "rev": "rev"},
     **{"rad/s2": "rad/s2 rad/s^2 rad/s² rad/s/s", "deg/s2": "deg/s2 deg/s^2 deg/s² °/s² °/s^2"},
