@@ -185,7 +185,8 @@ def test_currents_without_a_constant_give_way_to_commands(capfd: pytest.CaptureF
     noise = np.random.default_rng(3).normal(size=len(table))  # nothing gives the constant of such a current
     table.with_columns(pl.Series(f"current_{joint}", noise)).write_csv("current.csv")
     capfd.readouterr()
-    assert run(["identify", "1r", "current.csv", "--known", "kp=20", "--json"]) == 2, "an option of drives needs --servo"
+    known = ["--known", "kp=20"]
+    assert run(["identify", "1r", "current.csv", *known, "--json"]) == 2, "an option of drives needs --servo"
     assert run(["identify", "1r", "current.csv", "--json"]) in (0, 3)
     content = json.loads(capfd.readouterr().out)
     assert content["servo"]["joints"][0]["joint"] == joint
