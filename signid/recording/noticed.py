@@ -27,7 +27,7 @@ PERCENT = "the names state per cent; write scale = rated torque / 100"
 NAMELESS = "no name states that these are positions"
 UNSTATED = (
     "LeRobot datasets do not say whether numbers are degrees or per cent of the calibrated range, and a gripper's are "
-    "0 to 100 % in any case; write scale and offset from the calibration file"
+    "0 to 100 % in any case; give the calibration file (--calibration), or write scale and offset"
 )
 MILLIAMPERES = 60.0  # [A] larger currents are in milliamperes
 
