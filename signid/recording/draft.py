@@ -11,12 +11,13 @@ from ..errors import RecordingError, one_line, shorten
 from ..types import Array, Robot, ServoSamples
 from .columns import TORQUES
 from .formats.base import About
-from .mapping import DRIVE, Change, Heading, change_of
+from .joining import Files, open_files
+from .mapping import DRIVE, Change, Heading, change_of, read_map
 from .meaning import Guess, guess, without_bare
 from .names import heading_lines, key_of, known_joints, match_signals, quoted
 from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .sampling.rivals import rivals
-from .source import Opened, Source, open_source
+from .source import Opened, Source
 
 ROWS = 200_000  # rows whose numbers are examined
 ORDER = ("q", "dq", "ddq", "tau", "abs_tau", "current", "abs_current", "q_des", *ServoSamples._fields)
@@ -55,7 +56,9 @@ class DraftedMap(NamedTuple):
     lacking: tuple[str, ...]  # what identification needs and no column seems to have, one sentence each
 
 
-def draft_map(source: Source, robot: Robot, topics: Sequence[str] = (), heading: Heading | None = None) -> DraftedMap:
+def draft_map(
+    source: Source | Files, robot: Robot, topics: Sequence[str] = (), heading: Heading | None = None
+) -> DraftedMap:
     """Draft a column map of a log for a robot; names of columns and their first 200,000 rows give joints and units.
 
     `heading` states lines before a header, and names of columns; the map then holds them as well.
@@ -64,7 +67,7 @@ def draft_map(source: Source, robot: Robot, topics: Sequence[str] = (), heading:
         OptionError: topics of a source without topics.
         RecordingError: the source cannot be read.
     """
-    opened, known = open_source(source, topics, heading), known_joints(robot)
+    opened, known = open_files(source, topics, read_map(None, None, heading)).opened, known_joints(robot)
     values = dict(_numbers(opened))
     guesses = without_bare([found for name in values if (found := guess(name, known))])
     chosen = {f"{key}|{one.desired}": (key, one) for key, one in match_signals(guesses, robot)}
