@@ -111,6 +111,13 @@ def test_no_offset_stays_none(kind: str, align: bool, positions: str, tmp_path: 
     np.testing.assert_array_equal(found.columns[f"{kind}_1"][::2], values[rows])  # every other row is one of both
 
 
+def test_of_alike_shifts_of_a_periodic_motion_the_smallest_is_removed(tmp_path: Path) -> None:
+    a = write(tmp_path, "a.csv", t=T, q_1=np.sin(2 * np.pi * T / 4) + 0.3 * np.sin(np.pi * T))
+    v = 0.5 * np.pi * np.cos(2 * np.pi * FAST / 4) + 0.3 * np.pi * np.cos(np.pi * FAST)
+    found = joined(a, write(tmp_path, "b.csv", t=FAST - 0.137, dq_1=v), align=True)
+    assert found.joined[0].offset == pytest.approx(0.137, abs=1e-3)
+
+
 def test_epochs_that_do_not_overlap_are_aligned_by_torque(positions: str, tmp_path: Path) -> None:
     found = joined(positions, write(tmp_path, "tau.csv", t=FAST + EPOCH, tau_1=torque(FAST)))
     assert found.joined[0].offset == pytest.approx(-EPOCH, abs=2e-3) and found.flags == ()

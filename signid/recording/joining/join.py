@@ -176,11 +176,13 @@ def _aligned(
         notes += [f"{other.name}: its clock is used as it is (--align: {found})"] if align else []
         return JoinedFile(path, digest, 0.0, None, None)
     used = _judged(first, other, found, align, notes, flags)
+    if used is None:
+        return JoinedFile(path, digest, 0.0, None, None)
     return JoinedFile(path, digest, used, shift, found.shift.std)
 
 
-def _judged(first: Timed, other: Timed, found: Offset, align: bool, notes: list[str], flags: list[str]) -> float:
-    """Offset [s] that is applied where clocks overlap."""
+def _judged(first: Timed, other: Timed, found: Offset, align: bool, notes: list[str], flags: list[str]) -> float | None:
+    """Offset [s] that is applied where clocks overlap; None if the estimate is not clear."""
     shift, slower = found.shift, max(first.period, other.period)
     number, basis = _number(shift.seconds, found), _basis(found)
     least = max(LEAST[found.force] * slower, FRICTION if found.force else 0.0, SURE * shift.std)
@@ -190,7 +192,11 @@ def _judged(first: Timed, other: Timed, found: Offset, align: bool, notes: list[
             meant = "this is the lag of the servo, an offset of the clocks, or both, and is not removed"
             notes.append(f"{other.name}: {basis} shows a shift of {number}; {meant}")
         return 0.0
-    if abs(shift.seconds) <= least or not better:
+    if abs(shift.seconds) > least and not better:
+        hardly = f"no clear offset to the clock of {first.name}: a shift explains hardly more than none, by {basis}"
+        notes += [f"{other.name}: {hardly}; state it with --offset if there is one"] if align else []
+        return None
+    if abs(shift.seconds) <= least:
         notes += [f"{other.name}: no offset to the clock of {first.name} ({number}, by {basis})"] if align else []
         return 0.0
     if align:

@@ -139,9 +139,7 @@ def _motion(moving: AllReadings, key: tuple[str, str], order: int, most: int) ->
 
 def _crossings(track: Readings) -> int:
     """Number of times that a signal crosses its mean, with noise averaged out."""
-    bins = np.arange(track.t[0], track.t[-1] + BIN, BIN)
-    own = np.digitize(track.t, bins)
-    _, place = np.unique(own, return_index=True)
+    _, place = np.unique(np.floor((track.t - track.t[0]) / BIN), return_index=True)
     mean = np.add.reduceat(track.x, place) / np.diff(np.append(place, len(track.x)))
     return int(np.sum(np.diff(np.sign(mean - mean.mean())) != 0))
 

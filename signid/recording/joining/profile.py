@@ -10,7 +10,7 @@ from ...types import Array
 
 ROWS = 20_000  # most rows of a grid on which shifts are compared
 LEAST = 0.5  # [1] least share of a signal that is explained
-NEAREST = 0.98  # share of the largest explained share from which on a peak is chosen if it is nearer to no shift
+AROUND = 0.5  # [s] the best peak at most so much further from no shift than the nearest good one is chosen
 RIVAL, RIVAL_SHARE = 3.0, 0.002  # a second peak is one whose residual is below either: [residual of the best], [1]
 NARROW = 0.05  # [s] peaks nearer than this are one
 FEWEST = 50  # rows that overlap
@@ -98,7 +98,7 @@ def coarse_shifts(motion: Predictors, answer: TargetSignal, period: float, least
 def pick_shift(shifts: Array, explained: Array, near_zero: bool) -> tuple[float, bool]:
     """Shift [s] at the peak, NaN if there is none, and whether another one rivals it.
 
-    `near_zero`: of peaks that explain almost as much as the best, the smallest shift is chosen.
+    `near_zero`: where several peaks explain about as much, that near no shift is chosen.
 
     shifts: (S,) [s].
     explained: (S,) share of the signal [1].
@@ -109,11 +109,12 @@ def pick_shift(shifts: Array, explained: Array, near_zero: bool) -> tuple[float,
     if not len(tops):
         return np.nan, False
     best = int(tops[np.argmax(explained[tops])])
-    if near_zero:
-        good = tops[explained[tops] >= NEAREST * explained[best]]
-        return float(shifts[good[np.argmin(np.abs(shifts[good]))]]), False
     remains = 1 - explained[best]
     rival = 1 - explained[tops] < max(RIVAL * remains, RIVAL_SHARE)
+    if near_zero:
+        smallest = float(np.min(np.abs(shifts[tops[rival]])))
+        near = tops[np.abs(shifts[tops]) <= smallest + AROUND]
+        return float(shifts[near[np.argmax(explained[near])]]), False
     return float(shifts[best]), bool((rival & (np.abs(shifts[tops] - shifts[best]) > NARROW)).any())
 
 
