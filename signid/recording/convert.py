@@ -13,11 +13,12 @@ from ..types import Array, Frozen, Input, Recording, Robot
 from . import read_recording
 from .columns import TORQUES, conversion, function, resolve
 from .formats.base import About, MemoryTable
+from .joining import Files, JoinedFile, open_files
 from .names.mapping import DRIVE, ColumnMap, DerivedTable, Heading, ParsedColumns, Signal, read_map, split
 from .names.suggest import MEANT, OFFER, propose
 from .sampling.clock import read_clock
 from .sampling.rivals import rivals
-from .source import Opened, Source, open_source
+from .source import Opened, Source
 
 
 class Pace(NamedTuple):
@@ -41,6 +42,7 @@ class Conversion(Frozen):
     suggested: tuple[str, ...]  # lines of a suggested column map
     flags: tuple[str, ...]
     notes: tuple[str, ...]
+    joined: tuple[JoinedFile, ...] = ()  # files besides the source, on its times
 
     @property
     def joints(self) -> dict[str, list[str]]:
@@ -55,7 +57,7 @@ class Conversion(Frozen):
 
 
 def convert(
-    source: Source,
+    source: Source | Files,
     *,
     columns: ColumnMap | None = None,
     units: Mapping[str, str] | None = None,
@@ -68,11 +70,11 @@ def convert(
 
     Reading the converted columns gives the same recording as reading the source. Source, column map and topics are as
     for `read_recording`; `units` are those of the source by kind of column, {"q": "deg", "t": "ns"}. A robot's joint
-    names are checked. `heading` states lines before a header and names of columns. `drop_missing` omits rows without
-    time, position or torque, which bridges short gaps.
+    names are checked. `heading` states lines before a header and names of columns. `drop_missing` omits rows
+    without time, position or torque, which bridges short gaps. `Files` are joined on time first.
     """
-    mapping = read_map(columns, units, heading)
-    opened = open_source(source, topics, mapping.heading)
+    joined = open_files(source, topics, read_map(columns, units, heading))
+    opened, mapping = joined.opened, joined.mapping
     signals, left = _one_time(opened, _signals(opened, mapping))
     about, skipped = About.of(opened.table), []
     found: dict[str, Array] = {}
@@ -96,7 +98,8 @@ def convert(
     if drop_missing:
         found, dropped = _complete(found)
         notes += dropped
-    pace, flags = _pace(opened.name, found)
+    pace, faults = _pace(opened.name, found)
+    flags = [*joined.flags, *faults]
     if robot and strange:
         fact, advice = f"because {robot.name} has no such joint", "name those that its joints lack in the column map"
         flags.append(f"{opened.name}: left out, {fact}: {shorten(strange, 6)}; {advice}")
@@ -108,7 +111,8 @@ def convert(
     suggested = propose(tuple(found), robot) if robot else ()
     file = Input(opened.path or opened.name, opened.sha256, "converted")
     notes += [] if flags else _lacking(found, about)
-    return Conversion(found, file, about, stated, pace, suggested, tuple(flags), tuple(dict.fromkeys(notes)))
+    ends = tuple(flags), tuple(dict.fromkeys(notes))
+    return Conversion(found, file, about, stated, pace, suggested, *ends, joined.files)
 
 
 def _strange(found: Mapping[str, Array], signals: Sequence[Signal], robot: Robot) -> list[str]:

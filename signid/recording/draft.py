@@ -11,13 +11,14 @@ from ..errors import RecordingError, one_line, shorten
 from ..types import Array, Robot, ServoSamples
 from .columns import TORQUES
 from .formats.base import About
+from .joining import Files, open_files
 from .names.calibration import MotorRange, calibrated
-from .names.mapping import DRIVE, Heading, heading_lines, key_of, quoted, split
+from .names.mapping import DRIVE, Heading, heading_lines, key_of, quoted, read_map, split
 from .names.match import Guess, guess_columns, match_signals, pair_in_order
 from .names.units import Change, change_of
 from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .sampling.rivals import rivals
-from .source import Opened, Source, open_source
+from .source import Opened, Source
 
 ROWS = 200_000  # rows whose numbers are examined
 ORDER = ("q", "dq", "ddq", "tau", "abs_tau", "current", "abs_current", "q_des", *ServoSamples._fields)
@@ -58,7 +59,7 @@ class DraftedMap(NamedTuple):
 
 
 def draft_map(
-    source: Source,
+    source: Source | Files,
     robot: Robot,
     topics: Sequence[str] = (),
     heading: Heading | None = None,
@@ -74,7 +75,7 @@ def draft_map(
         OptionError: topics of a source without topics.
         RecordingError: the source cannot be read.
     """
-    opened = open_source(source, topics, heading)
+    opened = open_files(source, topics, read_map(None, None, heading)).opened
     values = dict(_numbers(opened))
     guesses = guess_columns(list(values), robot)
     chosen = {f"{key}|{one.desired}": (key, one) for key, one in match_signals(guesses, robot)}

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ...errors import OptionError
-from ..app import Text, Texts, command, option, output_option
+from ..app import Text, Texts, bounded, command, option, output_option
 from ..arguments import given_inputs, given_robot
 from ..completion import complete_robot
 from ..options import Columns, Json, RobotOptions
 from ..terminal import check_file, show, write_columns
 
 if TYPE_CHECKING:
+    from ...recording.joining import Files
     from ...recording.names.mapping import Heading
     from ...types import Robot
 
@@ -42,6 +44,10 @@ class ConvertOptions:
         None, "Calibration of LeRobot: ranges of motors, for a --map that is written. Default: none.", metavar="FILE"
     )
     drop_missing: bool = option(False, "Leave out rows that lack a position or torque.", "--drop-missing")
+    offset: Texts = option(
+        None, "Seconds added to the times of one of several files. Default: by the data. Repeatable.", metavar="FILE=S"
+    )
+    align: bool = option(False, "Remove offsets of clocks that overlap, as the data show them.", "--align")
     robot: Text = option(
         None, "Compare column names with its joints. Default: none.", metavar="ROBOT", autocompletion=complete_robot
     )
@@ -49,7 +55,9 @@ class ConvertOptions:
 
 @command("signid convert log.csv --robot 3r --map map.toml -o recording.csv")
 def convert(
-    source: Annotated[str, typer.Argument(metavar="BAG_OR_TABLE", help="ROS bag, MCAP, LeRobot, CSV, Parquet or NPZ.")],
+    sources: Annotated[
+        list[str], typer.Argument(metavar="BAG_OR_TABLE", help="ROS bag, MCAP, LeRobot, CSV, Parquet or NPZ.")
+    ],
     conversion: ConvertOptions,
     robot_options: RobotOptions,
     json: Json = False,
@@ -59,18 +67,20 @@ def convert(
     Topics are joined in time; units and column names become those of recordings. A log with other names and units takes
     two steps: --robot with a --map that does not exist writes a complete column map, guessed from names and numbers.
     Read and correct it; the same command then uses it. With --robot alone, names that match no joint are listed.
+    Several files, one a joint or a quantity, are joined on time: elbow.csv with t, position and torque gives q_elbow.
     """
     from ...output.report import conversion_document, conversion_tables, to_json
     from ...recording.convert import convert as read
 
     name, output = conversion.robot, conversion.output
-    _check(source, conversion, robot_options.actuators, json)
+    _check(sources, conversion, robot_options.actuators, json)
+    files = _files(sources, conversion)
     robot = given_robot(name, robot_options) if name is not None else None
     columns = _column_map(conversion)
     if robot is not None and conversion.map is not None and not Path(conversion.map).exists():
-        return _write_map(source, conversion.map, robot, conversion, json)
+        return _write_map(files, conversion.map, robot, conversion, json)
     found = read(
-        source,
+        files,
         columns=columns,
         heading=_heading(conversion),
         units=_units(conversion.unit or ()),
@@ -84,12 +94,12 @@ def convert(
     return show(document if json else conversion_tables(found), found.flags, written)
 
 
-def _check(source: str, conversion: ConvertOptions, actuators: str | None, json: bool) -> None:
+def _check(sources: list[str], conversion: ConvertOptions, actuators: str | None, json: bool) -> None:
     """Check that the result can be written."""
     output = conversion.output
     if output is not None:
         check_file(output, json, [conversion.columns, conversion.map, conversion.robot, actuators])
-        if Path(output).resolve() == Path(source).resolve():
+        if Path(output).resolve() in [Path(source).resolve() for source in sources]:
             raise OptionError(f"-o {output} is the file to convert; give the result another name")
 
 
@@ -112,7 +122,7 @@ def _column_map(conversion: ConvertOptions) -> str | None:
     return conversion.map
 
 
-def _write_map(source: str, file: str, robot: Robot, conversion: ConvertOptions, json: bool) -> int:
+def _write_map(files: Files, file: str, robot: Robot, conversion: ConvertOptions, json: bool) -> int:
     """Write a drafted column map, and print it and the next command."""
     from ...output.report import probe_folder, to_json, write_files
     from ...output.report.results.recordings import map_document, map_text
@@ -121,13 +131,34 @@ def _write_map(source: str, file: str, robot: Robot, conversion: ConvertOptions,
 
     probe_folder(Path(file).parent, "--map")
     ranges = None if conversion.calibration is None else read_calibration(conversion.calibration)
-    drafted = draft_map(source, robot, conversion.topic or (), _heading(conversion), ranges)
+    drafted = draft_map(files, robot, conversion.topic or (), _heading(conversion), ranges)
     write_files(Path(file).parent, {Path(file).name: drafted.text}, "--map", named=True)
-    again = ["signid", "convert", source, "--robot", str(conversion.robot), "--map", file]
+    again = ["signid", "convert", *map(str, files.paths), "--robot", str(conversion.robot), "--map", file]
     again += [word for topic in conversion.topic or () for word in ("--topic", topic)]
+    again += [word for offset in conversion.offset or () for word in ("--offset", offset)]
+    again += ["--align"] if conversion.align else []
     again += ["-o", conversion.output or "recording.csv"]
     shown = to_json(map_document(drafted, robot, file)) if json else map_text(drafted, file, shlex.join(again))
     return show(shown, drafted.lacking)
+
+
+def _files(sources: list[str], conversion: ConvertOptions) -> Files:
+    """Files to convert, and the offsets of their clocks."""
+    from ...recording.joining import Files
+
+    offsets: dict[str, float] = {}
+    for text in conversion.offset or ():
+        file, _, number = text.rpartition("=")
+        try:
+            seconds = float(number)
+        except ValueError:
+            seconds = float("nan")
+        if not file or not isfinite(seconds):
+            raise OptionError(f"--offset {text!r} is not a file and seconds; write --offset {file or sources[-1]}=1.25")
+        if file in offsets:
+            raise OptionError(f"--offset gives {file} twice; give one offset for it")
+        offsets[file] = bounded("--offset", seconds)
+    return Files(tuple(sources), offsets, conversion.align)
 
 
 def _heading(conversion: ConvertOptions) -> Heading:

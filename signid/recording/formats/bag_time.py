@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from ...errors import RecordingError, shorten
 from ...types import Array
 from .bag_messages import Gather, Layout, Stamps
 from .base import About, MemoryTable, Topic
+from .streams import WRAP, TimedColumns, at_times, plural
 
 NAMES = {
     **{"q": "position", "dq": "velocity", "ddq": "acceleration", "tau": "effort"},
@@ -20,27 +20,6 @@ NAMES = {
 }
 BACK = 0.01  # accepted share of header stamps that decrease or repeat
 APART = 0.5e9  # accepted difference between the clocks of header stamps [ns]
-SLOWER = 1.1  # maximum period of interpolated topics [periods of the base topic]
-GAP, GAP_NS = 3.5, 0.01e9  # a gap exceeds both [periods], [ns] and is not interpolated
-WRAP = 5.0  # [rad] larger jumps of position are wraps of the encoder
-
-
-class _Stream(NamedTuple):
-    """Joints with common time stamps."""
-
-    topic: str
-    t: Stamps  # (N,) [ns] increasing
-    columns: Mapping[str, Array]  # (N,) each, by name: "q_elbow"
-
-    @property
-    def period(self) -> float:
-        """Median period [ns]."""
-        return float(np.median(np.diff(self.t))) if len(self.t) > 1 else np.inf
-
-    @property
-    def weight(self) -> tuple[bool, int]:
-        """Sort key: streams with torque first, then those with most values."""
-        return any(name.startswith("tau_") for name in self.columns), len(self.columns) * len(self.t)
 
 
 def join(gathered: Sequence[Gather], topics: Sequence[Topic], source: str) -> MemoryTable:
@@ -55,7 +34,9 @@ def join(gathered: Sequence[Gather], topics: Sequence[Topic], source: str) -> Me
     only_plans = all(gather.plans for gather in gathered)
     streams = [stream for gather in gathered for stream in _streams(gather, by_header, only_plans, notes)]
     base = _base(streams, source)
-    columns, t = _joined(base, [stream for stream in streams if stream is not base], notes)
+    others = [stream for stream in streams if stream is not base]
+    columns, inside = at_times(base, others, notes, slower=False)
+    t = base.t[inside]
     if only_plans:
         notes.append("the values are those of a commanded trajectory, unless measured values were published as one")
     if not any(name.startswith("tau_") for name in columns):
@@ -63,7 +44,7 @@ def join(gathered: Sequence[Gather], topics: Sequence[Topic], source: str) -> Me
         consequence = ": it is a recording of servos" if servo else ", so identification is not possible"
         notes.append(f"no torque was recorded (effort is empty){consequence}")
     origin = f"{clock}, counted from {_date(int(t[0]))}"
-    about = About(tuple(dict.fromkeys(notes)), topics=tuple(topics), clock=origin)
+    about = About(tuple(dict.fromkeys(notes)), topics=tuple(topics), clock=origin, origin=int(t[0]) / 1e9)
     return MemoryTable({"t": (t - t[0]) / 1e9, **columns}, {}, source, about)
 
 
@@ -83,7 +64,7 @@ def _clock(gathered: Sequence[Gather]) -> tuple[bool, str]:
     return True, "header stamps"
 
 
-def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]) -> Iterator[_Stream]:
+def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]) -> Iterator[TimedColumns]:
     """Group joints that occur in the same messages, in any order."""
     if gather.misfits:
         notes.append(f"{gather.topic}: omitted lists with another length than the names: {gather.misfits}")
@@ -103,7 +84,7 @@ def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]
                     lacking.setdefault(kind, []).append(joint)
                 elif name:
                     columns[name] = values
-        yield _Stream(gather.topic, t, columns)
+        yield TimedColumns(gather.topic, t, columns, {name: WRAP for name in columns if name.startswith("q_")})
     for kind, joints in lacking.items():
         if kind == "dq_des":
             continue
@@ -129,22 +110,18 @@ def _in_order(
             notes.append(f"{gather.topic}: {replaced} points are replaced by those of a later trajectory")
         return t[t < later], rows[t < later]
     if back := int(np.sum(np.diff(t) < 0)):
-        notes.append(f"{gather.topic}: {_messages(back)} out of order: sorted by time")
+        notes.append(f"{gather.topic}: {plural(back, 'message')} out of order: sorted by time")
         order = np.argsort(t, kind="stable")
         t, rows = t[order], rows[order]
     fresh = np.diff(t, prepend=t[0] - 1) > 0
     if repeated := int(np.sum(~fresh)):
-        notes.append(f"{gather.topic}: {_messages(repeated)} with the time of the previous one: omitted")
+        notes.append(f"{gather.topic}: {plural(repeated, 'message')} with the time of the previous one: omitted")
     return t[fresh], rows[fresh]
 
 
-def _messages(number: int) -> str:
-    return f"{number} message{'' if number == 1 else 's'}"
-
-
-def _base(streams: Sequence[_Stream], source: str) -> _Stream:
+def _base(streams: Sequence[TimedColumns], source: str) -> TimedColumns:
     """Slowest of the main streams of topics with positions or torques."""
-    mains: dict[str, _Stream] = {}
+    mains: dict[str, TimedColumns] = {}
     for stream in streams:
         if any(name.startswith(("q_", "tau_")) and not name.startswith("q_des_") for name in stream.columns):
             mains[stream.topic] = max(mains.get(stream.topic, stream), stream, key=lambda each: each.weight)
@@ -153,45 +130,6 @@ def _base(streams: Sequence[_Stream], source: str) -> _Stream:
     if len(mains) > 1 and (single := [topic for topic, stream in mains.items() if len(stream.t) < 2]):
         raise RecordingError(f"{source}: topic {single[0]} has a single reading and cannot be joined to another")
     return max(mains.values(), key=lambda each: each.period)
-
-
-def _joined(base: _Stream, others: Sequence[_Stream], notes: list[str]) -> tuple[dict[str, Array], Stamps]:
-    """Columns at the times of one stream, and these times; cut to the time in which all streams were recorded."""
-    columns, used = dict(base.columns), []
-    for stream in others:
-        fresh = {name: values for name, values in stream.columns.items() if name not in columns}
-        if both := [name for name in stream.columns if name in columns]:
-            notes.append(f"{stream.topic}: {shorten(both)} omitted, an earlier topic has the same")
-        if fresh and (len(stream.t) < 2 or stream.period > SLOWER * base.period):
-            slow = f"{1e9 / stream.period:.3g} Hz is slower than the {1e9 / base.period:.3g} Hz of {base.topic}"
-            notes.append(f"{stream.topic}: {shorten(list(fresh))} omitted: {slow}")
-        elif fresh:
-            columns |= {name: _onto(base.t, stream, name) for name in fresh}
-            used += [] if all(name.startswith(("q_des_", "dq_des_")) for name in fresh) else [stream]
-            if stream.topic != base.topic:
-                notes.append(f"{stream.topic}: interpolated at the times of {base.topic}, not across gaps")
-    first, last = max(x.t[0] for x in (base, *used)), min(x.t[-1] for x in (base, *used))
-    inside = slice(*np.searchsorted(base.t, [first, last + 1]))
-    if not len(base.t[inside]):
-        raise RecordingError(f"topics {base.topic} and {used[0].topic} do not overlap in time; convert them separately")
-    if cut := len(base.t) - len(base.t[inside]):
-        notes.append(f"{base.topic}: {_messages(cut)} at the ends omitted, where another topic has none")
-    return {name: values[inside] for name, values in columns.items()}, base.t[inside]
-
-
-def _onto(t: Stamps, stream: _Stream, name: str) -> Array:
-    """Column (M,) interpolated at other times, NaN in gaps, before and after; t: (M,) [ns]."""
-    y, own = stream.columns[name], stream.t
-    i = np.clip(np.searchsorted(own, t, side="right") - 1, 0, len(own) - 2)
-    step, after = own[i + 1] - own[i], t - own[i]
-    share = after / step
-    chord = y[i + 1] - y[i]
-    value = y[i] + share * chord
-    if name.startswith("q_"):
-        value = np.where(np.abs(chord) > WRAP, np.where(share < 0.5, y[i], y[i + 1]), value)
-    reached = (after >= 0) & (after <= step) & (step <= max(GAP * stream.period, GAP_NS))
-    value = np.where(reached, value, np.nan)
-    return np.where(after == 0, y[i], np.where(after == step, y[i + 1], value))
 
 
 def _date(stamp: int) -> str:

@@ -39,6 +39,7 @@ class About(NamedTuple):
     unstated: frozenset[str] = frozenset()  # columns without a stated unit
     topics: tuple[Topic, ...] = ()
     clock: str = ""  # source of the time column
+    origin: float = 0.0  # [s] time at which the time column is 0: of dates, since 1970
 
     @classmethod
     def of(cls, table: Table) -> About:

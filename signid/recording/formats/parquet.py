@@ -27,7 +27,7 @@ class ParquetTable:
         self._path, self._scan = path, pl.scan_parquet(path, glob=False)
         self._schema = self._scan.collect_schema()
         self._slabs: OrderedDict[int, dict[str, Array]] = OrderedDict()
-        self._since: dict[str, int] = {}  # [ns] first date of a column
+        self.since: dict[str, int] = {}  # [ns since 1970] first date of a column of dates that was read
         self.columns = tuple(self._schema.names())
         self.rows = int(self._scan.select(pl.len()).collect().item())
 
@@ -74,9 +74,9 @@ class ParquetTable:
             column = column.cast(pl.Duration("ns")).to_physical() / 1e9
         if isinstance(kind, pl.Datetime):
             column = column.cast(pl.Datetime("ns", kind.time_zone)).to_physical()
-            if name not in self._since:
-                self._since[name] = self._scan.select(column.drop_nulls().first()).collect().item() or 0
-            column = (column - self._since[name]) / 1e9
+            if name not in self.since:
+                self.since[name] = self._scan.select(column.drop_nulls().first()).collect().item() or 0
+            column = (column - self.since[name]) / 1e9
         return column.cast(pl.Float64)
 
 

@@ -48,8 +48,9 @@ def conversion_document(found: Conversion, inputs: Sequence[Input] = ()) -> Docu
             {"name": topic.name, "type": topic.kind, **picked(topic, "messages rate joints read")}
             for topic in found.about.topics
         ],
+        "joined": [picked(file, "path offset estimate std") for file in found.joined],
         "suggested_columns": list(found.suggested),
-        **ending(found, [found.source], inputs, 0),
+        **ending(found, _sources(found), inputs, 0),
     }
 
 
@@ -61,8 +62,9 @@ def conversion_tables(found: Conversion) -> list[RenderableType]:
         joints.add_row(joint, " ".join(kinds), *([", ".join(units)] if found.units else []))
     others = [name for name in found.columns if name != "t" and not split(name)]
     lines = [Text(text, no_wrap=True, overflow="ignore") for text in found.suggested]  # to copy, never wrapped
+    names = " + ".join(source.path for source in _sources(found))
     return [
-        heading(f"{found.source.path}: {plural(_rows(found), 'row')}{_pace(found.pace)}", below=False),
+        heading(f"{names}: {plural(_rows(found), 'row')}{_pace(found.pace)}", below=False),
         *_topics(found),
         *([joints] if found.joints else []),
         *([paragraph(f"Other columns, unchanged: {shorten(others)}")] if others else []),
@@ -98,6 +100,10 @@ def map_document(found: DraftedMap, robot: Robot, file: str) -> Document:
 def map_text(found: DraftedMap, file: str, again: str) -> str:
     """A drafted column map that was written to a file, and the command that uses it, for the terminal."""
     return f"{found.text}\nwritten:\n  {file}\n\nRead and correct it, then run:\n  {again}\n"
+
+
+def _sources(found: Conversion) -> list[Input]:
+    return [found.source, *(Input(file.path, file.sha256, found.source.role) for file in found.joined)]
 
 
 def _rows(found: Conversion) -> int:

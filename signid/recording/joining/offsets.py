@@ -1,0 +1,187 @@
+"""Estimate the offset between the clocks of two files from the quantities that both measure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...types import Array
+from ..formats.streams import GAP, GAP_NS
+from .profile import FEWEST, LEAST, ROWS, Predictors, Shift, TargetSignal, coarse_shifts, fine_shift, pick_shift
+
+SMOOTH = 0.05  # [s] window of the derivative of a position; at least FEW rows
+FEW = 5
+SLOW = 0.1  # [1] speed over its rms at which friction reverses
+BIN = 0.1  # [s]
+ALONE, MOST = 6, 40  # columns of a joint and of all joints that may explain a torque
+BIAS = 0.1  # [s] error of an offset by a share of the torque that the fit of the motion leaves
+CELLS = 100_000  # of the grid on which shifts are compared: rows times columns
+OVERLAP = 0.5  # share of the shorter file that overlaps at every shift that is tried
+FORCES = ("tau", "current")
+COMMANDS = ("q_des", "dq_des")
+WORDS = {"q": "position", "dq": "velocity", "ddq": "acceleration", "tau": "torque", "current": "current"}
+WORDS |= {"q_des": "desired position", "dq_des": "desired velocity"}
+
+
+class Readings(NamedTuple):
+    """A signal of a joint with finite values, at times of its own clock.
+
+    x: (N,) [any unit].
+    """
+
+    t: Array  # (N,) [s]
+    x: Array  # (N,)
+
+
+AllReadings = Mapping[tuple[str, str], Readings]  # by kind and joint
+
+
+class Offset(NamedTuple):
+    """Time that is to be added to that of the second file."""
+
+    shift: Shift
+    pairs: tuple[str, ...]  # "velocity of elbow with position of elbow"
+    command: bool  # whether it includes the time that a servo takes to follow
+    force: bool  # whether a torque was explained by the motion
+
+
+class _Pair(NamedTuple):
+    words: str
+    motion: Predictors
+    answer: TargetSignal
+    swapped: bool  # whether the first file has the signal that is explained
+
+
+def estimate_offset(first: AllReadings, second: AllReadings, overlap: float) -> Offset | str:
+    """Offset between the clocks of two files, or why there is none.
+
+    `overlap`: time in which the clocks overlap [s]; 0 if they do not. Velocities and accelerations are compared with
+    derivatives, torques and currents with a fit of position, velocity, its sign and acceleration; commands with the
+    motion only if there is no other pair.
+    """
+    reason = "they have no signals of one joint of which one follows from the other"
+    for sharp in ("measured", "force", "command"):
+        pairs = [*_pairs(first, second, sharp, False), *_pairs(second, first, sharp, True)]
+        found = _common(pairs, overlap) if pairs else reason
+        if not isinstance(found, str):
+            return Offset(found, tuple(pair.words for pair in pairs), sharp == "command", sharp == "force")
+        reason = found
+    return reason
+
+
+def _pairs(moving: AllReadings, other: AllReadings, sharp: str, swapped: bool) -> Iterator[_Pair]:
+    """Signals of one file that columns of another explain."""
+    for (kind, joint), track in other.items():
+        for source, order in _sources(kind, sharp):
+            if (source, joint) in moving and len(track.t) >= FEWEST:
+                made = _motion(moving, (source, joint), order, min(MOST, _crossings(track)))
+                if made is not None:
+                    with_what = "the motion" if order < 0 else f"its {WORDS[source]}"
+                    words = f"{WORDS[kind]} of {joint} with {with_what}"
+                    positive = kind not in FORCES
+                    yield _Pair(words, made, TargetSignal(track.t, track.x, positive), swapped)
+                break
+
+
+def _sources(kind: str, sharp: str) -> Sequence[tuple[str, int]]:
+    """Kinds that explain a signal, and the order of the derivative; -1: a fit of the motion."""
+    if sharp == "measured":
+        other = "current" if kind == "tau" else "tau"
+        return {"dq": [("q", 1)], "ddq": [("dq", 1), ("q", 2)], "tau": [(other, 0)], "current": [(other, 0)]}.get(
+            kind, []
+        )
+    if sharp == "force":
+        return [("q", -1)] if kind in FORCES else []
+    return {"q_des": [("q", 0)], "dq_des": [("dq", 0), ("q", 1)]}.get(kind, [])
+
+
+def _motion(moving: AllReadings, key: tuple[str, str], order: int, most: int) -> Predictors | None:
+    """Derivative of a signal, or all that may drive a torque, on an even grid; None if it does not move.
+
+    At most `most` columns are made, so that they cannot fit any slow signal.
+    """
+    from scipy.signal import savgol_filter  # slow import
+
+    track = moving[key]
+    steps = np.diff(track.t)
+    if len(track.t) < FEWEST or not np.ptp(track.x) > 0 or most < (ALONE if order < 0 else 1):
+        return None
+    period = max(float(np.median(steps)), float(np.ptp(track.t)) / (4 * ROWS))
+    t = np.arange(track.t[0], track.t[-1] + 1e-9, period)
+    q = np.interp(t, track.t, track.x)
+    after = np.clip(np.searchsorted(track.t, t, side="right") - 1, 0, len(steps) - 1)
+    known = steps[after] <= max(GAP * period, GAP_NS / 1e9)
+    window = max(FEW, round(SMOOTH / period) // 2 * 2 + 1)
+    if len(q) <= window:
+        return None
+
+    def derivative(x: Array, degree: int) -> Array:
+        return np.asarray(savgol_filter(x, window, 3, deriv=degree, delta=period))
+
+    if order == 0:
+        columns = [q]
+    elif order > 0:
+        columns = [derivative(q, order)]
+    else:
+        dq, shape = derivative(q, 1), (q - q.mean()) / q.std()
+        slow = SLOW * float(np.sqrt(np.mean(dq * dq))) + 1e-300
+        columns = [dq, derivative(q, 2), np.tanh(dq / slow), shape, shape**2, shape**3]
+        for other, rival in moving.items():
+            if other[0] == key[0] and other != key and len(rival.t) >= FEWEST and np.ptp(rival.x) > 0:
+                x = np.interp(t, rival.t, rival.x)
+                level = (x - x.mean()) / max(float(x.std()), 1e-300)
+                columns += [derivative(x, 2), level, level**2, level * shape]
+        columns = columns[:most]
+    return Predictors(float(t[0]), period, np.column_stack(columns), known)
+
+
+def _crossings(track: Readings) -> int:
+    """Number of times that a signal crosses its mean, with noise averaged out."""
+    _, place = np.unique(np.floor((track.t - track.t[0]) / BIN), return_index=True)
+    mean = np.add.reduceat(track.x, place) / np.diff(np.append(place, len(track.x)))
+    return int(np.sum(np.diff(np.sign(mean - mean.mean())) != 0))
+
+
+def _common(pairs: Sequence[_Pair], overlap: float) -> Shift | str:
+    """One shift for all pairs, weighted by their precision, or why there is none."""
+    spans = [(np.ptp(pair.motion.t), np.ptp(pair.answer.t)) for pair in pairs]
+    period = max(max(p.motion.period, float(np.median(np.diff(p.answer.t)))) for p in pairs)
+    wide = max(pair.motion.x.shape[1] for pair in pairs)
+    period = max(period, max(map(max, spans)) * wide / CELLS)
+    profiles = []
+    for pair, span in zip(pairs, spans, strict=True):
+        shifts, explained = coarse_shifts(pair.motion, pair.answer, period, OVERLAP * float(min(span)))
+        profiles.append((-shifts[::-1], explained[::-1]) if pair.swapped else (shifts, explained))
+    if not all(len(shifts) for shifts, _ in profiles):
+        return "too few rows overlap"
+    low, high = max(shifts[0] for shifts, _ in profiles), min(shifts[-1] for shifts, _ in profiles)
+    grid = np.arange(low, high + period / 2, period)
+    mean = np.mean([np.interp(grid, shifts, explained) for shifts, explained in profiles], axis=0)
+    near, rivalled = pick_shift(grid, mean, bool(overlap > OVERLAP * min(map(min, spans))))
+    if np.isnan(near):
+        return f"no shift explains more than {LEAST:.0%} of {pairs[0].words.partition(' with ')[0]}"
+    if rivalled:
+        return "the motion repeats itself, so several shifts explain it as well"
+    found = [_fine(pair, near, 2 * period) for pair in pairs]
+    found = [each for each in found if each.explained >= LEAST and np.isfinite(each.std)]
+    return _combined(found) if found else "no shift explains the signals"
+
+
+def _fine(pair: _Pair, near: float, width: float) -> Shift:
+    shift = fine_shift(pair.motion, pair.answer, -near if pair.swapped else near, width)
+    bias = BIAS * (1 - shift.explained) if pair.motion.x.shape[1] > 1 else 0.0
+    return shift._replace(
+        seconds=-shift.seconds if pair.swapped else shift.seconds, std=float(np.hypot(shift.std, bias))
+    )
+
+
+def _combined(found: Sequence[Shift]) -> Shift:
+    """Mean of shifts, weighted by their precision; its uncertainty is not smaller than their scatter."""
+    values = np.array([each.seconds for each in found])
+    weights = 1 / np.maximum([each.std for each in found], 1e-6) ** 2
+    mean = float(np.average(values, weights=weights))
+    scatter = float(np.average((values - mean) ** 2, weights=weights)) / max(1, len(found) - 1)
+    shares = [float(np.mean([each[k] for each in found])) for k in (2, 3)]
+    return Shift(mean, float(np.sqrt(max(1 / weights.sum(), scatter))), *shares)
