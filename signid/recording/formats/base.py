@@ -39,11 +39,12 @@ class About(NamedTuple):
     unstated: frozenset[str] = frozenset()  # columns without a stated unit
     topics: tuple[Topic, ...] = ()
     clock: str = ""  # source of the time column
+    episodes: tuple[tuple[float, str], ...] = ()  # first time [s] and name of each, if the source has episodes
 
     @classmethod
     def of(cls, table: Table) -> About:
         """Metadata of a table; empty if it has none."""
-        return getattr(table, "about", cls())
+        return getattr(table, "about", None) or cls()
 
 
 class Format(ABC):
