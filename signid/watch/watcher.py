@@ -83,9 +83,7 @@ class Watcher:
         if self.used >= FEWEST_USED:
             return ""
         fact = f"{self.used or 'none'} of the {self.given} rows" if self.given else "no row, only a header,"
-        return (
-            f"{fact} could be watched; expected rows with a number in t, q and tau of each joint, and t that increases"
-        )
+        return f"{fact} could be watched; expected a number in t, q and tau of each joint, and t that increases"
 
     def _size(self) -> int:
         """Rows that are processed together."""

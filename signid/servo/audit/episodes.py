@@ -122,7 +122,7 @@ def _same(grids: Sequence[list[Grid]], episodes: Sequence[Episode], one: _Answer
 def _differences(
     one: _Answer, everyone: Sequence[_Answer], commands: Mapping[str, list[Array] | None], period: float
 ) -> Iterator[str]:
-    """What the motion of one episode has and that of the others has not, the likeliest first."""
+    """Sentences on the motion of one episode that differs from that of the others, the likeliest first."""
     others = [each for each in everyone if each.moves]
     if not one.moves or len(others) < FEWEST - 1 or np.median([each.correlation for each in others]) < FOLLOWS:
         return
