@@ -184,6 +184,27 @@ def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
     assert elsewhere[1].code is None and "install the same" in elsewhere[1].said[0]
 
 
+@pytest.mark.skipif(not hasattr(os, "waitid"), reason="stopped processes are not seen here")
+def test_a_session_whose_process_is_stopped_does_not_stop_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    days = record(tmp_path, 2)
+    path = manifest(tmp_path, f"3r,{days[0]},doomed,,identify", f"3r,{days[1]},arm,,identify")
+    ask = process_module._Process.ask
+
+    def doomed(process: Any, order: Order) -> Answer:
+        if days[0] in order.arguments:
+            os.kill(process.child.pid, signal.SIGSTOP)
+        return ask(process, order)
+
+    monkeypatch.setattr(process_module._Process, "ask", doomed)
+    monkeypatch.setattr(process_module, "STOPPED", 0.2)
+    monkeypatch.setattr(process_module, "LOOKS", 0.05)
+    first, second = fleet(path, tmp_path / "out", workers=1).document()["sessions"]
+    assert first["state"] == "not done" and second["state"] in ("done", "flagged")
+    assert "its process died 2 times, the last time stopped for 0.2 s, and killed" in str(first)
+
+
 def test_a_process_that_died_before_its_first_task_ends_quietly() -> None:
     process = process_module._Process()
     os.kill(process.child.pid, signal.SIGKILL)

@@ -11,6 +11,7 @@ from xml.sax.saxutils import quoteattr
 import pytest
 
 import signid
+from signid.cli.run import run
 from signid.errors import RecordingError, RobotError
 from signid.output.export import export
 from signid.watch import watch
@@ -35,7 +36,33 @@ def test_a_line_without_end_and_repeated_columns_are_refused() -> None:
 def test_stamps_that_hardly_advance_are_repeated_ones() -> None:
     rows = (f"{5e-324 * k},1,1\n" for k in range(200))
     events = list(watch("1r", chain(["t,q_1,tau_1\n"], rows)))
-    assert ["repeated" in getattr(event, "sentence", "") for event in events] == [True]
+    assert ["repeated" in getattr(event, "sentence", "") for event in events] == [True, False]
+
+
+UNREADABLE = {
+    "": "no row, only a header, could be watched",
+    "x,y,z\n" * 50: "none of the 50 rows could be watched",
+    "nan,nan,nan\n" * 50: "none of the 50 rows could be watched",
+    "1,2\n" * 50: "none of the 50 rows could be watched",
+    "5,1,1\n" * 50: "1 of the 50 rows could be watched",
+}
+
+
+@pytest.mark.parametrize("rows", UNREADABLE)
+@pytest.mark.parametrize("way", ["text", "file", "input"])
+def test_a_stream_without_readable_rows_is_flagged(
+    way: str, rows: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    content = f"t,q_1,tau_1\n{rows}"
+    if way == "text":
+        assert UNREADABLE[rows] in getattr(list(watch("1r", iter([content])))[-1], "sentence", "")
+        return
+    (tmp_path / "log.csv").write_text(content)
+    with open(tmp_path / "log.csv", "rb") as source:
+        monkeypatch.setattr("sys.stdin", source)
+        given = ["-"] if way == "input" else [str(tmp_path / "log.csv"), "--follow", "--idle", "0.1"]
+        assert run(["watch", "1r", *given, "--json"]) == 3
+    assert UNREADABLE[rows] in capfd.readouterr().err
 
 
 def _named(name: str, folder: Path) -> Path:

@@ -29,8 +29,8 @@ WORDS = {
     "stuck": "the sensor is stuck",
     "halved": "of q_des throughout",
     "off by 90 degrees": "above its command",
-    "early by 1 s": "different times",
-    "late by 1 s": "different times",
+    "early by 1 s": "leads q_des by",
+    "late by 1 s": "ms after its command, later than a drive",
     "spikes": "q jumps away and back",
     "spikes of the command": "q_des jumps away and back",
     "drop-outs": "q jumps away and back",
@@ -91,7 +91,10 @@ def test_a_healthy_recording_is_validated_without_a_flag(actuators: str, tmp_pat
     assert run(["validate", "1r", str(tmp_path / "log.csv"), "--actuators", actuators]) == 0
 
 
-NEW = ("does not follow q_des (", "never changes", "away and back", "is stuck", "different values", "throughout")
+NEW = (
+    "does not follow q_des (", "never changes", "away and back", "is stuck", "different values", "throughout",
+    "later than a drive", "leads", "never negative", "zeros of q",
+)  # fmt: skip
 
 
 @PUBLIC

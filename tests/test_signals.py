@@ -175,6 +175,27 @@ def test_a_signal_before_any_answer_leaves_nothing(
     assert not out.exists()
 
 
+IMPORTING = """
+import os, signal, sys
+import signid.__main__ as program
+
+class Interrupted:
+    def find_spec(self, name, *rest):
+        if name == "signid.cli.app":
+            os.kill(os.getpid(), {number})
+
+sys.meta_path.insert(0, Interrupted())
+program.main()
+"""
+
+
+@pytest.mark.parametrize(("number", "name"), SIGNALS)
+def test_a_signal_while_modules_are_imported_is_one_sentence(number: signal.Signals, name: str) -> None:
+    program = IMPORTING.format(number=int(number))
+    done = subprocess.run([sys.executable, "-c", program], env=THERE, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (128 + number, f"signid: {name} ended the command\n")
+
+
 def test_the_library_has_no_handlers(tmp_path: Path) -> None:
     before = [signal.getsignal(number) for number, _ in SIGNALS]
     assert run(["identify", "3r", str(ROOT / "robots/3r/recording.parquet"), "-o", str(tmp_path / "out")]) == 0

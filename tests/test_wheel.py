@@ -100,7 +100,7 @@ def test_version_and_licence_agree() -> None:
 
 
 def test_the_command_is_installed() -> None:
-    assert PROJECT["scripts"] == {"signid": "signid.cli:main"}
+    assert PROJECT["scripts"] == {"signid": "signid.__main__:main"}
 
 
 @pytest.mark.parametrize("mark", ["run", "test"])

@@ -80,6 +80,8 @@ def _events(watcher: Watcher, opened: Stream) -> Iterator[Event]:
         if rows is not None and len(rows.t):
             yield from watcher.feed(*rows)
     yield from watcher.finish()
+    if fault := watcher.fault():
+        yield Note(0.0, fault)
 
 
 def _of_joints(model: Model, joints: tuple[str, ...]) -> Model:

@@ -22,6 +22,7 @@ SLOWEST = 0.05  # [1] speed below which the direction of friction is uncertain, 
 JITTER = 4.0  # [standard deviations] of the velocity, the same
 WARM = 0.3  # [1] share of the quiet stretch that gives the speeds alone
 LONGEST, FEWEST = 0.1, 100  # [s] of rows that are processed together; rows, before the period is known
+FEWEST_USED = 2  # rows of a stream that can be watched
 BRIEF = 3.0  # [s] a contact that is shorter is none of the changes
 
 
@@ -52,10 +53,12 @@ class Watcher:
         self.residual, self.threshold = np.zeros(n), np.full(n, np.nan)  # for a display
         self.t = float("nan")
         self.ignored = bool(self.momentum.ignored)
+        self.given = self.used = 0  # rows
 
     def feed(self, t: Array, q: Array, tau: Array, dq: Array | None = None) -> list[Event]:
         """Events of further rows: t (N,) [s], q (N, n) [rad or m], tau (N, n) [N.m or N], dq (N, n) [rad/s or m/s]."""
         pieces, notes = self.intake.take(StreamRows(t, q, tau, dq))
+        self.given, self.used = self.given + len(t), self.used + sum(len(piece.rows.t) for piece in pieces)
         events: list[Event] = list(notes)
         if self.ignored and len(t):
             names = ", ".join(dict.fromkeys(self.momentum.ignored))
@@ -74,6 +77,13 @@ class Watcher:
     def finish(self) -> list[Event]:
         """Events at the end of the stream: the end of a contact that is going on."""
         return [] if self.contacts.begun is None else [self.contacts.close(self.t, self.t)]
+
+    def fault(self) -> str:
+        """Sentence on a stream that has ended without rows that could be watched; empty if there were some."""
+        if self.used >= FEWEST_USED:
+            return ""
+        fact = f"{self.used or 'none'} of the {self.given} rows" if self.given else "no row, only a header,"
+        return f"{fact} could be watched; expected a number in t, q and tau of each joint, and t that increases"
 
     def _size(self) -> int:
         """Rows that are processed together."""

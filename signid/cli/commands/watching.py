@@ -74,6 +74,9 @@ def watch(
                 if refresh is not None:
                     refresh()
             emit(watcher.finish())
+            if not flags and (fault := watcher.fault()):
+                flags = (*flags, fault)
+                write_error(f"{'standard input' if stream == '-' else stream}: {fault}")
         except KeyboardInterrupt:
             pass
     return FLAGGED if flags else DONE

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from threading import Lock, Timer
+from threading import Event, Lock, Thread, Timer
 from typing import IO, NamedTuple
 
 from ...errors import SignidError
@@ -18,6 +18,7 @@ from ...version import __version__
 TRIES = 2  # attempts at a command whose process dies
 IDLE = 60.0  # time after which an idle process ends [s]
 GRACE = 3.0  # time for a process to clean up before it is killed [s]
+STOPPED, LOOKS = 60.0, 0.5  # time after which a stopped process (SIGSTOP) is killed, and between looks [s]
 LASTS = 50  # commands per process; limits the growth of its memory
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
 DONE, FLAGGED = 0, 3  # exit codes of commands that leave results
@@ -75,11 +76,13 @@ class _Process:
             env=_environment(),
             start_new_session=True,  # Ctrl-C in a terminal reaches the caller only
         )
-        self.carried_out, self.retires = 0, Timer(IDLE, self.end)
+        self.carried_out, self.retires, self.stopped = 0, Timer(IDLE, self.end), False
 
     def ask(self, order: Order) -> Answer:
         orders, answers = self.child.stdin, self.child.stdout
         assert orders is not None and answers is not None, "both are pipes"
+        answered = Event()
+        Thread(target=self._end_if_stopped, args=(answered,), daemon=True).start()
         try:
             orders.write(json.dumps(order._asdict()).encode() + b"\n")
             orders.flush()
@@ -88,9 +91,25 @@ class _Process:
         except (OSError, EOFError):
             self.child.kill()
             code = self.child.wait()
-            raise _Died(f"by signal {-code}" if code < 0 else f"with code {code}") from None
+            why = f"stopped for {STOPPED:g} s, and killed" if self.stopped else f"by signal {-code}"
+            raise _Died(why if code < 0 else f"with code {code}") from None
+        finally:
+            answered.set()
         self.carried_out += 1
         return Answer(header["code"], tuple(header["said"]), files)
+
+    def _end_if_stopped(self, answered: Event) -> None:
+        """Kill the process once it is stopped (SIGSTOP) for too long: it would never answer."""
+        looks = 0
+        while hasattr(os, "waitid") and not answered.wait(LOOKS):
+            try:
+                found = os.waitid(os.P_PID, self.child.pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
+            except ChildProcessError:  # it has ended
+                return
+            looks = looks + 1 if found is not None else 0
+            if looks * LOOKS >= STOPPED:
+                self.stopped = True
+                return self.child.kill()
 
     def end(self) -> None:
         self.child.terminate()

@@ -40,11 +40,12 @@ class About(NamedTuple):
     topics: tuple[Topic, ...] = ()
     clock: str = ""  # source of the time column
     origin: float = 0.0  # [s] time at which the time column is 0: of dates, since 1970
+    episodes: tuple[tuple[float, str], ...] = ()  # first time [s] and name of each, if the source has episodes
 
     @classmethod
     def of(cls, table: Table) -> About:
         """Metadata of a table; empty if it has none."""
-        return getattr(table, "about", cls())
+        return getattr(table, "about", None) or cls()
 
 
 class Format(ABC):

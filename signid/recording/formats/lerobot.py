@@ -97,7 +97,7 @@ def _read(table: Path) -> pl.DataFrame:
 def _table(path: Path, frame: pl.DataFrame, info: Mapping[str, Any]) -> MemoryTable:
     order = [name for name in ("episode_index", "frame_index") if name in frame.columns]
     frame = frame.sort(order) if order else frame
-    t, notes = _time(path, frame, float(info["fps"]))
+    t, notes, episodes = _time(path, frame, float(info["fps"]))
     columns: dict[str, Array] = {}
     for feature in KINDS:
         if feature in frame.columns:
@@ -115,11 +115,12 @@ def _table(path: Path, frame: pl.DataFrame, info: Mapping[str, Any]) -> MemoryTa
         how = "it is a recording of servos, with actions as commanded positions"
         consequence = how if servo else "so identification is not possible"
         notes += (f"no torque and no current was recorded{': ' if servo else ', '}{consequence}",)
-    return MemoryTable({"t": t, **columns}, {}, str(path), About(notes, frozenset(columns), clock="the dataset's own"))
+    about = About(notes, frozenset(columns), clock="the dataset's own", episodes=episodes)
+    return MemoryTable({"t": t, **columns}, {}, str(path), about)
 
 
-def _time(path: Path, frame: pl.DataFrame, fps: float) -> tuple[Array, tuple[str, ...]]:
-    """Time (N,) [s] of the rows, and notes."""
+def _time(path: Path, frame: pl.DataFrame, fps: float) -> tuple[Array, tuple[str, ...], tuple[tuple[float, str], ...]]:
+    """Time (N,) [s] of the rows, notes, and the first time [s] and the name of each episode."""
     number = _plain(frame, "frame_index")
     t = _plain(frame, "timestamp") if "timestamp" in frame.columns else None
     if t is None and number is None:
@@ -140,7 +141,8 @@ def _time(path: Path, frame: pl.DataFrame, fps: float) -> tuple[Array, tuple[str
     if len(starts) > 1:
         shown = shorten([f"{number:.0f}" for number in episode[starts]])
         notes += (f"{len(starts)} episodes ({shown}) follow each other with gaps between them",)
-    return t, notes
+    episodes = zip(t[starts].tolist(), episode[starts].tolist(), strict=True)
+    return t, notes, tuple((first, f"episode {number:.0f}") for first, number in episodes)
 
 
 def _plain(frame: pl.DataFrame, name: str) -> Array | None:

@@ -36,6 +36,7 @@ class DerivedTable:
     def __init__(self, table: Table, functions: Mapping[str, Callable[[Array, int], Array]]) -> None:
         self._table, self._functions = table, functions
         self.columns, self.rows = table.columns, table.rows
+        self.about = getattr(table, "about", None)
 
     def read(self, names: Sequence[str], start: int, stop: int) -> Array:
         """Rows start..stop of the named columns, (stop - start, len(names))."""

@@ -8,11 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import Array
+from .shift import LONGEST, best_shift
 from .tracks import Grid
 
-LONGEST = 0.6  # [s] largest shift
-AGAINST = 0.9  # weight of correlations of motion against the command: periodic motion has both signs
-NEAREST = 0.98  # correlation of a peak over the largest, from which on the smallest shift is chosen
 ROWS, WINDOW = 8000, 1000  # rows that are fitted, and of one window where there are more
 MOST = 30  # windows that are fitted
 SHARES = (0.0, 0.3, 0.6, 0.9)  # starts: share of the lag that is delay
@@ -33,6 +31,7 @@ class Response(NamedTuple):
     shift: float  # [s]
     correlation: float  # [1] at the shift, with its sign
     scale: float  # [1] motion per command at the shift
+    gain: float  # [1] motion per command of slow motion, from the response
     delay: float  # [s]
     bandwidth: float  # [Hz]
     residual: float  # [1]
@@ -47,8 +46,8 @@ def find_response(grids: Sequence[Grid]) -> Response:
     shift, correlation, scale = best_shift(grids)
     windows = _windows(grids)
     spread = float(np.sqrt(np.mean(np.concatenate([(w.q - w.q.mean()) ** 2 for w in windows]))))
-    unknown = Response(np.nan, np.nan, shift, correlation, scale, np.nan, np.nan, np.nan, np.nan)
-    if spread <= 0 or not np.isfinite(shift):
+    unknown = UNKNOWN._replace(shift=shift, correlation=correlation, scale=scale)
+    if spread <= 0 or not abs(shift) <= LONGEST:
         return unknown
     x, log_std = _fitted(windows, max(shift, grids[0].period))
     w, z, delay = _numbers(x)
@@ -60,46 +59,7 @@ def find_response(grids: Sequence[Grid]) -> Response:
     bandwidth = w / (2 * np.pi) * np.sqrt(flat + np.sqrt(flat * flat + 1))
     sure = delay if delay > TINY else 0.0
     std = lag * log_std if lag > LEAST * shift else shift  # friction alone explains the lag
-    return Response(lag, std, shift, correlation, scale, sure, float(bandwidth), rest, float(width))
-
-
-def best_shift(grids: Sequence[Grid]) -> tuple[float, float, float]:
-    """Shift of the command [s] with the largest correlation in size, the correlation, and motion per command [1]."""
-    period = grids[0].period
-    most = max(1, round(LONGEST / period))
-    shifts = np.arange(-most, most + 1)
-    covariance, command_power, power = (np.zeros(len(shifts)) for _ in range(3))
-    for grid in grids:
-        inner = grid.q - grid.q.mean()
-        level = grid.command.mean()
-        padded = np.pad(grid.command - level, most, mode="edge")
-        windows = np.lib.stride_tricks.sliding_window_view(padded, len(inner))[::-1]  # the largest lead first
-        covariance += windows @ inner
-        sums = np.cumsum(np.concatenate([[[0.0, 0.0]], np.column_stack([padded, padded**2])]), axis=0)
-        total, squares = (sums[len(inner) :] - sums[: -len(inner)])[::-1].T
-        command_power += squares - total**2 / len(inner)
-        power += inner @ inner
-    size = np.sqrt(np.maximum(command_power, 0.0) * power)
-    if not (size > 0).any():
-        return np.nan, np.nan, np.nan
-    r = np.where(size > 1e-12 * size.max(), covariance / np.where(size > 0, size, 1.0), 0.0)
-    likely = np.where(r > 0, r, -AGAINST * r)
-    best = int(np.argmax(likely))
-    if best in (0, 2 * most):  # beyond the shifts that were tried
-        return np.nan, float(r[best]), float(covariance[best] / command_power[best])
-    k, part = _peak(likely, most)
-    return float((k + part - most) * period), float(r[k]), float(covariance[k] / command_power[k])
-
-
-def _peak(size: Array, middle: int) -> tuple[int, float]:
-    """Index of the peak that is chosen, and how far its top is from there."""
-    tops = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] >= size[2:])) + 1
-    if not len(tops):
-        return int(np.argmax(size)), 0.0
-    good = tops[size[tops] >= NEAREST * size[tops].max()]
-    k = int(good[np.argmin(np.abs(good - middle))])
-    curve = size[k - 1] - 2 * size[k] + size[k + 1]
-    return k, float(0.5 * (size[k - 1] - size[k + 1]) / curve) if curve < 0 else 0.0
+    return Response(lag, std, shift, correlation, scale, float(gain), sure, float(bandwidth), rest, float(width))
 
 
 class _Window(NamedTuple):

@@ -12,22 +12,25 @@ from math import pi
 import numpy as np
 
 from ...types import Recording
-from .faults import copied, jumps, spikes, stuck, turn_of
+from .faults import copied, driven_by_error, jumps, spikes, stuck, turn_of
 from .response import Response
 from .result import JointAudit
-from .tracks import Part, RowClock
+from .shift import LONGEST, best_shift
+from .tracks import Grid, Part, RowClock, joined
 
 COARSE = 10.0  # steps of the encoder below which a command says nothing
 STUCK = 0.05  # motion over the range of the command
 SURE, AGAINST, CERTAIN = 0.5, 0.9, 0.95  # correlations
+CURVED, BOTH = 0.25, 0.05  # 1 - correlation with the magnitude or square, over that without; share on both sides of 0
 LEAD, LATE, EXACT = 1.0, 0.12, 0.06  # [rows], [s], residual below which the delay is no dry friction
 STIFF = 0.3  # difference of the scale from one, beyond which droop may look like a lead
 SCALES, DEGREES = (0.1, 1.5), 0.1  # motion per command; tolerance of 180 / pi
 ZERO, ZERO_LEAST, CLOSE, QUIET = 0.25, 0.15, 0.15, 0.2  # [range], [rad], |scale - 1|, residual
+WIDE, LOAD, STEADY = 1.2, 0.037, 0.5  # [rad]; rms of cos x over x**2 about its mean [1/rad2]; share of it [1]
 HELD = 0.08  # share of moving rows
 SATURATED = 0.4  # share of rows
 DRIVEN = 0.7  # correlation of speed and error from which on a joint follows although q and q_des differ
-GAIN, CLEAN = 0.3, 0.03  # difference of the scale from one, and residual below which it is neither droop nor friction
+GAIN, CLEAN = 0.3, 0.03  # difference of the scale from one, and residual below which it is no friction
 SPIKES, SHARE = 3, 0.005  # rows of q and share of rows of q_des that jump away and back; healthy: 0 rows and .001
 FLICKER = 5.0  # steps of the encoder that a spike exceeds
 SWEEPS = 2.0  # [range] motion of the command while q repeats; healthy logs: at most 1
@@ -59,9 +62,9 @@ def _coarse(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
 
 
 def judge_joint(
-    audit: JointAudit, found: Response | None, parts: Sequence[Part], period: float, driven: float
+    audit: JointAudit, found: Response | None, parts: Sequence[Part], grids: Sequence[Grid]
 ) -> Iterator[str]:
-    """Flags of one joint; period: of its rows [s], driven: correlation of its speed with the error before [1]."""
+    """Flags of one joint; grids: its parts on a uniform grid, without full turns."""
     if (shift := copied(parts)) is not None:
         rows = (
             f", {abs(shift)} row{'s' if abs(shift) > 1 else ''} {'later' if shift > 0 else 'earlier'}" if shift else ""
@@ -73,17 +76,35 @@ def judge_joint(
         fact = f"{audit.joint}: q does not follow q_des, it moves by less than {STUCK:.0%} of it"
         yield f"{fact}; check that the drive is on, or record when it is off (on_J)"
         return
-    if found is not None and abs(found.correlation) < SURE and driven < DRIVEN:
+    if found is not None and (curve := _curve(found, grids)):
+        yield f"{audit.joint}: {curve}; record both with their signs"
+    elif found is not None and abs(found.correlation) < SURE and driven_by_error(grids) < DRIVEN:
         fact = f"{audit.joint}: q does not follow q_des (correlation {found.correlation:.2f} at the best shift)"
         yield f"{fact}; q and q_des are of different joints, motions or clocks, or q is damaged: check the columns"
     elif found is not None:
-        yield from _response(audit, found, period)
+        yield from _response(audit, found, grids[0].period, float(np.std(joined(parts, "q"))))
     yield from _log(audit, parts)
     yield from _damaged(audit, parts)
     yield from _coarse(audit, parts)
 
 
-def _response(audit: JointAudit, found: Response, period: float) -> Iterator[str]:
+def _curve(found: Response, grids: Sequence[Grid]) -> str:
+    """Name the one of q and q_des that is the magnitude or square of the other; "" if none is."""
+    ends = [(float(x.min()), float(x.max())) for x in (joined(grids, "q"), joined(grids, "command"))]
+    straight, best, said = 1 - abs(found.correlation), CERTAIN, ""
+    pairs = (("q", "q_des", ends, grids), ("q_des", "q", ends[::-1], [Grid(x.period, x.command, x.q) for x in grids]))
+    for one, other, ((low, _), (least, most)), each in pairs:
+        if straight < 1 - CERTAIN or low < 0 or not least < -BOTH * (most - least) < 0 < BOTH * (most - least) < most:
+            continue
+        for name, change in (("magnitude", np.abs), ("square", np.square)):
+            r = best_shift([grid._replace(command=change(grid.command)) for grid in each]).correlation
+            if r > best and 1 - r < CURVED * straight:
+                best, said = r, f"{one} is never negative and like the {name} of {other} (correlation {r:.3f})"
+    return said
+
+
+def _response(audit: JointAudit, found: Response, period: float, spread: float) -> Iterator[str]:
+    """Flags of the answer to the command; spread: standard deviation of the position [rad or m]."""
     joint = audit.joint
     if found.correlation < -SURE:
         fact = f"{joint} moves against its command (correlation {found.correlation:.2f})"
@@ -93,6 +114,9 @@ def _response(audit: JointAudit, found: Response, period: float) -> Iterator[str
     if found.shift < -LEAD * period and found.correlation > CERTAIN and abs(found.scale - 1) < STIFF:
         fact = f"{joint}: q leads q_des by {-1e3 * found.shift:.0f} ms"
         yield f"{fact}, which no drive can do; the two are from different clocks or rows: correct the log"
+    if found.shift > LONGEST:
+        fact = f"{joint} answers {1e3 * found.shift:.0f} ms after its command"
+        yield f"{fact}, later than a drive; q_des is from earlier rows than q, or from another clock: correct the log"
     if found.delay > max(LATE, 3 * period) and found.residual < EXACT:
         fact = f"{joint} begins to answer {1e3 * found.delay:.0f} ms after its command"
         yield f"{fact}: a slow bus, or q_des is from earlier rows than q; check the log"
@@ -100,18 +124,27 @@ def _response(audit: JointAudit, found: Response, period: float) -> Iterator[str
         near = next((k for k in (180 / pi, pi / 180) if abs(found.scale / k - 1) < DEGREES), None)
         why = "one is in degrees and the other in rad" if near else "they have different units or gear ratios"
         yield f"{joint}: q moves by {found.scale:.3g} of q_des: {why}; state the units in a column map (--columns)"
-    elif audit.residual < CLEAN and abs(found.scale - 1) > GAIN:
-        fact = f"{joint}: q moves by {found.scale:.3g} of q_des throughout"
-        yield f"{fact}, which neither droop nor friction explains; check units, gear ratio and scale of both columns"
-    elif _shifted(audit):
+    elif audit.residual < CLEAN and min(abs(found.gain - 1), abs(found.scale - 1)) > GAIN:
+        fact = f"{joint}: q moves by {found.gain:.3g} of q_des throughout"
+        weak = ", unless a load holds a weak drive back" if found.gain < 1 else ""
+        yield f"{fact}, which friction does not explain; check units, gear ratio and scale of both columns{weak}"
+    elif _shifted(audit, found, spread):
         fact = f"{joint} stays {_length(abs(audit.zero), audit)} {'below' if audit.zero > 0 else 'above'} its command"
         yield f"{fact} over its whole motion: the zeros of q and q_des differ, or a load pulls at it"
 
 
-def _shifted(audit: JointAudit) -> bool:
+def _shifted(audit: JointAudit, found: Response, spread: float) -> bool:
+    gain = found.gain if np.isfinite(found.gain) else found.scale
     least = ZERO_LEAST if audit.unit in ("rad", "m") else 0.0
-    follows = abs(audit.scale - 1) < CLOSE and audit.residual < QUIET
-    return follows and abs(audit.zero) > max(least, ZERO * audit.range)
+    if abs(audit.zero) > max(least, audit.range) and abs(gain - 1) < STIFF:
+        return True
+    if abs(gain - 1) >= CLOSE or not audit.residual < QUIET:
+        return False
+    if abs(audit.zero) > max(least, ZERO * audit.range):
+        return True
+    varies = LOAD * audit.range**2 * abs(audit.zero)  # the torque of a load is a cosine of the angle
+    steady = audit.range > WIDE and audit.residual * spread < STEADY * varies
+    return audit.unit == "rad" and abs(audit.zero) > least and steady
 
 
 def _log(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
@@ -151,7 +184,7 @@ def _damaged(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
             fact = f"{audit.joint}: {name} jumps away and back within one row {count} times, by up to"
             yield f"{fact} {_length(size, audit)}: lost or damaged values; leave these cells empty"
     seconds, sweeps = stuck(parts, audit.range)
-    if sweeps > SWEEPS and not explained["command"]:
+    if sweeps > SWEEPS and not explained["command"] and not abs(audit.shift) > LONGEST:
         fact = f"{audit.joint}: q stays the same for {seconds:.3g} s while q_des moves"
         yield f"{fact}: the sensor is stuck, or the drive is off; leave these rows out or mark them (on_J)"
 

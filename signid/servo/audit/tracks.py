@@ -24,6 +24,7 @@ class Part(NamedTuple):
     q: Array  # (N,) [rad or m]
     command: Array  # (N,) [rad or m]
     pwm: Array | None  # (N,) [1]
+    recording: int = 0  # index
 
 
 class Grid(NamedTuple):
@@ -88,8 +89,8 @@ def read_stamps(t: Array, rows: Mask) -> RowClock:
     return RowClock(period, float(near.sum()), uneven, int(np.sum(steps == 0)), int(np.sum(steps < 0)))
 
 
-def cut(samples: Samples, joint: int, rows: Mask, period: float) -> list[Part]:
-    """Parts of one joint; rows: (N,) with a command, period [s] of the stamps."""
+def cut(samples: Samples, joint: int, rows: Mask, period: float, recording: int) -> list[Part]:
+    """Parts of one joint; rows: (N,) with a command, period [s] of the stamps, index of the recording."""
     assert samples.q_des is not None, "a joint with a command has the column"
     steps = np.diff(samples.t)
     broken = ~(rows[1:] & rows[:-1]) | (steps > max(GAP * period, GAP_SECONDS)) | (steps <= 0)
@@ -102,7 +103,7 @@ def cut(samples: Samples, joint: int, rows: Mask, period: float) -> list[Part]:
             continue
         at = slice(low, high)
         duty = pwm[at, joint] if has_pwm and pwm is not None else None
-        parts.append(Part(samples.t[at], samples.q[at, joint], samples.q_des[at, joint], duty))
+        parts.append(Part(samples.t[at], samples.q[at, joint], samples.q_des[at, joint], duty, recording))
     return parts
 
 
@@ -113,6 +114,6 @@ def on_grid(part: Part, period: float) -> Grid:
     return Grid(period, np.interp(t, part.t, part.q), part.command[held])
 
 
-def joined(parts: Sequence[Part], key: str) -> Array:
+def joined(parts: Sequence[Part | Grid], key: str) -> Array:
     """Values of all parts one after another, (N,) [unit of the column]."""
     return np.concatenate([getattr(part, key) for part in parts])
