@@ -17,6 +17,7 @@ from .faults import (
     held_share,
     jumps,
     quantum,
+    rms_speed,
     saturated_share,
     turn_of,
     unwrapped,
@@ -75,6 +76,8 @@ def audit_servos(recordings: Recording | Sequence[Recording], units: Mapping[str
         tuple(content_rate(samples.t, samples.q) for _, samples in read),
         tuple(stamps),
         tuple(dict.fromkeys(notes)),
+        tuple(clock.stretches for clock in clocks),
+        tuple(clock.rows for clock in clocks),
     )
 
 
@@ -129,6 +132,8 @@ def _audit(joint: str, unit: str, parts: Sequence[Part], period: float, coarsest
         samples=len(q),
         range=span,
         zero=float(np.mean(command - q)),
+        error=float(np.sqrt(np.mean((command - q) ** 2))),
+        speed=rms_speed(grids),
         saturated=saturated_share(parts, grids),
         command_period=command_period(parts),
         command_noise=command_noise(grids),
