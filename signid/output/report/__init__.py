@@ -8,6 +8,7 @@ from ...registry import inner_package as _package, public_names as _names
 if TYPE_CHECKING:
     from .layout import Screen as Screen, figure as figure, with_interval as with_interval
     from .pages import report as report
+    from .pages.check import audit_page as audit_page, check_page as check_page
     from .pages.closed_loops import servo_validation_page as servo_validation_page
     from .pages.diagnosis import diagnosis_page as diagnosis_page
     from .pages.drives import servo_diagnosis_page as servo_diagnosis_page
