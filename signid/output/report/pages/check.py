@@ -265,6 +265,6 @@ def _spectrum(name: str, t: Array, values: Array, unit: str, marks: Marks) -> Pl
     named = ", ".join(f"{mark} {figure(place)} Hz" for mark, place in marks.items() if np.isfinite(place))
     layout = {
         "xaxis": axis("frequency [Hz]", type="log", dtick=1),
-        "yaxis": axis(f"density [{unit}²/Hz]", type="log", nticks=5, exponentformat="power"),
+        "yaxis": axis(f"density [{unit}²/Hz]", type="log", nticks=5, exponentformat="e"),
     }
     return Plot(f"spectrum of the {name}; dashed: {named}", data, layout)
