@@ -1,4 +1,4 @@
-"""What `signid check` says on one screen, in its page and as JSON, of recordings with torque and of position drives."""
+"""The screen, the page and the JSON of `signid check`, of recordings with torque and of position drives."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_content_below_the_rate_is_said() -> None:
 
 def test_another_gravity_is_the_headline() -> None:
     summary = check_summary(seen((0.0, -G, 0.0)))
-    assert summary.verdict == "doubtful" and summary.gravity.verdict == "differs"
+    assert summary.verdict == "faulty" and summary.gravity.verdict == "differs"
     assert summary.headline == (
         "Usable once this is corrected: gravity acts along -y of base_link (0, -9.81, 0): the robot is mounted on its "
         "side"
@@ -178,8 +178,9 @@ def test_numbers_of_drives() -> None:
     assert one.speed == pytest.approx(np.sqrt(np.mean(speed**2)), rel=0.05)
     assert line[0] == "a" and line[1] == f"{np.ptp(log['q_des_a']):.2f}"
     assert int(line[5].split(" ± ")[0]) == pytest.approx(1e3 * (0.03 + 2 * 0.9 / 25), abs=3)
-    share_of_range = share(one.error / one.range)
-    assert summary.verdict == "good" and summary.headline.endswith(f"rad (a, {share_of_range} of its range)")
+    assert summary.verdict == "good" and summary.headline.endswith(
+        f"tracking errors up to {share(one.error / one.range)} of the range (a: {one.error:.2g} rad)"
+    )
     assert summary.gravity.verdict == "not judged" and summary.clear == SEARCHED
     assert summary.identifiable == ("drive", ("a",), (), ())
 
@@ -197,7 +198,7 @@ def test_breaks_of_drives_are_gaps_and_rows_without_a_command() -> None:
 
 def test_a_fault_of_a_drive_is_the_headline() -> None:
     summary = audit_summary(audit_servos(recording(negated(drive(), "a"))))
-    assert summary.verdict == "doubtful"
+    assert summary.verdict == "faulty"
     assert summary.headline.startswith("Usable once this is corrected: a moves against its command (correlation -1.00)")
     [fault] = summary.faults
     assert fault.joints == ("a",) and not summary.clear
@@ -285,7 +286,7 @@ def test_files_of_a_check(
     assert "was not written by signid" in capsys.readouterr().err
 
 
-def test_the_page_shades_what_is_left_out() -> None:
+def test_the_page_shades_omitted_rows() -> None:
     page = check_page(gapped())
     plots = [json.loads(x) for x in re.findall(r'<script type="application/json">(.*?)</script>', page)]
     over_time = [plot for plot in plots if "shapes" in plot["layout"]]

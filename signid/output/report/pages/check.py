@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 MOST_RECORDINGS = 4  # maximum number of recordings that are drawn
 ROWS, WINDOW = 65_536, 2048  # most rows of a spectrum, and rows of one window
-VISIBLE = 0.002  # [1] smallest width of what is left out, over the duration, by which each is drawn wider
+VISIBLE = 0.002  # [1] smallest width of omitted rows, over the duration
 LOWEST = 1e-12  # [1] smallest power density that is drawn, over the largest
 HOVER = "$name: %{y:.5g} $unit at %{x:.5g} s<extra></extra>"
-LEFT_OUT = "rgba(209, 112, 14, 0.16)"
+OMITTED = "rgba(209, 112, 14, 0.16)"
 Stretches = Sequence[tuple[float, float]]  # start and end [s] of what is used of a recording
 Marks = Mapping[str, float]  # frequencies [Hz] that are marked in the spectra of one joint
 
@@ -46,7 +46,7 @@ class _Course(NamedTuple):
 
     t: Array  # (M,) [s]
     lines: Array  # (M, 3) [rad or m, N.m or N]
-    left_out: list[tuple[float, float]]  # [s]
+    omitted: list[tuple[float, float]]  # [s]
 
 
 def check_page(found: Check, inputs: Sequence[Input] = (), command: str = "", seed: int = 0) -> str:
@@ -182,23 +182,23 @@ def _longest_stretch(drawn: _Drawn) -> Samples | None:
 
 
 def _sequence(drawn: Sequence[_Drawn], joint: str) -> _Course:
-    """Lines of one joint of recordings, one after another, with what is left out of them."""
-    times, lines, left_out, now = [], [], list[tuple[float, float]](), 0.0
+    """Lines of one joint of recordings, one after another, with the rows that are omitted."""
+    times, lines, omitted, now = [], [], list[tuple[float, float]](), 0.0
     for one in drawn:
         j, n = one.recording.joints.index(joint), len(one.recording.joints)
         first, last = float(np.nanmin(one.t)), float(np.nanmax(one.t))
         edges = [first, *(x for pair in one.stretches for x in pair), last]
         wide = VISIBLE * (last - first) / 2
         gaps = zip(edges[::2], edges[1::2], strict=True)
-        left_out += [(a - first + now - wide, b - first + now + wide) for a, b in gaps if b > a]
+        omitted += [(a - first + now - wide, b - first + now + wide) for a, b in gaps if b > a]
         times += [one.t - first + now, np.array([np.nan])]
         lines += [one.lines[:, [j, n + j, 2 * n + j]], np.full((1, 3), np.nan)]
         now += last - first
-    return _Course(np.concatenate(times), np.concatenate(lines), left_out)
+    return _Course(np.concatenate(times), np.concatenate(lines), omitted)
 
 
 def _over_time(joint: str, course: _Course, length: str, torque: str) -> Plot:
-    """Plot position, command, and torque or tracking error; what is left out is shaded."""
+    """Plot position, command, and torque or tracking error; omitted rows are shaded."""
     q, tau, command = course.lines.T
     below = tau if torque and np.isfinite(tau).any() else command - q
     is_torque = below is tau
@@ -222,12 +222,12 @@ def _over_time(joint: str, course: _Course, length: str, torque: str) -> Plot:
         }
         for name, at, colour, style, y, unit in lines
     ]
-    whole = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0, "y1": 1, "fillcolor": LEFT_OUT}
+    whole = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0, "y1": 1, "fillcolor": OMITTED}
     layout = {
         "xaxis": axis("time [s]", anchor="y2"),
         "yaxis": axis(f"position [{length}]", domain=[0.5 + GAP, 1], nticks=5),
         "yaxis2": axis(f"{'torque' if is_torque else 'error'} [{unit}]", domain=[0, 0.5 - GAP], nticks=5),
-        "shapes": [{**whole, "x0": a, "x1": b, "line": {"width": 0}} for a, b in course.left_out],
+        "shapes": [{**whole, "x0": a, "x1": b, "line": {"width": 0}} for a, b in course.omitted],
     }
     return Plot(f"{joint}: position and {name} over time", data, layout, 320, wide=True)
 

@@ -47,7 +47,7 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
 
 
 def _shared(summary: CheckSummary) -> Document:
-    """What a check says in both modes."""
+    """Entries that a check has in both modes."""
     which = summary.identifiable
     return {
         "verdict": summary.verdict,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from .....types import TWO_SIDED
 from ...layout import figure, plural, share
 from .summary import (
-    DOUBTFUL,
+    FAULTY,
     GOOD,
     LIMITED,
     UNUSABLE,
@@ -56,7 +56,7 @@ def audit_summary(found: ServoAudit, robot: str = "") -> CheckSummary:
         sampled=tuple(_sampled(found)),
         units=unit_uses(found.recordings, positions),
         unit_notes=units,
-        gravity=GravityUse("not judged", "not judged: commands and positions without torque do not tell"),
+        gravity=GravityUse("not judged", "not judged: commands and positions without torque do not show it"),
         faults=faults,
         clear=() if faults else SEARCHED,
         joints=_joints(found),
@@ -79,16 +79,16 @@ def _headline(found: ServoAudit, faults: Sequence[FaultWords], which: Identifiab
     if not which.total:
         return UNUSABLE, f"Not usable for identification of drives: {faults[0].fact}{more}"
     if faults:
-        return DOUBTFUL, f"Usable once this is corrected: {faults[0].worst}{more}"
-    told = f"the lag of {len(which.identifiable)} of {plural(which.total, which.noun)} is identifiable"
+        return FAULTY, f"Usable once this is corrected: {faults[0].worst}{more}"
+    said = f"the lag of {len(which.identifiable)} of {plural(which.total, which.noun)} is identifiable"
     worst = max(found.joints, key=lambda one: one.error / one.range if one.range else 0.0)
-    error = f"largest tracking error {figure(worst.error, 2)} {worst.unit}".rstrip()
-    error += f" ({worst.joint}, {share(worst.error / worst.range)} of its range)" if worst.range else ""
+    size = f"{worst.joint}: {figure(worst.error, 2)} {worst.unit}".rstrip()
+    error = f"tracking errors up to {share(worst.error / worst.range) if worst.range else '-'} of the range ({size})"
     if found.limits:
-        return LIMITED, f"Limited: {first_part(found.limits[0])}; {told}"
+        return LIMITED, f"Limited: {first_part(found.limits[0])}; {said}"
     if not which.identifiable:
-        return LIMITED, f"Limited: {told}; {error}"
-    return GOOD, f"Good for identification of drives: no fault found, {told}; {error}"
+        return LIMITED, f"Limited: {said}; {error}"
+    return GOOD, f"Good for identification of drives: no fault found, {said}; {error}"
 
 
 def verdict_of(joint: JointAudit) -> str:

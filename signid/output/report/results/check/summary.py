@@ -13,7 +13,7 @@ from .....recording.columns import UNSTATED
 from .....types import Recording, StatedUnit
 from ...layout import plural
 
-GOOD, LIMITED, DOUBTFUL, UNUSABLE = "good", "limited", "doubtful", "unusable"
+GOOD, LIMITED, FAULTY, UNUSABLE = "good", "limited", "faulty", "unusable"
 CUT = 24  # length of the name of a recording that is never cut [characters]
 FEW = 6  # most joints that a sentence names
 WORDS = {
@@ -48,7 +48,7 @@ class UnitUse(NamedTuple):
 
 
 class GravityUse(NamedTuple):
-    """What a recording says about gravity."""
+    """Gravity as the recordings show it."""
 
     verdict: str  # "agrees", "differs", "uncertain" or "not judged"
     sentence: str
@@ -98,7 +98,7 @@ class CheckSummary:
     """All that is said about recordings before a fit, in the order of the screen."""
 
     title: str
-    verdict: str  # GOOD, LIMITED, DOUBTFUL or UNUSABLE
+    verdict: str  # GOOD, LIMITED, FAULTY or UNUSABLE
     headline: str
     sampling: Cells
     sampled: tuple[str, ...]  # sentences on clock, gaps and content

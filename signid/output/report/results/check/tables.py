@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .....servo.audit import ServoAudit
 
 RECORDINGS, SENTENCES, NAMES = 8, 3, 16  # most recordings, sentences of one kind and names of parameters on the screen
-STYLES = {"good": "green", "limited": "yellow", "doubtful": "red", "unusable": "red"}
+STYLES = {"good": "green", "limited": "yellow", "faulty": "red", "unusable": "red"}
 NUMBER = re.compile(r"[\d.]+")
 MORE = "in --json and in the report (-o DIR)"
 
@@ -36,7 +36,7 @@ def audit_tables(found: ServoAudit, robot: str = "") -> list[RenderableType]:
 
 
 def summary_tables(summary: CheckSummary) -> list[RenderableType]:
-    """The description in the order of the screen; what is left out is counted."""
+    """The description in the order of the screen; lines beyond are counted."""
     which, names = summary.identifiable, [row[0] for row in summary.joints.rows]
     return [
         heading(summary.title, below=False),

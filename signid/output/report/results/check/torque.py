@@ -13,7 +13,7 @@ from .....types import Array
 from ...layout import figure, plural, position_units, share, torque_units
 from ..identification import cutoff_words, excited_words
 from .summary import (
-    DOUBTFUL,
+    FAULTY,
     GOOD,
     LIMITED,
     UNUSABLE,
@@ -88,7 +88,7 @@ def _headline(found: Check, faults: Sequence[FaultWords], which: Identifiable) -
         more = sum(fault.sentence != refusal for fault in faults)
         return UNUSABLE, f"Not usable for identification: {first_part(refusal)}{_more(more)}"
     if faults:
-        return DOUBTFUL, f"Usable once this is corrected: {faults[0].worst}{_more(len(faults) - 1)}"
+        return FAULTY, f"Usable once this is corrected: {faults[0].worst}{_more(len(faults) - 1)}"
     left = f"{len(which.identifiable)} of {plural(which.total, which.noun)} identifiable"
     left += f", {len(which.unidentifiable)} not" if which.unidentifiable else ""
     if lacking := found.excitation.sentences:
@@ -117,7 +117,7 @@ def _of_a_fit(found: Check) -> tuple[str, ...]:
 
 
 def _clear(found: Check) -> Iterator[str]:
-    """What was looked for and not found."""
+    """Faults that were looked for and not found."""
     seen = {fault.kind for fault in found.faults.findings}
     for words, kinds in (*IN_SAMPLES.items(), *(IN_TORQUE.items() if found.faults.compared else ())):
         if not seen.intersection(kinds):
