@@ -317,3 +317,13 @@ def test_public_recordings_are_good() -> None:
     summary = check_summary(check(robot, [signid.read_recording(log, robot) for log in logs]))
     assert summary.verdict == "limited" and summary.gravity.verdict == "agrees"
     assert any("times torque constants" in said for said in unit_sentences(summary.units))
+
+
+def test_a_log_without_a_usable_stretch_has_a_page() -> None:
+    log = drive(seconds=12)
+    log["q_des_a"] = np.where(np.arange(len(log["t"])) % 10 < 5, log["q_des_a"], np.nan)
+    found = audit_servos(recording(log))
+    summary = audit_summary(found)
+    assert summary.verdict == "unusable" and not summary.joints.rows and not summary.advice
+    assert summary.headline.startswith("Not usable for identification of drives: no joint has a position and a command")
+    assert summary.headline in audit_page(found)

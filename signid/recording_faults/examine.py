@@ -101,7 +101,9 @@ def examine(
         return RecordingFaults(robot.joints, nothing, nothing, nothing, unknown, unknown, tuple(findings), nothing)
     late = seen.done.lag[list(seen.done.tau_from)] + seen.lags.own
     explained = np.where(seen.evidence.signed, 1 - seen.left, np.nan)
-    weight = np.where(seen.weights.strong, seen.weights.share, np.nan)
+    faulty = [j for claim in seen.claims for j in claim.joints]
+    weight = np.where(seen.weights.strong & (seen.distortion is None), seen.weights.share, np.nan)
+    weight[faulty] = np.nan
     return RecordingFaults(robot.joints, explained, seen.gains.factor, late, *_verdicts(seen), tuple(findings), weight)
 
 

@@ -36,7 +36,7 @@ class RecordingFaults(Frozen):
     signs: tuple[str, ...]  # (n,) verdicts on the sign of torque relative to position
     order: tuple[str, ...]  # (n,) verdicts on the joint of a torque column
     findings: tuple[RecordingFault, ...]
-    weight: Array  # (n,) [1] share of the description's weight in the torque; NaN where the torque does not show it
+    weight: Array  # (n,) [1] share of the description's weight in the torque; NaN if it does not show, or with a fault
 
     @property
     def refusal(self) -> str:

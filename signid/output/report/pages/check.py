@@ -149,6 +149,8 @@ def _joint_plots(
     summary: CheckSummary,
 ) -> Iterator[JointPlots]:
     """Plots per joint; joints with a fault are unfolded first."""
+    if not joints:
+        return
     faulty = {joint: fault.kind or "fault" for fault in summary.faults for joint in fault.joints}
     shown = sorted(joints, key=lambda joint: joint not in faulty)[:OPEN]
     most = max(FEWEST, 2 * POINTS // (len(joints) * min(len(recordings), MOST_RECORDINGS)))
@@ -186,13 +188,17 @@ def _sequence(drawn: Sequence[_Drawn], joint: str) -> _Course:
     times, lines, omitted, now = [], [], list[tuple[float, float]](), 0.0
     for one in drawn:
         j, n = one.recording.joints.index(joint), len(one.recording.joints)
-        first, last = float(np.nanmin(one.t)), float(np.nanmax(one.t))
+        known = np.isfinite(one.t)
+        t, own = one.t[known], one.lines[known][:, [j, n + j, 2 * n + j]]
+        first, last = float(t[0]), float(t[-1])
         edges = [first, *(x for pair in one.stretches for x in pair), last]
+        gaps = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b > a]
+        breaks = [int(np.searchsorted(t, b)) for a, b in gaps if not np.any((t > a) & (t < b))]
+        t, own = np.insert(t, breaks, np.nan), np.insert(own, breaks, np.nan, axis=0)
         wide = VISIBLE * (last - first) / 2
-        gaps = zip(edges[::2], edges[1::2], strict=True)
-        omitted += [(a - first + now - wide, b - first + now + wide) for a, b in gaps if b > a]
-        times += [one.t - first + now, np.array([np.nan])]
-        lines += [one.lines[:, [j, n + j, 2 * n + j]], np.full((1, 3), np.nan)]
+        omitted += [(a - first + now - wide, b - first + now + wide) for a, b in gaps]
+        times += [t - first + now, np.array([np.nan])]
+        lines += [own, np.full((1, 3), np.nan)]
         now += last - first
     return _Course(np.concatenate(times), np.concatenate(lines), omitted)
 

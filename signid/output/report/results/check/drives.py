@@ -108,6 +108,8 @@ def _identifiable(found: ServoAudit) -> Identifiable:
 
 
 def _advice(found: ServoAudit, which: Identifiable) -> Iterator[str]:
+    if not which.total:
+        return
     yield from found.limits
     if which.weak:
         yield (

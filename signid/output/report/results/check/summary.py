@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os.path import commonprefix
@@ -15,6 +16,7 @@ from ...layout import plural
 
 GOOD, LIMITED, FAULTY, UNUSABLE = "good", "limited", "faulty", "unusable"
 CUT = 24  # length of the name of a recording that is never cut [characters]
+DETAIL = re.compile(r" \([^()]*\)$")
 FEW = 6  # most joints that a sentence names
 WORDS = {
     "t": "time",
@@ -22,7 +24,7 @@ WORDS = {
     "q_des": "command",
     "dq": "velocity",
     "ddq": "acceleration",
-    "tau": "torque from",
+    "tau": "torque",
 }
 RATES = {"dq": "/s", "ddq": "/s2", "dq_des": "/s"}  # what follows the unit of position
 NOT_STATED = StatedUnit("", "")
@@ -69,8 +71,9 @@ class FaultWords(NamedTuple):
     @property
     def worst(self) -> str:
         """The fact with a number: its own, or that of the evidence."""
-        evidence = self.sentence.removeprefix(self.fact).removeprefix("; ").partition("; ")[0].partition(" (")[0]
-        return self.fact if any(x.isdigit() for x in self.fact) or not evidence else f"{self.fact}: {evidence}"
+        evidence = self.sentence.removeprefix(self.fact).removeprefix("; ").partition("; ")[0]
+        fact, evidence = (DETAIL.sub("", text) for text in (self.fact, evidence))
+        return fact if any(x.isdigit() for x in fact) or not evidence else f"{fact}: {evidence}"
 
 
 class Identifiable(NamedTuple):
@@ -178,7 +181,8 @@ def _columns(use: UnitUse) -> str:
         return "t"
     if len(use.columns) > 1 and all(column.startswith(f"{use.signal}_") for column in use.columns):
         return f"{use.signal}_J"
-    return f"{WORDS.get(use.signal, '')} {shorten(use.columns, 2)}".lstrip()
+    word = WORDS.get(use.signal, "") + (" from" if use.factors else "")
+    return f"{word} {shorten(use.columns, 2)}".lstrip()
 
 
 def unit_notes(notes: Sequence[str]) -> tuple[str, ...]:

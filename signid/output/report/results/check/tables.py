@@ -36,8 +36,8 @@ def audit_tables(found: ServoAudit, robot: str = "") -> list[RenderableType]:
 
 
 def summary_tables(summary: CheckSummary) -> list[RenderableType]:
-    """The description in the order of the screen; lines beyond are counted."""
-    which, names = summary.identifiable, [row[0] for row in summary.joints.rows]
+    """The description in the order of the screen; further lines are counted."""
+    which = summary.identifiable
     return [
         heading(summary.title, below=False),
         Text(summary.headline, STYLES[summary.verdict]),
@@ -46,8 +46,7 @@ def summary_tables(summary: CheckSummary) -> list[RenderableType]:
         *_labelled("units", [*unit_sentences(summary.units), *summary.unit_notes]),
         *_labelled("gravity", [summary.gravity.sentence]),
         *(paragraph(f"faults: {line}") for line in _fault_lines(summary)),
-        paragraph(""),
-        *([_table(summary.joints), paragraph(f"{summary.legend}.")] if names else []),
+        *([paragraph(""), _table(summary.joints), paragraph(f"{summary.legend}.")] if summary.joints.rows else []),
         heading(which.counts),
         *_labelled("weak", [_leading(which.weak)] if which.weak else []),
         *_labelled("unidentifiable", [_leading(which.unidentifiable)] if which.unidentifiable else []),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .....estimation.excitation import ENOUGH
 from .....recording_faults import OF_A_FIT
 from .....recording_faults.gravity import WHOLE
 from .....types import Array
@@ -91,8 +92,9 @@ def _headline(found: Check, faults: Sequence[FaultWords], which: Identifiable) -
         return FAULTY, f"Usable once this is corrected: {faults[0].worst}{_more(len(faults) - 1)}"
     left = f"{len(which.identifiable)} of {plural(which.total, which.noun)} identifiable"
     left += f", {len(which.unidentifiable)} not" if which.unidentifiable else ""
-    if lacking := found.excitation.sentences:
-        return LIMITED, f"Too little excitation: {left}; {first_part(lacking[0])}"
+    if not found.excitation.sufficient:
+        weakest = f"{max(float(found.excitation.shares[0]), 0.0):.2%} of the information of a random motion"
+        return LIMITED, f"Too little excitation: the weakest direction has {weakest} ({share(ENOUGH)} needed); {left}"
     if len(which.identifiable) < HALF * which.total:
         some = f"only {len(which.identifiable)} of {plural(which.total, which.noun)} identifiable"
         others = f"{len(which.weak)} weakly, {len(which.unidentifiable)} not within the uncertainty of the torque"
