@@ -134,6 +134,7 @@ def test_units_say_what_states_them() -> None:
     mapped = {f"q_{j}": {"column": f"pos{j} [deg]", "scale": 0.01, "offset": 0.5} for j in (1, 2, 3)}
     scaled = signid.read_recording(log, robot, columns=mapped)
     assert scaled.units["pos1 [deg]"] == StatedUnit("value * 0.01 + 0.5", "the column map")
+    assert any("as value * 0.01 + 0.5, in rad" in said for said in unit_sentences(_uses(scaled)))
 
 
 def test_currents_say_their_constants() -> None:
@@ -160,6 +161,7 @@ def test_names_of_many_recordings_stay_short_and_different() -> None:
     paths = [f"day/identification_data__20_02_{day}_12harm.csv.gz" for day in ("10_30sec", "12_40sec", "12_50sec")]
     names = recording_names([_at(one, path) for path in paths])
     assert len(set(names)) == 3 and max(map(len, names)) <= 24 and names[0].endswith("_30sec_12harm")
+    assert recording_names([_at(one, "a/log.csv"), _at(one, f"a/log_{'x' * 30}.csv")])[0] == "log"
 
 
 def _at(found: Recording, path: str) -> Recording:

@@ -16,7 +16,7 @@ from ...layout import plural
 
 GOOD, LIMITED, FAULTY, UNUSABLE = "good", "limited", "faulty", "unusable"
 CUT = 24  # length of the name of a recording that is never cut [characters]
-DETAIL = re.compile(r" \([^()]*\)$")
+DETAIL = re.compile(r" \([^()]*\)$")  # a detail in brackets at the end of a part of a sentence
 FEW = 6  # most joints that a sentence names
 WORDS = {
     "t": "time",
@@ -128,7 +128,8 @@ def recording_names(recordings: Sequence[Recording]) -> list[str]:
     paths = [Path(recording.path) for recording in recordings]
     plain = [path.name.partition(".")[0] or path.name or "(arrays)" for path in paths]
     short = plain if len(set(plain)) == len(plain) else [str(path) for path in paths]
-    same = len(commonprefix(short)) if len(short) > 1 and max(map(len, short)) > CUT else 0
+    same = len(commonprefix(short)) if max(map(len, short)) > CUT else 0
+    same = same if min(map(len, short)) > same else 0
     return [f"…{name[same:]}"[-CUT:] if same else name if len(name) <= CUT else f"…{name[1 - CUT :]}" for name in short]
 
 
@@ -197,4 +198,6 @@ def _conversion(use: UnitUse) -> str:
         return f"in {use.unit or 'A'}, times torque {constants} {use.into}/A"
     if not use.by:
         return {"": "in an unknown unit", "1": "without unit"}.get(use.into, f"in {use.into}")
+    if "value" in use.unit:
+        return f"as {use.unit}, in {use.into}"
     return f"in {use.unit}" if use.unit == use.into else f"in {use.unit} (converted to {use.into})"
