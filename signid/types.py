@@ -128,6 +128,13 @@ class Table(Protocol):
         ...
 
 
+class StatedUnit(NamedTuple):
+    """Unit of a column, where its file, its name or a column map states one."""
+
+    unit: str  # "deg", or "value * 0.01 + 0.5"
+    by: str  # "its name", "the column map"
+
+
 @dataclass(frozen=True, eq=False)
 class Recording(Result):
     """Positions and torques of n joints over time, read in chunks from a table."""
@@ -142,6 +149,7 @@ class Recording(Result):
     notes: tuple[str, ...] = ()
     scaled: Mask | None = None  # (n,) False where the torque constant of a current is unknown; None: all known
     flags: tuple[str, ...] = ()  # uncertain column assignments, one sentence each
+    units: Mapping[str, StatedUnit] = field(default_factory=dict)  # by column; for others that of `Samples` is assumed
 
     def __len__(self) -> int:
         return self.table.rows

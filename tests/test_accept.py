@@ -67,7 +67,7 @@ WRONG: dict[str, Callable[[Any, Any], Any]] = {
     "excite needs a Model, not None": lambda r, x: signid.excite(None),
     "simulate needs a Model, not Recording": lambda r, x: signid.simulate(x, x, 1.0),
     "record needs a Simulation, not Robot": lambda r, x: signid.record(r, r),
-    "report needs a Diagnosis, an Identification or a Validation, not Robot": lambda r, x: signid.report(r),
+    "report needs a Check, a Diagnosis, an Identification or a Validation, not Robot": lambda r, x: signid.report(r),
     "read_recording needs a Robot, not None": lambda r, x: signid.read_recording(RECORDING, None),
     "load_robot needs a path or the name of a robot, not None": lambda r, x: signid.load_robot(None),
     "load_model needs a path, the name of a robot or a Robot, not Recording": lambda r, x: signid.load_model(x),

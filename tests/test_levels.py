@@ -22,7 +22,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators lerobot code function __init__",
     "output/report": "layout policy write results pages __init__",
     "output/report/results": "__init__ documents drives laws refinement recordings signs headline simulation "
-    "identification payload fleet sentences inspection validation diagnosis",
+    "identification check payload fleet sentences inspection validation diagnosis",
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
     "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "
     "factors misfit session prepare reduced",

@@ -7,16 +7,19 @@ from pathlib import Path
 
 import pytest
 from chromium import Chromium
+from servo_logs import drive, recording
 from test_output_report_diagnosis import made
 
 import signid
-from signid.output.report import diagnosis_page, identification_page, validation_page
+from signid.output.report import audit_page, check_page, diagnosis_page, identification_page, validation_page
+from signid.servo.audit import audit_servos
 
 ROOT = Path(__file__).parents[1]
 DRAWN = "[...document.querySelectorAll('.plot')].filter(box => box.querySelector('.main-svg'))"
 HIDDEN = "[...document.querySelectorAll('details:not([open]) .plot')]"
 MARK = "'.js-line[d], .point path, .bars path[d], .hm image'"
-PLOTS = {"validation": 6}  # at least, of a robot of three joints; two for each
+PAGES = ("diagnosis", "identification", "unsigned", "validation", "check", "audit")
+PLOTS = {"validation": 6, "check": 9, "audit": 3}  # at least, of a robot of three joints; two for each
 EMPTY = f"{DRAWN}.filter(box => !box.querySelector({MARK})).map(box => box.ariaLabel)"
 COLLIDE = """
 [...document.querySelectorAll('.plot')].flatMap(plot => {
@@ -35,7 +38,7 @@ WIDTHS = (390, 700, 1300)
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The report of a diagnosis, of an identification, of one without signs, and of a validation."""
+    """Reports of a diagnosis, two identifications (one without signs), a validation, a check and an audit."""
     folder = tmp_path_factory.mktemp("pages")
     robot = signid.load_robot("3r")
     given, lost = (
@@ -47,6 +50,8 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "identification": identification_page(signid.identify(robot, [given]), command="signid identify 3r x"),
         "unsigned": identification_page(signid.identify(robot, [lost])),
         "validation": validation_page(signid.validate([signid.load_model("3r")] * 2, given)),
+        "check": check_page(signid.check(robot, given)),
+        "audit": audit_page(audit_servos(recording(drive(seconds=20)))),
     }
     for name, text in texts.items():
         assert len(text) < 6e6, name
@@ -72,7 +77,7 @@ def show(browser: Chromium, page: Path, width: int = 1200, **media: str) -> None
     )
 
 
-@pytest.mark.parametrize("name", ["diagnosis", "identification", "unsigned", "validation"])
+@pytest.mark.parametrize("name", PAGES)
 def test_every_plot_is_drawn_and_nothing_is_loaded(browser: Chromium, pages: dict[str, Path], name: str) -> None:
     show(browser, pages[name])
     assert browser.value(EMPTY) == []
@@ -96,7 +101,7 @@ def test_a_page_that_needs_the_network_is_caught(browser: Chromium, pages: dict[
         assert all(url.startswith(("file:", "data:", "blob:")) for url in browser.requests)
 
 
-@pytest.mark.parametrize("name", ["diagnosis", "identification", "unsigned", "validation"])
+@pytest.mark.parametrize("name", PAGES)
 @pytest.mark.parametrize("width", WIDTHS)
 def test_no_letters_run_into_each_other(browser: Chromium, pages: dict[str, Path], name: str, width: int) -> None:
     show(browser, pages[name], width)

@@ -54,7 +54,7 @@ HOVER = {
     "fleet": ("scatter", {"curveNumber": 2, "pointNumber": 3}, UNIT),
     "signs": ("bar", {"curveNumber": 0, "pointNumber": 0}, "confidence >0.999"),
 }
-PAGES = ("identification", "signs", "validation", "diagnosis", "fleet", "replay")
+PAGES = ("check", "identification", "signs", "validation", "diagnosis", "fleet", "replay")
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     rows.rename(named).write_csv(place / LOG)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
-        for verb in (["identify"], ["identify", "--unsigned"], ["validate"], ["diagnose"]):
+        for verb in (["check"], ["identify"], ["identify", "--unsigned"], ["validate"], ["diagnose"]):
             assert run([*verb, ARM, LOG, "-o", verb[-1]]) in (0, 3), verb
         assert run(["replay", ARM, LOG, "--diagnosis", "diagnose/diagnosis.json", "--html", "replay.html"]) == 0
         _fleet(patch)
@@ -107,7 +107,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
 def path(folder: Path, name: str) -> Path:
     """File of a page."""
     places = {"identification": "identify/report.html", "signs": "--unsigned/signs.html", "fleet": "fleet.html"}
-    places |= {"validation": "validate/report.html", "replay": "replay.html"}
+    places |= {"check": "check/report.html", "validation": "validate/report.html", "replay": "replay.html"}
     return folder / places.get(name, "diagnose/report.html")
 
 

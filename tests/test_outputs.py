@@ -24,6 +24,7 @@ XACRO = """<robot name="ö" xmlns:xacro="http://www.ros.org/wiki/xacro">
 <xacro:include filename="ein Teil ü/arm é.xacro"/></robot>"""
 ROBOT, RECORDING, OUT = "'mein Arm ö.xacro'", "'ä b.csv'", "'aus gabe ß'"
 COMMANDS = {
+    "check": f"check {ROBOT} {RECORDING} -o {OUT}",
     "identify": f"identify {ROBOT} {RECORDING} -o {OUT}",
     "diagnose": f"diagnose {ROBOT} {RECORDING} -o {OUT}",
     "validate": f"validate {ROBOT} {RECORDING} -o {OUT}",
@@ -37,7 +38,7 @@ COMMANDS = {
     "data": f"data toy --yes --source ADDRESS -o {OUT}",
     "demo": f"demo --robot 1r --no-open -o {OUT}",
 }
-SILENT = {"inspect", "check", "effects", "payload", "watch"}  # commands that write no file
+SILENT = {"inspect", "effects", "payload", "watch"}  # commands that write no file
 
 
 @pytest.fixture

@@ -244,7 +244,10 @@ def test_check_reports_faults_and_exits_3(tmp_path: Path, capfd: pytest.CaptureF
     assert run(["check", "3r", str(tmp_path / "wrong.csv")]) == 3
     out, err = capfd.readouterr()
     assert "the torque of joint_2 has the wrong sign" in err
-    assert "Comparison of the torque with the description" in out and "wrong" in out
+    assert "Usable once this is corrected: the torque of joint_2 has the wrong sign" in out
+    assert "faults: the torque of joint_2 has the wrong sign: negated, model and friction explain" in " ".join(
+        out.split()
+    )
     assert max(map(len, out.splitlines())) <= 100
     document = check_document(check(whole.robot, [signid.read_recording(columns, whole.robot)]))
     assert [joint["sign"] for joint in document["gross"]["joints"]] == ["right", "wrong", "right"]

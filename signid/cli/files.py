@@ -13,10 +13,12 @@ from ..errors import OptionError, RobotError
 from .terminal import show
 
 if TYPE_CHECKING:
+    from ..check import Check
     from ..diagnose import Diagnosis
     from ..identify import Identification
     from ..output.report import Content
     from ..output.viewers import ViewerLog
+    from ..servo.audit import ServoAudit
     from ..servo.diagnose import ServoDiagnosis
     from ..servo.identify import ServoIdentification
     from ..servo.validate import ServoValidation
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 Logs: TypeAlias = "tuple[ViewerLog, Mapping[str, Path]] | None"
 FRICTION = ("viscous_friction", "coulomb_friction")
 VALIDATED = ("validation.json", "report.html")
+CHECKED = ("check.json", "report.html")
 DIAGNOSED = ("diagnosis.json", "model.json", "robot.urdf", "report.html", "signed.csv", "signs.html")
 IDENTIFIED = ("identification.json", *DIAGNOSED[1:])
 
@@ -108,6 +111,30 @@ def deliver_validation(found: Validation, inputs: Sequence[Input], output: str |
     page = {} if output is None else {"report.html": validation_page(found, inputs, command)}
     written = _written(output, {"validation.json": document, **page})
     return show(document if json else validation_tables(found), found.flags, written)
+
+
+def deliver_check(
+    found: Check, inputs: Sequence[Input], output: str | None, json: bool, command: str, seed: int
+) -> int:
+    """Write and print a check of recordings with torque; return the exit code."""
+    from ..output.report import check_document, check_page, check_tables, to_json
+
+    document = to_json(check_document(found, inputs, seed))
+    page = {} if output is None else {"report.html": check_page(found, inputs, command, seed)}
+    written = _written(output, {"check.json": document, **page})
+    return show(document if json else check_tables(found), found.flags, written)
+
+
+def deliver_audit(
+    found: ServoAudit, inputs: Sequence[Input], output: str | None, json: bool, command: str, seed: int, robot: str
+) -> int:
+    """Write and print an audit of position drives; return the exit code; `robot`: its name, or ""."""
+    from ..output.report import audit_document, audit_page, audit_tables, to_json
+
+    document = to_json(audit_document(found, inputs, seed, robot))
+    page = {} if output is None else {"report.html": audit_page(found, inputs, command, seed, robot)}
+    written = _written(output, {"check.json": document, **page})
+    return show(document if json else audit_tables(found, robot), found.flags, written)
 
 
 def deliver_servo_validation(

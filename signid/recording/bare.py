@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import RecordingError, shorten
 from ..types import Array, Recording, ServoSamples
-from .columns import TORQUES, conversion, function
+from .columns import TORQUES, UNSTATED, conversion, function, stated_units, unit_caveats
 from .formats import FORMATS
 from .formats.base import About
 from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
@@ -71,7 +71,10 @@ def read_bare(
     used = [signals["t"].column, *(name for names in chosen.values() for name in names if name)]
     table.read(used, 0, 0)  # raises if a column is not numeric
     plain, implausible = drop_implausible(table, chosen)
-    notes = tuple(note for note in About.of(opened.table).notes if "no torque" not in note)
+    units = stated_units(mapping, ((split(name)[0][0] if split(name) else "t", each) for name, each in signals.items()))
+    caveats = unit_caveats(opened, {name: unit for name, unit in units.items() if name in used})
+    caveats += (f"positions are left in the unit of the source: {UNSTATED}",) if unknown and not guessed else ()
+    notes = (*(note for note in About.of(opened.table).notes if "no torque" not in note), *caveats)
     if guessed:
         names = [f"{key} is {name}" for key, name in mapping.named.items() if key == "t" or key.startswith("q_")]
         notes += (f"columns are assigned by the words in their names: {shorten(names, 4)}",)
@@ -85,6 +88,7 @@ def read_bare(
         opened.sha256,
         notes,
         flags=tuple(implausible),
+        units={name: unit for name, unit in units.items() if name in used},
     )
     return recording, {joint: "" if ("q", joint) in unknown else "rad" for joint in joints}
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 
 import numpy as np
 
 from ..errors import RecordingError, shorten
-from ..types import Array, Robot, ServoSamples, Table
+from ..types import Array, Robot, ServoSamples, StatedUnit, Table
 from .formats.base import About
 from .names.mapping import DerivedTable, ParsedColumns, Signal, split
 from .names.suggest import suggest
@@ -22,6 +22,10 @@ WHEEL = re.compile(r"wheel|caster|castor|rotor|propeller", re.IGNORECASE)
 FINGER = re.compile(r"finger|thumb|gripper|jaw|hand", re.IGNORECASE)
 LONG = 150  # maximum length of a map within a message [characters]
 ARM = "arm joint"  # a revolute joint that is no wheel and no finger
+UNSTATED = (
+    "LeRobot datasets do not say whether numbers are degrees or per cent of the calibrated range, and a gripper's are "
+    "0 to 100 % in any case; write scale and offset from the calibration file"
+)
 DIGITS = 10  # of numbers of joints, fewer than these
 CLOSE = 0.7  # minimum similarity of names (difflib) for a suggestion [1]
 
@@ -34,6 +38,7 @@ class Assignment:
     notes: tuple[str, ...]
     table: Table
     flags: tuple[str, ...] = ()  # columns with an uncertain joint, one sentence each
+    units: Mapping[str, StatedUnit] = field(default_factory=dict)  # by column
 
     def column(self, kind: str, joint: int) -> str:
         """Column of a signal, "" if there is none."""
@@ -69,6 +74,8 @@ def assign_columns(opened: Opened, columns: ParsedColumns, robot: Robot) -> Assi
                 raise RecordingError(f"{source} has {names}, which are the same signal of one joint; keep one of them")
             signals[key] = signal if signal.mapped else rival
     notes, strange = _ignored(unassigned, signals, robot, opened, bool(columns.named))
+    units = stated_units(columns, ((kind, signal) for (kind, _), signal in signals.items()))
+    notes += unit_caveats(opened, units)
     numbered = [
         j
         for (kind, j), signal in signals.items()
@@ -80,7 +87,27 @@ def assign_columns(opened: Opened, columns: ParsedColumns, robot: Robot) -> Assi
         prismatic = None if kind == "t" else bool(robot.prismatic[joint])
         if change := function(kind, conversion(opened, columns, signal, kind, prismatic)):
             changes[signal.column] = change
-    return Assignment(signals, notes, DerivedTable(opened.table, changes) if changes else opened.table, flags)
+    return Assignment(signals, notes, DerivedTable(opened.table, changes) if changes else opened.table, flags, units)
+
+
+def stated_units(columns: ParsedColumns, signals: Iterable[tuple[str, Signal]]) -> dict[str, StatedUnit]:
+    """Units by column of signals and their kinds, where a column map or the name of the column states one."""
+    found = {}
+    for kind, signal in signals:
+        own = columns.own.get(signal.logical, "") if signal.mapped else ""
+        text = own if isinstance(own, str) else f"value * {own.scale / own.over:.6g} + {own.offset:.6g}"
+        if by_map := text or columns.units.get(kind, ""):
+            found[signal.column] = StatedUnit(by_map, "the column map")
+        elif signal.unit:
+            found[signal.column] = StatedUnit(signal.unit, "its name")
+    return found
+
+
+def unit_caveats(opened: Opened, units: Mapping[str, StatedUnit]) -> tuple[str, ...]:
+    """A note on units of positions that a column map states for a source that may hold per cent instead."""
+    unstated = About.of(opened.table).unstated
+    angles = {units[name].unit for name in unstated & units.keys() if units[name].unit in ("deg", "rad")}
+    return tuple(f"positions are read in {unit}, as the column map states: {UNSTATED}" for unit in sorted(angles))
 
 
 def conversion(

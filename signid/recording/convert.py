@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import RecordingError, shorten
 from ..types import Array, Frozen, Input, Recording, Robot
 from . import read_recording
-from .columns import TORQUES, conversion, function, resolve
+from .columns import TORQUES, conversion, function, resolve, stated_units
 from .formats.base import About, MemoryTable
 from .joining import Files, JoinedFile, open_files
 from .names.mapping import DRIVE, ColumnMap, DerivedTable, Heading, ParsedColumns, Signal, read_map, split
@@ -160,10 +160,8 @@ def _values(opened: Opened, mapping: ParsedColumns, signal: Signal, robot: Robot
         return None, ""
     change_values = function(kind, change)
     converted = DerivedTable(table, {signal.column: change_values}) if change_values else table
-    own = mapping.own.get(signal.logical, "") if signal.mapped else ""
-    unit = own if isinstance(own, str) else f"value * {own.scale:g} + {own.offset:g}"
-    unit = unit or (mapping.units.get(kind, "") or signal.unit if change else "")
-    return converted.read([signal.column], 0, table.rows)[:, 0].copy(), unit
+    stated = stated_units(mapping, [(kind, signal)] if change else []).get(signal.column)
+    return converted.read([signal.column], 0, table.rows)[:, 0].copy(), stated.unit if stated else ""
 
 
 def _complete(found: Mapping[str, Array]) -> tuple[dict[str, Array], list[str]]:

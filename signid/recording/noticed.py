@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Array, Robot
+from .columns import UNSTATED
 from .names.units import OF, TURN, Change, Units, signed_register
 from .sampling.clock import FASTEST, SLOWEST
 
@@ -25,10 +26,6 @@ VOLTS, MILLIVOLTS = 60.0, 1000.0  # [V] larger voltages are in tenths, or in tho
 LOAD = "a load may be in per mille of the largest torque"
 PERCENT = "the names state per cent; write scale = rated torque / 100"
 NAMELESS = "no name states that these are positions"
-UNSTATED = (
-    "LeRobot datasets do not say whether numbers are degrees or per cent of the calibrated range, and a gripper's are "
-    "0 to 100 % in any case; give the calibration file (--calibration), or write scale and offset"
-)
 MILLIAMPERES = 60.0  # [A] larger currents are in milliamperes
 
 

@@ -95,6 +95,7 @@ def read_recording(
         ),
         ~np.isnan(constants) if np.isnan(constants).any() else None,
         (*found.flags, *flags),
+        {name: unit for name, unit in found.units.items() if any(name in group for group in chosen.values())},
     )
 
 

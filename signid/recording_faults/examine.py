@@ -20,7 +20,7 @@ from .channels import judge_absolute, judge_amount, judge_channels, judge_limits
 from .distortions import KINDS as DISTORTIONS, Distortion, distortion_fault, find_distortion, nats
 from .evidence import Correction, FaultEvidence, Signals, gather
 from .fits import FitColumns, unexplained
-from .gravity import GravityEstimate, find_gravity, under_gravity, weigh
+from .gravity import GravityEstimate, Weights, find_gravity, under_gravity, weigh
 from .lag_and_gain import Gains, Lags, judge_gains, judge_lags
 from .result import REFUSE, UNCERTAIN, RecordingFault, RecordingFaults
 from .samples import SAMPLE_KINDS, judge_samples
@@ -54,6 +54,7 @@ class _Seen(NamedTuple):
     lags: Lags
     gains: Gains
     distortion: Distortion | None
+    weights: Weights
     gravity: GravityEstimate | None = None  # if it explains the torque as well as any fault
     rivals: tuple[RecordingFault, ...] = ()  # faults that explain it as well as gravity
 
@@ -97,10 +98,13 @@ def examine(
     findings += _limits_and_excitation(findings, session, evidence, parts, excitation)
     if seen is None:
         nothing, unknown = np.full(len(robot.joints), np.nan), (UNCERTAIN,) * len(robot.joints)
-        return RecordingFaults(robot.joints, nothing, nothing, nothing, unknown, unknown, tuple(findings))
+        return RecordingFaults(robot.joints, nothing, nothing, nothing, unknown, unknown, tuple(findings), nothing)
     late = seen.done.lag[list(seen.done.tau_from)] + seen.lags.own
     explained = np.where(seen.evidence.signed, 1 - seen.left, np.nan)
-    return RecordingFaults(robot.joints, explained, seen.gains.factor, late, *_verdicts(seen), tuple(findings))
+    faulty = [j for claim in seen.claims for j in claim.joints]
+    weight = np.where(seen.weights.strong & (seen.distortion is None), seen.weights.share, np.nan)
+    weight[faulty] = np.nan
+    return RecordingFaults(robot.joints, explained, seen.gains.factor, late, *_verdicts(seen), tuple(findings), weight)
 
 
 def _limits_and_excitation(
@@ -185,7 +189,7 @@ def _see_faults(evidence: FaultEvidence) -> _Seen:
         claims, done, own = [], nothing, informative
     signals = evidence.corrected(done) if distortion is None else distortion.signals
     lags, gains = judge_lags(evidence, done, own), judge_gains(evidence, done)
-    return _Seen(evidence, own, claims, done, signals, unexplained(signals), lags, gains, distortion)
+    return _Seen(evidence, own, claims, done, signals, unexplained(signals), lags, gains, distortion, weigh(evidence))
 
 
 def _torque_findings(seen: _Seen) -> Iterator[RecordingFault]:
@@ -196,7 +200,7 @@ def _torque_findings(seen: _Seen) -> Iterator[RecordingFault]:
         yield distortion_fault(seen.distortion, joints, len(np.unique(evidence.block)))
         return
     if seen.gravity is None and not seen.claims:
-        yield from messages.weight_findings([joints[j] for j in np.flatnonzero(weigh(evidence).only)])
+        yield from messages.weight_findings([joints[j] for j in np.flatnonzero(seen.weights.only)])
     yield from messages.claim_findings(seen.claims, joints, len(np.unique(evidence.block)))
     yield from messages.lag_findings(seen.lags, seen.done, joints)
     yield from messages.factor_findings(seen.gains, evidence.robot)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..types import Array, Frozen
 
 REFUSE, WARN, NOTE = "refuse", "warn", "note"
@@ -34,6 +36,7 @@ class RecordingFaults(Frozen):
     signs: tuple[str, ...]  # (n,) verdicts on the sign of torque relative to position
     order: tuple[str, ...]  # (n,) verdicts on the joint of a torque column
     findings: tuple[RecordingFault, ...]
+    weight: Array  # (n,) [1] share of the description's weight in the torque; NaN if it does not show, or with a fault
 
     @property
     def refusal(self) -> str:
@@ -49,3 +52,8 @@ class RecordingFaults(Frozen):
     def notes(self) -> tuple[str, ...]:
         """Sentences of findings that are no faults."""
         return tuple(f.sentence for f in self.findings if f.severity == NOTE)
+
+    @property
+    def compared(self) -> bool:
+        """Whether signed torque was compared with the description; otherwise only samples were examined."""
+        return bool(np.isfinite(self.explained).any())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -32,6 +32,11 @@ if TYPE_CHECKING:
     from ...types import Input, Recording, Robot
 
 
+CheckFolder = Annotated[
+    Text, typer.Option("--output", "-o", metavar="DIR", help="Folder of check.json and report.html. Default: none.")
+]
+
+
 @command("signid inspect panda --joints panda_joint6,panda_joint7")
 def inspect(robot: RobotArguments, run: RunOptions, effects: Effects = None) -> int:
     """List joints, links, base and unidentifiable parameters."""
@@ -47,35 +52,37 @@ def inspect(robot: RobotArguments, run: RunOptions, effects: Effects = None) -> 
 
 @command("signid check 3r recording.csv")
 def check(
+    context: typer.Context,
     robot: RobotArguments,
     rows: RowOptions,
     run: RunOptions,
     recordings: OptionalRecordings = None,
     unsigned: Unsigned = False,
+    output: CheckFolder = None,
 ) -> int:
     """Check what recordings can identify, before a model is fitted.
 
-    Covers sampling, gaps, noise, cut-offs, recording faults and excitation, and advises what to improve. Lost torque
-    signs (abs_tau_J, abs_current_J or --unsigned) are recovered first, as in identify. Recordings of servos (q_J and
-    q_des_J, no torque) are audited: lag, droop, saturation and faults of the log; a description is not needed then,
-    signid check RECORDING.
+    On one screen: whether the recordings are good for identification, sampling and clock, units, gravity, faults, noise
+    and cut-off of each joint, and what to record next. DIR gets check.json and report.html. Lost torque signs
+    (abs_tau_J, abs_current_J or --unsigned) are recovered first, as in identify. Recordings of servos (q_J and q_des_J,
+    no torque) are audited: lag, droop, saturation and faults of the log; a description is not needed then, signid check
+    RECORDING.
     """
     from ...check import check as judge
-    from ...output.report import check_document, check_tables, to_json
     from ...recording import is_recording
+    from ..files import CHECKED, deliver_check
 
+    check_folder(output, True, CHECKED)
     if is_recording(robot.robot):
-        return _audit(None, [robot.robot, *(recordings or ())], robot, rows, run)
+        return _audit(context, None, [robot.robot, *(recordings or ())], robot, rows, run, output)
     described = given_robot(robot.robot, robot)
     given = given_recordings(_needed(recordings, robot), described, rows.columns, unsigned)
     if not any(any(recording.columns["tau"]) for recording in given):
-        return _audit(described, given, robot, rows, run)
+        return _audit(context, described, given, robot, rows, run, output)
     with bars(run.json) as progress:
         found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
-    if not run.json:
-        return show(check_tables(found), found.flags)
     inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
-    return show(to_json(check_document(found, inputs, run.seed)), found.flags)
+    return deliver_check(found, inputs, output, run.json, given_command(context), run.seed)
 
 
 def _needed(recordings: Texts, robot: RobotArguments) -> list[str]:
@@ -85,14 +92,20 @@ def _needed(recordings: Texts, robot: RobotArguments) -> list[str]:
 
 
 def _audit(
-    described: Robot | None, given: Sequence[str | Recording], robot: RobotArguments, rows: RowOptions, run: RunOptions
+    context: typer.Context,
+    described: Robot | None,
+    given: Sequence[str | Recording],
+    robot: RobotArguments,
+    rows: RowOptions,
+    run: RunOptions,
+    output: str | None,
 ) -> int:
     """Audit recordings of servos; without a description they are given by name."""
-    from ...output.report import audit_document, audit_tables, to_json
     from ...recording import read_bare
     from ...recording.source import digest_of
     from ...servo.audit import audit_servos
     from ...types import Input
+    from ..files import deliver_audit
 
     units: dict[str, str] = {}
     read: list[Recording] = []
@@ -108,13 +121,11 @@ def _audit(
             joint: "m" if slides else "rad" for joint, slides in zip(described.joints, described.prismatic, strict=True)
         }
     found, name = audit_servos(read, units), described.name if described else ""
-    if not run.json:
-        return show(audit_tables(found, name), found.flags)
     if described is not None:
         inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
     else:
         inputs = [Input(readable(rows.columns), digest_of(Path(rows.columns)), "columns")] if rows.columns else []
-    return show(to_json(audit_document(found, inputs, run.seed, name)), found.flags)
+    return deliver_audit(found, inputs, output, run.json, given_command(context), run.seed, name)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,6 +13,7 @@ from ...model import stated_inertials
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import Input, Recording, Robot
 from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, torque_units
+from ..report.results.check.tables import check_tables
 from ..report.results.diagnosis import diagnosis_tables
 from ..report.results.documents import rms
 from ..report.results.drives.closed_loops import servo_validation_tables
@@ -20,7 +21,7 @@ from ..report.results.drives.diagnosis import servo_diagnosis_tables
 from ..report.results.drives.identification import servo_identification_tables
 from ..report.results.fleet import fleet_tables
 from ..report.results.identification import fit_rows, identification_tables
-from ..report.results.inspection import check_tables, inspection_tables, joint_table
+from ..report.results.inspection import inspection_tables, joint_table
 from ..report.results.laws import law_document
 from ..report.results.payload import payload_tables
 from ..report.results.signs import signs_tables

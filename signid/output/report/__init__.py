@@ -8,6 +8,7 @@ from ...registry import inner_package as _package, public_names as _names
 if TYPE_CHECKING:
     from .layout import Screen as Screen, figure as figure, with_interval as with_interval
     from .pages import report as report
+    from .pages.check import audit_page as audit_page, check_page as check_page
     from .pages.closed_loops import servo_validation_page as servo_validation_page
     from .pages.diagnosis import diagnosis_page as diagnosis_page
     from .pages.drives import servo_diagnosis_page as servo_diagnosis_page
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from .pages.servos import servo_page as servo_page
     from .pages.signs import signs_page as signs_page
     from .pages.validation import validation_page as validation_page
+    from .results.check.document import audit_document as audit_document, check_document as check_document
+    from .results.check.tables import audit_tables as audit_tables, check_tables as check_tables
     from .results.diagnosis import diagnosis_document as diagnosis_document, diagnosis_tables as diagnosis_tables
     from .results.documents import to_json as to_json
     from .results.drives.closed_loops import (
@@ -35,17 +38,10 @@ if TYPE_CHECKING:
         identification_document as identification_document,
         identification_tables as identification_tables,
     )
-    from .results.inspection import (
-        check_document as check_document,
-        check_tables as check_tables,
-        inspection_document as inspection_document,
-        inspection_tables as inspection_tables,
-    )
+    from .results.inspection import inspection_document as inspection_document, inspection_tables as inspection_tables
     from .results.laws import effects_document as effects_document, effects_tables as effects_tables
     from .results.payload import payload_document as payload_document, payload_tables as payload_tables
     from .results.recordings import (
-        audit_document as audit_document,
-        audit_tables as audit_tables,
         conversion_document as conversion_document,
         conversion_tables as conversion_tables,
         data_card as data_card,

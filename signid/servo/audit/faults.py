@@ -159,6 +159,11 @@ def _speed(x: Array, period: float) -> Array:
     return (x[k:] - x[:-k]) / (k * period)
 
 
+def rms_speed(grids: Sequence[Grid]) -> float:
+    """Rms of the speed over about 60 ms [rad/s or m/s]."""
+    return float(np.sqrt(np.mean(np.concatenate([_speed(grid.q, grid.period) for grid in grids]) ** 2)))
+
+
 def command_noise(grids: Sequence[Grid]) -> float:
     """Standard deviation of white noise of the command [rad or m]; 0 if there is none."""
     second = [np.diff(grid.command, 2) for grid in grids if len(grid.command) > 4]

@@ -31,6 +31,8 @@ class JointAudit:
     scale: float  # [1] motion per command; negative: against it
     width: float  # [unit] half width of the hysteresis in motion: dry friction over stiffness, or a dead band
     zero: float  # [unit] mean of q_des - q
+    error: float  # [unit] rms of q_des - q
+    speed: float  # [unit/s] rms
     droop: float  # [unit] median of |q_des - q| at rest
     droop_most: float  # [unit] its maximum
     holds: int  # times at rest
@@ -60,17 +62,29 @@ class ServoAudit(Frozen):
     content_rates: tuple[float, ...]  # [Hz] per recording, of rows that were neither interpolated nor repeated
     stamps: tuple[str, ...]  # faults of stamps, one sentence each
     notes: tuple[str, ...] = ()
+    stretches: tuple[tuple[tuple[float, float], ...], ...] = ()  # [s] per recording: rows with a command, without gaps
+    commanded: tuple[int, ...] = ()  # per recording: rows with a command
 
     @property
     def flags(self) -> tuple[str, ...]:
         """Reasons not to rely on the recordings, one sentence each; empty for healthy ones."""
         columns = [flag for recording in self.recordings for flag in recording.flags]
-        return tuple(dict.fromkeys((*columns, *self.faults, *self._by_sentence("limits"))))
+        return tuple(dict.fromkeys((*columns, *self.faults, *self.limits)))
 
     @property
     def faults(self) -> tuple[str, ...]:
         """Flags of stamps and of joints, without those of the columns of the recordings."""
         return tuple(dict.fromkeys((*self.stamps, *self._by_sentence("flags"))))
+
+    @property
+    def breaks(self) -> tuple[int, ...]:
+        """Number of breaks of each recording: gaps, and rows without a command."""
+        return tuple(max(0, len(each) - 1) for each in self.stretches)
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """Reasons why numbers of the audit are inexact, without faults."""
+        return tuple(self._by_sentence("limits"))
 
     def _by_sentence(self, kind: str) -> Iterator[str]:
         own: dict[str, list[str]] = {}  # joints by what is said of them

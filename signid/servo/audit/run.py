@@ -12,7 +12,17 @@ from ...errors import RecordingError
 from ...types import Recording, Robot, Samples
 from ..plant.content import content_rate
 from .episodes import Odd, group, odd_episodes
-from .faults import command_noise, command_period, held_share, jumps, quantum, saturated_share, turn_of, unwrapped
+from .faults import (
+    command_noise,
+    command_period,
+    held_share,
+    jumps,
+    quantum,
+    rms_speed,
+    saturated_share,
+    turn_of,
+    unwrapped,
+)
 from .response import UNKNOWN, find_response
 from .rest import at_rest
 from .result import JointAudit, ServoAudit
@@ -66,6 +76,8 @@ def audit_servos(recordings: Recording | Sequence[Recording], units: Mapping[str
         tuple(content_rate(samples.t, samples.q) for samples in read),
         tuple(stamps),
         tuple(dict.fromkeys(notes)),
+        tuple(clock.stretches for clock in clocks),
+        tuple(clock.rows for clock in clocks),
     )
 
 
@@ -161,6 +173,8 @@ def _audit(
         samples=len(q),
         range=span,
         zero=float(np.mean(command - q)),
+        error=float(np.sqrt(np.mean((command - q) ** 2))),
+        speed=rms_speed(grids),
         saturated=saturated_share(parts, grids),
         command_period=command_period(parts),
         command_noise=command_noise(grids),

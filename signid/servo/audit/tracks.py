@@ -43,6 +43,8 @@ class RowClock(NamedTuple):
     uneven: float  # [1] share of steps that differ from the median
     repeated: int  # rows with the time of the row before
     back: int  # rows before the row before
+    stretches: tuple[tuple[float, float], ...]  # [s] start and end of rows with a command and without a gap
+    rows: int  # with a command
 
 
 def read_samples(recording: Recording) -> Samples:
@@ -79,14 +81,19 @@ def driven(samples: Samples, joint: int) -> Mask:
 
 def read_stamps(t: Array, rows: Mask) -> RowClock:
     """RowClock of the rows; t: (N,) [s], rows: (N,) with a command."""
-    steps = np.diff(t)[rows[1:] & rows[:-1]]
-    forward = steps[steps > 0]
+    both, steps = rows[1:] & rows[:-1], np.diff(t)
+    own = steps[both]
+    forward = own[own > 0]
+    repeated, back, count = int(np.sum(own == 0)), int(np.sum(own < 0)), int(rows.sum())
     if not len(forward):
-        return RowClock(np.nan, 0.0, 0.0, int(np.sum(steps == 0)), int(np.sum(steps < 0)))
+        return RowClock(np.nan, 0.0, 0.0, repeated, back, (), count)
     period = float(np.median(forward))
-    near = forward[forward <= max(GAP * period, GAP_SECONDS)]
+    longest = max(GAP * period, GAP_SECONDS)
+    near = forward[forward <= longest]
     uneven = float(np.mean(np.abs(near / period - 1) > EVEN)) if len(near) else 0.0
-    return RowClock(period, float(near.sum()), uneven, int(np.sum(steps == 0)), int(np.sum(steps < 0)))
+    edges = np.flatnonzero(np.concatenate([[True], ~both | (steps > longest), [True]]))
+    stretches = [(float(t[a]), float(t[b - 1])) for a, b in zip(edges[:-1], edges[1:], strict=True) if rows[a]]
+    return RowClock(period, float(near.sum()), uneven, repeated, back, tuple(stretches), count)
 
 
 def cut(samples: Samples, joint: int, rows: Mask, period: float, recording: int) -> list[Part]:

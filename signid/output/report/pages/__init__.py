@@ -10,6 +10,7 @@ from ....typed import typed
 from ....types import Input
 
 if TYPE_CHECKING:
+    from ....check import Check
     from ....diagnose import Diagnosis
     from ....identify import Identification
     from ....servo.diagnose import ServoDiagnosis
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from ....servo.validate import ServoValidation
     from ....validate import Validation
 
-    Reported = Diagnosis | Identification | ServoDiagnosis | ServoIdentification | ServoValidation | Validation
+    Reported = Check | Diagnosis | Identification | ServoDiagnosis | ServoIdentification | ServoValidation | Validation
 
 
 @typed
@@ -25,7 +26,7 @@ def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") ->
     """Render report.html of a result: a self-contained page, reproducible to the byte.
 
     Args:
-        result: result of `diagnose`, `diagnose_servos`, `identify`, `identify_servos`, `validate` or
+        result: result of `check`, `diagnose`, `diagnose_servos`, `identify`, `identify_servos`, `validate` or
             `validate_servos`.
         inputs: files read besides the recordings; default: the robot description.
         command: shell line that reproduces the page, if any.
@@ -33,12 +34,14 @@ def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") ->
     Raises:
         OptionError: the result is of another kind, or the inputs are no sequence of `Input`.
     """
+    from ....check import Check
     from ....diagnose import Diagnosis
     from ....identify import Identification
     from ....servo.diagnose import ServoDiagnosis
     from ....servo.identify import ServoIdentification
     from ....servo.validate import ServoValidation
     from ....validate import Validation
+    from .check import check_page
     from .closed_loops import servo_validation_page
     from .diagnosis import diagnosis_page
     from .drives import servo_diagnosis_page
@@ -49,6 +52,8 @@ def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") ->
     if isinstance(inputs, str) or not all(isinstance(each, Input) for each in inputs):
         advice = "no file name: save the page with Path('report.html').write_text(signid.report(result))"
         raise unexpected("report", "a list of Input as inputs", inputs, advice)
+    if isinstance(result, Check):
+        return check_page(result, inputs, command)
     if isinstance(result, Diagnosis):
         return diagnosis_page(result, inputs, command)
     if isinstance(result, Validation):
@@ -60,6 +65,6 @@ def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") ->
     if isinstance(result, ServoValidation):
         return servo_validation_page(result, inputs, command)
     if not isinstance(result, Identification):
-        wanted = "a Diagnosis, an Identification or a Validation"
+        wanted = "a Check, a Diagnosis, an Identification or a Validation"
         raise unexpected("report", wanted, result, "what signid.identify returns")
     return identification_page(result, inputs, command)

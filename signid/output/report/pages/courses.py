@@ -100,13 +100,7 @@ def torque_plot(joint: str, rows: Course | ValidatedModel, unit: str, lines: Seq
 
 def recording_plots(recording: Recording, joints: Sequence[str]) -> list[Plot]:
     """Plot recorded position and torque over the time since the start, of some joints; read in chunks."""
-    rows, each = max(1, len(recording)), max(FEWEST, POINTS // len(recording.joints))
-    parts = []
-    for start in range(0, len(recording), CHUNK):
-        samples = recording.read(start, start + CHUNK)
-        lines = np.column_stack([samples.q, samples.tau])
-        parts.append(thinned(samples.t, lines, np.zeros(1, dtype=np.intp), max(2, each * len(lines) // rows)))
-    t, lines = (np.concatenate(each) for each in zip(*parts, strict=True))
+    t, lines = recorded_lines(recording, max(FEWEST, POINTS // len(recording.joints)))
     found = []
     for joint in joints:
         j = recording.joints.index(joint)
@@ -123,6 +117,21 @@ def recording_plots(recording: Recording, joints: Sequence[str]) -> list[Plot]:
         }
         found.append(Plot(joint, data, layout, 300, wide=True))
     return found
+
+
+def recorded_lines(recording: Recording, most: int) -> tuple[Array, Array]:
+    """Time (M,) [s] and position, torque and command (M, 3 n) [rad or m, N.m or N] of at most about `most` rows.
+
+    Rows keep the extremes of their stretches; NaN where nothing is recorded. The recording is read in chunks.
+    """
+    rows, parts = max(1, len(recording)), []
+    for start in range(0, len(recording), CHUNK):
+        samples = recording.read(start, start + CHUNK, servo=False)
+        command = np.full_like(samples.q, np.nan) if samples.q_des is None else samples.q_des
+        lines = np.column_stack([samples.q, samples.tau, command])
+        parts.append(thinned(samples.t, lines, np.zeros(1, dtype=np.intp), max(2, most * len(lines) // rows)))
+    t, lines = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return t, lines
 
 
 def _against(course: Course, j: int, title: str, x: Array, unit: str) -> Plot:

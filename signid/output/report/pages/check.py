@@ -1,0 +1,276 @@
+"""Page of a check: the description on the terminal in full, with recordings over time and their spectra."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ....types import TWO_SIDED, Array, Input, Recording, Samples
+from ....version import __version__
+from ..layout import figure, position_units, torque_units
+from ..policy import plot_markup
+from ..results.check.drives import audit_summary, verdict_of
+from ..results.check.summary import CheckSummary, unit_sentences
+from ..results.check.torque import check_summary
+from ..results.documents import description, once
+from .courses import FEWEST, GAP, OPEN, POINTS, JointPlots, recorded_lines
+from .frame import AFTER, BEFORE, FAINT, FLOOR, INK, Card, Plot, axis, curve, packed, render
+
+if TYPE_CHECKING:
+    from ....check import Check
+    from ....servo.audit import ServoAudit
+
+MOST_RECORDINGS = 4  # maximum number of recordings that are drawn
+ROWS, WINDOW = 65_536, 2048  # most rows of a spectrum, and rows of one window
+VISIBLE = 0.002  # [1] smallest width of omitted rows, over the duration
+LOWEST = 1e-12  # [1] smallest power density that is drawn, over the largest
+HOVER = "$name: %{y:.5g} $unit at %{x:.5g} s<extra></extra>"
+OMITTED = "rgba(209, 112, 14, 0.16)"
+Stretches = Sequence[tuple[float, float]]  # start and end [s] of what is used of a recording
+Marks = Mapping[str, float]  # frequencies [Hz] that are marked in the spectra of one joint
+
+
+class _Drawn(NamedTuple):
+    """A recording that is drawn."""
+
+    recording: Recording
+    stretches: Stretches  # that are used
+    t: Array  # (M,) [s]
+    lines: Array  # (M, 3 n) positions, torques and commands [rad or m, N.m or N]
+
+
+class _Course(NamedTuple):
+    """Recordings in sequence: position, torque and command of one joint over time, NaN between recordings."""
+
+    t: Array  # (M,) [s]
+    lines: Array  # (M, 3) [rad or m, N.m or N]
+    omitted: list[tuple[float, float]]  # [s]
+
+
+def check_page(found: Check, inputs: Sequence[Input] = (), command: str = "", seed: int = 0) -> str:
+    """Render report.html of a check; `inputs` besides the recordings default to the description."""
+    robot, band = found.robot, found.band
+    base = zip(found.base.expressions, found.std, found.base.units, found.verdicts, strict=True)
+    used = [_used(recording, s.spans) for recording, s in zip(found.recordings, found.samplings, strict=True)]
+    half = {"half the content rate": min(s.content_rate for s in found.samplings) / 2}
+    limits = band.per_joint.tolist()
+    marks = [{"cut-off": band.cutoff, "highest for its noise": limit, **half} for limit in limits]
+    units = list(zip(position_units(robot), torque_units(robot), strict=True))
+    return _page(
+        check_summary(found),
+        list(_joint_plots(found.recordings, used, robot.joints, units, marks, check_summary(found))),
+        ["base parameter", "± 95 %>", "unit", "verdict"],
+        [(name, figure(TWO_SIDED * std, 2), unit, verdict) for name, std, unit, verdict in base],
+        once([*_files(found.recordings), *(inputs or [description(robot)])]),
+        command,
+        seed,
+    )
+
+
+def audit_page(
+    found: ServoAudit, inputs: Sequence[Input] = (), command: str = "", seed: int = 0, robot: str = ""
+) -> str:
+    """Render report.html of an audit of position drives; `robot`: its name, "" without a description."""
+    summary = audit_summary(found, robot)
+    joints = [one.joint for one in found.joints]
+    half = {"half the content rate": min(found.content_rates) / 2}
+    known = (one.bandwidth if verdict_of(one) == "identifiable" else np.nan for one in found.joints)
+    marks = [{"71 % of the command": bandwidth, **half} for bandwidth in known]
+    units = [(one.unit or "no unit", "") for one in found.joints]
+    return _page(
+        summary,
+        list(_joint_plots(found.recordings, found.stretches, joints, units, marks, summary)),
+        ["drive", "lag and bandwidth"],
+        [(one.joint, verdict_of(one)) for one in found.joints],
+        once([*_files(found.recordings), *inputs]),
+        command,
+        seed,
+    )
+
+
+def _page(
+    summary: CheckSummary,
+    joints: Sequence[JointPlots],
+    heads: Sequence[str],
+    verdicts: Sequence[Sequence[str]],
+    files: Sequence[Input],
+    command: str,
+    seed: int,
+) -> str:
+    return render(
+        "check.html",
+        title=summary.title,
+        summary=summary,
+        units=[*unit_sentences(summary.units), *summary.unit_notes],
+        cards=list(_cards(summary)),
+        joints=joints,
+        fewer=len(summary.sampling.rows) > MOST_RECORDINGS,
+        heads=heads,
+        verdicts=verdicts,
+        files=files,
+        command=command,
+        seed=seed,
+        version=__version__,
+    )
+
+
+def _files(recordings: Sequence[Recording]) -> list[Input]:
+    return [Input(recording.path, recording.sha256, "recording") for recording in recordings]
+
+
+def _cards(summary: CheckSummary) -> Iterator[Card]:
+    which = summary.identifiable
+    others = f"{which.noun}s; {len(which.weak)} weak, {len(which.unidentifiable)} not"
+    yield Card("identifiable", f"{len(which.identifiable)} of {which.total}", others)
+    rates = [(float(row[5]), float(row[4])) for row in summary.sampling.rows if row[5] != "-" and row[4] != "-"]
+    if rates:
+        content, rate = min(rates)
+        lowest = f"lowest of {len(rates)} recordings; " if len(rates) > 1 else ""
+        yield Card("content", f"{content:g} Hz", f"{lowest}rows at {rate:g} Hz")
+    yield Card("faults", str(len(summary.faults)), "of the log")
+    yield Card("gravity", summary.gravity.verdict, "with the stated one" if summary.gravity.verdict == "agrees" else "")
+
+
+def _used(recording: Recording, spans: Sequence[tuple[int, int]]) -> list[tuple[float, float]]:
+    """Start and end [s] of spans of rows."""
+    column = recording.columns["t"]
+    ends = ((start, stop - 1) for start, stop in spans)
+    return [tuple(float(recording.table.read(column, k, k + 1)[0, 0]) for k in pair) for pair in ends]  # type: ignore[misc]
+
+
+def _joint_plots(
+    recordings: Sequence[Recording],
+    used: Sequence[Stretches],
+    joints: Sequence[str],
+    units: Sequence[tuple[str, str]],
+    marks: Sequence[Marks],
+    summary: CheckSummary,
+) -> Iterator[JointPlots]:
+    """Plots per joint; joints with a fault are unfolded first."""
+    if not joints:
+        return
+    faulty = {joint: fault.kind or "fault" for fault in summary.faults for joint in fault.joints}
+    shown = sorted(joints, key=lambda joint: joint not in faulty)[:OPEN]
+    most = max(FEWEST, 2 * POINTS // (len(joints) * min(len(recordings), MOST_RECORDINGS)))
+    drawn = [
+        _Drawn(recording, stretches, *recorded_lines(recording, most))
+        for recording, stretches in zip(recordings[:MOST_RECORDINGS], used, strict=False)
+    ]
+    longest = max(drawn, key=lambda one: max((b - a for a, b in one.stretches), default=0.0))
+    rows = _longest_stretch(longest)
+    for joint, unit, own in zip(joints, units, marks, strict=True):
+        having = [one for one in drawn if joint in one.recording.joints]
+        if not having:
+            continue
+        plots = [_over_time(joint, _sequence(having, joint), *unit)]
+        if rows is not None and joint in longest.recording.joints:
+            plots += _spectra(rows, longest.recording.joints.index(joint), *unit, own)
+        row = next(row for row in summary.joints.rows if row[0] == joint)
+        words = f"range {row[1]} {unit[0]}" + (f"; {faulty[joint]}" if joint in faulty else "")
+        yield JointPlots(joint, words, joint in shown, tuple(plots))
+
+
+def _longest_stretch(drawn: _Drawn) -> Samples | None:
+    """First rows of the longest stretch of a recording; None if there is none."""
+    if not drawn.stretches:
+        return None
+    start, end = max(drawn.stretches, key=lambda pair: pair[1] - pair[0])
+    t = drawn.recording.table.read(drawn.recording.columns["t"], 0, len(drawn.recording))[:, 0]
+    first = int(np.argmax(t >= start))
+    stop = min(first + ROWS, len(t) - int(np.argmax(t[::-1] <= end)))
+    return drawn.recording.read(first, stop, servo=False)
+
+
+def _sequence(drawn: Sequence[_Drawn], joint: str) -> _Course:
+    """Lines of one joint of recordings, one after another, with the rows that are omitted."""
+    times, lines, omitted, now = [], [], list[tuple[float, float]](), 0.0
+    for one in drawn:
+        j, n = one.recording.joints.index(joint), len(one.recording.joints)
+        known = np.isfinite(one.t)
+        t, own = one.t[known], one.lines[known][:, [j, n + j, 2 * n + j]]
+        first, last = float(t[0]), float(t[-1])
+        edges = [first, *(x for pair in one.stretches for x in pair), last]
+        gaps = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b > a]
+        breaks = [int(np.searchsorted(t, b)) for a, b in gaps if not np.any((t > a) & (t < b))]
+        t, own = np.insert(t, breaks, np.nan), np.insert(own, breaks, np.nan, axis=0)
+        wide = VISIBLE * (last - first) / 2
+        omitted += [(a - first + now - wide, b - first + now + wide) for a, b in gaps]
+        times += [t - first + now, np.array([np.nan])]
+        lines += [own, np.full((1, 3), np.nan)]
+        now += last - first
+    return _Course(np.concatenate(times), np.concatenate(lines), omitted)
+
+
+def _over_time(joint: str, course: _Course, length: str, torque: str) -> Plot:
+    """Plot position, command, and torque or tracking error; omitted rows are shaded."""
+    q, tau, command = course.lines.T
+    below = tau if torque and np.isfinite(tau).any() else command - q
+    is_torque = below is tau
+    lines: list[tuple[str, str, str, dict[str, Any], Array, str]]
+    lines = [("position", "y", INK, {"width": 1.6}, q, length)]
+    if np.isfinite(command).any():
+        lines.insert(0, ("command", "y", FLOOR, {"width": 1.2, "dash": "dash"}, command, length))
+    name, unit = ("torque", torque) if is_torque else ("command - position", length)
+    if np.isfinite(below).any():
+        lines.append((name, "y2", AFTER, {"width": 1.3}, below, unit))
+    data = [
+        {
+            **curve(
+                name,
+                packed(course.t),
+                packed(y),
+                {"color": colour, **style},
+                hovertemplate=plot_markup(HOVER, name=name, unit=unit),
+            ),
+            "yaxis": at,
+        }
+        for name, at, colour, style, y, unit in lines
+    ]
+    whole = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0, "y1": 1, "fillcolor": OMITTED}
+    layout = {
+        "xaxis": axis("time [s]", anchor="y2"),
+        "yaxis": axis(f"position [{length}]", domain=[0.5 + GAP, 1], nticks=5),
+        "yaxis2": axis(f"{'torque' if is_torque else 'error'} [{unit}]", domain=[0, 0.5 - GAP], nticks=5),
+        "shapes": [{**whole, "x0": a, "x1": b, "line": {"width": 0}} for a, b in course.omitted],
+    }
+    return Plot(f"{joint}: position and {name} over time", data, layout, 320, wide=True)
+
+
+def _spectra(rows: Samples, j: int, length: str, torque: str, marks: Marks) -> Iterator[Plot]:
+    """Plot the power density of position and torque, or command, of one joint."""
+    signals = [("position", rows.q[:, j], length)]
+    if torque and np.isfinite(rows.tau[:, j]).any():
+        signals.append(("torque", rows.tau[:, j], f"({torque})"))
+    elif rows.q_des is not None:
+        signals.append(("command", rows.q_des[:, j], length))
+    for name, values, unit in signals:
+        known = np.isfinite(values) & np.isfinite(rows.t)
+        if known.sum() > FEWEST:
+            yield _spectrum(name, rows.t[known], values[known], unit, marks)
+
+
+def _spectrum(name: str, t: Array, values: Array, unit: str, marks: Marks) -> Plot:
+    """Power density of values (N,) [unit] over frequency, with marked frequencies [Hz]."""
+    from scipy.signal import welch
+
+    period = float(np.median(np.diff(t)))
+    grid = np.arange(t[0], t[-1], period)
+    f, power = welch(np.interp(grid, t, values), 1 / period, nperseg=min(WINDOW, len(grid)))
+    power = np.maximum(power[1:], LOWEST * max(float(power.max()), 1e-300))
+    data: list[dict[str, Any]] = [
+        curve(name, packed(f[1:]), packed(power), {"color": INK, "width": 1.3}, hoverinfo="skip")
+    ]
+    ends = [float(power.min()), float(power.max())]
+    for (mark, place), colour in zip(marks.items(), (BEFORE, AFTER, FAINT)[-len(marks) :], strict=True):
+        if f[1] <= place <= f[-1]:
+            hover = plot_markup("$mark: %{x:.4g} Hz<extra></extra>", mark=mark)
+            line = {"color": colour, "width": 2, "dash": "dash"}
+            data.append(curve(mark, [place, place], ends, line, hovertemplate=hover))
+    named = ", ".join(f"{mark} {figure(place)} Hz" for mark, place in marks.items() if np.isfinite(place))
+    layout = {
+        "xaxis": axis("frequency [Hz]", type="log", dtick=1),
+        "yaxis": axis(f"density [{unit}²/Hz]", type="log", nticks=5, exponentformat="e"),
+    }
+    return Plot(f"spectrum of the {name}; dashed: {named}", data, layout)

@@ -1,0 +1,1 @@
+"""Result of `signid check`: one description for torque and for position drives, with its terminal text and JSON."""

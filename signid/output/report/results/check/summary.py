@@ -1,0 +1,203 @@
+"""Description of a check that terminal, page and JSON share: verdict, sampling, units, gravity, faults, joints."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from os.path import commonprefix
+from pathlib import Path
+from typing import NamedTuple
+
+from .....errors import shorten
+from .....recording.columns import UNSTATED
+from .....types import Recording, StatedUnit
+from ...layout import plural
+
+GOOD, LIMITED, FAULTY, UNUSABLE = "good", "limited", "faulty", "unusable"
+CUT = 24  # length of the name of a recording that is never cut [characters]
+DETAIL = re.compile(r" \([^()]*\)$")  # a detail in brackets at the end of a part of a sentence
+FEW = 6  # most joints that a sentence names
+WORDS = {
+    "t": "time",
+    "q": "position",
+    "q_des": "command",
+    "dq": "velocity",
+    "ddq": "acceleration",
+    "tau": "torque",
+}
+RATES = {"dq": "/s", "ddq": "/s2", "dq_des": "/s"}  # what follows the unit of position
+NOT_STATED = StatedUnit("", "")
+OTHERS = {"t": "s", "on": "1", "pwm": "1", "volt": "V", "temp": "C"}  # units of other signals
+
+
+class Cells(NamedTuple):
+    """A table: heads, `>` for columns of numbers, and rows of texts."""
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+class UnitUse(NamedTuple):
+    """Columns of one signal, and how their values become those of a recording."""
+
+    signal: str  # "q"
+    columns: tuple[str, ...]
+    unit: str  # as stated: "deg"; "" if nothing states one
+    by: str  # what states it: "the column map"; "" if nothing does
+    into: str  # "rad"; "" if the unit stays unknown
+    factors: tuple[float, ...] = ()  # torque per unit: least and largest torque constant of currents
+
+
+class GravityUse(NamedTuple):
+    """Gravity as the recordings show it."""
+
+    verdict: str  # "agrees", "differs", "uncertain" or "not judged"
+    sentence: str
+
+
+class FaultWords(NamedTuple):
+    """A fault of a log."""
+
+    kind: str  # "torque sign"; "" where faults have no kinds
+    joints: tuple[str, ...]
+    sentence: str  # fact, evidence and advice
+
+    @property
+    def fact(self) -> str:
+        """The fact alone."""
+        return first_part(self.sentence)
+
+    @property
+    def worst(self) -> str:
+        """The fact with a number: its own, or that of the evidence."""
+        evidence = self.sentence.removeprefix(self.fact).removeprefix("; ").partition("; ")[0]
+        fact, evidence = (DETAIL.sub("", text) for text in (self.fact, evidence))
+        return fact if any(x.isdigit() for x in fact) or not evidence else f"{fact}: {evidence}"
+
+
+class Identifiable(NamedTuple):
+    """Names of what can be identified, by verdict."""
+
+    noun: str  # "base parameter"
+    identifiable: tuple[str, ...]
+    weak: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
+
+    @property
+    def total(self) -> int:
+        """Number of all names."""
+        return len(self.identifiable) + len(self.weak) + len(self.unidentifiable)
+
+    @property
+    def counts(self) -> str:
+        """Counts in a sentence."""
+        counts = f"{len(self.identifiable)} identifiable, {len(self.weak)} weak"
+        return f"{plural(self.total, self.noun)}: {counts}, {len(self.unidentifiable)} unidentifiable"
+
+
+@dataclass(frozen=True)
+class CheckSummary:
+    """All that is said about recordings before a fit, in the order of the screen."""
+
+    title: str
+    verdict: str  # GOOD, LIMITED, FAULTY or UNUSABLE
+    headline: str
+    sampling: Cells
+    sampled: tuple[str, ...]  # sentences on clock, gaps and content
+    units: tuple[UnitUse, ...]
+    unit_notes: tuple[str, ...]  # units that may be wrong
+    gravity: GravityUse
+    faults: tuple[FaultWords, ...]
+    clear: tuple[str, ...]  # faults that were looked for and not found
+    joints: Cells
+    legend: str  # of the table of joints
+    identifiable: Identifiable
+    excitation: str  # sentence on it; "" where it was not judged
+    advice: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def first_part(sentence: str) -> str:
+    """The fact of a sentence, without evidence and advice."""
+    return sentence.partition("; ")[0]
+
+
+def recording_names(recordings: Sequence[Recording]) -> list[str]:
+    """Names of recordings for a table: without folder and suffix where these are not needed."""
+    paths = [Path(recording.path) for recording in recordings]
+    plain = [path.name.partition(".")[0] or path.name or "(arrays)" for path in paths]
+    short = plain if len(set(plain)) == len(plain) else [str(path) for path in paths]
+    same = len(commonprefix(short)) if max(map(len, short)) > CUT else 0
+    same = same if min(map(len, short)) > same else 0
+    return [f"…{name[same:]}"[-CUT:] if same else name if len(name) <= CUT else f"…{name[1 - CUT :]}" for name in short]
+
+
+def joint_words(joints: Sequence[str], total: int) -> str:
+    """Some joints of all in a sentence."""
+    return "all joints" if len(joints) == total > 1 else shorten(joints, FEW)
+
+
+def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> tuple[UnitUse, ...]:
+    """Units of all signals; positions: unit of each joint's position, "" if it is unknown."""
+    found: dict[tuple[str, StatedUnit, str, bool], dict[str, float]] = {}
+    for recording in recordings:
+        for signal, group in recording.columns.items():
+            for j, column in enumerate(group):
+                if column:
+                    into = _unit(signal, "" if signal in OTHERS else positions.get(recording.joints[j], "rad"))
+                    factor = float(recording.torque_per_unit[j]) if signal == "tau" else 1.0
+                    key = signal, recording.units.get(column, NOT_STATED), into, factor != 1
+                    found.setdefault(key, {})[column] = factor
+    return tuple(
+        UnitUse(signal, tuple(own), *stated, into, (min(own.values()), max(own.values())) if current else ())
+        for (signal, stated, into, current), own in sorted(found.items(), key=lambda item: _place(item[0][0]))
+    )
+
+
+def _place(signal: str) -> int:
+    return [*WORDS, signal].index(signal)
+
+
+def _unit(signal: str, place: str) -> str:
+    if signal in OTHERS:
+        return OTHERS[signal]
+    if signal in ("tau", "tau_ff"):
+        return "N" if place == "m" else "N.m"
+    return place and place + RATES.get(signal, "")
+
+
+def unit_sentences(uses: Sequence[UnitUse]) -> Iterator[str]:
+    """One sentence for each source of units: what they are converted to, or that they are assumed."""
+    groups: dict[str, dict[str, list[str]]] = {}
+    for use in uses:
+        groups.setdefault(use.by, {}).setdefault(_conversion(use), []).append(_columns(use))
+    for by, parts in groups.items():
+        said = "; ".join(f"{', '.join(columns)} {how}" for how, columns in parts.items())
+        yield f"{f'stated by {by}' if by else 'not stated, assumed'}: {said}"
+
+
+def _columns(use: UnitUse) -> str:
+    if use.columns == ("t",):
+        return "t"
+    if len(use.columns) > 1 and all(column.startswith(f"{use.signal}_") for column in use.columns):
+        return f"{use.signal}_J"
+    word = WORDS.get(use.signal, "") + (" from" if use.factors else "")
+    return f"{word} {shorten(use.columns, 2)}".lstrip()
+
+
+def unit_notes(notes: Sequence[str]) -> tuple[str, ...]:
+    """Notes on units that may be wrong."""
+    return tuple(dict.fromkeys(note for note in notes if UNSTATED in note))
+
+
+def _conversion(use: UnitUse) -> str:
+    if use.factors:
+        low, high = (f"{x:.3g}" for x in use.factors)
+        constants = f"constant{'' if low == high else 's'} {low if low == high else f'{low} to {high}'}"
+        return f"in {use.unit or 'A'}, times torque {constants} {use.into}/A"
+    if not use.by:
+        return {"": "in an unknown unit", "1": "without unit"}.get(use.into, f"in {use.into}")
+    if "value" in use.unit:
+        return f"as {use.unit}, in {use.into}"
+    return f"in {use.unit}" if use.unit == use.into else f"in {use.unit} (converted to {use.into})"
