@@ -19,7 +19,7 @@ import contextlib
 import os
 import sys
 import sysconfig
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -164,8 +164,11 @@ def _expression_class() -> Any:
     return Expression
 
 
-def _restrict_expressions() -> None:
-    """Let xacro and its `$(eval ...)` walk expressions as syntax trees, in place of Python's `eval`."""
+def _restrict_expressions(find: Callable[[str], str]) -> None:
+    """Let xacro and its `$(eval ...)` walk expressions as syntax trees, in place of Python's `eval`.
+
+    `find` finds the folder of a package for `$(find ...)`.
+    """
     import xacro
     from xacro import substitution_args
 
@@ -180,13 +183,14 @@ def _restrict_expressions() -> None:
         own = {
             "arg": lambda name: substitution_args.convert_value(stated[name], "auto"),
             "dirname": lambda: os.path.dirname(context["filename"]),
+            "find": find,
         }
         known = {k: v for k, v in substitution_args._eval_dict.items() if not k.startswith("_")}
-        return str(evaluate(expression, {**given, **own, **known}))
+        return str(evaluate(expression, {**given, **known, **own}))
 
     for name in ("type", "vars", "issubclass"):  # they reach classes and their attributes
         xacro._global_symbols["python"].pop(name, None)
-    xacro.safe_eval, substitution_args._eval = evaluate, substitute
+    xacro.safe_eval, substitution_args._eval, substitution_args._eval_find = evaluate, substitute, find
 
 
 def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
@@ -194,20 +198,19 @@ def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
     import json
 
     import xacro
-    from xacrodoc import XacroDoc, packages
+    from xacrodoc import XacroDoc
 
-    strict = _beside("xacro_strict")
+    strict, packages = _beside("xacro_strict"), _beside("ros_packages")
     with open(os.path.join(scratch, ARGUMENTS), encoding="utf-8") as stream:
         arguments = strict.Arguments(json.load(stream))
+    folders = [os.path.dirname(os.path.abspath(path)), *package_dirs]
     xacro.parse = strict.strict_parser(arguments)
-    _restrict_expressions()
+    xacro.abs_filename_spec = strict.strict_names(xacro.abs_filename_spec, packages.absent_package)
+    _restrict_expressions(packages.package_finder(path, package_dirs, folders.append))
     _limit()
     _landlock(scratch)
-    _guard([os.path.dirname(os.path.abspath(path)), *package_dirs], scratch)
+    _guard(folders, scratch)
     with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-        packages.reset()
-        if package_dirs:
-            packages.look_in(list(package_dirs))
         try:
             text = str(XacroDoc.from_file(path, resolve_packages=False, subargs=arguments).dom.toxml())
         except (Exception, SystemExit) as error:

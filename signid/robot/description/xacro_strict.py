@@ -25,15 +25,21 @@ class Sentence(Exception):
 
 
 class Arguments(dict[str, str]):
-    """Values of a xacro file's arguments; one that has no value is recorded, and its own name replaces it."""
+    """Values of a xacro file's arguments; one that has no value is recorded, and its own name replaces it.
+
+    One that is read before its declaration, as in <robot name="$(arg name)">, has its default.
+    """
 
     def __init__(self, given: Mapping[str, str]) -> None:
         super().__init__(given)
         self.given, self.lacking = frozenset(given), list[str]()
         self.declared, self.required = list[str](), list[str]()  # by <xacro:arg> with a default, and without
         self.read, self.expressions = list[str](), list[str]()  # by $(arg NAME), and texts that may read others
+        self.defaults = dict[str, str]()  # those without expressions
 
     def __missing__(self, name: str) -> str:
+        if name in self.defaults:
+            return self.defaults[name]
         self.lacking.append(name)
         return name
 
@@ -47,6 +53,8 @@ class Arguments(dict[str, str]):
             (self.declared if whole else self.required).append(node.getAttribute("name"))
             if not whole:
                 node.parentNode.removeChild(node)
+            elif "$" not in (default := node.getAttribute("default")):
+                self.defaults.setdefault(node.getAttribute("name"), default)
         for text in _texts(document.documentElement):
             self.read += [one or other for one, other in _READ.findall(text)]
             self.expressions += _EVALUATED.findall(text)
@@ -69,7 +77,7 @@ class Arguments(dict[str, str]):
         cause = error
         while isinstance(inner := getattr(cause, "exc", None), Exception):  # of XacroException
             cause = inner
-        if isinstance(cause, Sentence | MemoryError):
+        if isinstance(cause, MemoryError) or (isinstance(cause, Sentence) and not self.lacking):
             return cause
         try:
             unread = [name for name in self.read if name not in self.declared]
@@ -79,9 +87,25 @@ class Arguments(dict[str, str]):
             return sentence
         if not (takes := sorted({*self.declared, *self.required, *self.read})):
             return error
+        if isinstance(cause, FileNotFoundError) and (sentence := self._unknown_value(str(cause.filename), takes)):
+            return sentence
         return ValueError(
             f"{str(error) or type(error).__name__}; its arguments are {_listed(takes)} (--xacro NAME:=VALUE)"
         )
+
+    def _unknown_value(self, path: str, names: Sequence[str]) -> Sentence | None:
+        """What is there if the first part of a path that is not there is the value of an argument."""
+        missing, folder = path, os.path.dirname(path)
+        while not os.path.isdir(folder) and folder != os.path.dirname(folder):
+            missing, folder = folder, os.path.dirname(folder)
+        value, ending = os.path.splitext(os.path.basename(missing)) if missing == path else (os.path.basename(missing), "")
+        for name in names:
+            if self.get(name) == value and os.path.isdir(folder):
+                alike = [entry for entry in os.scandir(folder) if entry.is_dir() == (missing != path)]
+                there = sorted(entry.name.removesuffix(ending) for entry in alike if entry.name.endswith(ending))
+                stated = f"the xacro argument {name} is {value!r}, but there is no {path}"
+                return Sentence(f"{stated}; add --xacro {name}:=VALUE (there are {_listed(there) or 'none'})")
+        return None
 
     def _check_lacking(self, unread: Sequence[str]) -> None:
         """Raise if an argument had no value when it was read; the sentence also names the others that have none.
@@ -110,6 +134,21 @@ def strict_parser(arguments: Arguments) -> Callable[..., Any]:
         return document
 
     return parse
+
+
+def strict_names(absolute: Callable[[Any], str], absent_package: Callable[[object], str]) -> Callable[[Any], str]:
+    """Function in place of xacro's that makes the names of included files and of YAML files absolute.
+
+    It raises Sentence for a file of a package that is not there, also if the include is optional.
+    """
+
+    def complete(name: Any) -> str:
+        if package := absent_package(name):
+            reason = f"it needs the ROS package {package!r}, which is neither above nor beside it"
+            raise Sentence(f"xacro cannot expand it: {reason}; add --package-dir DIR, the folder that holds the package")
+        return absolute(name)
+
+    return complete
 
 
 class _Builder(expatbuilder.ExpatBuilderNS):
