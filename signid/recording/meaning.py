@@ -18,7 +18,7 @@ WORDS: Mapping[str, tuple[str, ...]] = {
     "volt": ("volt", "volts", "voltage", "voltages", "spannung"),
     "temp": ("temp", "temperature", "temperatures", "temperatur"),
     "current": ("current", "currents", "cur", "curr", "amps", "strom"),
-    "t": ("t", "time", "timestamp", "timestamps", "stamp", "clock", "zeit"),
+    "t": ("t", "time", "timestamp", "timestamps", "stamp", "clock", "zeit", "tout"),
 }
 COUNTS = ("enc", "encoder", "ticks", "tick", "count", "counts")  # positions, beside which other words win
 ENABLED = ("on", "enable", "enabled")  # whether a drive holds; beside words of other kinds
@@ -79,6 +79,9 @@ def guess(column: str, known: Collection[str] = ()) -> Guess | None:
         other = found is not None and (found.desired or found.kind != pairs[0][0])
         if not other or not ({*words} & {*DESIRED, *ABSOLUTE, "d"} or pairs[0][0] == "current"):
             return Guess(column, *pairs[0], "", True)
+    last = column.rpartition(".")[2]
+    if found is None and last != column and (inner := guess(last)) and inner.kind == "t":  # header.stamp
+        return inner._replace(column=column, plain=False)
     return found
 
 
