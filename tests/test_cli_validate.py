@@ -175,7 +175,7 @@ def test_a_recording_fault_is_a_flag(place: Path, capfd: pytest.CaptureFixture[s
         ("id/identification.json held_out.parquet", "has the schema 'signid.identification/1'; give a model.json"),
         ("id held_out.parquet", "the folder id holds model.json and robot.urdf; name the file instead"),
         ("empty held_out.parquet", "the folder empty holds neither a model nor a recording"),
-        ("3r notes.txt", "notes.txt has the name of neither a model nor a recording"),
+        ("3r notes.doc", "notes.doc has the name of neither a model nor a recording"),
         ("3r signless.parquet", "signless.parquet has no sign of the torque of joint_1, joint_2, joint_3"),
         ("3r panda held_out.parquet", "3r moves joint_1, joint_2, joint_3, the recordings panda_joint1"),
         ("id/model.json held_out.parquet --lock joint_1=0", "states its joints and actuators itself"),
@@ -187,6 +187,7 @@ def test_a_recording_fault_is_a_flag(place: Path, capfd: pytest.CaptureFixture[s
 def test_bad_input_gives_one_sentence(command: str, words: str, place: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (place / "empty").mkdir(exist_ok=True)
     (place / "notes.txt").write_text("no samples\n")
+    (place / "notes.doc").write_text("no samples\n")
     table = pl.read_parquet("held_out.parquet")
     lost = {name: f"abs_{name}" for name in table.columns if name.startswith("tau_")}
     table.with_columns(pl.col(*lost).abs()).rename(lost).write_parquet("signless.parquet")

@@ -68,7 +68,8 @@ def convert(
 
     Reading the converted columns gives the same recording as reading the source. Source, column map and topics are as
     for `read_recording`; `units` are those of the source by kind of column, {"q": "deg", "t": "ns"}. A robot's joint
-    names are checked. `heading` states lines before a header and names of columns. `drop_missing` omits rows without time, position or torque, which bridges short gaps.
+    names are checked. `heading` states lines before a header and names of columns. `drop_missing` omits rows without
+    time, position or torque, which bridges short gaps.
     """
     mapping = read_map(columns, units, heading)
     opened = open_source(source, topics, mapping.heading)

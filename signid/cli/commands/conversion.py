@@ -32,11 +32,11 @@ class ConvertOptions:
         None, "Column map: used if the file exists, else written for --robot. Default: none.", metavar="FILE"
     )
     unit: Texts = option(None, "Unit of the columns of a kind: q=deg, t=ns. Repeatable.", metavar="KIND=UNIT")
-    skip: int | None = option(
-        None, "Lines before the header of a text table. Default: found.", metavar="N", min=0, max=10_000
-    )
+    skip: int | None = option(None, "Lines before the header of a text table. Default: found.", metavar="N", min=0)
     names: Text = option(
-        None, "Names of all columns of a table without a header; empty: not used.", metavar="t,q_1,..."
+        None,
+        "Names of all columns of a table without a header; an empty one is not used. Default: none.",
+        metavar="t,q_1,...",
     )
     drop_missing: bool = option(False, "Leave out rows that lack a position or torque.", "--drop-missing")
     robot: Text = option(

@@ -154,7 +154,8 @@ def _regular(header: str, below: Sequence[TextLine], strict: bool) -> str:
     `strict`: every name is one, half of the cells are numbers or missing; for headers that are not at the beginning.
     """
     own = separator_of(header)
-    for separator in dict.fromkeys((own, *SEPARATORS, BLANK)):
+    candidates: list[str] = [own, *SEPARATORS, BLANK]
+    for separator in candidates:
         names = split_cells(header, own)
         rows = [split_cells(line.text, separator) for line in below[: BELOW + 1]]
         if rows and unit_row(rows[0]):
