@@ -195,7 +195,7 @@ def test_parquet_keeps_only_the_slabs_read_last(tmp_path: Path, monkeypatch: pyt
     frame = pl.DataFrame(values, schema=names).with_columns(pl.col("d").cast(pl.Float32), i=pl.lit(7), b=pl.lit(True))
     frame.write_parquet(tmp_path / "a.parquet", row_group_size=321)
     table = FORMATS["parquet"].open(tmp_path / "a.parquet")
-    assert isinstance(table, parquet.ParquetTable)
+    assert isinstance(table, parquet.ScannedTable)
     for start in range(0, 1234, 70):
         low = max(0, start - 30)
         np.testing.assert_array_equal(table.read(("c", "a"), low, start + 70), values[low : start + 70, [2, 0]])

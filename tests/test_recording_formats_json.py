@@ -73,6 +73,7 @@ def test_a_watched_stream_has_the_names_of_a_file() -> None:
 
 def test_names_of_lists_and_objects() -> None:
     row = parse_row('{"t": 1, "q": [2, null], "a": {"b": {"c": true}, "d": [[3], 4]}, "s": "on", "x": "NaN", "e": []}')
+    assert parse_row(json.dumps({"scan": [0.0] * 1001})) == {"scan": "a list of 1001"}
     assert list(row) == ["t", "q_1", "q_2", "a.b.c", "a.d_1_1", "a.d_2", "s", "x"]
     assert (row["t"], row["q_1"], row["a.b.c"], row["a.d_1_1"], row["a.d_2"], row["s"]) == (1, 2, 1, 3, 4, "on")
     assert np.isnan(float(row["q_2"])) and np.isnan(float(row["x"]))

@@ -14,7 +14,7 @@ from ...errors import RecordingError
 from ...registry import Registry
 from .base import Format
 
-FORMATS: Registry[Format] = Registry("formats", __name__, "csv_ lerobot parquet npz npy rosbag json_")
+FORMATS: Registry[Format] = Registry("formats", __name__, "csv_ lerobot parquet arrow npz npy rosbag json_")
 
 
 def find_format(path: Path) -> Format:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import RecordingError
 from ..meaning import guess
-from .base import MOST_COLUMNS, MemoryTable
+from .base import MOST_COLUMNS, MOST_PARTS, MemoryTable
 
 MOST_DEPTH = 20  # groups inside each other
 NUMBERS, DATES = "biuf", "mM"  # kinds of data types
@@ -84,9 +84,9 @@ def _columns(name: str, value: np.ndarray, rows: int, source: str) -> Iterator[t
         fault = f"{name!r} has as many rows as columns, {rows}, so that either could be the samples"
         raise RecordingError(f"{source}: {fault}; save each column as an array of its own, {name}_1, {name}_2, ...")
     matrix = value if value.shape[0] == rows else value.T
-    if matrix.shape[1] > MOST_COLUMNS:
-        fault = f"{name!r} has the shape {value.shape}, more than {MOST_COLUMNS} columns"
-        raise RecordingError(f"{source}: {fault}; save only those of the robot")
+    if matrix.shape[1] > MOST_PARTS:
+        yield name, value
+        return
     yield from ((f"{name}_{k}", part) for k, part in enumerate(matrix.T, 1))
 
 

@@ -17,6 +17,7 @@ from ..mapping import Heading
 
 MOST = 8_000_000_000  # maximum uncompressed size of a file that is read completely [bytes]
 MOST_COLUMNS = 20_000  # of a table
+MOST_PARTS = 1000  # numbers of a list that becomes columns; longer ones are images or scans
 _MEMORY, _OWN = Path("/proc/meminfo"), Path("/proc/self/statm")  # of Linux
 _LIMITED = Lock()
 

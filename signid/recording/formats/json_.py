@@ -17,7 +17,7 @@ import numpy as np
 from ...errors import RecordingError
 from ...types import Array, Table
 from .arrays import MOST_DEPTH, memory_table
-from .base import MOST_COLUMNS, About, Format, MemoryTable, require_memory
+from .base import MOST_COLUMNS, MOST_PARTS, About, Format, MemoryTable, require_memory
 from .text import MISSING
 
 LINES = (".jsonl", ".ndjson")
@@ -113,6 +113,8 @@ def _leaves(value: Any, name: str, depth: int) -> Iterator[tuple[str, Any]]:
     if isinstance(value, dict):
         for key, part in value.items():
             yield from _leaves(part, f"{name}.{key}" if name else key, depth + 1)
+    elif isinstance(value, list) and len(value) > MOST_PARTS:
+        yield name, f"a list of {len(value)}"
     elif isinstance(value, list):
         for k, part in enumerate(value, 1):
             yield from _leaves(part, f"{name}_{k}", depth + 1)
