@@ -28,7 +28,8 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "factors misfit session prepare reduced",
     "recording": "units mapping meaning formats source names revised columns sampling gallery plausible read bare "
     "accept __init__ convert noticed draft",
-    "recording/formats": "panics base text arrays ros csv_ json_ parquet arrow npy npz lerobot rosbag __init__",
+    "recording/formats": "panics base text arrays ros csv_ json_ parquet arrow npy npz lerobot rosbag hdf5 matlab "
+    "__init__",
     "robot": "gravity joints dynamics actuators description locate xacro_arguments load accept __init__",
     "signs": "thresholds result observations segments search samples posterior infer flags tree torque_constants "
     "recover __init__",

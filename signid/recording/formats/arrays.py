@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike
 
 from ...errors import RecordingError
 from ..meaning import guess
-from .base import MOST_COLUMNS, MOST_PARTS, MemoryTable
+from .base import MOST_COLUMNS, MOST_PARTS, About, MemoryTable
 
 MOST_DEPTH = 20  # groups inside each other
 NUMBERS, DATES = "biuf", "mM"  # kinds of data types
 
 
-def memory_table(arrays: Mapping[str, Any], source: str) -> MemoryTable:
+def memory_table(arrays: Mapping[str, Any], source: str, about: About | None = None) -> MemoryTable:
     """Table of arrays (N,) by name; groups, by name or as structured arrays, are NAME.FIELD.
 
     Dates become seconds since the first. A matrix "q" (N, n) or (n, N) becomes the columns q_1 to q_n: N is the size of
@@ -41,7 +41,7 @@ def memory_table(arrays: Mapping[str, Any], source: str) -> MemoryTable:
             raise RecordingError(f"{source} has more than {MOST_COLUMNS} columns; save only those of the robot")
     faults = {name: fault for name, column in columns.items() if (fault := _fault(column, reference, rows))}
     usable = {name: np.array(column, np.float64) for name, column in columns.items() if name not in faults}
-    return MemoryTable(usable, faults, source)
+    return MemoryTable(usable, faults, source, about)
 
 
 def _leaves(group: Any, name: str, source: str, depth: int) -> Iterator[tuple[str, ArrayLike]]:
