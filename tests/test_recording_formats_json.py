@@ -14,7 +14,7 @@ from test_recording_formats import sentence
 
 import signid
 from signid.cli.run import run
-from signid.errors import RecordingError
+from signid.errors import OptionError, RecordingError
 from signid.recording import is_recording, read_recording
 from signid.recording.formats import FORMATS, base, find_format, json_
 from signid.recording.formats.base import About
@@ -163,8 +163,8 @@ def test_models_and_configurations_are_no_recordings(tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as error:
         read_recording(model, "1r")
     sentence(str(error.value), "model.json", "instead of samples", "give the recording here")
-    with pytest.raises(RecordingError, match="no known format"):
-        find_format(tmp_path / "none.json")
+    with pytest.raises(OptionError, match="cannot be written; write .csv"):
+        find_format(tmp_path / "none.json").encode({}, "none.json")
 
 
 MADE: dict[str, Callable[[dict[str, Any]], str]] = {

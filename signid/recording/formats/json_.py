@@ -36,9 +36,6 @@ class Json(Format):
     name, suffixes = "json", (*LINES, ".json")
     description = "JSON: an object for each line, a list of objects, or an object of lists"
 
-    def recognises(self, path: Path) -> bool:
-        return super().recognises(path) and (path.suffix.lower() in LINES or path.is_file())
-
     def open(self, path: Path) -> Table:
         try:
             if DOCUMENT.search(_beginning(path)):
