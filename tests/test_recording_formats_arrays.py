@@ -181,6 +181,14 @@ def test_arrays_beyond_the_memory_are_refused(tmp_path: Path, monkeypatch: pytes
     sentence(str(error.value), "a.npy", "memory")
 
 
+def test_small_integers_need_the_memory_of_floats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path / "a.npy", np.zeros(1000, [("t", "u1"), ("q", "u1")]))
+    monkeypatch.setattr(base, "free_memory", lambda: 10_000.0)
+    with pytest.raises(RecordingError) as error:
+        FORMATS["npy"].open(path)
+    sentence(str(error.value), "a.npy", "memory")
+
+
 def test_arrays_of_objects_stay_closed(tmp_path: Path) -> None:
     class Trap:
         def __reduce__(self) -> tuple[object, tuple[str]]:

@@ -131,6 +131,17 @@ def test_objects_are_left_out_with_a_note_and_refused_alone(tmp_path: Path) -> N
     sentence(str(error.value), "a.mat", "timeseries ts", "q = ts.Data")
 
 
+def test_an_object_inside_a_structure_is_no_column(tmp_path: Path) -> None:
+    names = struct.pack("<HHI", 5, 4, 8) + element(1, b"a".ljust(8, b"\0") + b"b".ljust(8, b"\0"))
+    log = array(2, (1, 1), b"log", names + SERIES + numbers(b"", T))
+    (tmp_path / "a.mat").write_bytes(START + log + numbers(b"t", T))
+    table = FORMATS["matlab"].open(tmp_path / "a.mat")
+    assert {*table.columns} == {"t", "log.a", "log.b"}
+    np.testing.assert_array_equal(column(table, "log.b"), T)
+    with pytest.raises(RecordingError, match="no plain numbers"):
+        table.read(("log.a",), 0, 0)
+
+
 def saved(**arrays: Any) -> Callable[[Path], object]:
     return lambda path: savemat(path, arrays, do_compression=True)
 

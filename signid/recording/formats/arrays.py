@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import RecordingError
 from ..meaning import guess
-from .base import MOST_COLUMNS, MOST_PARTS, About, MemoryTable
+from .base import MOST_COLUMNS, MOST_PARTS, About, MemoryTable, require_memory
 
 MOST_DEPTH = 20  # groups inside each other
 NUMBERS, DATES = "biuf", "mM"  # kinds of data types
@@ -23,7 +23,8 @@ def memory_table(arrays: Mapping[str, Any], source: str, about: About | None = N
     the time t, else of an array that is named like a time, else the longest axis of all.
 
     Raises:
-        RecordingError: a square matrix whose rows and columns could both be samples, too many columns or groups.
+        RecordingError: a square matrix whose rows and columns could both be samples, too many columns or groups, or
+            more numbers than memory holds.
     """
     given: dict[str, np.ndarray] = {}
     for name, value in _leaves(arrays, "", source, 0):
@@ -40,6 +41,7 @@ def memory_table(arrays: Mapping[str, Any], source: str, about: About | None = N
         if len(columns) > MOST_COLUMNS:
             raise RecordingError(f"{source} has more than {MOST_COLUMNS} columns; save only those of the robot")
     faults = {name: fault for name, column in columns.items() if (fault := _fault(column, reference, rows))}
+    require_memory(source, 8.0 * rows * (len(columns) - len(faults)))  # small integers become floats
     usable = {name: np.array(column, np.float64) for name, column in columns.items() if name not in faults}
     return MemoryTable(usable, faults, source, about)
 

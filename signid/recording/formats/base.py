@@ -138,7 +138,7 @@ def refusal(source: str, column: str, reason: str | None, columns: Sequence[str]
     return f"{source} has no column {column!r}; it has {', '.join(columns[:12])}{', ...' if len(columns) > 12 else ''}"
 
 
-def require_memory(path: Path, size: float, advice: str = "give it as Parquet, which is read in chunks") -> None:
+def require_memory(path: str | Path, size: float, advice: str = "give it as Parquet, which is read in chunks") -> None:
     """Reject a file that does not fit into memory; `size` is what reading it requires [bytes].
 
     Raises:
