@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Array, Robot
-from .mapping import OF, TURN, Change, Units, signed_register
+from .names.units import OF, TURN, Change, Units, signed_register
 from .sampling.clock import FASTEST, SLOWEST
 
 EPOCH = 1.0e9, 2.5e9  # [s] time stamps since 1970 of the years 2001 to 2049
@@ -27,7 +27,7 @@ PERCENT = "the names state per cent; write scale = rated torque / 100"
 NAMELESS = "no name states that these are positions"
 UNSTATED = (
     "LeRobot datasets do not say whether numbers are degrees or per cent of the calibrated range, and a gripper's are "
-    "0 to 100 % in any case; write scale and offset from the calibration file"
+    "0 to 100 % in any case; give the calibration file (--calibration), or write scale and offset"
 )
 MILLIAMPERES = 60.0  # [A] larger currents are in milliamperes
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import RecordingError
-from ..meaning import guess
+from ..names.match import guess
 from .base import MOST_COLUMNS, MOST_PARTS, About, MemoryTable, require_memory
 
 MOST_DEPTH = 20  # groups inside each other

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...errors import OptionError, RecordingError
 from ...types import Array, Table
-from ..mapping import Heading
+from ..names.mapping import Heading
 
 MOST = 8_000_000_000  # maximum uncompressed size of a file that is read completely [bytes]
 MOST_COLUMNS = 20_000  # of a table

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import OptionError, RecordingError
 from ...types import Table
-from ..mapping import Heading
+from ..names.mapping import Heading
 from .arrays import memory_table
 from .base import Format, require_memory
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...errors import RecordingError
-from ..mapping import Heading
-from ..units import bracketed, unit_row
+from ..names.mapping import Heading
+from ..names.vocabulary import bracketed, unit_row
 from .base import MOST_COLUMNS
 
 SEPARATORS, BLANK = ",;\t", " "
