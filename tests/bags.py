@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ JOINTS = ("shoulder", "elbow", "wrist")
 START = 1_700_000_000_000_000_000  # [ns]
 STATE, PLAN = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
 CONTROL = "control_msgs/msg/JointTrajectoryControllerState"
+DYNAMIC, INTERFACE = "control_msgs/msg/DynamicJointState", "control_msgs/msg/InterfaceValue"
 POINT = "trajectory_msgs/JointTrajectoryPoint"
 OLD, NEW = ("desired", "actual"), ("reference", "feedback")
 Message = tuple[str, Any, int]  # topic, message, received [ns]
@@ -25,6 +26,9 @@ def store(first: bool = False, parts: Sequence[str] = OLD) -> Any:
     known = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
     fields = [f"{POINT} {part}" for part in (*parts, "error")]
     known.register(get_types_from_msg("\n".join(["std_msgs/Header header", "string[] joint_names", *fields]), CONTROL))
+    known.register(get_types_from_msg("string[] interface_names\nfloat64[] values", INTERFACE))
+    fields = ["std_msgs/Header header", "string[] joint_names", f"{INTERFACE} interface_values".replace(" ", "[] ")]
+    known.register(get_types_from_msg("\n".join(fields), DYNAMIC))
     return known
 
 
@@ -60,6 +64,12 @@ def plan(known: Any, stamp: int, names: Sequence[str], points: Sequence[Any]) ->
 def control(known: Any, stamp: int, names: Sequence[str], desired: Any, actual: Any) -> Any:
     """A JointTrajectoryControllerState."""
     return known.types[CONTROL](_header(known, stamp), [*names], desired, actual, point(known, 0))
+
+
+def dynamic(known: Any, stamp: int, values: Mapping[str, Mapping[str, float]]) -> Any:
+    """A DynamicJointState of values by joint and interface."""
+    interfaces = [known.types[INTERFACE]([*each], _floats(each.values())) for each in values.values()]
+    return known.types[DYNAMIC](_header(known, stamp), [*values], interfaces)
 
 
 def write1(path: Path, known: Any, messages: Iterable[Message], squeeze: str = "") -> Path:

@@ -141,7 +141,6 @@ BAD: dict[str, tuple[Mapping[str, Any], dict[str, Any], tuple[str, ...]]] = {
     "no samples": ({"t": [], "q_1": [], "tau_1": []}, {}, ("no samples",)),
     "unequal": (whole(tau_1=T[:-1]), {}, ("tau_1", "29", "30")),
     "words": (whole(q_1=["up"] * N), {}, ("q_1", "numbers")),
-    "transposed": ({"t": T, "q": Q.T, "tau": TAU}, {}, ("'q'", "(30, 3)", "transpose")),
     "map to nowhere": (whole(), {"columns": {"q_1": "pos"}}, ("'pos'", "q_1")),
     "map of numbers": (whole(), {"columns": {"q_1": 3}}, ("q_1", "3")),
     "map of no signal": (whole(), {"columns": {"elbow": "q_1"}}, ("'elbow'", "q_")),

@@ -2,15 +2,33 @@
 
 from __future__ import annotations
 
+import sqlite3
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bags import JOINTS, KINDS, NEW, OLD, START, control, plan, point, state, states, store, swung, write1, write2
+from bags import (
+    JOINTS,
+    KINDS,
+    NEW,
+    OLD,
+    START,
+    control,
+    dynamic,
+    plan,
+    point,
+    state,
+    states,
+    store,
+    swung,
+    write1,
+    write2,
+)
 from test_recording import arm
 from test_recording_formats import sentence
 
 import signid
+from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.formats import FORMATS
 from signid.recording.formats.base import About
@@ -242,3 +260,72 @@ def test_a_bag_of_another_project(data: Path) -> None:
     np.testing.assert_array_equal(signid.read_recording(folder / "ros2.db3", robot).read().q, samples.q)
     found = signid.check(robot, [recording])
     assert found.samplings[0].uniform and found.samplings[0].rows == 3441
+
+
+@pytest.mark.parametrize("mcap", [False, True])
+def test_dynamic_joint_states_give_a_column_for_each_interface_and_joint(mcap: bool, tmp_path: Path) -> None:
+    """The wrist has no current; every fourth message, and the first, lack the current of the others as well."""
+    known, (t, q, dq, tau) = store(), swung()
+    messages = []
+    for k, stamp in enumerate(START + t):
+        values = {
+            joint: {"position": q[k, j], "velocity": dq[k, j], "effort": tau[k, j], "temperature": 30.0 + j}
+            for j, joint in enumerate(JOINTS)
+        }
+        for j, joint in enumerate(JOINTS[:2] if k % 4 else ()):
+            values[joint]["current"] = 0.5 * tau[k, j]
+        messages.append(("/dynamic_joint_states", dynamic(known, int(stamp), values), int(stamp)))
+    table, about = opened(write2(tmp_path / "a", known, messages, mcap=mcap))
+    assert set(table.columns) == {
+        "t",
+        *(f"{kind}_{joint}" for kind in ("q", "dq", "tau", "temp") for joint in JOINTS),
+        "current_shoulder",
+        "current_elbow",
+    }
+    for kind, wanted in (("q", q), ("dq", dq), ("tau", tau)):
+        np.testing.assert_array_equal(column(table, f"{kind}_wrist"), wanted[:, 2])
+    np.testing.assert_array_equal(column(table, "temp_elbow"), np.full(len(t), 31.0))
+    there = np.arange(len(t)) % 4 > 0
+    np.testing.assert_array_equal(column(table, "current_elbow"), np.where(there, 0.5 * tau[:, 1], np.nan))
+    assert "current of wrist" in notes(about) and about.topics[0].kind == "control_msgs/msg/DynamicJointState"
+    np.testing.assert_array_equal(read_recording(tmp_path / "a", arm()).read().tau, tau)
+
+
+def test_joint_states_are_preferred_to_dynamic_ones(tmp_path: Path) -> None:
+    known, (t, q, *_) = store(), swung()
+    more = [
+        ("/dynamic", dynamic(known, int(stamp), {joint: {"position": 0.0} for joint in JOINTS}), int(stamp))
+        for stamp in START + t
+    ]
+    table, about = opened(write2(tmp_path / "a", known, sorted([*states(known), *more], key=lambda each: each[2])))
+    np.testing.assert_array_equal(column(table, "q_elbow"), q[:, 1])
+    assert [topic.read for topic in about.topics] == [True, False]
+
+
+@pytest.mark.parametrize("kind", ["ROS 1", "a bare db3"])
+def test_dynamic_joint_states_need_no_definition_in_the_bag(kind: str, tmp_path: Path) -> None:
+    known = store(first=kind == "ROS 1")
+    values = {"elbow": {"position": 1.0, "gripping": 2.0}}
+    messages = [("/d", dynamic(known, START + k * 10**7, values), START + k * 10**7) for k in range(5)]
+    path = KINDS[kind](tmp_path, known, messages)
+    if kind != "ROS 1":
+        with sqlite3.connect(path) as database:
+            database.execute("DELETE FROM message_definitions")
+    table, _ = opened(path)
+    np.testing.assert_array_equal(column(table, "gripping_elbow"), np.full(5, 2.0))
+    np.testing.assert_allclose(column(table, "t"), np.arange(5) / 100, atol=1e-12)
+
+
+def test_interfaces_named_twice_or_without_end_are_refused(tmp_path: Path) -> None:
+    known = store()
+    many = {"elbow": {f"x{k}": 1.0 for k in range(1001)}}
+    twice = dynamic(known, START, {"elbow": {"position": 1.0, "other": 2.0}})
+    twice.interface_values[0].interface_names[1] = "position"
+    longer = dynamic(known, START, {"elbow": {"position": 1.0}})
+    longer.joint_names.append("wrist")
+    cases = ((dynamic(known, START, many), "1000 kinds"), (twice, "interface of elbow twice"), (longer, "damaged"))
+    for k, (message, culprit) in enumerate(cases):
+        path = write2(tmp_path / str(k), known, [("/d", message, START)])
+        with pytest.raises(RecordingError) as error:
+            opened(path)
+        sentence(str(error.value), str(path), culprit)

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from test_recording_formats import sentence
 
+from signid.errors import RecordingError
 from signid.estimation.least_squares import estimate
 from signid.recording import read_recording
 from signid.recording.sampling import Sampling, samples, survey
-from signid.recording.sampling.clock import Clock
+from signid.recording.sampling.clock import Clock, read_clock
 from signid.recording.sampling.even import fit_even
 from signid.regression.prepare import prepare
 from signid.robot import configuration, load_robot
@@ -180,3 +181,11 @@ def test_clocks_of_real_robots(file: str, unsigned: bool, data: Path) -> None:
     drives = replace(robot.actuators, torque_constant=np.full(len(robot.joints), 10.0))
     recording = read_recording(data / file, replace(robot, actuators=drives), unsigned=unsigned)
     assert survey(recording, robot).clock.kind == kind
+
+
+def test_steps_that_are_almost_nothing_are_refused() -> None:
+    stamps = np.arange(30) * 5e-324
+    columns = {"t": stamps, "q_1": np.sin(np.arange(30)), "tau_1": np.cos(np.arange(30))}
+    recording = read_recording(columns, "1r")
+    with pytest.raises(RecordingError, match="cannot be seconds"):
+        read_clock(recording, "the recording")

@@ -15,8 +15,11 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from signid.recording.formats.ros.messages import DEFINITIONS
+
 JOINT, ROWS, STEP, FPS = "joint_1", 40, 20_000_000, 50  # STEP [ns]
 STATE, CONTROL = "sensor_msgs/msg/JointState", "control_msgs/msg/JointTrajectoryControllerState"
+DYNAMIC = "control_msgs/msg/DynamicJointState"
 DEFINITION = """std_msgs/Header header\nstring[] joint_names\ntrajectory_msgs/JointTrajectoryPoint desired
 trajectory_msgs/JointTrajectoryPoint actual\n"""
 TABLE, DESCRIPTION = "data/chunk-000/file-000.parquet", "meta/info.json"
@@ -68,7 +71,8 @@ def dataset() -> Mapping[str, bytes]:
 
 def _store(release: Stores) -> Any:
     store = get_typestore(release)
-    store.register(get_types_from_msg(DEFINITION, CONTROL))
+    for kind, text in {CONTROL: DEFINITION, **DEFINITIONS}.items():
+        store.register(get_types_from_msg(text, kind))
     return store
 
 
@@ -80,6 +84,11 @@ def _message(store: Any, kind: str, k: int) -> Any:
     q, tau, none = np.array([now]), np.array([2 * now]), np.empty(0)
     if kind == STATE:
         return types[STATE](head, [JOINT], q, none, tau)
+    if kind == DYNAMIC:
+        interface = types["control_msgs/msg/InterfaceValue"]
+        return types[DYNAMIC](
+            head, [JOINT], [interface(["position", "effort", "current"], np.array([now, 2 * now, k]))]
+        )
     after = types["builtin_interfaces/msg/Duration"](0, 0)
     point = types["trajectory_msgs/msg/JointTrajectoryPoint"]
     return types[CONTROL](head, [JOINT], point(q, none, none, none, after), point(q, none, none, tau, after))

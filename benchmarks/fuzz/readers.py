@@ -6,12 +6,16 @@ import gzip
 import io
 import json
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import polars as pl
+from scipy.io import savemat
 
 import signid
 from signid.cli.fleet.manifest import read_manifest
@@ -27,9 +31,10 @@ from signid.robot.description import sandbox
 from signid.simulation.plant import read_motion
 
 from .factors import factors, header_text, pendulum, with_header
-from .logs import CONTROL, DESCRIPTION, STATE, TABLE, bag1, bag2, dataset
+from .logs import CONTROL, DESCRIPTION, DYNAMIC, STATE, TABLE, bag1, bag2, dataset
 
 HERE = Path(__file__).parents[2]
+ARROW = ("uncompressed", "lz4", "zstd")
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 XACRO = f"""<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="m" default="2"/>
 <xacro:property name="size" value="${{1 + 2 * 3}}"/><xacro:include filename="other.xacro"/>
@@ -107,8 +112,14 @@ def readers() -> tuple[Reader, ...]:
         Reader("Parquet", "r.parquet", [_encoded("r.parquet"), _encoded("r.parquet", 9000)], _recorded),
         Reader("NPZ", "r.npz", [_encoded("r.npz")], _recorded),
         Reader("NPZ, arrays", "r.npz", [_array(np.arange(90) / 9), _array(np.ones((5, 2)))], _recorded, wrap=_zipped),
-        Reader("ROS 1 bag", "r.bag", [bag1(STATE), bag1(CONTROL), bag1(STATE, "BZ2"), bag1(STATE, "LZ4")], _recorded),
-        Reader("ROS 2 bag", "r.db3", [bag["r.db3"], bag2(CONTROL)["r.db3"]], _recorded),
+        *array_readers(),
+        Reader(
+            "ROS 1 bag",
+            "r.bag",
+            [bag1(STATE), bag1(CONTROL), bag1(DYNAMIC), bag1(STATE, "BZ2"), bag1(STATE, "LZ4")],
+            _recorded,
+        ),
+        Reader("ROS 2 bag", "r.db3", [bag["r.db3"], bag2(CONTROL)["r.db3"], bag2(DYNAMIC)["r.db3"]], _recorded),
         Reader("ROS 2 bag, metadata", "metadata.yaml", [bag["metadata.yaml"]], _folder, beside={"r.db3": bag["r.db3"]}),
         Reader("MCAP", "r.mcap", [each["r.mcap"] for each in (plain, bag2(CONTROL, mcap=True), chunked)], _recorded),
         Reader("LeRobot", TABLE, [joints[TABLE]], _dataset, beside={DESCRIPTION: joints[DESCRIPTION]}),
@@ -122,6 +133,18 @@ def readers() -> tuple[Reader, ...]:
         Reader("model.json", "model.json", [model], signid.load_model),
         Reader("diagnosis.json", "diagnosis.json", [diagnosis], read_found, beside={"model.json": model}),
     )
+
+
+def array_readers() -> Iterator[Reader]:
+    """Readers of JSON, Arrow, single arrays, MATLAB and, where h5py is installed, HDF5."""
+    rows, columns = _json()
+    yield Reader("JSON lines", "r.jsonl", [rows], _recorded)
+    yield Reader("JSON", "r.json", [columns, b"[" + rows.strip().replace(b"\n", b",") + b"]", rows], _recorded)
+    yield Reader("Arrow", "r.feather", [_arrow(kind, stream) for kind in ARROW for stream in (False, True)], _recorded)
+    yield Reader("NPY", "r.npy", [_array(_structured()), _array(np.ones((60, 3)))], _named)
+    yield Reader("MATLAB", "r.mat", [_matlab(), _matlab(do_compression=True), _matlab(format="4")], _recorded)
+    if find_spec("h5py"):
+        yield Reader("HDF5", "r.h5", [_hdf5()], _recorded)
 
 
 def _driven(path: Path) -> None:
@@ -150,6 +173,15 @@ def _folder(path: Path) -> None:
 def _dataset(path: Path) -> None:
     home = path.parents[2 if path.suffix == ".parquet" else 1]
     _recorded(home, {"units": {"q": "rad", "q_des": "rad", "tau": "N.m"}})
+
+
+def _named(path: Path) -> None:
+    """Read a structured array, or one whose columns are named here."""
+    try:
+        _recorded(path, {"tau_1": "tau.a"})
+    except SignidError as error:
+        assert str(error).strip(), "error without message"
+        _recorded(path, {"names": ["t", "q_1", "tau_1"]})
 
 
 def _mapped(path: Path) -> None:
@@ -183,6 +215,49 @@ def _saved() -> tuple[bytes, bytes]:
 def _encoded(name: str, rows: int = 60) -> bytes:
     t = np.arange(rows) / 100
     return find_format(Path(name)).encode({"t": t, "q_1": np.sin(t), "tau_1": np.cos(t)}, name)
+
+
+def _columns() -> dict[str, np.ndarray]:
+    t = np.arange(60) / 100
+    return {"t": t, "q": np.sin(t)[:, None], "tau": np.cos(t)[:, None]}
+
+
+def _json() -> tuple[bytes, bytes]:
+    """An object for each sample in lines, and an object of lists."""
+    columns = {name: value.tolist() for name, value in _columns().items()}
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    lines = "".join(json.dumps({**row, "mode": "run", "imu": {"a": [0, None]}}) + "\n" for row in rows)
+    return lines.encode(), json.dumps({"by": {"me": 1}, **columns}).encode()
+
+
+def _arrow(kind: Any, stream: bool) -> bytes:
+    file, frame = io.BytesIO(), pl.DataFrame(_columns()).with_columns(s=pl.struct(a=1, b=pl.lit("x")))
+    (frame.write_ipc_stream if stream else frame.write_ipc)(file, compression=kind)
+    return file.getvalue()
+
+
+def _structured() -> np.ndarray:
+    array = np.zeros(60, [("t", "f8"), ("q", "f8", (1,)), ("tau", [("a", "f8")])])
+    for name, value in _columns().items():
+        array[name] = value[:, 0] if name == "tau" else value
+    return array
+
+
+def _matlab(**options: Any) -> bytes:
+    file, given = io.BytesIO(), {"t": _columns()["t"], "q_1": _columns()["q"], "tau_1": _columns()["tau"]}
+    log = {} if "format" in options else {"log": {"a": {"b": np.ones(60)}, "c": "x"}, "d": np.array([1, "a"], object)}
+    savemat(file, {**given, **log}, **options)
+    return file.getvalue()
+
+
+def _hdf5() -> bytes:
+    import h5py
+
+    file = io.BytesIO()
+    with h5py.File(file, "w") as group:
+        group["t"], group["q"], group["log/a"] = _columns()["t"], _columns()["q"], "text"
+        group.create_dataset("tau", data=_columns()["tau"], chunks=True, compression="gzip", shuffle=True)
+    return file.getvalue()
 
 
 def _array(values: np.ndarray) -> bytes:

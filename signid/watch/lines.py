@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
 from ..errors import RecordingError
 from ..recording import read_recording
+from ..recording.formats.json_ import parse_row
 from ..recording.names.mapping import ColumnMap
 from ..types import Array, Recording, Robot
 from .intake import StreamRows
 
 MOST, MOST_COLUMNS = 1_000_000, 2_000  # characters of a line, columns of a stream
 PROBE = 64  # rows of zeros and ones that show the conversion of each column
-VECTORS = ("q", "tau", "current", "dq")  # keys of JSON lines that may hold a number for each joint
 
 
 class Parser:
@@ -58,14 +56,14 @@ class Parser:
             return None
         if self.header is None:
             self.json = line.startswith("{")
-            names = list(self._flat(line) or ()) if self.json else [part.strip().strip('"') for part in line.split(",")]
+            names = list(_numbers(line) or ()) if self.json else [part.strip().strip('"') for part in line.split(",")]
             self._begin(names, line)
             if not self.json:
                 return None
         assert self.header is not None, "the first line sets it"
         lost = [float("nan")] * len(self.header)
         if self.json:
-            values = self._flat(line)
+            values = _numbers(line)
             return lost if values is None else [values.get(name, float("nan")) for name in self.header]
         parts = line.split(",")
         if len(parts) != len(self.header):
@@ -74,22 +72,6 @@ class Parser:
             return [float(part) for part in parts]
         except ValueError:
             return None if [part.strip().strip('"') for part in parts] == self.header else _forgiving(parts)
-
-    def _flat(self, line: str) -> dict[str, float] | None:
-        """Numbers of a JSON object by column; arrays become one column for each joint."""
-        try:
-            content: Any = json.loads(line)
-            out: dict[str, float] = {}
-            for key, value in content.items():
-                if isinstance(value, list):
-                    if key in VECTORS and len(value) == len(self.robot.joints):
-                        pairs = zip(self.robot.joints, value, strict=True)
-                        out |= {f"{key}_{joint}": _number(x) for joint, x in pairs}
-                elif isinstance(value, int | float) or value is None:
-                    out[str(key)] = _number(value)
-        except (AttributeError, TypeError, ValueError, OverflowError, RecursionError):
-            return None
-        return out
 
     def _begin(self, names: Sequence[str], line: str) -> None:
         """Assign the columns.
@@ -163,8 +145,12 @@ def played(recording: Recording, size: int) -> Iterator[StreamRows]:
         yield StreamRows(samples.t, samples.q, samples.tau, samples.dq)
 
 
-def _number(x: Any) -> float:
-    return float("nan") if x is None else float(x)
+def _numbers(line: str) -> dict[str, float] | None:
+    """Numbers of a JSON object by column; None if it is none."""
+    try:
+        return {name: value for name, value in parse_row(line).items() if not isinstance(value, str)}
+    except ValueError:
+        return None
 
 
 def _forgiving(parts: Sequence[str]) -> list[float]:

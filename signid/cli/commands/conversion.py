@@ -56,7 +56,7 @@ class ConvertOptions:
 @command("signid convert log.csv --robot 3r --map map.toml -o recording.csv")
 def convert(
     sources: Annotated[
-        list[str], typer.Argument(metavar="BAG_OR_TABLE", help="ROS bag, MCAP, LeRobot, CSV, Parquet or NPZ.")
+        list[str], typer.Argument(metavar="BAG_OR_TABLE", help="ROS bag, MCAP, LeRobot dataset or table.")
     ],
     conversion: ConvertOptions,
     robot_options: RobotOptions,

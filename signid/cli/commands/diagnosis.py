@@ -224,10 +224,11 @@ def _sort_arguments(given: Sequence[str]) -> tuple[list[str], list[str]]:
 def _is_model(name: str) -> bool:
     """Whether an argument is a model, by its name or by the content of the folder."""
     from ...recording.formats import find_format
+    from ...recording.formats.json_ import holds_samples
     from ...robot.locate import locate
 
     path = Path(name)
-    if path.suffix.lower() == ".json" or path.suffix.lower() in DESCRIPTIONS:
+    if path.suffix.lower() in DESCRIPTIONS or (path.suffix.lower() == ".json" and not holds_samples(path)):
         return True
     try:
         recorded = find_format(path) is not None

@@ -1,4 +1,4 @@
-"""File formats of recordings: CSV, Parquet, NPZ, ROS bags and MCAP, LeRobot datasets. One format per file.
+"""File formats of recordings: text, JSON, Parquet, Arrow, NumPy, MATLAB, HDF5, ROS, LeRobot. One format per file.
 
 A format recognises its files, opens a file as a table of named columns that is read in chunks, and optionally writes
 files. `signid.recording` builds a recording from the table.
@@ -14,7 +14,7 @@ from ...errors import RecordingError
 from ...registry import Registry
 from .base import Format
 
-FORMATS: Registry[Format] = Registry("formats", __name__, "csv_ lerobot parquet npz rosbag")
+FORMATS: Registry[Format] = Registry("formats", __name__, "csv_ lerobot parquet arrow npz npy matlab hdf5 rosbag json_")
 
 
 def find_format(path: Path) -> Format:

@@ -10,13 +10,14 @@ from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ...errors import OptionError, RecordingError
 from ...types import Array, Table
 from ..names.mapping import Heading
 
 MOST = 8_000_000_000  # maximum uncompressed size of a file that is read completely [bytes]
+MOST_COLUMNS = 20_000  # of a table
+MOST_PARTS = 1000  # numbers of a list that becomes columns; longer ones are images or scans
 _MEMORY, _OWN = Path("/proc/meminfo"), Path("/proc/self/statm")  # of Linux
 _LIMITED = Lock()
 
@@ -139,50 +140,7 @@ def refusal(source: str, column: str, reason: str | None, columns: Sequence[str]
     return f"{source} has no column {column!r}; it has {', '.join(columns[:12])}{', ...' if len(columns) > 12 else ''}"
 
 
-def memory_table(arrays: Mapping[str, ArrayLike], source: str) -> MemoryTable:
-    """Table of arrays (N,) by name; dates become seconds since the first, a matrix "q" (N, n) the columns q_1 to q_n.
-
-    Raises:
-        RecordingError: transposed matrix.
-    """
-    given = {name: _seconds(np.asarray(value)) for name, value in arrays.items()}
-    columns: dict[str, np.ndarray] = {}
-    for name, value in given.items():
-        if value.ndim == 2 and 1 < value.shape[1] == np.size(given.get("t", ())) != value.shape[0]:
-            fault = f"has shape {value.shape}, expected {value.shape[::-1]}, a row for each sample; transpose it"
-            raise RecordingError(f"{source}: {name!r} {fault}")
-        if value.ndim == 2 and name != "t":
-            columns.update({f"{name}_{k + 1}": value[:, k] for k in range(value.shape[1])})
-        else:
-            columns[name] = value.ravel() if name == "t" else value
-    sizes = {name: len(column) for name, column in columns.items() if column.ndim == 1}
-    longest = "t" if "t" in sizes else max(sizes, key=lambda each: sizes[each], default="t")
-    rows = sizes.get(longest, 0)
-    faults = {name: fault for name, column in columns.items() if (fault := _fault(column, longest, rows))}
-    usable = {name: np.array(column, np.float64) for name, column in columns.items() if name not in faults}
-    return MemoryTable(usable, faults, source)
-
-
-def _seconds(stamps: np.ndarray) -> np.ndarray:
-    """Dates as seconds since the first one, and durations as seconds; other arrays are unchanged."""
-    if stamps.dtype.kind not in "Mm":
-        return stamps
-    known = stamps[~np.isnat(stamps)]
-    since = stamps - known[0] if stamps.dtype.kind == "M" and len(known) else stamps
-    count = since.astype("timedelta64[ns]").astype(np.int64) / 1e9
-    return np.where(np.isnat(since), np.nan, count)
-
-
-def _fault(column: np.ndarray, reference: str, rows: int) -> str:
-    """Reason why an array is not a numeric column, "" if it is one."""
-    if column.dtype.kind not in "biuf":
-        return "holds no plain numbers; give one real number per sample"
-    if column.ndim != 1:
-        return f"has shape {column.shape}, expected one value per sample"
-    return "" if len(column) == rows else f"has {len(column)} values, expected {rows} as {reference!r} has"
-
-
-def require_memory(path: Path, size: float, advice: str = "give it as Parquet, which is read in chunks") -> None:
+def require_memory(path: str | Path, size: float, advice: str = "give it as Parquet, which is read in chunks") -> None:
     """Reject a file that does not fit into memory; `size` is what reading it requires [bytes].
 
     Raises:

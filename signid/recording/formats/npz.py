@@ -13,7 +13,8 @@ import numpy as np
 
 from ...errors import RecordingError
 from ...types import Array, Table
-from .base import MOST, Format, free_memory, memory_table
+from .arrays import memory_table
+from .base import MOST, Format, free_memory
 
 HEADER, FACTORS = "header", b'"schema": "signid.factors/'  # array that identifies a factor file, and its content
 BEGINNING = 1024  # length of the part of that array that is searched [bytes]

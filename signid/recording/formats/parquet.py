@@ -4,31 +4,44 @@ from __future__ import annotations
 
 import io
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
 
 from ...errors import RecordingError
 from ...types import Array, Table
-from .base import Format, refusal
+from .arrays import MOST_DEPTH
+from .base import MOST_COLUMNS, MOST_PARTS, Format, refusal
 from .panics import BROKEN, hushed
 
 SLAB = 262_144  # [rows] decoded at once
 NUMBERS = (pl.Boolean, pl.Null, pl.Datetime, pl.Duration)  # types that are read as numbers
+SEEN = 1000  # [rows] in which the length of lists is found
 KEPT = 2  # number of slabs in memory, so that reads across a boundary decode nothing twice
 
 
-class ParquetTable:
-    """Columns of a Parquet file; only the most recent slabs are in memory."""
+class ColumnPart(NamedTuple):
+    """A column, or a part of one."""
 
-    def __init__(self, path: Path) -> None:
-        self._path, self._scan = path, pl.scan_parquet(path, glob=False)
-        self._schema = self._scan.collect_schema()
+    column: pl.Expr
+    kind: pl.DataType
+
+
+class ScannedTable:
+    """Columns of a scanned file; only the most recent slabs are in memory.
+
+    Lists of numbers are the columns NAME_1 to NAME_n, structures NAME.FIELD.
+    """
+
+    def __init__(self, path: Path, scan: pl.LazyFrame) -> None:
+        self._path, self._scan = path, scan
+        self._parts = dict(self._split(scan.collect_schema()))
         self._slabs: OrderedDict[int, dict[str, Array]] = OrderedDict()
         self.since: dict[str, int] = {}  # [ns since 1970] first date of a column of dates that was read
-        self.columns = tuple(self._schema.names())
+        self.columns = tuple(self._parts)
         self.rows = int(self._scan.select(pl.len()).collect().item())
 
     def read(self, names: Sequence[str], start: int, stop: int) -> Array:
@@ -38,7 +51,7 @@ class ParquetTable:
             RecordingError: missing or non-numeric column, or damaged file.
         """
         for name in names:
-            kind = self._schema.get(name)
+            kind = self._parts[name].kind if name in self._parts else None
             if not (kind and (kind.is_numeric() or kind in NUMBERS)):
                 reason = f"holds {kind}, expected numbers" if kind else None
                 raise RecordingError(refusal(str(self._path), name, reason, self.columns))
@@ -60,7 +73,7 @@ class ParquetTable:
             if name not in slab:
                 try:
                     with hushed():
-                        frame = self._scan.select(self._number(name)).slice(k * SLAB, SLAB).collect()
+                        frame = self._scan.select(self._number(name).alias(name)).slice(k * SLAB, SLAB).collect()
                 except BROKEN as error:
                     fault = f"is damaged after row {k * SLAB}; copy or write it again"
                     raise RecordingError(f"{self._path} {fault}") from error
@@ -69,7 +82,7 @@ class ParquetTable:
 
     def _number(self, name: str) -> pl.Expr:
         """Column as numbers: dates in seconds since the first row, durations in seconds."""
-        kind, column = self._schema[name], pl.col(name)
+        column, kind = self._parts[name]
         if isinstance(kind, pl.Duration):
             column = column.cast(pl.Duration("ns")).to_physical() / 1e9
         if isinstance(kind, pl.Datetime):
@@ -78,6 +91,49 @@ class ParquetTable:
                 self.since[name] = self._scan.select(column.drop_nulls().first()).collect().item() or 0
             column = (column - self.since[name]) / 1e9
         return column.cast(pl.Float64)
+
+    def _split(self, schema: Mapping[str, pl.DataType]) -> Iterator[tuple[str, ColumnPart]]:
+        """Columns by name, with those of lists and structures.
+
+        Raises:
+            RecordingError: more columns than a table may have.
+        """
+        found: set[str] = set()
+        for column, kind in schema.items():
+            parts = list(self._parts_of(column, ColumnPart(pl.col(column), kind), 0))
+            if any(name in found or (name != column and name in schema) for name, _ in parts):
+                parts = [(column, ColumnPart(pl.col(column), kind))]  # columns of their own come first
+            found |= {name for name, _ in parts}
+            if len(found) > MOST_COLUMNS:
+                fault = f"{self._path} has more than {MOST_COLUMNS} columns"
+                raise RecordingError(f"{fault}; write only those of the robot")
+            yield from parts
+
+    def _parts_of(self, name: str, part: ColumnPart, depth: int) -> Iterator[tuple[str, ColumnPart]]:
+        column, kind = part
+        if isinstance(kind, pl.Struct) and kind.fields and depth < MOST_DEPTH:
+            for field in kind.fields:
+                inner = ColumnPart(column.struct.field(field.name), _instance(field.dtype))
+                yield from self._parts_of(f"{name}.{field.name}", inner, depth + 1)
+        elif isinstance(kind, pl.List | pl.Array) and (number := _instance(kind.inner)).is_numeric():
+            lists = column if isinstance(kind, pl.List) else column.arr.to_list()
+            sizes = self._scan.select(lists.list.len().alias(name)).head(SEEN).collect().to_series().drop_nulls()
+            size = int(sizes[0]) if len(sizes) else 0
+            if not 0 < size <= MOST_PARTS:
+                yield name, part
+                return
+            whole = lists.list.len() == size  # a list of another length is missing
+            for k in range(size):
+                value = pl.when(whole).then(lists.list.get(k, null_on_oob=True))
+                yield f"{name}_{k + 1}", ColumnPart(value, number)
+        else:
+            yield name, part
+
+
+def _instance(kind: Any) -> pl.DataType:
+    """Data type of a field, which may be given as a class."""
+    found: pl.DataType = kind() if isinstance(kind, type) else kind
+    return found
 
 
 class Parquet(Format):
@@ -89,7 +145,7 @@ class Parquet(Format):
     def open(self, path: Path) -> Table:
         try:
             with hushed():
-                return ParquetTable(path)
+                return ScannedTable(path, pl.scan_parquet(path, glob=False))
         except BROKEN as error:
             raise RecordingError(f"{path} is not a Parquet file, or is cut short; copy or write it again") from error
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from ...errors import RecordingError, shorten
 from ...types import Table
-from .bag_messages import READERS, Gather
-from .bag_time import join
 from .base import Format, Topic, memory_limited
+from .ros.join import join
+from .ros.messages import DEFINITIONS, READERS, Gather
 
 PARTS = (".db3", ".mcap", ".zstd", ".yaml")  # suffixes of the files in a bag folder
 SHOWN = 120  # maximum length of a quoted library message [characters]
@@ -25,7 +25,7 @@ class RosBag(Format):
     """Read by the library rosbags, without an installation of ROS."""
 
     name, suffixes = "rosbag", (".bag", ".mcap", ".db3")
-    description = "ROS 1 bag, ROS 2 bag (its folder, .db3 or .mcap): JointState, JointTrajectory, controller state"
+    description = "ROS 1 bag, ROS 2 bag (its folder, .db3 or .mcap): joint states, trajectories, controller states"
 
     def recognises(self, path: Path) -> bool:
         return (path / "metadata.yaml").is_file() if path.is_dir() else super().recognises(path)
@@ -144,7 +144,10 @@ def _decoders(connections: Sequence[Any], first: bool) -> dict[str, Any]:
     decoders = {}
     for kind in {connection.msgtype for connection in connections}:
         store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
-        if not kind.startswith(STANDARD):
+        if kind in DEFINITIONS:
+            for name, text in DEFINITIONS.items():
+                store.register(get_types_from_msg(text, name))
+        elif not kind.startswith(STANDARD):
             given = next((c.msgdef for c in connections if c.msgtype == kind and c.msgdef.format != Form.NONE), None)
             if given is None:
                 fault = "differs between releases of ROS and is not defined in the bag; record MCAP, which defines it"

@@ -15,9 +15,10 @@ from typing import NamedTuple
 from ...errors import RecordingError
 from ..names.mapping import Heading
 from ..names.vocabulary import bracketed, unit_row
+from .base import MOST_COLUMNS
 
 SEPARATORS, BLANK = ",;\t", " "
-MOST_HEADER, MOST_BLANK, MOST_COLUMNS = 1_000_000, 10_000, 20_000  # bytes, lines before a header, columns
+MOST_HEADER, MOST_BLANK = 1_000_000, 10_000  # bytes, lines before a header
 SEEN = 64  # lines, without blank ones and comments, in which the header is searched
 BELOW = 3  # lines below a header that must be regular, if there are as many
 MARKS = ("#", "%", "//")  # beginnings of comments before the samples

@@ -10,15 +10,14 @@ import numpy as np
 
 from ...errors import RecordingError, shorten
 from ...types import Array
-from ..formats.bag_messages import Stamps
 from ..formats.base import About
-from ..formats.streams import plural
 from ..names.mapping import ParsedColumns, split
 from ..names.match import guess
 from ..names.units import Change, change_of
 from ..noticed import time_unit
 from ..sampling.rivals import ask_for_time
 from ..source import Opened
+from ..streams import Stamps, plural
 
 BACK = 10.0  # a larger step back is no disorder of rows, but another clock [periods]
 SMALLER = {"ms": 1e3, "us": 1e6, "ns": 1e9}  # units of time in a second

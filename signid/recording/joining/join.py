@@ -12,9 +12,9 @@ from ...errors import OptionError, RecordingError, shorten
 from ...types import Array
 from ..formats import find_format
 from ..formats.base import About, Format, MemoryTable, require_memory
-from ..formats.streams import TimedColumns, at_times
 from ..names.mapping import ParsedColumns
 from ..source import Opened, Source, open_source
+from ..streams import TimedColumns, at_times
 from .files import Files, JoinedFile, Timed, in_one_unit, read_times
 from .naming import NamedColumn, name_columns
 from .offsets import Offset, Readings, estimate_offset

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ...errors import RecordingError
-from ..formats.streams import WRAP
 from ..names.mapping import ParsedColumns, Signal, split
 from ..names.match import Guess, guess
 from ..names.units import Change, change_of
+from ..streams import WRAP
 from .files import Timed, own_columns, stems
 
 ANY = "x"  # a joint without a name

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import Array
-from ..formats.streams import GAP, GAP_NS
+from ..streams import GAP, GAP_NS
 from .profile import FEWEST, LEAST, ROWS, Predictors, Shift, TargetSignal, coarse_shifts, fine_shift, pick_shift
 
 SMOOTH = 0.05  # [s] window of the derivative of a position; at least FEW rows

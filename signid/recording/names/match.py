@@ -79,6 +79,9 @@ def guess(column: str, known: Collection[str] = ()) -> Guess | None:
         stated = sides & {"commanded", "absolute", "none", "rate"} or "current" in column.lower()
         if not (other and (stated or "d" in words_of(pairs[0][1]))):
             return Guess(column, *pairs[0], "", True)
+    last = column.rpartition(".")[2]
+    if found is None and last != column and (inner := guess(last)) and inner.kind == "t":  # header.stamp
+        return inner._replace(column=column, plain=False)
     return found
 
 

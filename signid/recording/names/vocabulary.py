@@ -34,7 +34,7 @@ _TABLE: Mapping[Word, str] = {
     Word("pwm"): "pwm duty dutycycle",
     Word("volt"): "volt volts voltage voltages spannung",
     Word("temp"): "temp temperature temperatures temperatur",
-    Word("t"): "t time times timestamp timestamps stamp clock zeit temps tiempo tempo",
+    Word("t"): "t tout time times timestamp timestamps stamp clock zeit temps tiempo tempo",
     Word(side="enabled"): "on enable enabled",
     Word(side="commanded"): "des desired cmd command commands commanded target targets ref reference goal set setpoint "
     "action soll demand demanded consigne consigna comando",

@@ -88,7 +88,7 @@ def time_origin(recording: Recording) -> float:
 
 def likely_unit(step: float) -> str:
     """Unit in which a time step is closest to a typical sampling period."""
-    return min(UNITS, key=lambda unit: abs(log(step * UNITS[unit] / TYPICAL)))
+    return min(UNITS, key=lambda unit: abs(log(step) + log(UNITS[unit] / TYPICAL)))  # a product could be 0
 
 
 def resolution(stamps: Array) -> float:

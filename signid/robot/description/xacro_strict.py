@@ -98,7 +98,9 @@ class Arguments(dict[str, str]):
         missing, folder = path, os.path.dirname(path)
         while not os.path.isdir(folder) and folder != os.path.dirname(folder):
             missing, folder = folder, os.path.dirname(folder)
-        value, ending = os.path.splitext(os.path.basename(missing)) if missing == path else (os.path.basename(missing), "")
+        value, ending = (
+            os.path.splitext(os.path.basename(missing)) if missing == path else (os.path.basename(missing), "")
+        )
         for name in names:
             if self.get(name) == value and os.path.isdir(folder):
                 alike = [entry for entry in os.scandir(folder) if entry.is_dir() == (missing != path)]
@@ -145,7 +147,9 @@ def strict_names(absolute: Callable[[Any], str], absent_package: Callable[[objec
     def complete(name: Any) -> str:
         if package := absent_package(name):
             reason = f"it needs the ROS package {package!r}, which is neither above nor beside it"
-            raise Sentence(f"xacro cannot expand it: {reason}; add --package-dir DIR, the folder that holds the package")
+            raise Sentence(
+                f"xacro cannot expand it: {reason}; add --package-dir DIR, the folder that holds the package"
+            )
         return absolute(name)
 
     return complete

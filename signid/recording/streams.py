@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...errors import RecordingError, shorten
-from ...types import Array
-from .bag_messages import Stamps
+from ..errors import RecordingError, shorten
+from ..types import Array
 
+Stamps = NDArray[np.int64]  # [ns]
 SLOWER = 1.1  # maximum period of interpolated topics [periods of the base topic]
 GAP, GAP_NS = 3.5, 0.01e9  # a gap exceeds both [periods], [ns] and is not interpolated
 WRAP = 5.0  # [rad] larger jumps of position are wraps of the encoder

@@ -9,12 +9,10 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...errors import RecordingError
+from ....errors import RecordingError
 
-MOST = 1000  # maximum number of joints, or lists of joints, in a topic
-Stamps = NDArray[np.int64]  # [ns]
+MOST = 1000  # maximum number of joints, lists of joints, or kinds of values, in a topic
 
 
 class Reading(NamedTuple):
@@ -76,6 +74,8 @@ class Gather:
             if kind not in layout.signals:
                 if not len(values):
                     continue
+                if len(layout.signals) >= MOST:
+                    raise RecordingError(f"topic {self.topic} has more than {MOST} kinds of values; name another topic")
                 layout.signals[kind] = array("d", [np.nan]) * (len(names) * len(layout.order))
             column = layout.signals[kind]
             if len(values) == len(names):
@@ -83,6 +83,8 @@ class Gather:
             else:
                 column.extend([np.nan] * len(names))
                 self.misfits += len(values) > 0
+        for kind in layout.signals.keys() - reading.values.keys():
+            layout.signals[kind].extend([np.nan] * len(names))
         layout.received.append(received + reading.after)
         layout.stamps.append(reading.stamp + reading.after if reading.stamp else 0)
         layout.order.append(self.readings)
@@ -125,9 +127,30 @@ def _controller_state(message: Any) -> Iterator[Reading]:
     yield Reading(message.joint_names, _nanoseconds(message.header.stamp), 0, values)
 
 
+def _dynamic_joint_state(message: Any) -> Iterator[Reading]:
+    """Values by joint and name of the interface; a joint may lack what others have."""
+    joints, values = message.joint_names, dict[str, list[float]]()
+    for k, (joint, interface) in enumerate(zip(joints, message.interface_values, strict=True)):
+        if len({*interface.interface_names}) < len(interface.interface_names):
+            raise RecordingError(f"a message names an interface of {joint} twice; correct its publisher")
+        for name, value in zip(interface.interface_names, interface.values, strict=True):
+            values.setdefault(INTERFACES.get(name, name), [np.nan] * len(joints))[k] = value
+    yield Reading(joints, _nanoseconds(message.header.stamp), 0, values)
+
+
+INTERFACES = {  # kind of column by the name of an interface of ros2_control; others keep their name
+    **{"position": "q", "velocity": "dq", "acceleration": "ddq", "effort": "tau"},
+    **{"voltage": "volt", "temperature": "temp"},
+}
+DYNAMIC = "control_msgs/msg/DynamicJointState"
+DEFINITIONS = {  # types that are equal in all releases, but not known to the library
+    DYNAMIC: "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values",
+    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values",
+}
 PAIRS = (("actual", "feedback"), ("desired", "reference"))
 READERS: Mapping[str, Callable[[Any], Iterator[Reading]]] = {  # in the order of preference without named topics
     "sensor_msgs/msg/JointState": _joint_state,
+    DYNAMIC: _dynamic_joint_state,
     "control_msgs/msg/JointTrajectoryControllerState": _controller_state,
     "trajectory_msgs/msg/JointTrajectory": _trajectory,
 }

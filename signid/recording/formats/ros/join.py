@@ -8,15 +8,15 @@ from itertools import chain
 
 import numpy as np
 
-from ...errors import RecordingError, shorten
-from ...types import Array
-from .bag_messages import Gather, Layout, Stamps
-from .base import About, MemoryTable, Topic
-from .streams import WRAP, TimedColumns, at_times, plural
+from ....errors import RecordingError, shorten
+from ....types import Array
+from ...streams import WRAP, Stamps, TimedColumns, at_times, plural
+from ..base import About, MemoryTable, Topic
+from .messages import Gather, Layout
 
 NAMES = {
     **{"q": "position", "dq": "velocity", "ddq": "acceleration", "tau": "effort"},
-    **{"q_des": "desired position", "dq_des": "desired velocity"},
+    **{"q_des": "desired position", "dq_des": "desired velocity", "volt": "voltage", "temp": "temperature"},
 }
 BACK = 0.01  # accepted share of header stamps that decrease or repeat
 APART = 0.5e9  # accepted difference between the clocks of header stamps [ns]
@@ -88,7 +88,7 @@ def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]
     for kind, joints in lacking.items():
         if kind == "dq_des":
             continue
-        notes.append(f"{gather.topic}: {NAMES[kind]} of {shorten(joints)} is NaN or zero throughout: omitted")
+        notes.append(f"{gather.topic}: {NAMES.get(kind, kind)} of {shorten(joints)} is NaN or zero throughout: omitted")
 
 
 def _values(names: Sequence[str], layout: Layout, kind: str, joint: str) -> Array:

@@ -1,0 +1,1 @@
+"""Messages of ROS: their values, joined in time to one table."""
