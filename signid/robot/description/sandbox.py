@@ -42,13 +42,14 @@ REFUSED = tuple(
 
 
 def may_read(path: str | Path, folders: Sequence[str | Path]) -> bool:
-    """Whether a description may refer to a file: it lies below one of the folders, or in a ROS package.
+    """Whether a description may refer to a file: it is one of the `folders` or below one, or in a ROS package.
 
     Symbolic links are followed, since a description cannot create any.
     """
     place = Path(os.path.normpath(Path(path).absolute()))
     allowed = {Path(os.path.normpath(Path(folder).absolute())) for folder in folders}
-    return any(folder in allowed or any((folder / name).is_file() for name in MANIFESTS) for folder in place.parents)
+    around = (place, *place.parents)
+    return any(folder in allowed or any((folder / name).is_file() for name in MANIFESTS) for folder in around)
 
 
 def _guard(folders: Sequence[str], scratch: str) -> None:
@@ -183,10 +184,9 @@ def _restrict_expressions(find: Callable[[str], str]) -> None:
         own = {
             "arg": lambda name: substitution_args.convert_value(stated[name], "auto"),
             "dirname": lambda: os.path.dirname(context["filename"]),
-            "find": find,
         }
         known = {k: v for k, v in substitution_args._eval_dict.items() if not k.startswith("_")}
-        return str(evaluate(expression, {**given, **known, **own}))
+        return str(evaluate(expression, {**given, **own, **known}))
 
     for name in ("type", "vars", "issubclass"):  # they reach classes and their attributes
         xacro._global_symbols["python"].pop(name, None)
@@ -203,7 +203,8 @@ def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
     strict, packages = _beside("xacro_strict"), _beside("ros_packages")
     with open(os.path.join(scratch, ARGUMENTS), encoding="utf-8") as stream:
         arguments = strict.Arguments(json.load(stream))
-    folders = [os.path.dirname(os.path.abspath(path)), *package_dirs]
+    named = filter(os.path.isfile, filter(os.path.isabs, arguments.values()))  # by the caller, not by the description
+    folders = [os.path.dirname(os.path.abspath(path)), *package_dirs, *named]
     xacro.parse = strict.strict_parser(arguments)
     xacro.abs_filename_spec = strict.strict_names(xacro.abs_filename_spec, packages.absent_package)
     _restrict_expressions(packages.package_finder(path, package_dirs, folders.append))

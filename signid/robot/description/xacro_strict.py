@@ -87,27 +87,31 @@ class Arguments(dict[str, str]):
             return sentence
         if not (takes := sorted({*self.declared, *self.required, *self.read})):
             return error
-        if isinstance(cause, FileNotFoundError) and (sentence := self._unknown_value(str(cause.filename), takes)):
-            return sentence
-        return ValueError(
-            f"{str(error) or type(error).__name__}; its arguments are {_listed(takes)} (--xacro NAME:=VALUE)"
-        )
+        reason = str(error) or type(error).__name__
+        if isinstance(cause, FileNotFoundError):
+            if unknown := self._unknown_value(str(cause.filename), takes):
+                return unknown
+            reason = f"there is no {cause.filename}"
+        elif isinstance(cause, PermissionError):
+            reason = f"it may not read {cause.filename}, because {cause.strerror}"
+        return ValueError(f"{reason}; its arguments are {_listed(takes)} (--xacro NAME:=VALUE)")
 
     def _unknown_value(self, path: str, names: Sequence[str]) -> Sentence | None:
-        """What is there if the first part of a path that is not there is the value of an argument."""
+        """Values that an argument may have, if it alone may have named the first part of a path that is not there."""
         missing, folder = path, os.path.dirname(path)
         while not os.path.isdir(folder) and folder != os.path.dirname(folder):
             missing, folder = folder, os.path.dirname(folder)
-        value, ending = (
-            os.path.splitext(os.path.basename(missing)) if missing == path else (os.path.basename(missing), "")
-        )
-        for name in names:
-            if self.get(name) == value and os.path.isdir(folder):
-                alike = [entry for entry in os.scandir(folder) if entry.is_dir() == (missing != path)]
-                there = sorted(entry.name.removesuffix(ending) for entry in alike if entry.name.endswith(ending))
-                stated = f"the xacro argument {name} is {value!r}, but there is no {path}"
-                return Sentence(f"{stated}; add --xacro {name}:=VALUE (there are {_listed(there) or 'none'})")
-        return None
+        whole = missing == path
+        value, ending = os.path.splitext(os.path.basename(missing)) if whole else (os.path.basename(missing), "")
+        named = [name for name in names if self.get(name) == value] or [
+            name for name in names if self.get(name) and self[name] in value
+        ]
+        if not os.path.isdir(folder) or len(named) != 1:
+            return None
+        alike = [entry.name for entry in os.scandir(folder) if entry.is_dir() != whole and entry.name.endswith(ending)]
+        there = _listed(sorted(name.removesuffix(ending) for name in alike)) or "none"
+        stated = f"the xacro argument {named[0]} is {self[named[0]]!r}, but there is no {path}"
+        return Sentence(f"{stated}; add --xacro {named[0]}:=VALUE (there are {there})")
 
     def _check_lacking(self, unread: Sequence[str]) -> None:
         """Raise if an argument had no value when it was read; the sentence also names the others that have none.
@@ -146,10 +150,10 @@ def strict_names(absolute: Callable[[Any], str], absent_package: Callable[[objec
 
     def complete(name: Any) -> str:
         if package := absent_package(name):
-            reason = f"it needs the ROS package {package!r}, which is neither above nor beside it"
-            raise Sentence(
-                f"xacro cannot expand it: {reason}; add --package-dir DIR, the folder that holds the package"
+            reason = (
+                f"xacro cannot expand it: it needs the ROS package {package!r}, which is neither above nor beside it"
             )
+            raise Sentence(f"{reason}; add --package-dir DIR, the folder that holds the package")
         return absolute(name)
 
     return complete
