@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -26,7 +27,10 @@ MESH = """<{0}>
 
 def layout(data: Path, wanted: DataSet) -> dict[str, bytes]:
     """Each file of the source by its path."""
-    make = {"1r": seed, "3r": seed, "emps": emps, "panda": panda, "tx40": tx40, "ur10e": ur10e}[wanted.name]
+    if wanted.name == "mauicv_servo":
+        return mauicv(data / wanted.folder, wanted)
+    drives = {"bam_xl330": bam, "bam_sts3250": bam}
+    make = {"1r": seed, "3r": seed, "emps": emps, "panda": panda, "tx40": tx40, "ur10e": ur10e, **drives}[wanted.name]
     files: dict[str, bytes] = {}
     for product in wanted.products:
         path = data / wanted.folder / product.name
@@ -42,6 +46,35 @@ def table(path: Path) -> dict[str, list[str]]:
     header, *lines = gzip.decompress(path.read_bytes()).decode().splitlines()
     cells = zip(*(line.split(",") for line in lines), strict=True)
     return dict(zip(header.split(","), map(list, cells), strict=True))
+
+
+def bam(paths: tuple[str, ...], cells: Mapping[str, list[str]]) -> dict[str, bytes]:
+    keys = {"position": "q_servo", "speed": "dq_servo", "input_volts": "volt_servo", "temp": "temp_servo"}
+    keys |= {"timestamp": "t", "goal_position": "q_des_servo"}
+    entries = [
+        {key: float(cells[name][i]) for key, name in keys.items()}
+        | {"load": round(885 * float(cells["pwm_servo"][i])) % 2**16, "torque_enable": cells["on_servo"][i] == "1"}
+        for i in range(len(cells["t"]))
+    ]
+    return {paths[0]: json.dumps({"motor": "a motor", "entries": entries}).encode()}
+
+
+def mauicv(folder: Path, wanted: DataSet) -> dict[str, bytes]:
+    entries: dict[str, list[dict[str, object]]] = {}
+    for product in wanted.products:
+        cells = table(folder / product.name)
+        runs = cells.get("run", ["0"] * len(cells["t"]))
+        for run in dict.fromkeys(runs):
+            rows = [i for i, one in enumerate(runs) if one == run]
+            known = {"sensor_data": "q_servo", "actions": "q_des_servo"}
+            values = {key: [half_turns(cells[name][i]) for i in rows] for key, name in known.items()}
+            motion = product.name.partition(".")[0].split("_")[1]
+            entries.setdefault(product.sources[0], []).append({"type": motion, **values})
+    return {path: json.dumps({"data": listed}).encode() for path, listed in entries.items()}
+
+
+def half_turns(cell: str) -> float | None:
+    return float(cell) / np.pi if cell else None
 
 
 def panda(paths: tuple[str, ...], cells: Mapping[str, list[str]]) -> dict[str, bytes]:

@@ -26,8 +26,8 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
     "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "
     "factors misfit session prepare reduced",
-    "recording": "units mapping formats source meaning names revised columns sampling gallery plausible read bare "
-    "accept __init__ convert noticed draft",
+    "recording": "names formats source columns sampling gallery plausible read bare accept __init__ convert noticed "
+    "draft",
     "robot": "gravity joints dynamics actuators description locate xacro_arguments load accept __init__",
     "signs": "thresholds result observations segments search samples posterior infer flags tree torque_constants "
     "recover __init__",

@@ -18,7 +18,7 @@ from signid.cli.terminal import write_error
 from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.draft import draft_map
-from signid.recording.meaning import guess
+from signid.recording.names.match import guess
 
 ROBOT = signid.load_robot("3r")
 T = np.arange(400) * 0.004
@@ -70,7 +70,8 @@ def test_usual_names_have_a_meaning(name: str) -> None:
 def test_commanded_torques_are_no_measurements() -> None:
     found = guess("target_moment_0")
     assert found is not None and found.desired
-    assert guess("mode") is None and guess("position") is None
+    unnamed = guess("position")
+    assert guess("mode") is None and unnamed is not None and not unnamed.joint
 
 
 def by_joint(pattern: str, values: np.ndarray, first: int = 1) -> dict[str, np.ndarray]:

@@ -70,7 +70,7 @@ def test_the_whole_way_from_the_files_of_the_source(
 
 
 def test_the_carried_descriptions_belong_to_the_recordings(data: Path) -> None:
-    for name in ("panda", "emps"):
+    for name in ("panda", "emps", "bam_xl330", "bam_sts3250", "mauicv_servo"):
         (file, path), *_ = DATA[name].carried
         mine, theirs = (signid.load_robot(there) for there in (ROOT / "robots" / path, data / DATA[name].folder / file))
         assert mine.joints == theirs.joints
@@ -193,7 +193,7 @@ def test_a_damaged_recording_is_replaced(folder: Path) -> None:
     ("given", "message"),
     [
         (["pandaa"], "no data named 'pandaa'; did you mean panda?"),
-        (["kuka"], "choose from 1r, 3r, emps, panda, tx40, ur10e"),
+        (["kuka"], "choose from 1r, 3r, emps, panda, tx40, ur10e, bam_xl330, bam_sts3250"),
         (["toy", "--yes", "--source", "http://example.com"], "not a valid address for downloads"),
         (["toy", "--yes", "-o", ""], "not a folder"),
         (["--yes"], "no data set was named"),

@@ -15,8 +15,9 @@ from signid.recording import read_bare, read_recording
 from signid.recording.convert import convert
 from signid.recording.draft import draft_map
 from signid.recording.formats import FORMATS
-from signid.recording.mapping import Heading
-from signid.recording.units import bracketed, unit_row
+from signid.recording.names.mapping import Heading
+from signid.recording.names.vocabulary import bracketed, unit_row
+from signid.robot import load_robot
 from signid.toml_json import read_toml
 
 T = np.arange(30) / 100
@@ -166,3 +167,47 @@ def test_every_command_takes_names_from_the_column_map(
     capsys.readouterr()
     assert run(["check", "3r", "log.txt", "--columns", "map.toml"]) == run(["check", "3r", "r.tsv"])
     assert "log.txt" not in capsys.readouterr().err
+
+
+def written(rows: list[str], header: str = "t,q_1,q_2,q_3,tau_1,tau_2,tau_3") -> str:
+    return "\n".join([header, *rows]) + "\n"
+
+
+ROBOT = load_robot("3r")
+ROWS = [f"{0.01 * k:.2f},{0.1 * k:.1f},0,1,2,3,4" for k in range(120)]
+STAMPS: dict[str, list[str]] = {
+    "ISO dates": [f"{('2026-11-26 23:59:59', '2026-11-27 00:00:00')[k // 100]}.{k % 100:02d}" for k in range(120)],
+    "ISO dates with a zone": [f"2026-11-26T12:00:{k // 100:02d}.{k % 100:02d}Z" for k in range(120)],
+    "German dates": [f"26.11.2026 12:00:{k // 100:02d}.{k % 100:02d}" for k in range(120)],
+    "times of day across midnight": [f"{('23:59:59', '00:00:00')[k // 100]}.{k % 100:02d}" for k in range(120)],
+}
+
+
+@pytest.mark.parametrize("name", STAMPS)
+def test_dates_and_times_become_seconds(name: str, tmp_path: Path) -> None:
+    rows = [stamp + row[row.index(",") :] for stamp, row in zip(STAMPS[name], ROWS, strict=True)]
+    (tmp_path / "log.csv").write_text(written(rows), encoding="utf-8")
+    found = read_recording(tmp_path / "log.csv", ROBOT)
+    t = found.read().t
+    np.testing.assert_allclose(t - t[0], 0.01 * np.arange(120), atol=1e-6)
+    assert any("read as seconds" in note for note in found.notes)
+
+
+def test_repeated_headers_and_text_below_are_left_out(tmp_path: Path) -> None:
+    header = "t,q_1,q_2,q_3,tau_1,tau_2,tau_3"
+    (tmp_path / "log.csv").write_text(written([*ROWS[:60], header, *ROWS[60:], "END OF FILE"]), encoding="utf-8")
+    found = read_recording(tmp_path / "log.csv", ROBOT)
+    np.testing.assert_allclose(found.read().t, 0.01 * np.arange(120), atol=1e-9)
+    notes = ("lines that repeat the header left out: 1", "lines of text below the samples left out: 1")
+    assert {*notes} <= {*found.notes}
+    (tmp_path / "bad.csv").write_text(written([*ROWS[:60], "broken", *ROWS[60:]]), encoding="utf-8")
+    with pytest.raises(RecordingError, match="holds 'broken' in row 61"):
+        read_recording(tmp_path / "bad.csv", ROBOT)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "cp1252", "utf-8-sig"])
+def test_texts_of_windows_are_read(encoding: str, tmp_path: Path) -> None:
+    header = "t,q_1 [°],q_2 [°],q_3 [°],tau_1,tau_2,tau_3"
+    (tmp_path / "log.csv").write_bytes(written(ROWS, header).encode(encoding))
+    q = read_recording(tmp_path / "log.csv", ROBOT).read().q
+    np.testing.assert_allclose(q[:, 0], np.radians(0.1 * np.arange(120)), atol=1e-12)

@@ -179,6 +179,21 @@ def test_servo_mode_beside_torque_is_forced(capfd: pytest.CaptureFixture[str]) -
     )
 
 
+def test_currents_without_a_constant_give_way_to_commands(capfd: pytest.CaptureFixture[str]) -> None:
+    (joint,) = load_model("1r").robot.joints
+    table = pl.read_csv("a.csv")
+    noise = np.random.default_rng(3).normal(size=len(table))  # nothing gives the constant of such a current
+    table.with_columns(pl.Series(f"current_{joint}", noise)).write_csv("current.csv")
+    capfd.readouterr()
+    known = ["--known", "kp=20"]
+    assert run(["identify", "1r", "current.csv", *known, "--json"]) == 2, "an option of drives needs --servo"
+    assert run(["identify", "1r", "current.csv", "--json"]) in (0, 3)
+    content = json.loads(capfd.readouterr().out)
+    assert content["servo"]["joints"][0]["joint"] == joint
+    assert any(note.startswith("position drives are identified from q_des_J") for note in content["notes"])
+    assert "remove --no-instruments" in refused(capfd, "identify", "1r", "current.csv", "--json", "--no-instruments")
+
+
 def test_a_gain_of_one_joint_sets_the_scale(capfd: pytest.CaptureFixture[str]) -> None:
     capfd.readouterr()
     assert run(["identify", "1r", "a.csv", "--known", "kp.1=20", "--law", "effort", "--json"]) in (0, 3)

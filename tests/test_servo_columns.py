@@ -13,7 +13,7 @@ from test_servo_cli import recording
 
 from signid.cli import run
 from signid.recording import read_recording
-from signid.recording.revised import Turned, revised_map
+from signid.recording.names.mapping import Turned, revised_map
 from signid.robot import load_robot
 from signid.servo.identify.zeros import zero_flags
 from signid.servo.zeros import JointZero

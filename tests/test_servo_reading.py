@@ -11,9 +11,10 @@ from test_recording import arm
 
 import signid
 from signid.errors import RecordingError, RobotError
+from signid.recording.bare import read_bare
 from signid.recording.convert import convert
 from signid.recording.draft import draft_map
-from signid.recording.meaning import guess
+from signid.recording.names.match import guess
 from signid.types import Array, Robot
 
 ROBOTS = Path(__file__).parents[1] / "robots"
@@ -227,3 +228,17 @@ def test_other_columns_that_begin_alike(robot: Robot) -> None:
     assert recording.read().servo is None
     converted = convert({**columns(), **more}, robot=robot)
     assert set(converted.joints) == {"1", "2", "3"} and not converted.suggested
+
+
+def test_commands_and_positions_are_found_by_the_words_in_their_names() -> None:
+    t = np.arange(300) * 0.01
+    columns = {"time [ms]": 1e3 * t, "FR_0_target": np.sin(t), "FR_0_actual": np.sin(t - 0.05), "FR_0_kp": 0 * t}
+    named = {"m1_cmd [deg]": 40 * np.sin(t), "m1_pos [deg]": 40 * np.sin(t - 0.05)}
+    recording, units = read_bare({**columns, **named})
+    assert recording.joints == ("fr_0", "m_1") and units == {"fr_0": "", "m_1": "rad"}
+    samples = recording.read()
+    np.testing.assert_allclose(samples.t, t, atol=1e-12)
+    np.testing.assert_allclose(samples.q, np.column_stack([np.sin(t - 0.05), np.radians(40 * np.sin(t - 0.05))]))
+    assert any("fr_0 is FR_0_target" in note for note in recording.notes)
+    with pytest.raises(RecordingError, match="no joint J with both columns"):
+        read_bare({"t": t, "speed_1": t, "kp_1": t})

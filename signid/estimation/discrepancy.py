@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..regression.factors import RowSample
-from ..types import Array, BaseMap, Indices, Mask
+from ..types import Array, BaseMap, Indices
 
 PROCESSES = ("v", "l", "q", "vl", "qv")  # states of each process: velocity, load, position
 # Length, thresholds and number of processes were chosen on the recordings of `benchmarks.intervals_real` and on the
@@ -40,7 +40,7 @@ class _Joint(NamedTuple):
     rest: Array  # (K',) residual [N.m or N]
     slope: Array  # (K',) derivative of the torque [N.m/s or N/s]
     state: dict[str, Array]  # (K',) each, in standard deviations
-    apart: Mask  # (K', K') whether two rows are distant in time
+    apart: Array  # (K', K') 1 where two rows are distant in time, else 0
     weight: float  # weight of a row of the sample [1/N2.m2]
     taken: Array  # (K', m) taken @ x' projects a process onto the fit
     stride: int  # rows that one sample row represents
@@ -80,7 +80,7 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
         sample.torque[here, j] - load,
         sample.slope[here, j],
         {name: signal / max(float(np.std(signal)), 1e-300) for name, signal in state.items() if len(signal)},
-        np.abs(time[:, None] - time) >= max(APART, LAGS * sample.period),
+        (np.abs(time[:, None] - time) >= max(APART, LAGS * sample.period)).astype(float),
         weight,
         x @ white[np.ix_(columns, columns)] * weight,
         sample.stride,
@@ -90,8 +90,9 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
 def _processes(joint: _Joint) -> tuple[Array, float]:
     """Covariance (m, m) of the normal equations' right-hand side due to discrepancy; its variance [N2.m2 or N2]."""
     spread, size = np.zeros((len(joint.columns),) * 2), 0.0
+    single = {name: _likeness(state) for name, state in joint.state.items()}
     for names in PROCESSES:
-        like = _likeness(np.column_stack([joint.state[name] for name in names]))
+        like = single[names] if len(names) == 1 else single[names[0]] * single[names[1]]
         reach = like @ joint.x
         variance = _variance(joint, like, reach)
         spread += variance * joint.weight**2 * joint.x.T @ reach
@@ -100,10 +101,8 @@ def _processes(joint: _Joint) -> tuple[Array, float]:
 
 
 def _likeness(state: Array) -> Array:
-    """Correlation (K, K) of a process at K states (K, d), in standard deviations."""
-    state = state / LENGTH
-    size = np.sum(state**2, axis=1)
-    return np.asarray(np.exp(-np.maximum(size[:, None] + size - 2 * state @ state.T, 0) / 2))
+    """Correlation (K, K) of a process at K states (K,), in standard deviations."""
+    return np.asarray(np.exp((state[:, None] - state) ** 2 * (-0.5 / LENGTH**2)))
 
 
 def _variance(joint: _Joint, like: Array, reach: Array) -> float:
@@ -116,13 +115,14 @@ def _variance(joint: _Joint, like: Array, reach: Array) -> float:
     m = x.shape[1]
     turned = taken @ (x.T @ reach)
     within = float(np.trace(like) - 2 * np.sum(taken * reach) + np.sum(turned * taken))  # E[residual'residual]
-    across = float(np.sum(pairs * like) - 2 * np.sum(near[:, m:] * taken) + np.sum(near[:, :m] * turned))
+    squares = float(np.vdot(pairs, pairs))
+    across = float(squares - 2 * np.sum(near[:, m:] * taken) + np.sum(near[:, :m] * turned))
     if across <= 0 or within <= 0:
         return 0.0
     power = float(joint.rest @ joint.rest)
     noise = power / max(len(joint.rest) - float(np.sum(taken * x)) / joint.stride, 1.0)
     products = float(joint.rest @ pairs @ joint.rest) + noise * float(np.sum(near[:, :m] * x)) / joint.stride
-    error = noise * np.sqrt(2 * float(np.sum(pairs**2)))
+    error = noise * np.sqrt(2 * squares)
     return float(np.clip((products - REDUCTION * error) / across, 0.0, power / within))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 
@@ -13,7 +13,8 @@ from ..types import Array, Recording, ServoSamples
 from .columns import TORQUES, UNSTATED, conversion, function, stated_units, unit_caveats
 from .formats import FORMATS
 from .formats.base import About
-from .mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
+from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
+from .names.match import guess
 from .plausible import drop_implausible
 from .sampling.rivals import ask_for_time
 from .source import Opened, Source, open_source
@@ -35,8 +36,10 @@ def read_bare(
 ) -> tuple[Recording, dict[str, str]]:
     """Read positions, commands and what drives record of every joint with `q_J` and `q_des_J`, without a description.
 
-    Torques are not read. Also returned is the unit of the positions of each joint: "" where the source states none,
-    as LeRobot datasets; all others are rad, or m at prismatic joints, which look the same.
+    Torques are not read. Without such names and without a column map, the words in the names of columns assign them,
+    and a note says how. Also returned is the unit of the positions of each joint: "" where the source states none, as
+    LeRobot datasets and columns that are assigned by words; all others are rad, or m at prismatic joints, which look
+    the same.
 
     Raises:
         OptionError: topics of a source without topics.
@@ -44,7 +47,11 @@ def read_bare(
     """
     mapping = read_map(columns)
     opened = open_source(source, topics, mapping.heading)
-    signals = {signal.logical: signal for signal in mapping.signals(opened.table.columns, opened.name)}
+    signals = _signals(opened, mapping)
+    guessed = () if columns is not None or _commanded(signals) else _guessed_columns(opened.table.columns)
+    if guessed:
+        mapping = read_map(dict(guessed), mapping.units, mapping.heading)
+        signals = _signals(opened, mapping)
     joints = _joints(opened, signals)
     if not signals["t"].mapped:
         ask_for_time(opened.table, "t", {each.column for name, each in signals.items() if split(name)}, opened.name)
@@ -54,7 +61,8 @@ def read_bare(
     for kind, joint in product(KINDS, joints):
         if signal := signals.get(f"{kind}_{joint}"):
             unstated = _unstated(opened, mapping, signal, kind)
-            unknown |= {(kind, joint)} if unstated else set()
+            nameless = bool(guessed) and not mapping.own.get(signal.logical) and kind not in mapping.units
+            unknown |= {(kind, joint)} if unstated or nameless else set()
             change = function(kind, None if unstated else conversion(opened, mapping, signal, kind, None))
             functions |= {signal.column: change} if change else {}
     time = conversion(opened, mapping, signals["t"], "t", None)
@@ -64,9 +72,14 @@ def read_bare(
     table.read(used, 0, 0)  # raises if a column is not numeric
     plain, implausible = drop_implausible(table, chosen)
     units = stated_units(mapping, ((split(name)[0][0] if split(name) else "t", each) for name, each in signals.items()))
-    caveats = unit_caveats(opened, {name: unit for name, unit in units.items() if name in used})
-    caveats += (f"positions are left in the unit of the source: {UNSTATED}",) if unknown else ()
-    notes = (*(note for note in About.of(opened.table).notes if "no torque" not in note), *caveats)
+    units = {name: unit._replace(by="its name") if guessed else unit for name, unit in units.items() if name in used}
+    caveats = unit_caveats(opened, units)
+    if unknown and About.of(opened.table).unstated:
+        caveats += (f"positions are left in the unit of the source: {UNSTATED}",)
+    notes: tuple[str, ...] = (*(note for note in About.of(opened.table).notes if "no torque" not in note), *caveats)
+    if guessed:
+        names = [f"{key} is {name}" for key, name in mapping.named.items() if key == "t" or key.startswith("q_")]
+        notes += (f"columns are assigned by the words in their names: {shorten(names, 4)}",)
     recording = Recording(
         joints,
         table,
@@ -77,7 +90,7 @@ def read_bare(
         opened.sha256,
         notes,
         flags=tuple(implausible),
-        units={name: unit for name, unit in units.items() if name in used},
+        units=units,
     )
     return recording, {joint: "" if ("q", joint) in unknown else "rad" for joint in joints}
 
@@ -93,10 +106,34 @@ def _unstated(opened: Opened, mapping: ParsedColumns, signal: Signal, kind: str)
     return not stated and signal.column in About.of(opened.table).unstated
 
 
-def _joints(opened: Opened, signals: dict[str, Signal]) -> tuple[str, ...]:
+def _signals(opened: Opened, mapping: ParsedColumns) -> dict[str, Signal]:
+    return {signal.logical: signal for signal in mapping.signals(opened.table.columns, opened.name)}
+
+
+def _commanded(signals: Mapping[str, Signal]) -> tuple[str, ...]:
     """Joints with a position and a command, in the order of the columns."""
     joints = [token for name in signals for kind, token in split(name)[:1] if kind == "q"]
-    found = tuple(joint for joint in joints if f"q_des_{joint}" in signals)
+    return tuple(joint for joint in joints if f"q_des_{joint}" in signals)
+
+
+def _guessed_columns(columns: Sequence[str]) -> tuple[tuple[str, str | dict[str, str]], ...]:
+    """Entries of a column map of commanded and measured positions by the words of their names; () without both."""
+    found = [one for column in columns if (one := guess(column)) and not one.desired]
+    entries: dict[str, str | dict[str, str]] = {}
+    for one in found:
+        key = "t" if one.kind == "t" else f"{one.kind}_{one.joint or 'joint'}"
+        entries.setdefault(key, {"column": one.column, "unit": one.unit} if one.unit else one.column)
+    both = any(key.startswith("q_des_") and f"q_{key[6:]}" in entries for key in entries)
+    return tuple(entries.items()) if both and "t" in entries else ()
+
+
+def _joints(opened: Opened, signals: Mapping[str, Signal]) -> tuple[str, ...]:
+    """Joints with a position and a command.
+
+    Raises:
+        RecordingError: there is none, or no time.
+    """
+    found = _commanded(signals)
     have = f"it has {shorten(opened.table.columns, 12)}"
     advice = "name them in a column map (--columns), or give the description of the robot before the recording"
     if "t" not in signals:

@@ -12,8 +12,9 @@ import numpy as np
 from ..errors import RecordingError, shorten
 from ..types import Array, Robot, ServoSamples, StatedUnit, Table
 from .formats.base import About
-from .mapping import Change, DerivedTable, ParsedColumns, Signal, change_of, signed_register, split
-from .names import suggest
+from .names.mapping import DerivedTable, ParsedColumns, Signal, split
+from .names.suggest import suggest
+from .names.units import Change, change_of, signed_register
 from .source import Opened
 
 TORQUES = ("tau", "current", "abs_tau", "abs_current")  # in the order of preference
@@ -23,7 +24,7 @@ LONG = 150  # maximum length of a map within a message [characters]
 ARM = "arm joint"  # a revolute joint that is no wheel and no finger
 UNSTATED = (
     "LeRobot datasets do not say whether numbers are degrees or per cent of the calibrated range, and a gripper's are "
-    "0 to 100 % in any case; write scale and offset from the calibration file"
+    "0 to 100 % in any case; give the calibration file (--calibration), or write scale and offset"
 )
 DIGITS = 10  # of numbers of joints, fewer than these
 CLOSE = 0.7  # minimum similarity of names (difflib) for a suggestion [1]
@@ -73,13 +74,14 @@ def assign_columns(opened: Opened, columns: ParsedColumns, robot: Robot) -> Assi
                 raise RecordingError(f"{source} has {names}, which are the same signal of one joint; keep one of them")
             signals[key] = signal if signal.mapped else rival
     units = stated_units(columns, ((kind, signal) for (kind, _), signal in signals.items()))
-    notes = (*_ignored(unassigned, signals, robot, opened), *unit_caveats(opened, units))
+    ignored, strange = _ignored(unassigned, signals, robot, opened, bool(columns.named))
+    notes = (*ignored, *unit_caveats(opened, units))
     numbered = [
         j
         for (kind, j), signal in signals.items()
         if kind == "q" and not signal.mapped and not any(token in robot.joints for _, token in split(signal.logical))
     ]
-    flags = _uncertain(source, robot, numbered)
+    flags = (*strange, *_uncertain(source, robot, numbered))
     changes = {}
     for (kind, joint), signal in signals.items():
         prismatic = None if kind == "t" else bool(robot.prismatic[joint])
@@ -105,7 +107,7 @@ def unit_caveats(opened: Opened, units: Mapping[str, StatedUnit]) -> tuple[str, 
     """A note on units of positions that a column map states for a source that may hold per cent instead."""
     unstated = About.of(opened.table).unstated
     angles = {units[name].unit for name in unstated & units.keys() if units[name].unit in ("deg", "rad")}
-    return tuple(f"positions are read in {unit}, as the column map states: {UNSTATED}" for unit in sorted(angles))
+    return tuple(f"positions are in {unit} by the column map: {UNSTATED}" for unit in sorted(angles))
 
 
 def conversion(
@@ -161,10 +163,16 @@ def resolve(logical: str, robot: Robot) -> tuple[str, int] | None:
 
 
 def _ignored(
-    unassigned: Iterable[Signal], signals: Mapping[tuple[str, int], Signal], robot: Robot, opened: Opened
-) -> tuple[str, ...]:
-    """Note on ignored signals of unknown joints, unless a joint lacks them; names like "q_motor_1" are quantities."""
-    ignored = []
+    unassigned: Iterable[Signal], signals: Mapping[tuple[str, int], Signal], robot: Robot, opened: Opened, mapped: bool
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Notes and flags on ignored signals of unknown joints; names like "q_motor_1" are quantities.
+
+    If a joint lacks such a signal, it is refused; or flagged, if a column map names columns.
+
+    Raises:
+        RecordingError: a signal of an unknown joint that a joint lacks.
+    """
+    ignored, strange = list[str](), list[str]()
     for signal in unassigned:
         kind, token = split(signal.logical)[0]
         if kind in ServoSamples._fields and not signal.mapped:
@@ -174,7 +182,10 @@ def _ignored(
         lower = {name.lower(): name for name in reversed(robot.joints if signal.mapped else lacking)}
         close = get_close_matches(token.lower(), lower, 1, CLOSE)
         quantity = any(resolve(f"q_{token[i + 1 :]}", robot) for i, letter in enumerate(token) if letter == "_" and i)
-        if signal.mapped or (lacking and (close or token.isdecimal() or (kind == "q" and not quantity))):
+        missed = bool(lacking and (close or token.isdecimal() or (kind == "q" and not quantity)))
+        if missed and mapped and not signal.mapped:
+            strange.append(signal.column)
+        elif signal.mapped or missed:
             guess = f" (perhaps {lower[close[0]]} is meant)" if close else ""
             first, last = robot.numbers[0], robot.numbers[-1]
             whole = robot.numbers == tuple(range(first, last + 1))
@@ -182,9 +193,13 @@ def _ignored(
             joints = f"{shorten(robot.joints, 12)}, numbered {numbers}"
             fault = f"{opened.name}: {signal.logical} names no joint of {robot.name}{guess}; it has {joints}"
             raise RecordingError(fault + suggest(opened.table.columns, robot))
-        if token.isdecimal() or (kind == "q" and not quantity):
+        elif token.isdecimal() or (kind == "q" and not quantity):
             ignored.append(signal.column)
-    return (f"ignored, because {robot.name} has no such joint: {shorten(ignored, 12)}",) if ignored else ()
+    fact = f"because {robot.name} has no such joint"
+    notes = (f"ignored, {fact}: {shorten(ignored, 12)}",) if ignored else ()
+    advice = "name in the column map those that its joints lack"
+    flags = (f"{opened.name}: ignored, {fact}: {shorten(strange, 6)}; {advice}",) if strange else ()
+    return notes, flags
 
 
 def _uncertain(source: str, robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:

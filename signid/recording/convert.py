@@ -13,8 +13,8 @@ from ..types import Array, Frozen, Input, Recording, Robot
 from . import read_recording
 from .columns import TORQUES, conversion, function, resolve, stated_units
 from .formats.base import About, MemoryTable
-from .mapping import DRIVE, ColumnMap, DerivedTable, Heading, ParsedColumns, Signal, read_map, split
-from .names import MEANT, OFFER, propose
+from .names.mapping import DRIVE, ColumnMap, DerivedTable, Heading, ParsedColumns, Signal, read_map, split
+from .names.suggest import MEANT, OFFER, propose
 from .sampling.clock import read_clock
 from .sampling.rivals import rivals
 from .source import Opened, Source, open_source
@@ -91,10 +91,15 @@ def convert(
         notes.append(f"omitted, because they hold no numbers: {shorten(skipped)}")
     if left:
         notes.append(f"omitted, because they differ from the stated time: {shorten(left)}")
+    strange = _strange(found, signals, robot) if robot and mapping.named else []
+    found = {name: values for name, values in found.items() if name not in strange}
     if drop_missing:
         found, dropped = _complete(found)
         notes += dropped
     pace, flags = _pace(opened.name, found)
+    if robot and strange:
+        fact, advice = f"because {robot.name} has no such joint", "name those that its joints lack in the column map"
+        flags.append(f"{opened.name}: left out, {fact}: {shorten(strange, 6)}; {advice}")
     if robot:
         try:
             read_recording(found, robot)
@@ -104,6 +109,12 @@ def convert(
     file = Input(opened.path or opened.name, opened.sha256, "converted")
     notes += [] if flags else _lacking(found, about)
     return Conversion(found, file, about, stated, pace, suggested, tuple(flags), tuple(dict.fromkeys(notes)))
+
+
+def _strange(found: Mapping[str, Array], signals: Sequence[Signal], robot: Robot) -> list[str]:
+    """Columns that a map does not name, and that are named like signals of joints which the robot does not have."""
+    unmapped = [each.logical for each in signals if not each.mapped and each.logical in found]
+    return [name for name in unmapped if _kind(name) not in ("", "t", *DRIVE) and resolve(name, robot) is None]
 
 
 def _kind(name: str) -> str:

@@ -11,9 +11,10 @@ from ..errors import RecordingError, one_line, shorten
 from ..types import Array, Robot, ServoSamples
 from .columns import TORQUES
 from .formats.base import About
-from .mapping import DRIVE, Change, Heading, change_of
-from .meaning import Guess, guess, without_bare
-from .names import heading_lines, key_of, known_joints, match_signals, quoted
+from .names.calibration import MotorRange, calibrated
+from .names.mapping import DRIVE, Heading, heading_lines, key_of, quoted, split
+from .names.match import Guess, guess_columns, match_signals, pair_in_order
+from .names.units import Change, change_of
 from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .sampling.rivals import rivals
 from .source import Opened, Source, open_source
@@ -53,34 +54,63 @@ class DraftedMap(NamedTuple):
     lines: tuple[MappedColumn, ...]
     unused: tuple[str, ...]  # columns without a meaning
     lacking: tuple[str, ...]  # what identification needs and no column seems to have, one sentence each
+    offered: tuple[tuple[str, str], ...] = ()  # signals of joints that no column fits, and columns that may be theirs
 
 
-def draft_map(source: Source, robot: Robot, topics: Sequence[str] = (), heading: Heading | None = None) -> DraftedMap:
+def draft_map(
+    source: Source,
+    robot: Robot,
+    topics: Sequence[str] = (),
+    heading: Heading | None = None,
+    ranges: Mapping[str, MotorRange] | None = None,
+) -> DraftedMap:
     """Draft a column map of a log for a robot; names of columns and their first 200,000 rows give joints and units.
 
-    `heading` states lines before a header, and names of columns; the map then holds them as well.
+    `heading` states lines before a header, and names of columns; the map then holds them as well. `ranges` are those of
+    a calibration file, by which positions in per cent become angles. Joints that no column fits are offered the columns
+    that are left, in their order, as comments.
 
     Raises:
         OptionError: topics of a source without topics.
         RecordingError: the source cannot be read.
     """
-    opened, known = open_source(source, topics, heading), known_joints(robot)
+    opened = open_source(source, topics, heading)
     values = dict(_numbers(opened))
-    guesses = without_bare([found for name in values if (found := guess(name, known))])
+    guesses = guess_columns(list(values), robot)
     chosen = {f"{key}|{one.desired}": (key, one) for key, one in match_signals(guesses, robot)}
     signals = {key: one for key, one in chosen.values() if not one.desired}
     spare = [(key, one) for key, one in chosen.values() if one.desired]
     signals, time = _unsigned(signals, values), _time(guesses, values)
     unstated = About.of(opened.table).unstated
     lines = tuple(_checked(line, unstated) for line in _lines(signals, time, values, robot))
-    used = {line.guess.column for line in lines}
+    lines = _calibrated(lines, values, ranges or {})
+    offered = tuple((key, one.column) for key, one in pair_in_order(guesses, signals, robot))
+    used = {line.guess.column for line in lines} | {column for _, column in offered}
     unused = tuple(name for name in opened.table.columns if name not in used)
     lacking = (*_lacking(lines, robot, opened.name), *_other_times(opened, time, used))
-    text = _text(opened.name, robot, lines, spare, unused, lacking)
+    text = _text(opened.name, robot, lines, offered, spare, unused, lacking)
     if stated := heading_lines(heading or Heading()):
         top, first, rest = text.partition("\n\n")
         text = "".join((top, "\n\n", "\n".join(stated), first, rest))
-    return DraftedMap(text, lines, unused, lacking)
+    return DraftedMap(text, lines, unused, lacking, offered)
+
+
+def _calibrated(
+    lines: Sequence[MappedColumn], values: Mapping[str, Array], ranges: Mapping[str, MotorRange]
+) -> tuple[MappedColumn, ...]:
+    """Lines in which the calibrated ranges state the unit of positions; both kinds of position share it."""
+    positions = {line.guess.column: line.guess.joint for line in lines if line.kind in ("q", "q_des")}
+    pooled = {
+        joint: np.concatenate([values[column] for column, own in positions.items() if own == joint])
+        for joint in dict.fromkeys(positions.values())
+    }
+    found = calibrated(pooled, ranges)
+    return tuple(
+        line._replace(noticed=Noticed(found[line.guess.joint].change or "deg", found[line.guess.joint].why))
+        if line.guess.column in positions and line.guess.joint in found
+        else line
+        for line in lines
+    )
 
 
 def _checked(line: MappedColumn, unstated: Collection[str]) -> MappedColumn:
@@ -208,6 +238,7 @@ def _text(
     source: str,
     robot: Robot,
     lines: Sequence[MappedColumn],
+    offered: Sequence[tuple[str, str]],
     spare: Sequence[tuple[str, Guess]],
     unused: Sequence[str],
     lacking: Sequence[str],
@@ -228,17 +259,23 @@ def _text(
         why = f": {one_line(reasons.pop())}" if alike and not shared[kind] else ""
         out += ["", f"# {TITLES.get(kind, 'time')}{why}"]
         out += [_entry(line, bool(shared[kind]), alike) for line in mine]
+        out += [f"# {key_of(key)} = {quoted(column)}  # which?" for key, column in offered if _kind_of(key) == kind]
     out += ["", *(f"# {one_line(sentence)}" for sentence in lacking)] if lacking else []
     absent = [
         name for j, name in enumerate(robot.joints) if j not in {line.joint for line in lines if line.kind == "q"}
     ]
-    out += ["", f"# without a position, and held fixed: {_names(absent)}"] if absent else []
+    how = ", unless a line with 'which?' is right: remove its first #" if offered else ""
+    out += ["", f"# without a position, and held fixed{how}: {_names(absent)}"] if absent else []
     commands = [name for name in unused if name in {one.column for _, one in spare}]
     others = [name for name in unused if name not in commands]
     out += ["", f"# commanded, not measured, and not used: {_names(commands)}"] if commands else []
     out += ["", f"# not used: {_names(others)}"] if others else []
     stated = [f"{kind} = {quoted(str(one.unit))}  # {one_line(one.why)}" for kind, one in shared.items() if one]
     return "\n".join([*out, *(["", "[units]  # of all columns of a kind", *stated] if stated else []), ""])
+
+
+def _kind_of(key: str) -> str:
+    return split(key)[0][0]
 
 
 def _shared(lines: Sequence[MappedColumn]) -> Noticed | None:

@@ -17,8 +17,8 @@ from ..typed import typed
 from ..types import Array, Recording, Robot, ServoSamples, Table
 from .columns import TORQUES, Assignment, assign_columns
 from .formats.base import About
-from .mapping import ColumnMap, DerivedTable, read_map
-from .names import suggest
+from .names.mapping import ColumnMap, DerivedTable, read_map
+from .names.suggest import suggest
 from .plausible import drop_implausible
 from .sampling.clock import CHUNK
 from .sampling.rivals import ask_for_time

@@ -17,7 +17,7 @@ from ..errors import OptionError, RecordingError, readable
 from ..types import Table
 from .formats import find_format
 from .formats.base import memory_table
-from .mapping import Heading
+from .names.mapping import Heading
 
 
 class Frame(Protocol):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from ..recording import read_recording
-from ..recording.mapping import ColumnMap
+from ..recording.names.mapping import ColumnMap
 from ..types import Array, Recording, Robot
 from .intake import StreamRows
 

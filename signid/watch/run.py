@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..model import Model, ModelSource, as_model
-from ..recording.mapping import ColumnMap
+from ..recording.names.mapping import ColumnMap
 from ..recording_faults import recording_flags
 from ..robot import hold, resting
 from ..typed import typed

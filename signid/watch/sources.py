@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import OptionError, RecordingError, readable
 from ..recording import as_recording, read_recording
-from ..recording.mapping import ColumnMap
+from ..recording.names.mapping import ColumnMap
 from ..types import Recording, Robot
 from .intake import StreamRows
 from .lines import MOST as MOST_LINE, Parser, check, played

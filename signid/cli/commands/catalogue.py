@@ -61,8 +61,9 @@ def data(
 ) -> int:
     """List or download public recordings of real robots.
 
-    The examples in robots/ need them. Source, commit and licence are shown, and the download must be confirmed. The
-    converted files are verified by their sha256 and written completely or not at all.
+    Recordings have torques, motor currents, or the commands and positions of position drives. The examples in robots/
+    need them. Source, commit and licence are shown, and the download must be confirmed. The converted files are
+    verified by their sha256 and written completely or not at all.
     """
     from ...output.report import data_document, data_tables, to_json
     from ...recording.gallery import DATA
@@ -128,8 +129,9 @@ def _next(wanted: DataSet, folder: Path) -> list[str]:
     lines = []
     if not os.environ.get("SIGNID_DATA") or data_folder().resolve() != folder.resolve():
         lines.append(f"export SIGNID_DATA={shlex.quote(str(folder.resolve()))}")
+    robots = robots_folder()
+    here = robots.relative_to(Path.cwd()) if robots.is_relative_to(Path.cwd()) else robots
     if wanted.example:
-        return [*lines, wanted.example.format(folder=shlex.quote(str(folder / wanted.folder)))]
-    example = robots_folder() / wanted.name / "identify.py"
-    here = example.relative_to(Path.cwd()) if example.is_relative_to(Path.cwd()) else example
-    return [*lines, f"python {shlex.quote(str(here))}"]
+        places = {"folder": folder / wanted.folder, "robots": here}
+        return [*lines, wanted.example.format(**{name: shlex.quote(str(path)) for name, path in places.items()})]
+    return [*lines, f"python {shlex.quote(str(here / wanted.name / 'identify.py'))}"]

@@ -17,7 +17,7 @@ from ..options import Columns, Json, RobotOptions
 from ..terminal import check_file, show, write_columns
 
 if TYPE_CHECKING:
-    from ...recording.mapping import Heading
+    from ...recording.names.mapping import Heading
     from ...types import Robot
 
 
@@ -37,6 +37,9 @@ class ConvertOptions:
         None,
         "Names of all columns of a table without a header; an empty one is not used. Default: none.",
         metavar="t,q_1,...",
+    )
+    calibration: Text = option(
+        None, "Calibration of LeRobot: ranges of motors, for a --map that is written. Default: none.", metavar="FILE"
     )
     drop_missing: bool = option(False, "Leave out rows that lack a position or torque.", "--drop-missing")
     robot: Text = option(
@@ -94,8 +97,10 @@ def _column_map(conversion: ConvertOptions) -> str | None:
     """File of the column map; a --map that does not exist is to be written.
 
     Raises:
-        OptionError: two maps, or no robot for a map that is to be written.
+        OptionError: two maps, no robot for a map that is to be written, or a calibration without such a map.
     """
+    if conversion.calibration is not None and (conversion.map is None or Path(conversion.map).exists()):
+        raise OptionError("--calibration is for a column map that is written; add --robot and a --map that is new")
     if conversion.map is None:
         return conversion.columns
     if conversion.columns is not None:
@@ -112,9 +117,11 @@ def _write_map(source: str, file: str, robot: Robot, conversion: ConvertOptions,
     from ...output.report import probe_folder, to_json, write_files
     from ...output.report.results.recordings import map_document, map_text
     from ...recording.draft import draft_map
+    from ...recording.names.calibration import read_calibration
 
     probe_folder(Path(file).parent, "--map")
-    drafted = draft_map(source, robot, conversion.topic or (), _heading(conversion))
+    ranges = None if conversion.calibration is None else read_calibration(conversion.calibration)
+    drafted = draft_map(source, robot, conversion.topic or (), _heading(conversion), ranges)
     write_files(Path(file).parent, {Path(file).name: drafted.text}, "--map", named=True)
     again = ["signid", "convert", source, "--robot", str(conversion.robot), "--map", file]
     again += [word for topic in conversion.topic or () for word in ("--topic", topic)]
@@ -125,7 +132,7 @@ def _write_map(source: str, file: str, robot: Robot, conversion: ConvertOptions,
 
 def _heading(conversion: ConvertOptions) -> Heading:
     """Lines and names that the file does not state itself; a drafted column map keeps them."""
-    from ...recording.mapping import read_heading
+    from ...recording.names.mapping import read_heading
 
     names = () if conversion.names is None else conversion.names.split(",")
     return read_heading("--names" if conversion.skip is None else "--skip, --names", conversion.skip or 0, names)
@@ -133,7 +140,7 @@ def _heading(conversion: ConvertOptions) -> Heading:
 
 def _units(texts: list[str] | tuple[()]) -> dict[str, str]:
     """Units by kind of column."""
-    from ...recording.mapping import OF
+    from ...recording.names.units import OF
 
     units: dict[str, str] = {}
     for text in texts:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from ...errors import InputError, OptionError, OutputError, readable
+from ...errors import OptionError, OutputError, UnknownConstantError, readable
 from ..options import DriveOptions
 from ..terminal import bars
 
@@ -46,20 +45,20 @@ def has_drives(recordings: Sequence[Recording], forced: bool = False) -> bool:
     return forced or not any(any(recording.columns["tau"]) for recording in recordings)
 
 
-@contextmanager
-def advising_servo_mode(recordings: Sequence[Recording]) -> Iterator[None]:
-    """Add to an error about torque that the recordings have commands as well, which servo mode needs.
+def instead_of_torque(
+    context: typer.Context, error: UnknownConstantError, recordings: Sequence[Recording]
+) -> tuple[str, ...]:
+    """Note that position drives are identified, because the torque of a current is unknown and commands are recorded.
 
     Raises:
-        InputError: the error, with that advice if the torque of a current is unknown.
+        UnknownConstantError: the error, where a recording has no commands.
+        OptionError: options that apply to torque were given.
     """
-    try:
-        yield
-    except InputError as error:
-        unscaled = any(recording.scaled is not None for recording in recordings)
-        if unscaled and all(any(recording.columns.get("q_des", ())) for recording in recordings):
-            raise type(error)(f"{error}; or add --servo to identify position drives from q_des_J") from None
-        raise
+    if not all(any(recording.columns.get("q_des", ())) for recording in recordings):
+        raise error
+    if options := _given_options(context, TORQUE_ONLY):
+        raise OptionError(f"{error}; or remove {options[0]} to identify position drives from q_des_J") from None
+    return (f"position drives are identified from q_des_J instead of torque: {error}",)
 
 
 def check_options(context: typer.Context, drives: bool) -> None:
@@ -69,15 +68,17 @@ def check_options(context: typer.Context, drives: bool) -> None:
         OptionError: such an option was given.
     """
     own = [item.name for item in fields(DriveOptions) if item.name != "servo"]
+    for shown in _given_options(context, TORQUE_ONLY if drives else own):
+        if drives:
+            raise OptionError(f"{shown} applies to torque, and these recordings have commands instead; leave it out")
+        raise OptionError(f"{shown} applies to position drives, and the recordings have torque; add --servo")
+
+
+def _given_options(context: typer.Context, names: Sequence[str]) -> list[str]:
+    """Those of the options that were given with other values than their defaults, as they are written."""
     defaults = {parameter.name: parameter.default for parameter in context.command.params}
-    for name in TORQUE_ONLY if drives else own:
-        if context.params.get(name) and context.params[name] != defaults[name]:
-            shown = f"--{name.replace('_', '-')}"
-            if drives:
-                raise OptionError(
-                    f"{shown} applies to torque, and these recordings have commands instead; leave it out"
-                )
-            raise OptionError(f"{shown} applies to position drives, and the recordings have torque; add --servo")
+    given = [name for name in names if context.params.get(name) and context.params[name] != defaults[name]]
+    return [f"--{name.replace('_', '-')}" for name in given]
 
 
 def identify_drives(
@@ -114,7 +115,7 @@ def revised_columns(
 ) -> tuple[dict[str, Content], tuple[str, ...]]:
     """columns.toml with the signs and zeros that were found; if it cannot be written, a note with the reason."""
     from ...output.report import check_foreign
-    from ...recording.revised import Turned, revised_map
+    from ...recording.names.mapping import Turned, revised_map
 
     turned = {one.joint: Turned(one.sign, one.zero or 0.0) for one in result.zeros if one.changed}
     if not turned or output is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ...estimation.standard import Search
-    from ...types import Recording, Robot
+    from ...types import Input, Recording, Robot
 
 
 CheckFolder = Annotated[
@@ -178,9 +178,10 @@ def identify(
     Recordings with commanded positions (q_des_J) and without torque give the position drives instead: kp, damping,
     delay, friction, armature and limits, by simulation of the closed loop (servo mode).
     """
+    from ...errors import UnknownConstantError
     from ...identify import identify as learn
-    from ..files import IDENTIFIED, deliver, deliver_servos
-    from .drives import advising_servo_mode, check_options, has_drives, identify_drives, revised_columns
+    from ..files import IDENTIFIED, deliver
+    from .drives import check_options, has_drives, instead_of_torque
     from .factors import factor_inputs, given_factors
 
     check_folder(fit.output, run.json, IDENTIFIED)
@@ -191,30 +192,65 @@ def identify(
     servo = reduced is None and has_drives((*given, *held_out), drives.servo)
     check_options(context, servo)
     read = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns, bounds=fit.bounds)
+    command = given_command(context)
+
+    def identify_drives(notes: Sequence[str] = ()) -> int:
+        recorded = _Recorded(described, given, held_out, read)
+        return _deliver_drives(recorded, fit, drives, rows, run, command, notes)
+
     if servo:
-        with time_limit(fit.time_limit):
-            found = identify_drives(described, given, held_out, drives, fit.refit, run.seed, run.json)
-            more, notes = revised_columns(found, (*given, *held_out), rows.columns, fit.output)
-            found = replace(found, notes=(*found.notes, *notes))
-            return deliver_servos(found, read, fit.output, run.json, given_command(context), more)
+        return identify_drives()
     options, search = given_options(rows, run.seed, fit.robust), _search(fit)
     with time_limit(fit.time_limit):
-        with bars(run.json) as progress, advising_servo_mode(given):
-            result = learn(
-                described,
-                reduced or given,
-                held_out=held_out,
-                method=fit.method,
-                signs=fit.signs,
-                estimator=fit.estimator,
-                search=search,
-                options=options,
-                refit=fit.refit,
-                refine=_candidates(fit.refine),
-                progress=progress,
-            )
+        try:
+            with bars(run.json) as progress:
+                result = learn(
+                    described,
+                    reduced or given,
+                    held_out=held_out,
+                    method=fit.method,
+                    signs=fit.signs,
+                    estimator=fit.estimator,
+                    search=search,
+                    options=options,
+                    refit=fit.refit,
+                    refine=_candidates(fit.refine),
+                    progress=progress,
+                )
+        except UnknownConstantError as error:
+            return identify_drives(instead_of_torque(context, error, (*given, *held_out)))
         read += factor_inputs(recordings)
-        return deliver(result, read, fit.output, run.json, given_command(context))
+        return deliver(result, read, fit.output, run.json, command)
+
+
+class _Recorded(NamedTuple):
+    """A described robot, its recordings and the files that were read."""
+
+    robot: Robot
+    recordings: Sequence[Recording]
+    held_out: Sequence[Recording]
+    inputs: Sequence[Input]
+
+
+def _deliver_drives(
+    recorded: _Recorded,
+    fit: IdentifyOptions,
+    drives: DriveOptions,
+    rows: RowOptions,
+    run: RunOptions,
+    command: str,
+    notes: Sequence[str],
+) -> int:
+    """Identify position drives, and write and print the result; `notes` come first."""
+    from ..files import deliver_servos
+    from .drives import identify_drives, revised_columns
+
+    robot, given, held_out, inputs = recorded
+    with time_limit(fit.time_limit):
+        found = identify_drives(robot, given, held_out, drives, fit.refit, run.seed, run.json)
+        more, own = revised_columns(found, (*given, *held_out), rows.columns, fit.output)
+        found = replace(found, notes=(*notes, *found.notes, *own))
+        return deliver_servos(found, inputs, fit.output, run.json, command, more)
 
 
 def _candidates(text: str | None) -> tuple[str, ...] | None:

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ...errors import one_line
 from ...model import Model
-from ...recording.names import quoted
+from ...recording.names.mapping import quoted
 from ...servos import PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo
 from ...types import Actuators, Array
 from .beyond import BODIES, Exported, beyond, fixed_note, remarks, summed

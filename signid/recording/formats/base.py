@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import OptionError, RecordingError
 from ...types import Array, Table
-from ..mapping import Heading
+from ..names.mapping import Heading
 
 MOST = 8_000_000_000  # maximum uncompressed size of a file that is read completely [bytes]
 _MEMORY, _OWN = Path("/proc/meminfo"), Path("/proc/self/statm")  # of Linux

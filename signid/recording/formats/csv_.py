@@ -6,6 +6,7 @@ import csv
 import gzip
 import io
 import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Mapping
 from contextlib import suppress
 from inspect import signature
@@ -19,14 +20,24 @@ import polars as pl
 
 from ...errors import RecordingError
 from ...types import Array, Table
-from ..mapping import Heading
+from ..names.mapping import Heading
 from .base import MOST, About, Format, MemoryTable, free_memory, require_memory
 from .panics import hushed
-from .text import BLANK, MISSING, TextLayout, find_layout
+from .text import BLANK, MISSING, TextLayout, find_layout, is_number
 
 MOST_LINE = 1_000_000  # length of a line [bytes]
 MOST_NEWLINES = 1_000_000  # size from which on a text of empty lines is refused [bytes]
 ENDINGS = (".csv", ".txt", ".dat", ".tsv")
+FOREIGN = 0.05  # largest share of bytes that are no ASCII in a text that is not UTF-8 [1]
+MOST_FOOTER = 10  # lines of text below the samples
+DAY = 86400.0  # [s]
+DATES = (
+    None,
+    "%d.%m.%Y %H:%M:%S%.f",
+    "%Y/%m/%d %H:%M:%S%.f",
+    "%m/%d/%Y %H:%M:%S%.f",
+    "%d/%m/%Y %H:%M:%S%.f",
+)  # None: ISO
 TIMES = 4  # peak memory while reading [times the size of the text]
 BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
 FILL: Any = {"missing_columns": "insert"} if "missing_columns" in signature(pl.read_csv).parameters else {}
@@ -52,7 +63,7 @@ class Csv(Format):
             about = About(layout.notes)
             frame = _parse(content, layout, pl.Float64)
         except BROKEN:
-            return MemoryTable(*_texts(path, content, layout), str(path), about)
+            return _of_texts(path, content, layout)
         except csv.Error as error:
             raise RecordingError(f"{path} is not a text table: {error} in its header; write it as plain CSV") from error
         return MemoryTable({column.name: column.to_numpy() for column in frame}, {}, str(path), about)
@@ -83,8 +94,23 @@ def _content(path: Path) -> bytes:
     if line := _long_line(content):
         fault = f"has more than {MOST_LINE / 1e6:.0f} MB without an end of line after line {line}"
         raise RecordingError(f"{path} {fault}; write a line for each sample")
+    content = _utf8(content)
     if b"\0" in content[:65536]:
         raise RecordingError(f"{path} is not a text table: it holds binary data; correct the suffix of its name")
+    return content
+
+
+def _utf8(content: bytes) -> bytes:
+    """Text as UTF-8: from UTF-16 of spreadsheets, and from Windows-1252 where nearly all is ASCII; else as it is."""
+    if content[:2] in (BOM_UTF16_LE, BOM_UTF16_BE):
+        return content.decode("utf-16", "replace").encode()
+    begun = content[:65536]
+    if sum(byte > 127 for byte in begun) > FOREIGN * len(begun):
+        return content
+    try:
+        content.decode()
+    except UnicodeDecodeError:
+        return content.decode("cp1252", "replace").encode()
     return content
 
 
@@ -132,23 +158,65 @@ def _parse(content: bytes, layout: TextLayout, kind: type[pl.DataType]) -> pl.Da
     return frame.filter(~blank) if frame.height and frame.to_series(0).null_count() else frame
 
 
-def _texts(path: Path, content: bytes, layout: TextLayout) -> tuple[dict[str, Array], dict[str, str]]:
-    """Numeric columns, and for each other column the reason with its first invalid cell."""
+def _of_texts(path: Path, content: bytes, layout: TextLayout) -> MemoryTable:
+    """Table of which some cells are no numbers: dates become seconds, other columns give the reason when they are read.
+
+    Lines that repeat the header, and lines of text below the samples, are left out with a note.
+    """
     try:
         frame = _parse(content, layout, pl.String)
     except BROKEN as error:
         raise RecordingError(_shape_fault(path, content, layout)) from error
-    usable, unusable = {}, {}
+    frame = frame.with_columns(pl.all().str.strip_chars())
+    frame, notes = _samples(frame)
+    usable, unusable = dict[str, Array](), dict[str, str]()
     for text in frame:
-        column = text.str.strip_chars()
-        column = column.str.replace(",", ".", literal=True) if layout.decimal_comma else column
+        column = text.str.replace(",", ".", literal=True) if layout.decimal_comma else text
         number = column.cast(pl.Float64, strict=False)
         wrong = (number.is_null() & (column != "").fill_null(False) & ~column.is_in(MISSING)).arg_true()
-        if len(wrong):
-            unusable[text.name] = f"holds {text[wrong[0]]!r} in row {wrong[0] + 1}, expected a number or nothing"
-        else:
+        if not len(wrong):
             usable[text.name] = np.asarray(number.to_numpy(), np.float64)
-    return usable, unusable
+        elif (seconds := _seconds_of_dates(column)) is not None:
+            usable[text.name] = seconds
+            notes += (f"column {text.name!r} holds dates or times of day, read as seconds",)
+        else:
+            unusable[text.name] = f"holds {text[wrong[0]]!r} in row {wrong[0] + 1}, expected a number or nothing"
+    return MemoryTable(usable, unusable, str(path), About((*layout.notes, *notes)))
+
+
+def _samples(frame: pl.DataFrame) -> tuple[pl.DataFrame, tuple[str, ...]]:
+    """Rows without those that repeat the header and those of text at the end, and notes."""
+    repeated = (
+        frame.select(pl.all_horizontal(pl.col(name) == name for name in frame.columns)).to_series().fill_null(False)
+    )
+    notes: tuple[str, ...] = (f"lines that repeat the header left out: {repeated.sum()}",) if repeated.any() else ()
+    frame = frame.filter(~repeated)
+    below = 0
+    while below < min(MOST_FOOTER, frame.height - 1):
+        first, *others = frame.row(frame.height - 1 - below)
+        if not first or is_number(first) or not others or any(others):
+            break
+        below += 1
+    if below:
+        notes += (f"lines of text below the samples left out: {below}",)
+    return frame.head(frame.height - below), notes
+
+
+def _seconds_of_dates(column: pl.Series) -> Array | None:
+    """Seconds since the first date, or of the day across midnights, (N,) with NaN where empty; None without dates."""
+    known = column.filter((column != "").fill_null(False) & ~column.is_in(MISSING))
+    plain = column.str.replace(r"(Z|[+-]\d\d:?\d\d)$", "")
+    for form in DATES:
+        with suppress(*BROKEN):
+            dates = plain.str.to_datetime(form, time_unit="us", strict=False)
+            if dates.count() == len(known) > 0:
+                return np.asarray((dates - dates.drop_nulls()[0]).dt.total_microseconds().to_numpy(), np.float64) / 1e6
+    with suppress(*BROKEN):
+        times = plain.str.to_time("%H:%M:%S%.f", strict=False)
+        if times.count() == len(known) > 0:
+            seconds = np.asarray(times.cast(pl.Int64).to_numpy(), np.float64) / 1e9
+            return np.unwrap(seconds, period=DAY) if np.isfinite(seconds).all() else seconds
+    return None
 
 
 def _shape_fault(path: Path, content: bytes, layout: TextLayout) -> str:

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...errors import RecordingError
-from ..mapping import Heading
-from ..units import bracketed, unit_row
+from ..names.mapping import Heading
+from ..names.vocabulary import bracketed, unit_row
 
 SEPARATORS, BLANK = ",;\t", " "
 MOST_HEADER, MOST_BLANK, MOST_COLUMNS = 1_000_000, 10_000, 20_000  # bytes, lines before a header, columns

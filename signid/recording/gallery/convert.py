@@ -1,4 +1,4 @@
-"""Convert the source files of each data set to a recording or a URDF, reproducibly on all machines."""
+"""Convert source files with torques or motor currents to recordings and URDF, reproducibly on all machines."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _by_joint(kind: str, values: Array) -> dict[str, Array]:
     return {f"{kind}_{j + 1}": column for j, column in enumerate(values.T)}
 
 
-def _write_table(columns: Mapping[str, Array], digits: int = DIGITS) -> str:
+def write_table(columns: Mapping[str, Array], digits: int = DIGITS) -> str:
     """CSV text with a header and one line per sample; columns: (N,) each, by name [units of the columns]."""
     text = io.StringIO()
     text.write(",".join(columns) + "\n")
@@ -54,35 +54,35 @@ def without_meshes(raw: bytes) -> str:
     return re.sub(r"<(visual|collision)\b.*?</\1>", "", text, flags=re.DOTALL)
 
 
-def _instants(samples: int, step: float = 0.02) -> Array:
-    """Times of the samples, (N,) [s]; the simulated arms 1r and 3r have 50 Hz."""
+def instants(samples: int, step: float = 0.02) -> Array:
+    """Times of the samples, (N,) [s]; the simulated arms 1r and 3r, and the servo of mauicv, have 50 Hz."""
     return np.arange(samples, dtype=np.float64) * step
 
 
 def pendulum(regressor: bytes, torque: bytes, position: bytes = b"", velocity: bytes = b"") -> str:
     """Recording of 1r; without a trajectory file, sin q and acceleration come from the regressor."""
     rows = _read_matrix(regressor, "Y_stack")
-    columns = {"t": _instants(len(rows)), "sin_q_1": rows[:, 0], "ddq_1": rows[:, 1]}
+    columns = {"t": instants(len(rows)), "sin_q_1": rows[:, 0], "ddq_1": rows[:, 1]}
     columns["tau_1"] = _read_matrix(torque, "u_stack")[:, 0]
     for kind, raw, part in (("q_1", position, "pos"), ("dq_1", velocity, "vel")):
         columns |= {kind: _read_matrix(raw, SPLINES[part])[0]} if raw else {}
-    return _write_table(columns)
+    return write_table(columns)
 
 
 def arm(torque: bytes, *raw: bytes) -> str:
     """Recording of 3r: torque, position, velocity and acceleration of each joint."""
     tau = _read_matrix(torque, "u_stack").reshape(-1, 3)
-    columns = {"t": _instants(len(tau))}
+    columns = {"t": instants(len(tau))}
     for k, (kind, part) in enumerate(zip(("q", "dq", "ddq"), SPLINES, strict=True)):
         values = [_read_matrix(raw[3 * joint + k], SPLINES[part])[0] for joint in range(3)]
         columns |= _by_joint(kind, np.column_stack(values))
-    return _write_table({**columns, **_by_joint("tau", tau)})
+    return write_table({**columns, **_by_joint("tau", tau)})
 
 
 def motion(*raw: bytes) -> str:
     """Trajectory of one joint, without torque."""
     values = [_read_matrix(part, name)[0] for part, name in zip(raw, SPLINES.values(), strict=True)]
-    return _write_table({"t": _instants(len(values[0])), **dict(zip(("q", "dq", "ddq"), values, strict=True))})
+    return write_table({"t": instants(len(values[0])), **dict(zip(("q", "dq", "ddq"), values, strict=True))})
 
 
 def emps(raw: bytes, pulses: tuple[str, ...] = ()) -> str:
@@ -91,7 +91,7 @@ def emps(raw: bytes, pulses: tuple[str, ...] = ()) -> str:
         _read_matrix(raw, name)[:, 0] for name in ("t", "qm", "vir", "qg", "gtau", *pulses)
     )
     columns = {"t": t - t[0], "q_1": q, "tau_1": gain * voltage, "voltage_1": voltage, "q_ref_1": reference}
-    return _write_table({**columns, **dict(zip(pulses, more, strict=True))})
+    return write_table({**columns, **dict(zip(pulses, more, strict=True))})
 
 
 def emps_pulses(raw: bytes) -> str:
@@ -105,7 +105,7 @@ def panda(*raw: bytes) -> str:
     columns = {"t": time[:, 0]}
     for kind, values in zip(("q", "dq", "tau"), parts, strict=True):
         columns |= _by_joint(kind, values.reshape(-1, 7))
-    return _write_table(columns)
+    return write_table(columns)
 
 
 def tx40(positions: bytes, torques: bytes) -> str:
@@ -114,8 +114,8 @@ def tx40(positions: bytes, torques: bytes) -> str:
     q, tau = motor * (1 / _RATIO), current * _RATIO
     q[:, 5] -= motor[:, 4] * (1 / _RATIO[4])
     tau[:, 4] += current[:, 5] * _RATIO[5]
-    columns = {"t": _instants(len(q), 2e-4), **_by_joint("q", q + _OFFSET), **_by_joint("tau", tau)}
-    return _write_table({**columns, **_by_joint("q_motor", motor), **_by_joint("current", current)}, digits=7)
+    columns = {"t": instants(len(q), 2e-4), **_by_joint("q", q + _OFFSET), **_by_joint("tau", tau)}
+    return write_table({**columns, **_by_joint("q_motor", motor), **_by_joint("current", current)}, digits=7)
 
 
 def ur10e(raw: bytes) -> str:
@@ -124,4 +124,4 @@ def ur10e(raw: bytes) -> str:
     columns = {"t": values[:, 0] - values[0, 0]}
     for k, kind in enumerate(("q", "dq", "current", "current_des", "tau_des")):
         columns |= _by_joint(kind, values[:, 1 + 6 * k : 7 + 6 * k])
-    return _write_table(columns)
+    return write_table(columns)

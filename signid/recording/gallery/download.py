@@ -21,7 +21,8 @@ from ...errors import DownloadError, OptionError, RecordingError
 from ...registry import Registry
 from ...robot.locate import robots_folder
 from ...version import __version__
-from .sets import SETS, DataSet, Product
+from .data_set import DataSet, Product
+from .sets import SETS
 
 if TYPE_CHECKING:
     from ...types import Progress
@@ -95,8 +96,8 @@ def fetch(
 ) -> dict[str, bytes]:
     """Download the files of a data set and return their contents by name, without writing them.
 
-    `source` is the address of a copy of the repository at the same commit; by default GitHub. The limits are those of
-    each file.
+    `source` is the folder or address of a copy of the repository at the same commit; by default GitHub. The limits are
+    those of each file.
     """
     base = wanted.base if source is None else check_source(source)
 
@@ -104,23 +105,24 @@ def fetch(
         if progress is not None:
             progress(f"downloading {wanted.name}", (done + share) / len(wanted.sources))
 
-    raw = {
-        path: _download(f"{base}/{quote(path)}", limits, partial(report, k)) for k, path in enumerate(wanted.sources)
-    }
+    raw = {path: _obtain(base, path, limits, partial(report, k)) for k, path in enumerate(wanted.sources)}
     made = {product.name: _make(product, raw, wanted, base) for product in wanted.products}
     carried = {name: (robots_folder() / path).read_bytes() for name, path in wanted.carried}
     return {**made, **carried, f"source_{wanted.name}.txt": _note(wanted, base).encode()}
 
 
 def check_source(source: str) -> str:
-    """Validate the address of a copy of a repository and remove trailing slashes.
+    """Validate the folder or address of a copy of a repository and remove trailing slashes.
 
     Raises:
-        OptionError: the address is neither https nor of this machine.
+        OptionError: there is no such folder, and the address is neither https nor of this machine.
     """
+    folder = os.path.expanduser(source)
+    if source and os.path.isdir(folder):
+        return folder.rstrip("/") or "/"
     if not is_allowed(source, local=True) or urlsplit(source).query or urlsplit(source).fragment:
-        advice = "give https://HOST/PATH, or http://localhost:PORT for a server on this machine"
-        raise OptionError(f"--source {source!r} is not a valid address for downloads; {advice}")
+        advice = "give https://HOST/PATH, http://localhost:PORT for a server on this machine, or a folder"
+        raise OptionError(f"--source {source!r} is not a valid address for downloads, and no folder; {advice}")
     return source.rstrip("/")
 
 
@@ -161,6 +163,24 @@ def is_allowed(address: str, local: bool) -> bool:
     except ValueError:
         return False
     return bool(host) and (parts.scheme == "https" or (parts.scheme == "http" and local and host in LOCAL))
+
+
+def _obtain(base: str, path: str, limits: DownloadLimits, progress: Callable[[float], None]) -> bytes:
+    """Read a file of the source from a folder, or download it."""
+    if not os.path.isdir(base):
+        return _download(f"{base}/{quote(path)}", limits, progress)
+    file = Path(base, path)
+    try:
+        size = file.stat().st_size if file.is_file() else None
+        content = file.read_bytes() if size is not None and size <= limits.size else b""
+    except OSError as error:
+        _fail(str(file), _reason(error, limits))
+    if size is None:
+        _fail(str(file), "there is no such file", again="")
+    if size > limits.size:
+        _fail(str(file), f"it has more than the limit of {limits.size / 1e6:g} MB", again="")
+    progress(1.0)
+    return content
 
 
 def _download(address: str, limits: DownloadLimits, progress: Callable[[float], None]) -> bytes:

@@ -53,24 +53,15 @@ def find_content(read: Read, kept: int) -> Mapping[str, tuple[Knots | None, ...]
         complete = np.isfinite(x).all(axis=0)
         own: list[Knots | None] = [None] * x.shape[1]
         for j, knots in zip(np.flatnonzero(complete).tolist(), find_knots(x[:, complete]), strict=True):
-            own[j] = None if knots is None else knots.moved(start)
-        found[name] = tuple(own)
-    return _confirmed(found, read, kept) if any(any(found[key]) for key in BOUND) else None
+            own[j] = None if knots is None else _confirmed(knots.moved(start), name, j, read, kept)
+        found[name] = _shared(own)
+    return found if any(any(found[key]) for key in BOUND) else None
 
 
-def _confirmed(
-    found: Mapping[str, tuple[Knots | None, ...]], read: Read, kept: int
-) -> Mapping[str, tuple[Knots | None, ...]] | None:
-    """Knots that hold in most blocks of a stretch, with steps and phases from all of them."""
-    result: dict[str, tuple[Knots | None, ...]] = {}
-    for name, columns in found.items():
-        own: list[Knots | None] = [None] * len(columns)
-        for j, knots in enumerate(columns):
-            if knots is not None:
-                blocks = _blocks(read, kept, ceil(max(SHORT, STEPS * knots.step)))
-                own[j] = same_knots(knots, [(start, getattr(block, name)[:, j]) for start, block in blocks], AGREE)
-        result[name] = _shared(own)
-    return result if any(any(result[key]) for key in BOUND) else None
+def _confirmed(knots: Knots, name: str, joint: int, read: Read, kept: int) -> Knots | None:
+    """Knots that hold in most blocks of a column of a stretch, with step and phase from all of them; None otherwise."""
+    blocks = _blocks(read, kept, ceil(max(SHORT, STEPS * knots.step)))
+    return same_knots(knots, [(start, getattr(block, name)[:, joint]) for start, block in blocks], AGREE)
 
 
 def _blocks(read: Read, kept: int, length: int) -> list[tuple[int, Samples]]:

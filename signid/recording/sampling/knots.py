@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, floor
@@ -20,6 +20,7 @@ FULL = 0.82  # [1/rows] most free numbers of a spline with multiple knots, which
 LOCAL = 65  # [rows] window of the local rms that scales differences
 OUTLIER = 4.0  # [1] largest scaled difference
 LINES, LINE = 3, 100.0  # strongest lines; [1] their power over the background (real logs: 133 at most, off low rates)
+WIDTH, FAINT = 8, 1e-3  # half width of a line [1/4 of the resolution]; least power at a rate over that of its multiples
 LOWEST = 0.01  # [1/rows] lowest frequency of a line
 HARMONICS = 8  # of the main frequency of a signal, lines at which are those of a periodic motion
 SLOW, MOTION = 0.1, 10.0  # [1/rows] frequency below which lines are those of the motion, unless they are stronger [1]
@@ -29,9 +30,10 @@ BLOCK = 480  # [rows] on which knots are tested
 LIMITED = 2.5  # [rows] half a step beyond which fits may be limited by the motion itself
 NEAR = 0.02  # [rows] distance at which a knot lies on a row
 MARGIN = 3  # [rows] between the ends of a fit and its first and last knot
-PHASES = 8  # phases of knots that are tried first
+FIRST, PHASES = 3, 8  # phases of knots that are tried first, and where these differ
 FIT = 0.35  # [1] rms beside a spline with these knots, over that with the worst phase; white noise: above 0.8
-HOPEFUL, REFINED = 0.8, 14  # [1] share from which a phase is refined; steps of its refinement
+HOPEFUL, PRECISE = 0.8, 0.0035  # [1] share from which a phase is refined; remaining share of its interval
+GOLDEN = (5**0.5 - 1) / 2
 COARSE = 0.5  # [quanta] least rms of displaced knots: counts at a steady speed are periodic (0.29)
 NOTHING = 0.03  # [1] share below which a spline leaves nothing but the error of its phase
 ALIKE = 3.0  # [1] ratio of rms within which the fewer knots are preferred
@@ -111,6 +113,20 @@ def _is_harmonic(x: Array, knots: Knots) -> bool:
     return 1 <= order <= HARMONICS and abs(line - order * main) < order / (2 * n)
 
 
+class _Line(NamedTuple):
+    """A line in a spectrum."""
+
+    frequency: float  # [1/rows]
+    power: Array  # (K,) [1] of the spectrum at 0 to 0.5 [1/rows]
+
+    def beside(self, step: float) -> bool:
+        """Whether the rate of knots a step [rows] apart, of which the line is a multiple, has power as well."""
+        width, bins = WIDTH, 2 * (len(self.power) - 1)
+        place = round(abs(1 / step - round(1 / step)) * bins)
+        near = self.power[max(0, place - width) : place + width + 1].max(initial=0.0)
+        return bool(near > FAINT * self.power[round(self.frequency * bins)])
+
+
 def _activity(x: Array, order: int) -> Array:
     """Size (N - order,) of differences of signals (N, c) over their local rms, summed over the signals [1]."""
     if order == 1:
@@ -123,32 +139,39 @@ def _activity(x: Array, order: int) -> Array:
     return np.asarray(np.minimum(size / np.where(local > 0, local, np.inf), OUTLIER).sum(axis=1))
 
 
-def _lines(x: Array, order: int) -> list[float]:
-    """Frequencies of lines in the spectrum of the activity of signals (N, c) [1/rows], the strongest first."""
+def _lines(x: Array, order: int) -> list[_Line]:
+    """Lines in the spectrum of the activity of signals (N, c), the strongest first."""
     y = _activity(x, order)
     n = len(y)
     power = np.abs(np.fft.rfft((y - y.mean()) * np.hanning(n), 4 * n)) ** 2
     background = float(np.median(power)) / np.log(2)
+    whole = power.copy()
     power[: int(LOWEST * 4 * n)] = 0.0
     power[: int(SLOW * 4 * n)] /= MOTION
-    found: list[float] = []
+    found: list[_Line] = []
     for _ in range(LINES):
         k = int(np.argmax(power))
         if not power[k] > LINE * background:
             break
         offset = 0.0
         if k < len(power) - 1:
-            left, middle, right = np.log(np.maximum(power[k - 1 : k + 2], 1e-300))
+            left, middle, right = np.log(np.maximum(whole[k - 1 : k + 2], 1e-300))
             bend = left - 2 * middle + right
             offset = float(np.clip(0.5 * (left - right) / bend, -1, 1)) if bend < 0 else 0.0
-        found.append((k + offset) / (4 * n))
+        found.append(_Line((k + offset) / (4 * n), whole))
         power[max(0, k - 12) : k + 13] = 0.0
     return found
 
 
-def _steps(lines: Sequence[float]) -> Iterator[float]:
+def _steps(lines: Sequence[_Line]) -> Iterator[float]:
     """Steps [rows] between knots that explain a line, the widest first; simple ratios before those near them."""
-    steps = {part / base for line in lines for base in (line, 1 - line) for part in (1, 2, 3)}
+    steps = {
+        part / base
+        for line in lines
+        for base in (line.frequency, 1 - line.frequency)
+        for part in (1, 2, 3)
+        if part == 1 or line.beside(part / base)
+    }
     inside = sorted((step for step in steps if DENSEST <= step <= SLOWEST), reverse=True)
     tried: list[float] = []
     for step in inside:
@@ -215,22 +238,45 @@ def _quantum(x: Array) -> float:
 
 def _trial(y: Array, kind: str, step: float, first: int) -> _Trial:
     """A kind of splines at the best phase of their knots, on BLOCK rows (N, c) from the row `first`."""
-    phases = step * np.arange(PHASES) / PHASES
+    rest: dict[float, Array] = {}
+    worst = np.full(y.shape[1], 1e-300)
+
+    def share(phase: float) -> float:
+        if phase not in rest:
+            rest[phase] = _rest(y, kind, step, phase)
+        return float(np.min(rest[phase] / worst))
+
     whole = np.arange(step) if step == round(step) else np.zeros(0)
-    rest = {phase: _rest(y, kind, step, phase) for phase in np.unique([*phases, *whole]).tolist()}
-    worst = np.maximum(np.max([each for each in rest.values() if np.isfinite(each).all()], axis=0, initial=0.0), 1e-300)
-    share = {phase: float(np.min(own / worst)) for phase, own in rest.items()}
-    best = min(share, key=lambda phase: share[phase])
-    if share[best] < HOPEFUL:
-        low, high = best - step / PHASES, best + step / PHASES
-        for _ in range(REFINED):
-            left, right = low + (high - low) / 3, high - (high - low) / 3
-            for phase in (left, right):
-                rest[phase] = _rest(y, kind, step, phase)
-                share[phase] = float(np.min(rest[phase] / worst))
-            low, high = (low, right) if share[left] < share[right] else (left, high)
-        best = min(share, key=lambda phase: share[phase])
+    for phases in (step * np.arange(FIRST) / FIRST, np.unique([*(step * np.arange(PHASES) / PHASES), *whole])):
+        rest |= {phase: _rest(y, kind, step, phase) for phase in phases.tolist() if phase not in rest}
+        known = [each for each in rest.values() if np.isfinite(each).all()]
+        worst = np.maximum(np.max(known, axis=0, initial=0.0), 1e-300)
+        best = min(rest, key=share)
+        if share(best) >= HOPEFUL:
+            break
+    else:
+        best = _least(share, best - step / PHASES, best + step / PHASES, best)
     return _Trial(Knots(kind, step, float((best + first) % step)), rest[best], rest[best] / worst)
+
+
+def _least(value: Callable[[float], float], low: float, high: float, best: float) -> float:
+    """Place of the least value found between low and high, from which it rises on both sides, or `best`.
+
+    Golden sections (Kiefer, Proceedings of the AMS 4, 1953).
+    """
+    end = PRECISE * (high - low)
+    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+    at = {place: value(place) for place in (left, right, best)}
+    while high - low > end:
+        if at[left] < at[right]:
+            high, right = right, left
+            left = high - GOLDEN * (high - low)
+            at[left] = value(left)
+        else:
+            low, left = left, right
+            right = low + GOLDEN * (high - low)
+            at[right] = value(right)
+    return min(at, key=lambda place: at[place])
 
 
 def same_knots(knots: Knots, blocks: Sequence[tuple[int, Array]], agree: float) -> Knots | None:
@@ -254,6 +300,8 @@ def same_knots(knots: Knots, blocks: Sequence[tuple[int, Array]], agree: float) 
             places.append((float(number), phase + step * float(number) + fit))
             if len(places) > 1 and not _is_simple(knots.step):
                 step, phase = _line(places)
+        elif moving - len(places) > (1 - agree) * len(blocks):
+            return None
     simple = _is_simple(knots.step)
     if moving < (FEWEST if simple else MANY) or len(places) < agree * moving:
         return None
@@ -299,18 +347,16 @@ def _spline_shift(y: Array, knots: Knots) -> float | None:
     wrong = float(_rest(y, kind, step, (knots.phase + step / 2) % step)[0])
     if wrong <= ROUNDING * float(np.ptp(y)) or not np.diff(y[:, 0]).any():
         return None
-    low, high = -step / 6, step / 6
-    best = (float(_rest(y, kind, step, knots.phase)[0]), 0.0)
-    if best[0] > NOTHING / 3 * wrong:
-        for _ in range(REFINED):
-            left, right = low + (high - low) / 3, high - (high - low) / 3
-            rests = [(float(_rest(y, kind, step, (knots.phase + d) % step)[0]), d) for d in (left, right)]
-            low, high = (low, right) if rests[0][0] < rests[1][0] else (left, high)
-            best = min(best, *rests)
-    if best[0] > FIT * wrong:
+
+    def rest(distance: float) -> float:
+        return float(_rest(y, kind, step, (knots.phase + distance) % step)[0])
+
+    best = 0.0 if rest(0.0) <= NOTHING / 3 * wrong else _least(rest, -step / 6, step / 6, 0.0)
+    least = rest(best)
+    if least > FIT * wrong:
         return np.nan
-    half = float(_rest(y, kind, step / 2, (knots.phase + best[1]) % (step / 2))[0]) if step / 2 > LIMITED else best[0]
-    return best[1] if best[0] <= ALIKE * half + max(ROUNDING * float(np.ptp(y)), NOTHING * wrong) else np.nan
+    half = float(_rest(y, kind, step / 2, (knots.phase + best) % (step / 2))[0]) if step / 2 > LIMITED else least
+    return best if least <= ALIKE * half + max(ROUNDING * float(np.ptp(y)), NOTHING * wrong) else np.nan
 
 
 def _rest(y: Array, kind: str, step: float, phase: float) -> Array:

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ....errors import shorten
 from ....recording.gallery import DataSet, is_complete
-from ....recording.mapping import split
+from ....recording.names.mapping import split
 from ....types import Input
 from ....version import __version__
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural
@@ -77,8 +77,16 @@ def map_document(found: DraftedMap, robot: Robot, file: str) -> Document:
         }
         for line in found.lines
     ]
-    known = {"robot": robot.name, "columns": columns, "unused": list(found.unused), "flags": list(found.lacking)}
-    return {"schema": "signid.column_map/1", **known, "map": found.text, "written": file, "version": __version__}
+    offered = [{"signal": signal, "column": column} for signal, column in found.offered]
+    known = {"robot": robot.name, "columns": columns, "offered": offered, "unused": list(found.unused)}
+    return {
+        "schema": "signid.column_map/1",
+        **known,
+        "flags": list(found.lacking),
+        "map": found.text,
+        "written": file,
+        "version": __version__,
+    }
 
 
 def map_text(found: DraftedMap, file: str, again: str) -> str:
@@ -115,15 +123,22 @@ def data_document(sets: Iterable[DataSet], folder: Path, written: Sequence[Path]
 
 
 def data_tables(sets: Iterable[DataSet], folder: Path) -> list[RenderableType]:
-    """List the data sets and whether they are present."""
+    """List the data sets by what they hold, and whether they are present."""
+    listed, parts = list(sets), list[RenderableType]()
+    for title, drives in (("Torques or motor currents", False), ("Position drives: commands and positions", True)):
+        chosen = [one for one in listed if one.drives is drives]
+        parts += [heading(title, below=bool(parts)), _sets_table(chosen, folder)] if chosen else []
+    sources = [paragraph(f"{one.name}: github.com/{one.repository}, licence {one.licence}") for one in listed]
+    advice = f"\nsignid data NAME downloads one into {folder} after confirmation."
+    return [*parts, paragraph(""), *sources, paragraph(advice)]
+
+
+def _sets_table(sets: Iterable[DataSet], folder: Path) -> RenderableType:
     table = new_table("name", "content", "duration [s]>", "download [MB]>", "present")
-    lines: list[RenderableType] = []
     for one in sets:
         here = "yes" if is_complete(one, folder / one.folder) else "no"
         table.add_row(one.name, one.title, f"{one.seconds:.0f}", f"{one.megabytes:g}", here)
-        lines.append(paragraph(f"{one.name}: github.com/{one.repository}, licence {one.licence}"))
-    advice = f"\nsignid data NAME downloads one into {folder} after confirmation."
-    return [table, paragraph(""), *lines, paragraph(advice)]
+    return table
 
 
 def data_card(wanted: DataSet, folder: Path, base: str) -> list[RenderableType]:
@@ -148,7 +163,7 @@ def _entry(one: DataSet, folder: Path) -> dict[str, Any]:
         "name": one.name,
         "title": one.title,
         "duration": one.seconds,
-        **picked(one, "repository commit base licence cite megabytes"),
+        **picked(one, "drives repository commit base licence cite megabytes"),
         "folder": str(folder / one.folder),
         "here": is_complete(one, folder / one.folder),
         "files": files,

@@ -1,90 +1,30 @@
-"""Column maps: signals, joint names and units of the columns of a source, with exact factors to those of recordings."""
+"""Read and write column maps: signals, joint names and units of the columns of a source."""
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import permutations
-from math import isfinite, pi
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
+from ...errors import RecordingError, shorten
+from ...toml_json import read_toml
+from ...types import Array, Table
+from .units import OF, Change, change_of
+from .vocabulary import bracketed
 
-from ..errors import RecordingError, shorten
-from ..toml_json import read_toml
-from ..types import Array, Table
-from .units import bracketed
-
-Units = Mapping[str, tuple[float, float]]  # numerator and denominator of the factor by unit
-TIME: Units = {"s": (1, 1), "ms": (1, 1e3), "us": (1, 1e6), "ns": (1, 1e9), "min": (60, 1), "h": (3600, 1)}
-ANGLE: Units = {"rad": (1, 1), "mrad": (1, 1e3), "deg": (pi, 180), "rev": (2 * pi, 1)}
-LENGTH: Units = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1e3), "um": (1, 1e6)}
-FORCE: Units = {"N": (1, 1), "mN": (1, 1e3), "kN": (1e3, 1), "kgf": (9.80665, 1)}
-TORQUE: Units = {
-    "N.m": (1, 1),
-    "mN.m": (1, 1e3),
-    "N.cm": (1, 100),
-    "N.mm": (1, 1e3),
-    "kN.m": (1e3, 1),
-    "kgf.m": (9.80665, 1),
-    "kgf.cm": (9.80665, 100),
-}
-CURRENT: Units = {"A": (1, 1), "mA": (1, 1e3)}
-DUTY: Units = {"1": (1, 1), "%": (1, 100)}
-VOLTAGE: Units = {"V": (1, 1), "mV": (1, 1e3), "dV": (1, 10)}
-TEMPERATURE: Units = {"C": (1, 1), "degC": (1, 1)}
-
-
-def _rates(units: Units, power: str) -> Units:
-    return {f"{unit}/s{power}": factor for unit, factor in units.items()}
-
-
-OF: Mapping[str, tuple[Units, Units]] = {  # at revolute and at prismatic joints
-    "t": (TIME, TIME),
-    "q": (ANGLE, LENGTH),
-    "q_des": (ANGLE, LENGTH),
-    "dq": ({**_rates(ANGLE, ""), "rpm": (pi, 30)}, _rates(LENGTH, "")),
-    "ddq": (_rates(ANGLE, "2"), _rates(LENGTH, "2")),
-    "tau": (TORQUE, FORCE),
-    "abs_tau": (TORQUE, FORCE),
-    "current": (CURRENT, CURRENT),
-    "abs_current": (CURRENT, CURRENT),
-    "dq_des": ({**_rates(ANGLE, ""), "rpm": (pi, 30)}, _rates(LENGTH, "")),
-    "tau_ff": (TORQUE, FORCE),
-    "on": ({"1": (1, 1)}, {"1": (1, 1)}),
-    "pwm": (DUTY, DUTY),
-    "volt": (VOLTAGE, VOLTAGE),
-    "temp": (TEMPERATURE, TEMPERATURE),
-}
 KINDS = (*"abs_current abs_tau current dq_des tau_ff q_des volt temp pwm ddq tau dq on q".split(),)  # longest first
 DRIVE = ("on", "pwm", "volt", "temp")  # kinds of columns whose names often mean something else
-TURN = 65536.0  # values of a register of 16 bits
 MOST_SKIPPED = 10_000  # lines before a header
+SHIFTED = ("q", "q_des")  # kinds of columns that a zero shifts
+SIGNED = (*SHIFTED, "dq", "dq_des", "ddq", "tau", "tau_ff", "current", "pwm")  # kinds whose sign is that of the joint
 FIELDS = ("column", "unit", "scale", "offset")  # keys of a column in the long form
 
 ColumnMap = str | Path | Mapping[str, Any]
-
-
-class Change(NamedTuple):
-    """Conversion of a unit: value * scale / over + offset."""
-
-    scale: float = 1.0
-    over: float = 1.0
-    offset: float = 0.0
-
-    def apply(self, values: Array, start: int = 0) -> Array:
-        """Convert values (N,) [unit of the source]; `start` is not used."""
-        return values * self.scale / self.over + self.offset
-
-
-def signed_register(values: Array, start: int = 0) -> Array:
-    """Duties whose signed numbers were read as unsigned ones of 16 bits, with their sign.
-
-    values: (N,) [any unit] of a register; `start` is not used.
-    """
-    return np.where(values > TURN / 2 - 1, values - TURN, values)
 
 
 class DerivedTable:
@@ -120,6 +60,13 @@ class Heading(NamedTuple):
 
     skip: int = 0  # lines before the header
     names: tuple[str, ...] = ()  # of all columns, in place of a header; "" for a column without a name
+
+
+class Turned(NamedTuple):
+    """Position of the description = sign * recorded position + zero."""
+
+    sign: int  # 1 or -1
+    zero: float  # [rad]
 
 
 class ParsedColumns(NamedTuple):
@@ -174,25 +121,6 @@ def _lower_kind(name: str) -> str:
     found = (kind for kind in KINDS if name.lower().startswith(f"{kind}_"))
     kind = "t" if name == "T" else next(found, "")
     return kind + name[len(kind) :]
-
-
-def change_of(unit: str, kind: str, prismatic: bool | None, subject: str) -> Change:
-    """Conversion from a unit ("N.m" and "Nm" are equivalent) of a kind of column (q, tau, ...) to that of recordings.
-
-    `prismatic` is None if the type of the joint is unknown; `subject` begins the error message.
-
-    Raises:
-        RecordingError: unknown unit, or a unit that does not fit the kind of column or joint.
-    """
-    turning, sliding = OF[kind]
-    known = {**sliding, **turning} if prismatic is None else sliding if prismatic else turning
-    spelt = {name.replace(".", ""): name for name in known}
-    name = unit if unit in known else spelt.get(unit.replace("*", "").replace(" ", ""), "")
-    if not name:
-        joint = "prismatic" if prismatic else "revolute"
-        at = "" if prismatic is None or turning is sliding else f" at a {joint} joint"
-        raise RecordingError(f"{subject} has the unit {unit!r}; expected{at} {shorten(list(known), 12)}")
-    return Change(*known[name])
 
 
 def split(logical: str) -> list[tuple[str, str]]:
@@ -298,3 +226,77 @@ def _joints(name: str, given: object) -> tuple[dict[str, str], tuple[str, str] |
     if len(joints) < len(given):
         raise RecordingError(f"{name} gives two joints the same name of the recording; each needs its own")
     return joints, None
+
+
+def revised_map(
+    given: ColumnMap | None,
+    joints: Sequence[str],
+    columns: Mapping[str, Sequence[str]],
+    turned: Mapping[str, Turned],
+) -> str:
+    """Text of a column map with other signs and zeros of revolute joints; the entries of a map given remain.
+
+    Args:
+        given: the map that the recording was read with.
+        joints: of the recording.
+        columns: of the recording, by kind, one for each joint, "" where a joint has none.
+        turned: sign and zero by joint.
+
+    Raises:
+        RecordingError: unreadable or invalid column map, or a unit that does not fit.
+    """
+    parsed = read_map(given)
+    entries = {key: _entry(key, column, parsed.own.get(key, "")) for key, column in parsed.named.items()}
+    for kind in SIGNED:
+        for joint, column in zip(joints, columns.get(kind, ()), strict=False):
+            if column and joint in turned and (kind in SHIFTED or turned[joint].sign < 0):
+                key = next(
+                    (k for k, name in parsed.named.items() if name in (column, bracketed(column)[0])), f"{kind}_{joint}"
+                )
+                entries[key] = _entry(key, column, _changed(parsed, key, column, turned[joint]))
+    return "\n".join([*heading_lines(parsed.heading), *entries.values(), *_tables(parsed)]) + "\n"
+
+
+def _changed(parsed: ParsedColumns, key: str, column: str, turned: Turned) -> Change:
+    own, kind = parsed.own.get(key, ""), split(key)[0][0]
+    unit = parsed.units.get(kind, "") or bracketed(column)[1]
+    if not isinstance(own, Change):
+        own = change_of(own or unit, kind, False, f"column map: {key}") if own or unit else Change()
+    shift = turned.zero if kind in SHIFTED else 0.0
+    return Change(turned.sign * own.scale, own.over, turned.sign * own.offset + shift)
+
+
+def _entry(key: str, column: str, own: str | Change) -> str:
+    if isinstance(own, Change):
+        numbers = f"scale = {own.scale / own.over:.12g}, offset = {own.offset:.6g}"
+        return f"{key_of(key)} = {{ column = {quoted(column)}, {numbers} }}"
+    unit = f", unit = {quoted(own)}" if own else ""
+    return f"{key_of(key)} = {{ column = {quoted(column)}{unit} }}" if unit else f"{key_of(key)} = {quoted(column)}"
+
+
+def _tables(parsed: ParsedColumns) -> Iterator[str]:
+    """The pattern or table of joints, and the units, as in the map that was read."""
+    if parsed.pattern:
+        yield f"joints = {quoted('*'.join(parsed.pattern))}"
+    if parsed.joints:
+        yield "\n[joints]"
+        yield from (f"{key_of(joint)} = {quoted(token)}" for token, joint in parsed.joints.items())
+    if parsed.units:
+        yield "\n[units]"
+        yield from (f"{kind} = {quoted(unit)}" for kind, unit in parsed.units.items())
+
+
+def heading_lines(heading: Heading) -> list[str]:
+    """Lines of a column map with what a file does not say itself; none if it says all."""
+    skip = [f"skip = {heading.skip}"] if heading.skip else []
+    return [*skip, *([f"names = [{', '.join(map(quoted, heading.names))}]"] if heading.names else [])]
+
+
+def key_of(name: str) -> str:
+    """TOML key."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
+
+
+def quoted(text: str) -> str:
+    """TOML basic string, which equals a JSON string."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,336 @@
+"""Match columns to kinds of signals and to the joints of a robot by their names; guesses for the user to check."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from difflib import SequenceMatcher
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ...types import Robot
+from .mapping import DRIVE, split
+from .units import OF
+from .vocabulary import SPELLINGS, VOCABULARY, Word, bracketed, without_unit, words_of
+
+LONGEST = 200  # characters of a name that has a meaning
+ALIKE = 0.6  # minimum similarity of two names [1]
+NUMBER = re.compile(
+    r"(?:joints?|axis|axes|achse|axe|eje|gelenk|motors?|servo|drive|actuator|act|link|dof|id|j|a|m|s)?0*(\d+)"
+)
+OF_RATE = {("dq", "deg"): "deg/s", ("dq", "rad"): "rad/s", ("ddq", "deg"): "deg/s2", ("ddq", "rad"): "rad/s2"}
+RATES: Mapping[tuple[str, str], str] = {("q", "rate"): "dq", ("dq", "rate"): "ddq", ("q", "second rate"): "ddq"}
+
+
+class Guess(NamedTuple):
+    """Possible meaning of a column."""
+
+    column: str
+    kind: str  # q, dq, ddq, tau, current, abs_tau, abs_current, q_des, dq_des, tau_ff, on, pwm, volt, temp, t
+    joint: str  # name in the source, "" for t or where the name has none
+    unit: str  # "" if the name has none
+    plain: bool  # whether the column is named like a signal: kind, underscore, joint
+    desired: bool = False  # a commanded acceleration, torque, current or duty, which no recording uses
+    counts: bool = False  # whether the name says that these are counts of an encoder
+    load: bool = False  # a load, whose unit differs between makers
+    bare: bool = False  # a position by words such as cmd and actual alone, by its unit, or by the name of a joint alone
+
+
+def guess_columns(columns: Sequence[str], robot: Robot) -> list[Guess]:
+    """Meanings of the columns that have one, in their order.
+
+    If the robot has one joint, it is that of columns that name none. Positions that are not named so are left out where
+    others of their kind are.
+    """
+    known = known_joints(robot)
+    found = [one for column in columns if (one := guess(column, known))]
+    if len(robot.joints) == 1:
+        found = [one if one.kind == "t" or one.joint else one._replace(joint=robot.joints[0]) for one in found]
+    found = [one for one in found if one.joint or one.kind == "t"]
+    named = {one.kind for one in found if not one.bare}
+    found = [one for one in found if not (one.bare and one.kind in named)]
+    return found if any(one.kind == "q" for one in found) else [*found, *_unnamed_positions(columns, found, robot)]
+
+
+def guess(column: str, known: Collection[str] = ()) -> Guess | None:
+    """Guess the meaning of a column by the words of its name; None without a kind of signal.
+
+    `known` are names and numbers of joints: a column such as q_elbow is then one of the joint elbow. Names of more than
+    200 characters have no meaning.
+    """
+    if len(column) > LONGEST:
+        return None
+    if column == "t":
+        return Guess(column, "t", "", "", True)
+    name, unit = bracketed(column)
+    if unit and split(name) and (plain := guess(name, known)) and plain.plain:
+        return plain._replace(column=column, unit=unit)
+    found = _by_words(column, known)
+    if pairs := split(column):
+        for kind, token in pairs:
+            if token in known:
+                return Guess(column, kind, token, "", True)
+        pairs = [pair for pair in pairs if pair[0] not in DRIVE]
+    if pairs:
+        sides = {VOCABULARY.get(word, Word()).side for word in words_of(pairs[0][1])}
+        other = found is None or found.desired or found.kind != pairs[0][0]
+        stated = sides & {"commanded", "absolute", "none", "rate"} or "current" in column.lower()
+        if not (other and (stated or "d" in words_of(pairs[0][1]))):
+            return Guess(column, *pairs[0], "", True)
+    return found
+
+
+def known_joints(robot: Robot) -> frozenset[str]:
+    """Names and numbers of the joints of a robot."""
+    return frozenset([*robot.joints, *(str(number) for number in robot.numbers)])
+
+
+def match_signals(guesses: Sequence[Guess], robot: Robot) -> Iterator[tuple[str, Guess]]:
+    """Signal names, such as q_elbow, and their columns, in the order of the columns; each signal once."""
+    kinds = dict.fromkeys((one.kind, one.desired) for one in guesses if one.kind != "t")
+    groups = {each: [one for one in guesses if (one.kind, one.desired) == each] for each in kinds}
+    zero = _begin_at_zero([[*dict.fromkeys(one.joint for one in own)] for own in groups.values()], robot)
+    joints = {each: _joints_of(own, robot, zero) for each, own in groups.items()}
+    seen = set()
+    for one in guesses:
+        joint = "" if one.kind == "t" else joints[one.kind, one.desired].get(one.joint, "")
+        key = f"{one.kind}_{joint}", one.desired
+        if joint and key not in seen:
+            seen.add(key)
+            yield key[0], one
+
+
+def _match_names(tokens: Sequence[str], joints: Sequence[str], robot: Robot) -> dict[str, str]:
+    """Joints by their names in the source, as far as they are alike; `joints` are those to choose from."""
+    if not tokens or not joints:
+        return {}
+    if found := _by_limb(tokens, joints, robot):
+        return found
+    from scipy.optimize import linear_sum_assignment  # imported here, because it is slow
+
+    alike = np.array([[_likeness(token, joint, robot, tokens) for joint in joints] for token in tokens])
+    pairs = zip(*linear_sum_assignment(-alike), strict=True)
+    return {tokens[i]: joints[j] for i, j in pairs if alike[i, j] >= ALIKE}
+
+
+def pair_in_order(guesses: Sequence[Guess], signals: Mapping[str, Guess], robot: Robot) -> Iterator[tuple[str, Guess]]:
+    """Pair joints without a column with columns without a joint, both in their order; for the user to decide.
+
+    Joints are in the order of their chain, which is reversed if the columns that have a joint run that way.
+
+    signals: columns by signal name, such as q_elbow, that have a joint.
+    """
+    chain = _chain(robot)
+    joints = {one.joint: key[len(one.kind) + 1 :] for key, one in signals.items()}
+    measured = [one for one in guesses if one.kind != "t" and not one.desired]
+    tokens = dict.fromkeys(one.joint for one in measured if one.kind in ("q", "q_des"))
+    places = [chain.index(joints[token]) for token in tokens if token in joints]
+    backwards = sum(b < a for a, b in pairwise(places)) > len(places) / 2 - 0.5 and len(places) > 1
+    lacking = [joint for joint in (reversed(chain) if backwards else chain) if joint not in joints.values()]
+    pairs = dict(zip((token for token in tokens if token not in joints), lacking, strict=False))
+    for one in measured:
+        if one.joint in pairs and (key := f"{one.kind}_{pairs[one.joint]}") not in signals:
+            yield key, one
+
+
+def common_pattern(tokens: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str], dict[str, str]] | None:
+    """Prefix and suffix around names of joints in the source, and the joints by these names; None without any."""
+    around: dict[tuple[str, str], dict[str, str]] = {}
+    for token in tokens:
+        for joint in joints:
+            before, found, behind = token.partition(joint)
+            if found and not before[-1:].isalnum() and not behind[:1].isalnum():
+                around.setdefault((before, behind), {})[token] = joint
+    if not around:
+        return None
+    best = max(around, key=lambda each: len(around[each]))
+    return (best, around[best]) if len(around[best]) > 1 or len(joints) == 1 else None
+
+
+def _by_words(column: str, known: Collection[str]) -> Guess | None:
+    """Guess by the words of a name that is not one of a signal."""
+    joint, rest_of_name = _named_joint(column, known)
+    text, unit = without_unit(rest_of_name)
+    words = words_of(text)
+    if not words and unit in OF["t"][0] and not joint:
+        return Guess(column, "t", "", unit, False)
+    symbols = {"q", "dq", "tau"} & {*words}
+    meanings = [VOCABULARY.get(word, Word()) for word in words]
+    if "d" in words and symbols:
+        meanings[words.index("d")] = Word(side="commanded")
+    sides = {meaning.side for meaning in meanings}
+    kind, counts, load = _kind([*zip(words, meanings, strict=True)])
+    if "none" in sides or kind is None:
+        return None
+    bare = not kind and bool(unit in ("deg", "rad", "mrad") or (not unit and sides & {"measured", "commanded"}))
+    kind = "q" if bare else kind
+    rest = [w for w, meaning in zip(words, meanings, strict=True) if meaning.side == "joint" or not any(meaning[::2])]
+    last = text.rpartition("_")[2].lower()
+    if not unit and rest[1:] and rest[-1] == last and SPELLINGS.get(last) in OF.get(kind, ({},))[0]:
+        unit = SPELLINGS[rest.pop()]  # "Strom_1_A"
+    token = joint or "_".join(rest)
+    if not kind or (kind == "t" and token):
+        return None
+    unit = {"dq": {"deg": "deg/s", "rad": "rad/s"}, "ddq": {"deg": "deg/s2", "rad": "rad/s2"}}.get(kind, {}).get(
+        unit, unit
+    )
+    commanded = "commanded" in sides
+    if kind == "tau" and "forward" in sides:
+        return Guess(column, "tau_ff", token, unit, False)
+    if kind in ("tau", "current") and "absolute" in sides:
+        kind = f"abs_{kind}"
+    if commanded and kind in ("q", "dq"):
+        return Guess(column, f"{kind}_des", token, unit, False, counts=counts, bare=bare)
+    return Guess(column, kind, token, unit, False, commanded and kind != "t", counts, load, bare)
+
+
+def _kind(words: Sequence[tuple[str, Word]]) -> tuple[str | None, bool, bool]:
+    """Kind of signal, "" without one, None if several are meant; whether it is counted, and whether it is a load."""
+    kinds = {meaning.kind for _, meaning in words if meaning.kind and not meaning.weak}
+    sides = {meaning.side for _, meaning in words}
+    if "enabled" in sides and kinds <= {"tau"}:
+        return "on", False, False
+    weak = {meaning.kind for _, meaning in words if meaning.weak}
+    if kinds == {"q", "current"} and any(word == "q" for word, _ in words):
+        kinds = {"current"}  # the current of the q axis
+    if len(kinds) > 1:
+        kinds.discard("current")  # "current position"
+    if not kinds:
+        kinds = {"q"} if "q" in weak else weak
+    if len(kinds) > 1:
+        return None, False, False
+    kind = next(iter(kinds), "")
+    rate = next((side for side in sides if side.endswith("rate")), "")
+    if rate:
+        return RATES.get((kind, rate)), False, False
+    if kind == "current" and any(word == "d" for word, _ in words):
+        return None, False, False  # the current of the d axis
+    return kind, kind == "q" and "q" in weak, kind == "tau" and "tau" in weak
+
+
+def _named_joint(column: str, known: Collection[str]) -> tuple[str, str]:
+    """The joint whose whole name a column has, "" without one, and the column without it."""
+    for joint in sorted((name for name in known if not name.isdecimal()), key=len, reverse=True):
+        if found := re.search(rf"(?<![^\W_]){re.escape(joint)}(?![^\W_])", column, re.IGNORECASE):
+            if rest := (column[: found.start()] + " " + column[found.end() :]).strip(" _/."):
+                return joint, rest
+    return "", column
+
+
+def _unnamed_positions(columns: Sequence[str], found: Sequence[Guess], robot: Robot) -> list[Guess]:
+    """Columns that name a joint and nothing else, where no column is one of positions."""
+    used = {one.column for one in found}
+    names = {column: _plain(column) for column in columns if column not in used}
+    commanded = {_plain(one.joint) for one in found if one.kind == "q_des"}
+    joints = {_plain(joint) for joint in robot.joints}
+    own = [
+        c for c, name in names.items() if name in joints | commanded or (NUMBER.fullmatch(name) and not name.isdigit())
+    ]
+    return [Guess(column, "q", column, "", False, bare=True) for column in own] if len(own) > 1 else []
+
+
+def _joints_of(own: Sequence[Guess], robot: Robot, zero: bool) -> dict[str, str]:
+    """Joints by their names in the columns of one kind; `zero`: whether their numbers begin at zero."""
+    numbers = dict(zip(map(str, robot.numbers), robot.joints, strict=True))
+    tokens = list(dict.fromkeys(one.joint for one in own))
+    if len(robot.joints) == len(tokens) == 1:
+        return {tokens[0]: robot.joints[0]}
+    if zero and len(numbered := _numbers(tokens, robot)) == len(tokens):
+        by_number = _by_number(robot)
+        return {token: joint for token, n in numbered.items() if (joint := by_number.get(n + 1))}
+    sure = {one.joint: one.joint for one in own if one.joint in robot.joints}
+    sure |= {one.joint: numbers[one.joint] for one in own if one.plain and one.joint in numbers}
+    rest = [token for token in tokens if token not in sure]
+    lacking = [joint for joint in robot.joints if joint not in sure.values()]
+    pattern = common_pattern(rest, lacking)
+    return sure | (pattern[1] if pattern else _match_names(rest, lacking, robot))
+
+
+def _begin_at_zero(kinds: Sequence[Sequence[str]], robot: Robot) -> bool:
+    """Whether joints are numbered from zero: one number is zero, none is too large, and no joint is named so.
+
+    kinds: names of joints in the columns of each kind.
+    """
+    numbers = [{*found.values()} for tokens in kinds if len(found := _numbers(tokens, robot)) == len(tokens)]
+    every = set[int]().union(*numbers)
+    return 0 in every and 0 not in _digits(robot) and max(_by_number(robot)) not in every
+
+
+def _numbers(tokens: Sequence[str], robot: Robot) -> dict[str, int]:
+    """Numbers of the names that are a number, or a word of any joint and a number."""
+    own = _own_words(tokens, robot)
+    return {token: int(found[1]) for token in tokens if (found := NUMBER.fullmatch(_plain(own[token])))}
+
+
+def _chain(robot: Robot) -> list[str]:
+    """Joints in the order of the kinematic chain; in that of the description without a model."""
+    if robot.model is None:
+        return list(robot.joints)
+    order = {name: place for place, name in enumerate(robot.model.names)}
+    return sorted(robot.joints, key=lambda joint: order.get(joint, len(order)))
+
+
+def _by_number(robot: Robot) -> dict[int, str]:
+    """Joints by the number in their names if each has its own, else by their numbers."""
+    digits = _digits(robot)
+    numbers = [int(number) for number in digits if number is not None]
+    chosen = numbers if len({*numbers}) == len(digits) else robot.numbers
+    return dict(zip(chosen, robot.joints, strict=True))
+
+
+def _digits(robot: Robot) -> list[int | None]:
+    """Last number in the name of each joint."""
+    found = [re.findall(r"\d+", name) for name in robot.joints]
+    return [int(numbers[-1]) if numbers else None for numbers in found]
+
+
+def _by_limb(tokens: Sequence[str], joints: Sequence[str], robot: Robot) -> dict[str, str]:
+    """Joints of tokens such as FR_0: the word of a limb that names of joints have, and a place in that limb."""
+    limbs: dict[str, dict[int, str]] = {}
+    for token in tokens:
+        if not (found := re.fullmatch(r"(.*[a-z])_?0*(\d+)", token.lower())):
+            return {}
+        limbs.setdefault(found[1], {})[int(found[2])] = token
+    matched: dict[str, str] = {}
+    first = 0 if any(0 in places for places in limbs.values()) else 1
+    for limb, places in limbs.items():
+        own = [joint for joint in _chain(robot) if {*limb.split("_")} <= {*words_of(joint)}]
+        if len(own) in (0, len(robot.joints)) or max(places) - first >= len(own):
+            return {}
+        matched |= {token: own[place - first] for place, token in places.items() if own[place - first] in joints}
+    return matched
+
+
+def _likeness(token: str, joint: str, robot: Robot, tokens: Sequence[str]) -> float:
+    """Similarity of the name of a joint in the source to that of a joint of the robot, 0 to 1."""
+    own = _own_words(tokens, robot)
+    one, other = _plain(own[token]), _plain(joint)
+    mine, digits = NUMBER.fullmatch(one), _digits(robot)
+    if mine:
+        at = robot.index(joint)
+        if digits[at] is not None and len({*digits}) == len(digits):
+            return 0.9 if digits[at] == int(mine[1]) else 0.0
+        if int(mine[1]) == robot.numbers[at]:
+            return 0.9
+    return max(_alike(one, other), _alike(_plain(token), other))
+
+
+def _alike(one: str, other: str) -> float:
+    if one == other:
+        return 1.0
+    inside = 0.8 if min(len(one), len(other)) > 2 and (one in other or other in one) else 0.0
+    return max(inside, SequenceMatcher(None, one, other).ratio())
+
+
+def _own_words(tokens: Sequence[str], robot: Robot) -> dict[str, str]:
+    """Names of joints in the source without the words that all of them, and no joint of the robot, have."""
+    words = {token: token.split("_") for token in tokens}
+    common = set.intersection(*map(set, words.values())) if len(tokens) > 1 else set()
+    common = {word for word in common if not any(word.lower() in joint.lower() for joint in robot.joints)}
+    return {token: "_".join(word for word in own if word not in common) or token for token, own in words.items()}
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())

@@ -1,0 +1,135 @@
+"""Words in the names of columns: what each says about the kind of signal, its unit and its side."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import NamedTuple
+
+
+class Word(NamedTuple):
+    """Meaning of a word; "" where it says nothing."""
+
+    kind: str = ""  # kind of column: q, dq, tau, t, ...
+    unit: str = ""  # as in column maps
+    side: str = ""  # one of SIDES
+    weak: bool = False  # whether its kind gives way to that of another word
+
+
+SIDES = (
+    *("measured", "commanded", "absolute", "forward", "enabled"),  # without a sign; fed forward; whether a drive holds
+    *("rate", "second rate"),  # derivatives of what stands beside it
+    *("joint", "none"),  # any joint; a quantity that is no signal of a joint
+)
+_TABLE: Mapping[Word, str] = {
+    Word("q"): "q pos position positions angle angles theta qpos jpos winkel posicion posizione",
+    Word("q", weak=True): "enc encoder ticks tick count counts",
+    Word("dq"): "dq qd qdot vel velo velocity velocities speed speeds omega qvel jvel geschwindigkeit drehzahl vitesse "
+    "velocidad velocita",
+    Word("ddq"): "ddq qdd qddot acc accel acceleration accelerations qacc beschleunigung aceleracion accelerazione",
+    Word("tau"): "tau torque torques trq eff effort efforts moment moments drehmoment qfrc jtrq couple coppia momento",
+    Word("tau", weak=True): "load force last kraft",
+    Word("current"): "current currents cur curr amps strom courant corriente corrente",
+    Word("current", side="measured"): "iq",
+    Word("pwm"): "pwm duty dutycycle",
+    Word("volt"): "volt volts voltage voltages spannung",
+    Word("temp"): "temp temperature temperatures temperatur",
+    Word("t"): "t time times timestamp timestamps stamp clock zeit temps tiempo tempo",
+    Word(side="enabled"): "on enable enabled",
+    Word(side="commanded"): "des desired cmd command commands commanded target targets ref reference goal set setpoint "
+    "action soll demand demanded consigne consigna comando",
+    Word(side="measured"): "act actual measured meas present feedback fb fbk ist mesure value val raw state states "
+    "observation est estimate estimated",
+    Word(side="absolute"): "abs absolute magnitude unsigned betrag",
+    Word(side="forward"): "ff feedforward feedfwd",
+    Word(side="rate"): "dot rate",
+    Word(side="second rate"): "ddot",
+    Word(side="joint"): "joint joints motor motors axis axes achse achsen axe eje ejes asse gelenk servo servos drive "
+    "drives actuator actuators dof",
+    Word(side="none"): "ext external error err deviation limit limits lim max min maximum minimum kp kd ki gain gains "
+    "stiffness damping gravity friction tcp pose cartesian mode status residual noise power energy",
+    Word(unit="deg/s"): "deg/s deg_s degs deg/sec dps grad/s °/s",
+    Word(unit="rad/s"): "rad/s rad_s rads rad/sec",
+    Word(unit="rpm"): "rpm u/min rev/min",
+    Word(unit="deg"): "deg degree degrees ° grad",
+    Word(unit="mrad"): "mrad",
+    Word(unit="rad"): "rad radian radians",
+    Word(unit="mm"): "mm",
+    Word(unit="ms"): "ms msec msecs millis milliseconds",
+    Word(unit="us"): "us usec usecs micros microseconds",
+    Word(unit="ns"): "ns nsec nsecs nanos nanoseconds",
+    Word(unit="s"): "s sec secs second seconds",
+    Word(unit="mN.m"): "mnm mn.m",
+    Word(unit="N.cm"): "ncm n.cm",
+    Word(unit="N.m"): "nm n.m n*m",
+    Word(unit="mA"): "ma",
+}
+_BRACKETED: Mapping[str, str] = {  # spellings that need brackets, a row of units or the kind
+    **{"A": "a amp", "m": "m", "N": "n newton", "V": "v", "mV": "mv", "C": "c degc °c", "h": "h", "min": "min"},
+    **{"m/s": "m/s", "mm/s": "mm/s", "cm": "cm", "um": "um µm", "us": "µs", "mrad/s": "mrad/s", "rev": "rev"},
+    **{"rad/s2": "rad/s2 rad/s^2 rad/s² rad/s/s", "deg/s2": "deg/s2 deg/s^2 deg/s² °/s² °/s^2"},
+    **{"m/s2": "m/s2 m/s^2 m/s²", "N.m": "n·m n-m", "N.mm": "nmm n.mm", "kN.m": "knm kn.m", "kN": "kn"},
+}
+VOCABULARY: Mapping[str, Word] = {spelt: word for word, words in _TABLE.items() for spelt in words.split()}
+UNITS = {spelt: word.unit for spelt, word in VOCABULARY.items() if word.unit}  # spelt without brackets
+SPELLINGS = {**UNITS, **{spelt: unit for unit, words in _BRACKETED.items() for spelt in words.split()}}
+_ENDING = re.compile(
+    r"[\s_./([-]+(" + "|".join(map(re.escape, sorted(UNITS, key=len, reverse=True))) + r")[\])]*$", re.IGNORECASE
+)
+_WITHIN = re.compile(r"(?<![a-z])(deg[_/]s|rad[_/]s|deg|rpm|ms|us|ns|mm|mnm)(?![a-z])", re.IGNORECASE)
+_BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()\s](?:[^\[\]()]{0,20}[^\[\]()\s])?)\s*[\])]\s*$")
+_NO_UNIT = ("", "-", "[]", "[-]", "()", "(-)")  # cells of a row of units for columns without one
+_SHORTEST = 3  # letters of each part of a compound
+_RATES = re.compile(r"(d{1,2})(theta|pos|position|angle)")
+
+
+def words_of(text: str) -> list[str]:
+    """Words of a name in lower case, compounds in their parts: "jointPos_1" and "jointpos1" have joint, pos and 1."""
+    found = [word.lower() for word in re.findall(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![a-z])|\d+", text)]
+    for k in range(len(found) - 1, 0, -1):
+        if found[k - 1] + found[k] in VOCABULARY and min(len(found[k - 1]), len(found[k])) >= _SHORTEST:
+            found[k - 1 : k + 1] = [found[k - 1] + found[k]]  # "set point"
+    return [part for word in found for part in _parts(word)]
+
+
+def bracketed(name: str) -> tuple[str, str]:
+    """A name without the unit in brackets at its end, and this unit; the name itself and "" without a known one."""
+    inside = _BRACKETS.search(name[-60:])
+    unit = _spelt(inside[1]) if inside else ""
+    return (name[: inside.start() + max(0, len(name) - 60)], unit) if inside and unit else (name, "")
+
+
+def without_unit(name: str) -> tuple[str, str]:
+    """A name without its unit, in brackets or not, and the unit, "" if there is none."""
+    plain, unit = bracketed(name)
+    if unit:
+        return plain, unit
+    if ended := _ENDING.search(name):
+        return name[: ended.start()], UNITS[ended[1].lower()]
+    if within := _WITHIN.search(name):
+        return f"{name[: within.start()]} {name[within.end() :]}", UNITS[within[1].lower()]
+    return name, ""
+
+
+def unit_row(cells: list[str]) -> list[str] | None:
+    """Units of the cells of a row, "" for cells without one; None if it is no row of units."""
+    found = ["" if cell.strip() in _NO_UNIT else _spelt(cell.strip().strip("[]()")) or None for cell in cells]
+    units = [unit for unit in found if unit is not None]
+    return units if len(units) == len(found) and any(units) else None
+
+
+def _spelt(text: str) -> str:
+    return SPELLINGS.get(text.strip().lower(), "")
+
+
+def _parts(word: str) -> list[str]:
+    """A word, or the parts of a compound of known words, such as jointpos, istposition and dtheta."""
+    if word in VOCABULARY:
+        return [word]
+    if rate := _RATES.fullmatch(word):
+        return [rate[2], {"d": "dot", "dd": "ddot"}[rate[1]]]
+    for k in range(len(word) - _SHORTEST, _SHORTEST - 1, -1):
+        begun, rest = word[:k], word[k:]
+        if begun in (*VOCABULARY, "arm") and begun not in UNITS and rest in VOCABULARY and rest not in UNITS:
+            return [begun, rest]
+    return ["q", word[1:]] if word[:1] == "q" and VOCABULARY.get(word[1:], Word()).side == "commanded" else [word]
