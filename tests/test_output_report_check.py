@@ -244,7 +244,7 @@ def test_unknown_units_are_said(tmp_path: Path) -> None:
     ).write_parquet(data / "file-000.parquet")
     for mapping, said in (
         (None, "positions are left in the unit of the source: LeRobot datasets do not say"),
-        ({"units": {"q": "deg", "q_des": "deg"}}, "positions are read in deg, as the column map states: LeRobot"),
+        ({"units": {"q": "deg", "q_des": "deg"}}, "positions are in deg by the column map: LeRobot"),
     ):
         found, units = read_bare(tmp_path / "set", columns=mapping)
         summary = audit_summary(audit_servos(found, units))

@@ -13,14 +13,13 @@ from ..types import Array, Recording, ServoSamples
 from .columns import TORQUES, UNSTATED, conversion, function, stated_units, unit_caveats
 from .formats import FORMATS
 from .formats.base import About
-from .formats.json_ import holds_samples
 from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
 from .names.match import guess
 from .plausible import drop_implausible
 from .sampling.rivals import ask_for_time
 from .source import Opened, Source, open_source
 
-DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf", ".toml")  # suffixes that are of no recording
+DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf", ".json", ".toml")  # suffixes that are of no recording
 KINDS = ("q", "dq", "q_des", *ServoSamples._fields)
 
 
@@ -28,8 +27,6 @@ def is_recording(name: str) -> bool:
     """Whether a file or folder of that name exists and has the format of a recording."""
     path = Path(name)
     if not path.exists() or path.name.lower().endswith(DESCRIPTIONS):
-        return False
-    if path.suffix.lower() == ".json" and not holds_samples(path):
         return False
     return any(FORMATS[each].recognises(path) for each in FORMATS.names)
 
@@ -75,9 +72,11 @@ def read_bare(
     table.read(used, 0, 0)  # raises if a column is not numeric
     plain, implausible = drop_implausible(table, chosen)
     units = stated_units(mapping, ((split(name)[0][0] if split(name) else "t", each) for name, each in signals.items()))
-    caveats = unit_caveats(opened, {name: unit for name, unit in units.items() if name in used})
-    caveats += (f"positions are left in the unit of the source: {UNSTATED}",) if unknown and not guessed else ()
-    notes = (*(note for note in About.of(opened.table).notes if "no torque" not in note), *caveats)
+    units = {name: unit._replace(by="its name") if guessed else unit for name, unit in units.items() if name in used}
+    caveats = unit_caveats(opened, units)
+    if unknown and About.of(opened.table).unstated:
+        caveats += (f"positions are left in the unit of the source: {UNSTATED}",)
+    notes: tuple[str, ...] = (*(note for note in About.of(opened.table).notes if "no torque" not in note), *caveats)
     if guessed:
         names = [f"{key} is {name}" for key, name in mapping.named.items() if key == "t" or key.startswith("q_")]
         notes += (f"columns are assigned by the words in their names: {shorten(names, 4)}",)
@@ -91,7 +90,7 @@ def read_bare(
         opened.sha256,
         notes,
         flags=tuple(implausible),
-        units={name: unit for name, unit in units.items() if name in used},
+        units=units,
     )
     return recording, {joint: "" if ("q", joint) in unknown else "rad" for joint in joints}
 

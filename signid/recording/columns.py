@@ -24,7 +24,7 @@ LONG = 150  # maximum length of a map within a message [characters]
 ARM = "arm joint"  # a revolute joint that is no wheel and no finger
 UNSTATED = (
     "LeRobot datasets do not say whether numbers are degrees or per cent of the calibrated range, and a gripper's are "
-    "0 to 100 % in any case; write scale and offset from the calibration file"
+    "0 to 100 % in any case; give the calibration file (--calibration), or write scale and offset"
 )
 DIGITS = 10  # of numbers of joints, fewer than these
 CLOSE = 0.7  # minimum similarity of names (difflib) for a suggestion [1]
@@ -73,9 +73,9 @@ def assign_columns(opened: Opened, columns: ParsedColumns, robot: Robot) -> Assi
                 names = " and ".join(both if both[0] != both[1] else (rival.column, signal.column))
                 raise RecordingError(f"{source} has {names}, which are the same signal of one joint; keep one of them")
             signals[key] = signal if signal.mapped else rival
-    notes, strange = _ignored(unassigned, signals, robot, opened, bool(columns.named))
     units = stated_units(columns, ((kind, signal) for (kind, _), signal in signals.items()))
-    notes += unit_caveats(opened, units)
+    ignored, strange = _ignored(unassigned, signals, robot, opened, bool(columns.named))
+    notes = (*ignored, *unit_caveats(opened, units))
     numbered = [
         j
         for (kind, j), signal in signals.items()
@@ -107,7 +107,7 @@ def unit_caveats(opened: Opened, units: Mapping[str, StatedUnit]) -> tuple[str, 
     """A note on units of positions that a column map states for a source that may hold per cent instead."""
     unstated = About.of(opened.table).unstated
     angles = {units[name].unit for name in unstated & units.keys() if units[name].unit in ("deg", "rad")}
-    return tuple(f"positions are read in {unit}, as the column map states: {UNSTATED}" for unit in sorted(angles))
+    return tuple(f"positions are in {unit} by the column map: {UNSTATED}" for unit in sorted(angles))
 
 
 def conversion(
