@@ -46,9 +46,9 @@ def has_drives(recordings: Sequence[Recording], forced: bool = False) -> bool:
 
 
 def instead_of_torque(
-    context: typer.Context, error: UnknownConstantError, recordings: Sequence[Recording]
+    context: typer.Context, error: UnknownConstantError, recordings: Sequence[Recording], done: str
 ) -> tuple[str, ...]:
-    """Note that position drives are identified, because the torque of a current is unknown and commands are recorded.
+    """Note that something is done for position drives, because a torque constant is unknown and commands are recorded.
 
     Raises:
         UnknownConstantError: the error, where a recording has no commands.
@@ -57,8 +57,8 @@ def instead_of_torque(
     if not all(any(recording.columns.get("q_des", ())) for recording in recordings):
         raise error
     if options := _given_options(context, TORQUE_ONLY):
-        raise OptionError(f"{error}; or remove {options[0]} to identify position drives from q_des_J") from None
-    return (f"position drives are identified from q_des_J instead of torque: {error}",)
+        raise OptionError(f"{error}; or remove {options[0]} to have position drives {done} from q_des_J") from None
+    return (f"position drives are {done} from q_des_J instead of torque: {error}",)
 
 
 def check_options(context: typer.Context, drives: bool) -> None:

@@ -69,8 +69,10 @@ def check(
     RECORDING.
     """
     from ...check import check as judge
+    from ...errors import UnknownConstantError
     from ...recording import is_recording
     from ..files import CHECKED, deliver_check
+    from .drives import instead_of_torque
 
     check_folder(output, True, CHECKED)
     if is_recording(robot.robot):
@@ -79,8 +81,12 @@ def check(
     given = given_recordings(_needed(recordings, robot), described, rows.columns, unsigned)
     if not any(any(recording.columns["tau"]) for recording in given):
         return _audit(context, described, given, robot, rows, run, output)
-    with bars(run.json) as progress:
-        found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
+    try:
+        with bars(run.json) as progress:
+            found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
+    except UnknownConstantError as error:
+        notes = instead_of_torque(context, error, given, "checked")
+        return _audit(context, described, given, robot, rows, run, output, notes)
     inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
     return deliver_check(found, inputs, output, run.json, given_command(context), run.seed)
 
@@ -99,8 +105,9 @@ def _audit(
     rows: RowOptions,
     run: RunOptions,
     output: str | None,
+    notes: Sequence[str] = (),
 ) -> int:
-    """Audit recordings of servos; without a description they are given by name."""
+    """Audit recordings of servos, with more notes; without a description they are given by name."""
     from ...recording import read_bare
     from ...recording.source import digest_of
     from ...servo.audit import audit_servos
@@ -121,6 +128,7 @@ def _audit(
             joint: "m" if slides else "rad" for joint, slides in zip(described.joints, described.prismatic, strict=True)
         }
     found, name = audit_servos(read, units), described.name if described else ""
+    found = replace(found, notes=(*notes, *found.notes))
     if described is not None:
         inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
     else:
@@ -218,7 +226,7 @@ def identify(
                     progress=progress,
                 )
         except UnknownConstantError as error:
-            return identify_drives(instead_of_torque(context, error, (*given, *held_out)))
+            return identify_drives(instead_of_torque(context, error, (*given, *held_out), "identified"))
         read += factor_inputs(recordings)
         return deliver(result, read, fit.output, run.json, command)
 
