@@ -66,7 +66,9 @@ def _autocovariance(joint: JointFactors, c: Array) -> Array:
 
 def _rows_of_one(power: Array) -> float:
     """Rows that count as one against a torque that is correlated as long [1]; power: (d,) autocovariance."""
-    return float(1 + 2 * np.sum((power[1:] / max(power[0], 1e-300)) ** 2))
+    if power[0] <= 0:
+        return 1.0
+    return float(1 + 2 * np.sum(np.clip(power[1:] / power[0], -1, 1) ** 2))
 
 
 def _rounded(x: float) -> float:
