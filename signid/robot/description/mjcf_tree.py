@@ -91,7 +91,7 @@ def _read(node: Any, folder: Path, source: Source, depth: int, how: str) -> Any:
     """Tree of the file that an element refers to."""
     path = folder / (node.get("file") or "")
     if depth > _DEPTH:
-        raise RobotError(f"{path.name} includes itself; remove that <{node.tag}>")
+        raise RobotError(f"{path.name} is more than {_DEPTH} files deep, or includes itself; remove that <{node.tag}>")
     source.read += 1
     if source.read > _FILES:
         raise RobotError(f"the file includes more than {_FILES} files; give the description of one robot")
