@@ -29,10 +29,6 @@ class OptionError(InputError):
     """Unknown option or plug-in name, or contradictory options."""
 
 
-class UnknownConstantError(OptionError):
-    """A current whose torque constant is neither stated nor identifiable."""
-
-
 class ManifestError(InputError):
     """Invalid list of sessions, with one message per invalid row."""
 

@@ -7,7 +7,7 @@ import pytest
 
 from signid.errors import OptionError
 from signid.model import Model, load_model
-from signid.servo.fit import fit_servos, start_servos
+from signid.servo.fit import fit_servos, solve, start_servos
 from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servos import Servo, ServoGrid
 
@@ -86,6 +86,16 @@ def test_numbers_without_influence_have_infinite_variance() -> None:
     start = {joint: replace(truth[joint], effort_limit=1e4)}
     fit = fit_servos(model, [grid], start, [(joint, "kp"), (joint, "effort_limit")])
     assert np.isinf(fit.std[1]) and fit.std[0] < 5 and fit.covariance[0, 1] == 0
+
+
+def test_steps_that_are_no_numbers_leave_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = load_model("1r")
+    (joint,) = model.robot.joints
+    truth = {joint: Servo(kp=20.0, kd=1.0, armature=0.05)}
+    grid = recorded(model, truth, 3.0, 5)
+    monkeypatch.setattr(solve, "_step", lambda where, here, point, damping: (point.values * np.nan, point.q0[0]))
+    fit = fit_servos(model, [grid], truth, [(joint, "kp"), (joint, "delay")])
+    assert fit.servos[joint].kp == 20.0 and np.isfinite(fit.residual_rms).all()
 
 
 def test_bad_input_is_a_sentence() -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ...errors import OptionError, OutputError, UnknownConstantError, readable
+from ...errors import InputError, OptionError, OutputError, readable
 from ..options import DriveOptions
 from ..terminal import bars
 
@@ -46,15 +46,18 @@ def has_drives(recordings: Sequence[Recording], forced: bool = False) -> bool:
 
 
 def instead_of_torque(
-    context: typer.Context, error: UnknownConstantError, recordings: Sequence[Recording], done: str
+    context: typer.Context, error: InputError, recordings: Sequence[Recording], done: str
 ) -> tuple[str, ...]:
-    """Note that something is done for position drives, because a torque constant is unknown and commands are recorded.
+    """Note that something is done for position drives, because no torque is usable and commands are recorded.
+
+    Torque is unusable where torque constants of currents are unknown, and neither they nor lost signs can be found.
 
     Raises:
-        UnknownConstantError: the error, where a recording has no commands.
+        InputError: the error, where torque constants are known, or a recording has no commands.
         OptionError: options that apply to torque were given.
     """
-    if not all(any(recording.columns.get("q_des", ())) for recording in recordings):
+    unscaled = any(recording.scaled is not None for recording in recordings)
+    if not unscaled or not all(any(recording.columns.get("q_des", ())) for recording in recordings):
         raise error
     if options := _given_options(context, TORQUE_ONLY):
         raise OptionError(f"{error}; or remove {options[0]} to have position drives {done} from q_des_J") from None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from ...deadline import USUAL, time_limit
-from ...errors import OptionError, readable
+from ...errors import InputError, OptionError, readable
 from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_command, given_effects, given_inputs, given_options, given_recordings, given_robot
 from ..options import (
@@ -69,7 +69,6 @@ def check(
     RECORDING.
     """
     from ...check import check as judge
-    from ...errors import UnknownConstantError
     from ...recording import is_recording
     from ..files import CHECKED, deliver_check
     from .drives import instead_of_torque
@@ -84,7 +83,7 @@ def check(
     try:
         with bars(run.json) as progress:
             found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
-    except UnknownConstantError as error:
+    except InputError as error:
         notes = instead_of_torque(context, error, given, "checked")
         return _audit(context, described, given, robot, rows, run, output, notes)
     inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
@@ -186,7 +185,6 @@ def identify(
     Recordings with commanded positions (q_des_J) and without torque give the position drives instead: kp, damping,
     delay, friction, armature and limits, by simulation of the closed loop (servo mode).
     """
-    from ...errors import UnknownConstantError
     from ...identify import identify as learn
     from ..files import IDENTIFIED, deliver
     from .drives import check_options, has_drives, instead_of_torque
@@ -225,7 +223,7 @@ def identify(
                     refine=_candidates(fit.refine),
                     progress=progress,
                 )
-        except UnknownConstantError as error:
+        except InputError as error:
             return identify_drives(instead_of_torque(context, error, (*given, *held_out), "identified"))
         read += factor_inputs(recordings)
         return deliver(result, read, fit.output, run.json, command)

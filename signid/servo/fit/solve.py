@@ -51,10 +51,12 @@ def solve(shots: Sequence[Shots], where: Coordinates, point: FitPoint, iteration
     for _ in range(iterations):
         here = normal(shots, where, point, noise, WIDER[wide], central)
         now = cost(shots, residual, point, noise) + where.prior(point.values)
+        then = np.inf
         for _ in range(TRIALS):
             values, states = _step(where, here, point, damping)
-            new, left = settle(shots, where, point, values, states, noise)
-            then = cost(shots, left, new, noise) + where.prior(values)
+            if np.isfinite(values).all():
+                new, left = settle(shots, where, point, values, states, noise)
+                then = cost(shots, left, new, noise) + where.prior(values)
             if np.isfinite(then) and then < now:
                 break
             damping *= WORSE

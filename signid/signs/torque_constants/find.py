@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import RecordingError, UnknownConstantError, shorten
+from ...errors import OptionError, RecordingError, shorten
 from ...model import stated_inertials
 from ...recording import same_joints, with_signs
 from ...regression.factors import Factors
@@ -56,7 +56,7 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
     that the description states set the scale. Recordings of which a part is learned from are used, whole.
 
     Raises:
-        UnknownConstantError: a constant is not identifiable; the sentence says what to state.
+        OptionError: a constant is not identifiable; the sentence says what to state.
     """
     robot, unknown = session.robot, _unknown(session.recordings)
     if not unknown.any():
@@ -66,14 +66,14 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
     observed = observe(session.task, session.learned)
     anchors = observed.known & ~unknown
     if not anchors.any() and not stated_inertials(robot).any():
-        raise UnknownConstantError(
+        raise OptionError(
             f"the torque constants of {_names(robot, unknown)} are not known, no torque of another joint is, and the "
             f"description states no inertials to set the scale; {_state(robot, unknown)}, of one at least"
         )
     constants = _settle(session, observed, unknown)
     lost = unknown & ~(constants.std <= LOOSE)
     if lost.any():
-        raise UnknownConstantError(
+        raise OptionError(
             f"the torque constant of {_names(robot, lost)} is not known, and neither parameters shared with other "
             f"joints nor stated inertials determine it to {100 * LOOSE:.0f} %; {_state(robot, lost)}, or leave out the "
             f"column of the current"
