@@ -146,6 +146,8 @@ def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> 
             for j, column in enumerate(group):
                 if column:
                     into = _unit(signal, "" if signal in OTHERS else positions.get(recording.joints[j], "rad"))
+                    if signal == "tau" and recording.scaled is not None and not recording.scaled[j]:
+                        into = "A"  # a current without a torque constant
                     factor = float(recording.torque_per_unit[j]) if signal == "tau" else 1.0
                     key = signal, recording.units.get(column, NOT_STATED), into, factor != 1
                     found.setdefault(key, {})[column] = factor
