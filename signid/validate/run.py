@@ -1,4 +1,4 @@
-"""ModelSource models and recordings -> how well each model predicts them."""
+"""Models and recordings -> how well each model predicts them."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ def driven(samples: Samples, joint: int) -> Mask:
 
 
 def read_stamps(t: Array, rows: Mask) -> RowClock:
-    """RowClock of the rows; t: (N,) [s], rows: (N,) with a command."""
+    """Clock of the rows; t: (N,) [s], rows: (N,) with a command."""
     both, steps = rows[1:] & rows[:-1], np.diff(t)
     own = steps[both]
     forward = own[own > 0]

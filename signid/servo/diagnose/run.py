@@ -118,7 +118,7 @@ def _sets(model: Model, data: ServoData) -> list[tuple[int, ...]]:
 def _searched(
     model: Model, data: ServoData, joints: tuple[int, ...], noise: Array, skip: Sequence[str], window: float
 ) -> tuple[GroupSearch, ClosedLoop]:
-    """GroupSearch of one group, and its windows on held-out recordings."""
+    """Search of one group, and its windows on held-out recordings."""
     servos = tuple(model.servos[data.joints[j]] for j in joints)
     loop = ClosedLoop(model, data.train, joints, servos, window, MOST_WINDOWS)
     found = search(loop, Point(servos), noise[list(joints)], skip)

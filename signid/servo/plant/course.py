@@ -89,7 +89,7 @@ def recorded_course(model: Model, grid: ServoGrid) -> RobotCourse:
 
 
 def part(whole: RobotCourse, joints: Sequence[int]) -> RobotCourse:
-    """RobotCourse of some joints; the others move as the motion does."""
+    """Course of some joints; the others move as the motion does."""
     rows = list(joints)
     motion = Moved(*(x[:, rows] for x in whole.motion))
     mass = whole.mass[:, rows][:, :, rows]

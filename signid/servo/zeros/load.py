@@ -129,7 +129,7 @@ def _stacked(rows: ZeroRows, j: int, use: Mask, weight: Array) -> tuple[Array, A
 
 
 def _line(rows: ZeroRows, j: int, weight: Array) -> LoopLine | None:
-    """LoopLine of a joint; None if too few rows are usable."""
+    """Line of a joint; None if too few rows are usable."""
     use = np.isfinite(rows.error[:, j])
     if use.sum() < FEWEST:
         return None
