@@ -171,11 +171,14 @@ def _best(evidence: FaultEvidence, informative: Mask, given: Array, columns: Arr
     def score(value: Array) -> float:
         return nats(unexplained(under_gravity(few, size * value, own).plain), informative, FINEST)
 
+    stated = score(given / size)
+    if stated - nats(np.zeros(len(informative)), informative, FINEST) < PROMISING:
+        return None  # nothing is left that another direction could explain
     corners = np.array([[x, y, z] for x in (1, -1) for y in (1, -1) for z in (1, -1)]) / np.sqrt(3)
     starts = [*np.eye(3), *-np.eye(3), *corners]
     starts += _around(given / size, TILT) if given.any() else []
     scores = [score(u) for u in starts]
-    if min(scores) > score(given / size) - PROMISING:
+    if min(scores) > stated - PROMISING:
         return None
     direction, left = _descend(score, starts[int(np.argmin(scores))], min(scores))
     axis = _axis(direction)
