@@ -178,7 +178,7 @@ def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
     found = dict(spread(orders, workers=1))
     assert asked == ["inspect", "inspect", "effects", "effects", "check"]
     assert found[0].code is None and "died 2 times, the last time by signal 9" in found[0].said[0]
-    assert found[1].code == 2 and found[2].code == 2 and "no such option: -o" in found[2].said[0]
+    assert found[1].code == 2 and found[2].code == 2 and "missing argument 'ROBOT'" in found[2].said[0]
     elsewhere = dict(spread([Order(("effects",), str(tmp_path / "none")), Order((), "", version="0")], workers=1))
     assert "none cannot be used on the worker" in elsewhere[0].said[0]
     assert elsewhere[1].code is None and "install the same" in elsewhere[1].said[0]

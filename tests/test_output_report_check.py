@@ -210,6 +210,7 @@ def test_both_modes_fill_one_screen_in_the_same_order(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("COLUMNS", raising=False)  # the width of a pipe
     parts = [drive(seconds=12, seed=j) for j in range(1, 8)]
     log = {"t": parts[0]["t"]} | {f"{k}_{j}": x[f"{k}_a"] for j, x in enumerate(parts, 1) for k in ("q", "q_des")}
     pl.DataFrame(log).write_csv("servo.csv")

@@ -152,4 +152,4 @@ def test_impossible_sensors_are_refused(options: dict[str, float], says: str) ->
 
 def test_an_unknown_format_is_refused() -> None:
     with pytest.raises(RecordingError, match=r"\.parquet"):
-        find_format(Path("recording.mat"))
+        find_format(Path("recording.xyz"))

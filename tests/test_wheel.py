@@ -73,7 +73,9 @@ def test_the_versions_of_python_that_are_tested_are_listed() -> None:
 
 def test_imported_packages_are_required() -> None:
     core = distributions(PROJECT["dependencies"])
-    optional = core | distributions([item for name in ("ros", "fleet", "viewers", "bench") for item in EXTRAS[name]])
+    optional = core | distributions(
+        [item for name in ("ros", "hdf5", "fleet", "viewers", "bench") for item in EXTRAS[name]]
+    )
     found = []
     for path in sorted((ROOT / "signid").rglob("*.py")):
         for module, at_once in imported(path):

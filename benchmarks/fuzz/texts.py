@@ -86,7 +86,7 @@ def read_header(path: Path) -> None:
 def _evaluate() -> Any:
     from signid.robot.description import sandbox
 
-    sandbox._restrict_expressions()
+    sandbox._restrict_expressions(lambda package: package)
     import xacro
 
     return xacro

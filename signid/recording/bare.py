@@ -13,13 +13,14 @@ from ..types import Array, Recording, ServoSamples
 from .columns import TORQUES, UNSTATED, conversion, function, stated_units, unit_caveats
 from .formats import FORMATS
 from .formats.base import About
+from .formats.json_ import holds_samples
 from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
 from .names.match import guess
 from .plausible import drop_implausible
 from .sampling.rivals import ask_for_time
 from .source import Opened, Source, open_source
 
-DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf", ".json", ".toml")  # suffixes that are of no recording
+DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf", ".toml")  # suffixes that are of no recording
 KINDS = ("q", "dq", "q_des", *ServoSamples._fields)
 
 
@@ -27,6 +28,8 @@ def is_recording(name: str) -> bool:
     """Whether a file or folder of that name exists and has the format of a recording."""
     path = Path(name)
     if not path.exists() or path.name.lower().endswith(DESCRIPTIONS):
+        return False
+    if path.suffix.lower() == ".json" and not holds_samples(path):
         return False
     return any(FORMATS[each].recognises(path) for each in FORMATS.names)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...types import Array
 from ..streams import GAP, GAP_NS
-from .profile import FEWEST, LEAST, ROWS, Predictors, Shift, TargetSignal, coarse_shifts, fine_shift, pick_shift
+from .profile import FEWEST, LEAST, ROWS, ClockShift, Predictors, TargetSignal, coarse_shifts, fine_shift, pick_shift
 
 SMOOTH = 0.05  # [s] window of the derivative of a position; at least FEW rows
 FEW = 5
@@ -41,7 +41,7 @@ AllReadings = Mapping[tuple[str, str], Readings]  # by kind and joint
 class Offset(NamedTuple):
     """Time that is to be added to that of the second file."""
 
-    shift: Shift
+    shift: ClockShift
     pairs: tuple[str, ...]  # "velocity of elbow with position of elbow"
     command: bool  # whether it includes the time that a servo takes to follow
     force: bool  # whether a torque was explained by the motion
@@ -144,7 +144,7 @@ def _crossings(track: Readings) -> int:
     return int(np.sum(np.diff(np.sign(mean - mean.mean())) != 0))
 
 
-def _common(pairs: Sequence[_Pair], overlap: float) -> Shift | str:
+def _common(pairs: Sequence[_Pair], overlap: float) -> ClockShift | str:
     """One shift for all pairs, weighted by their precision, or why there is none."""
     spans = [(np.ptp(pair.motion.t), np.ptp(pair.answer.t)) for pair in pairs]
     period = max(max(p.motion.period, float(np.median(np.diff(p.answer.t)))) for p in pairs)
@@ -169,7 +169,7 @@ def _common(pairs: Sequence[_Pair], overlap: float) -> Shift | str:
     return _combined(found) if found else "no shift explains the signals"
 
 
-def _fine(pair: _Pair, near: float, width: float) -> Shift:
+def _fine(pair: _Pair, near: float, width: float) -> ClockShift:
     shift = fine_shift(pair.motion, pair.answer, -near if pair.swapped else near, width)
     bias = BIAS * (1 - shift.explained) if pair.motion.x.shape[1] > 1 else 0.0
     return shift._replace(
@@ -177,11 +177,11 @@ def _fine(pair: _Pair, near: float, width: float) -> Shift:
     )
 
 
-def _combined(found: Sequence[Shift]) -> Shift:
+def _combined(found: Sequence[ClockShift]) -> ClockShift:
     """Mean of shifts, weighted by their precision; its uncertainty is not smaller than their scatter."""
     values = np.array([each.seconds for each in found])
     weights = 1 / np.maximum([each.std for each in found], 1e-6) ** 2
     mean = float(np.average(values, weights=weights))
     scatter = float(np.average((values - mean) ** 2, weights=weights)) / max(1, len(found) - 1)
     shares = [float(np.mean([each[k] for each in found])) for k in (2, 3)]
-    return Shift(mean, float(np.sqrt(max(1 / weights.sum(), scatter))), *shares)
+    return ClockShift(mean, float(np.sqrt(max(1 / weights.sum(), scatter))), *shares)

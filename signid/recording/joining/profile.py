@@ -1,4 +1,4 @@
-"""Shift of one signal in time at which columns of another clock explain it best."""
+"""ClockShift of one signal in time at which columns of another clock explain it best."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class TargetSignal(NamedTuple):
     positive: bool  # whether it has the sign of the column that explains it
 
 
-class Shift(NamedTuple):
+class ClockShift(NamedTuple):
     """Time that is added to that of a signal."""
 
     seconds: float
@@ -96,7 +96,7 @@ def coarse_shifts(motion: Predictors, answer: TargetSignal, period: float, least
 
 
 def pick_shift(shifts: Array, explained: Array, near_zero: bool) -> tuple[float, bool]:
-    """Shift [s] at the peak, NaN if there is none, and whether another one rivals it.
+    """ClockShift [s] at the peak, NaN if there is none, and whether another one rivals it.
 
     `near_zero`: where several peaks explain about as much, that near no shift is chosen.
 
@@ -118,8 +118,8 @@ def pick_shift(shifts: Array, explained: Array, near_zero: bool) -> tuple[float,
     return float(shifts[best]), bool((rival & (np.abs(shifts[tops] - shifts[best]) > NARROW)).any())
 
 
-def fine_shift(motion: Predictors, answer: TargetSignal, near: float, width: float) -> Shift:
-    """Shift of a signal by least squares within a width [s] of a coarse one, with its standard deviation."""
+def fine_shift(motion: Predictors, answer: TargetSignal, near: float, width: float) -> ClockShift:
+    """ClockShift of a signal by least squares within a width [s] of a coarse one, with its standard deviation."""
     from scipy.interpolate import make_interp_spline  # slow import
     from scipy.optimize import minimize_scalar
 
@@ -149,4 +149,4 @@ def fine_shift(motion: Predictors, answer: TargetSignal, near: float, width: flo
     bounds = near - width, near + width
     found = minimize_scalar(lambda s: solved(s)[0], bounds=bounds, method="bounded", options={"xatol": 1e-6})
     share, std, _ = solved(float(found.x))
-    return Shift(float(found.x), std, 1 - share, 1 - solved(0.0)[0])
+    return ClockShift(float(found.x), std, 1 - share, 1 - solved(0.0)[0])
