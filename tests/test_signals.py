@@ -43,7 +43,7 @@ class Ended(NamedTuple):
 
 @pytest.fixture(scope="module")
 def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five minutes of a simulated panda with friction that its description lacks."""
+    """Five minutes of a simulated panda with laws that its description lacks."""
     return simulated(tmp_path_factory.mktemp("long"), 300)
 
 
@@ -56,7 +56,8 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def simulated(folder: Path, seconds: float) -> Path:
     path = folder / "panda.parquet"
     words = f"simulate panda --duration {seconds} --rate 250 --step 0.002 --noise 0.01"
-    assert run([*words.split(), "--inject", "stribeck_friction@panda_joint4", "-o", str(path)]) == 0
+    laws = [f"{law}@panda_joint{j}" for j, law in ((2, "load_friction"), (4, "stribeck_friction"), (6, "spring"))]
+    assert run([*words.split(), *(word for law in laws for word in ("--inject", law)), "-o", str(path)]) == 0
     return path
 
 

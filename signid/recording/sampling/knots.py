@@ -32,7 +32,8 @@ NEAR = 0.02  # [rows] distance at which a knot lies on a row
 MARGIN = 3  # [rows] between the ends of a fit and its first and last knot
 FIRST, PHASES = 3, 8  # phases of knots that are tried first, and where these differ
 FIT = 0.35  # [1] rms beside a spline with these knots, over that with the worst phase; white noise: above 0.8
-HOPEFUL, PRECISE = 0.8, 0.0035  # [1] share from which a phase is refined; remaining share of its interval
+LIKELY, HOPEFUL = 0.9, 0.8  # [1] shares from which more phases are tried, and from which one is refined
+PRECISE = 0.0035  # [1] remaining share of the interval of a phase
 GOLDEN = (5**0.5 - 1) / 2
 COARSE = 0.5  # [quanta] least rms of displaced knots: counts at a steady speed are periodic (0.29)
 NOTHING = 0.03  # [1] share below which a spline leaves nothing but the error of its phase
@@ -252,7 +253,7 @@ def _trial(y: Array, kind: str, step: float, first: int) -> _Trial:
         known = [each for each in rest.values() if np.isfinite(each).all()]
         worst = np.maximum(np.max(known, axis=0, initial=0.0), 1e-300)
         best = min(rest, key=share)
-        if share(best) >= HOPEFUL:
+        if share(best) >= (LIKELY if len(rest) == FIRST else HOPEFUL):
             break
     else:
         best = _least(share, best - step / PHASES, best + step / PHASES, best)
