@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -168,3 +169,13 @@ def test_the_audit_reads_what_a_robot_reads() -> None:
     columns = {name.replace("_a", "_1"): values for name, values in drive(seconds=10).items()}
     own = audit_servos(read_recording(columns, "1r"))
     assert own.joints[0].lag == audit_servos(read_bare(columns)[0]).joints[0].lag
+
+
+@pytest.mark.parametrize("change", [np.negative, np.abs, np.square])
+def test_a_lost_sign_looks_like_a_wrong_one_where_nothing_crosses_zero(change: Callable[[Any], Any]) -> None:
+    log = drive(seconds=20)
+    below = {**log, "q_des_a": log["q_des_a"] - 3, "q_a": change(log["q_a"] - 3)}
+    (flag,) = [flag for flag in audit(below).flags if "moves against" in flag]
+    assert "has the wrong sign, or is a magnitude or a square" in flag
+    (flag,) = [flag for flag in audit({**log, "q_a": -log["q_a"]}).flags if "moves against" in flag]
+    assert "magnitude" not in flag

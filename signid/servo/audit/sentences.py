@@ -82,7 +82,9 @@ def judge_joint(
         fact = f"{audit.joint}: q does not follow q_des (correlation {found.correlation:.2f} at the best shift)"
         yield f"{fact}; q and q_des are of different joints, motions or clocks, or q is damaged: check the columns"
     elif found is not None:
-        yield from _response(audit, found, grids[0].period, float(np.std(joined(parts, "q"))))
+        ends = [(float(x.min()), float(x.max())) for x in (joined(grids, "q"), joined(grids, "command"))]
+        apart = ends[0][0] >= 0 >= ends[1][1] or ends[1][0] >= 0 >= ends[0][1]
+        yield from _response(audit, found, grids[0].period, float(np.std(joined(parts, "q"))), apart)
     yield from _log(audit, parts)
     yield from _damaged(audit, parts)
     yield from _coarse(audit, parts)
@@ -103,13 +105,17 @@ def _curve(found: Response, grids: Sequence[Grid]) -> str:
     return said
 
 
-def _response(audit: JointAudit, found: Response, period: float, spread: float) -> Iterator[str]:
-    """Flags of the answer to the command; spread: standard deviation of the position [rad or m]."""
+def _response(audit: JointAudit, found: Response, period: float, spread: float, apart: bool) -> Iterator[str]:
+    """Flags of the answer to the command.
+
+    spread: standard deviation of the position [rad or m]; apart: position and command have no sign in common.
+    """
     joint = audit.joint
     if found.correlation < -SURE:
         fact = f"{joint} moves against its command (correlation {found.correlation:.2f})"
         other = "" if found.correlation < -AGAINST else ", or the two are of different times or motions"
-        yield f"{fact}: q or q_des has the wrong sign{other}; negate one of them in a column map (--columns)"
+        lost = ", or is a magnitude or a square" if apart else ""
+        yield f"{fact}: q or q_des has the wrong sign{lost}{other}; negate one of them in a column map (--columns)"
         return
     if found.shift < -LEAD * period and found.correlation > CERTAIN and abs(found.scale - 1) < STIFF:
         fact = f"{joint}: q leads q_des by {-1e3 * found.shift:.0f} ms"
