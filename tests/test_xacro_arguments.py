@@ -159,3 +159,13 @@ def test_manifests_of_fleets_have_a_column(tmp_path: Path, arm: str) -> None:
     manifest.write_text("robot,recording,xacro\narm.urdf.xacro,log.csv,name\n")
     with pytest.raises(ManifestError, match="line 2: --xacro 'name' is not an argument"):
         read_manifest(manifest)
+
+
+def test_a_file_of_macros_alone_is_named_so(tmp_path: Path) -> None:
+    space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    macro = '<xacro:macro name="arm" params="prefix"><link name="${prefix}base"/></xacro:macro>'
+    (tmp_path / "arm.xacro").write_text(f'<robot name="arm" {space}>{macro}</robot>', encoding="utf-8")
+    with pytest.raises(
+        RobotError, match=r"defines macros \(arm\) and has no link of its own; give the file that includes"
+    ):
+        signid.load_robot(tmp_path / "arm.xacro")

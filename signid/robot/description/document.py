@@ -116,8 +116,12 @@ def read_document(
     # namespaces of tags in use: unused declarations often remain after an expansion
     tags = [element.tag for element in root.iter() if isinstance(element.tag, str) and element.tag[0] == "{"]
     if path.suffix == ".xacro" or any("xacro" in tag.partition("}")[0] for tag in tags):
+        macros = [str(element.get("name")) for element in root.iter() if str(element.tag).endswith("}macro")]
         text = _expand(path, package_dirs, arguments or {})
         root = parse(text)
+        if macros and root.find("link") is None:
+            advice = "give the file that includes it and uses them"
+            raise RobotError(f"the file defines macros ({shorten(macros, 4)}) and has no link of its own; {advice}")
     elif arguments:
         raise RobotError(
             f"the file is no xacro file, so it has no argument {next(iter(arguments))!r}; leave --xacro out"
