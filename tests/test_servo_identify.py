@@ -101,6 +101,18 @@ def test_vague_numbers_are_bounds() -> None:
     assert "elbow: coulomb friction is not identifiable from this motion: it is below 0.79 N.m" in said
 
 
+def test_times_with_intervals_of_many_times_their_size_are_not_given() -> None:
+    wide = np.diag(STD**2)
+    wide[2, 2] = 3.0**2
+    numbers, said = joint_numbers(ELBOW, FREE, wide, JointFacts("elbow"))
+    assert numbers["delay"].value is None and numbers["lag"].value is None
+    assert {f"elbow: {name} is not identifiable from this motion" for name in ("delay", "lag")} <= {*said}
+    wide[2, 2] = 0.03**2
+    assert joint_numbers(ELBOW, FREE, wide, JointFacts("elbow"))[0]["lag"].value is not None, (
+        "60 ± 59 ms says something"
+    )
+
+
 def test_null_directions_of_the_information_name_their_numbers() -> None:
     names = [("elbow", "kp"), ("elbow", "kd"), ("elbow", "viscous_friction"), ("wrist", "dead_band")]
     rows = np.random.default_rng(2).normal(size=(50, 2))

@@ -24,6 +24,7 @@ MEMBER = 0.1  # component of a unit direction beyond which a number belongs to i
 SCALED = ("kp", "kd", "viscous_friction", "damping", "coulomb_friction", "armature", "effort_limit", "torque_offset")
 INVERSE_SCALED = ("droop",)
 SIGNED = ("torque_offset", "delay", "lag")
+LATE, LATEST = ("delay", "lag"), 0.1  # times; [s] half width of a 95 % interval beyond which a small one says nothing
 LIMITS = ("effort_limit", "speed_limit", "profile_speed")
 WORDS = {"effort_limit": "effort limit", "speed_limit": "speed limit", "profile_speed": "profile speed"}
 
@@ -139,11 +140,12 @@ def _vague(
 ) -> Iterator[tuple[str, str]]:
     for name in (*free, "damping", "lag"):
         vague = name in std and name not in SIGNED and not std[name] <= VAGUE * abs(values[name])
-        if vague or not np.isfinite(std.get(name, 0.0)):
+        late = name in LATE and name in std and 1.96 * std[name] > max(abs(values[name]), LATEST)
+        if vague or late or not np.isfinite(std.get(name, 0.0)):
             words, unit = WORDS.get(name, name.replace("_", " ")), unit_of(name, facts.prismatic)
             most = values[name] + 1.96 * std[name]
             limit = (
-                f": it is below {most:.2g} {unit}" if np.isfinite(most) and name not in LIMITS and name != "kp" else ""
+                f": it is below {most:.2g} {unit}" if np.isfinite(most) and name not in (*LIMITS, *LATE, "kp") else ""
             )
             yield name, f"{facts.joint}: {words} is not identifiable from this motion{limit}"
 
