@@ -33,13 +33,14 @@ MARGIN = 3  # [rows] between the ends of a fit and its first and last knot
 FIRST, PHASES = 3, 8  # phases of knots that are tried first, and where these differ
 FIT = 0.35  # [1] rms beside a spline with these knots, over that with the worst phase; white noise: above 0.8
 LIKELY, HOPEFUL = 0.9, 0.8  # [1] shares from which more phases are tried, and from which one is refined
-PRECISE = 0.0035  # [1] remaining share of the interval of a phase
+PRECISE, ROUGH, FAR = 0.0035, 0.2, 1.7  # [1] remaining shares of the interval of a phase; a value too far from a fit
 GOLDEN = (5**0.5 - 1) / 2
 COARSE = 0.5  # [quanta] least rms of displaced knots: counts at a steady speed are periodic (0.29)
 NOTHING = 0.03  # [1] share below which a spline leaves nothing but the error of its phase
 ALIKE = 3.0  # [1] ratio of rms within which the fewer knots are preferred
 ROUNDING = 1e-13  # [1] rounding errors of a fit, over the size of the signal
 OFF_TICK, ON_TICK = 0.01, 0.3  # [1] share of the changes between the ticks of a held signal; share of ticks with one
+SAME = 0.1  # [steps] drift over a block within which two steps are the same knots
 SNAP, RATIO = 2e-3, 8  # [1] tolerance, and largest denominator of a simple ratio of rates that is tried
 
 
@@ -213,10 +214,13 @@ def _splines(x: Array, steps: Sequence[float]) -> list[Knots | None]:
     """Knots of piecewise polynomials (N, c): those of the splines that leave nothing, with the fewest free numbers."""
     first = _busiest(x)
     y = x[first : first + BLOCK] - x[first]
-    kinds = [
-        (kind, step) for step in steps for kind, (_, multiple) in SPACES.items() if multiple == 1 or 2 / step < FULL
-    ]
-    trials = [_trial(y, kind, step, first) for kind, step in kinds]
+    trials: list[_Trial] = []
+    for kind, (_, multiple) in SPACES.items():
+        for step in steps:
+            if multiple == 1 or 2 / step < FULL:
+                failed = trials and trials[-1].knots.kind == kind and trials[-1].share.min() > FAR * FIT
+                if not (failed and BLOCK * abs(step - trials[-1].knots.step) < SAME * step**2):
+                    trials.append(_trial(y, kind, step, first))
     found: list[Knots | None] = []
     for j, size in enumerate(np.ptp(y, axis=0)):
         coarse = COARSE * _quantum(y[:, j])
@@ -256,19 +260,19 @@ def _trial(y: Array, kind: str, step: float, first: int) -> _Trial:
         if share(best) >= (LIKELY if len(rest) == FIRST else HOPEFUL):
             break
     else:
-        best = _least(share, best - step / PHASES, best + step / PHASES, best)
+        best = _least(share, best - step / PHASES, best + step / PHASES, best, FAR * FIT)
     return _Trial(Knots(kind, step, float((best + first) % step)), rest[best], rest[best] / worst)
 
 
-def _least(value: Callable[[float], float], low: float, high: float, best: float) -> float:
+def _least(value: Callable[[float], float], low: float, high: float, best: float, most: float) -> float:
     """Place of the least value found between low and high, from which it rises on both sides, or `best`.
 
-    Golden sections (Kiefer, Proceedings of the AMS 4, 1953).
+    Golden sections (Kiefer, Proceedings of the AMS 4, 1953); they end early where the value stays above `most`.
     """
-    end = PRECISE * (high - low)
+    end, rough = PRECISE * (high - low), ROUGH * (high - low)
     left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at = {place: value(place) for place in (left, right, best)}
-    while high - low > end:
+    while high - low > end and (high - low > rough or min(at.values()) < most):
         if at[left] < at[right]:
             high, right = right, left
             left = high - GOLDEN * (high - low)
@@ -352,7 +356,7 @@ def _spline_shift(y: Array, knots: Knots) -> float | None:
     def rest(distance: float) -> float:
         return float(_rest(y, kind, step, (knots.phase + distance) % step)[0])
 
-    best = 0.0 if rest(0.0) <= NOTHING / 3 * wrong else _least(rest, -step / 6, step / 6, 0.0)
+    best = 0.0 if rest(0.0) <= NOTHING / 3 * wrong else _least(rest, -step / 6, step / 6, 0.0, FAR * FIT * wrong)
     least = rest(best)
     if least > FIT * wrong:
         return np.nan
