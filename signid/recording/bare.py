@@ -51,9 +51,9 @@ def read_bare(
     mapping = read_map(columns)
     opened = open_source(source, topics, mapping.heading)
     signals = _signals(opened, mapping)
-    guessed = () if columns is not None or _commanded(signals) else _guessed_columns(opened.table.columns)
+    guessed = {} if columns is not None or _commanded(signals) else _guessed_columns(opened.table.columns)
     if guessed:
-        mapping = read_map(dict(guessed), mapping.units, mapping.heading)
+        mapping = read_map(guessed, mapping.units, mapping.heading)
         signals = _signals(opened, mapping)
     joints = _joints(opened, signals)
     if not signals["t"].mapped:
@@ -64,7 +64,7 @@ def read_bare(
     for kind, joint in product(KINDS, joints):
         if signal := signals.get(f"{kind}_{joint}"):
             unstated = _unstated(opened, mapping, signal, kind)
-            nameless = bool(guessed) and not mapping.own.get(signal.logical) and kind not in mapping.units
+            nameless = guessed and not mapping.own.get(signal.logical) and kind not in mapping.units
             unknown |= {(kind, joint)} if unstated or nameless else set()
             change = function(kind, None if unstated else conversion(opened, mapping, signal, kind, None))
             functions |= {signal.column: change} if change else {}
@@ -119,15 +119,15 @@ def _commanded(signals: Mapping[str, Signal]) -> tuple[str, ...]:
     return tuple(joint for joint in joints if f"q_des_{joint}" in signals)
 
 
-def _guessed_columns(columns: Sequence[str]) -> tuple[tuple[str, str | dict[str, str]], ...]:
-    """Entries of a column map of commanded and measured positions by the words of their names; () without both."""
+def _guessed_columns(columns: Sequence[str]) -> dict[str, str | dict[str, str]]:
+    """Entries of a column map of commanded and measured positions by the words of their names; {} without both."""
     found = [one for column in columns if (one := guess(column)) and not one.desired]
     entries: dict[str, str | dict[str, str]] = {}
     for one in found:
         key = "t" if one.kind == "t" else f"{one.kind}_{one.joint or 'joint'}"
         entries.setdefault(key, {"column": one.column, "unit": one.unit} if one.unit else one.column)
     both = any(key.startswith("q_des_") and f"q_{key[6:]}" in entries for key in entries)
-    return tuple(entries.items()) if both and "t" in entries else ()
+    return entries if both and "t" in entries else {}
 
 
 def _joints(opened: Opened, signals: Mapping[str, Signal]) -> tuple[str, ...]:

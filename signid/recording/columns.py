@@ -195,11 +195,15 @@ def _ignored(
             raise RecordingError(fault + suggest(opened.table.columns, robot))
         elif token.isdecimal() or (kind == "q" and not quantity):
             ignored.append(signal.column)
-    fact = f"because {robot.name} has no such joint"
-    notes = (f"ignored, {fact}: {shorten(ignored, 12)}",) if ignored else ()
-    advice = "name in the column map those that its joints lack"
-    flags = (f"{opened.name}: ignored, {fact}: {shorten(strange, 6)}; {advice}",) if strange else ()
+    notes = (f"ignored, because {robot.name} has no such joint: {shorten(ignored, 12)}",) if ignored else ()
+    flags = (unknown_joints_flag(opened.name, robot, strange, "ignored"),) if strange else ()
     return notes, flags
+
+
+def unknown_joints_flag(source: str, robot: Robot, columns: Sequence[str], done: str) -> str:
+    """Flag on columns of joints that the robot does not have, beside a column map; done: what became of them."""
+    fact = f"{source}: {done}, because {robot.name} has no such joint: {shorten(columns, 6)}"
+    return f"{fact}; name those that its joints lack in the column map"
 
 
 def _uncertain(source: str, robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:

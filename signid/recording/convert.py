@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import RecordingError, shorten
 from ..types import Array, Frozen, Input, Recording, Robot
 from . import read_recording
-from .columns import TORQUES, conversion, function, resolve, stated_units
+from .columns import TORQUES, conversion, function, resolve, stated_units, unknown_joints_flag
 from .formats.base import About, MemoryTable
 from .joining import Files, JoinedFile, open_files
 from .names.mapping import DRIVE, ColumnMap, DerivedTable, Heading, ParsedColumns, Signal, read_map, split
@@ -101,8 +101,7 @@ def convert(
     pace, faults = _pace(opened.name, found)
     flags = [*joined.flags, *faults]
     if robot and strange:
-        fact, advice = f"because {robot.name} has no such joint", "name those that its joints lack in the column map"
-        flags.append(f"{opened.name}: left out, {fact}: {shorten(strange, 6)}; {advice}")
+        flags.append(unknown_joints_flag(opened.name, robot, strange, "left out"))
     if robot:
         try:
             read_recording(found, robot)

@@ -78,9 +78,9 @@ def draft_map(
     opened = open_files(source, topics, read_map(None, None, heading)).opened
     values = dict(_numbers(opened))
     guesses = guess_columns(list(values), robot)
-    chosen = {f"{key}|{one.desired}": (key, one) for key, one in match_signals(guesses, robot)}
-    signals = {key: one for key, one in chosen.values() if not one.desired}
-    spare = [(key, one) for key, one in chosen.values() if one.desired]
+    matched = list(match_signals(guesses, robot))
+    signals = {key: one for key, one in matched if not one.desired}
+    spare = [one.column for _, one in matched if one.desired]
     signals, time = _unsigned(signals, values), _time(guesses, values)
     unstated = About.of(opened.table).unstated
     lines = tuple(_checked(line, unstated) for line in _lines(signals, time, values, robot))
@@ -240,7 +240,7 @@ def _text(
     robot: Robot,
     lines: Sequence[MappedColumn],
     offered: Sequence[tuple[str, str]],
-    spare: Sequence[tuple[str, Guess]],
+    spare: Sequence[str],
     unused: Sequence[str],
     lacking: Sequence[str],
 ) -> str:
@@ -267,7 +267,7 @@ def _text(
     ]
     how = ", unless a line with 'which?' is right: remove its first #" if offered else ""
     out += ["", f"# without a position, and held fixed{how}: {_names(absent)}"] if absent else []
-    commands = [name for name in unused if name in {one.column for _, one in spare}]
+    commands = [name for name in unused if name in spare]
     others = [name for name in unused if name not in commands]
     out += ["", f"# commanded, not measured, and not used: {_names(commands)}"] if commands else []
     out += ["", f"# not used: {_names(others)}"] if others else []

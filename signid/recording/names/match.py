@@ -176,9 +176,7 @@ def _by_words(column: str, known: Collection[str]) -> Guess | None:
     token = joint or "_".join(rest)
     if not kind or (kind == "t" and token):
         return None
-    unit = {"dq": {"deg": "deg/s", "rad": "rad/s"}, "ddq": {"deg": "deg/s2", "rad": "rad/s2"}}.get(kind, {}).get(
-        unit, unit
-    )
+    unit = OF_RATE.get((kind, unit), unit)
     commanded = "commanded" in sides
     if kind == "tau" and "forward" in sides:
         return Guess(column, "tau_ff", token, unit, False)
