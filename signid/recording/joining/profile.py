@@ -1,4 +1,4 @@
-"""ClockShift of one signal in time at which columns of another clock explain it best."""
+"""Shift of one signal in time at which columns of another clock explain it best."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def coarse_shifts(motion: Predictors, answer: TargetSignal, period: float, least
 
 
 def pick_shift(shifts: Array, explained: Array, near_zero: bool) -> tuple[float, bool]:
-    """ClockShift [s] at the peak, NaN if there is none, and whether another one rivals it.
+    """Shift [s] at the peak, NaN if there is none, and whether another one rivals it.
 
     `near_zero`: where several peaks explain about as much, that near no shift is chosen.
 
@@ -119,7 +119,7 @@ def pick_shift(shifts: Array, explained: Array, near_zero: bool) -> tuple[float,
 
 
 def fine_shift(motion: Predictors, answer: TargetSignal, near: float, width: float) -> ClockShift:
-    """ClockShift of a signal by least squares within a width [s] of a coarse one, with its standard deviation."""
+    """Shift of a signal by least squares within a width [s] of a coarse one, with its standard deviation."""
     from scipy.interpolate import make_interp_spline  # slow import
     from scipy.optimize import minimize_scalar
 
