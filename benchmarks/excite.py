@@ -32,8 +32,7 @@ from signid.simulation.excite.problem import build_problem, usual_laws
 from signid.simulation.excite.random_motions import random_parameters
 from signid.simulation.excite.search import make_feasible
 
-from .one_thread import one_thread
-from .summary import print_targets
+from .summary import one_thread, print_targets
 
 JOINTS = {"panda": [f"panda_joint{i}" for i in range(1, 8)], "ur5": None}
 DURATION, RATE, GRID = 20.0, 100.0, 0.01  # duration [s], rate [Hz], time step for scaling random motions [s]

@@ -37,39 +37,23 @@ class Row:
 
 
 def coverage(document: Document) -> str:
-    """Coverage of nominal intervals by robot, white noise.
-
-    Args:
-        document: JSON of `benchmarks.coverage`.
-    """
+    """Coverage of nominal intervals by robot, white noise."""
     return ", ".join(f"{x['coverage']:.1f} % ({x['robot']})" for x in document["rows"] if x["noise"] == "white")
 
 
 def concealed(document: Document) -> str:
-    """Sessions with exact inertials and the right first cause, by size of the effect.
-
-    Args:
-        document: JSON of `benchmarks.concealed`.
-    """
+    """Sessions with exact inertials and the right first cause, by size of the effect."""
     some = [x for x in document["targets"] if x["words"].startswith("exact, 3 joints and more")]
     return ", ".join(f"{round((x['share'] or 0) * x['of'])} of {x['of']}" for x in some)
 
 
 def concealed_real(document: Document) -> str:
-    """Fair cases that are named first or flagged.
-
-    Args:
-        document: JSON of `benchmarks.concealed_real`.
-    """
+    """Fair cases that are named first or flagged."""
     return _counted(document["totals"]["named first or flagged (85 %)"])
 
 
 def leave_out(document: Document) -> str:
-    """The same, with constants as they are, chosen without the robot, and with ties decided against it.
-
-    Args:
-        document: JSON of `benchmarks.concealed_real --leave-out`.
-    """
+    """The same, with constants as they are, chosen without the robot, and with ties decided against it."""
     names = ("constants chosen without the robot", "ties decided against the robot")
     left, worst = (_counted(document["totals"][f"the same, {name}"]) for name in names)
     usual = _counted(document["totals"]["named first or flagged, constants as they are"])
@@ -77,11 +61,7 @@ def leave_out(document: Document) -> str:
 
 
 def public(document: Document) -> str:
-    """Errors of signid and the best of others on the EMPS test file; the best of signid would be chosen by that file.
-
-    Args:
-        document: JSON of `benchmarks.public`.
-    """
+    """Errors on the EMPS test file: all of signid (the best would be chosen by that file) and the best of others."""
     tested = sorted((x for x in document["rows"] if x["test"] is not None), key=lambda x: float(x["test"]))
     own = [x for x in tested if x["method"].startswith("signid")]
     others = [x for x in tested if x not in own][:1]
@@ -104,11 +84,7 @@ TABLE: dict[str, tuple[str, Callable[[Document], str]]] = {  # by name of the fi
 
 
 def rows(documents: Mapping[str, Document]) -> list[Row]:
-    """Rows of the table.
-
-    Args:
-        documents: JSON by name of the file.
-    """
+    """Rows of the table."""
     found = []
     for name, (quantity, result) in TABLE.items():
         if name in documents:
@@ -118,12 +94,7 @@ def rows(documents: Mapping[str, Document]) -> list[Row]:
 
 
 def filled(text: str, new: Sequence[Row]) -> str:
-    """Page with rows of the same quantity replaced and others appended to the table of its section.
-
-    Args:
-        text: page.
-        new: rows.
-    """
+    """Page with rows of the same quantity replaced and others appended to the table of its section."""
     head, tail = text.split(f"{SECTION}\n", 1)
     lines = tail.split("\n")
     first = next(i for i, line in enumerate(lines) if line.startswith("|"))
@@ -134,11 +105,7 @@ def filled(text: str, new: Sequence[Row]) -> str:
 
 
 def unsourced(text: str) -> Iterator[str]:
-    """Yield the headings of sections (##) with figures in a table that lack a command or a commit.
-
-    Args:
-        text: page.
-    """
+    """Yield the headings of sections (##) with figures in a table that lack a command or a commit."""
     for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
         heading, _, body = section.partition("\n")
         figures = re.search(r"^\|[^|\n]*\|[^`\n]*\d", body, re.MULTILINE)
@@ -147,11 +114,7 @@ def unsourced(text: str) -> Iterator[str]:
 
 
 def unsourced_rows(text: str) -> Iterator[str]:
-    """Yield the quantities of the table of accuracy that lack a command or a commit.
-
-    Args:
-        text: page.
-    """
+    """Yield the quantities of the table of accuracy that lack a command or a commit."""
     section = text.split(f"{SECTION}\n", 1)[1].split("\n## ", 1)[0]
     for line in [line for line in section.split("\n") if line.startswith("|")][2:]:
         source = line.split("|")[3] if line.count("|") > 3 else ""

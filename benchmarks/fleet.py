@@ -32,7 +32,7 @@ from signid.regression.motion import Motion
 from signid.regression.reduced import Reduced, add_up, encode_factors, load_factors, reduce
 from signid.types import Robot
 
-from .one_thread import one_thread
+from .summary import one_thread
 
 FREQUENCIES = (0.07, 0.13, 0.29, 0.41, 0.67)  # of the motion [Hz]
 PANDA = tuple(f"panda_joint{k}" for k in range(1, 8))

@@ -28,9 +28,8 @@ from signid.estimation.least_squares import estimate
 from signid.identify import Identification
 from signid.types import TWO_SIDED, Robot
 
-from .one_thread import one_thread
 from .real.data import data, ur10e
-from .summary import frame
+from .summary import frame, one_thread
 
 Array = NDArray[np.float64]
 

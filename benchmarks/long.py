@@ -33,8 +33,7 @@ from signid.regression.motion import Motion
 from signid.types import Robot
 
 from .measure_command import peak
-from .one_thread import ONE_THREAD
-from .summary import print_targets
+from .summary import ONE_THREAD, print_targets
 
 Array = NDArray[np.float64]
 

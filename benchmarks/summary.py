@@ -1,9 +1,11 @@
-"""Shared output of benchmarks: tables, JSON-compatible numbers, and where they come from."""
+"""Shared parts of benchmarks: one thread, tables, JSON-compatible numbers, and where they come from."""
 
 from __future__ import annotations
 
 import math
+import os
 import subprocess
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,15 @@ from typing import Any
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
+
+LIBRARIES = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+ONE_THREAD = {**LIBRARIES, "POLARS_MAX_THREADS": "1"}  # environment of child processes
+
+
+def one_thread() -> None:
+    """Restart the program with the one-thread environment unless it is set already."""
+    if any(os.environ.get(key) != value for key, value in LIBRARIES.items()):
+        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, **LIBRARIES})
 
 
 def frame(title: str, names: Sequence[str], left: int = 1) -> Table:

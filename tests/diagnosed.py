@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import signid
-from benchmarks.concealed.motion import draw
-from benchmarks.concealed.robots import ROBOTS, described
+from benchmarks.concealed.scene import ROBOTS, described, draw
 from benchmarks.plants.bodies import Drives
 from benchmarks.plants.faults import Fault
 from benchmarks.plants.mujoco_ import log, simulate

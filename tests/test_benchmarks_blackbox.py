@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 
 import signid
-from benchmarks.blackbox import residual_fit
-from benchmarks.blackbox.peers import bridge, uniform
-from benchmarks.blackbox.rows import Table, one_rate
-from benchmarks.blackbox.run import BASE, Score, SetResult, evaluate, figures
-from benchmarks.blackbox.show import geometric, set_table, summary, totals
-from benchmarks.blackbox.task import Answer, Task
+from benchmarks.blackbox import methods
+from benchmarks.blackbox.methods import bridge, uniform
+from benchmarks.blackbox.run import BASE, Score, SetResult, evaluate, figures, geometric, set_table, summary, totals
+from benchmarks.blackbox.task import Answer, Table, Task, one_rate
 from benchmarks.concealed_real.sets import columns_of
 from signid.robot import robot_from_text
 
@@ -49,12 +47,12 @@ def needs_trees() -> None:
 
 
 def test_validation_rows_are_whole_blocks_of_each_recording() -> None:
-    check = residual_fit.validates([toy(300, 0), toy(30, 1)])
+    check = methods.validates([toy(300, 0), toy(30, 1)])
     assert len(check) == 330 and 0.15 < check[:300].mean() < 0.25 and 0.15 < check[300:].mean() < 0.25
     assert np.count_nonzero(np.diff(check[:300].astype(int))) == 6  # three blocks, none at an end
 
 
-@pytest.mark.parametrize("method", [residual_fit.boosted, residual_fit.gaussian])
+@pytest.mark.parametrize("method", [methods.boosted, methods.gaussian])
 def test_a_black_box_learns_a_hidden_function(method: Any) -> None:
     needs_trees()
     one = task([toy(900, 0), toy(600, 1)], toy(400, 2))
@@ -65,7 +63,7 @@ def test_a_black_box_does_not_fit_noise_and_keeps_missing_rows() -> None:
     needs_trees()
     training, held_out = [toy(900, 0, 0.0), toy(600, 1, 0.0)], toy(400, 2, 0.0)
     training[0].rest[:50], held_out.rest[:7] = np.nan, np.nan
-    for method in (residual_fit.boosted, residual_fit.gaussian):
+    for method in (methods.boosted, methods.gaussian):
         found = method(task(training, held_out)).residual
         assert np.array_equal(np.isnan(found), np.isnan(held_out.rest))
         assert rms(found) < 1.05 * rms(held_out.rest)
@@ -73,9 +71,9 @@ def test_a_black_box_does_not_fit_noise_and_keeps_missing_rows() -> None:
 
 def test_too_few_rows_give_no_fit() -> None:
     needs_trees()
-    one = task([toy(residual_fit.LEAST // 2, 0)], toy(100, 1))
-    assert np.array_equal(residual_fit.boosted(one).residual, one.held_out.rest)
-    assert np.array_equal(residual_fit.gaussian(one).residual, one.held_out.rest)
+    one = task([toy(methods.LEAST // 2, 0)], toy(100, 1))
+    assert np.array_equal(methods.boosted(one).residual, one.held_out.rest)
+    assert np.array_equal(methods.gaussian(one).residual, one.held_out.rest)
 
 
 def test_all_methods_are_evaluated_on_the_same_rows() -> None:

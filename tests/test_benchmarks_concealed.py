@@ -15,13 +15,11 @@ import pytest
 pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
 
 import signid  # noqa: E402
-from benchmarks.concealed import motion, size, work  # noqa: E402
+from benchmarks.concealed import faults, session  # noqa: E402
 from benchmarks.concealed.cases import ABSENT, FAMILIES, SIZES, SUITES, Case, cases, quick, sample  # noqa: E402
-from benchmarks.concealed.evaluate import Evaluation, evaluate  # noqa: E402
-from benchmarks.concealed.numbers import EACH, TOGETHER, error  # noqa: E402
-from benchmarks.concealed.robots import ROBOTS, described, mistaken  # noqa: E402
-from benchmarks.concealed.scene import Scene, rms  # noqa: E402
-from benchmarks.concealed.shapes import LAWS, SPREAD, scaled  # noqa: E402
+from benchmarks.concealed.evaluate import EACH, TOGETHER, Evaluation, error, evaluate  # noqa: E402
+from benchmarks.concealed.faults import LAWS, SPREAD, scaled  # noqa: E402
+from benchmarks.concealed.scene import PERIOD, ROBOTS, Scene, described, draw, mistaken, rms  # noqa: E402
 from benchmarks.concealed.summary import confusion, reliability, targets  # noqa: E402
 from benchmarks.plants.faults import EFFECTS, FOREIGN, Fault  # noqa: E402
 from benchmarks.plants.mujoco_ import simulate  # noqa: E402
@@ -33,7 +31,7 @@ JOINTS = ["joint_1", "joint_2", "joint_3"]
 @pytest.fixture(scope="module")
 def scene() -> Scene:
     """Scene of the arm along one motion."""
-    return Scene(described("3r"), (motion.draw(ROBOTS["3r"], np.random.default_rng(3)),))
+    return Scene(described("3r"), (draw(ROBOTS["3r"], np.random.default_rng(3)),))
 
 
 def test_every_law_has_a_case_and_every_robot_a_healthy_session() -> None:
@@ -51,10 +49,10 @@ def test_every_law_has_a_case_and_every_robot_a_healthy_session() -> None:
 
 @pytest.mark.parametrize("effect", sorted(set(LAWS) - {"backlash", "torque_sign", "channel_swap"}))
 def test_a_fault_reaches_its_size(effect: str, scene: Scene) -> None:
-    fault, found = size.plant(effect, "joint_2", 0.05, scene, np.random.default_rng(5))
-    asked = 0.05 * (size.PUSH if effect == "external_contact" else 1)
+    fault, found = faults.plant(effect, "joint_2", 0.05, scene, np.random.default_rng(5))
+    asked = 0.05 * (faults.PUSH if effect == "external_contact" else 1)
     assert found == pytest.approx(asked, rel=0.02)
-    assert size.measure(scene, fault) == pytest.approx(found)
+    assert faults.measure(scene, fault) == pytest.approx(found)
 
 
 @pytest.mark.parametrize(
@@ -62,8 +60,8 @@ def test_a_fault_reaches_its_size(effect: str, scene: Scene) -> None:
     ("spring", "armature", "base_tilt", "link_inertia", "torque_lag", "joint_coupling", "joint_elasticity", "backlash"),
 )
 def test_the_simulated_fault_reaches_its_size(effect: str, scene: Scene) -> None:
-    fault, _ = size.plant(effect, "joint_2", 0.05, scene, np.random.default_rng(6))
-    track = simulate(scene.body, scene.rotors, scene.motions[0], motion.PERIOD, 500, [fault])
+    fault, _ = faults.plant(effect, "joint_2", 0.05, scene, np.random.default_rng(6))
+    track = simulate(scene.body, scene.rotors, scene.motions[0], PERIOD, 500, [fault])
     v = np.gradient(track.q, track.t, axis=0)
     left = (track.tau - scene.inverse(track.q, v, np.gradient(v, track.t, axis=0)))[100:]
     shown = rms(left) / scene.scale
@@ -92,7 +90,7 @@ def test_a_wrong_description_has_small_errors() -> None:
 def test_soft_dry_friction_creeps(scene: Scene) -> None:
     left = []
     for soft in (False, True):
-        track = simulate(scene.body, scene.drives, scene.motions[0], motion.PERIOD, 500, soft=soft)
+        track = simulate(scene.body, scene.drives, scene.motions[0], PERIOD, 500, soft=soft)
         v = np.gradient(track.q, track.t, axis=0)
         rest = track.tau - scene.inverse(track.q, v, np.gradient(v, track.t, axis=0))
         friction = scene.drives.viscous_friction * v + scene.drives.coulomb_friction * np.sign(v)
@@ -102,7 +100,7 @@ def test_soft_dry_friction_creeps(scene: Scene) -> None:
 
 def test_a_session_does_not_reveal_its_answer(tmp_path: Path) -> None:
     case = Case("exact", "1r", ("coulomb_friction",), 0.05, 0)
-    folder = work.make(case, tmp_path)
+    folder = session.make(case, tmp_path)
     assert sorted(path.name for path in folder.iterdir()) == sorted(
         ["robot.urdf", "actuators.toml", *(f"recording_{k}.parquet" for k in range(1, 5))]
     )
@@ -118,7 +116,7 @@ def test_a_session_does_not_reveal_its_answer(tmp_path: Path) -> None:
     assert all(len(t) == 2000 for t in times)
     assert [round(t[0]) for t in times] == [0, 16, 32, 48]
     before = (folder / "robot.urdf").stat().st_mtime_ns
-    assert work.make(case, tmp_path) == folder and (folder / "robot.urdf").stat().st_mtime_ns == before
+    assert session.make(case, tmp_path) == folder and (folder / "robot.urdf").stat().st_mtime_ns == before
 
 
 FIT = {"held_out_rms": [1.02, 2.04, 3.06], "irreducible_rms": [1.0, 2.0, 3.0]}
@@ -234,14 +232,14 @@ def test_statistics_of_evaluations() -> None:
 def test_diagnoses_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
     diagnosis = document(cause("viscous_friction", "joint_1"))
-    monkeypatch.setattr(work, "diagnose_session", lambda folder, skip: calls.append((folder, skip)) or diagnosis)
-    monkeypatch.setattr(work, "make", lambda case, cache: cache / "sessions" / case.name)
+    monkeypatch.setattr(session, "diagnose_session", lambda folder, skip: calls.append((folder, skip)) or diagnosis)
+    monkeypatch.setattr(session, "make", lambda case, cache: cache / "sessions" / case.name)
     case = replace(SINGLE, skip=("spring",))
-    assert work.process(case, tmp_path, True, False) == work.process(case, tmp_path, True, False) == ""
+    assert session.process(case, tmp_path, True, False) == session.process(case, tmp_path, True, False) == ""
     assert calls == [(tmp_path / "sessions" / case.name, ("spring",))]
     (tmp_path / "answers").mkdir()
     (tmp_path / "answers" / f"{case.name}.json").write_text("{}")
-    ((answer, result),) = work.results([case, SINGLE], tmp_path)
+    ((answer, result),) = session.results([case, SINGLE], tmp_path)
     assert answer == {} and result["document"] == diagnosis and result["cpu"] >= 0
-    monkeypatch.setattr(work, "make", lambda case, cache: 1 / 0)
-    assert work.process(SINGLE, tmp_path, True, False).startswith(f"{SINGLE.key}: ZeroDivisionError")
+    monkeypatch.setattr(session, "make", lambda case, cache: 1 / 0)
+    assert session.process(SINGLE, tmp_path, True, False).startswith(f"{SINGLE.key}: ZeroDivisionError")

@@ -7,9 +7,18 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.concealed_real import evaluate
-from benchmarks.concealed_real.case import Truth
-from benchmarks.concealed_real.evaluate import Answer, already_named, flagged
-from benchmarks.concealed_real.names import EXACT, PART, TWIN, Arm, Candidate, relation
+from benchmarks.concealed_real.changes import Truth
+from benchmarks.concealed_real.evaluate import (
+    EXACT,
+    PART,
+    TWIN,
+    Answer,
+    Arm,
+    Candidate,
+    already_named,
+    flagged,
+    relation,
+)
 
 ARM = Arm(("a", "b", "c"))
 ONE = Arm(("a",))

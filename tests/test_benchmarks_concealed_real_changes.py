@@ -13,13 +13,11 @@ import pytest
 from rich.console import Console
 
 import signid
-from benchmarks.concealed_real import changes, payloads, sets
-from benchmarks.concealed_real.band import compare, ratios, ratios_apart, residual, rms
+from benchmarks.concealed_real import changes, sets
 from benchmarks.concealed_real.cases import TILT, all_cases
-from benchmarks.concealed_real.changes import Setup, columns_of
+from benchmarks.concealed_real.changes import Setup, columns_of, compare, ratios, ratios_apart, residual, rms
 from benchmarks.concealed_real.run import Row, rows_of
-from benchmarks.concealed_real.show import line, tables
-from benchmarks.concealed_real.summary import reliability, totals, worse
+from benchmarks.concealed_real.summary import line, reliability, tables, totals, worse
 from signid.effects import EFFECTS
 from signid.model import Model, load_model
 from signid.types import Law, Recording
@@ -78,9 +76,9 @@ def test_changes_affect_their_columns_only(log: Recording) -> None:
 
 
 def test_the_recording_with_a_payload_matches_its_simulation(model: Model, log: Recording) -> None:
-    load = payloads.load_of(model)
-    carried = payloads.carrying(log, model, load, 5.0)
-    bare = payloads.carrying(log, model, None, 5.0)
+    load = changes.load_of(model)
+    carried = changes.carrying(log, model, load, 5.0)
+    bare = changes.carrying(log, model, None, 5.0)
     with_load = changes.with_body(model, 2, load)
     assert np.array_equal(columns_of(bare)["q"], columns_of(carried)["q"])
     plain, lacking = residual(model, bare, 5.0), residual(model, carried, 5.0)

@@ -11,9 +11,8 @@ from typing import Any
 import pytest
 
 from benchmarks.concealed_real import leave_out, trials
-from benchmarks.concealed_real.constants import CONSTANTS, ROOT, TABLE, Setting, applied, setting
-from benchmarks.concealed_real.shared import RUN, shared_steps
 from benchmarks.concealed_real.summary import Share
+from benchmarks.concealed_real.trials import CONSTANTS, ROOT, RUN, TABLE, Setting, applied, setting, shared_steps
 from signid.errors import InputError
 
 SAID, GROWTH = CONSTANTS["SAID"], CONSTANTS["MISFIT_GROWTH"]

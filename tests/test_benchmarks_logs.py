@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import signid
-from benchmarks.logs.__main__ import compare, identified, turned
+from benchmarks.logs.__main__ import Numbers, Subject, compare, identified, of_torque, turned
 from benchmarks.logs.changes import CHANGES, Changed
-from benchmarks.logs.subjects import Numbers, Subject, of_torque
 from signid.robot import robot_from_text
 
 ROOT = Path(__file__).parents[1]

@@ -12,11 +12,15 @@ from rich.console import Console
 pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
 
 from benchmarks.peers.ask import Peer  # noqa: E402
-from benchmarks.peers.faults import ENCODER, TORQUE, Arm, Case, cases, motion, record  # noqa: E402
-from benchmarks.peers.findings import Result, diagnose  # noqa: E402
-from benchmarks.peers.job_files import describe, hand_over  # noqa: E402
-from benchmarks.peers.row import PeerResult, Row, compare  # noqa: E402
-from benchmarks.peers.show import tables  # noqa: E402
+from benchmarks.peers.job import ENCODER, TORQUE, Arm, Case, cases, describe, hand_over, motion, record  # noqa: E402
+from benchmarks.peers.results import (  # noqa: E402
+    PeerResult,
+    Result,
+    Row,
+    compare,
+    diagnose,
+    tables,  # noqa: E402
+)
 from benchmarks.plants.mujoco_ import STEP, simulate  # noqa: E402
 
 TRAIN, TEST = 12.0, 10.0  # s

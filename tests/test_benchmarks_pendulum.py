@@ -11,9 +11,28 @@ from scipy.special import ellipj, ellipk
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed; pip install 'signid[bench]'")
 
-from benchmarks.pendulum.bullet import FUNDAMENTAL, PERIOD, STEP, Pendulum, Track, log, record  # noqa: E402
-from benchmarks.pendulum.signs import QUANTILE, SEARCHED, predict, search, segments  # noqa: E402
-from benchmarks.pendulum.trial import KEPT, LOGS, TRUTH, WAYS, estimate, read_log, restore, smooth  # noqa: E402
+from benchmarks.pendulum import (  # noqa: E402  # noqa: E402  # noqa: E402
+    FUNDAMENTAL,
+    KEPT,
+    LOGS,
+    PERIOD,
+    QUANTILE,
+    SEARCHED,
+    STEP,
+    TRUTH,
+    WAYS,
+    Pendulum,
+    Track,
+    estimate,
+    log,
+    predict,
+    read_log,
+    record,
+    restore,
+    search,
+    segments,
+    smooth,
+)
 from signid.robot import load_robot  # noqa: E402
 
 GRAVITY, INERTIA = TRUTH

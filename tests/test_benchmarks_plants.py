@@ -13,10 +13,13 @@ from scipy.spatial.transform import Rotation
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
 
-from benchmarks.plants.control import STEP, Track  # noqa: E402
+from benchmarks.plants.control import (  # noqa: E402
+    STEP,
+    Track,
+    log,  # noqa: E402
+)
 from benchmarks.plants.faults import EFFECTS, FOREIGN, INERTIA, Fault  # noqa: E402
 from benchmarks.plants.mujoco_ import simulate  # noqa: E402
-from benchmarks.plants.record import log  # noqa: E402
 from signid.effects import EFFECTS as NAMED  # noqa: E402
 
 PLANTS = Path(__file__).parents[1] / "benchmarks" / "plants"

@@ -6,8 +6,7 @@ import os
 
 import pytest
 
-from benchmarks.public.emps import Entry, files, published, scored
-from benchmarks.public.rows import JANOT, OTHERS
+from benchmarks.public import JANOT, OTHERS, Entry, files, published, scored
 
 
 def test_every_row_of_others_has_a_source() -> None:

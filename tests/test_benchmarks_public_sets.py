@@ -14,11 +14,20 @@ import signid
 from benchmarks.blackbox import methods, run
 from benchmarks.blackbox.task import Answer, Task, build
 from benchmarks.concealed_real.sets import SETS, Part, RealSet
-from benchmarks.public_sets import check, specification
-from benchmarks.public_sets.origins import ORIGINS
+from benchmarks.public_sets import __main__ as check, specification
 from benchmarks.public_sets.specification import HEADLINE, Rows, channels, pooled_rms, read, relative
-from benchmarks.public_sets.stretches import PARTS, SetFiles, set_files
-from benchmarks.public_sets.write import COPY, describe, refusal, write_readme, write_set, write_specification
+from benchmarks.public_sets.write import (
+    COPY,
+    ORIGINS,
+    PARTS,
+    SetFiles,
+    describe,
+    refusal,
+    set_files,
+    write_readme,
+    write_set,
+    write_specification,
+)
 from signid.recording.gallery.sets import SETS as GALLERY
 from signid.regression.filters import Decimator, lowpass
 from signid.robot import robot_from_text

@@ -9,11 +9,11 @@ import pytest
 from rich.console import Console
 
 import signid
-from benchmarks.real import others
+from benchmarks.real import cases
+from benchmarks.real.__main__ import show_left, show_repeats, show_rows, show_targets
 from benchmarks.real.data import blocks, without
 from benchmarks.real.repeat import Repeat, agree
 from benchmarks.real.row import Row, Target, within
-from benchmarks.real.show import show_left, show_repeats, show_rows, show_targets
 from signid.model import Model
 
 
@@ -68,15 +68,15 @@ def test_laws_are_removed_and_summed(data: Path) -> None:
     robot = signid.load_robot("emps")
     train = signid.read_recording(data / "emps_janot" / "emps_train.csv.gz", robot)
     model: Model = signid.identify(robot, [train]).model
-    numbers = others.drive_numbers(model)
+    numbers = cases.drive_numbers(model)
     assert np.isclose(numbers["mass"], 95.0, rtol=0.02)
     assert np.isclose(numbers["viscous +"], numbers["viscous -"])
-    assert others.drive_numbers(without(model, ["viscous_friction"]))["viscous +"] == 0
+    assert cases.drive_numbers(without(model, ["viscous_friction"]))["viscous +"] == 0
 
 
 def test_the_drive_is_asymmetric(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Complete run on the smallest robot: cause named, published parameters, better on the pulses."""
     monkeypatch.setenv("SIGNID_DATA", str(data))
-    (row,) = others.emps()
+    (row,) = cases.emps()
     assert row.findings[0].effect == "asymmetric_friction"
     assert row.holds, [t for t in row.targets if not t.met]

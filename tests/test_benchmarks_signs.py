@@ -9,11 +9,9 @@ import pytest
 
 import signid
 from benchmarks.plants.control import Track
-from benchmarks.signs import coefficients, constants, summary, targets
-from benchmarks.signs.row import Row, Target
+from benchmarks.signs import paper, simulated, summary
 from benchmarks.signs.simulated import logged
-from benchmarks.signs.trial import Puzzle, build_row, forget, identify, planted
-from benchmarks.signs.truth import Truth, evaluate, measured
+from benchmarks.signs.trial import Puzzle, Row, Target, Truth, build_row, evaluate, forget, identify, measured, planted
 from benchmarks.summary import finite
 from signid.regression.session import Options
 from signid.signs.result import SignProof, Signs, SignSegment, Trace
@@ -108,31 +106,31 @@ def test_flags_and_confidence_are_counted() -> None:
     wrong, flagged = row(right=9), row(ratio=5.0, flags=("impure",))
     group = summary.gather("g", [row(), wrong, flagged, row(flags=("close",))])
     assert (group.runs, group.wrong, group.alarms, group.false_alarms) == (4, 2, 1, 1)
-    assert not targets.alarm([group]).met
+    assert not summary.alarm([group]).met
     judged = row().judged
     bad = row(judged=(judged[0]._replace(right=False), *judged[1:]))
     *_, sure = summary.reliability([bad, flagged])
     assert (sure.segments, sure.right) == (len(judged), len(judged) - 1)
-    assert not targets.of_bins([sure]).met
+    assert not summary.of_bins([sure]).met
 
 
 def test_wrong_printed_coefficients() -> None:
-    wrong = [entry.name for entry in coefficients.entries() if entry.wrong]
+    wrong = [entry.name for entry in paper.entries() if entry.wrong]
     assert wrong == [f"pi{k}" for k in (1, 2, 4, 6, 7, 8, 9, 10, 11, 12)]
-    assert all(entry.why.startswith("L + d for L - d") for entry in coefficients.entries() if entry.wrong)
-    assert targets.of_table().met
+    assert all(entry.why.startswith("L + d for L - d") for entry in paper.entries() if entry.wrong)
+    assert summary.of_table().met
 
 
 def test_base_parameters_map_to_the_coefficients() -> None:
     arm = signid.load_robot("3r")
     base = signid.inspect(arm, effects=()).base
-    found = coefficients.arm_map(base) @ planted(arm)(base, ())
-    assert np.allclose(found, coefficients.TRUE_3R, rtol=0, atol=1e-8)
-    ten = coefficients.ten_of(base, planted(arm)(base, ()), np.diag(np.arange(1.0, base.rank + 1)))
-    assert np.allclose(ten, coefficients.TRUE_3R, rtol=0, atol=1e-8)
+    found = paper.arm_map(base) @ planted(arm)(base, ())
+    assert np.allclose(found, paper.TRUE_3R, rtol=0, atol=1e-8)
+    ten = paper.ten_of(base, planted(arm)(base, ()), np.diag(np.arange(1.0, base.rank + 1)))
+    assert np.allclose(ten, paper.TRUE_3R, rtol=0, atol=1e-8)
     pendulum = signid.load_robot("1r")
     base = signid.inspect(pendulum, effects=()).base
-    assert np.allclose(coefficients.pendulum_map(base) @ planted(pendulum)(base, ()), coefficients.TRUE_1R, atol=1e-12)
+    assert np.allclose(paper.pendulum_map(base) @ planted(pendulum)(base, ()), paper.TRUE_1R, atol=1e-12)
 
 
 def test_correct_signs_match_the_signed_identification() -> None:
@@ -176,26 +174,26 @@ def test_some_joints_keep_their_signs() -> None:
 
 def test_currents_are_torques_over_their_constants() -> None:
     columns = logged(Track(T, TORQUE, TORQUE), 0, 0.02)
-    parts = constants.currents(columns, np.array([2.0, 4.0]))
+    parts = simulated.currents(columns, np.array([2.0, 4.0]))
     assert set(parts) == {"t", "q_1", "q_2", "abs_current_1", "abs_current_2"}
     assert np.allclose(parts["abs_current_2"] * 4, np.abs(columns["tau_2"]))
 
 
 def test_a_wrong_description_has_other_masses() -> None:
     robot = signid.load_robot("3r")
-    heavy = constants.heavier(robot, np.array([1.0, 2.0, 0.5]))
+    heavy = simulated.heavier(robot, np.array([1.0, 2.0, 0.5]))
     ratio = [b.mass / a.mass for a, b in list(zip(robot.model.inertias, heavy.model.inertias, strict=True))[2:]]
     assert np.allclose(ratio, [2.0, 0.5])
 
 
 def test_constants_are_counted() -> None:
     judged = row().judged
-    one = constants.Found("none known", "a", (0.01, 0.3), (0.02, 0.1), judged, (), 1.0)
-    lost = constants.Found("none known", "b", (), (), (), (), 3.0, "the torque constant is not known")
-    (kind,) = constants.summarise([one, lost])
+    one = simulated.Found("none known", "a", (0.01, 0.3), (0.02, 0.1), judged, (), 1.0)
+    lost = simulated.Found("none known", "b", (), (), (), (), 3.0, "the torque constant is not known")
+    (kind,) = simulated.summarise([one, lost])
     assert (kind.arms, kind.refused, kind.constants, kind.inside) == (2, 1, 2, 1)
     assert (kind.median, kind.largest, kind.seconds) == pytest.approx((0.155, 0.3, 2.0))
-    assert all(one.met is None for one in targets.of_constants([kind]))
+    assert all(one.met is None for one in summary.of_constants([kind]))
 
 
 def test_non_finite_numbers_become_null() -> None:

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.arms import ARMS, load
 from benchmarks.plants.bodies import Body
 from benchmarks.plants.control import draw_motion
-from benchmarks.watch.cases import CHANGES
+from benchmarks.watch.__main__ import CHANGES
 from benchmarks.watch.plant import PERIOD, Alteration, Push, record
 
 ARM = ARMS[0]

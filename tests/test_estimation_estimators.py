@@ -112,7 +112,7 @@ def test_the_same_recording_gives_the_same_numbers() -> None:
 
 def test_stated_gains_take_the_place_of_those_found() -> None:
     from benchmarks.plants.control import gains
-    from benchmarks.plants.mujoco_model import build, mean_inertia
+    from benchmarks.plants.mujoco_ import build, mean_inertia
 
     body, (track, motion) = Body(arm().document, arm().joints), recorded(0)
     known = build(body, ARM.drives, frictionless=True, weigh=False)

@@ -8,7 +8,7 @@ from itertools import combinations, product
 import numpy as np
 import pytest
 
-from benchmarks.signs.beam import beam
+from benchmarks.signs.speed import beam
 from signid.signs.search.problem import SignProblem, eliminate
 from signid.signs.tree import condition as condition_module
 from signid.signs.tree.condition import condition_order

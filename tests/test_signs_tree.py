@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from benchmarks.signs.beam import beam
+from benchmarks.signs.speed import beam
 from signid.errors import OptionError
 from signid.estimation.pbrp import Bounds, bounds_around
 from signid.regression.base_parameters import build_base

@@ -23,13 +23,11 @@ from rich.console import Console
 from signid.errors import SignidError
 
 from ..concealed_real.sets import SETS
-from ..one_thread import one_thread
 from ..peers.ask import Peer
-from ..summary import finite
-from . import methods, residual_fit
-from .peers import ask
-from .run import BASE, SetResult, run
-from .show import set_table, summary, totals
+from ..summary import finite, one_thread
+from . import methods
+from .methods import ask
+from .run import BASE, SetResult, run, set_table, summary, totals
 from .task import Method
 
 LIMIT = methods.LIMIT
@@ -38,8 +36,8 @@ PEERS = {"figaroh": "figaroh_torque.py", "mujoco.sysid": "mujoco_torque.py"}
 NAMES: dict[str, Method] = {
     "description": methods.description,
     BASE: methods.least_squares_answer,
-    "boosted residual": residual_fit.boosted,
-    "GP residual": residual_fit.gaussian,
+    "boosted residual": methods.boosted,
+    "GP residual": methods.gaussian,
     "signid identify": methods.identify,
     "signid identify, A": methods.identify_first,
     **DIAGNOSES,
@@ -75,7 +73,7 @@ def main() -> int:
     options, console = parse(), Console(width=240)
     if not os.environ.get("SIGNID_DATA"):
         sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
-    if problem := residual_fit.missing():
+    if problem := methods.missing():
         sys.exit(problem)
     found: list[SetResult] = []
     with ExitStack() as stack:

@@ -1,18 +1,27 @@
-"""Methods with a signid model: the description, least squares, `identify` and the extended model of `diagnose`."""
+"""Methods: signid models, black boxes for the residual of least squares, and peers in their own Python."""
 
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 import signid
 from signid.model import Model
 from signid.types import Recording, Robot
 
 from ..concealed_real.run import ONCE, attempt
-from .rows import table
-from .task import Answer, Fitted, Task, UnavailableError, identified, together
+from ..concealed_real.sets import columns_of
+from ..peers.ask import Peer
+from ..plants.bodies import Body, bare
+from .task import Answer, Array, Fitted, Table, Task, UnavailableError, filtered, identified, table, together
 
 LIMIT = 60.0  # time limit of one diagnosis [s]
 
@@ -21,10 +30,6 @@ def least_squares(robot: Robot, recordings: Sequence[Recording]) -> Fitted:
     """Estimate base parameters, viscous and Coulomb friction, offsets and rotors by weighted least squares.
 
     Uses signid's regressor and filter, one weight per joint, no instruments and no physical constraints.
-
-    Args:
-        robot: robot of the description.
-        recordings: training recordings.
     """
     start = time.process_time()
     found = identified(robot, recordings, method="wls", options=signid.Options(instruments=False, whiten=False))
@@ -33,53 +38,31 @@ def least_squares(robot: Robot, recordings: Sequence[Recording]) -> Fitted:
 
 
 def description(task: Task) -> Answer:
-    """Predict with the description and its friction, without fit.
-
-    Args:
-        task: data of the set.
-    """
+    """Predict with the description and its friction, without fit."""
     return _answer(task, task.described, 0.0)
 
 
 def least_squares_answer(task: Task) -> Answer:
-    """Return the least-squares fit of the task.
-
-    Args:
-        task: data of the set.
-    """
+    """Return the least-squares fit of the task."""
     return Answer(task.held_out.rest, task.fitted.seconds)
 
 
 def identify(task: Task) -> Answer:
-    """Run `signid identify` with its defaults on A and B.
-
-    Args:
-        task: data of the set.
-    """
+    """Run `signid identify` with its defaults on A and B."""
     start = time.process_time()
     model = identified(task.robot, together(task)).model
     return _answer(task, model, time.process_time() - start)
 
 
 def identify_first(task: Task) -> Answer:
-    """Run `signid identify` with its defaults on A alone, the model of `diagnose`.
-
-    Args:
-        task: data of the set.
-    """
+    """Run `signid identify` with its defaults on A alone, the model of `diagnose`."""
     start = time.process_time()
     model = identified(task.robot, list(task.a)).model
     return _answer(task, model, time.process_time() - start)
 
 
 def diagnose(task: Task, limit: float = LIMIT) -> Answer:
-    """Predict with the extended model of `signid diagnose`: A identified, B diagnosed.
-
-    Laws of a single event are omitted, because they do not apply to another recording.
-
-    Args:
-        task: data of the set.
-        limit: time limit of the diagnosis [s].
+    """Predict with the extended model of `signid diagnose`: A identified, B diagnosed; limit in s of processor time.
 
     Raises:
         UnavailableError: the diagnosis refused, crashed or was stopped.
@@ -88,11 +71,7 @@ def diagnose(task: Task, limit: float = LIMIT) -> Answer:
 
 
 def diagnose_all(task: Task, limit: float = LIMIT) -> Answer:
-    """Predict with the extended model of `signid diagnose`: A and B identified and diagnosed.
-
-    Args:
-        task: data of the set.
-        limit: time limit of the diagnosis [s].
+    """Predict with the extended model of `signid diagnose`: A and B identified and diagnosed; limit in s.
 
     Raises:
         UnavailableError: the diagnosis refused, crashed or was stopped.
@@ -117,3 +96,202 @@ def _diagnosed(task: Task, known: Sequence[Recording], diagnosed: Sequence[Recor
 
 def _answer(task: Task, model: Model, seconds: float, note: str = "") -> Answer:
     return Answer(table(model, task.c, task.cutoff).rest, seconds, note)
+
+
+Mask = NDArray[np.bool_]
+BLOCKS, EVERY = 15, 5  # time blocks per recording; every fifth is validation data
+TREES, PATIENCE, LEAF = 2000, 30, 20  # most trees; trees without gain before early stopping; fewest rows per leaf
+POINTS, LENGTHS = 500, (0.05, 1e3)  # rows of a Gaussian process; bounds of length scales [feature standard deviations]
+LEAST = 60  # fewest rows for a fit
+SEED = 0
+
+
+def missing() -> str:
+    """Error message if scikit-learn is not installed, otherwise an empty string."""
+    try:
+        import sklearn  # noqa: F401
+    except ImportError:
+        return "scikit-learn is not installed; run pip install 'signid[bench]'"
+    return ""
+
+
+def validates(tables: Sequence[Table]) -> Mask:
+    """Mask (M,) of validation rows: whole time blocks of each recording."""
+    blocks = [np.arange(len(x.rest)) * BLOCKS // max(len(x.rest), 1) for x in tables]
+    return np.concatenate([x % EVERY == EVERY // 2 for x in blocks])
+
+
+def boosted(task: Task) -> Answer:
+    """Fit gradient-boosted trees on q, v, a of all joints: one ensemble per joint, size chosen by validation.
+
+    Raises:
+        UnavailableError: scikit-learn is missing.
+    """
+    _need()
+    start = time.process_time()
+    check, used = validates(task.training), []
+    added = np.zeros_like(task.held_out.rest)
+    x, y, new = (*_stacked(task.training), task.held_out.motion)
+    for j in range(y.shape[1]):
+        own = np.isfinite(y[:, j])
+        count, predicted = boost(x[own], y[own, j], check[own], new)
+        added[:, j] = predicted
+        used.append(count)
+    note = f"{min(used)} to {max(used)} trees per joint"
+    return Answer(task.held_out.rest - added, time.process_time() - start, note)
+
+
+def boost(x: Array, y: Array, check: Mask, new: Array) -> tuple[int, Array]:
+    """Choose the number of trees by validation, then fit this number to all rows.
+
+    Args:
+        x: features (M, k).
+        y: residual (M,) [N.m or N].
+        check: mask of validation rows (M,).
+        new: features of the prediction (N, k).
+
+    Returns:
+        Number of trees (0 without improvement) and prediction (N,) [N.m or N].
+    """
+    from sklearn.ensemble import HistGradientBoostingRegressor as Trees
+
+    if np.count_nonzero(~check) < LEAST or not check.any():
+        return 0, np.zeros(len(new))
+    fixed = {"min_samples_leaf": LEAF, "random_state": SEED}
+    search = Trees(max_iter=TREES, early_stopping=True, n_iter_no_change=PATIENCE, scoring="loss", **fixed)
+    search.fit(x[~check], y[~check], X_val=x[check], y_val=y[check])
+    count = int(np.argmax(search.validation_score_))  # the first score is that of a constant
+    return count, Trees(max_iter=count, early_stopping=False, **fixed).fit(x, y).predict(new) if count else np.zeros(
+        len(new)
+    )
+
+
+def gaussian(task: Task) -> Answer:
+    """Fit Gaussian processes on q, v, a of each joint: squared-exponential kernel, one length per feature, white noise.
+
+    Features of all joints with the same number of rows were worse on a UR10e and a TX40.
+
+    Raises:
+        UnavailableError: scikit-learn is missing.
+    """
+    _need()
+    start = time.process_time()
+    added = np.zeros_like(task.held_out.rest)
+    x, y, new = (*_stacked(task.training), task.held_out.motion)
+    for j in range(y.shape[1]):
+        own = np.isfinite(y[:, j])
+        features = np.arange(j, x.shape[1], y.shape[1])
+        added[:, j] = interpolate(x[own][:, features], y[own, j], new[:, features])
+    return Answer(task.held_out.rest - added, time.process_time() - start, f"at most {POINTS} rows per joint")
+
+
+def interpolate(x: Array, y: Array, new: Array) -> Array:
+    """Predict the mean (N,) [N.m or N] of a zero-mean Gaussian process.
+
+    Args:
+        x: features (M, k).
+        y: residual (M,) [N.m or N].
+        new: features of the prediction (N, k).
+    """
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+    if len(y) < LEAST:
+        return np.zeros(len(new))
+    some = np.linspace(0, len(y) - 1, min(POINTS, len(y))).astype(int)
+    centre, spread, size = x[some].mean(axis=0), x[some].std(axis=0), float(np.sqrt(np.mean(y[some] ** 2)))
+    spread[spread == 0] = 1.0
+    kernel = ConstantKernel(0.5) * RBF(np.ones(x.shape[1]), LENGTHS) + WhiteKernel(0.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a length scale at its bound is acceptable
+        process = GaussianProcessRegressor(kernel, random_state=SEED).fit((x[some] - centre) / spread, y[some] / size)
+    return np.asarray(size * process.predict((new - centre) / spread))
+
+
+def _stacked(tables: Sequence[Table]) -> tuple[Array, Array]:
+    return np.concatenate([x.motion for x in tables]), np.concatenate([x.rest for x in tables])
+
+
+def _need() -> None:
+    if problem := missing():
+        raise UnavailableError(problem)
+
+
+BRIDGE, EDGE = 2.0, 0.5  # excluded time between recordings and at both ends of each [s]
+
+
+def ask(task: Task, peer: Peer, name: str) -> Answer:
+    """Let a peer fit A and B and predict the torque of C at the samples of the rows.
+
+    Raises:
+        UnavailableError: the peer is not installed or failed.
+    """
+    if not peer.version:
+        raise UnavailableError(f"{name} is not installed; give --peer-python")
+    if task.robot.kind != "urdf":
+        raise UnavailableError(f"the description is {task.robot.kind}; {name} reads URDF only")
+    rows = filtered(task.least_squares, task.c, task.cutoff)
+    motions = [piece.motion for piece in rows.pieces]
+    held_out = {f"held_out_{key}": np.concatenate([getattr(x, key) for x in motions]) for key in "qva"}
+    with TemporaryDirectory() as place:
+        folder = Path(place)
+        urdf = bare(Body(task.robot.document, task.joints))
+        (folder / "robot.urdf").write_text(urdf, encoding="utf-8")
+        np.savez(folder / "job.npz", **job(task), **held_out)
+        answer = peer.ask(folder)
+        if answer is None or "failed" in answer:
+            raise UnavailableError(f"{name} failed: {(answer or {}).get('failed', 'no answer')}"[:200])
+        predicted = np.load(folder / "predicted.npy")
+    cuts = np.cumsum([len(x.q) for x in motions])[:-1]
+    parts = zip(rows.pieces, np.split(predicted, cuts), strict=True)
+    rest = np.concatenate([rows.thin(x.residual + np.asarray(x.motion.predicted) - own) for x, own in parts])
+    return Answer(np.where(np.isnan(task.held_out.rest), np.nan, rest), float(answer["seconds"]), str(answer["note"]))
+
+
+def job(task: Task) -> dict[str, Any]:
+    """Arrays for the peers: concatenated recordings with bridges, and their filtered rows."""
+    columns, step = [columns_of(x) for x in together(task)], task.fitted.period
+    signals = [uniform(x, step) for x in columns]
+    long, edge = round(BRIDGE / step), round(EDGE / step)
+    q, tau, counts = [], [], []
+    for k, (position, torque) in enumerate(signals):
+        if k:
+            q.append(bridge(signals[k - 1][0][-1], position[0], long))
+            tau.append(bridge(signals[k - 1][1][-1], torque[0], long))
+            counts.append(np.zeros(long, bool))
+        own = np.arange(len(position))
+        counts.append((own >= edge) & (own < len(position) - edge))
+        q.append(position)
+        tau.append(torque)
+    n = len(task.joints)
+    inside = [np.isfinite(x.rest).all(axis=1) for x in task.training]
+    motion = np.concatenate([x.motion[own] for x, own in zip(task.training, inside, strict=True)])
+    return {
+        "joints": np.array(task.joints),
+        "prismatic": np.array(task.least_squares.robot.prismatic),
+        "t": step * np.arange(sum(map(len, q))),
+        "q": np.concatenate(q),
+        "tau": np.concatenate(tau),
+        "counts": np.concatenate(counts),
+        "cutoff": task.cutoff,
+        "position_cutoff": task.fitted.position_cutoff,
+        **{f"row_{key}": motion[:, k * n : (k + 1) * n] for k, key in enumerate("qva")},
+        "row_tau": np.concatenate([x.torque[own] for x, own in zip(task.training, inside, strict=True)]),
+    }
+
+
+def uniform(columns: dict[str, Array], step: float) -> tuple[Array, Array]:
+    """Resample positions and torques (N, n) at uniform times, `step` [s] apart; interpolate gaps."""
+    t = columns["t"]
+    at = np.arange(t[0], t[-1], step)
+    found = []
+    for key in ("q", "tau"):
+        each = [(np.isfinite(x), x) for x in columns[key].T]
+        found.append(np.column_stack([np.interp(at, t[own], x[own]) for own, x in each]))
+    return found[0], found[1]
+
+
+def bridge(start: Array, end: Array, samples: int) -> Array:
+    """Smooth transition (samples, n) between two vectors (n,), at rest at both ends to avoid filter ringing."""
+    x = np.arange(1, samples + 1) / (samples + 1)
+    return np.asarray(start + (x**3 * (10 - 15 * x + 6 * x**2))[:, None] * (end - start))

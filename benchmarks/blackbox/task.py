@@ -1,19 +1,83 @@
-"""Data of a set, and the answer of a method."""
+"""Data of a set, its filtered rows, and the answer of a method."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 import signid
+from signid.diagnose.extend.holdout import ResidualRows, residual_rows
 from signid.errors import SignidError
 from signid.identify import Identification
 from signid.model import Model, stated_inertials, stated_laws
+from signid.recording import same_joints
+from signid.recording.sampling import survey
+from signid.regression.prepare import prepare
+from signid.regression.session import SAME_RATE, Options
+from signid.robot import hold, resting
+from signid.simulation.rollout.joints import restrict_joints
 from signid.types import Recording, Robot
 
 from ..concealed_real.sets import RealSet, columns_of, read, rebuilt
-from .rows import Array, Table, one_rate, table
+
+Array = NDArray[np.float64]
+
+
+class Table(NamedTuple):
+    """M rows of one recording; NaN in excluded rows."""
+
+    motion: Array  # (M, 3 n) q, v, a of all joints, filtered like the rows
+    rest: Array  # (M, n) [N.m or N] measured - predicted
+    torque: Array  # (M, n) [N.m or N] measured
+
+
+def table(model: Model, recording: Recording, cutoff: float) -> Table:
+    """Filtered rows of a recording; cut-off in Hz. A model with recording laws changes the motion too.
+
+    Raises:
+        RecordingError: every stretch is shorter than the filter.
+    """
+    rows = filtered(model, recording, cutoff)
+    moved = (np.hstack([x.motion.q, x.motion.v, x.motion.a]) for x in rows.pieces)
+    return Table(np.concatenate([rows.thin(x) for x in moved]), rows.residual, rows.torque)
+
+
+def filtered(model: Model, recording: Recording, cutoff: float) -> ResidualRows:
+    """Filtered rows of a recording with their motions and filter; cut-off in Hz.
+
+    Raises:
+        RecordingError: every stretch is shorter than the filter.
+    """
+    own = restrict_joints(model, [recording])[0]
+    session = prepare(own.robot, [recording], [recording], replace(Options(effects=()), cutoff=cutoff))
+    return residual_rows(session.task, restrict_joints(own, [recording])[0], session.held_out)
+
+
+def one_rate(robot: Robot, recordings: Sequence[Recording]) -> list[Recording]:
+    """Resample recordings at the lowest of their sampling rates; unchanged if the rates are equal.
+
+    Linear interpolation suffices, because the rates are far above the cut-off of the rows.
+    """
+    moving = hold(robot, resting(robot, but=same_joints(recordings)))
+    periods = [survey(recording, moving).period for recording in recordings]
+    longest = max(periods)
+    return [
+        x if longest / period - 1 <= SAME_RATE else _slower(robot, x, longest)
+        for x, period in zip(recordings, periods, strict=True)
+    ]
+
+
+def _slower(robot: Robot, recording: Recording, period: float) -> Recording:
+    columns = columns_of(recording)
+    t = columns["t"]
+    coarse = np.arange(t[0], t[-1], period)
+    found = {k: np.column_stack([np.interp(coarse, t, x) for x in columns[k].T]) for k in ("q", "tau")}
+    return rebuilt(robot, {"t": coarse, **found})
 
 
 class UnavailableError(SignidError):
@@ -87,12 +151,7 @@ Method = Callable[[Task], Answer]
 
 
 def build(one: RealSet, fit: Callable[[Robot, Sequence[Recording]], Fitted]) -> Task:
-    """Read the parts of a set and fit by least squares.
-
-    Args:
-        one: set of recordings.
-        fit: robot, recordings -> least squares.
-    """
+    """Read the parts of a set and fit by least squares."""
     robot = one.robot()
     a = tuple(read(one, robot, part) for part in one.a)
     b, c = read(one, robot, one.b), read(one, robot, one.c)
@@ -100,11 +159,7 @@ def build(one: RealSet, fit: Callable[[Robot, Sequence[Recording]], Fitted]) -> 
 
 
 def together(task: Task) -> list[Recording]:
-    """A and B at one sampling rate.
-
-    Args:
-        task: data of the set.
-    """
+    """A and B at one sampling rate."""
     return one_rate(task.robot, [*task.a, task.b])
 
 
@@ -113,11 +168,6 @@ def identified(robot: Robot, recordings: Sequence[Recording], **options: object)
 
     `identify` needs a held-out recording. It gets the last training recording without its first sample; the reported
     fit is not used.
-
-    Args:
-        robot: robot of the description.
-        recordings: training recordings.
-        options: arguments of `signid.identify`.
     """
     columns = columns_of(recordings[-1])
     last = rebuilt(robot, columns_of(recordings[-1], start=float(columns["t"][1])))

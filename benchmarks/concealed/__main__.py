@@ -27,14 +27,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from ..one_thread import one_thread
-from ..summary import finite, origin
+from ..summary import finite, one_thread, origin
 from .cases import SIZES, SUITES, Case, cases, quick, sample
 from .evaluate import Evaluation, evaluate
-from .robots import ROBOTS
-from .show import tables, targets_table
-from .summary import Target, by_robot, by_size, cells, confusion, reliability, targets
-from .work import process_all, results
+from .scene import ROBOTS
+from .session import process_all, results
+from .summary import Target, by_robot, by_size, cells, confusion, reliability, tables, targets, targets_table
 
 USUAL = ("1r", "3r", "ur5", "panda", "kinova", "xarm7")
 

@@ -9,7 +9,7 @@ from hashlib import sha256
 import numpy as np
 
 from ..plants.faults import EFFECTS
-from .shapes import UNSIZED
+from .faults import UNSIZED
 
 FAMILIES: Mapping[str, tuple[str, ...]] = {  # foreign laws, and the library's effects that count as right
     "tustin_friction": ("stribeck_friction",),

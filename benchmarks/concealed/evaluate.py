@@ -1,16 +1,155 @@
-"""Comparison of a diagnosis with the concealed faults."""
+"""Comparison of a diagnosis with the concealed faults: names, twins that no motion distinguishes, parameters."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from .names import Truth, contains, is_lead, is_right, is_twin, truths
-from .numbers import error
+from .cases import FAMILIES
+
+MUTUAL = ("joint_coupling", "channel_swap")  # named at either of two joints
+ALONE = (  # equivalent on a single joint
+    {"counterbalance", "base_tilt", "encoder_offset", "payload", "link_inertia"},
+    {"quadratic_friction", "fluid_drag"},
+)
+WHOLE = {"asymmetric_friction": ("viscous_friction", "coulomb_friction", "torque_offset")}  # laws that it contains
+ANYWHERE = ({"torque_offset", "asymmetric_friction"}, {"time_delay", "torque_lag"})
+FIRST = {"armature", "link_inertia"}
+LAST = {"payload", "link_inertia", "encoder_offset"}
+
+
+class Truth(NamedTuple):
+    """A concealed fault."""
+
+    effects: tuple[str, ...]  # effects that count as right
+    joints: tuple[str | None, ...]
+    partner: str | None
+    parameters: Mapping[str, Any]
+
+
+def truths(answer: Mapping[str, Any]) -> list[Truth]:
+    """Concealed faults of an answer; a foreign law is represented by its family."""
+    found = []
+    for fault in answer["faults"]:
+        effect, joint, partner = fault["effect"], fault["joint"], fault["parameters"].get("partner")
+        joints = (joint, partner) if effect in MUTUAL else (joint,)
+        if len(answer["joints"]) == 1:
+            joints = (None, answer["joints"][0])
+        found.append(
+            Truth(FAMILIES.get(effect, (effect,)), joints, partner if effect in MUTUAL else None, fault["parameters"])
+        )
+    return found
+
+
+def is_right(name: Mapping[str, Any], truth: Truth) -> bool:
+    """Whether a finding or alternative matches the truth; a pair may be named at either joint."""
+    if name["effect"] not in truth.effects or name["joint"] not in truth.joints:
+        return False
+    given = name.get("parameters", {}).get("partner")
+    partner = given.get("value") if isinstance(given, Mapping) else given
+    return truth.partner is None or partner is None or partner in truth.joints
+
+
+def contains(name: Mapping[str, Any], truth: Truth) -> bool:
+    """Whether the true law is part of the named one at the same joint."""
+    return truth.effects[0] in WHOLE.get(name["effect"], ()) and name["joint"] in truth.joints
+
+
+def is_twin(name: Mapping[str, Any], truth: Truth, joints: Sequence[str]) -> bool:
+    """Whether no motion distinguishes the named effect from the truth."""
+    (effect, *_), (joint, *_) = truth.effects, truth.joints
+    both, same = {name["effect"], effect}, name["joint"] in truth.joints
+    if len(joints) == 1 and any(both <= group for group in ALONE):
+        return True
+    if any(both <= group for group in ANYWHERE):
+        return same
+    return same and (both <= FIRST and joint == joints[0] or both <= LAST and joint == joints[-1])
+
+
+def is_lead(document: Mapping[str, Any], truth: Truth) -> bool:
+    """Whether the largest unexplained residual is at a true joint, or any residual for a fault of the whole robot."""
+    unexplained = sorted(document["unexplained"], key=lambda x: -float(x["share"]))
+    return bool(unexplained) and (None in truth.joints or unexplained[0]["joint"] in truth.joints)
+
+
+EACH: Mapping[str, tuple[str, ...]] = {  # parameters whose relative errors are averaged
+    "viscous_friction": ("coefficient",),
+    "coulomb_friction": ("level",),
+    "asymmetric_friction": ("viscous_positive", "viscous_negative", "coulomb_positive", "coulomb_negative"),
+    "stribeck_friction": ("level", "velocity"),
+    "quadratic_friction": ("coefficient",),
+    "load_friction": ("coefficient",),
+    "presliding_friction": ("level", "distance"),
+    "position_friction": ("amplitude", "frequency"),
+    "friction_drift": ("change",),
+    "armature": ("inertia",),
+    "torque_offset": ("offset",),
+    "spring": ("stiffness",),
+    "cable_torque": ("cubic",),
+    "torque_gain": ("error",),
+    "torque_ripple": ("amplitude", "frequency"),
+    "backlash": ("gap",),
+    "joint_elasticity": ("stiffness",),
+    "encoder_offset": ("offset",),
+    "time_delay": ("delay",),
+    "torque_lag": ("time_constant",),
+    "joint_coupling": ("viscous", "coulomb"),
+    "torque_saturation": ("limit",),
+    "fluid_drag": ("coefficient",),
+}
+TOGETHER: Mapping[
+    str, Mapping[str, float]
+] = {  # vectors: length of the difference over that of the truth, in these units
+    "payload": {"mass": 0.1, "first_moment_x": 1.0, "first_moment_y": 1.0, "first_moment_z": 1.0},
+    "base_tilt": {"x": 1.0, "y": 1.0},
+    "external_contact": {"force_x": 1.0, "force_y": 1.0, "force_z": 1.0},
+}
+UNSIGNED = ("position_friction", "torque_ripple")  # a negative amplitude is a phase shift
+ROUGH = (  # laws with less accurate parameters
+    *("load_friction", "stribeck_friction", "position_friction", "external_contact", "friction_drift"),
+    *("joint_elasticity", "backlash", "presliding_friction"),
+)
+SEEN = 3  # joints needed to identify all parameters of a body or a push
+
+
+def error(effect: str, found: Mapping[str, Any], true: Mapping[str, Any], joints: int) -> float:
+    """Relative error of a law's parameters; NaN if some are unidentifiable or missing.
+
+    Args:
+        effect: name of the effect.
+        found: parameters of a finding, `{"value": ...}` by key.
+        true: true parameters by key.
+        joints: number of joints.
+    """
+    if effect == "counterbalance":
+        pairs = [_wave(found), (float(true["amplitude"]), float(true["phase"]))]
+        (one, other) = (np.array([a * math.cos(phase), a * math.sin(phase)]) for a, phase in pairs)
+        return float(np.linalg.norm(one - other) / np.linalg.norm(other))
+    if effect in TOGETHER and joints >= SEEN:
+        units = TOGETHER[effect]
+        off = [unit * (_value(found, key) - float(true[key])) for key, unit in units.items()]
+        return float(np.linalg.norm(off) / np.linalg.norm([unit * float(true[key]) for key, unit in units.items()]))
+    errors = []
+    for key in EACH.get(effect, ()):
+        value, truth = _value(found, key), float(true[key])
+        value = abs(value) if effect in UNSIGNED else value
+        errors.append(abs(value / truth - 1))
+    return float(np.mean(errors)) if errors else math.nan
+
+
+def _wave(found: Mapping[str, Any]) -> tuple[float, float]:
+    return _value(found, "amplitude"), _value(found, "phase")
+
+
+def _value(found: Mapping[str, Any], key: str) -> float:
+    given = found.get(key)
+    value = given.get("value") if isinstance(given, Mapping) else given
+    return math.nan if value is None else float(value)
+
 
 SURE = 0.95  # probability above which a wrong first cause counts as sure [1]
 

@@ -1,21 +1,108 @@
-"""Healthy robot along the motions of its session: joint motion and torque."""
+"""Robots of the blind benchmark, their motions (Fourier series of eight seconds), and the torque along these."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ..plants.bodies import Body, Drives
+from signid.robot import load_robot
+
+from ..plants.bodies import Body, Drives, bare
 from ..plants.faults import Fault
-from ..plants.mujoco_model import build, dofs, inverse, mean_inertia
-from .motion import PERIOD, PERIODS, Fourier
+from ..plants.mujoco_ import build, dofs, inverse, mean_inertia
 
 Array = NDArray[np.float64]
+
+MASS, CENTRE, INERTIA = 1.0, 0.1, 2.0  # errors of mass [1], centre [m] and inertia [1] per unit of `error`
+LEAST = 0.3  # smallest factor on a stated mass or inertia [1]
+
+
+class Place(NamedTuple):
+    """Centre and largest amplitude of a robot's motions."""
+
+    centre: tuple[float, ...]  # (n,) [rad]
+    reach: float  # rad
+
+
+ROBOTS: Mapping[str, Place] = {
+    "1r": Place((0.6,), 1.2),
+    "3r": Place((0.0, 0.4, 0.6), 1.0),
+    "ur5": Place((0.0, -1.2, 1.2, -0.6, 0.9, 0.3), 0.9),
+    "panda": Place((0.0, -0.3, 0.0, -1.8, 0.3, 1.6, 0.4), 0.6),
+    "kinova": Place((0.0, 2.6, 1.8, 0.3, 2.2, 0.4), 0.9),  # light wrist, like xarm7
+    "xarm7": Place((0.0, -0.5, 0.2, 1.2, 0.3, 0.8, 0.3), 0.7),
+    "z1": Place((0.0, 1.2, -1.2, 0.2, 0.3, 0.4), 0.7),
+}
+
+
+def described(name: str) -> Body:
+    """Stated description of a robot: arm with welded hand, without visuals and drives."""
+    robot = load_robot(name)
+    body = Body(robot.document, robot.joints[: len(ROBOTS[name].centre)])
+    root = ElementTree.fromstring(bare(body))
+    for joint in root.findall("joint"):
+        for part in (*joint.findall("dynamics"), *joint.findall("mimic"), *joint.findall("safety_controller")):
+            joint.remove(part)
+    return Body(ElementTree.tostring(root, encoding="unicode"), body.joints)
+
+
+def mistaken(body: Body, error: float, rng: np.random.Generator) -> Body:
+    """True robot of a wrong description: every mass, centre and inertia is perturbed."""
+    root = ElementTree.fromstring(body.urdf)
+    for link in root.findall("link"):
+        part = link.find("inertial")
+        mass, inertia = (None if part is None else part.find(tag) for tag in ("mass", "inertia"))
+        draws = rng.standard_normal(5)
+        if part is None or mass is None or inertia is None:
+            continue
+        mass.set("value", f"{float(mass.get('value', '0')) * max(1 + MASS * error * draws[0], LEAST):.17g}")
+        factor = max(1 + INERTIA * error * draws[1], LEAST)
+        for key, value in inertia.attrib.items():
+            inertia.set(key, f"{float(value) * factor:.17g}")
+        origin = part.find("origin")
+        origin = ElementTree.SubElement(part, "origin") if origin is None else origin
+        centre = np.array(origin.get("xyz", "0 0 0").split(), dtype=float) + CENTRE * error * draws[2:]
+        origin.set("xyz", " ".join(f"{x:.17g}" for x in centre))
+    return Body(ElementTree.tostring(root, encoding="unicode"), body.joints)
+
+
+PERIOD, PERIODS = 8.0, 2  # period [s], periods per recording
+ORDERS = np.array([1, 2, 3, 5, 8, 12])  # orders of the harmonics
+SPEED = 2.2  # largest joint speed [rad/s]
+ASIDE, SMALLER = 0.3, 0.7  # largest shift of a motion's centre [rad], smallest used share of the reach [1]
+
+
+class Fourier(NamedTuple):
+    """Sums of sine and cosine about a centre, n joints."""
+
+    sine: Array  # (6, n) [rad]
+    cosine: Array  # (6, n) [rad]
+    centre: Array  # (n,) [rad]
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """Position, velocity, acceleration, (N, n) each [rad, rad/s, rad/s2] at times (N,) [s]."""
+        w = 2 * np.pi / PERIOD * ORDERS[:, None]
+        s, c = np.sin(t[:, None] * w.T), np.cos(t[:, None] * w.T)
+        v = c @ (self.sine * w) - s @ (self.cosine * w)
+        return self.centre + s @ self.sine + c @ self.cosine, v, -s @ (self.sine * w**2) - c @ (self.cosine * w**2)
+
+
+def draw(place: Place, rng: np.random.Generator) -> Fourier:
+    """Draw a random motion about the place, scaled to the limit of reach or speed."""
+    n = len(place.centre)
+    sine, cosine = rng.standard_normal((2, len(ORDERS), n)) / np.sqrt(ORDERS)[:, None]
+    q, v, _ = Fourier(sine, cosine, np.zeros(n)).at(np.arange(0, PERIOD, 0.01))
+    reach = place.reach * rng.uniform(SMALLER, 1, n)
+    scale = np.minimum(reach / np.abs(q).max(0), SPEED / np.abs(v).max(0))
+    return Fourier(sine * scale, cosine * scale, np.array(place.centre) + rng.uniform(-ASIDE, ASIDE, n))
+
 
 RATE = 50.0  # sampling rate of the motions [Hz]
 DURATION = PERIODS * PERIOD  # duration of a recording [s]

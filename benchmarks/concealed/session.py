@@ -1,27 +1,29 @@
-"""Recording of a session for the diagnosis, and its concealed answer for the evaluation."""
+"""Recording of sessions and concealed answers, and diagnosis in parallel; results are kept for the evaluation."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import time
+import traceback
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from rich.progress import Progress
 
 from ..plants import mujoco_
 from ..plants.bodies import Drives
-from ..plants.control import Track
+from ..plants.control import Track, log
 from ..plants.faults import Fault
-from ..plants.record import log
 from .cases import HARD_ERROR, Case
-from .motion import draw
-from .robots import ROBOTS, described, mistaken
-from .scene import DURATION, Scene, rms
-from .size import plant
+from .faults import plant
+from .scene import DURATION, ROBOTS, Scene, described, draw, mistaken, rms
 
 Array = NDArray[np.float64]
 
@@ -130,3 +132,50 @@ def actuators_file(drives: Drives, joints: Sequence[str]) -> str:
         values = {key: getattr(drives, key)[j] for key in ("armature", "viscous_friction", "coulomb_friction")}
         lines += [f'[joint."{joint}"]', *(f"{key} = {float(x)!r}" for key, x in values.items() if x), ""]
     return "\n".join(lines)
+
+
+def diagnose_session(folder: Path, skip: Sequence[str] = ()) -> dict[str, Any]:
+    """Diagnose the recordings in a folder without access to the answers, and without the effects to skip."""
+    import signid
+    from signid.output.report import diagnosis_document
+
+    model = signid.load_model(folder / "robot.urdf")
+    recordings = [signid.read_recording(path, model.robot) for path in sorted(folder.glob("recording_*.parquet"))]
+    return diagnosis_document(signid.diagnose(model, recordings, skip=tuple(skip)))
+
+
+def process(case: Case, cache: Path, diagnose: bool, again: bool) -> str:
+    """Record and diagnose a session unless done; return the error, or an empty string."""
+    try:
+        folder, result = make(case, cache), cache / "diagnoses" / f"{case.name}.json"
+        if not diagnose or (result.is_file() and not again):
+            return ""
+        start, wall = time.process_time(), time.perf_counter()
+        found = diagnose_session(folder, case.skip)
+        times = {"cpu": time.process_time() - start, "wall": time.perf_counter() - wall}
+        result.parent.mkdir(parents=True, exist_ok=True)
+        result.write_text(json.dumps({"document": found, **times}), encoding="utf-8")
+    except Exception as error:  # one case must not end the others
+        return f"{case.key}: {type(error).__name__}: {error} ({traceback.extract_tb(error.__traceback__)[-1].name})"
+    return ""
+
+
+def process_all(
+    cases: Sequence[Case], cache: Path, workers: int, progress: Progress, diagnose: bool = True, again: bool = False
+) -> Iterator[str]:
+    """Process every case in parallel; yield the errors."""
+    bar = progress.add_task("diagnose" if diagnose else "record", total=len(cases))
+    with ProcessPoolExecutor(workers) as pool:
+        job = partial(process, cache=cache, diagnose=diagnose, again=again)
+        for done in as_completed([pool.submit(job, case) for case in cases]):
+            progress.advance(bar)
+            if error := done.result():
+                yield error
+
+
+def results(cases: Sequence[Case], cache: Path) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Yield answer and diagnosis of every diagnosed case."""
+    for case in cases:
+        answer, result = (cache / kind / f"{case.name}.json" for kind in ("answers", "diagnoses"))
+        if answer.is_file() and result.is_file():
+            yield json.loads(answer.read_text(encoding="utf-8")), json.loads(result.read_text(encoding="utf-8"))

@@ -22,15 +22,12 @@ from typing import Any
 
 from rich.console import Console
 
-from ..one_thread import one_thread
-from ..summary import finite, origin
+from ..summary import finite, one_thread, origin
 from . import leave_out
-from .constants import CONSTANTS, Setting
 from .run import Row, run
 from .sets import SETS
-from .show import line, tables
-from .summary import totals
-from .trials import fill, load
+from .summary import line, tables, totals
+from .trials import CONSTANTS, Setting, fill, load
 
 WAIT = 1.0  # between polls of the processes [s]
 

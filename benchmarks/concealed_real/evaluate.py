@@ -1,18 +1,95 @@
-"""Compare the answer of a diagnosis with the truth: names, flags, parameters and confident wrong causes."""
+"""Compare the answer of a diagnosis with the truth: names and twins, flags, parameters and confident wrong causes."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from signid.diagnose import Diagnosis
 from signid.parameters import TWO_SIDED
 
-from .case import Truth
-from .names import EXACT, PART, TWIN, Arm, Candidate, contains, label, relation
+from .changes import Joints, Truth
+
+EXACT, TWIN, PART = "exact", "twin", "part"
+ALONE = (  # equivalent on a single joint
+    {"counterbalance", "base_tilt", "encoder_offset", "payload", "link_inertia"},
+    {"quadratic_friction", "fluid_drag"},
+)
+ALIKE = ({"torque_offset", "asymmetric_friction"}, {"time_delay", "torque_lag"})  # at the same joints
+FIRST = {"armature", "link_inertia"}
+LAST = {"payload", "link_inertia", "encoder_offset"}
+SLIDES = ({"base_tilt", "torque_offset"}, {"armature", "payload"})  # equivalent on a single prismatic joint
+WHOLE = {"asymmetric_friction": ("viscous_friction", "coulomb_friction", "torque_offset")}  # contained laws
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A finding or an alternative."""
+
+    effect: str
+    joints: Joints
+    probability: float
+    cause: bool = True
+    value: Mapping[str, float] = field(default_factory=dict)
+    std: Mapping[str, float] = field(default_factory=dict)
+    stated: Mapping[str, float] = field(default_factory=dict)  # values that the simulation states
+    rivals: tuple[Candidate, ...] = ()
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Properties of the joints that decide which laws are twins."""
+
+    joints: tuple[str, ...]
+    slides: bool = False  # a single prismatic joint
+
+
+def relation(name: Candidate, truth: Truth, arm: Arm) -> str:
+    """Relation: exact, twin, part (of the truth, or a containing law) or empty (unrelated)."""
+    anywhere = truth.joints is None or name.effect in ("base_tilt", "payload") or len(arm.joints) == 1
+    same = anywhere or set(name.joints) == set(truth.joints or ())
+    if name.effect in truth.effects and same:
+        return EXACT
+    if any(_twins({name.effect, x}, name, truth, same, arm) for x in truth.effects):
+        return TWIN
+    inside = truth.joints is None or set(name.joints) <= set(truth.joints)
+    return PART if contains(name, truth, arm) or inside and name.effect in truth.effects else ""
+
+
+def contains(name: Candidate, truth: Truth, arm: Arm) -> bool:
+    """Whether a law contains the truth or its twin at the same joint."""
+    inner = {x for effect in truth.effects for x in (effect, *_slides(effect, arm))}
+    place = truth.joints is None or len(arm.joints) == 1 or set(name.joints) == set(truth.joints)
+    return place and not inner.isdisjoint(WHOLE.get(name.effect, ()))
+
+
+def _slides(effect: str, arm: Arm) -> set[str]:
+    return {x for group in SLIDES if arm.slides and effect in group for x in group}
+
+
+def _twins(both: set[str], name: Candidate, truth: Truth, same: bool, arm: Arm) -> bool:
+    """Whether no motion distinguishes two effects."""
+    if len(arm.joints) == 1 and (
+        any(both <= group for group in ALONE) or arm.slides and any(both <= group for group in SLIDES)
+    ):
+        return True
+    if any(both <= group for group in ALIKE) and same:
+        return True
+    n, place = len(arm.joints), (truth.joints or name.joints)
+    here = set(place) == set(name.joints) or "payload" in both
+    first, last = 0 in place and 0 in name.joints, n - 1 in place and n - 1 in name.joints
+    return here and (both <= FIRST and first or both <= LAST and last)
+
+
+def label(name: Candidate, arm: Arm) -> str:
+    """Short text with effect, joints and probability of a finding."""
+    everywhere = len(name.joints) > 2
+    place = "all" if everywhere else " ".join(arm.joints[j] for j in name.joints)
+    return f"{name.effect} {place} P {name.probability:.3f}"
+
 
 SURE = 0.99  # probability above which a wrong cause counts as sure [1]
 BODIES = {"payload", "link_inertia"}
@@ -64,11 +141,7 @@ class Evaluation:
 
 
 def answer_of(diagnosis: Diagnosis) -> Answer:
-    """Convert a diagnosis to plain types.
-
-    Args:
-        diagnosis: diagnosis of one case.
-    """
+    """Convert a diagnosis to plain types."""
     candidates = tuple(
         Candidate(
             f.law.effect.name,
@@ -86,13 +159,7 @@ def answer_of(diagnosis: Diagnosis) -> Answer:
 
 
 def flagged(sentences: Sequence[str], truth: Truth, arm: Arm) -> bool:
-    """Whether a flag or a refusal names exactly this recording fault and its joints.
-
-    Args:
-        sentences: flags, or the message of an error.
-        truth: known change.
-        arm: joints of the robot.
-    """
+    """Whether a flag or a refusal names exactly this recording fault and its joints."""
     for head in (sentence.split(": ")[0].split(";")[0] for sentence in sentences if truth.fault):
         found = {j for j, joint in enumerate(arm.joints) if re.search(rf"(?<!\w){re.escape(joint)}(?!\w)", head)}
         whole = set(range(len(arm.joints)))
@@ -103,27 +170,14 @@ def flagged(sentences: Sequence[str], truth: Truth, arm: Arm) -> bool:
 
 
 def already_named(control: Answer, truth: Truth, arm: Arm) -> bool:
-    """Whether the control already names the truth, its twin or a containing law, or flags the fault.
-
-    Args:
-        control: answer without change.
-        truth: known change.
-        arm: joints of the robot.
-    """
+    """Whether the control already names the truth, its twin or a containing law, or flags the fault."""
     causes = [x for x in control.candidates if x.cause]
     named = any(relation(x, truth, arm) in (EXACT, TWIN) or contains(x, truth, arm) for x in causes)
     return named or flagged(control.sentences, truth, arm)
 
 
 def evaluate(answer: Answer, truth: Truth, control: Answer, arm: Arm) -> Evaluation:
-    """Evaluate one case.
-
-    Args:
-        answer: answer of its diagnosis.
-        truth: known change.
-        control: answer without change.
-        arm: joints of the robot.
-    """
+    """Evaluate one case."""
     old = {(x.effect, frozenset(x.joints)) for x in control.candidates}
     causes = [x for x in answer.candidates if x.cause]
     new = [x for x in causes if (x.effect, frozenset(x.joints)) not in old]

@@ -14,9 +14,8 @@ from typing import Any
 from rich.table import Table
 
 from ..summary import frame
-from .constants import Constant, Setting, setting
 from .summary import Share
-from .trials import label
+from .trials import Constant, Setting, label, setting
 
 SAME_ROBOT = {"rokae_sensor": "rokae", "psm_radiang": "psm"}  # robots of sets that are named otherwise
 RIGHT = ("first", "flag")  # outcomes that count
@@ -50,54 +49,29 @@ class Choice:
 
 
 def points(share: Share) -> float:
-    """Share in per cent; 0 without cases.
-
-    Args:
-        share: cases and their total.
-    """
+    """Share in per cent; 0 without cases."""
     return 100 * share.some / share.of if share.of else 0.0
 
 
 def robot_of(name: str) -> str:
-    """Robot of a set.
-
-    Args:
-        name: name of the set.
-    """
+    """Robot of a set."""
     return SAME_ROBOT.get(name, name)
 
 
 def settings_of(constants: Sequence[Constant]) -> list[Setting]:
-    """The present setting, then each other value of each constant alone.
-
-    Args:
-        constants: varied constants.
-    """
+    """The present setting, then each other value of each constant alone."""
     return [(), *(setting({one.name: value}) for one in constants for value in one.others)]
 
 
 def figure(rows: Sequence[Row], values: Setting, robots: Sequence[str]) -> Share:
-    """Fair cases of some robots that are named first or flagged under a setting.
-
-    Args:
-        rows: rows of all settings.
-        values: constants that are not as they are.
-        robots: robots that count.
-    """
+    """Fair cases of some robots that are named first or flagged under a setting."""
     name = label(values)
     own = [row for row in rows if row["setting"] == name and row.get("fair") and robot_of(row["set"]) in robots]
     return Share(sum(row["outcome"] in RIGHT for row in own), len(own))
 
 
 def choose(rows: Sequence[Row], constant: Constant, robots: Sequence[str], against: Sequence[str] = ()) -> float:
-    """Value of a constant under which most fair cases of some robots are named; the present one in a tie.
-
-    Args:
-        rows: rows of all settings.
-        constant: constant, varied alone.
-        robots: robots that count.
-        against: robots against which ties are decided.
-    """
+    """Value of a constant under which most fair cases of some robots are named; the present one in a tie."""
 
     def named(value: float) -> tuple[int, int]:
         alone = setting({constant.name: value})
@@ -123,13 +97,7 @@ def chosen_without(
 
 
 def leave_out(rows: Sequence[Row], constants: Sequence[Constant], robots: Sequence[str]) -> list[LeftOut]:
-    """Each robot under the present constants and under those that the others choose.
-
-    Args:
-        rows: rows of all settings, the chosen ones of each robot included.
-        constants: varied constants.
-        robots: all robots.
-    """
+    """Each robot under the present constants and under those that the others choose."""
     found = []
     for robot in robots:
         chosen, worst = (chosen_without(rows, constants, robot, robots, tie) for tie in (False, True))
@@ -138,24 +106,14 @@ def leave_out(rows: Sequence[Row], constants: Sequence[Constant], robots: Sequen
 
 
 def together(found: Sequence[LeftOut]) -> LeftOut:
-    """All robots in one.
-
-    Args:
-        found: each robot.
-    """
+    """All robots in one."""
     parts = ([getattr(one, key) for one in found] for key in ("usual", "left_out", "worst"))
     sums = (Share(sum(x.some for x in shares), sum(x.of for x in shares)) for shares in parts)
     return LeftOut("all", (), *sums)
 
 
 def choices(rows: Sequence[Row], constants: Sequence[Constant], robots: Sequence[str]) -> Iterator[Choice]:
-    """Yield for each constant what its values name, and the robots on which the choice of all depends.
-
-    Args:
-        rows: rows of all settings.
-        constants: varied constants.
-        robots: all robots.
-    """
+    """Yield for each constant what its values name, and the robots on which the choice of all depends."""
     for one in constants:
         best = choose(rows, one, robots)
         named = {x: figure(rows, setting({one.name: x}), robots) for x in one.values}
@@ -164,12 +122,7 @@ def choices(rows: Sequence[Row], constants: Sequence[Constant], robots: Sequence
 
 
 def tables(found: Sequence[LeftOut], varied: Sequence[Choice]) -> Iterator[Table]:
-    """Yield the table of the robots and that of the constants.
-
-    Args:
-        found: each robot.
-        varied: each constant.
-    """
+    """Yield the table of the robots and that of the constants."""
     names = ("robot", "chosen without it", "usual", "left out", "worst tie", "differences, points")
     table = frame("fair cases named first or flagged", names, left=2)
     for one in (*found, together(found)):
@@ -184,11 +137,7 @@ def tables(found: Sequence[LeftOut], varied: Sequence[Choice]) -> Iterator[Table
 
 
 def totals(found: Sequence[LeftOut]) -> dict[str, str]:
-    """Figures as text.
-
-    Args:
-        found: each robot.
-    """
+    """Figures as text."""
     every = together(found)
     return {
         "named first or flagged, constants as they are": str(every.usual),

@@ -19,13 +19,9 @@ from signid.errors import SignidError
 from signid.model import Model
 from signid.types import Recording
 
-from .band import Array, compare, ratios, ratios_apart, residual, rms
-from .case import Case
-from .cases import all_cases
-from .changes import Setup, identified_std
-from .evaluate import SURE, Answer, already_named, answer_of, evaluate
-from .names import Arm, label
-from .nature import KIND, concealed
+from .cases import KIND, all_cases, concealed
+from .changes import Array, Case, Setup, compare, identified_std, ratios, ratios_apart, residual, rms
+from .evaluate import SURE, Answer, Arm, already_named, answer_of, evaluate, label
 from .sets import RealSet, columns_of, read
 
 CONTROL = "control"
@@ -48,13 +44,7 @@ class Attempt:
 
 
 def run(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterator[Row]:
-    """Yield the rows of a set as they finish; a failing set yields a row with the reason.
-
-    Args:
-        one: set of recordings.
-        kinds: kinds of cases; empty: all.
-        limit: time limit of a diagnosis [s]; None: none.
-    """
+    """Yield the rows of a set as they finish; a failing set yields a row with the reason. No kinds: all."""
     try:
         yield from rows_of(one, kinds, limit)
     except Exception as error:  # one set must not end the others
@@ -64,13 +54,7 @@ def run(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterator[R
 
 
 def rows_of(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterator[Row]:
-    """Yield the control, then each case of a set.
-
-    Args:
-        one: set of recordings.
-        kinds: kinds of cases; empty: all.
-        limit: time limit of a diagnosis [s]; None: none.
-    """
+    """Yield the control, then each case of a set, each diagnosed within a limit [s]."""
     begun = begin(one, limit)
     setup, control, arm = begun.setup, begun.control, begun.arm
     yield _control(one, setup, control, arm)
@@ -101,12 +85,7 @@ class Begun:
 
 
 def begin(one: RealSet, limit: float | None = None) -> Begun:
-    """Identify A of a set and diagnose its control.
-
-    Args:
-        one: set of recordings.
-        limit: time limit of the diagnosis [s]; None: none.
-    """
+    """Identify A of a set and diagnose its control within a limit [s]."""
     robot = one.robot()
     a = tuple(read(one, robot, part) for part in one.a)
     b, c = read(one, robot, one.b), read(one, robot, one.c)
@@ -120,13 +99,7 @@ def begin(one: RealSet, limit: float | None = None) -> Begun:
 
 
 def attempt(model: Model, recordings: Sequence[Recording], limit: float | None) -> Attempt:
-    """Diagnose and measure processor time; a refusal or a crash is a result.
-
-    Args:
-        model: simulation model.
-        recordings: diagnosed recordings.
-        limit: time limit [s]; None: none.
-    """
+    """Diagnose within a limit [s] and measure processor time; a refusal or a crash is a result."""
     start = time.process_time()
     try:
         with signid.time_limit(limit) if limit else nullcontext(), _stopped(limit):
@@ -182,14 +155,9 @@ def _row(one: RealSet, setup: Setup, case: Case, found: Attempt, control: Attemp
 
 
 def judged(case: Case, found: Attempt, control: Attempt, arm: Arm, sizes: Array) -> Row:
-    """Evaluation of an attempt as a row.
+    """Evaluation of an attempt as a row; sizes: bound (n,) of the change [1].
 
-    Args:
-        case: known change.
-        found: its diagnosis.
-        control: diagnosis of the control; where it is `found`, none of its causes counts as old.
-        arm: joints of the robot.
-        sizes: bound (n,) of the change [1].
+    Where the attempt is the control itself, none of its causes counts as old.
     """
     old = replace(control.answer, candidates=()) if found is control else control.answer
     evaluation = evaluate(found.answer, case.truth, old, arm)
@@ -220,12 +188,7 @@ def _undone(setup: Setup, case: Case, found: Attempt) -> list[Row]:
 
 
 def bound(setup: Setup, case: Case) -> Array:
-    """Rms torque of the change over the rms residual of the control (n,) [1]; 0 without rows.
-
-    Args:
-        setup: model and recordings of the set.
-        case: known change.
-    """
+    """Rms torque of the change over the rms residual of the control (n,) [1]; 0 without rows."""
     try:
         changed = residual(case.model, case.b, setup.cutoff)
         if case.other:

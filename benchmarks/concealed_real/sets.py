@@ -121,25 +121,13 @@ def data() -> Path:
 
 
 def read(one: RealSet, robot: Robot, part: Part) -> Recording:
-    """Read a part of a set; currents are converted to torques.
-
-    Args:
-        one: set of recordings.
-        robot: robot of the set.
-        part: file and times.
-    """
+    """Read a part of a set; currents are converted to torques."""
     whole = signid.read_recording(data() / one.folder / f"{part.file}.csv.gz", robot)
     return rebuilt(robot, columns_of(whole, part.start, part.end))
 
 
 def columns_of(recording: Recording, start: float = -np.inf, end: float = np.inf) -> dict[str, np.ndarray]:
-    """Arrays (N,) and (N, n) of a recording between two times, by signal.
-
-    Args:
-        recording: recording of n joints.
-        start: first time [s].
-        end: end time, excluded [s].
-    """
+    """Arrays (N,) and (N, n) of a recording from a start to an end [s], excluded, by signal."""
     found = recording.read()
     inside = (found.t >= start) & (found.t < end)
     named = {key: getattr(found, key) for key in ("q", "tau", "dq", "ddq", "q_des")}
@@ -147,10 +135,5 @@ def columns_of(recording: Recording, start: float = -np.inf, end: float = np.inf
 
 
 def rebuilt(robot: Robot, columns: Mapping[str, np.ndarray]) -> Recording:
-    """Build a recording from arrays.
-
-    Args:
-        robot: robot with n joints.
-        columns: t (N,), q (N, n), tau (N, n) and so on.
-    """
+    """Build a recording from arrays: t (N,), q (N, n), tau (N, n) and so on."""
     return signid.read_recording(dict(columns), robot)

@@ -1,12 +1,15 @@
-"""Shares of the rows by kind of change and by set, and figures with targets."""
+"""Shares of the rows by kind of change and by set, figures with targets, and tables."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from rich.table import Table
+
+from ..summary import frame
 from .run import CONTROL
 
 Row = dict[str, Any]
@@ -38,21 +41,12 @@ class Cell:
 
 
 def changed(rows: Sequence[Row]) -> list[Row]:
-    """Select the rows of cases.
-
-    Args:
-        rows: all rows.
-    """
+    """Select the rows of cases."""
     return [row for row in rows if row["kind"] not in (CONTROL, "set")]
 
 
 def cell(name: str, rows: Sequence[Row]) -> Cell:
-    """Count outcomes over cases.
-
-    Args:
-        name: name of the cell.
-        rows: cases of the cell.
-    """
+    """Count outcomes over cases."""
     fair = [row for row in rows if row["fair"]]
     outcomes = dict(Counter(row["outcome"] for row in fair))
     numbers = [number for row in fair for number in row["numbers"]]
@@ -62,22 +56,13 @@ def cell(name: str, rows: Sequence[Row]) -> Cell:
 
 
 def cells(rows: Sequence[Row], key: Callable[[Row], str]) -> list[Cell]:
-    """Count outcomes by a key, in the order of the rows.
-
-    Args:
-        rows: all rows.
-        key: key of a row.
-    """
+    """Count outcomes by a key, in the order of the rows."""
     cases = changed(rows)
     return [cell(name, [r for r in cases if key(r) == name]) for name in dict.fromkeys(map(key, cases))]
 
 
 def totals(rows: Sequence[Row]) -> dict[str, str]:
-    """Figures with targets, as text (names are JSON keys).
-
-    Args:
-        rows: all rows.
-    """
+    """Figures with targets, as text (names are JSON keys)."""
     cases = changed(rows)
     fair = [row for row in cases if row["fair"]]
 
@@ -107,11 +92,7 @@ def totals(rows: Sequence[Row]) -> dict[str, str]:
 
 
 def reliability(rows: Sequence[Row]) -> list[tuple[str, int, float, float]]:
-    """Bins of the probability of the first new cause: name, number, mean probability, share of right ones.
-
-    Args:
-        rows: all rows.
-    """
+    """Bins of the probability of the first new cause: name, number, mean probability, share of right ones."""
     found = []
     for low, high in zip(EDGES, EDGES[1:], strict=False):
         some = [row for row in changed(rows) if row["probability"] and low <= row["probability"] < high]
@@ -122,14 +103,78 @@ def reliability(rows: Sequence[Row]) -> list[tuple[str, int, float, float]]:
 
 
 def worse(rows: Sequence[Row]) -> list[tuple[str, str, str, str, float, float]]:
-    """Joints that the extended model predicts worse: set, kind, case, joint, rms ratio, standard error of the square.
-
-    Args:
-        rows: all rows.
-    """
+    """Joints that the extended model predicts worse: set, kind, case, joint, rms ratio, error of the square."""
     return [
         (row["set"], row["kind"], row["what"], x["joint"], x["extended"] / x["given"], x["error"])
         for row in rows
         for x in row.get("unseen", [])
         if x["worse"]
     ]
+
+
+OUTCOMES = ("first", "flag", "list", "missed", "silent", "refused", "crash")
+
+
+def line(row: Row) -> str:
+    """One line of text for a finished case."""
+    fair = "" if "fair" not in row else f"bound {row['bound']:.2g} at {row['bound_joint']}"
+    if "fair" in row and not row["fair"]:
+        fair += ", named by the control" if row["known"] else ", too small"
+    text = "; ".join(row.get("causes", [])[:3]) or "; ".join(row["sentences"][:1])
+    lost = sum(x["worse"] for x in row.get("unseen", []))
+    worse_joints = f", {lost} of {len(row['unseen'])} worse" if row.get("unseen") else ""
+    parts = (row["set"], row["kind"], row["what"], row["outcome"], fair, text, f"{row['seconds']:.1f} s{worse_joints}")
+    return " | ".join(parts)
+
+
+def tables(rows: Sequence[Row]) -> Iterator[Table]:
+    """Yield tables of cases, counts, reliability and joints that the extended model predicts worse."""
+    yield _cases(rows)
+    yield _counts("fair cases by kind of change", cells(rows, lambda row: str(row["kind"])))
+    yield _counts("fair cases by set", cells(rows, lambda row: str(row["set"])))
+    table = frame("probability of the first new cause", ("P", "cases", "mean P", "right"))
+    for name, number, mean, right in reliability(rows):
+        table.add_row(name, str(number), f"{mean:.3f}", f"{right:.3f}")
+    yield table
+    table = frame("worse on recording C", ("set", "case", "", "joint", "rms ratio", "std error of the square"), left=4)
+    for robot, kind, what, joint, ratio, error in worse(rows):
+        table.add_row(robot, kind, what, joint, f"{ratio:.3f}", f"{error:.3f}")
+    yield table
+    table = frame("summary", ("", ""), left=2)
+    for key, value in totals(rows).items():
+        table.add_row(key, value)
+    yield table
+
+
+def _cases(rows: Sequence[Row]) -> Table:
+    names = ("set", "change", "", "bound", "at", "outcome", "first causes", "P", "numbers", "wrong, sure", "worse", "s")
+    table = frame("cases", names, left=3)
+    for row in rows:
+        fair = row.get("fair", True)
+        numbers = [f"{x['key']} {x['value']:.3g} ± {x['std']:.2g} for {x['truth']:.3g}" for x in row.get("numbers", [])]
+        lost = sum(x["worse"] for x in row.get("unseen", []))
+        table.add_row(
+            row["set"],
+            row["kind"],
+            row["what"],
+            f"{row['bound']:.2g}{'' if fair else ' known' if row['known'] else ' small'}" if "bound" in row else "",
+            row.get("bound_joint", ""),
+            row["outcome"] + (" (twin)" if row.get("relation") == "twin" else ""),
+            "\n".join(row.get("causes", [])[:2]) or "\n".join(x[:60] for x in row["sentences"][:1]),
+            f"{row['probability']:.3f}" if row.get("probability") else "",
+            "\n".join(numbers[:3]),
+            str(len(row.get("sure", [])) or ""),
+            f"{lost} of {len(row['unseen'])}" if row.get("unseen") else "",
+            f"{row['seconds']:.1f}",
+            style="" if fair else "dim",
+        )
+    return table
+
+
+def _counts(title: str, found: Sequence[Cell]) -> Table:
+    names = ("", "cases", "fair", *OUTCOMES, "first new", "wrong, sure", "numbers within")
+    table = frame(title, names)
+    for one in found:
+        counts = [one.cases, one.fair, *(one.outcomes.get(key, 0) for key in OUTCOMES), one.first_new, one.sure]
+        table.add_row(one.name, *(str(x or "") for x in counts), str(one.within))
+    return table

@@ -1,37 +1,161 @@
-"""Rows of all cases under several settings of the tuned constants, kept in a folder."""
+"""Rows of all cases under several settings of the tuned constants of diagnosis, kept in a folder."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+import pkgutil
+import sys
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from signid.errors import InputError
 from signid.model import Model
 from signid.types import Recording
 
-from .case import Case
-from .constants import Setting, applied
+from .changes import Case
 from .run import Attempt, Begun, attempt, begin, bound, judged
 from .sets import RealSet
-from .shared import Memory, shared_steps
+
+ROOT = "signid.diagnose"
+SEARCH, BESIDE_MISFIT, CONCLUSION = "search", "search beside a known misfit", "conclusion"  # first reader of a constant
+Setting = tuple[tuple[str, float], ...]  # names and values of the constants that are not as they are, sorted
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A tuned constant and the values that it is compared with."""
+
+    name: str
+    module: str  # its home, below signid.diagnose
+    step: str  # SEARCH, BESIDE_MISFIT or CONCLUSION
+    others: tuple[float, ...]
+
+    @property
+    def present(self) -> float:
+        """Its present value."""
+        return float(getattr(import_module(f"{ROOT}.{self.module}"), self.name))
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The present value, then the others."""
+        return (self.present, *self.others)
+
+
+TABLE = (
+    Constant("MISFIT_GROWTH", "evidence.thresholds", BESIDE_MISFIT, (1.5, 3.0)),
+    Constant("FIRST_LOG_ODDS", "search.thresholds", SEARCH, (3.0, 6.0)),
+    Constant("NEXT_LOG_ODDS", "search.thresholds", SEARCH, (2.0, 5.0)),
+    Constant("NOISE_ERROR", "search.thresholds", SEARCH, (1.0, 1.8)),
+    Constant("CAUSE_SHARE", "findings.thresholds", CONCLUSION, (0.07, 0.3)),
+    Constant("REPLACEMENT_RATIO", "findings.thresholds", CONCLUSION, (1.1, 2.5)),
+    Constant("WORSE_WEIGHT", "findings.thresholds", CONCLUSION, (1.0, 6.0)),
+    Constant("LEAST_GAIN", "findings.thresholds", CONCLUSION, (0.5, 2.0)),
+    Constant("SAME_PREDICTION", "findings.thresholds", CONCLUSION, (0.05, 0.2)),
+    Constant("SAID", "findings.thresholds", CONCLUSION, (0.3, 0.7)),
+)
+CONSTANTS = {one.name: one for one in TABLE}
+
+
+def setting(values: Mapping[str, float]) -> Setting:
+    """Setting of some constants, without those that keep their present value."""
+    return tuple(sorted((name, float(x)) for name, x in values.items() if float(x) != CONSTANTS[name].present))
+
+
+@contextmanager
+def applied(values: Setting) -> Iterator[None]:
+    """Set constants in each module of signid.diagnose that holds them, and restore them in the end."""
+    _import_all()
+    changed = [(module, name, module.__dict__[name]) for name, _ in values for module in _holders(name)]
+    wanted = dict(values)
+    try:
+        for module, name, _ in changed:
+            setattr(module, name, wanted[name])
+        yield
+    finally:
+        for module, name, before in changed:
+            setattr(module, name, before)
+
+
+def _holders(name: str) -> list[ModuleType]:
+    """Modules that hold the very object of a constant."""
+    own = getattr(sys.modules[f"{ROOT}.{CONSTANTS[name].module}"], name)
+    below = [x for key, x in list(sys.modules.items()) if key.startswith(f"{ROOT}.")]
+    return [x for x in below if x.__dict__.get(name) is own]
+
+
+def _import_all() -> None:
+    """Import every module of signid.diagnose: a later import would copy a value that is set for a while."""
+    for found in pkgutil.walk_packages(import_module(ROOT).__path__, f"{ROOT}."):
+        import_module(found.name)
+
+
+RUN = import_module("signid.diagnose.run")
+Memory = dict[Hashable, Any]
+
+
+@contextmanager
+def shared_steps(memory: Memory, values: Setting) -> Iterator[None]:
+    """Reuse prepared recordings, rows and searches of earlier diagnoses of the same case; leave out the roll-outs.
+
+    The same model and recordings are diagnosed each time. An identified model is asked two questions, with and without
+    its misfit, so rows and searches are kept for each. A search is reused only where no constant that it reads differs.
+    """
+
+    def select_key(data: Any, *_: Any) -> Hashable:
+        known = data.model.misfit is not None
+        read = {SEARCH, BESIDE_MISFIT} if known else {SEARCH}
+        return "select", known, tuple(x for x in values if CONSTANTS[x[0]].step in read)
+
+    before = {name: getattr(RUN, name) for name in ("prepare_session", "build_in_time", "select", "roll_out")}
+    kept = {
+        "prepare_session": _kept(memory, before["prepare_session"], lambda model, *_: "prepare"),
+        "build_in_time": _kept(memory, before["build_in_time"], lambda model, *_: ("build", model.misfit is None)),
+        "select": _kept(memory, before["select"], select_key),
+        "roll_out": _no_roll_out,
+    }
+    try:
+        for name, function in kept.items():
+            setattr(RUN, name, function)
+        yield
+    finally:
+        for name, function in before.items():
+            setattr(RUN, name, function)
+
+
+def _kept(memory: Memory, function: Callable[..., Any], key: Callable[..., Hashable]) -> Callable[..., Any]:
+    """Function that is called once per key."""
+
+    def call(*given: Any) -> Any:
+        name = key(*given)
+        if name not in memory:
+            memory[name] = function(*given)
+        return memory[name]
+
+    return call
+
+
+def _no_roll_out(*_: Any, **__: Any) -> Any:
+    raise InputError("roll-outs change no name")
+
 
 SOURCES = Path(__file__).parents[2]
-MADE_BY = ("band", "case", "cases", "changes", "evaluate", "names", "nature", "payloads", "run", "sets")
+MADE_BY = ("cases", "changes", "evaluate", "run", "sets")
 KEPT = ("set", "kind", "what", "outcome", "fair", "known", "causes", "seconds")  # columns of a row in the folder
 Row = dict[str, Any]
 
 
 def fill(one: RealSet, settings: Sequence[Setting], folder: Path) -> None:
-    """Diagnose the cases of a set that the folder lacks under these settings, and append their rows.
+    """Diagnose the cases of a set that SET.jsonl of the folder lacks under these settings, and append their rows.
 
-    Args:
-        one: set of recordings.
-        settings: constants that are not as they are; `()` for none.
-        folder: where `SET.jsonl` is kept; rows of another version of the code do not count.
+    Rows of another version of the code do not count.
     """
     code, done = digest(), {(row["setting"], row["what"], row["kind"]) for row in load(folder, [one.name])}
     if all((label(x), "all", "end") in done for x in settings):
@@ -50,23 +174,14 @@ def fill(one: RealSet, settings: Sequence[Setting], folder: Path) -> None:
 
 
 def load(folder: Path, sets: Sequence[str]) -> list[Row]:
-    """Rows of the folder that this version of the code made.
-
-    Args:
-        folder: where `SET.jsonl` is kept.
-        sets: names of sets.
-    """
+    """Rows of the folder that this version of the code made."""
     code, files = digest(), [folder / f"{name}.jsonl" for name in sets]
     rows = [json.loads(line) for file in files if file.exists() for line in file.read_text("utf-8").splitlines()]
     return [row for row in rows if row["code"] == code]
 
 
 def label(values: Setting) -> str:
-    """Text of a setting, such as `SAID=0.3`.
-
-    Args:
-        values: constants that are not as they are.
-    """
+    """Text of a setting, such as `SAID=0.3`."""
     return ", ".join(f"{name}={x:g}" for name, x in values)
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..one_thread import ONE_THREAD
+from ..summary import ONE_THREAD
 from .worker import STATE, Progress
 
 READERS = "benchmarks.fuzz.sources"

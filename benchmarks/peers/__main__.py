@@ -22,13 +22,10 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from ..one_thread import one_thread
-from ..summary import finite
+from ..summary import finite, one_thread
 from .ask import Peer
-from .faults import Arm, cases
-from .job_files import describe
-from .row import Row, measure
-from .show import tables
+from .job import Arm, cases, describe
+from .results import Row, measure, tables
 
 DURATIONS, SHORT = (
     (40.0, 20.0, 10.0),

@@ -13,13 +13,7 @@ class Peer:
     """Process that answers each input line, the name of a folder, with a line of JSON."""
 
     def __init__(self, script: str, pythons: Sequence[str], folder: Path) -> None:
-        """Start the script with the first suitable Python; without one, `ask` returns None.
-
-        Args:
-            script: file next to this one.
-            pythons: paths of Python interpreters.
-            folder: working folder of the process.
-        """
+        """Start the script with the first suitable Python; without one, `ask` returns None."""
         self.version, self._process = "", None
         for python in pythons:
             path = [str(Path(python).absolute()), str((Path(__file__).parent / script).absolute())]

@@ -11,25 +11,91 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from signid.errors import SignidError
+from signid.regression.motion import Motion
+from signid.simulation.rollout.joints import restrict_joints
 
 from ..blackbox import methods
-from ..blackbox.task import build
+from ..blackbox.task import Task, build
 from ..concealed_real.sets import SETS
-from ..one_thread import one_thread
-from ..summary import finite, frame, print_targets
-from .check import check, size
-from .specification import specifications
-from .stretches import PARTS, set_files
-from .write import missing, refusal, write_readme, write_set, write_specification
+from ..summary import finite, frame, one_thread, print_targets
+from .specification import Model, read, specifications
+from .write import PARTS, SetFiles, missing, refusal, set_files, write_readme, write_set, write_specification
+
+Builder = Callable[[Any], Model]  # context of IdentiBench -> model
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Scores of a set by IdentiBench."""
+
+    zero: float  # headline of a model that predicts no torque
+    affine: float  # headline of a fit of an affine function
+    least_squares: float  # headline of signid's least squares; 1 if all rows agree
+    difference: float  # largest relative difference of its rms from `benchmarks.blackbox`, over joints
+
+
+def zero(context: Any) -> Model:
+    """Build the model that predicts zero torque."""
+    width = len(context.spec.y_cols)
+    return lambda u, y_init, attributes: np.zeros((len(u), width))
+
+
+def affine(context: Any) -> Model:
+    """Fit torque by an affine function of q, dq, ddq and the signs of dq, on training and validation rows."""
+    spec = context.spec
+    columns, targets = [], []
+    for path in (*spec.train_files(), *spec.valid_files()):
+        u, y, rows, _ = read(path, spec.task.joints)
+        columns.append(rows(_features(u)))
+        targets.append(np.where(rows.counts, rows(y), np.nan))
+    x, tau = np.concatenate(columns), np.concatenate(targets)
+    counts = np.isfinite(tau).T
+    weights = np.column_stack([np.linalg.lstsq(x[own], t[own])[0] for t, own in zip(tau.T, counts, strict=True)])
+    return lambda u, y_init, attributes: _features(u) @ weights
+
+
+def least_squares(task: Task) -> Builder:
+    """Builder of the least-squares model of a task; it is fitted to the recordings, not to the files."""
+    own = restrict_joints(task.least_squares, [task.c])[0]
+
+    def model(u: Any, y_init: Any, attributes: dict[str, Any]) -> Any:
+        q, v, a = np.split(np.asarray(u, float), 3, axis=1)
+        t = np.arange(len(u)) / float(attributes["fs"])
+        return own.inverse(Motion(own.robot, t, q, v, a, slow=np.asarray(attributes["slow"], float)))
+
+    return lambda context: model
+
+
+def check(spec: Any, found: SetFiles) -> Checked:
+    """Run three models through IdentiBench."""
+    from identibench import run_benchmark
+
+    scores = [run_benchmark(spec, build, seed=0) for build in (zero, affine, least_squares(found.task))]
+    here = np.array([scores[-1]["test_sets"]["test"][f"rms_{joint}"] for joint in found.task.joints])
+    there = np.array(found.least_squares_rms)
+    return Checked(*(x["metric_score"] for x in scores), float(np.nanmax(np.abs(here / there - 1))))
+
+
+def size(place: Path) -> float:
+    """Size of the files of a set [MB]."""
+    return sum(x.stat().st_size for x in place.rglob("*.hdf5")) / 1e6
+
+
+def _features(u: Any) -> np.ndarray:
+    u = np.asarray(u, float)
+    n = u.shape[1] // 3
+    return np.column_stack([u, np.sign(u[:, n : 2 * n]), np.ones(len(u))])
+
 
 CLOSE = 1e-4  # [1] largest relative difference of least squares: files have single precision
 Row = dict[str, Any]
@@ -74,11 +140,7 @@ def main() -> int:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Table with one line per set.
-
-    Args:
-        rows: figures of the sets.
-    """
+    """Table with one line per set."""
     names = ("set", "joints", "Hz", "MB", *(f"rows, {part}" for part in PARTS), "zero", "affine", "least squares")
     out = frame("rows per joint, and rms over least squares by IdentiBench", (*names, "difference"))
     for row in rows:

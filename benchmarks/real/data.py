@@ -62,15 +62,7 @@ def without(model: Model, names: Iterable[str]) -> Model:
 
 
 def blocks(source: Recording, robot: Robot, seconds: float, every: int, folder: Path) -> tuple[list[Recording], ...]:
-    """Split a recording into blocks and hold out every n-th: training and held-out blocks.
-
-    Args:
-        source: recording with positions and torques.
-        robot: robot of the recording.
-        seconds: length of a block [s].
-        every: interval of held-out blocks.
-        folder: folder of the block files.
-    """
+    """Split a recording into blocks of some seconds and hold out every n-th: training and held-out blocks."""
     whole = source.read()
     table = {"t": whole.t}
     for j, joint in enumerate(source.joints):

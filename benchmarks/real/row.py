@@ -72,14 +72,7 @@ class Row:
 
 
 def attempt(robot: str, concealed: str, run: Callable[[], Diagnosis], targets: Targets) -> tuple[Row, Diagnosis | None]:
-    """Run, time and evaluate a diagnosis; a refusal gives a row without targets.
-
-    Args:
-        robot: name of the robot.
-        concealed: description of the physics missing in the simulation.
-        run: function that runs the diagnosis.
-        targets: function that compares a diagnosis with the targets.
-    """
+    """Run, time and evaluate a diagnosis; a refusal gives a row without targets."""
     start = time.process_time()
     try:
         diagnosis = run()

@@ -2,7 +2,8 @@
 
 MuJoCo moves the healthy robots of the blind benchmark, every second one with 5 % wrong inertials and creeping dry
 friction. Faults are planted in the columns of their recordings. Each fault must be found at its joints, and nothing
-else. Intact recordings, and those of robots with an effect of 15 % of torque (`--effects`), must pass.
+else. Intact recordings, and those of robots with an effect of 15 % of torque (`--effects`), must pass. `--senseless`:
+answers of check, identify and diagnose to senseless recordings of the 3r.
 """
 
 from __future__ import annotations
@@ -11,25 +12,76 @@ import argparse
 import json
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
 from rich.console import Console
 from rich.table import Table
 
+import signid
+from signid.check import check
 from signid.model import Model, load_model
 from signid.recording import read_recording
 from signid.recording_faults import RecordingFault, examine
 from signid.regression.prepare import prepare
+from signid.types import Recording, Robot
 
 from ..concealed.cases import Case, cases
 from ..concealed.session import make
-from ..one_thread import one_thread
-from .commands import answers, show as show_answers
-from .faults import ALONE, FAULTS, Columns, spoiled
+from ..summary import one_thread
+from .faults import ALONE, FAULTS, spoiled
+from .senseless import Columns, senseless
+
+ROBOT = Path(__file__).parents[2] / "robots" / "3r"
+COMMANDS = ("check", "identify", "diagnose")
+
+
+class Said(NamedTuple):
+    """Exit codes of the three commands for a recording, and the first sentence."""
+
+    name: str
+    codes: tuple[int, ...]  # 0 silent, 2 refused, 3 flagged
+    sentence: str
+
+
+def answers() -> Iterator[Said]:
+    """Yield the answers for the good recording, and for each senseless one."""
+    robot, model = signid.load_robot("3r"), signid.load_model("3r")
+    rows, other = (signid.read_recording(ROBOT / f"{name}.parquet", robot).read() for name in ("recording", "held_out"))
+    made: dict[str, Columns] = {"good": {"t": rows.t, "q": rows.q, "tau": rows.tau}}
+    for name, columns in (made | senseless(rows.t, rows.q, rows.tau, other.tau)).items():
+        results = [_answer(command, robot, model, columns) for command in COMMANDS]
+        sentence = next((flags[0] for _, flags in results if flags), "")
+        yield Said(name, tuple(code for code, _ in results), sentence)
+
+
+def _answer(command: str, robot: Robot, model: Model, columns: Columns) -> tuple[int, tuple[str, ...]]:
+    """Exit code and flags."""
+    runs: dict[str, Callable[[Recording], tuple[str, ...]]] = {
+        "check": lambda recording: check(robot, [recording]).flags,
+        "identify": lambda recording: signid.identify(robot, [recording]).flags,
+        "diagnose": lambda recording: tuple(signid.diagnose(model, [recording]).flags),
+    }
+    try:
+        flags = runs[command](signid.read_recording(columns, robot))
+    except ValueError as error:
+        return 2, (str(error),)
+    return (3 if flags else 0), flags
+
+
+def show_answers(found: list[Said]) -> Table:
+    """Table of exit codes and first sentences."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for head in ("recording", *COMMANDS, "first sentence"):
+        table.add_column(head, no_wrap=True)
+    for said in found:
+        table.add_row(said.name, *map(str, said.codes), said.sentence[:100])
+    return table
+
 
 ROBOTS = ("1r", "3r", "ur5", "panda", "kinova", "xarm7", "z1")
 COMMANDED = "torque_saturation"  # records the commanded torque, so `unexplained torque` is a correct finding

@@ -23,11 +23,10 @@ from rich.table import Table
 
 from signid.errors import SignidError
 
-from ..one_thread import one_thread
-from ..summary import finite
-from . import bullet, constants, hobby, paper, real, show, simulated, speed, targets
-from .row import Row, TargetResult
+from ..summary import finite, one_thread
+from . import paper, real, simulated, speed, summary
 from .summary import reliability, summarise
+from .trial import Row, TargetResult
 
 NEED_DATA = ("paper", "real", "hobby", "speed")
 Tables = tuple[Table, ...]
@@ -51,7 +50,7 @@ class Bench:
     def paper(self) -> Tables:
         """Recordings of the paper, by both methods."""
         rows = self.add(paper.rows(tree=not self.quick))
-        self.results += targets.of_rows(rows)
+        self.results += summary.of_rows(rows)
         keys = ("case", "method", "segments", "mixed", "samples", "b", "error", "off", "seconds", "proof", "nodes")
         more = (
             ("paper", lambda row: f"{paper.PAPER[row.case.partition(',')[0]]:.1e}"),
@@ -59,52 +58,52 @@ class Bench:
             ("signed", lambda row: f"{row.error_known:.1e}"),
             ("held out, N.m", lambda row: f"{max(row.held_out):.1e}"),
         )
-        return (show.show_rows("recordings of the paper: 1R and 3R, no noise", rows, keys, more),)
+        return (summary.show_rows("recordings of the paper: 1R and 3R, no noise", rows, keys, more),)
 
     def table(self) -> Tables:
         """Coefficient table of the paper."""
-        self.results.append(targets.of_table())
-        return show.show_entries(), show.show_identifiable(), show.show_quoted()
+        self.results.append(summary.of_table())
+        return summary.show_entries(), summary.show_identifiable(), summary.show_quoted()
 
     def bullet(self) -> Tables:
         """Arm in PyBullet."""
-        rows = self.add(bullet.rows(2 if self.quick else bullet.MOTIONS, self.workers))
-        self.results += targets.of_rows(rows)
+        rows = self.add(paper.bullet_rows(2 if self.quick else paper.MOTIONS, self.workers))
+        self.results += summary.of_rows(rows)
         keys = ("case", "segments", "mixed", "samples", "b", "off", "ratio", "worse", "seconds", "proof", "flags")
         more = (
             ("ten, error", lambda row: f"{row.error:.2g}"),
             ("signed", lambda row: f"{row.error_known:.2g}"),
             ("ratio", lambda row: f"{row.error / row.error_known:.2f}"),
         )
-        return (show.show_rows("3R in PyBullet, 2 % noise", rows, keys, more),)
+        return (summary.show_rows("3R in PyBullet, 2 % noise", rows, keys, more),)
 
     def real(self) -> Tables:
         """Real robots."""
         rows = self.add(real.rows())
-        self.results += targets.of_rows(rows)
+        self.results += summary.of_rows(rows)
         keys = ("case", "segments", "mixed", "samples", "small", "b", "off", "worse", "seconds", "proof", "flags")
-        return (show.show_rows("real robots, signs removed", rows, keys, (("robot", lambda row: row.group),)),)
+        return (summary.show_rows("real robots, signs removed", rows, keys, (("robot", lambda row: row.group),)),)
 
     def hobby(self) -> Tables:
         """Recordings with unknown true signs."""
-        report = hobby.report()
+        report = real.report()
         self.more["hobby"] = asdict(report)
-        self.results.append(targets.of_hobby(report))
-        return (show.show_hobby(report),)
+        self.results.append(summary.of_hobby(report))
+        return (summary.show_hobby(report),)
 
     def simulated(self) -> Tables:
         """Arms of six and seven joints."""
         rows = self.add(simulated.rows(1 if self.quick else simulated.SEEDS, self.workers))
-        self.results += targets.of_groups(rows)
-        return (show.show_groups("arms of six and seven joints in MuJoCo", summarise(rows)),)
+        self.results += summary.of_groups(rows)
+        return (summary.show_groups("arms of six and seven joints in MuJoCo", summarise(rows)),)
 
     def constants(self) -> Tables:
         """Currents with unknown torque constants."""
-        found = list(constants.found(workers=self.workers))
-        kinds = list(constants.summarise(found))
+        found = list(simulated.found(workers=self.workers))
+        kinds = list(simulated.summarise(found))
         self.more |= {"constants": [asdict(one) for one in found], "kinds": [asdict(kind) for kind in kinds]}
-        self.results += targets.of_constants(kinds)
-        return (show.show_constants(kinds),)
+        self.results += summary.of_constants(kinds)
+        return (summary.show_constants(kinds),)
 
     def speed(self) -> Tables:
         """Speed of the exact search against the classical tree and its fast form."""
@@ -116,8 +115,8 @@ class Bench:
     def confidence(self) -> Tables:
         """Calibration of the confidence over all runs."""
         bins = list(reliability(self.rows))
-        self.results += [targets.of_bins(bins), targets.of_all(self.rows)]
-        return (show.show_bins(bins),)
+        self.results += [summary.of_bins(bins), summary.of_all(self.rows)]
+        return (summary.show_bins(bins),)
 
 
 WORDS = {True: ("met", ""), False: ("NOT MET", "red"), None: ("info", "")}

@@ -9,21 +9,54 @@ from dataclasses import dataclass
 import numpy as np
 from rich.table import Table
 
+from signid.errors import OptionError
 from signid.recording.sampling import survey
 from signid.signs.infer import infer
 from signid.signs.observations import Observed, observe
-from signid.signs.search.problem import Segment, build_problem
+from signid.signs.search.problem import Segment, SignProblem, build_problem
 from signid.signs.segments import threshold_runs
 from signid.signs.tree.condition import condition_order
-from signid.signs.tree.tree import WIDTH
+from signid.signs.tree.tree import LOST, WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
 from signid.types import Indices
 
 from ..summary import frame
 from . import paper, real
-from .beam import beam
-from .row import Row, TargetResult
-from .trial import Puzzle, attempt
-from .truth import Array, majority
+from .trial import Array, Puzzle, Row, TargetResult, attempt, majority
+
+SOLVERS = ("pseudo-inverse", "factor")
+
+
+def beam(
+    problem: SignProblem, order: Indices, start: int, width: int = WIDTH, solve: str = "pseudo-inverse"
+) -> TreeResult:
+    """Search the tree with linear least squares at every node; an undetermined sign is arbitrary.
+
+    Args:
+        problem: segments of the problem.
+        order: order of the segments in the tree (S,).
+        start: number of segments before nodes are dropped.
+        width: number of nodes kept per level.
+        solve: "pseudo-inverse" of the Gram matrix for every node, or "factor" once per level, with the same result.
+
+    Raises:
+        OptionError: `solve` is unknown, or the width is not positive.
+    """
+    if solve not in SOLVERS:
+        raise OptionError(f"unknown solver {solve!r}; choose from {', '.join(SOLVERS)}")
+    node, nodes = grow(problem, order, start, width, _by_pseudo_inverse if solve == SOLVERS[0] else _by_factor)
+    signs = in_place(node.signs, order)
+    return TreeResult(signs, problem.back @ problem.coordinates(signs), node.loss, nodes, nodes)
+
+
+def _by_pseudo_inverse(level: TreeLevel, right: Array) -> TreeNode:
+    z = np.linalg.pinv(level.gram, rcond=LOST, hermitian=True) @ right
+    return TreeNode(max(level.energy - float(right @ z), 0.0), z, 1)
+
+
+def _by_factor(level: TreeLevel, right: Array) -> TreeNode:
+    z = level.turn @ right
+    return TreeNode(max(level.energy - float(z @ z), 0.0), z, 1)
+
 
 TIMES = 400.0  # lower bound on the speed-up, end to end [1]
 STRIDE = 20  # every STRIDE-th tree level is timed
@@ -55,12 +88,7 @@ class Race:
 
 
 def races(done: Sequence[Row], tree: bool = True) -> Iterator[Race]:
-    """Compare with the tree by NLopt on both arms of the paper, and by pseudo-inverses on a Panda.
-
-    Args:
-        done: existing rows.
-        tree: whether to run the tree by NLopt.
-    """
+    """Compare with the tree by NLopt on both arms of the paper, and by pseudo-inverses on a Panda."""
     arms = [row for row in done if row.group == "3R" and "anew" not in row.case] if tree else []
     if tree and not any(row.method == "tree" for row in arms):
         puzzles = [puzzle for puzzle in paper.puzzles(anew=False) if puzzle.group == "3R"]
@@ -93,14 +121,9 @@ def beaten(puzzle: Puzzle) -> Iterator[Race]:
 
 
 def stacked_time(observed: Observed, segments: Sequence[Segment], order: Indices) -> float:
-    """Time [s] of a tree with a pseudo-inverse of all rows of the segments at every node, as in the authors' programs.
+    """Time [s] of a tree with a pseudo-inverse of all rows of the segments (S,) at every node, as its authors do.
 
     All nodes of a level take equal time; levels without timing are extrapolated from the timed ones.
-
-    Args:
-        observed: observed rows.
-        segments: segments (S).
-        order: order of the segments in the tree (S,).
     """
     rows = [observed.rows(segments[i].joint, slice(segments[i].start, segments[i].stop)) for i in order]
     total = 0.0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..plants.bodies import Body, Drives
 from ..plants.control import STEP, Reference, gains
-from ..plants.mujoco_model import build, dofs, inverse, mean_inertia
+from ..plants.mujoco_ import build, dofs, inverse, mean_inertia
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""The base-parameter job by figaroh 1.0.2, run by its own Python: `python figaroh_.py FOLDER`.
+"""The base-parameter job by figaroh 1.0.2, run by its own Python: `python figaroh_regressor.py FOLDER`.
 
 FOLDER contains robot.urdf, train.npz and test.npz (q, v, a, tau). Each line "run" on standard input runs the job once
 and prints its times, until the input ends. Steps: regressor, elimination of zero columns, double QR, solution.

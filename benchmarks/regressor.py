@@ -15,16 +15,18 @@ import platform
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from subprocess import PIPE, Popen
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
+from scipy.linalg import cho_factor, cho_solve
 
 from signid.estimation.least_squares import estimate
 from signid.identify import identify
@@ -34,19 +36,93 @@ from signid.regression.motion import Motion
 from signid.regression.prepare import prepare
 from signid.regression.regressor import base_rows
 from signid.regression.session import Options, Session
-from signid.types import Recording, Robot
+from signid.robot import hold, load_robot
+from signid.types import BaseMap, Recording, Robot
 
-from ..arms import base_parameters
-from ..one_thread import one_thread
-from ..plants.bodies import Body, bare
-from ..summary import print_targets
-from .job import RATE, ROBOTS, SAMPLES, Array, Track, drives, load, move
-from .plain import plain
+from .arms import base_parameters
+from .plants.bodies import Body, Drives, bare
+from .summary import one_thread, print_targets
+
+Array = NDArray[np.float64]
+
+ROBOTS = {"panda": ("panda_finger_joint1",), "ur10": ()}  # joints held at zero
+SAMPLES, RATE, PERIOD, HARMONICS, REACH = (
+    10_000,
+    100.0,
+    10.0,
+    5,
+    1.8,
+)  # samples, rate [Hz], period [s], harmonics, amplitude [rad]
+DRIVES = {
+    "armature": (0.8, 0.1),
+    "viscous_friction": (3.0, 0.3),
+    "coulomb_friction": (6.0, 0.5),
+}  # from base to tip [kg.m2], [N.m.s/rad], [N.m]
+
+
+class Track(NamedTuple):
+    """True motion and torque of an arm."""
+
+    q: Array  # (N, n) [rad]
+    v: Array  # (N, n) [rad/s]
+    a: Array  # (N, n) [rad/s2]
+    tau: Array  # (N, n) [N.m]
+
+
+def load(name: str) -> Robot:
+    """Load the arm with fingers held."""
+    return hold(load_robot(name), dict.fromkeys(ROBOTS[name], 0.0))
+
+
+def move(robot: Robot, seed: int) -> Track:
+    """Draw a motion of five harmonics and compute its torque."""
+    n, order = len(robot.joints), np.arange(1, HARMONICS + 1)
+    sines, cosines = np.random.default_rng(seed).standard_normal((2, n, HARMONICS))
+    size = REACH / np.sum(np.hypot(sines, cosines), axis=1)[:, None] * (sines + 1j * cosines)
+    t, w = np.arange(SAMPLES) / RATE, 2 * np.pi * order / PERIOD
+    q, v, a = (np.imag(np.exp(1j * np.outer(t, w)) @ (size * (1j * w) ** k).T) for k in range(3))
+    own = drives(robot)
+    rubbing = own.viscous_friction * v + own.coulomb_friction * np.sign(v)
+    return Track(q, v, a, Motion(robot, t, q, v, a).load + own.armature * a + rubbing)
+
+
+def drives(robot: Robot) -> Drives:
+    """True drives of the robot."""
+    n = len(robot.joints)
+    return replace(Drives.none(n), **{name: np.linspace(*ends, n) for name, ends in DRIVES.items()})
+
+
+def plain(robot: Robot, base: BaseMap, effects: Sequence[str], track: Track, solve: bool = True) -> Callable[[], Array]:
+    """Return a function that solves the job with known base columns and all rows in memory."""
+    moves = [bool(row.any()) for row in robot.drive]
+    still = [k + 1 for k, moving in enumerate(moves) if not moving]
+    model = pin.buildReducedModel(robot.model, still, pin.neutral(robot.model)) if still else robot.model
+    data, (q, v, a, tau), n = model.createData(), track, model.nv
+    place = np.repeat(np.cumsum(moves) - 1, 10) * 10 + np.tile(np.arange(10), len(moves))
+    rigid = [int(place[k]) for k in base.independent if base.labels[k].body is not None]
+    others = [base.labels[k] for k in base.independent if base.labels[k].body is None]
+    signals = {"armature": a, "viscous_friction": v, "coulomb_friction": np.sign(v), "torque_offset": np.ones_like(v)}
+    whole, columns = np.empty((SAMPLES, n, 10 * n)), np.zeros((SAMPLES, n, base.rank))
+
+    def run() -> Array:
+        compute = pin.computeJointTorqueRegressor
+        for i in range(SAMPLES):
+            whole[i] = compute(model, data, q[i], v[i], a[i])
+        if not solve:
+            return whole
+        columns[:, :, : len(rigid)] = whole[:, :, rigid]
+        for k, label in enumerate(others, len(rigid)):
+            columns[:, label.joint, k] = signals[effects[label.law or 0]][:, label.joint]
+        x = columns.reshape(-1, base.rank)
+        return np.asarray(cho_solve(cho_factor(x.T @ x), x.T @ tau.ravel()))
+
+    return run
+
 
 BARE = Options(cutoff=np.inf, derivatives="recorded", whiten=False)  # equivalent to the plain loop
 TOKEN = 200  # held-out samples, few because validation is not timed
 LIMIT, FASTER, AGREE = 1.5, 10.0, 1e-9  # bounds [1]: time over the floor, speed over figaroh, relative error
-PEER = Path(__file__).parent / "figaroh_.py"
+PEER = Path(__file__).parent / "peers" / "figaroh_regressor.py"
 LOOP, PLAIN = "Pinocchio's loop alone", "floor: + least squares"
 SAME, READY, DEFAULT, WHOLE = "signid, same job", "signid, + prepare()", "signid, by default", "signid, identify()"
 FIGAROH = "figaroh 1.0.2"

@@ -1,1 +1,0 @@
-"""Identification of a pendulum in Bullet with and without the signs of its torque."""

@@ -1,1 +1,0 @@
-"""Tables of public benchmarks with the rows that others published."""

@@ -1,1 +1,0 @@
-"""Speed of base-parameter identification: one job for signid, Pinocchio and figaroh."""
