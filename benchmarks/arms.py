@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from signid.regression.session import Session
 from signid.robot import load_robot
-from signid.types import BaseMap, Law, Robot
+from signid.types import Array, BaseMap, Law, Robot
 
 from .plants.bodies import Drives
 from .record_3r import CENTRE, DRIVES, JOINTS, RATE
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,19 +5,15 @@ MuJoCo simulates each robot along 20 motions. Each motion is logged ten times wi
 
 from __future__ import annotations
 
-import argparse
-import json
 import platform
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -25,19 +21,15 @@ from signid.estimation.least_squares import estimate
 from signid.recording import read_recording
 from signid.regression.prepare import prepare
 from signid.regression.session import Session
-from signid.types import TWO_SIDED, Estimate, Robot
+from signid.types import TWO_SIDED, Array, Estimate, Robot
 
 from .arms import ARMS, Arm, load, truth
 from .plants.mujoco_ import Body, Track, draw_motion, log, simulate
-from .summary import frame, origin
-
-Array = NDArray[np.float64]
+from .summary import command_line, frame, origin, write_json
 
 MOTIONS, DRAWS, DURATION, BITS = 20, 10, 20.0, 17  # motions, recordings per motion, duration [s], encoder bits per turn
-NOISES = {
-    "white": (0.05, 0.0),
-    "white, 3 Hz": (0.05, 0.025),
-}  # white and coloured noise over each joint's rms torque [1]
+# white and coloured noise over each joint's rms torque [1]
+NOISES = {"white": (0.05, 0.0), "white, 3 Hz": (0.05, 0.025)}
 LOW_NOISE = {"1 % white": (0.01, 0.0)}  # low enough to reveal small model errors
 HELD = {"held 2 ms, 1 %": (0.01, 0.0), "held 2 ms, 0.1 %": (0.001, 0.0)}  # zero-order hold of the torque over HOLD rows
 HOLD, HELD_RATE, HELD_MOTIONS = 2, 1000.0, 10  # rows, rate [Hz], motions with one recording each
@@ -156,14 +148,13 @@ def show(rows: Sequence[Row]) -> Table:
 
 def main() -> None:
     """Run the selected cells, print the table and write the numbers; a full run exits with 1 when a cell misses."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.coverage", description=__doc__)
+    parser = command_line("coverage", __doc__)
     parser.add_argument(
         "--quick", action="store_true", help="the 3R arm unless --robot is given, three recordings per motion"
     )
     parser.add_argument("--low-noise", action="store_true", help="add 1 %% white noise alone")
     parser.add_argument("--held", action="store_true", help="add torque held for 2 ms, recorded at 1 kHz")
     parser.add_argument("--robot", choices=[arm.robot for arm in ARMS], help="run only this robot")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     only = options.robot or ("3r" if options.quick else None)
     console, rows = Console(), []
@@ -181,14 +172,9 @@ def main() -> None:
         summary = f"{row.robot}, {row.noise}: worst {row.worst:.0f} % at {row.worst_parameter}"
         invalid = f"; {row.without_width:.2g} % of the intervals have no valid variance" if row.without_width else ""
         console.print(summary + invalid, highlight=False, soft_wrap=True)
-    if options.json:
-        machine = {"python": platform.python_version(), "mujoco": mujoco.__version__, "processor": platform.machine()}
-        document = {
-            "origin": origin("coverage", sys.argv[1:]),
-            "machine": machine,
-            "rows": [asdict(row) for row in rows],
-        }
-        options.json.write_text(json.dumps(document, indent=1), encoding="utf-8")
+    machine = {"python": platform.python_version(), "mujoco": mujoco.__version__, "processor": platform.machine()}
+    document = {"origin": origin("coverage", sys.argv[1:]), "machine": machine, "rows": rows}
+    write_json(options.json, document)
     raise SystemExit(0 if options.quick or all(row.holds for row in rows) else 1)
 
 

@@ -5,8 +5,6 @@ The test arm has viscous and Coulomb friction at every joint, 0.5 % torque noise
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from importlib import import_module
@@ -18,6 +16,8 @@ from rich.console import Console
 from rich.table import Table
 
 from signid.effects import EFFECTS
+
+from .summary import command_line, write_json
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 HEADINGS = ("effect", "parameter", "seed", "planted", "recovered", "error, %", "share of what is allowed")  # JSON keys
@@ -39,19 +39,17 @@ def rows(seeds: Sequence[int], seconds: float, names: Sequence[str]) -> Iterator
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 if an error exceeds its tolerance."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.effects", description=__doc__)
+    parser = command_line("effects", __doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[5, 6, 7])
     parser.add_argument("--seconds", type=float, default=16.0)
     parser.add_argument("--effects", nargs="+", default=[name for name in EFFECTS.names if name != "gravity"])
-    parser.add_argument("--json", type=Path)
     options = parser.parse_args(arguments)
     found = list(rows(options.seeds, options.seconds, options.effects))
     table = Table(*HEADINGS, box=SIMPLE_HEAD)
     for row in found:
         table.add_row(*(f"{x:.4g}" if isinstance(x, float) else str(x) for x in row.values()))
     Console(width=120).print(table)
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    write_json(options.json, found)
     return int(any(row[HEADINGS[-1]] > 1 for row in found))
 
 

@@ -5,18 +5,14 @@ MuJoCo simulates the robots. Positions are logged at increasing noise levels and
 
 from __future__ import annotations
 
-import argparse
-import json
 import platform
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -25,12 +21,11 @@ from signid.errors import SignidError
 from signid.identify import Identification, identify
 from signid.recording import read_recording
 from signid.regression.session import Options
-from signid.types import TWO_SIDED, Recording, Robot
+from signid.types import TWO_SIDED, Array, Recording, Robot
 
 from .arms import ARMS, Arm, load, truth
 from .plants.mujoco_ import Body, Motion, Track, draw_motion, log, simulate
-
-Array = NDArray[np.float64]
+from .summary import command_line, write_json
 
 DURATION, TORQUE = 20.0, 0.02  # duration [s], white torque noise over rms torque [1]
 MOTIONS, QUICK = 6, 2  # recordings per row
@@ -191,11 +186,10 @@ def show(rows: list[Row]) -> Table:
 
 def main() -> None:
     """Run the selected rows, print the table and write the numbers."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.estimators", description=__doc__)
+    parser = command_line("estimators", __doc__)
     parser.add_argument("--quick", action="store_true", help=f"{QUICK} recordings per row instead of {MOTIONS}")
     parser.add_argument("--robot", choices=list(WIDE), help="run only this robot")
     parser.add_argument("--noise", choices=list(NOISES), help="run only this noise")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     rows: list[Row] = []
     for arm in (arm for arm in ARMS if arm.robot in WIDE and options.robot in (None, arm.robot)):
@@ -206,11 +200,8 @@ def main() -> None:
         for noise in (noise for noise in LOOSELY if options.noise in (None, noise)):
             rows += evaluate(arm, robot, noise, WIDE[arm.robot], count, LOOSE)
     Console(width=110).print(show(rows))
-    if options.json:
-        machine = {"python": platform.python_version(), "mujoco": mujoco.__version__, "processor": platform.machine()}
-        options.json.write_text(
-            json.dumps({"machine": machine, "rows": [asdict(row) for row in rows]}, indent=1), encoding="utf-8"
-        )
+    machine = {"python": platform.python_version(), "mujoco": mujoco.__version__, "processor": platform.machine()}
+    write_json(options.json, {"machine": machine, "rows": rows})
 
 
 if __name__ == "__main__":

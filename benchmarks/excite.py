@@ -9,13 +9,10 @@ deviations of the base parameters, with friction, offset and armature.
 
 from __future__ import annotations
 
-import argparse
-import json
 import platform
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -32,7 +29,7 @@ from signid.simulation.excite.problem import build_problem, usual_laws
 from signid.simulation.excite.random_motions import random_parameters
 from signid.simulation.excite.search import make_feasible
 
-from .summary import one_thread, print_targets
+from .summary import command_line, one_thread, print_targets, write_json
 
 JOINTS = {"panda": [f"panda_joint{i}" for i in range(1, 8)], "ur5": None}
 DURATION, RATE, GRID = 20.0, 100.0, 0.01  # duration [s], rate [Hz], time step for scaling random motions [s]
@@ -128,12 +125,11 @@ def show(rows: Sequence[Row], runs: Sequence[Run]) -> Table:
 def main() -> None:
     """Measure, print the table and write the numbers; exit with 1 when a target is missed."""
     one_thread()
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.excite", description=__doc__)
+    parser = command_line("excite", __doc__)
     parser.add_argument("--robot", choices=list(JOINTS), action="append", help="run only this robot (repeatable)")
     parser.add_argument("--count", type=int, default=100, help="number of random motions of each kind (100)")
     parser.add_argument("--harmonics", type=int, default=10, help="harmonics of the exciting motion (10)")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     console, rows, runs = Console(), list[Row](), list[Run]()
     for name in options.robot or JOINTS:
@@ -149,12 +145,9 @@ def main() -> None:
     console.print(show(rows, runs))
     targets = list(check_targets(rows, runs))
     met = print_targets(console, targets)
-    if options.json:
-        machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "numpy": np.__version__}
-        numbers = {"rows": [asdict(row) for row in rows], "runs": [asdict(run) for run in runs]}
-        options.json.write_text(
-            json.dumps({"machine": machine, **numbers, "targets": dict(targets)}, indent=1), encoding="utf-8"
-        )
+    machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "numpy": np.__version__}
+    numbers = {"rows": rows, "runs": runs}
+    write_json(options.json, {"machine": machine, **numbers, "targets": dict(targets)})
     raise SystemExit(0 if met else 1)
 
 

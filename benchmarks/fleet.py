@@ -9,14 +9,12 @@ Times are processor times of one thread, except for the scaling table.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import platform
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,7 +30,7 @@ from signid.regression.motion import Motion
 from signid.regression.reduced import Reduced, add_up, encode_factors, load_factors, reduce
 from signid.types import Robot
 
-from .summary import one_thread
+from .summary import command_line, one_thread, write_json
 
 FREQUENCIES = (0.07, 0.13, 0.29, 0.41, 0.67)  # of the motion [Hz]
 PANDA = tuple(f"panda_joint{k}" for k in range(1, 8))
@@ -154,13 +152,6 @@ def _children() -> float:
     return used.children_user + used.children_system
 
 
-def diagnosis_seconds(folder: Path, turns: int) -> float:
-    """Processor time of one diagnosis without process start [s]."""
-    model = signid.load_model("3r")
-    recording = signid.read_recording(folder / "0.parquet", model.robot)
-    return best(lambda: signid.diagnose(model, [recording]), turns)[0]
-
-
 def on_paper(rows: Sequence[Reduction], diagnosis: float) -> Iterator[tuple[str, str, str]]:
     """Yield the extrapolated daily cost of the fleet: quantity and its value for each measured robot."""
 
@@ -220,29 +211,30 @@ def table(title: str, heads: Sequence[str], lines: Iterable[Sequence[str]]) -> T
 def main() -> None:
     """Measure, print the tables and write the numbers; exit with 1 when results differ."""
     one_thread()
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.fleet", description=__doc__)
+    parser = command_line("fleet", __doc__)
     parser.add_argument("--sessions", type=int, default=8, help="number of diagnosed sessions")
     parser.add_argument("--minutes", type=float, default=5.0, help="duration of the long recordings [min]")
     parser.add_argument("--turns", type=int, default=2, help="repetitions of each measurement")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options, console = parser.parse_args(), Console()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         seconds, same = scale(options.sessions, options.turns, folder)
-        diagnosis = diagnosis_seconds(folder, options.turns)
+        # processor time of one diagnosis without process start [s]
+        model = signid.load_model("3r")
+        recording = signid.read_recording(folder / "0.parquet", model.robot)
+        diagnosis = best(lambda: signid.diagnose(model, [recording]), options.turns)[0]
         rows = [measure(robot, options.minutes, folder, options.turns) for robot in ROBOTS]
     console.print(*show(seconds, options.sessions, rows, diagnosis), sep="\n")
     worst = max(max(row.difference, row.parts_difference) for row in rows)
     console.print(f"outputs {'are equal' if same else 'DIFFER'}; largest difference {worst:.0e} (at most {SAME:g})")
-    if options.json:
-        numbers = {
-            "seconds": {way: taken._asdict() for way, taken in seconds.items()},
-            "same": same,
-            "diagnosis": diagnosis,
-            "rows": [asdict(row) for row in rows],
-        }
-        machine = {"python": platform.python_version(), "numpy": np.__version__}
-        options.json.write_text(json.dumps({"machine": machine, **numbers}, indent=1), encoding="utf-8")
+    numbers = {
+        "seconds": {way: taken._asdict() for way, taken in seconds.items()},
+        "same": same,
+        "diagnosis": diagnosis,
+        "rows": rows,
+    }
+    machine = {"python": platform.python_version(), "numpy": np.__version__}
+    write_json(options.json, {"machine": machine, **numbers})
     raise SystemExit(0 if same and worst <= SAME else 1)
 
 

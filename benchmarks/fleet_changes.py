@@ -8,11 +8,9 @@ with a finding at that parameter, and findings elsewhere (false alarms) over all
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +25,8 @@ from signid.model import Model
 from signid.output.report import identification_document, to_json
 from signid.simulation.excite.random_motions import rest_to_rest_motion
 from signid.simulation.plant import Sensors, record, simulate, track
+
+from .summary import command_line, write_json
 
 LEVELS = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.6)  # Coulomb friction of joint_2 in the second session [N.m]
 FRICTION = ((0.6, 0.9), (0.5, 0.8), (0.2, 0.3))  # viscous [N.m.s/rad] and Coulomb friction [N.m] per joint
@@ -80,9 +80,8 @@ def measure(model: Model, healthy: Sequence[Summary], level: float, spread: floa
 
 def main() -> None:
     """Print the table, and write it as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line("fleet_changes", __doc__)
     parser.add_argument("--pairs", type=int, default=20)
-    parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     model, table = signid.load_model("3r"), Table("second [N.m]", "spread", "found", "false alarms", "comparisons")
     rows = list[Row]()
@@ -93,8 +92,7 @@ def main() -> None:
         shown = (f"{row.level:g}", f"{row.spread:.0%}", f"{row.found} of {row.pairs}", row.alarms, row.tested)
         table.add_row(*map(str, shown))
     Console().print(table)
-    if given.json:
-        given.json.write_text(json.dumps([row._asdict() for row in rows], indent=2) + "\n", encoding="utf-8")
+    write_json(given.json, [row._asdict() for row in rows])
 
 
 if __name__ == "__main__":

@@ -7,18 +7,12 @@ temperature but not in the robot, so 95 % of the parameter differences should li
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
-import os
-import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -26,12 +20,10 @@ import signid
 from signid.errors import SignidError
 from signid.estimation.least_squares import estimate
 from signid.identify import Identification
-from signid.types import TWO_SIDED, Robot
+from signid.types import TWO_SIDED, Array, Robot
 
-from .real.data import data, ur10e
-from .summary import frame, one_thread
-
-Array = NDArray[np.float64]
+from .real.data import ur10e
+from .summary import command_line, data, frame, one_thread, write_json
 
 TARGET = 93.0  # lower bound on the share of differences within their intervals [%]
 FRICTION = ("viscous_friction", "coulomb_friction")
@@ -182,15 +174,12 @@ def show(rows: Sequence[Row]) -> Table:
 def main() -> int:
     """Evaluate every set and print the table; return 1 when a target is missed."""
     one_thread()
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.intervals_real", description=__doc__)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
+    parser = command_line("intervals_real", __doc__)
     options = parser.parse_args()
-    if not os.environ.get("SIGNID_DATA"):
-        sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
+    data()
     rows = [evaluate(group) for group in SETS]
     Console(width=160).print(show(rows))
-    if options.json:
-        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n", encoding="utf-8")
+    write_json(options.json, rows)
     return 0 if all(row.holds for row in rows) else 1
 
 

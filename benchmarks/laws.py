@@ -10,12 +10,9 @@ The plant's link_inertia keeps the inertia about the centre of mass; signid's la
 
 from __future__ import annotations
 
-import argparse
 import importlib
-import json
 from collections.abc import Iterator
 from itertools import combinations
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +33,7 @@ from signid.types import Array, Law, Robot
 from .plants.bodies import Body, Drives
 from .plants.control import Track, draw_motion
 from .plants.faults import Fault
+from .summary import command_line, write_json
 
 SECONDS, RATE, CUTOFF = 20.0, 4000.0, 15.0  # duration [s], rate [Hz], low-pass [Hz]
 SLOW, AWAY = 0.05, 0.1  # excluded near reversals: velocities below [rad/s], within [s]
@@ -141,12 +139,9 @@ def compare_all(name: str, only: list[str]) -> Iterator[Row]:
 
 def main() -> None:
     """Print the table; exit with 1 when a law differs from the plant."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.laws", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line("laws", __doc__)
     parser.add_argument("--plant", choices=("mujoco", "bullet"), default="mujoco")
     parser.add_argument("--only", nargs="*", default=[], metavar="EFFECT")
-    parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     table, rows = Table("law", "at", "slope", "left", ""), []
     for row in compare_all({"mujoco": "mujoco_", "bullet": "pybullet_"}[chosen.plant], chosen.only):
@@ -155,8 +150,7 @@ def main() -> None:
             row.effect, row.joint or "all", f"{row.slope:.4f}", f"{row.left:.2%}", "" if row.right else "differs"
         )
     Console(width=100).print(table)
-    if chosen.json:
-        chosen.json.write_text(json.dumps([row._asdict() for row in rows], indent=1), encoding="utf-8")
+    write_json(chosen.json, [row._asdict() for row in rows])
     raise SystemExit(not all(row.right for row in rows))
 
 

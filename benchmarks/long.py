@@ -16,26 +16,23 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import polars as pl
-from numpy.typing import NDArray
 from polars.io.plugins import register_io_source
 from rich.console import Console
 from rich.table import Table
 
 import signid
 from signid.regression.motion import Motion
-from signid.types import Robot
+from signid.types import Array, Robot
 
 from .measure_command import peak
-from .summary import ONE_THREAD, print_targets
-
-Array = NDArray[np.float64]
+from .summary import ONE_THREAD, command_line, print_targets, write_json
 
 ROBOT, RATE, PERIOD = "3r", 1000.0, 100.0  # robot, rate [Hz], period of the motion [s]
 SAMPLES = (300_000, 1_000_000, 3_000_000, 10_000_000, 36_000_000)
@@ -152,11 +149,10 @@ def show(rows: Sequence[Row]) -> Table:
 
 def main() -> None:
     """Measure, print the table and write the numbers; exit with 1 when a target is missed."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.long", description=__doc__)
+    parser = command_line("long", __doc__)
     parser.add_argument(
         "--samples", type=int, nargs="+", default=SAMPLES, help="lengths of the recordings [samples], ascending"
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     parser.add_argument("--identify", type=Path, metavar="FILE", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.identify:
@@ -170,10 +166,9 @@ def main() -> None:
     console.print(show(rows))
     targets = list(check_targets(rows))
     met = print_targets(console, targets)
-    if options.json:
-        machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "polars": pl.__version__}
-        numbers = {"machine": machine, "rows": [asdict(row) for row in rows], "targets": dict(targets)}
-        options.json.write_text(json.dumps(numbers, indent=1), encoding="utf-8")
+    machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "polars": pl.__version__}
+    numbers = {"machine": machine, "rows": rows, "targets": dict(targets)}
+    write_json(options.json, numbers)
     raise SystemExit(0 if met else 1)
 
 

@@ -9,20 +9,17 @@ independent of signid: Bullet parses the URDF and computes the dynamics.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import polars as pl
 import pybullet
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from scipy.signal import butter, sosfiltfilt
@@ -31,11 +28,9 @@ from signid.identify import identify
 from signid.recording import read_recording
 from signid.regression.session import Options
 from signid.robot import load_robot
-from signid.types import TWO_SIDED, Robot
+from signid.types import TWO_SIDED, Array, Robot
 
-from .summary import frame
-
-Array = NDArray[np.float64]
+from .summary import command_line, frame, write_json
 
 URDF = Path(__file__).parents[1] / "robots" / "1r" / "robot.urdf"
 GRAVITY = 9.81  # [m/s2]
@@ -250,16 +245,6 @@ def derive(track: Track, corner: float) -> dict[str, Array]:
     return {"t": track.t, "q_1": track.q, "dq_1": velocity, "ddq_1": acceleration, "tau_1": smooth(track.tau, corner)}
 
 
-def restore(track: Track, true: Track) -> tuple[Track, Signs]:
-    """Restore the torque signs of a log from its |torque|, and evaluate them."""
-    acceleration = derive(track, WIDE)["ddq_1"]
-    columns, magnitude = np.column_stack([np.sin(track.q), acceleration]), np.abs(track.tau)
-    spans = segments(magnitude[KEPT])
-    choice = search(columns[KEPT], magnitude[KEPT], spans)
-    signed = Track(track.t, track.q, predict(columns, choice.value) * magnitude)
-    return signed, evaluate(choice, spans, columns[KEPT], true.tau[KEPT])
-
-
 def estimate(robot: Robot, track: Track, corner: float | None) -> tuple[Array, Array]:
     """Coefficients and standard deviations, (2,) each [N.m, kg.m2], identified by signid from the middle periods.
 
@@ -366,11 +351,10 @@ LOG_TARGET = 1e-4  # upper bound on the coefficient error (norm) from a log
 
 def main() -> None:
     """Record, identify, print the tables and write the numbers; exit with 1 when a target is missed."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.pendulum", description=__doc__)
+    parser = command_line("pendulum", __doc__)
     parser.add_argument("--motions", type=int, default=MOTIONS, help="number of motions (%(default)s)")
     parser.add_argument("--bits", type=int, default=BITS, help="encoder bits per turn (%(default)s)")
     parser.add_argument("--noise", type=float, default=NOISE, help="torque noise over rms torque (%(default)s)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     robot, pendulum, console = load_robot("1r"), Pendulum(), Console()
     done: list[Trial] = []
@@ -378,7 +362,13 @@ def main() -> None:
     for motion in range(options.motions):
         true = record(pendulum, motion)
         logged = log(true, motion, options.bits, options.noise)
-        restored, got = restore(logged, true)
+        # restore the torque signs of a log from its |torque|, and evaluate them
+        acceleration = derive(logged, WIDE)["ddq_1"]
+        columns, magnitude = np.column_stack([np.sin(logged.q), acceleration]), np.abs(logged.tau)
+        spans = segments(magnitude[KEPT])
+        choice = search(columns[KEPT], magnitude[KEPT], spans)
+        signed = Track(logged.t, logged.q, predict(columns, choice.value) * magnitude)
+        restored, got = signed, evaluate(choice, spans, columns[KEPT], true.tau[KEPT])
         signs[f"{options.motions} motions"].append(got)
         done += trials(robot, motion, logged, restored)
     rows, errors = list(summarise(done, pendulum.truth)), {}
@@ -390,10 +380,9 @@ def main() -> None:
     console.print(show_signs(signs))
     for name, error in errors.items():
         console.print(f"{name}: coefficient error without signs {error:.2g} (norm)", highlight=False)
-    if options.json:
-        machine = {"python": platform.python_version(), "pybullet": pybullet.getAPIVersion()}
-        document = {"machine": machine, "rows": rows, "trials": done, "signs": signs, "log_errors": errors}
-        options.json.write_text(json.dumps(document, default=asdict, indent=1), encoding="utf-8")
+    machine = {"python": platform.python_version(), "pybullet": pybullet.getAPIVersion()}
+    document = {"machine": machine, "rows": rows, "trials": done, "signs": signs, "log_errors": errors}
+    write_json(options.json, document)
     met = all(item.holds for group in (rows, *signs.values()) for item in group)
     raise SystemExit(0 if met and all(error < LOG_TARGET for error in errors.values()) else 1)
 

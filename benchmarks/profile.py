@@ -19,23 +19,21 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
 import signid
 from signid.regression.motion import Motion
-from signid.types import Robot
+from signid.types import Array, Robot
 
 from .long import ONE_THREAD, RATE, write
-from .summary import frame
+from .summary import command_line, frame, write_json
 
-Array = NDArray[np.float64]
 Function = tuple[str, int, str]  # file, line, name
 
 ROBOTS, MINUTES, COMMANDS = ("panda", "g1"), (1.0, 60.0), ("identify", "diagnose")
@@ -215,11 +213,10 @@ def _cases(options: argparse.Namespace, folder: Path, console: Console) -> Itera
 
 def main() -> None:
     """Record, run, print a table for each command and write the numbers."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.profile", description=__doc__)
+    parser = command_line("profile", __doc__)
     parser.add_argument("--minutes", type=float, nargs="+", default=MINUTES, help="durations of the recordings [min]")
     parser.add_argument("--robots", nargs="+", default=ROBOTS, help="names of the robots; fingers are held")
     parser.add_argument("--commands", nargs="+", default=COMMANDS, choices=COMMANDS)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     parser.add_argument("--folder", type=Path, help="keep recordings, results and profiles there and reuse them")
     options, console = parser.parse_args(), Console()
     with tempfile.TemporaryDirectory() as temporary:
@@ -228,8 +225,7 @@ def main() -> None:
         cases = list(_cases(options, folder, console))
     for command in options.commands:
         console.print(show(command, [case for case in cases if case.command == command]))
-    if options.json:
-        options.json.write_text(json.dumps([asdict(case) for case in cases], indent=1), encoding="utf-8")
+    write_json(options.json, cases)
 
 
 if __name__ == "__main__":

@@ -6,15 +6,12 @@ SIGNID_DATA. The rule of choice and the digest of each model are printed before 
 
 from __future__ import annotations
 
-import argparse
 import hashlib
-import json
-import os
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -31,7 +28,7 @@ from signid.simulation.rollout.whole import roll_out_whole
 from signid.types import Law, Recording
 
 from .real.data import recording
-from .summary import finite, frame, one_thread, origin
+from .summary import command_line, data, frame, one_thread, origin, write_json
 
 CHAMPNEYS = "Champneys et al., IFAC SYSID 2024, arXiv 2405.10779, table 3"
 JANOT = "parameters: Janot, Gautier, Brunot, EMPS benchmark, 2019; integrated here"
@@ -141,11 +138,9 @@ GOAL, LIMIT = 5.17, 8  # [mm] the best published row; numbers of a model at most
 def main() -> int:
     """Make the models, print their digests, then score them."""
     one_thread()
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.public", description=__doc__)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows to FILE as JSON")
+    parser = command_line("public", __doc__)
     options, console = parser.parse_args(), Console(width=160, highlight=False)
-    if not os.environ.get("SIGNID_DATA"):
-        sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
+    data()
     console.print(RULE)
     made = []
     for entry in entries():
@@ -159,10 +154,7 @@ def main() -> int:
     rows = [*(scored(entry, train, test) for entry in made), *OTHERS]
     rows.sort(key=lambda row: row.test or 0.0)
     console.print(table(rows), EARLIER)
-    if options.json:
-        document = {"origin": origin("public", sys.argv[1:]), "rows": [asdict(row) for row in rows]}
-        text = json.dumps(finite(document), indent=1, allow_nan=False)
-        options.json.write_text(text + "\n", encoding="utf-8")
+    write_json(options.json, {"origin": origin("public", sys.argv[1:]), "rows": rows})
     return 0
 
 

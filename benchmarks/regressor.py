@@ -8,7 +8,6 @@ turn on one thread, so that the load of the machine affects all alike; the best 
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import platform
@@ -23,7 +22,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from scipy.linalg import cho_factor, cho_solve
@@ -37,27 +35,17 @@ from signid.regression.prepare import prepare
 from signid.regression.regressor import base_rows
 from signid.regression.session import Options, Session
 from signid.robot import hold, load_robot
-from signid.types import BaseMap, Recording, Robot
+from signid.types import Array, BaseMap, Recording, Robot
 
 from .arms import base_parameters
 from .plants.bodies import Body, Drives, bare
-from .summary import one_thread, print_targets
-
-Array = NDArray[np.float64]
+from .summary import command_line, one_thread, print_targets, write_json
 
 ROBOTS = {"panda": ("panda_finger_joint1",), "ur10": ()}  # joints held at zero
-SAMPLES, RATE, PERIOD, HARMONICS, REACH = (
-    10_000,
-    100.0,
-    10.0,
-    5,
-    1.8,
-)  # samples, rate [Hz], period [s], harmonics, amplitude [rad]
-DRIVES = {
-    "armature": (0.8, 0.1),
-    "viscous_friction": (3.0, 0.3),
-    "coulomb_friction": (6.0, 0.5),
-}  # from base to tip [kg.m2], [N.m.s/rad], [N.m]
+# samples, rate [Hz], period [s], harmonics, amplitude [rad]
+SAMPLES, RATE, PERIOD, HARMONICS, REACH = 10_000, 100.0, 10.0, 5, 1.8
+# from base to tip [kg.m2], [N.m.s/rad], [N.m]
+DRIVES = {"armature": (0.8, 0.1), "viscous_friction": (3.0, 0.3), "coulomb_friction": (6.0, 0.5)}
 
 
 class Track(NamedTuple):
@@ -266,10 +254,9 @@ def show(robot: str, rows: Sequence[Row]) -> Table:
 def main() -> None:
     """Measure, print the tables and write the numbers; exit with 1 when a target is missed."""
     one_thread()
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.regressor", description=__doc__)
+    parser = command_line("regressor", __doc__)
     parser.add_argument("--figaroh-python", default=os.environ.get("SIGNID_FIGAROH_PYTHON", ""), metavar="PATH")
     parser.add_argument("--turns", type=int, default=7, help="number of turns, of which the best counts (7)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     console, rows = Console(), list[Row]()
     for name in ROBOTS:
@@ -282,10 +269,9 @@ def main() -> None:
         rows += found
     targets = list(check_targets(rows))
     met = print_targets(console, targets)
-    if options.json:
-        machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "numpy": np.__version__}
-        numbers = {"machine": machine, "rows": [vars(row) for row in rows], "targets": dict(targets)}
-        options.json.write_text(json.dumps(numbers, indent=1), encoding="utf-8")
+    machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "numpy": np.__version__}
+    numbers = {"machine": machine, "rows": [vars(row) for row in rows], "targets": dict(targets)}
+    write_json(options.json, numbers)
     raise SystemExit(0 if met else 1)
 
 

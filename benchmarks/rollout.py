@@ -7,15 +7,12 @@ the speed of all windows together compared with one by one.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import platform
 import time
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -36,8 +33,8 @@ from signid.simulation.rollout import RollOut, roll_out
 from signid.simulation.rollout.windows import Windows, cut_windows
 from signid.types import Recording
 
-from .real.data import HELD_OUT, LINK_SIDE, ROBOTS, UNLOADED, data, recording, ur10e, ur10e_recording
-from .summary import print_targets
+from .real.data import HELD_OUT, LINK_SIDE, ROBOTS, UNLOADED, recording, ur10e, ur10e_recording
+from .summary import command_line, data, print_targets, write_json
 
 HORIZONS = (0.2, 0.5)  # simulated time [s]
 STEPS = (("rk4", 2.5e-4), ("rk4", 1e-3), ("semi-implicit", 1e-3), ("semi-implicit", 2e-3), ("semi-implicit", 5e-3))
@@ -174,9 +171,8 @@ def cell(error: float) -> str:
 
 def main() -> None:
     """Roll out, print the tables and write the numbers; exit with 1 when a target is missed."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.rollout", description=__doc__)
+    parser = command_line("rollout", __doc__)
     parser.add_argument("--windows", type=int, default=48, help="number of windows per recording (%(default)s)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options, console = parser.parse_args(), Console(width=140)
     cases = [three_r(), *(real() if os.environ.get("SIGNID_DATA") else ())]
     found = {
@@ -193,11 +189,10 @@ def main() -> None:
     console.print(f"{example.name}: {speeds[0]:.2f} s together, {speeds[1]:.2f} s one by one", highlight=False)
     targets = list(check_targets(found, speeds))
     met = print_targets(console, targets)
-    if options.json:
-        machine = {"python": platform.python_version(), "pinocchio": pin.__version__}
-        errors = {name: {key: got.document(got) for key, got in models.items()} for name, models in found.items()}
-        document = {"machine": machine, "errors": errors, "steps": rows, "seconds": speeds, "targets": dict(targets)}
-        options.json.write_text(json.dumps(document, indent=1), encoding="utf-8")
+    machine = {"python": platform.python_version(), "pinocchio": pin.__version__}
+    errors = {name: {key: got.document(got) for key, got in models.items()} for name, models in found.items()}
+    document = {"machine": machine, "errors": errors, "steps": rows, "seconds": speeds, "targets": dict(targets)}
+    write_json(options.json, document)
     raise SystemExit(0 if met else 1)
 
 

@@ -8,13 +8,10 @@ so that the load of the machine affects all alike; ratios are medians over the r
 
 from __future__ import annotations
 
-import argparse
-import json
 import platform
 import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -32,6 +29,7 @@ from signid.simulation.plant.plant import Plant
 from signid.types import Array, Law, Trajectory
 
 from .plants.bodies import Body, bare as bare_urdf
+from .summary import command_line, write_json
 
 JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
 CENTRE = (0.0, -0.3, 0.0, -2.0, 0.0, 1.8, 0.0)  # centre of the motion [rad]
@@ -146,11 +144,8 @@ def measure(rounds: int) -> dict[str, dict[str, float]]:
 
 def main() -> None:
     """Print the table; exit with 1 when armature and four more laws exceed the limit."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.simulate", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line("simulate", __doc__)
     parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     found = measure(chosen.rounds)
     table = Table("", "steps/s", "times the floor", "times real time")
@@ -160,11 +155,8 @@ def main() -> None:
     Console(width=100).print(table)
     ratio = found[f"  + {LAWS[3]}"]["times_the_floor"]
     Console(width=100).print(f"armature and four more laws: {ratio:.1f} times the floor (at most {LIMIT:g})")
-    if chosen.json:
-        about: dict[str, Any] = {"python": platform.python_version(), "pinocchio": pin.__version__}
-        chosen.json.write_text(
-            json.dumps({**about, "mujoco": mujoco.__version__, "rows": found}, indent=1), encoding="utf-8"
-        )
+    about: dict[str, Any] = {"python": platform.python_version(), "pinocchio": pin.__version__}
+    write_json(chosen.json, {**about, "mujoco": mujoco.__version__, "rows": found})
     raise SystemExit(ratio > LIMIT)
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
+import json
 import math
 import os
 import subprocess
 import sys
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,30 @@ def one_thread() -> None:
     """Restart the program with the one-thread environment unless it is set already."""
     if any(os.environ.get(key) != value for key, value in LIBRARIES.items()):
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, **LIBRARIES})
+
+
+def command_line(name: str, text: str | None) -> argparse.ArgumentParser:
+    """Parser of `python -m benchmarks.NAME` with the option that all share."""
+    parser = argparse.ArgumentParser(
+        prog=f"python -m benchmarks.{name}", description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
+    return parser
+
+
+def data() -> Path:
+    """Folder of the real recordings; without one the program ends."""
+    if not (folder := os.environ.get("SIGNID_DATA")):
+        sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
+    return Path(folder)
+
+
+def write_json(path: Path | None, document: Any) -> None:
+    """Write a document in one step, if a file was asked for; dataclasses are objects, NaN is null."""
+    if path is not None:
+        part = path.with_name(f"{path.name}.part")
+        part.write_text(json.dumps(finite(document), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        part.replace(path)
 
 
 def frame(title: str, names: Sequence[str], left: int = 1) -> Table:
@@ -41,7 +68,9 @@ def print_targets(console: Console, targets: Iterable[tuple[str, bool]]) -> bool
 
 
 def finite(x: Any) -> Any:
-    """Replace numbers that JSON cannot represent by None."""
+    """Dataclasses as dictionaries, and numbers that JSON cannot represent as None."""
+    if is_dataclass(x) and not isinstance(x, type):
+        return finite(asdict(x))
     if isinstance(x, dict):
         return {key: finite(value) for key, value in x.items()}
     if isinstance(x, list | tuple):

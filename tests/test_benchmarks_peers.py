@@ -120,7 +120,7 @@ def test_a_report_is_compared_with_that_of_the_healthy_robot() -> None:
 def test_without_peers_the_tables_say_so(
     known: Mapping[str, Case], results: Mapping[str, Result], tmp_path: Path
 ) -> None:
-    peer = Peer("figaroh_report.py", [], tmp_path)
+    peer = Peer("figaroh_peer.py report", [], tmp_path)
     assert peer.ask(tmp_path) is None and peer.version == ""
     peer.close()
     console = Console(width=160, record=True, quiet=False)

@@ -8,12 +8,9 @@ identifies A and diagnoses B. figaroh and mujoco.sysid run in their own Python; 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
-from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,7 +21,7 @@ from signid.errors import SignidError
 
 from ..concealed_real.sets import SETS
 from ..peers.ask import Peer
-from ..summary import finite, one_thread
+from ..summary import command_line, data, one_thread, write_json
 from . import methods
 from .methods import ask
 from .run import BASE, SetResult, run, set_table, summary, totals
@@ -32,7 +29,7 @@ from .task import Method
 
 LIMIT = methods.LIMIT
 DIAGNOSES = {"signid diagnose, B": methods.diagnose, "signid diagnose": methods.diagnose_all}
-PEERS = {"figaroh": "figaroh_torque.py", "mujoco.sysid": "mujoco_torque.py"}
+PEERS = {"figaroh": "figaroh_peer.py torque", "mujoco.sysid": "mujoco_peer.py torque"}
 NAMES: dict[str, Method] = {
     "description": methods.description,
     BASE: methods.least_squares_answer,
@@ -46,11 +43,10 @@ NAMES: dict[str, Method] = {
 
 def parse() -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.blackbox", description=__doc__)
+    parser = command_line("blackbox", __doc__)
     own = [*NAMES, *PEERS]
     known = [path for path in os.environ.get("SIGNID_PEER_PYTHON", "").split(os.pathsep) if path]
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), metavar="SET", help=", ".join(SETS))
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE as JSON after each set")
     parser.add_argument(
         "--limit", type=float, default=LIMIT, metavar="S", help=f"time limit of a diagnosis (default {LIMIT:g})"
     )
@@ -71,8 +67,7 @@ def main() -> int:
     """Run every set; print its table and the summary."""
     one_thread()
     options, console = parse(), Console(width=240)
-    if not os.environ.get("SIGNID_DATA"):
-        sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
+    data()
     if problem := methods.missing():
         sys.exit(problem)
     found: list[SetResult] = []
@@ -85,8 +80,7 @@ def main() -> int:
                 console.print(f"{name}: {error}", soft_wrap=True, highlight=False, markup=False)
                 continue
             console.print(set_table(found[-1]))
-            if options.json:
-                _write(options.json, found)
+            write_json(options.json, {"sets": found, "totals": totals(found)})
     console.print(summary(totals(found)))
     return 0
 
@@ -103,14 +97,6 @@ def _methods(options: argparse.Namespace, stack: ExitStack) -> dict[str, Method]
             selected[name] = partial(ask, peer=peer, name=name)
     order = ["description", BASE, *PEERS, *NAMES]
     return dict(sorted(selected.items(), key=lambda x: order.index(x[0])))
-
-
-def _write(path: Path, found: Sequence[SetResult]) -> None:
-    """Write the file atomically."""
-    document = {"sets": [asdict(x) for x in found], "totals": [asdict(x) for x in totals(found)]}
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(json.dumps(finite(document), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    part.replace(path)
 
 
 if __name__ == "__main__":

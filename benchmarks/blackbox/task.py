@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import signid
 from signid.diagnose.extend.holdout import ResidualRows, residual_rows
@@ -21,11 +20,9 @@ from signid.regression.prepare import prepare
 from signid.regression.session import SAME_RATE, Options
 from signid.robot import hold, resting
 from signid.simulation.rollout.joints import restrict_joints
-from signid.types import Recording, Robot
+from signid.types import Array, Recording, Robot
 
 from ..concealed_real.sets import RealSet, columns_of, read, rebuilt
-
-Array = NDArray[np.float64]
 
 
 class Table(NamedTuple):

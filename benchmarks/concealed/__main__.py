@@ -16,7 +16,6 @@ the library), removed (library without the effect). `--base 100` draws seeds tha
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 import sys
 import tempfile
@@ -27,7 +26,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from ..summary import finite, one_thread, origin
+from ..summary import command_line, one_thread, origin, write_json
 from .cases import SIZES, SUITES, Case, cases, quick, sample
 from .evaluate import Evaluation, evaluate
 from .scene import ROBOTS
@@ -39,9 +38,7 @@ USUAL = ("1r", "3r", "ur5", "panda", "kinova", "xarm7")
 
 def parse() -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.concealed", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line("concealed", __doc__)
     parser.add_argument("--only", nargs="+", choices=SUITES, default=SUITES, metavar="SUITE", help="suites to run")
     parser.add_argument("--robots", nargs="+", choices=tuple(ROBOTS), default=USUAL, metavar="ROBOT")
     parser.add_argument(
@@ -59,7 +56,6 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--judge-only", action="store_true", help="evaluate existing diagnoses only")
     parser.add_argument("--list", action="store_true", help="list every session that is not named right")
     parser.add_argument("--again", action="store_true", help="repeat existing diagnoses")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     return parser.parse_args()
 
 
@@ -83,7 +79,7 @@ def document(evaluations: Sequence[Evaluation], found: Sequence[Target]) -> dict
         "cells": [cell._asdict() for by in (by_size, by_robot) for cell in cells(evaluations, by)],
         "confusion": confusion(evaluations),
         "reliability": [one._asdict() for one in reliability(evaluations)],
-        "sessions": [asdict(one) for one in evaluations],
+        "sessions": evaluations,
     }
 
 
@@ -114,10 +110,7 @@ def main() -> None:
         if v.outcome not in ("right", "both") or v.spurious:
             console.print(f"{v.name} {v.key}: {v.outcome}, {v.first}, {v.spurious} spurious", highlight=False)
     console.print(f"{len(evaluations)} of {len(wanted)} sessions evaluated", highlight=False)
-    if options.json:
-        options.json.write_text(
-            json.dumps(finite(document(evaluations, found)), indent=1, allow_nan=False), encoding="utf-8"
-        )
+    write_json(options.json, document(evaluations, found))
     sys.exit(bool(failures) or any(target.met is False for target in found))
 
 

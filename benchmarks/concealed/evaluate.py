@@ -126,7 +126,7 @@ def error(effect: str, found: Mapping[str, Any], true: Mapping[str, Any], joints
         joints: number of joints.
     """
     if effect == "counterbalance":
-        pairs = [_wave(found), (float(true["amplitude"]), float(true["phase"]))]
+        pairs = [(_value(found, "amplitude"), _value(found, "phase")), (float(true["amplitude"]), float(true["phase"]))]
         (one, other) = (np.array([a * math.cos(phase), a * math.sin(phase)]) for a, phase in pairs)
         return float(np.linalg.norm(one - other) / np.linalg.norm(other))
     if effect in TOGETHER and joints >= SEEN:
@@ -139,10 +139,6 @@ def error(effect: str, found: Mapping[str, Any], true: Mapping[str, Any], joints
         value = abs(value) if effect in UNSIGNED else value
         errors.append(abs(value / truth - 1))
     return float(np.mean(errors)) if errors else math.nan
-
-
-def _wave(found: Mapping[str, Any]) -> tuple[float, float]:
-    return _value(found, "amplitude"), _value(found, "phase")
 
 
 def _value(found: Mapping[str, Any], key: str) -> float:

@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..plants.bodies import Drives, drive
-from ..plants.control import Track, misread
+from ..plants.control import Array, Track, misread
 from ..plants.faults import FOREIGN, Fault
 from ..plants.laws import LEVELS, MEMORIES, TORQUES, Laws
 from ..plants.mujoco_ import simulate
@@ -159,8 +158,6 @@ def scaled(fault: Fault, factor: float) -> Fault:
     return Fault(fault.effect, fault.joint, values)
 
 
-Array = NDArray[np.float64]
-
 AMPLE = 1e6  # dry friction that keeps the levels of faults positive [N.m]
 RIGID = ("payload", "link_inertia", "base_tilt")
 DRIVES = ("viscous_friction", "coulomb_friction", "torque_offset", "armature")
@@ -175,7 +172,14 @@ def extra(scene: Scene, fault: Fault) -> Array:
     """
     effect = fault.effect
     if effect in (*LEVELS, *TORQUES, *MEMORIES, *FOREIGN):
-        return _stepped(scene, fault)
+        n, torque = len(scene.body.joints), np.zeros_like(scene.bodies)
+        laws = Laws([fault], scene.body.joints, [AMPLE] * n, 1 / RATE)
+        (q, v, _), load = scene.asked, scene.bodies
+        for k, t in enumerate(scene.t):
+            added, level = laws.at(t, q[k], v[k], load[k])
+            torque[k] = added + (level - AMPLE) * np.sign(v[k])
+            laws.advance(v[k])
+        return torque
     for names, law in ((RIGID, _rigid), (DRIVES, _driven), (RECORDING, _misread)):
         if effect in names:
             return law(scene, fault)
@@ -183,17 +187,6 @@ def extra(scene: Scene, fault: Fault) -> Array:
     if own is None:
         raise ValueError(f"the torque of {effect} requires simulation")
     return own(scene, fault)
-
-
-def _stepped(scene: Scene, fault: Fault) -> Array:
-    n, torque = len(scene.body.joints), np.zeros_like(scene.bodies)
-    laws = Laws([fault], scene.body.joints, [AMPLE] * n, 1 / RATE)
-    (q, v, _), load = scene.asked, scene.bodies
-    for k, t in enumerate(scene.t):
-        added, level = laws.at(t, q[k], v[k], load[k])
-        torque[k] = added + (level - AMPLE) * np.sign(v[k])
-        laws.advance(v[k])
-    return torque
 
 
 def _rigid(scene: Scene, fault: Fault) -> Array:

@@ -10,15 +10,13 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from signid.robot import load_robot
 
 from ..plants.bodies import Body, Drives, bare
+from ..plants.control import Array
 from ..plants.faults import Fault
 from ..plants.mujoco_ import build, dofs, inverse, mean_inertia
-
-Array = NDArray[np.float64]
 
 MASS, CENTRE, INERTIA = 1.0, 0.1, 2.0  # errors of mass [1], centre [m] and inertia [1] per unit of `error`
 LEAST = 0.3  # smallest factor on a stated mass or inertia [1]

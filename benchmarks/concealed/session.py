@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 from rich.progress import Progress
 
 from ..plants import mujoco_
@@ -24,8 +23,6 @@ from ..plants.faults import Fault
 from .cases import HARD_ERROR, Case
 from .faults import plant
 from .scene import DURATION, ROBOTS, Scene, described, draw, mistaken, rms
-
-Array = NDArray[np.float64]
 
 MOTIONS, RATE, BITS = 4, 125.0, 17  # recordings per session, rate [Hz], encoder bits per turn
 NOISE, COLOURED = (0.01, 0.05), 0.4  # range of white noise over torque [1]; coloured over white noise [1]
@@ -134,16 +131,6 @@ def actuators_file(drives: Drives, joints: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
-def diagnose_session(folder: Path, skip: Sequence[str] = ()) -> dict[str, Any]:
-    """Diagnose the recordings in a folder without access to the answers, and without the effects to skip."""
-    import signid
-    from signid.output.report import diagnosis_document
-
-    model = signid.load_model(folder / "robot.urdf")
-    recordings = [signid.read_recording(path, model.robot) for path in sorted(folder.glob("recording_*.parquet"))]
-    return diagnosis_document(signid.diagnose(model, recordings, skip=tuple(skip)))
-
-
 def process(case: Case, cache: Path, diagnose: bool, again: bool) -> str:
     """Record and diagnose a session unless done; return the error, or an empty string."""
     try:
@@ -151,7 +138,13 @@ def process(case: Case, cache: Path, diagnose: bool, again: bool) -> str:
         if not diagnose or (result.is_file() and not again):
             return ""
         start, wall = time.process_time(), time.perf_counter()
-        found = diagnose_session(folder, case.skip)
+        # diagnose the recordings in a folder without access to the answers, and without the effects to skip
+        import signid
+        from signid.output.report import diagnosis_document
+
+        model = signid.load_model(folder / "robot.urdf")
+        recordings = [signid.read_recording(path, model.robot) for path in sorted(folder.glob("recording_*.parquet"))]
+        found = diagnosis_document(signid.diagnose(model, recordings, skip=tuple(case.skip)))
         times = {"cpu": time.process_time() - start, "wall": time.perf_counter() - wall}
         result.parent.mkdir(parents=True, exist_ok=True)
         result.write_text(json.dumps({"document": found, **times}), encoding="utf-8")

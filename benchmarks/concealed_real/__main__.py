@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -22,7 +21,7 @@ from typing import Any
 
 from rich.console import Console
 
-from ..summary import finite, one_thread, origin
+from ..summary import command_line, data, one_thread, origin, write_json
 from . import leave_out
 from .run import Row, run
 from .sets import SETS
@@ -34,10 +33,9 @@ WAIT = 1.0  # between polls of the processes [s]
 
 def parse() -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.concealed_real", description=__doc__)
+    parser = command_line("concealed_real", __doc__)
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), metavar="SET", help=", ".join(SETS))
     parser.add_argument("--cases", nargs="+", default=[], metavar="KIND", help="kinds of changes (default: all)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows to FILE as JSON after each case")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes; each runs one set at a time")
     parser.add_argument("--limit", type=float, metavar="S", help="time limit of a diagnosis")
     parser.add_argument("--show", type=Path, metavar="FILE", help="print the tables of an existing JSON file")
@@ -60,16 +58,14 @@ def main() -> int:
         rows: list[Row] = json.loads(options.show.read_text(encoding="utf-8"))["rows"]
         console.print(*tables(rows))
         return 0
-    if not os.environ.get("SIGNID_DATA"):
-        sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
+    data()
     if options.leave_out:
         return _leave_out(options, console)
     rows = []
     for row in _rows(options.sets, options.cases, options.limit, options.jobs):
         rows.append(row)
         console.print(line(row), soft_wrap=True, highlight=False, markup=False)
-        if options.json:
-            _write(options.json, rows, totals(rows))
+        write_json(options.json, _document(rows, totals(rows)))
     console.print(*tables(rows))
     return 0
 
@@ -87,8 +83,7 @@ def _leave_out(options: argparse.Namespace, console: Console) -> int:
     rows = load(options.cache, options.sets)
     found = leave_out.leave_out(rows, constants, robots)
     console.print(*leave_out.tables(found, list(leave_out.choices(rows, constants, robots))))
-    if options.json:
-        _write(options.json, rows, leave_out.totals(found))
+    write_json(options.json, _document(rows, leave_out.totals(found)))
     return 0
 
 
@@ -103,13 +98,8 @@ def _fill(settings: Mapping[str, Sequence[Setting]], options: argparse.Namespace
             future.result()
 
 
-def _write(path: Path, rows: Sequence[Row], figures: Mapping[str, str]) -> None:
-    """Write the file atomically."""
-    document = {"origin": origin("concealed_real", sys.argv[1:]), "totals": figures, "rows": finite(rows)}
-    text = json.dumps(document, indent=1) + "\n"
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+def _document(rows: Sequence[Row], figures: Mapping[str, str]) -> dict[str, Any]:
+    return {"origin": origin("concealed_real", sys.argv[1:]), "totals": figures, "rows": rows}
 
 
 def _rows(sets: Sequence[str], kinds: Collection[str], limit: float | None, jobs: int) -> Iterator[Row]:

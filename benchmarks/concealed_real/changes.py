@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from signid.diagnose.extend.holdout import residual_rows
 from signid.identify import Identification
@@ -18,7 +17,7 @@ from signid.regression.prepare import prepare
 from signid.regression.session import Options
 from signid.robot.dynamics import own_body
 from signid.simulation.rollout.joints import restrict_joints
-from signid.types import Law, Recording
+from signid.types import Array, Law, Recording
 
 from .sets import columns_of, rebuilt
 
@@ -53,7 +52,6 @@ class Case:
     other: bool = False  # B differs from the control's recording, so rows cannot be compared
 
 
-Array = NDArray[np.float64]
 BLOCKS, LEAST = 20, 4  # time blocks per recording, fewest blocks for a standard error
 ROUNDING = 1e-9  # tolerance over the mean square [1]
 

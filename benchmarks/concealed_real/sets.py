@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,8 @@ import numpy as np
 
 import signid
 from signid.types import Recording, Robot
+
+from ..summary import data
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 
@@ -80,12 +81,7 @@ TABLE = (
         *thirds("excit_joint_sensor", ((0, 10), (10.2, 15.4), (15.6, 20))),
     ),
     RealSet(  # psm3_one_no_weight has another counterweight
-        "psm",
-        "dvrk_wpi",
-        "psm3.urdf",
-        (Part("psm3_one"),),
-        Part("psm3_two", end=14.5),
-        Part("psm3_two", start=15.0),
+        "psm", "dvrk_wpi", "psm3.urdf", (Part("psm3_one"),), Part("psm3_two", end=14.5), Part("psm3_two", start=15.0)
     ),
     RealSet(  # a second laboratory
         "psm_radiang",
@@ -113,11 +109,6 @@ TABLE = (
     ),
 )
 SETS = {one.name: one for one in TABLE}
-
-
-def data() -> Path:
-    """Folder of the recordings."""
-    return Path(os.environ["SIGNID_DATA"])
 
 
 def read(one: RealSet, robot: Robot, part: Part) -> Recording:

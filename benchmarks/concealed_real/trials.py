@@ -72,7 +72,8 @@ def setting(values: Mapping[str, float]) -> Setting:
 @contextmanager
 def applied(values: Setting) -> Iterator[None]:
     """Set constants in each module of signid.diagnose that holds them, and restore them in the end."""
-    _import_all()
+    for found in pkgutil.walk_packages(import_module(ROOT).__path__, f"{ROOT}."):
+        import_module(found.name)
     changed = [(module, name, module.__dict__[name]) for name, _ in values for module in _holders(name)]
     wanted = dict(values)
     try:
@@ -89,12 +90,6 @@ def _holders(name: str) -> list[ModuleType]:
     own = getattr(sys.modules[f"{ROOT}.{CONSTANTS[name].module}"], name)
     below = [x for key, x in list(sys.modules.items()) if key.startswith(f"{ROOT}.")]
     return [x for x in below if x.__dict__.get(name) is own]
-
-
-def _import_all() -> None:
-    """Import every module of signid.diagnose: a later import would copy a value that is set for a while."""
-    for found in pkgutil.walk_packages(import_module(ROOT).__path__, f"{ROOT}."):
-        import_module(found.name)
 
 
 RUN = import_module("signid.diagnose.run")

@@ -11,7 +11,6 @@ process per file).
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import re
 import subprocess
@@ -28,15 +27,12 @@ from typing import NoReturn
 from rich.console import Console
 from rich.table import Table
 
-from ..summary import ONE_THREAD
+from ..summary import ONE_THREAD, command_line, write_json
 from .campaign import Row, run_campaign
 from .worker import content_of, give
 
-SECONDS, MEMORY, LENGTH = (
-    60,
-    3000,
-    20_000,
-)  # time per file [s], memory [MB], largest file unless a seed is larger [byte]
+# time per file [s], memory [MB], largest file unless a seed is larger [byte]
+SECONDS, MEMORY, LENGTH = 60, 3000, 20_000
 SLOW = 100  # divisor on the number of files for readers that start processes
 
 
@@ -128,8 +124,7 @@ def run_guided(options: argparse.Namespace) -> NoReturn:
             with console.status(reader.name):
                 rows.append(measure(reader.name, max(1, options.inputs // (SLOW if reader.slow else 1)), options.keep))
     console.print(show_guided(rows))
-    if options.json:
-        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1), encoding="utf-8")
+    write_json(options.json, rows)
     raise SystemExit(1 if any(row.fault for row in rows) else 0)
 
 
@@ -174,14 +169,13 @@ def repeat(name: str, seed: int, number: int, keep: Path | None) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the campaign and print its table and findings; exit with 1 on a finding."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.fuzz", description=__doc__)
+    parser = command_line("fuzz", __doc__)
     parser.add_argument("--inputs", type=int, default=20_000, help="number of inputs; with --guided, of each reader")
     parser.add_argument("--seed", type=int, default=0, help="seed of the mutations")
     parser.add_argument("--jobs", type=int, default=1, help="worker processes")
     parser.add_argument("--readers", "--only", nargs="+", metavar="NAME", help="run only these readers")
     parser.add_argument("--input", type=int, metavar="N", help="repeat this input of the only reader")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="copy files that cause a fault there")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     parser.add_argument("--guided", action="store_true", help="guide mutations by coverage (needs atheris)")
     parser.add_argument("--attack", nargs=2, metavar=("NAME", "FOLDER"), help=argparse.SUPPRESS)
     options, console = parser.parse_args(arguments), Console()
@@ -203,8 +197,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     findings = [one for row in rows for one in row.findings.values()]
     for one in findings:
         console.print(f"{one.reader}: {one.fault}: {one.count} inputs, first {one.first}", markup=False, soft_wrap=True)
-    if options.json:
-        options.json.write_text(json.dumps([_document(asdict(row)) for row in rows], indent=1), encoding="utf-8")
+    write_json(options.json, [_document(asdict(row)) for row in rows])
     raise SystemExit(1 if findings else 0)
 
 

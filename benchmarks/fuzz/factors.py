@@ -60,25 +60,26 @@ def _opened() -> tuple[dict[str, Any], dict[str, Any]]:
 def changes() -> list[bytes]:
     """Seeds of `changed`."""
     header, arrays = _opened()
-    return change_seeds(arrays, header)
+    # lines that change each array and each number of the header
+    names = [name for name in arrays if name != "header"]
+    operations = ("scale 2 -1", "put 1 1e300", "noise 3 1e3", "turn 0 0", "drop 1 0", "type 1 0", "put 0 nan")
+    found = [f"{name} {operations[k % 7]}\n{name} {operations[(k + 3) % 7]}\n".encode() for k, name in enumerate(names)]
+    keys = [f"header {key}.{inner} 1 -1\n".encode() for key in ("band", "base") for inner in header[key]]
+    return [LINES, *found, *keys]
 
 
 def changed(content: bytes) -> bytes:
     """Factors with changed arrays and the hash of these."""
     header, arrays = deepcopy(_opened())
-    changed_arrays(header, arrays, content)
+    # apply changes to the arrays and the header of factors; a line is ARRAY OPERATION PLACE NUMBER
+    for line in content.decode("utf-8", "replace").splitlines()[:20]:
+        words = line.split()
+        with contextlib.suppress(ValueError, OverflowError, KeyError, IndexError, TypeError):
+            _change(header, arrays, words)
     text = json.dumps(rehashed(header, arrays)).encode()
     file = io.BytesIO()
     np.savez(file, header=np.frombuffer(text, np.uint8), **arrays)
     return file.getvalue()
-
-
-def changed_arrays(header: dict[str, Any], arrays: dict[str, Any], lines: bytes) -> None:
-    """Apply changes to the arrays and the header of factors; a line is ARRAY OPERATION PLACE NUMBER."""
-    for line in lines.decode("utf-8", "replace").splitlines()[:20]:
-        words = line.split()
-        with contextlib.suppress(ValueError, OverflowError, KeyError, IndexError, TypeError):
-            _change(header, arrays, words)
 
 
 def _change(header: dict[str, Any], arrays: dict[str, Any], words: list[str]) -> None:
@@ -102,15 +103,6 @@ def _change(header: dict[str, Any], arrays: dict[str, Any], words: list[str]) ->
         arrays[name] = array[: place % (len(array) + 1)]
     elif what == "type":
         arrays[name] = array.astype("<f4" if place % 2 else "<i8")
-
-
-def change_seeds(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> list[bytes]:
-    """Lines that change each array and each number of the header."""
-    names = [name for name in arrays if name != "header"]
-    operations = ("scale 2 -1", "put 1 1e300", "noise 3 1e3", "turn 0 0", "drop 1 0", "type 1 0", "put 0 nan")
-    found = [f"{name} {operations[k % 7]}\n{name} {operations[(k + 3) % 7]}\n".encode() for k, name in enumerate(names)]
-    keys = [f"header {key}.{inner} 1 -1\n".encode() for key in ("band", "base") for inner in header[key]]
-    return [LINES, *found, *keys]
 
 
 def identify_from(path: Path, robot: Robot) -> None:

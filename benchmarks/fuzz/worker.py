@@ -181,7 +181,10 @@ def main(state_file: str, noise_file: str, module: str) -> None:
     source = import_module(module)
     known = {reader.name: reader for reader in source.readers()}
     warnings.simplefilter("ignore")
-    with open(state_file, "r+b") as file, tempfile.TemporaryDirectory(dir=_quick()) as folder:
+    with (
+        open(state_file, "r+b") as file,
+        tempfile.TemporaryDirectory(dir="/dev/shm" if os.access("/dev/shm", os.W_OK) else None) as folder,
+    ):
         state, place = mmap.mmap(file.fileno(), STATE.size), Path(folder)
         for line in sys.stdin:
             order = json.loads(line)
@@ -203,11 +206,6 @@ def main(state_file: str, noise_file: str, module: str) -> None:
             now = now._replace(number=-1, seconds=time.process_time() - begun)
             STATE.pack_into(state, 0, *now)
             answers.write(json.dumps({"done": True, "peak": peak_memory() // 1000}) + "\n")
-
-
-def _quick() -> str | None:
-    """A folder in memory, if there is one."""
-    return "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
 
 
 if __name__ == "__main__":

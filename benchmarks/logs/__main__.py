@@ -8,13 +8,11 @@ truth.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import tempfile
 import xml.etree.ElementTree as xml
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -35,7 +33,7 @@ from ..plants.mujoco_ import Body, draw_motion, log, simulate
 from ..servo.drive import Truth
 from ..servo.plant import record
 from ..servo.robots import benches, motion
-from ..summary import finite, frame, print_targets
+from ..summary import command_line, frame, print_targets, write_json
 from .changes import CHANGES, Change, Changed
 
 SECONDS, NOISE, BITS = 20.0, 0.02, 17
@@ -233,11 +231,10 @@ def rows(subject: Subject, changes: list[Change], seed: int, folder: Path) -> It
 
 def main() -> None:
     """Run, print one table and the targets."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.logs", description=__doc__)
+    parser = command_line("logs", __doc__)
     parser.add_argument("--only", nargs="+", choices=NAMES, help="run only these robots")
     parser.add_argument("--changes", metavar="WORD", default="", help="only changes whose name has this word")
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="logs of each simulated robot")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     names = tuple(options.only or (name for name in NAMES if name not in REAL or "SIGNID_DATA" in os.environ))
     changes = [change for change in CHANGES if options.changes in change.name]
@@ -267,10 +264,7 @@ def main() -> None:
             (f"coverage {share:.1f} % of {known} (93 to 97 %)", not known or COVERAGE[0] <= share <= COVERAGE[1]),
         ],
     )
-    if options.json:
-        options.json.write_text(
-            json.dumps(finite({"rows": [asdict(row) for row in found]}), indent=1), encoding="utf-8"
-        )
+    write_json(options.json, {"rows": found})
     raise SystemExit(0 if met else 1)
 
 

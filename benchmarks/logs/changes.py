@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-Array = NDArray[np.float64]
+from ..plants.control import Array
+
 Columns = Mapping[str, Array]
 Generator = np.random.Generator
 

@@ -9,7 +9,6 @@ environment; a missing one is marked in the tables. Exits with 1 when signid mis
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import sys
@@ -22,28 +21,25 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from ..summary import finite, one_thread
+from ..summary import command_line, finite, one_thread, write_json
 from .ask import Peer
 from .job import Arm, cases, describe
 from .results import Row, measure, tables
 
-DURATIONS, SHORT = (
-    (40.0, 20.0, 10.0),
-    (12.0, 10.0, 3.0),
-)  # durations of the two recordings and of the simulated loop [s]
+# durations of the two recordings and of the simulated loop [s]
+DURATIONS, SHORT = (40.0, 20.0, 10.0), (12.0, 10.0, 3.0)
 FEW = ("clean", "payload 1.5 kg", "torque gain 0.9, one joint")  # cases of --quick
-FIGAROH, MUJOCO = "figaroh_report.py", "mujoco_sysid.py"
+FIGAROH, MUJOCO = "figaroh_peer.py report", "mujoco_peer.py sysid"
 
 
 def parse() -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.peers", description=__doc__)
+    parser = command_line("peers", __doc__)
     known = [path for path in os.environ.get("SIGNID_PEER_PYTHON", "").split(os.pathsep) if path]
     parser.add_argument(
         "--peer-python", action="append", default=known, metavar="PATH", help="interpreter with a peer (repeatable)"
     )
     parser.add_argument("--quick", action="store_true", help=f"only {', '.join(FEW)}, on short recordings")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     for path in options.peer_python:
         if not Path(path).is_file():
@@ -86,9 +82,8 @@ def main() -> int:
     counts += [("mujoco.sysid", [row.mujoco.named for row in faulty])] if versions[1] else []
     for name, named in counts:
         console.print(f"{name}: {sum(named)} of {len(faulty)} causes named", highlight=False)
-    if options.json:
-        document = summarise(rows, dict(zip(("figaroh", "mujoco"), versions, strict=True)))
-        options.json.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    document = summarise(rows, dict(zip(("figaroh", "mujoco"), versions, strict=True)))
+    write_json(options.json, document)
     return 0 if all(row.signid.right for row in rows) else 1
 
 

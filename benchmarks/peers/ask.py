@@ -13,10 +13,11 @@ class Peer:
     """Process that answers each input line, the name of a folder, with a line of JSON."""
 
     def __init__(self, script: str, pythons: Sequence[str], folder: Path) -> None:
-        """Start the script with the first suitable Python; without one, `ask` returns None."""
+        """Start a script and its argument with the first suitable Python; without one, `ask` returns None."""
         self.version, self._process = "", None
+        name, *words = script.split()
         for python in pythons:
-            path = [str(Path(python).absolute()), str((Path(__file__).parent / script).absolute())]
+            path = [str(Path(python).absolute()), str((Path(__file__).parent / name).absolute()), *words]
             process = Popen(path, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, text=True, cwd=folder, encoding="utf-8")
             first = process.stdout.readline() if process.stdout else ""
             if first:

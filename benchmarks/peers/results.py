@@ -71,14 +71,7 @@ def diagnose(case: Case, folder: Path, train: Track, test: Track) -> Result:
     except signid.SignidError as error:
         nan, named = float("nan"), bool(case.words) and any(word in str(error) for word in case.words)
         return Result(
-            "named" if named else "refused",
-            "refused",
-            (),
-            0,
-            nan,
-            nan,
-            (str(error),),
-            time.process_time() - start,
+            "named" if named else "refused", "refused", (), 0, nan, nan, (str(error),), time.process_time() - start
         )
     return evaluate(case, found, time.process_time() - start)
 

@@ -7,11 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .control import Array
 from .faults import BODY, INERTIA, Fault
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ A level is the largest friction in either direction [N.m]; it holds the joint at
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import asin, copysign, cos, exp, pi, sin, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .control import Array
 from .faults import Fault
 
 
@@ -22,117 +22,6 @@ class Moment(NamedTuple):
     q: float
     v: float
     load: float
-
-
-def asymmetric_level(x: Moment, coulomb_positive: float, coulomb_negative: float, **_: float) -> float:
-    """Mean Coulomb friction of both directions; `asymmetric_torque` adds the difference."""
-    return (coulomb_positive + coulomb_negative) / 2
-
-
-def asymmetric_torque(
-    x: Moment,
-    viscous_positive: float,
-    viscous_negative: float,
-    coulomb_positive: float,
-    coulomb_negative: float,
-) -> float:
-    """Viscous friction of the direction, and half the difference of Coulomb friction."""
-    return (viscous_positive if x.v > 0 else viscous_negative) * x.v + (coulomb_positive - coulomb_negative) / 2
-
-
-def stribeck_level(x: Moment, level: float, velocity: float) -> float:
-    """F exp(-(v / vs)^2)."""
-    return level * exp(-((x.v / velocity) ** 2))
-
-
-def load_level(x: Moment, coefficient: float) -> float:
-    """Mu |load|."""
-    return coefficient * abs(x.load)
-
-
-def position_level(x: Moment, amplitude: float, frequency: float, phase: float) -> float:
-    """A sin(k q + phi), added to the joint's other friction."""
-    return amplitude * sin(frequency * x.q + phase)
-
-
-def drift_level(x: Moment, change: float, time_constant: float) -> float:
-    """Exponential rise from 0 to the whole change."""
-    return change * (1 - exp(-x.t / time_constant))
-
-
-def quadratic_torque(x: Moment, coefficient: float) -> float:
-    """C v |v|."""
-    return coefficient * x.v * abs(x.v)
-
-
-def cable_torque(x: Moment, cubic: float, centre: float) -> float:
-    """C (q - q0)^3."""
-    return cubic * (x.q - centre) ** 3
-
-
-def counterbalance_torque(x: Moment, amplitude: float, phase: float) -> float:
-    """A sin(q + phi)."""
-    return amplitude * sin(x.q + phase)
-
-
-def ripple_torque(x: Moment, amplitude: float, frequency: float, phase: float) -> float:
-    """A sin(k q + phi)."""
-    return amplitude * sin(frequency * x.q + phase)
-
-
-def tustin_level(x: Moment, level: float, velocity: float) -> float:
-    """Stribeck curve with exponent 1."""
-    return level * exp(-abs(x.v) / velocity)
-
-
-def step_level(x: Moment, change: float, time: float) -> float:
-    """Step change of friction."""
-    return change if x.t >= time else 0.0
-
-
-def triangular_level(x: Moment, amplitude: float, frequency: float) -> float:
-    """Triangle wave over the position from 0 to 2 A."""
-    return amplitude * (1 + 2 / pi * asin(sin(frequency * x.q)))
-
-
-def root_load_level(x: Moment, coefficient: float) -> float:
-    """C sqrt |load|."""
-    return coefficient * sqrt(abs(x.load))
-
-
-def double_ripple_torque(x: Moment, amplitude: float, second: float, frequency: float, phase: float) -> float:
-    """Two harmonics."""
-    return amplitude * sin(frequency * x.q + phase) + second * sin(2 * frequency * x.q + 1)
-
-
-def root_torque(x: Moment, coefficient: float) -> float:
-    """C sqrt |v| in the direction of v."""
-    return copysign(coefficient * sqrt(abs(x.v)), x.v)
-
-
-def stop_torque(x: Moment, stiffness: float, centre: float, free: float) -> float:
-    """Spring beyond a free distance from the centre."""
-    return copysign(stiffness * max(abs(x.q - centre) - free, 0.0), x.q - centre)
-
-
-def time_torque(x: Moment, amplitude: float, frequency: float, phase: float) -> float:
-    """A sin(2 pi f t + phi), frequency in Hz."""
-    return amplitude * sin(2 * pi * frequency * x.t + phase)
-
-
-def velocity_wave_torque(x: Moment, amplitude: float, velocity: float) -> float:
-    """A cos(v / v0)."""
-    return amplitude * cos(x.v / velocity)
-
-
-def skewed_torque(x: Moment, coefficient: float, centre: float) -> float:
-    """C (q - q0) v: viscous friction that grows along the travel."""
-    return coefficient * (x.q - centre) * x.v
-
-
-def load_wave_torque(x: Moment, amplitude: float, torque: float) -> float:
-    """A cos(load / tau0)."""
-    return amplitude * cos(x.load / torque)
 
 
 def crossed_torque(q: float, other: float, amplitude: float, frequency: float) -> float:
@@ -157,36 +46,43 @@ def lugre(
     return after, stiffness * after + damping * (after - z) / step
 
 
-LEVELS = {
-    "asymmetric_friction": asymmetric_level,
-    "stribeck_friction": stribeck_level,
-    "load_friction": load_level,
-    "position_friction": position_level,
-    "friction_drift": drift_level,
-    "tustin_friction": tustin_level,
-    "friction_step": step_level,
-    "triangular_friction": triangular_level,
-    "root_load_friction": root_load_level,
+LEVELS: Mapping[str, Callable[..., float]] = {  # largest friction at a moment
+    # mean Coulomb friction of both directions; the torque below adds half the difference
+    "asymmetric_friction": lambda x, coulomb_positive, coulomb_negative, **_: (coulomb_positive + coulomb_negative) / 2,
+    "stribeck_friction": lambda x, level, velocity: level * exp(-((x.v / velocity) ** 2)),
+    "load_friction": lambda x, coefficient: coefficient * abs(x.load),
+    "position_friction": lambda x, amplitude, frequency, phase: amplitude * sin(frequency * x.q + phase),
+    "friction_drift": lambda x, change, time_constant: change * (1 - exp(-x.t / time_constant)),
+    "tustin_friction": lambda x, level, velocity: level * exp(-abs(x.v) / velocity),  # Stribeck curve with exponent 1
+    "friction_step": lambda x, change, time: change if x.t >= time else 0.0,
+    # triangle wave over the position from 0 to 2 A
+    "triangular_friction": lambda x, amplitude, frequency: amplitude * (1 + 2 / pi * asin(sin(frequency * x.q))),
+    "root_load_friction": lambda x, coefficient: coefficient * sqrt(abs(x.load)),
 }
-TORQUES = {
-    "asymmetric_friction": asymmetric_torque,
-    "quadratic_friction": quadratic_torque,
-    "cable_torque": cable_torque,
-    "counterbalance": counterbalance_torque,
-    "torque_ripple": ripple_torque,
-    "double_ripple": double_ripple_torque,
-    "root_friction": root_torque,
-    "soft_stop": stop_torque,
-    "torque_in_time": time_torque,
-    "velocity_wave": velocity_wave_torque,
-    "skewed_friction": skewed_torque,
-    "load_wave": load_wave_torque,
+TORQUES: Mapping[str, Callable[..., float]] = {  # torque at a moment
+    "asymmetric_friction": lambda x, viscous_positive, viscous_negative, coulomb_positive, coulomb_negative: (
+        (viscous_positive if x.v > 0 else viscous_negative) * x.v + (coulomb_positive - coulomb_negative) / 2
+    ),
+    "quadratic_friction": lambda x, coefficient: coefficient * x.v * abs(x.v),
+    "cable_torque": lambda x, cubic, centre: cubic * (x.q - centre) ** 3,
+    "counterbalance": lambda x, amplitude, phase: amplitude * sin(x.q + phase),
+    "torque_ripple": lambda x, amplitude, frequency, phase: amplitude * sin(frequency * x.q + phase),
+    "double_ripple": lambda x, amplitude, second, frequency, phase: (
+        amplitude * sin(frequency * x.q + phase) + second * sin(2 * frequency * x.q + 1)
+    ),
+    "root_friction": lambda x, coefficient: copysign(coefficient * sqrt(abs(x.v)), x.v),
+    # spring beyond a free distance from the centre
+    "soft_stop": lambda x, stiffness, centre, free: copysign(
+        stiffness * max(abs(x.q - centre) - free, 0.0), x.q - centre
+    ),
+    # frequency in Hz
+    "torque_in_time": lambda x, amplitude, frequency, phase: amplitude * sin(2 * pi * frequency * x.t + phase),
+    "velocity_wave": lambda x, amplitude, velocity: amplitude * cos(x.v / velocity),
+    "skewed_friction": lambda x, coefficient, centre: coefficient * (x.q - centre) * x.v,  # grows along the travel
+    "load_wave": lambda x, amplitude, torque: amplitude * cos(x.load / torque),
 }
 MEMORIES = {"presliding_friction": dahl, "lugre_friction": lugre}
 LOADED = ("load_friction", "root_load_friction", "load_wave")  # need the rigid-body torque
-
-
-Array = NDArray[np.float64]
 
 
 class Laws:

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 from mujoco import rollout
-from numpy.typing import NDArray
 
 from .bodies import Body, Drives, bare, drive, tilted
 from .control import (
@@ -19,6 +18,7 @@ from .control import (
     COMMAND,
     KNOWN,
     STEP,
+    Array,
     Motion,
     Reference,
     Track,
@@ -31,8 +31,6 @@ from .control import (
 )
 from .faults import Fault, check
 from .laws import Laws
-
-Array = NDArray[np.float64]
 
 GEARS = ("backlash", "joint_elasticity")
 SOFT, PRESSED = 0.05, 0.5  # damping ratios of an elastic gear and of a gear with backlash in contact [1]

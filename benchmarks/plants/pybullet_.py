@@ -17,14 +17,11 @@ from pathlib import Path
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 
 from .bodies import Body, Drives, bare, drive, tilted
-from .control import COMMAND, KNOWN, STEP, Reference, Track, clock, gains, misplaced, misread
+from .control import COMMAND, KNOWN, STEP, Array, Reference, Track, clock, gains, misplaced, misread
 from .faults import Fault, check
 from .laws import Laws
-
-Array = NDArray[np.float64]
 
 
 class Machine:

@@ -8,8 +8,6 @@ compares its score of least squares with `benchmarks.blackbox`.
 from __future__ import annotations
 
 import argparse
-import json
-import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -27,7 +25,7 @@ from signid.simulation.rollout.joints import restrict_joints
 from ..blackbox import methods
 from ..blackbox.task import Task, build
 from ..concealed_real.sets import SETS
-from ..summary import finite, frame, one_thread, print_targets
+from ..summary import command_line, data, frame, one_thread, print_targets, write_json
 from .specification import Model, read, specifications
 from .write import PARTS, SetFiles, missing, refusal, set_files, write_readme, write_set, write_specification
 
@@ -103,11 +101,10 @@ Row = dict[str, Any]
 
 def parse() -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.public_sets", description=__doc__)
+    parser = command_line("public_sets", __doc__)
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder to write; outside of the repository")
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), metavar="SET", help=", ".join(SETS))
     parser.add_argument("--check", action="store_true", help="run simple models through IdentiBench")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE as JSON")
     return parser.parse_args()
 
 
@@ -115,8 +112,7 @@ def main() -> int:
     """Write the sets and print a table; with `--check`, return 1 if a score differs."""
     one_thread()
     options, console, found = parse(), Console(width=160), list[Row]()
-    if not os.environ.get("SIGNID_DATA"):
-        sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
+    data()
     if problem := missing() or refusal(options.folder):
         sys.exit(problem)
     write_specification(options.folder)
@@ -129,8 +125,7 @@ def main() -> int:
         return 1
     write_readme(options.folder)
     console.print(table(found))
-    if options.json:
-        options.json.write_text(json.dumps(finite(found), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(options.json, found)
     differences = [x["difference"] for x in found if "difference" in x]
     if not differences:
         return 0

@@ -80,10 +80,7 @@ ORIGINS = {
         "Wang, Gondokaryono, Munawar, Fischer, IEEE Robotics and Automation Letters, 2019",
     ),
     "dvrk_psm_radiang": Origin(
-        "radiang/dvrk_parameter_identification",
-        "b044f8f66e38006a6b8a9fe750d8d3344854da87",
-        UNSTATED,
-        "its repository",
+        "radiang/dvrk_parameter_identification", "b044f8f66e38006a6b8a9fe750d8d3344854da87", UNSTATED, "its repository"
     ),
     "kuka_lwr4_flobaroid": Origin(
         "kjyv/FloBaRoID",

@@ -9,18 +9,14 @@ the recordings of one robot one by one. Exits with 1 when a target is missed.
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
-from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from ..summary import one_thread
+from ..summary import command_line, data, one_thread, write_json
 from . import cases, repeat
 from .repeat import Agreement, Repeat
 from .row import Row
@@ -113,10 +109,9 @@ REPEAT = "repeat"
 
 def parse() -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.real", description=__doc__)
+    parser = command_line("real", __doc__)
     names = (*CASES, REPEAT)
     parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="CASE", help=", ".join(names))
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all rows to FILE as JSON")
     return parser.parse_args()
 
 
@@ -124,8 +119,7 @@ def main() -> int:
     """Run every case and print the tables; return 1 when a target is missed."""
     one_thread()
     options, console = parse(), Console(width=200)
-    if not os.environ.get("SIGNID_DATA"):
-        sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
+    data()
     rows: list[Row] = []
     for name in CASES:
         if name in options.only:
@@ -138,13 +132,12 @@ def main() -> int:
     agreements = [repeat.agree(group) for group in groups]
     if groups:
         console.print(show_repeats(groups, agreements))
-    if options.json:
-        document = {
-            "rows": [{**asdict(row), "holds": row.holds} for row in rows],
-            "repeats": [asdict(row) for group in groups for row in group],
-            "agreements": [{**asdict(one), "holds": one.holds} for one in agreements],
-        }
-        options.json.write_text(json.dumps(document, indent=1, default=str) + "\n", encoding="utf-8")
+    document = {
+        "rows": [{**asdict(row), "holds": row.holds} for row in rows],
+        "repeats": [asdict(row) for group in groups for row in group],
+        "agreements": [{**asdict(one), "holds": one.holds} for one in agreements],
+    }
+    write_json(options.json, document)
     return 0 if all(row.holds for row in rows) and all(one.holds for one in agreements) else 1
 
 

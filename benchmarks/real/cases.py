@@ -34,11 +34,8 @@ from .data import (
 from .row import Array, Row, Target, attempt, first_is, found, rms, within
 
 PAYLOAD = 2.805  # mass weighed by the authors of the recordings [kg]
-NEAR, ERROR, ROLLED = (
-    0.05,
-    1.3,
-    5.0,
-)  # bounds [1]: mass error, held-out error over the unloaded fit's, gain of the roll-out at 0.5 s
+# bounds [1]: mass error, held-out error over the unloaded fit's, gain of the roll-out at 0.5 s
+NEAR, ERROR, ROLLED = 0.05, 1.3, 5.0
 SPEED = ("stribeck_friction", "quadratic_friction", "viscous_friction", "asymmetric_friction")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -15,20 +14,14 @@ import signid
 from signid.model import Model
 from signid.types import Recording, Robot
 
+from ..summary import data
+
 ROBOTS = Path(__file__).parents[2] / "robots"
 UNLOADED = ("20_02_19_14harm50sec", "20_02_10_30sec_12harm")  # the first from the same day as the loaded one
 HELD_OUT = "20_02_12_50sec_12harm"  # unloaded, from another day, held out
 LOADED = "20_02_19_14harm50secLoad"
-LINK_SIDE = (
-    "viscous_friction",
-    "coulomb_friction",
-    "torque_offset",
-)  # effects of the Panda, with torque measured on the link side
-
-
-def data() -> Path:
-    """Folder of the recordings."""
-    return Path(os.environ["SIGNID_DATA"])
+# effects of the Panda, with torque measured on the link side
+LINK_SIDE = ("viscous_friction", "coulomb_friction", "torque_offset")
 
 
 @cache

@@ -7,12 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from signid.diagnose import Diagnosis, Finding
 from signid.errors import SignidError
+from signid.types import Array
 
-Array = NDArray[np.float64]
 Targets = Callable[[Diagnosis], Sequence["Target"]]
 
 

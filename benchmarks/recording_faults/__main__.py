@@ -8,12 +8,10 @@ answers of check, identify and diagnose to senseless recordings of the 3r.
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,7 +30,7 @@ from signid.types import Recording, Robot
 
 from ..concealed.cases import Case, cases
 from ..concealed.session import make
-from ..summary import one_thread
+from ..summary import command_line, one_thread, write_json
 from .faults import ALONE, FAULTS, spoiled
 from .senseless import Columns, senseless
 
@@ -168,14 +166,13 @@ def show(found: Sequence[Row]) -> Table:
 def main() -> None:
     """Examine all sessions, print the table and write the numbers; exit with 1 when a target is missed."""
     one_thread()
-    parser = argparse.ArgumentParser(prog=f"python -m {__package__}", description=__doc__)
+    parser = command_line("recording_faults", __doc__)
     parser.add_argument("--quick", action="store_true", help="3r and ur5, two sessions each")
     parser.add_argument("--effects", action="store_true", help="add robots with an effect of 15 %% of torque")
     parser.add_argument("--senseless", action="store_true", help="give senseless recordings of the 3r to each command")
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=ROBOTS)
     parser.add_argument("--seed", type=int, default=0, help="seed of motions, noise and planted faults")
     parser.add_argument("--cache", type=Path, metavar="DIR", help="keep sessions in DIR")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     if options.senseless:
         answered = list(answers())
@@ -194,8 +191,7 @@ def main() -> None:
         if row.outcome in ("more", "other") or (row.outcome == "silent" and row.fault in FAULTS):
             finding = f"{row.fault} {' '.join(row.joints)}, {row.robot} {row.seed}: {'; '.join(row.said) or 'nothing'}"
             console.print(finding, highlight=False)
-    if options.json:
-        options.json.write_text(json.dumps([asdict(row) for row in found], indent=1), encoding="utf-8")
+    write_json(options.json, found)
     planted = [row for row in found if row.fault in FAULTS]
     right = np.mean([row.outcome in ("found", "or") for row in planted])
     wrong = np.mean([row.outcome == "other" for row in planted])

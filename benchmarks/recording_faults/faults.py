@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..plants.control import Array
+
 Columns = dict[str, Array]
 Spoil = Callable[[list[Columns], tuple[int, ...], np.random.Generator], list[Columns]]
 

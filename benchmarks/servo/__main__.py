@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -14,7 +12,7 @@ import numpy as np
 import polars as pl
 from rich.console import Console
 
-from ..summary import finite, frame, print_targets
+from ..summary import command_line, frame, print_targets, write_json
 from .drive import Truth
 from .identified import KNOWN_LOAD, NUMBERS, RATE, SECONDS, Row, Trial, run
 from .plant import record
@@ -30,11 +28,10 @@ WIDTH = 150  # of the tables
 
 def main() -> int:
     """Run the parts that were asked for; return 1 if a target is missed."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line("servo", __doc__)
     parser.add_argument("parts", nargs="*", default=["truth", "real", "rival"])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--robots", nargs="+", default=["pendulum", "go2_leg", "so101"])
-    parser.add_argument("--json", default=None)
     given, console, kept, met = parser.parse_args(), Console(width=WIDTH), dict[str, object](), True
     with tempfile.TemporaryDirectory() as place:
         found = benches(Path(place), tuple(given.robots))
@@ -47,8 +44,7 @@ def main() -> int:
             kept["real"] = show_real(console, Path(place))
         if "rival" in given.parts and find_spec("cma"):
             kept["rival"] = show_rival(console)
-    if given.json:
-        Path(given.json).write_text(json.dumps(finite(kept), indent=1), encoding="utf-8")
+    write_json(given.json, kept)
     return 0 if met else 1
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..plants.control import Array
+
 NATIVE = {"dead_band": 0.0, "profile_speed": np.inf, "load_friction": 0.0, "droop": 0.0, "backlash": 0.0}
 
 

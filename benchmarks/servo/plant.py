@@ -28,7 +28,11 @@ def build(urdf: Path, truth: Truth, step: float) -> tuple[Any, list[str]]:
     for name in names:
         _drive(spec, spec.joint(name), truth.drives[name])
     if truth.payload:
-        _payload(spec, names[-1], truth)
+        last = names[-1]
+        body = next(joint.parent for joint in spec.joints if joint.name == last)
+        body.add_body(name="payload", pos=truth.payload_at).add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.005, 0, 0], mass=truth.payload, contype=0, conaffinity=0
+        )
     return spec.compile(), names
 
 
@@ -79,13 +83,6 @@ def _drive(spec: Any, joint: Any, drive: Drive) -> None:
         play.limited, play.range = 1, [-drive.backlash / 2, drive.backlash / 2]
         play.solref_limit, play.solimp_limit = [0.002, 1], [0.99, 0.9999, 1e-4, 0.5, 2]
         play.armature = 1e-6
-
-
-def _payload(spec: Any, last: str, truth: Truth) -> None:
-    body = next(joint.parent for joint in spec.joints if joint.name == last)
-    body.add_body(name="payload", pos=truth.payload_at).add_geom(
-        type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.005, 0, 0], mass=truth.payload, contype=0, conaffinity=0
-    )
 
 
 def _events(command: Array, delays: Array, rate: float, step: float) -> tuple[int, list[Array]]:

@@ -19,10 +19,7 @@ from signid.types import Robot
 from .robots import data_folder
 
 XL330 = ("lift_and_drop", "sin_sin", "sin_time_square", "up_and_down")
-MAUICV = (
-    ("chirp", "prbs_small", "square_large", "square_small", "step_large", "triangle"),
-    ("prbs_large", "ramp"),
-)
+MAUICV = (("chirp", "prbs_small", "square_large", "square_small", "step_large", "triangle"), ("prbs_large", "ramp"))
 SO101 = (
     (
         "center_workspace",

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 
 from ..servo.robots import benches
-from ..summary import finite, frame, print_targets
+from ..summary import command_line, frame, print_targets, write_json
 from .faults import FAULTS
 from .trial import Outcome, run_trial
 
@@ -21,11 +18,10 @@ NAMED, WRONG = 0.9, 0.01  # [1] targets of issue 18
 
 def main() -> int:
     """Run all trials; return 1 if a target is missed."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line("servo_faults", __doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[100, 101])
     parser.add_argument("--robots", nargs="+", default=["pendulum", "go2_leg", "so101"])
     parser.add_argument("--faults", nargs="+", default=None)
-    parser.add_argument("--json", default=None)
     given, console, outcomes = parser.parse_args(), Console(), list[Outcome]()
     with tempfile.TemporaryDirectory() as place:
         for bench in benches(Path(place), tuple(given.robots)):
@@ -38,8 +34,7 @@ def main() -> int:
                     outcomes.append(run_trial(bench, fault, seed, Path(place)))
                     print_outcome(console, outcomes[-1])
     met = summary(console, outcomes)
-    if given.json:
-        Path(given.json).write_text(json.dumps(finite([asdict(x) for x in outcomes]), indent=1), encoding="utf-8")
+    write_json(given.json, outcomes)
     return 0 if met else 1
 
 

@@ -54,16 +54,8 @@ FAULTS = (
     Fault("load_friction", ("load_friction",), lambda d, e, r: {"load_friction": r.uniform(0.15, 0.4)}),
     Fault("droop", ("voltage_droop",), lambda d, e, r: {"droop": r.uniform(0.25, 0.5) / e}),
     Fault("backlash", ("backlash",), lambda d, e, r: {"backlash": r.uniform(0.03, 0.06)}, level=True),
-    Fault(
-        "coulomb",
-        ("coulomb_friction",),
-        lambda d, e, r: _more(d, "coulomb_friction", e * r.uniform(0.03, 0.08)),
-    ),
-    Fault(
-        "viscous",
-        ("viscous_friction",),
-        lambda d, e, r: _more(d, "viscous_friction", d.kd * r.uniform(0.4, 0.8)),
-    ),
+    Fault("coulomb", ("coulomb_friction",), lambda d, e, r: _more(d, "coulomb_friction", e * r.uniform(0.03, 0.08))),
+    Fault("viscous", ("viscous_friction",), lambda d, e, r: _more(d, "viscous_friction", d.kd * r.uniform(0.4, 0.8))),
     Fault("armature", ("armature",), lambda d, e, r: {"armature": d.armature * r.uniform(1.6, 2.5)}),
     Fault(
         "offset",

@@ -6,15 +6,12 @@ recordings. The cases paper, real, hobby and speed need SIGNID_DATA.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import platform
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -23,7 +20,7 @@ from rich.table import Table
 
 from signid.errors import SignidError
 
-from ..summary import finite, one_thread
+from ..summary import command_line, one_thread, write_json
 from . import paper, real, simulated, speed, summary
 from .summary import reliability, summarise
 from .trial import Row, TargetResult
@@ -101,14 +98,14 @@ class Bench:
         """Currents with unknown torque constants."""
         found = list(simulated.found(workers=self.workers))
         kinds = list(simulated.summarise(found))
-        self.more |= {"constants": [asdict(one) for one in found], "kinds": [asdict(kind) for kind in kinds]}
+        self.more |= {"constants": found, "kinds": kinds}
         self.results += summary.of_constants(kinds)
         return (summary.show_constants(kinds),)
 
     def speed(self) -> Tables:
         """Speed of the exact search against the classical tree and its fast form."""
         rows = list(speed.races(self.rows, tree=not self.quick))
-        self.more["speed"] = [asdict(row) for row in rows]
+        self.more["speed"] = rows
         self.results += [row.result for row in rows]
         return (speed.show(rows),)
 
@@ -147,13 +144,12 @@ def run(bench: Bench, cases: Sequence[str], console: Console) -> None:
 def main() -> None:
     """Run, print and write the numbers; exit with 1 when a target is missed."""
     one_thread()
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.signs", description=__doc__)
+    parser = command_line("signs", __doc__)
     parser.add_argument(
         "--only", nargs="+", choices=CASES, metavar="CASE", help=f"run only these of {', '.join(CASES)}"
     )
     parser.add_argument("--quick", action="store_true", help="fewer motions, no tree")
     parser.add_argument("--workers", type=int, default=2, help="number of parallel processes (%(default)s)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options, console = parser.parse_args(), Console(width=160)
     bench = Bench(options.quick, options.workers)
     run(bench, options.only or CASES, console)
@@ -165,13 +161,13 @@ def main() -> None:
         groups = summarise([row for row in bench.rows if "noise" in row.group or row.group in simulated.FAILURES])
         document = {
             "machine": machine,
-            "rows": [asdict(row) for row in bench.rows],
-            "groups": [asdict(group) for group in groups],
+            "rows": bench.rows,
+            "groups": groups,
             "reliability": [asdict(one) for one in reliability(bench.rows)],
             "verdicts": [result._asdict() for result in bench.results],
             **bench.more,
         }
-        options.json.write_text(json.dumps(finite(document), indent=1, allow_nan=False), encoding="utf-8")
+        write_json(options.json, document)
     sys.exit(any(result.met is False for result in bench.results))
 
 

@@ -7,7 +7,6 @@ coefficients; ten combinations of them are identifiable from torque.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from signid.types import BaseMap, Robot
 from ..plants.bodies import Body, Drives
 from ..plants.control import FUNDAMENTAL, Track, draw_motion, log
 from ..plants.mujoco_ import build, inverse
+from ..summary import data
 from .trial import Array, Puzzle, Row, Target, Truth, attempt, planted
 
 G, L2, L3, D2 = 9.81, 0.3, 0.2, 0.09  # gravity [m/s2], lengths [m]
@@ -205,7 +205,7 @@ def rows(tree: bool) -> Iterator[Row]:
 
 def folder() -> Path:
     """Folder of the recordings."""
-    return Path(os.environ["SIGNID_DATA"]) / "seed_penne"
+    return data() / "seed_penne"
 
 
 def puzzles(anew: bool) -> Iterator[Puzzle]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -63,12 +62,8 @@ def fast(group: str, description: Path, recording: str) -> Puzzle:
 
 TRAIN, HELD_OUT = ("multisine", "frequency_sweep"), ("friction_gravity", "random_waypoints")
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")  # in the order of the recordings
-KINDS = {
-    "q": "q",
-    "dq": "dq",
-    "q_des": "q_des",
-    "abs_tau": "tau_abs",
-}  # the jaw is omitted: its positions are shares of its range
+# the jaw is omitted: its positions are shares of its range
+KINDS = {"q": "q", "dq": "dq", "q_des": "q_des", "abs_tau": "tau_abs"}
 SURE = 0.999  # probability above which a segment counts as certain [1]
 
 
@@ -102,7 +97,7 @@ class Report:
 
 def report() -> Report:
     """Identify from two recordings with two others held out."""
-    folder = Path(os.environ["SIGNID_DATA"]) / "so101_sage"
+    folder = data() / "so101_sage"
     robot = signid.load_robot(folder / "so101.urdf", joints=JOINTS)
     columns = {f"{a}_{name}": f"{b}_{k}" for k, name in enumerate(JOINTS, 1) for a, b in KINDS.items()}
     train, held_out = (

@@ -31,12 +31,8 @@ CENTRES: Mapping[str, tuple[float, ...]] = {  # centres of the motions [rad]
     "xarm7": (0.0, -0.5, 0.0, 1.0, 0.0, 1.0, 0.0),
 }
 SEEDS = 3
-DURATION, HELD_OUT, RATE, BITS = (
-    20.0,
-    8.0,
-    100.0,
-    17,
-)  # durations [s] of training and held-out motion, rate [Hz], bits per turn
+# durations [s] of training and held-out motion, rate [Hz], bits per turn
+DURATION, HELD_OUT, RATE, BITS = 20.0, 8.0, 100.0, 17
 NOISES = (0.02, 0.05, 0.10, 0.20)  # torque noise over each joint's rms torque [1]
 FRICTIONLESS = Options(effects=("torque_offset", "armature"))
 COARSE, QUIET = 0.3, 0.02  # quantisation step and noise over each joint's rms torque [1]
@@ -56,12 +52,7 @@ class Scene:
     tracks: tuple[Track, Track]
 
     def puzzle(
-        self,
-        group: str,
-        noise: float,
-        options: Options | None = None,
-        step: float = 0.0,
-        signed: tuple[int, ...] = (),
+        self, group: str, noise: float, options: Options | None = None, step: float = 0.0, signed: tuple[int, ...] = ()
     ) -> Puzzle:
         """Puzzle of both motions as logged.
 
@@ -138,10 +129,8 @@ def logged(track: Track, seed: int, noise: float, step: float = 0.0) -> dict[str
     return columns
 
 
-NOISE, WRONG = (
-    0.02,
-    0.2,
-)  # torque noise over rms torque [1]; log-std of the inertials' errors in a wrong description [1]
+# torque noise over rms torque [1]; log-std of the inertials' errors in a wrong description [1]
+NOISE, WRONG = 0.02, 0.2
 RANGE = (0.5, 50.0)  # range of the torque constants [N.m/A]
 ANCHOR = 1  # joint with a known constant in the first kind
 KINDS = ("joint 2's known", "none known", "none known, URDF off by 20 %")

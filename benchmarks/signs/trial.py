@@ -20,12 +20,10 @@ from signid.regression.prepare import prepare
 from signid.regression.rows import read_rows
 from signid.regression.session import Options, Session
 from signid.signs.result import Signs, Trace
-from signid.types import BaseMap, Estimate, Law, Recording, Robot
+from signid.types import Array, BaseMap, Estimate, Law, Recording, Robot
 
 from ..arms import base_parameters
 from ..plants.bodies import Drives
-
-Array = NDArray[np.float64]
 
 ORDER, CORNER = 4, 8.0  # order and corner [Hz] of the low-pass for the truth of single samples
 REST, LASTING = 0.02, 0.2  # speed of a joint at rest [rad/s or m/s], averaging time [s]

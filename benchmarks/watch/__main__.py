@@ -8,22 +8,19 @@ on one core.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import time
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 import signid
 from signid.model import Model
 from signid.simulation.excite.random_motions import rest_to_rest_motion
+from signid.types import Array
 from signid.watch import Contact, Event, LastingChange, Watcher
 
 from ..arms import ARMS, Arm, load
@@ -31,10 +28,9 @@ from ..measure_command import peak
 from ..plants.bodies import Body
 from ..plants.control import Table, draw_motion
 from ..real.data import HELD_OUT, LOADED, UNLOADED, ur10e_model, ur10e_recording
-from ..summary import finite, frame, print_targets
+from ..summary import command_line, frame, print_targets, write_json
 from .plant import Alteration, Push, record
 
-Array = NDArray[np.float64]
 LEARNT = 30.0  # [s] of the recording that gives the model
 BEGIN = 25.0  # [s] of the change
 REACTED = 0.3  # [s] after a push within which it counts as detected
@@ -230,10 +226,9 @@ def cost() -> tuple[float, float]:
 
 def main() -> int:
     """Run all parts; 1 if a target is missed."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line("watch", __doc__)
     parser.add_argument("--hours", type=float, default=0.1)
     parser.add_argument("--pushes", type=int, default=25)
-    parser.add_argument("--json", type=Path)
     given, console = parser.parse_args(), Console()
     detected = [pushes(name, given.pushes, 11) for name in ROBOTS]
     parts = max(1, round(given.hours * 3600 / PART))
@@ -261,11 +256,10 @@ def main() -> int:
         (f"{share:.1%} of a core, at most {SHARE:.0%}", share <= SHARE),
     ]
     met = print_targets(console, targets)
-    if given.json:
-        rows = {"pushes": detected, "quiet": still, "changes": named}
-        content = {key: [one._asdict() for one in value] for key, value in rows.items()}
-        content |= {"real": real._asdict() if real else None, "share": share}  # type: ignore[dict-item]
-        given.json.write_text(json.dumps(finite(content), indent=1), encoding="utf-8")
+    rows = {"pushes": detected, "quiet": still, "changes": named}
+    content = {key: [one._asdict() for one in value] for key, value in rows.items()}
+    content |= {"real": real._asdict() if real else None, "share": share}  # type: ignore[dict-item]
+    write_json(given.json, content)
     return 0 if met else 1
 
 

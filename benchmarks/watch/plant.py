@@ -7,13 +7,10 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from ..plants.bodies import Body, Drives
-from ..plants.control import STEP, Reference, gains
+from ..plants.control import STEP, Array, Reference, gains
 from ..plants.mujoco_ import build, dofs, inverse, mean_inertia
-
-Array = NDArray[np.float64]
 
 EVERY = 4  # steps between two samples, which are those of the controller: 1 kHz
 PERIOD = EVERY * STEP  # [s]
