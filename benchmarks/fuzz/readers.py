@@ -228,10 +228,6 @@ def array_readers() -> Iterator[Reader]:
         yield Reader("HDF5", "r.h5", [_hdf5()], _recorded)
 
 
-def _driven(path: Path) -> None:
-    read_motion(path, pendulum())
-
-
 def _factors(path: Path) -> None:
     signid.load_factors(path, pendulum())
 
