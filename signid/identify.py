@@ -17,7 +17,14 @@ from .estimation.least_squares import estimate
 from .estimation.standard import METHODS, Search, choose_in_time
 from .model import Model, ModelSource, fitted_model, stated_parameters
 from .recording import Recordings, as_recordings
-from .recording_faults import IdentifiedData, identification_flags, naming_faults, under_found_gravity
+from .recording_faults import (
+    FaultEvidence,
+    IdentifiedData,
+    described_evidence,
+    identification_flags,
+    naming_faults,
+    under_found_gravity,
+)
 from .regression.covariance import base_covariance
 from .regression.factors import LAGS, Factors, Weigh
 from .regression.misfit import measure_misfit
@@ -145,7 +152,8 @@ def identify(
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
     session = recovered.session_to_fit(robot)
     signed = np.all([recording.signed for recording in everything], axis=0)
-    if mounted := under_found_gravity(robot, session, signed):
+    evidence = described_evidence(session, signed)
+    if mounted := under_found_gravity(robot, evidence):
         found = identify(
             mounted.robot,
             recordings,
@@ -165,7 +173,7 @@ def identify(
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search)
     notes = (*recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)
-    found = _judged(replace(found, notes=notes), train, test, everything)
+    found = _judged(replace(found, notes=notes), train, test, everything, evidence)
     again = not held_out if refit is None else refit
     found = _refit(found, given, test, way, recovered, search) if again else found
     found = found if refine is None else _refined(found, tuple(refine))
@@ -200,9 +208,15 @@ def _from_factors(
     return replace(found, inputs=reduced.inputs)
 
 
-def _judged(found: Identification, train: Factors, test: Factors, recordings: Sequence[Recording]) -> Identification:
+def _judged(
+    found: Identification,
+    train: Factors,
+    test: Factors,
+    recordings: Sequence[Recording],
+    evidence: FaultEvidence | None = None,
+) -> Identification:
     """With flags on the recordings and on joints that fit badly."""
-    rows = IdentifiedData(found.session, train, test, recordings)
+    rows = IdentifiedData(found.session, train, test, recordings, evidence)
     own = identification_flags(rows, found.model, found.excitation, found.fit, found.estimate.value)
     return replace(found, flags=(*own, *found.flags))
 

@@ -17,10 +17,10 @@ def test_coefficients_are_those_of_scipy() -> None:
         b = rng.normal(size=len(a))
         if trial % 3 == 0 and k > 1:
             a[:, 0] = a[:, 1] + (trial % 2) * 1e-3 * rng.normal(size=len(a))
-        x = nonnegative(a, b)
+        x = nonnegative((a.T @ a)[None], (a.T @ b)[None, :, None])[0, :, 0]
         assert np.all(x >= 0)
         assert np.linalg.norm(a @ x - b) <= nnls(a, b)[1] + 1e-6
-    assert not nonnegative(np.zeros((3, 2)), np.ones(3)).any()
+    assert not nonnegative(np.zeros((1, 2, 2)), np.zeros((1, 2, 3))).any()
 
 
 def test_a_curve_goes_through_its_samples_and_between_them() -> None:

@@ -5,7 +5,8 @@ columns, degrees instead of radians, wrong zeros, factors and clocks, torque tha
 Each `RecordingFault` has a sentence: the fault, its evidence, and how to correct it.
 """
 
-from .examine import examine, gravity_fault, is_sole, under_found_gravity
+from .evidence import FaultEvidence
+from .examine import described_evidence, examine, is_sole, under_found_gravity
 from .identified import IdentifiedData, identification_flags
 from .recorded import NO_EXCITATION, OF_A_FIT, recording_flags
 from .result import REFUSE, RecordingFault, RecordingFaults
@@ -16,11 +17,12 @@ __all__ = [
     "OF_A_FIT",
     "REFUSE",
     "SAMPLE_KINDS",
+    "FaultEvidence",
     "RecordingFault",
     "RecordingFaults",
     "IdentifiedData",
+    "described_evidence",
     "examine",
-    "gravity_fault",
     "is_sole",
     "identification_flags",
     "naming_faults",

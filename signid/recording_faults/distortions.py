@@ -17,7 +17,7 @@ from ..deadline import time_is_up
 from ..regression.motion import Motion
 from ..types import Array, Frozen, Indices, Mask
 from .evidence import LAG, FaultEvidence, Signals
-from .fits import fit_joints, missing_laws, unexplained
+from .fits import agreement, missing_laws, unexplained
 from .result import REFUSE, WARN, RecordingFault
 
 SEARCH = "the search for distorted recordings"
@@ -120,14 +120,14 @@ def thinned(evidence: FaultEvidence) -> tuple[FaultEvidence, Indices]:
     kept = np.concatenate(
         [start + np.arange(0, len(t), every) for start, t in zip(starts, evidence.moments, strict=True)]
     )
-    plain = Signals(*(signal[kept] for signal in evidence.plain))
-    few = replace(evidence, q=evidence.q[kept], plain=plain, moments=moments, block=evidence.block[kept])
+    plain, block = evidence.plain.rows(kept), evidence.block[kept]
+    few = replace(evidence, q=evidence.q[kept], plain=plain, moments=moments, block=block)
     return few, kept
 
 
 def _judged(evidence: FaultEvidence, informative: Mask, trial: _Trial, rest: float) -> Distortion | None:
     signals, rows = _undone(evidence, trial)
-    plain, block = Signals(*(signal[rows] for signal in evidence.plain)), evidence.block[rows]
+    plain, block = evidence.plain.rows(rows), evidence.block[rows]
     before, after = unexplained(plain), unexplained(signals)
     ratio = np.where(informative, after / np.maximum(before, 1e-300), 1.0)
     betters = np.flatnonzero(ratio <= BETTER)
@@ -135,24 +135,14 @@ def _judged(evidence: FaultEvidence, informative: Mask, trial: _Trial, rest: flo
     least = min(rest, nats(before, informative)) - nats(after, informative)
     if least < WORTH or ratio.min() > MUCH or alone or after[betters].max() > GOOD:
         return None
-    agreement = _agreement(plain, signals, block, betters)
-    if agreement < AGREE:
+    share = agreement(plain, signals, block, betters, betters)
+    if share < AGREE:
         return None
     shares = float(before[betters].mean()), float(after[betters].mean())
     joints = () if trial.joint < 0 else (trial.joint,)
     as_well = nats(after, informative) + TIE
     law = next((name for name, left in missing_laws(evidence) if nats(left, informative) <= as_well), "")
-    return Distortion(trial.kind, joints, trial.value, *shares, agreement, signals, law)
-
-
-def _agreement(before: Signals, after: Signals, block: Indices, joints: Indices) -> float:
-    """Share [1] of the blocks in which the residual of some joints is smaller after a correction."""
-    sizes = []
-    for x in (before, after):
-        fits = fit_joints(x)
-        square = np.sum([fits[j].residual ** 2 / fits[j].power for j in joints], axis=0)
-        sizes.append(np.array([square[block == k].sum() for k in np.unique(block)]))
-    return float(np.mean(sizes[1] < sizes[0]))
+    return Distortion(trial.kind, joints, trial.value, *shares, share, signals, law)
 
 
 def _trials(evidence: FaultEvidence, bad: bool) -> Iterator[_Trial]:
@@ -215,7 +205,7 @@ def _late(evidence: FaultEvidence, lag: float) -> tuple[Signals, Indices]:
     pairs = list(zip(evidence.torques, evidence.moments, strict=True))
     rows = np.flatnonzero(np.concatenate([(t + lag >= c.t[0]) & (t + lag <= c.t[-1]) for c, t in pairs]))
     torque = np.concatenate([curve.at(t + lag) for curve, t in pairs])
-    return Signals(*(signal[rows] for signal in evidence.plain._replace(torque=torque))), rows
+    return evidence.plain._replace(torque=torque).rows(rows), rows
 
 
 def distortion_fault(found: Distortion, joints: Sequence[str], blocks: int) -> RecordingFault:

@@ -39,12 +39,9 @@ class Curve(Frozen):
         place = (np.clip(t, self.t[0], self.t[-1]) - self.t[0]) / (self.t[-1] - self.t[0]) * last
         start = np.clip(np.floor(place).astype(np.intp) - count // 2 + 1, 0, last + 1 - count)
         nodes, off = np.arange(count), place - start
-        value = np.zeros((len(t), self.x.shape[1]))
-        for k in nodes:
-            others = nodes[nodes != k]
-            weight = np.prod((off[:, None] - others) / (k - others), axis=1)
-            value += weight[:, None] * self.x[start + k]
-        return value
+        others = np.array([nodes[nodes != k] for k in nodes])
+        weight = np.prod((off - others[:, :, None]) / (nodes[:, None] - others)[:, :, None], axis=1)
+        return np.einsum("ik,ikn->kn", weight, self.x[start + nodes[:, None]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +89,14 @@ class Signals(NamedTuple):
     predicted: Array  # (K, n) [N.m or N] by the model without friction
     torque: Array  # (K, n) [N.m or N] as recorded
 
+    def rows(self, rows: Mask | Indices) -> Signals:
+        """Signals of some rows."""
+        return Signals(*(signal[rows] for signal in self))
+
+    def joint(self, joint: int) -> Signals:
+        """Signals of one joint."""
+        return Signals(*(signal[:, [joint]] for signal in self))
+
 
 @dataclass(frozen=True, eq=False)
 class FaultEvidence(Frozen):
@@ -136,8 +141,11 @@ class FaultEvidence(Frozen):
         return late
 
 
-def gather(model: Model, session: Session, parts: Sequence[Part]) -> FaultEvidence | None:
-    """Evidence from the longest stretch of each recording; None if all are too short."""
+def gather(model: Model, session: Session, parts: Sequence[Part], signed: Mask | None = None) -> FaultEvidence | None:
+    """Evidence from the longest stretch of each recording; None if all are too short.
+
+    signed: (n,) joints whose torque was recorded with its sign, if the session has recovered signs.
+    """
     task, most = session.task, SAMPLES // max(1, len(parts))
     frictionless = replace(model, laws=tuple(law for law in model.laws if not law.effect.dissipative))
     thin = Decimator(task.band.taps, max(1, task.band.factor // FINE))
@@ -154,6 +162,7 @@ def gather(model: Model, session: Session, parts: Sequence[Part]) -> FaultEviden
     plain = [law for law in direct if not law.effect.memory]
     rotors = model.bodies().armature @ np.abs(task.robot.drive)
     recorded = [recording.signed & np.array([bool(c) for c in recording.columns["tau"]]) for recording, _ in parts]
+    recorded += [] if signed is None else [signed]
     return FaultEvidence(
         replace(frictionless, laws=tuple(plain)),
         np.asarray(np.all(recorded, axis=0)),

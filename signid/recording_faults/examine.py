@@ -19,12 +19,12 @@ from . import messages
 from .channels import judge_absolute, judge_amount, judge_channels, judge_limits
 from .distortions import KINDS as DISTORTIONS, Distortion, distortion_fault, find_distortion, nats
 from .evidence import Correction, FaultEvidence, Signals, gather
-from .fits import FitColumns, unexplained
+from .fits import informative_torques, unexplained, unexplained_by_others
 from .gravity import GravityEstimate, Weights, find_gravity, under_gravity, weigh
 from .lag_and_gain import Gains, Lags, judge_gains, judge_lags
 from .result import REFUSE, UNCERTAIN, RecordingFault, RecordingFaults
 from .samples import SAMPLE_KINDS, judge_samples
-from .search import Claim, informative_torques, search
+from .search import Claim, search
 from .standstill import judge_standstills
 
 # [1] smallest unexplained share of a joint's torque that is a fault, and smallest deviation of that torque over the
@@ -60,14 +60,19 @@ class _Seen(NamedTuple):
 
 
 def examine(
-    model: Model, session: Session, excitation: ExcitationVerdict | None = None, signed: Mask | None = None
+    model: Model,
+    session: Session,
+    excitation: ExcitationVerdict | None = None,
+    signed: Mask | None = None,
+    evidence: FaultEvidence | None = None,
 ) -> RecordingFaults:
     """Find recording faults, by comparison with a simulation of the robot.
 
     A wrong order, sign, unit of angle or lag is claimed if its correction lets a passive joint with the model's bodies
     (with any friction, rotor and offset, not negative except the offset) explain the torque far better, in nearly all
     blocks of the recordings. For torques without a sign only their sizes are checked. If the session has recovered
-    signs, signed: (n,) are the joints whose torque was recorded with its sign.
+    signs, signed: (n,) are the joints whose torque was recorded with its sign. evidence: what `described_evidence` has
+    gathered for this session; None: it is gathered with the model.
 
     Raises:
         OptionError: the model has other joints.
@@ -80,11 +85,10 @@ def examine(
     parts = list(session.whole) or used  # a part of a recording does not contain its own reverse
     findings = judge_samples(parts, robot, session.task.band.per_joint)
     broken = any(fault.severity == REFUSE for fault in findings)  # other statements would be about these samples
-    evidence, seen = None if broken else gather(model, session, parts), None
+    evidence, seen = None if broken else evidence or gather(model, session, parts, signed), None
     if evidence is not None and (stuck := judge_standstills(evidence, parts)):
         findings, broken, evidence = [*findings, *stuck], True, None
     if evidence is not None:
-        evidence = evidence if signed is None else replace(evidence, signed=evidence.signed & signed)
         if (lost := judge_absolute(evidence, parts)).any():
             findings.append(messages.absolute_finding([robot.joints[j] for j in np.flatnonzero(lost)]))
             evidence = replace(evidence, signed=evidence.signed & ~lost)
@@ -132,32 +136,26 @@ class Mounted(NamedTuple):
     fault: RecordingFault
 
 
-def under_found_gravity(robot: Robot, session: Session, signed: Mask) -> Mounted | None:
-    """Robot under the gravity that the recordings clearly show, if it is not the stated one; signed: (n,)."""
+def described_evidence(session: Session, signed: Mask) -> FaultEvidence | None:
+    """Evidence with the description as model; None if all recordings are too short, or too few bodies have mass.
+
+    signed: (n,) as in `examine`.
+    """
     inertials = stated_inertials(session.robot)
     if np.mean(inertials[:, 0] > 0) < USABLE:
         return None
-    described = Model(session.robot, inertials, stated_laws(session.robot))
-    fault = gravity_fault(described, session, signed)
-    return None if fault is None else Mounted(with_gravity(robot, [fault.measures[k] for k in "xyz"]), fault)
+    return gather(Model(session.robot, inertials, stated_laws(session.robot)), session, list(session.whole), signed)
 
 
-def gravity_fault(model: Model, session: Session, signed: Mask | None = None) -> RecordingFault | None:
-    """Find another gravity than that of the model, if it is the only explanation of the torque.
+def under_found_gravity(robot: Robot, evidence: FaultEvidence | None) -> Mounted | None:
+    """Robot under another gravity than the stated one, if it is the only explanation of the torque.
 
-    A fit under the given gravity would be about another robot, so this is asked before. signed: (n,) as in `examine`.
+    A fit under the given gravity would be about another robot, so this is asked before.
     """
-    evidence = gather(model, session, list(session.whole))
-    if evidence is None:
-        return None
-    evidence = evidence if signed is None else replace(evidence, signed=evidence.signed & signed)
-    if find_gravity(evidence, informative_torques(evidence.plain, evidence.signed)) is None:
-        return None
-    seen = _see(evidence)
-    if seen.gravity is None:
+    if evidence is None or find_gravity(evidence) is None or (seen := _see(evidence)).gravity is None:
         return None
     fault = messages.gravity_finding(seen.gravity, seen.rivals, evidence)
-    return fault if is_sole(fault) else None
+    return Mounted(with_gravity(robot, [fault.measures[k] for k in "xyz"]), fault) if is_sole(fault) else None
 
 
 def is_sole(fault: RecordingFault) -> bool:
@@ -168,7 +166,7 @@ def is_sole(fault: RecordingFault) -> bool:
 def _see(evidence: FaultEvidence) -> _Seen:
     """Faults under the given gravity, or under the one that explains the torque as well or better."""
     seen = _see_faults(evidence)
-    found = find_gravity(evidence, informative_torques(evidence.plain, evidence.signed))
+    found = find_gravity(evidence)
     rest = nats(seen.left, seen.informative)
     if found is None or rest < found.left - AS_WELL:
         return seen
@@ -220,13 +218,12 @@ def _torque_findings(seen: _Seen) -> Iterator[RecordingFault]:
 def _verdicts(seen: _Seen) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Verdicts on signs and on order, by comparison with all others."""
     x, n = seen.signals, len(seen.informative)
-    columns = [FitColumns(x, j) for j in range(n)]
+    others = unexplained_by_others(x)
     wrong = [{j for c in seen.claims if c.kind in kinds for j in c.joints} for kinds in (SIGNS, ORDERS)]
     signs, order = list[str](), list[str]()
     for j in range(n):
-        other = columns[j].fit(-x.torque[:, j]).unexplained
-        rest = [c.fit(s * x.torque[:, j]).unexplained for k, c in enumerate(columns) if k != j for s in (1, -1)]
-        for verdicts, faulty, rival in ((signs, wrong[0], other), (order, wrong[1], min(rest, default=1.0))):
+        rest = np.delete(others[:, j], j, axis=0).min(initial=1.0)
+        for verdicts, faulty, rival in ((signs, wrong[0], others[j, j, 1]), (order, wrong[1], rest)):
             right = seen.informative[j] and (n == 1 and verdicts is order or rival - seen.left[j] >= CLEAR)
             verdicts.append("wrong" if j in faulty else "right" if right else UNCERTAIN)
     return tuple(signs), tuple(order)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from ..robot import with_gravity
 from ..types import Array, Frozen, Mask
 from .distortions import nats, thinned
 from .evidence import Correction, FaultEvidence, Signals
-from .fits import fit_joints, unexplained
+from .fits import fit_passive, informative_torques, unexplained
 
 STANDARD = 9.81  # [m/s2] size of gravity if the given one is zero
 FLOOR = 0.03  # [1] smallest residual that counts in the weight of a joint, over the joint's torque
@@ -61,6 +62,7 @@ class GravityEstimate(Frozen):
         return not self.value.any()
 
 
+@lru_cache(maxsize=2)
 def gravity_columns(evidence: FaultEvidence) -> Array:
     """Torque (K, n, 3) of unit gravity along each axis of the root link [kg.m or kg]."""
     motion = evidence.along(Correction.none(len(evidence.signed)))
@@ -77,8 +79,10 @@ def under_gravity(evidence: FaultEvidence, gravity: Array, columns: Array | None
     return replace(evidence, model=model, plain=plain)
 
 
-def find_gravity(evidence: FaultEvidence, informative: Mask) -> GravityEstimate | None:
-    """Find another gravity than the given one; informative: (n,) joints with informative torque."""
+@lru_cache(maxsize=2)
+def find_gravity(evidence: FaultEvidence) -> GravityEstimate | None:
+    """Find another gravity than the given one."""
+    informative = informative_torques(evidence.plain, evidence.signed)
     given, columns = np.array(evidence.model.robot.model.gravity.linear), gravity_columns(evidence)
     axes, before = _shown(evidence, columns), evidence.plain
     if not len(axes):
@@ -100,7 +104,7 @@ def _judged(
     """Compare a gravity: (3,) [m/s2] with signals under the given one; None if it is not far better."""
     found = under_gravity(evidence, value, columns)
     power = np.maximum(np.var(evidence.plain.torque, axis=0), 1e-300)
-    squares = [np.stack([fit.residual**2 for fit in fit_joints(x)], axis=1) / power for x in (given, found.plain)]
+    squares = [fit_passive(x).residual[:, :, 0].T ** 2 / power for x in (given, found.plain)]
     before, after = (np.minimum(square.mean(axis=0), 1.0) for square in squares)
     ratio = np.where(informative, after / np.maximum(before, 1e-300), 1.0)
     betters = np.flatnonzero(ratio <= BETTER)
@@ -139,6 +143,7 @@ class Weights(NamedTuple):
         return self.bare if usual.sum() >= self.bare.sum() else np.zeros_like(self.bare)
 
 
+@lru_cache(maxsize=2)
 def weigh(evidence: FaultEvidence) -> Weights:
     """Estimate the share of the weight in each joint's torque, beside inertial torque, friction, rotor and offset."""
     x, n = evidence.plain, len(evidence.signed)

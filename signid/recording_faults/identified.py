@@ -13,14 +13,15 @@ import numpy as np
 from ..errors import shorten
 from ..estimation.excitation import ExcitationVerdict
 from ..estimation.fit_quality import LITTLE, Fit, judge_fit
-from ..model import Model, stated_inertials, stated_laws, stated_parameters
+from ..model import Model, stated_parameters
 from ..recording.sampling import select_stretches
 from ..regression.factors import Factors
 from ..regression.projection import least_squares
 from ..regression.rows import Rows, Task, read_rows, torque_rates
 from ..regression.session import Session
 from ..types import Array, Mask, Recording
-from .examine import USABLE, examine
+from .evidence import FaultEvidence
+from .examine import examine
 from .result import NOTE, RecordingFault
 
 LOUD = 3.0  # [noise floors] held-out rms from which on it is more than noise
@@ -57,6 +58,7 @@ class IdentifiedData(NamedTuple):
     train: Factors
     test: Factors  # held out
     recordings: Sequence[Recording]  # empty if only factors were given
+    evidence: FaultEvidence | None = None  # with the description as model, from `described_evidence`
 
 
 class Delay(NamedTuple):
@@ -88,10 +90,7 @@ def identification_flags(
     moving = np.array([joint not in excitation.resting for joint in fit.joints])
     if rows.recordings:
         signed = np.all([recording.signed for recording in rows.recordings], axis=0)
-        inertials = stated_inertials(session.robot)
-        usable = np.mean(inertials[:, 0] > 0) >= USABLE
-        described = Model(session.robot, inertials, stated_laws(session.robot)) if usable else model
-        found = examine(described, session, excitation, signed).findings
+        found = examine(model, session, excitation, signed, rows.evidence).findings
         faults = [f for f in found if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit)]
         sentences += [f"{fault.sentence}; {NEXT}" for fault in faults]
         delay = None if any(fault.kind == "lag" for fault in faults) else estimate_delay(session, signed & moving)

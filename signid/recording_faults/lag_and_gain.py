@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..regression.projection import least_squares
-from ..types import Array, Mask
+from ..types import Array, Indices, Mask
 from .evidence import LAG, Correction, FaultEvidence, Signals
-from .fits import ColumnFit, FitColumns
+from .fits import fit_passive
 
 STEPS = 25  # candidates on either side of zero
 LARGE, LATE = 0.25, 0.08  # [1] change of the torque by a lag over the rms torque, and [s]: from these on a lag is large
@@ -57,12 +57,8 @@ class Gains(NamedTuple):
 def lag_table(evidence: FaultEvidence, done: Correction) -> tuple[Array, Array]:
     """Candidate lags (L,) [s], and unexplained shares (L, n) [1] of the torques with each of them."""
     lags, x = np.asarray(LAG / STEPS * np.arange(-STEPS, STEPS + 1)), evidence.corrected(done)
-    columns = [FitColumns(x, j) for j in range(len(done.lag))]
-    left: Array = np.empty((len(lags), len(columns)))
-    for k, lag in enumerate(lags):
-        torque = evidence.late(done.lag + lag)[:, list(done.tau_from)] * done.tau_sign
-        left[k] = [c.fit(torque[:, j]).unexplained for j, c in enumerate(columns)]
-    return lags, left
+    late = np.stack([evidence.late(done.lag + lag)[:, list(done.tau_from)].T for lag in lags], axis=-1)
+    return lags, fit_passive(x, late * done.tau_sign[:, None, None]).unexplained.T
 
 
 def judge_lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> Lags:
@@ -116,9 +112,9 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     usable = evidence.signed & (np.std(x.predicted, axis=0) >= SMALL * strongest) & (speed >= MOVES * speed.max())
     for j in np.flatnonzero(usable).tolist():
         rotor = not evidence.rotors[j]
-        if fit := _informative_fit(x, j, rotor):
-            spread[j] = _spread(evidence, x, j, fit.gain, rotor)
-            factor[j] = fit.gain if spread[j] <= SURE else np.nan
+        if gain := _informative_gain(x.joint(j), rotor):
+            spread[j] = _spread(x.joint(j), evidence.block, gain, rotor)
+            factor[j] = gain if spread[j] <= SURE else np.nan
     known = np.isfinite(factor)
     if not known.any():
         return Gains(factor, spread, _inertial(evidence, x), ())
@@ -141,13 +137,11 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     return Gains(factor, spread, middle if common else 1.0, tuple(chosen))
 
 
-def _spread(evidence: FaultEvidence, x: Signals, joint: int, gain: float, rotor: bool) -> float:
-    """Standard error of a gain's logarithm, by the jackknife over blocks."""
-    blocks, gains = np.unique(evidence.block), []
-    for k in blocks:
-        rows = Signals(*(signal[evidence.block != k] for signal in x))
-        gains.append(FitColumns(rows, joint, rotor=rotor).fit(rows.torque[:, joint]).gain)
-    return float(np.sqrt((len(blocks) - 1) * np.mean((np.array(gains) - gain) ** 2)) / max(gain, 1e-300))
+def _spread(x: Signals, block: Indices, gain: float, rotor: bool) -> float:
+    """Standard error of the logarithm of one joint's gain, by the jackknife over blocks."""
+    blocks = np.unique(block)
+    gains = np.array([fit_passive(x.rows(block != k), rotor=rotor).gain[0, 0] for k in blocks])
+    return float(np.sqrt((len(blocks) - 1) * np.mean((gains - gain) ** 2)) / gain)
 
 
 def _inertial(evidence: FaultEvidence, x: Signals) -> float:
@@ -156,14 +150,15 @@ def _inertial(evidence: FaultEvidence, x: Signals) -> float:
     joint = int(np.argmax(size))
     if size[joint] == 0:
         return 1.0
-    fit = _informative_fit(x, joint, rotor=False)
-    return fit.gain if fit and not 1 / LONE < fit.gain < ROTOR else 1.0
+    gain = _informative_gain(x.joint(joint), rotor=False)
+    return gain if gain and not 1 / LONE < gain < ROTOR else 1.0
 
 
-def _informative_fit(x: Signals, joint: int, rotor: bool) -> ColumnFit | None:
-    """Fit of a joint's torque, if it is good and far better than without the predicted torque."""
-    fit, without = (FitColumns(x, joint, own, rotor).fit(x.torque[:, joint]) for own in (True, False))
-    return fit if fit.unexplained <= FITS and without.unexplained >= max(LEAST, RIGID * fit.unexplained) else None
+def _informative_gain(x: Signals, rotor: bool) -> float:
+    """Gain of one joint's torque, if the fit is good and far better than without the predicted torque; else 0."""
+    found = fit_passive(x, rotor=rotor)
+    left, without = float(found.unexplained[0, 0]), float(fit_passive(x, None, False, rotor).unexplained[0, 0])
+    return float(found.gain[0, 0]) if left <= FITS and without >= max(LEAST, RIGID * left) else 0.0
 
 
 def _residual(x: Signals, known: Mask, shared: Array | None = None) -> float:

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..deadline import time_is_up
-from ..types import Array, Frozen, Indices, Mask
+from ..types import Array, Frozen, Mask
 from .evidence import Correction, FaultEvidence, Signals
-from .fits import FitColumns, fit_joints, unexplained
+from .fits import agreement, unexplained, unexplained_by_others
 from .lag_and_gain import LATE, lag_table
 
 SEARCH = "the search for recording faults"
@@ -21,8 +21,6 @@ WORTH, NEARLY = 0.8, 0.3  # [nats] smallest reduction of the log unexplained var
 LEFT, BETTER = 0.35, 0.5  # [1] largest unexplained share after a claim, and over that before it, on some joint
 WORSE = 0.25  # [1] increase of the unexplained share of any joint from which on a correction is rejected
 AGREE = 0.8  # [1] smallest share of blocks in which a claim improves the fit
-# [1] smallest standard deviation of an informative torque, over that of the second strongest, and over its own rms
-WEAK, STEADY = 0.03, 0.05
 WIDE = 2 * np.pi  # smallest range of a position in degrees; smaller ones are radians, or a motion of a few degrees
 UNITS = {"degrees": np.pi / 180, "revolutions": 2 * np.pi, "millimetres": 1e-3}
 
@@ -46,14 +44,6 @@ class Claim(Frozen):
     after: float  # [1] the same after the correction
     agreement: float  # [1] share of the blocks in which it improves the fit
     rivals: tuple[CorrectionTrial, ...] = ()  # equally good corrections
-
-
-def informative_torques(x: Signals, signed: Mask) -> Mask:
-    """Mask (n,) of joints with torque that is recorded with its sign, signed: (n,), and strong enough to inform."""
-    size = np.where(signed, np.std(x.torque, axis=0), 0.0)
-    strong = np.sort(size)[-2:][0] if len(size) > 2 else size.max(initial=0.0)
-    rms = np.sqrt(np.mean(x.torque**2, axis=0))
-    return np.asarray(signed & (size > 0) & (size >= WEAK * strong) & (size >= STEADY * rms))
 
 
 def search(evidence: FaultEvidence, informative: Mask) -> list[Claim]:
@@ -89,12 +79,14 @@ def _next(evidence: FaultEvidence, done: Correction, informative: Mask) -> Claim
     betters = np.flatnonzero(informative & (left <= BETTER * before))
     if _nats(before, informative) - rank[0] < WORTH or not np.any(left[betters] <= LEFT):
         return None
-    agreement = _agreement(evidence, done, best.correction, betters)
-    if agreement < AGREE:
+    signals = (evidence.corrected(correction) for correction in (done, best.correction))
+    places = ([c.tau_from.index(k) for k in betters.tolist()] for c in (done, best.correction))
+    share = agreement(*signals, evidence.block, *places)
+    if share < AGREE:
         return None
     rivals = (trial for other, trial, _ in evaluated[1:] if np.all(np.subtract(other, rank) < NEARLY))
     shares = float(before[betters].mean()), float(left[betters].mean())
-    return Claim(*best, *shares, agreement, tuple(rivals))
+    return Claim(*best, *shares, share, tuple(rivals))
 
 
 def _left(evidence: FaultEvidence, correction: Correction) -> Array:
@@ -143,11 +135,8 @@ def _best_order(x: Signals, informative: Mask) -> tuple[int, ...]:
     """Assignment of torques to joints with the smallest sum of unexplained shares, for any signs."""
     from scipy.optimize import linear_sum_assignment  # its import takes longer than all other checks
 
-    left = np.where(np.eye(len(informative)), 0.0, 2.0)
-    for i in np.flatnonzero(informative):
-        columns = FitColumns(x, int(i))
-        for j in np.flatnonzero(informative):
-            left[i, j] = min(columns.fit(sign * x.torque[:, j]).unexplained for sign in (1, -1))
+    left, both = np.where(np.eye(len(informative)), 0.0, 2.0), np.outer(informative, informative)
+    left[both] = unexplained_by_others(x).min(axis=2)[both]
     return tuple(linear_sum_assignment(left)[1].tolist())
 
 
@@ -162,14 +151,3 @@ def _lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> Itera
 
 def _nats(left: Array, informative: Mask, floor: float = WELL) -> float:
     return float(np.sum(np.log(np.maximum(left[informative], floor))))
-
-
-def _agreement(evidence: FaultEvidence, before: Correction, after: Correction, columns: Indices) -> float:
-    """Share [1] of the blocks in which a correction reduces the residual of some columns of torque."""
-    blocks, size = np.unique(evidence.block), np.zeros((2, evidence.block.max() + 1))
-    for total, correction in zip(size, (before, after), strict=True):
-        fits = fit_joints(evidence.corrected(correction))
-        for j in (correction.tau_from.index(k) for k in columns):
-            square = fits[j].residual ** 2 / fits[j].power
-            total += np.bincount(evidence.block, square, len(total))
-    return float(np.mean(size[1, blocks] < size[0, blocks]))

@@ -9,8 +9,8 @@ import numpy as np
 from ..regression.session import Part
 from ..types import Array, Mask
 from .channels import longest_rows, true_runs
-from .evidence import FaultEvidence, Signals
-from .fits import FitColumns
+from .evidence import FaultEvidence
+from .fits import fit_passive
 from .result import REFUSE, RecordingFault
 
 LONG = 1.0  # [s] smallest duration of a standstill
@@ -34,11 +34,11 @@ def judge_standstills(evidence: FaultEvidence, parts: Sequence[Part]) -> list[Re
         still, seconds = _standstills(evidence, parts, j)
         if not evidence.signed[j] or min(still.sum(), (~still).sum()) < LEAST:
             continue
-        x = Signals(*(signal[~still] for signal in evidence.plain))
-        gain = FitColumns(x, j).fit(x.torque[:, j]).gain
-        rest = evidence.plain.torque[still, j] - gain * evidence.plain.predicted[still, j]
-        share = float(np.std(rest)) / max(float(np.std(x.torque[:, j])), 1e-300)
-        beyond = _beyond(rest, x.torque[:, j] - gain * x.predicted[:, j])
+        x, at_rest = (evidence.plain.joint(j).rows(rows) for rows in (~still, still))
+        gain = float(fit_passive(x).gain[0, 0])
+        rest = at_rest.torque - gain * at_rest.predicted
+        share = float(np.std(rest)) / max(float(np.std(x.torque)), 1e-300)
+        beyond = _beyond(rest, x.torque - gain * x.predicted)
         if gain > 0 and share >= MUCH and beyond >= BEYOND:
             fact = f"the position of {joint} stands still for {seconds:.2g} s while its torque varies as if it moved"
             advice = "the sensor is stuck: check it, or cut that part out"
