@@ -135,7 +135,7 @@ def _judged(evidence: FaultEvidence, informative: Mask, trial: _Trial, rest: flo
     least = min(rest, nats(before, informative)) - nats(after, informative)
     if least < WORTH or ratio.min() > MUCH or alone or after[betters].max() > GOOD:
         return None
-    share = agreement(plain, signals, block, betters, betters)
+    share = agreement(plain, signals, block, betters.tolist(), betters.tolist())
     if share < AGREE:
         return None
     shares = float(before[betters].mean()), float(after[betters].mean())

@@ -41,7 +41,7 @@ class Curve(Frozen):
         nodes, off = np.arange(count), place - start
         others = np.array([nodes[nodes != k] for k in nodes])
         weight = np.prod((off - others[:, :, None]) / (nodes[:, None] - others)[:, :, None], axis=1)
-        return np.einsum("ik,ikn->kn", weight, self.x[start + nodes[:, None]])
+        return np.asarray(np.einsum("ik,ikn->kn", weight, self.x[start + nodes[:, None]]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,9 +79,9 @@ def _next(evidence: FaultEvidence, done: Correction, informative: Mask) -> Claim
     betters = np.flatnonzero(informative & (left <= BETTER * before))
     if _nats(before, informative) - rank[0] < WORTH or not np.any(left[betters] <= LEFT):
         return None
-    signals = (evidence.corrected(correction) for correction in (done, best.correction))
-    places = ([c.tau_from.index(k) for k in betters.tolist()] for c in (done, best.correction))
-    share = agreement(*signals, evidence.block, *places)
+    before_it, after_it = (evidence.corrected(correction) for correction in (done, best.correction))
+    joints, moved = ([c.tau_from.index(k) for k in betters.tolist()] for c in (done, best.correction))
+    share = agreement(before_it, after_it, evidence.block, joints, moved)
     if share < AGREE:
         return None
     rivals = (trial for other, trial, _ in evaluated[1:] if np.all(np.subtract(other, rank) < NEARLY))
