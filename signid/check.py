@@ -8,10 +8,10 @@ import numpy as np
 
 from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.least_squares import estimate
+from .faults import RecordingFaults, described_evidence, examine, naming_faults, under_found_gravity
 from .model import Model, ModelSource, stated_inertials, stated_laws
 from .recording import Recordings, as_recordings
 from .recording.sampling import Sampling
-from .recording_faults import RecordingFaults, described_evidence, examine, naming_faults, under_found_gravity
 from .regression.bandwidth import Band
 from .regression.factors import Factors
 from .regression.session import Options, Session

@@ -13,11 +13,11 @@ import numpy as np
 
 import signid
 from signid.errors import InputError, SignidError
+from signid.faults import audit_servos
 from signid.model import with_servos
 from signid.output.export import export
 from signid.recording import read_bare, read_recording
 from signid.robot.actuators import state_actuators
-from signid.servo.audit import audit_servos
 from signid.servo.stated import stated_servos
 from signid.servo.validate import need_commands
 from signid.servos import Servo

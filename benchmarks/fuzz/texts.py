@@ -23,7 +23,7 @@ from signid.recording import read_recording
 from signid.recording.draft import draft_map
 from signid.types import Robot
 
-from ..recording_faults.senseless import senseless
+from ..faults.senseless import senseless
 
 HERE = Path(__file__).parents[2]
 HEADERS = (
@@ -50,7 +50,7 @@ OPTIONS = (
 )  # fmt: skip
 SIMULATED = b"coulomb_friction@joint_1:level=3\n0.1\n12\n0.01\n"  # law, noise, bits of the encoder, step
 INNER = (type, types.ModuleType, types.FunctionType, types.CodeType, types.FrameType, types.GeneratorType)
-SILENT = {"time_double"}  # friction and rotors explain the slow motion as well; see tests/test_recording_faults_garbage
+SILENT = {"time_double"}  # friction and rotors explain the slow motion as well; see tests/test_faults_garbage
 
 
 def _text(path: Path) -> str:

@@ -20,9 +20,9 @@ import polars as pl
 from rich.console import Console
 from rich.table import Table
 
+from signid.faults import RecordingFault, examine
 from signid.model import Model, load_model
 from signid.recording import read_recording
-from signid.recording_faults import RecordingFault, examine
 from signid.regression.prepare import prepare
 
 from ..concealed.cases import Case, cases
