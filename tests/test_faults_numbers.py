@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 from scipy.optimize import nnls
 
@@ -30,3 +34,15 @@ def test_a_curve_goes_through_its_samples_and_between_them() -> None:
     assert np.abs(curve.at(between)[:, 0] - np.sin(2 * np.pi * between)).max() < 1e-3
     assert np.allclose(curve.at(between)[:, 1], between**3)
     assert np.array_equal(curve.at(np.array([-1.0, 99.0])), curve.x[[0, -1]])
+
+
+def test_faults_of_torque_need_no_compiled_code() -> None:
+    robot = Path(__file__).parents[1] / "robots" / "3r"
+    code = f"""
+import sys, signid
+robot = signid.load_robot({str(robot / "robot.urdf")!r})
+signid.identify(robot, [signid.read_recording({str(robot / "recording.parquet")!r}, robot)])
+assert "numba" not in sys.modules
+assert not [name for name in sys.modules if name == "signid.servo" or name.startswith("signid.servo.")]
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

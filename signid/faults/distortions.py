@@ -22,7 +22,7 @@ from .result import REFUSE, WARN, RecordingFault
 SEARCH = "the search for distorted recordings"
 # [1] unexplained share that no distortion is needed for, and [nats] smallest reduction of the log unexplained shares.
 # Measured: at most 1.2 on real and simulated arms, 2.7 and more for distortions of the 3r
-FLOOR, WORTH = 2e-3, 1.8
+FLOOR, LEAST_GAIN = 2e-3, 1.8
 MUCH, BETTER = 0.35, 0.5  # [1] largest unexplained share over that before: of one joint, and of others that improve
 GOOD = 0.1  # [1] largest unexplained share of these joints after the correction
 AGREE = 0.8  # [1] smallest share of blocks in which the correction improves the fit
@@ -94,7 +94,7 @@ def nats(left: Array, informative: Mask, floor: float = FLOOR) -> float:
 def find_distortion(evidence: FaultEvidence, informative: Mask, rest: float) -> Distortion | None:
     """Find the best distortion, if it leaves fewer nats than the best correction of order, sign and lag, `rest`."""
     before = unexplained(evidence.plain)
-    if min(nats(before, informative), rest) - informative.sum() * log(FLOOR) < WORTH:
+    if min(nats(before, informative), rest) - informative.sum() * log(FLOOR) < LEAST_GAIN:
         return None
     few, found = thinned(evidence)[0], dict[_Trial, float]()
     for trial in _trials(evidence, bool(np.any(before[informative] >= BAD))):
@@ -102,7 +102,7 @@ def find_distortion(evidence: FaultEvidence, informative: Mask, rest: float) -> 
             return None
         found[trial] = nats(unexplained(_undone(few, trial)[0]), informative)
     best = min(found, key=lambda trial: found[trial])
-    if rest - found[best] < WORTH / 2:  # few rows: roughly
+    if rest - found[best] < LEAST_GAIN / 2:  # few rows: roughly
         return None
     for trial in _finer(best):
         found[trial] = nats(unexplained(_undone(few, trial)[0]), informative)
@@ -132,7 +132,7 @@ def _judged(evidence: FaultEvidence, informative: Mask, trial: _Trial, rest: flo
     betters = np.flatnonzero(ratio <= BETTER)
     alone = trial.kind == "clock" and len(betters) < 2  # the inertia of one joint may be stated wrongly
     least = min(rest, nats(before, informative)) - nats(after, informative)
-    if least < WORTH or ratio.min() > MUCH or alone or after[betters].max() > GOOD:
+    if least < LEAST_GAIN or ratio.min() > MUCH or alone or after[betters].max() > GOOD:
         return None
     share = agreement(plain, signals, block, betters.tolist(), betters.tolist())
     if share < AGREE:

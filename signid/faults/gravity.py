@@ -36,7 +36,7 @@ SNAP = 0.5  # [nats] largest loss by taking the axis; heuristic
 # improved joints; the same over that before it, of one joint and of the others; and the smallest share of blocks in
 # which the fit improves. Measured: 4.8 nats and more on simulated arms whose links have errors of 15 %; at most 0.7 on
 # healthy real arms, and 2.4 on a dVRK whose description lacks masses
-WORTH, GOOD, MUCH, BETTER, AGREE = 3.0, 0.1, 0.35, 0.5, 0.8
+LEAST_GAIN, GOOD, MUCH, BETTER, AGREE = 3.0, 0.1, 0.35, 0.5, 0.8
 FINEST = 1e-4  # [1] unexplained share of a joint that the search for the direction does not reduce further
 # [1] smallest weight on a joint, over the largest one, that counts; largest share of it in torque without weight, and
 # its range in torque with weight. Measured: 0.43 to 2.1 on healthy real arms, -0.25 to 0 on a dVRK without masses
@@ -112,7 +112,7 @@ def _judged(
     betters = np.flatnonzero(ratio <= BETTER)
     left = nats(after, informative)
     gain = nats(before, informative) - left
-    if gain < WORTH or ratio.min() > MUCH or np.median(after[betters]) > GOOD:
+    if gain < LEAST_GAIN or ratio.min() > MUCH or np.median(after[betters]) > GOOD:
         return None
     blocks = [[x[evidence.block == k][:, betters].sum() for k in np.unique(evidence.block)] for x in squares]
     agreement = float(np.mean(np.less(blocks[1], blocks[0])))
@@ -157,10 +157,7 @@ def weigh(evidence: FaultEvidence) -> Weights:
     for j in np.flatnonzero(heavy).tolist():
         size, found = float(np.std(x.torque[:, j])), []
         for rows in some:
-            beside = np.column_stack([np.ones(rows.sum()), *(s[rows, j] for s in (inertial, x.v, x.direction, x.a))])
-            basis = np.linalg.qr(beside / np.maximum(np.linalg.norm(beside, axis=0), 1e-300))[0]
-            both = np.column_stack([load[rows, j], x.torque[rows, j]]) / size
-            both -= basis @ (basis.T @ both)
+            both = _beyond_inertia(x, inertial, j, rows, np.column_stack([load[rows, j], x.torque[rows, j]]) / size)
             found.append((both.T @ both) / rows.sum())
         if found[0][0, 0] >= VISIBLE**2:
             each = np.array([gram[0, 1] / max(gram[0, 0], 1e-300) for gram in found])
@@ -168,6 +165,14 @@ def weigh(evidence: FaultEvidence) -> Weights:
             share[j], strong[j] = each[0], found[0][1, 1] - each[0] ** 2 * found[0][0, 0] <= GOOD
             bare[j] = strong[j] and abs(each[0]) + 2 * spread <= BARE
     return Weights(share, strong, bare)
+
+
+def _beyond_inertia(x: Signals, inertial: Array, joint: int, rows: Mask, y: Array) -> Array:
+    """Residual (M, k) of y: (M, k) [1] in some rows after inertial torque, friction, rotor and offset of a joint."""
+    signals = (inertial, x.v, x.direction, x.a)
+    beside = np.column_stack([np.ones(len(y)), *(signal[rows, joint] for signal in signals)])
+    basis = np.linalg.qr(beside / np.maximum(np.linalg.norm(beside, axis=0), 1e-300))[0]
+    return np.asarray(y - basis @ (basis.T @ y))
 
 
 def _best(evidence: FaultEvidence, informative: Mask, given: Array, columns: Array) -> Array | None:
@@ -252,10 +257,8 @@ def _linear(found: FaultEvidence, columns: Array, axes: Array, value: Array, row
     x, gram, right = found.plain, np.zeros((len(axes), len(axes))), np.zeros(len(axes))
     inertial = x.predicted - columns @ value
     for j in np.flatnonzero(found.signed & (np.std(x.torque, axis=0) > 0)).tolist():
-        beside = np.column_stack([np.ones(len(rows)), *(s[:, j] for s in (inertial, x.v, x.direction, x.a))])[rows]
-        basis = np.linalg.qr(beside / np.maximum(np.linalg.norm(beside, axis=0), 1e-300))[0]
         both = np.column_stack([columns[rows, j] @ axes.T, x.torque[rows, j]]) / np.std(x.torque[:, j])
-        both -= basis @ (basis.T @ both)
+        both = _beyond_inertia(x, inertial, j, rows, both)
         own, torque = both[:, :-1], both[:, -1]
         along = own @ (axes @ value)
         least = VISIBLE**2 * len(along)  # a joint that hardly shows gravity has no factor of its own

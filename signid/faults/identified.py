@@ -42,7 +42,7 @@ SPARE = 2.0  # [rows per column] smallest number of rows
 LEAST, LONGEST = 0.003, 0.04
 # [standard deviations] smallest significant delay. Measured: 6 for rokae joint sensors; 11 and more for 8 ms, simulated
 # with 2 % noise
-SURE = 7.0
+SIGNIFICANT = 7.0
 # [1] mean square over the joints of the difference from the common delay, in standard deviations, up to which delays
 # have one cause, for certain and roughly. Measured: 41 TX40, 5.3 rokae motor side; simulated arms with torque 8 ms late
 # or early 0.1 to 1.6, 3.9 (ur10, early)
@@ -74,7 +74,7 @@ class Delay(NamedTuple):
 
     def is_clear(self, negative: float) -> bool:
         """Whether it is large and certain enough for a flag; `negative`: share of negative viscous friction [1]."""
-        if not LEAST <= abs(self.common) <= LONGEST or abs(self.common) < SURE * self.std:
+        if not LEAST <= abs(self.common) <= LONGEST or abs(self.common) < SIGNIFICANT * self.std:
             return False
         leads = self.common < 0 and negative >= NEGATIVE
         strong = (self.gain >= CLEAR or leads) and not self.scatter > ROUGHLY

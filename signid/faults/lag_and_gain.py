@@ -30,7 +30,7 @@ EDGE = 0.9  # [1] largest lag over the longest candidate; beyond it there is no 
 # [1] largest unexplained share of a good fit; smallest unexplained share without the prediction, over that with it, and
 # absolute
 FITS, RIGID, LEAST = 0.15, 3.0, 0.03
-SURE = 0.1  # [1] largest standard error of a factor's logarithm
+PRECISE = 0.1  # [1] largest standard error of a factor's logarithm
 # [1] smallest predicted torque over the strongest, and smallest speed over the fastest, that friction cannot explain
 SMALL, MOVES = 0.03, 0.05
 ALL, LONE = 1.9, 3.0  # [1] factor of several joints, and of a single one, from which on the model is not the cause
@@ -119,7 +119,7 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
         rotor = not evidence.rotors[j]
         if gain := _informative_gain(x.joint(j), rotor):
             spread[j] = _spread(x.joint(j), evidence.block, gain, rotor)
-            factor[j] = gain if spread[j] <= SURE else np.nan
+            factor[j] = gain if spread[j] <= PRECISE else np.nan
     known = np.isfinite(factor)
     if not known.any():
         return Gains(factor, spread, _inertial(evidence, x), ())

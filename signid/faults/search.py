@@ -37,7 +37,10 @@ CLAIMS = {  # kind -> fault of some joints, correction that was tried, advice
 DIAGNOSABLE = ("torque sign", "torque order", "lag")  # faults that a diagnosis can handle, since it has laws for them
 SEARCH = "the search for recording faults"
 WELL, CLOSELY = 0.05, 0.01  # [1] unexplained share of a good fit, and of the criterion for ties
-WORTH, NEARLY = 0.8, 0.3  # [nats] smallest reduction of the log unexplained variance by a claim; tolerance for rivals
+LEAST_GAIN, NEARLY = (
+    0.8,
+    0.3,
+)  # [nats] smallest reduction of the log unexplained variance by a claim; tolerance for rivals
 LEFT, BETTER = 0.35, 0.5  # [1] largest unexplained share after a claim, and over that before it, on some joint
 WORSE = 0.25  # [1] increase of the unexplained share of any joint from which on a correction is rejected
 AGREE = 0.8  # [1] smallest share of blocks in which a claim improves the fit
@@ -80,7 +83,7 @@ def search(evidence: FaultEvidence, informative: Mask) -> list[Claim]:
 
 def _next(evidence: FaultEvidence, done: Correction, informative: Mask) -> Claim | None:
     before = _left(evidence, done)
-    if _nats(before, informative) - informative.sum() * np.log(WELL) < WORTH:
+    if _nats(before, informative) - informative.sum() * np.log(WELL) < LEAST_GAIN:
         return None
     evaluated = []  # rank (smaller is better), candidate, unexplained shares
     for trial in _trials(evidence, done, informative[list(done.tau_from)]):
@@ -97,7 +100,7 @@ def _next(evidence: FaultEvidence, done: Correction, informative: Mask) -> Claim
     if best.kind == "lag" and np.abs(best.correction.lag - done.lag).max() < LATE:
         return None
     betters = np.flatnonzero(informative & (left <= BETTER * before))
-    if _nats(before, informative) - rank[0] < WORTH or not np.any(left[betters] <= LEFT):
+    if _nats(before, informative) - rank[0] < LEAST_GAIN or not np.any(left[betters] <= LEFT):
         return None
     before_it, after_it = (evidence.corrected(correction) for correction in (done, best.correction))
     joints, moved = ([c.tau_from.index(k) for k in betters.tolist()] for c in (done, best.correction))

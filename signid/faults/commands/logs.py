@@ -11,7 +11,8 @@ from math import pi
 
 import numpy as np
 
-from ...types import Array, Mask, Recording
+from ...types import Array, Recording
+from ..channels import true_runs
 from ..result import JointAudit
 from .response import LONGEST, Response, best_shift
 from .rows import Grid, Part, RowClock, joined
@@ -150,14 +151,9 @@ def saturated_share(parts: Sequence[Part], grids: Sequence[Grid]) -> float:
     found = rows = 0
     for v, wanted in speeds:
         high = (np.abs(v) >= TOP * top) & (np.abs(wanted - v) >= APART * top)
-        found += sum(run for run in _runs(np.asarray(high)) if run >= RUN)
+        found += sum(stop - start for start, stop in true_runs(np.asarray(high)) if stop - start >= RUN)
         rows += len(v)
     return found / rows
-
-
-def _runs(mask: Mask) -> list[int]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return list((edges[1::2] - edges[::2]).tolist())
 
 
 def _speed(x: Array, period: float) -> Array:
@@ -197,7 +193,7 @@ def command_period(parts: Sequence[Part]) -> float:
 
 COARSE = 10.0  # steps of the encoder below which a command says nothing
 STUCK = 0.05  # motion over the range of the command
-SURE, AGAINST, CERTAIN = 0.5, 0.9, 0.95  # correlations
+FOLLOWS, AGAINST, CERTAIN = 0.5, 0.9, 0.95  # correlations
 CURVED, BOTH = 0.25, 0.05  # 1 - correlation with the magnitude or square, over that without; share on both sides of 0
 LEAD, LATE, EXACT = 1.0, 0.12, 0.06  # [rows], [s], residual below which the delay is no dry friction
 STIFF = 0.3  # difference of the scale from one, beyond which droop may look like a lead
@@ -255,7 +251,7 @@ def judge_joint(
         return
     if found is not None and (curve := _curve(found, grids)):
         yield f"{audit.joint}: {curve}; record both with their signs"
-    elif found is not None and abs(found.correlation) < SURE and driven_by_error(grids) < DRIVEN:
+    elif found is not None and abs(found.correlation) < FOLLOWS and driven_by_error(grids) < DRIVEN:
         fact = f"{audit.joint}: q does not follow q_des (correlation {found.correlation:.2f} at the best shift)"
         yield f"{fact}; q and q_des are of different joints, motions or clocks, or q is damaged: check the columns"
     elif found is not None:
@@ -288,7 +284,7 @@ def _response(audit: JointAudit, found: Response, period: float, spread: float, 
     spread: standard deviation of the position [rad or m]; apart: position and command have no sign in common.
     """
     joint = audit.joint
-    if found.correlation < -SURE:
+    if found.correlation < -FOLLOWS:
         fact = f"{joint} moves against its command (correlation {found.correlation:.2f})"
         other = "" if found.correlation < -AGAINST else ", or the two are of different times or motions"
         lost = ", or is a magnitude or a square" if apart else ""
