@@ -67,7 +67,7 @@ STAGES = {
     "diagnose": {
         **COMMON,
         "diagnose/preparation.py:prepare_session": "preparation",
-        "recording_faults/examine.py:examine": "recording faults",
+        "faults/examine.py:examine": "recording faults",
         "diagnose/preparation.py:build": "rows",
         "diagnose/search/iterate.py:select": "search",
         "diagnose/findings/alternatives.py:replace_weak": "search",

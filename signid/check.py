@@ -8,10 +8,10 @@ import numpy as np
 
 from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.least_squares import estimate
+from .faults import RecordingFaults, described_evidence, examine, naming_faults, under_found_gravity
 from .model import Model, ModelSource, stated_inertials, stated_laws
 from .recording import Recordings, as_recordings
 from .recording.sampling import Sampling
-from .recording_faults import RecordingFaults, examine, naming_faults, under_found_gravity
 from .regression.bandwidth import Band
 from .regression.factors import Factors
 from .regression.session import Options, Session
@@ -72,7 +72,8 @@ def check(
     recovered = prepare_and_recover(robot, recordings, recordings, options=options, progress=progress)
     session = recovered.session_to_fit(robot)
     signed = np.all([recording.signed for recording in recordings], axis=0)
-    if mounted := under_found_gravity(robot, session, signed):
+    evidence = described_evidence(session, signed)
+    if mounted := under_found_gravity(robot, evidence):
         made = check(mounted.robot, recordings, options=options, progress=progress)
         return replace(made, faults=replace(made.faults, findings=(mounted.fault, *made.faults.findings)))
     with naming_faults(session):
@@ -81,7 +82,7 @@ def check(
     found = recovered.widen(found, factors, session.task.base, options.whiten)
     excitation = judge_excitation(session.task, factors, found, options.seed)
     stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))
-    faults = examine(stated, session, excitation, signed)
+    faults = examine(stated, session, excitation, signed, evidence)
     used = np.array([f.counts[0] / f.rows if f.rows else 0.0 for f in factors.joints])
     weak = {name for group in excitation.weak for name in group}
     verdicts = tuple(

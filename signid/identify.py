@@ -15,9 +15,9 @@ from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.fit_quality import Fit, judge_fit
 from .estimation.least_squares import estimate
 from .estimation.standard import METHODS, Search, choose_in_time
+from .faults import IdentifiedData, described_evidence, identification_flags, naming_faults, under_found_gravity
 from .model import Model, ModelSource, fitted_model, stated_parameters
 from .recording import Recordings, as_recordings
-from .recording_faults import IdentifiedData, identification_flags, naming_faults, under_found_gravity
 from .regression.covariance import base_covariance
 from .regression.factors import LAGS, Factors, Weigh
 from .regression.misfit import measure_misfit
@@ -145,7 +145,8 @@ def identify(
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
     session = recovered.session_to_fit(robot)
     signed = np.all([recording.signed for recording in everything], axis=0)
-    if mounted := under_found_gravity(robot, session, signed):
+    evidence = described_evidence(session, signed)
+    if mounted := under_found_gravity(robot, evidence):
         found = identify(
             mounted.robot,
             recordings,
@@ -165,7 +166,7 @@ def identify(
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search)
     notes = (*recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)
-    found = _judged(replace(found, notes=notes), train, test, everything)
+    found = _judged(replace(found, notes=notes), IdentifiedData(session, train, test, everything, evidence))
     again = not held_out if refit is None else refit
     found = _refit(found, given, test, way, recovered, search) if again else found
     found = found if refine is None else _refined(found, tuple(refine))
@@ -195,14 +196,14 @@ def _from_factors(
     given = Given(session, reduced.train[0].factors, _prior(session), options.whiten)
     recovered, test = Recovered(session, session), reduced.held_out[0].factors
     way = ESTIMATORS["wls"]
-    found = _judged(_conclude(given, test, way, recovered, method, search), given.factors, test, ())
+    found = _conclude(given, test, way, recovered, method, search)
+    found = _judged(found, IdentifiedData(session, given.factors, test, ()))
     found = _refit(found, given, test, way, recovered, search) if refit else found
     return replace(found, inputs=reduced.inputs)
 
 
-def _judged(found: Identification, train: Factors, test: Factors, recordings: Sequence[Recording]) -> Identification:
+def _judged(found: Identification, rows: IdentifiedData) -> Identification:
     """With flags on the recordings and on joints that fit badly."""
-    rows = IdentifiedData(found.session, train, test, recordings)
     own = identification_flags(rows, found.model, found.excitation, found.fit, found.estimate.value)
     return replace(found, flags=(*own, *found.flags))
 

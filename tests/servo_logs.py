@@ -10,8 +10,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from signid.faults import JointAudit, audit_servos
 from signid.recording import read_bare
-from signid.servo.audit import JointAudit, audit_servos
 from signid.types import Array, Recording
 
 DATA = Path(os.environ.get("SIGNID_DATA", "nowhere"))

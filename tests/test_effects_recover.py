@@ -8,7 +8,7 @@ from recover import case, misses, recover
 from signid.effects import EFFECTS
 from signid.effects.base import Effect
 
-# gravity is a vector in the place of another one, not an addition to it: tests/test_recording_faults_gravity.py
+# gravity is a vector in the place of another one, not an addition to it: tests/test_faults_gravity.py
 SECONDS, SEED = 8.0, 5  # longer ones and other seeds: python -m benchmarks.effects
 
 

@@ -13,10 +13,9 @@ import signid
 from signid.diagnose.data import motions
 from signid.diagnose.data.normal_equations import solve
 from signid.errors import InputError
+from signid.faults.amount import Amount, amount_fault
 from signid.model import Model, stated_inertials
 from signid.recording.sampling import samples, select_stretches
-from signid.recording_faults.channels import Amount
-from signid.recording_faults.messages import amount_finding
 from signid.regression.motion import Motion
 from signid.regression.prepare import prepare
 from signid.regression.session import Options
@@ -130,7 +129,7 @@ def test_a_joint_that_moves_in_jerks_is_diagnosed() -> None:
 
 def test_the_recommended_duration_exceeds_the_recorded_one() -> None:
     for seconds, whole in ((22.4, 32.0), (31.99, 31.99)):
-        sentence = amount_finding(Amount(100, 41, seconds, 1.0001 * seconds, whole), 7).sentence
+        sentence = amount_fault(Amount(100, 41, seconds, 1.0001 * seconds, whole), 7).sentence
         assert float(sentence.split("record for ")[1].split(" s")[0]) > whole + 0.5, sentence
 
 

@@ -11,10 +11,12 @@ from pathlib import Path
 PACKAGE = Path(__file__).parents[1] / "signid"
 ROOMS = {  # modules and folders of a folder in the order of the data; one imports only those before it
     "": "version errors typed deadline toml_json registry frozen parameters laws servos types optimisers robot effects "
-    "recording regression model inspect simulation estimation signs recording_faults payload check identify diagnose "
+    "recording regression model inspect simulation estimation signs faults payload check identify diagnose "
     "validate servo watch output cli __main__ __init__",
     "cli": "app terminal completion options arguments files fleet demo commands run worker __init__",
-    "servo": "__init__ stated plant simulate audit fit search zeros identify validate diagnose",
+    "faults": "result channels commands evidence amount description lag_and_gain search distortions gravity examine "
+    "identified __init__",
+    "servo": "__init__ stated plant simulate fit search zeros identify validate diagnose",
     "servo/diagnose": "result closed_loop laws repeats coordinates unexplained refine evidence search conclude "
     "run __init__",
     "diagnose": "data evidence result extend search findings preparation run __init__",

@@ -11,8 +11,8 @@ from servo_logs import drive, recording
 from test_output_report_diagnosis import made
 
 import signid
+from signid.faults import audit_servos
 from signid.output.report import audit_page, check_page, diagnosis_page, identification_page, validation_page
-from signid.servo.audit import audit_servos
 
 ROOT = Path(__file__).parents[1]
 DRAWN = "[...document.querySelectorAll('.plot')].filter(box => box.querySelector('.main-svg'))"

@@ -12,21 +12,22 @@ import numpy as np
 import polars as pl
 import pytest
 from servo_logs import DATA, PUBLIC, drive, negated, recording
-from test_recording_faults_gravity import moved, seen
+from test_faults_gravity import moved, seen
 
 import signid
 from signid.check import Check, check
 from signid.cli.run import run
+from signid.faults import SAMPLE_KINDS, audit_servos
+from signid.faults.channels import CHANNELS
+from signid.faults.description import LIMITS
+from signid.faults.distortions import KINDS as DISTORTIONS
+from signid.faults.search import CLAIMS
 from signid.output.report import audit_page, check_document, check_page
 from signid.output.report.layout import share
 from signid.output.report.results.check.drives import SEARCHED, audit_summary
 from signid.output.report.results.check.summary import UnitUse, recording_names, unit_sentences, unit_uses
 from signid.output.report.results.check.torque import IN_SAMPLES, IN_TORQUE, check_summary
 from signid.recording import read_bare
-from signid.recording_faults import SAMPLE_KINDS, messages
-from signid.recording_faults.channels import CHANNELS, LIMITS
-from signid.recording_faults.distortions import KINDS as DISTORTIONS
-from signid.servo.audit import audit_servos
 from signid.types import Recording, StatedUnit
 
 G, RATE = 9.81, 250.0
@@ -109,7 +110,7 @@ def test_what_was_looked_for_names_every_kind_of_fault() -> None:
     kinds = [kind for group in (IN_SAMPLES, IN_TORQUE) for known in group.values() for kind in known]
     others = {"gravity", "weight", "units", "gain", "unexplained torque", "absolute torque"}
     limits = {f"{kind} limit" for kind in LIMITS}
-    assert sorted(kinds) == sorted({*SAMPLE_KINDS, *CHANNELS, *limits, *messages.KINDS, *DISTORTIONS, *others})
+    assert sorted(kinds) == sorted({*SAMPLE_KINDS, *CHANNELS, *limits, *CLAIMS, *DISTORTIONS, *others})
 
 
 def test_torque_without_a_sign_is_not_compared() -> None:

@@ -29,7 +29,7 @@ from signid.output.export import export
 from signid.recording import read_bare, read_recording
 from signid.recording.draft import draft_map
 from signid.robot.actuators import state_actuators
-from signid.servo.audit import audit_servos
+from signid.faults import audit_servos
 from signid.servo.stated import stated_servos
 from signid.servo.validate import need_commands
 from signid.servos import Servo
@@ -65,7 +65,7 @@ OPTIONS = (
 )  # fmt: skip
 SIMULATED = b"coulomb_friction@joint_1:level=3\n0.1\n12\n0.01\n"  # law, noise, bits of the encoder, step
 INNER = (type, types.ModuleType, types.FunctionType, types.CodeType, types.FrameType, types.GeneratorType)
-SILENT = {"time_double"}  # friction and rotors explain the slow motion as well; see tests/test_recording_faults_garbage
+SILENT = {"time_double"}  # friction and rotors explain the slow motion as well; see tests/test_faults_garbage
 
 
 def _text(path: Path) -> str:

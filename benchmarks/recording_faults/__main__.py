@@ -22,9 +22,9 @@ from rich.table import Table
 
 import signid
 from signid.check import check
+from signid.faults import RecordingFault, examine
 from signid.model import Model, load_model
 from signid.recording import read_recording
-from signid.recording_faults import RecordingFault, examine
 from signid.regression.prepare import prepare
 from signid.types import Recording, Robot
 

@@ -15,10 +15,10 @@ from .terminal import show
 if TYPE_CHECKING:
     from ..check import Check
     from ..diagnose import Diagnosis
+    from ..faults import ServoAudit
     from ..identify import Identification
     from ..output.report import Content
     from ..output.viewers import ViewerLog
-    from ..servo.audit import ServoAudit
     from ..servo.diagnose import ServoDiagnosis
     from ..servo.identify import ServoIdentification
     from ..servo.validate import ServoValidation

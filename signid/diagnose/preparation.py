@@ -10,8 +10,8 @@ import numpy as np
 
 from ..deadline import OutOfTimeError, steps_shown
 from ..errors import RecordingError
+from ..faults import REFUSE, SAMPLE_KINDS, RecordingFault, RecordingFaults, examine, is_sole, naming_faults
 from ..model import Model
-from ..recording_faults import REFUSE, SAMPLE_KINDS, RecordingFault, RecordingFaults, examine, is_sole, naming_faults
 from ..regression.prepare import rearrange
 from ..regression.session import Options, Session, longest_piece
 from ..robot import with_gravity

@@ -9,9 +9,9 @@ from typing import NamedTuple
 from ..deadline import ends_in_time, seconds_left, steps_shown, time_is_up
 from ..effects import EFFECT_NAMES, EFFECTS
 from ..errors import InputError, OptionError
+from ..faults import RecordingFaults
 from ..model import Model, ModelSource, as_model, torque_model
 from ..recording import Recordings, as_recordings
-from ..recording_faults import RecordingFaults
 from ..regression.base_parameters import build_base
 from ..regression.session import Options, Session, recordings_used
 from ..robot.dynamics import own_body

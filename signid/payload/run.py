@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from ..deadline import ends_in_time
 from ..errors import OptionError, RecordingError
+from ..faults import recording_flags
 from ..model import Model, ModelSource, stated_inertials, stated_laws
 from ..recording import Recordings, as_recordings
-from ..recording_faults import recording_flags
 from ..regression.prepare import prepare
 from ..regression.session import Options
 from ..robot import as_robot

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import OptionError, RecordingError, shorten
+from ..faults import audit_flags
 from ..model import Model, ModelSource, command_model
 from ..recording import Recordings, as_recordings, same_joints
 from ..robot.actuators import state_actuators
@@ -17,7 +18,6 @@ from ..simulation.rollout.joints import restrict_joints
 from ..typed import typed
 from ..types import Array, Input, Progress, Recording, Result, Robot
 from ..validate.models import named_models
-from .audit import audit_flags
 from .identify.result import ServoRollOut, ServoTrace
 from .plant import roll_out, servo_grids
 from .stated import stated_servos

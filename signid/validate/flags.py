@@ -9,8 +9,8 @@ import numpy as np
 
 from ..errors import shorten
 from ..estimation.fit_quality import LITTLE
-from ..recording_faults import OF_A_FIT, RecordingFaults
-from ..recording_faults.result import REFUSE, WARN
+from ..faults import OF_A_FIT, RecordingFaults
+from ..faults.result import REFUSE, WARN
 from ..simulation.rollout import RollOut
 from .result import ModelCandidate, ValidatedModel
 

@@ -12,9 +12,9 @@ from ..diagnose.data.motions import pieces, row_filter
 from ..diagnose.extend.holdout import filtered
 from ..errors import InputError, OptionError, RecordingError, shorten
 from ..estimation.fit_quality import fit_rows
+from ..faults import NO_EXCITATION, RecordingFaults, examine
 from ..model import Model, ModelSource
 from ..recording import Recordings, as_recordings, same_joints
-from ..recording_faults import NO_EXCITATION, RecordingFaults, examine
 from ..regression.prepare import prepare
 from ..regression.session import Options, Session, only_once
 from ..simulation.rollout import RollOut, roll_out

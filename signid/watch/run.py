@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import InputError
+from ..faults import recording_flags
 from ..model import Model, ModelSource, as_model
 from ..recording.names.mapping import ColumnMap
-from ..recording_faults import recording_flags
 from ..robot import hold, resting
 from ..typed import typed
 from ..types import Law

@@ -121,8 +121,8 @@ def reduce(
 
 def _fault_flags(robot: Robot, recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Faults of the recordings, by comparison with the description."""
+    from ...faults import recording_flags
     from ...model import Model, stated_inertials, stated_laws
-    from ...recording_faults import recording_flags
 
     return recording_flags(Model(robot, stated_inertials(robot), stated_laws(robot)), recordings)
 

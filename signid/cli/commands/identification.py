@@ -107,9 +107,9 @@ def _audit(
     notes: Sequence[str] = (),
 ) -> int:
     """Audit recordings of servos, with more notes; without a description they are given by name."""
+    from ...faults import audit_servos
     from ...recording import read_bare
     from ...recording.source import digest_of
-    from ...servo.audit import audit_servos
     from ...types import Input
     from ..files import deliver_audit
 

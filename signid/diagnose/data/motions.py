@@ -12,9 +12,9 @@ import pinocchio as pin
 
 from ...deadline import seconds_left
 from ...effects.law import law_torque
+from ...faults.amount import PER_UNKNOWN, judge_amount
 from ...model import Model
 from ...recording.sampling import samples, select_stretches, time_origin
-from ...recording_faults.channels import PER_UNKNOWN, judge_amount
 from ...regression.bandwidth import Band
 from ...regression.filters import Decimator, lowpass, smooth
 from ...regression.motion import Motion, build_motion, margin

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...effects import EFFECTS
+from ...faults import RecordingFault
 from ...model import Model
-from ...recording_faults import RecordingFault
 from ...types import Law
 from ..data.dataset import Dataset
 from ..data.hypotheses import GRAVITY, VARIABLES

@@ -9,11 +9,11 @@ from pathlib import Path
 from ...deadline import ends_in_time
 from ...effects import EFFECTS
 from ...errors import OptionError, RecordingError
+from ...faults import audit_flags
 from ...model import Model, ModelSource, as_model
 from ...recording import Recordings, as_recordings
 from ...typed import typed
 from ...types import Array, Law, Progress
-from ..audit import audit_flags
 from ..identify.result import ServoRollOut, ServoTrace
 from ..plant import roll_out
 from ..plant.course import bodies_of, groups

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from ...deadline import ends_in_time
+from ...faults import audit_flags
+from ...faults.commands.rows import content_rate
 from ...model import ModelSource, as_model, command_model
 from ...recording import Recordings, as_recordings
 from ...regression.session import only_once
 from ...servos import Servo
 from ...typed import typed
 from ...types import Progress, Recording
-from ..audit import audit_flags
 from ..fit import start_servos
-from ..plant.content import content_rate
 from ..plant.substeps import LONGEST
 from ..search.choice import Candidate
 from ..search.data import servo_data, thinned

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import RecordingError
+from ...faults.commands.rows import content_rows
 from ...servos import ServoGrid
 from ...types import Array, Mask, Recording, Robot
-from .content import content_rows
 
 FASTEST = 250.0  # [Hz] of a grid by default; enough for loops of position drives
 GAP = 0.25  # [s] without samples, beyond 5 periods, ends a grid

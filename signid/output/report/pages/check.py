@@ -20,7 +20,7 @@ from .frame import AFTER, BEFORE, FAINT, FLOOR, INK, Card, Plot, axis, curve, pa
 
 if TYPE_CHECKING:
     from ....check import Check
-    from ....servo.audit import ServoAudit
+    from ....faults import ServoAudit
 
 MOST_RECORDINGS = 4  # maximum number of recordings that are drawn
 ROWS, WINDOW = 65_536, 2048  # most rows of a spectrum, and rows of one window

@@ -14,8 +14,7 @@ from .torque import check_summary, motion_sizes
 
 if TYPE_CHECKING:
     from .....check import Check
-    from .....recording_faults import RecordingFaults
-    from .....servo.audit import ServoAudit
+    from .....faults import RecordingFaults, ServoAudit
 
 
 def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) -> Document:

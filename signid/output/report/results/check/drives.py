@@ -25,7 +25,7 @@ from .summary import (
 )
 
 if TYPE_CHECKING:
-    from .....servo.audit import JointAudit, ServoAudit
+    from .....faults import JointAudit, ServoAudit
 
 LEGEND = (
     "range: of the command; error: rms of command - position; lag: delay of a slow ramp beside that of dry friction; "

@@ -17,7 +17,7 @@ from .torque import check_summary
 
 if TYPE_CHECKING:
     from .....check import Check
-    from .....servo.audit import ServoAudit
+    from .....faults import ServoAudit
 
 RECORDINGS, SENTENCES, NAMES = 8, 3, 16  # most recordings, sentences of one kind and names of parameters on the screen
 STYLES = {"good": "green", "limited": "yellow", "faulty": "red", "unusable": "red"}

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .....estimation.excitation import ENOUGH
-from .....recording_faults import OF_A_FIT
-from .....recording_faults.gravity import WHOLE
+from .....faults import OF_A_FIT
+from .....faults.gravity import WHOLE
 from .....types import Array
 from ...layout import figure, plural, position_units, share, torque_units
 from ..identification import cutoff_words, excited_words

@@ -1,0 +1,385 @@
+"""Checks of the log of one joint with commands; one sentence each: the fact, what follows, what to do.
+
+Limits were set on public recordings of six servos (SO-101, XL330, STS3250, a hobby servo, Go2, OpenArm), which stay
+silent unless they have the fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import pi
+
+import numpy as np
+
+from ...types import Array, Recording
+from ..channels import true_runs
+from ..result import JointAudit
+from .response import LONGEST, Response, best_shift
+from .rows import Grid, Part, RowClock, joined
+
+TINY = 1e-9  # [1] share of the range of motion below which a step is rounding
+JUMP = 3.0  # steps of the encoder that count as motion between two rows
+FULL = 0.98  # duty that counts as saturated
+TOP, APART, RUN = 0.93, 0.4, 3  # speed at its limit [1]; difference from the commanded one [1]; rows
+FASTEST = 0.999  # quantile of the speed that is its limit
+WRAPPED = 0.05  # tolerance of a full turn [1]
+OUTLIER = 20.0  # jumps over the 99.9 % quantile of the others that are no motion
+COPY, SHIFTS = 1e-6, range(-3, 4)  # [1] of the range of motion; rows
+ALTERNATES = -0.5  # largest correlation of successive second differences of white noise, which have -2/3
+SPIKE, USUAL = 0.12, 8.0  # size of a spike over the range [1] and over the median step [1]; healthy logs: below .11
+OUTER = 0.01  # [1] quantile at both ends that the range leaves out
+FEW_LEVELS = 10  # values of a command that jumps between levels, whose short pulses are no spikes
+STILL, SWEEP = 1.0, 0.5  # [s] and [range] of motion of the command during which a position that repeats is stuck
+BASE, LATEST = 0.03, 0.15  # [s] over which a speed is computed; largest delay of a speed after the error
+TO_STD = 1.4826 / np.sqrt(6.0)  # of the median size of the second differences of white noise
+
+
+def quantum(parts: Sequence[Part]) -> float:
+    """Smallest step of the position [rad or m]."""
+    steps = np.concatenate([np.abs(np.diff(part.q)) for part in parts])
+    size = max(float(np.ptp(part.q)) for part in parts)
+    moved = steps[steps > TINY * size]
+    return float(moved.min()) if len(moved) else 0.0
+
+
+def held_share(parts: Sequence[Part], step: float) -> float:
+    """Share of moving rows [1] that repeat the position before, between two rows that move on; step: of the encoder."""
+    held = moving = 0
+    for part in parts:
+        d = np.diff(part.q)
+        jump = np.abs(d) >= JUMP * step
+        at = np.flatnonzero(jump)
+        moving += len(at)
+        between = np.diff(at) - 1
+        same = (np.sign(d[at[1:]]) == np.sign(d[at[:-1]])) & (between > 0)
+        for k in np.flatnonzero(same).tolist():
+            run = d[at[k] + 1 : at[k + 1]]
+            held += len(run) if not run.any() else 0
+    return held / (held + moving) if moving >= 10 else np.nan
+
+
+def jumps(parts: Sequence[Part]) -> tuple[int, float]:
+    """Number of jumps of the position that are no motion, and their median size [rad or m]."""
+    steps = np.concatenate([np.abs(np.diff(part.q)) for part in parts])
+    size = max(float(part.q.max()) for part in parts) - min(float(part.q.min()) for part in parts)
+    near = steps[steps <= size / 2]
+    usual = float(np.quantile(near, FASTEST)) if len(near) else 0.0
+    far = steps[(steps > size / 2) & (steps > OUTLIER * max(usual, TINY * size))]
+    return len(far), float(np.median(far)) if len(far) else 0.0
+
+
+def turn_of(size: float, unit: str) -> float:
+    """Full turn that a jump of a size is, 0 if it is none; size: [unit], which is "" where it is unknown."""
+    turns = {"rad": (2 * np.pi,), "m": ()}.get(unit, (2 * np.pi, 360.0))
+    return next((float(turn) for turn in turns if abs(size / turn - 1) < WRAPPED), 0.0)
+
+
+def unwrapped(part: Part, turn: float) -> Part:
+    """A part whose position and command do not jump by full turns [unit of the position]."""
+    q, command = (np.unwrap(x, period=turn) for x in (part.q, part.command))
+    away = turn * np.round(float(np.median(q - command)) / turn)
+    return part._replace(q=q - away, command=command)
+
+
+def copied(parts: Sequence[Part]) -> int | None:
+    """Rows by which the command equals the position later (negative: earlier), None if it does not."""
+    for shift in sorted(SHIFTS, key=abs):
+        same = total = 0
+        for part in parts:
+            n = len(part.q) - abs(shift)
+            q = part.q[max(0, shift) :][:n]
+            command = part.command[max(0, -shift) :][:n]
+            moved = np.diff(q, prepend=q[0]) != 0
+            same += int(np.sum(np.abs(q - command)[moved] <= COPY * max(np.ptp(part.q), 1e-12)))
+            total += int(moved.sum())
+        if total >= 10 and same > 0.95 * total:
+            return shift
+    return None
+
+
+def spikes(parts: Sequence[Part], key: str) -> tuple[int, float]:
+    """Number of rows that jump away and back at once, and the largest such jump [rad or m]; key: "q" or "command"."""
+    x = np.concatenate([getattr(part, key) for part in parts])
+    low, high = np.quantile(x, [OUTER, 1 - OUTER])
+    steps = [np.diff(getattr(part, key)) for part in parts]
+    limit = max(SPIKE * float(high - low), USUAL * float(np.median(np.abs(np.concatenate(steps)))))
+    back = [np.minimum(np.abs(d[1:]), np.abs(d[:-1])) * (d[1:] * d[:-1] < 0) for d in steps]
+    sizes = np.concatenate(back)
+    levels = key == "command" and len(np.unique(x)) <= FEW_LEVELS
+    found = sizes[sizes > max(limit, TINY)]
+    return (0, 0.0) if levels or not len(found) else (len(found), float(found.max()))
+
+
+def stuck(parts: Sequence[Part], span: float) -> tuple[float, float]:
+    """Duration [s] and motion of the command over its range [1] of the stretch in which q repeats most; span: range."""
+    longest = (0.0, 0.0)
+    for part in parts:
+        edges = np.flatnonzero(np.concatenate([[True], np.diff(part.q) != 0, [True]]))
+        for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+            seconds, command = float(part.t[high - 1] - part.t[low]), part.command[low:high]
+            if seconds > STILL and np.ptp(command) > SWEEP * span:
+                longest = max(longest, (seconds, float(np.abs(np.diff(command)).sum()) / span), key=lambda x: x[1])
+    return longest
+
+
+def driven_by_error(grids: Sequence[Grid]) -> float:
+    """Largest correlation [1] of the speed with the error q_des - q shortly before, which saturated drives have too."""
+    period = grids[0].period
+    k, best = max(1, round(BASE / period)), 0.0
+    long = [grid for grid in grids if len(grid.q) > 4 * k + LATEST / period + 2]
+    for late in range(round(LATEST / period) + 1) if long else ():
+        speed = np.concatenate([(grid.q[2 * k :] - grid.q[: -2 * k])[late:] for grid in long])
+        errors = [(grid.command - grid.q)[k : len(grid.q) - k] for grid in long]
+        error = np.concatenate([each[: len(each) - late] for each in errors])
+        size = float(np.std(speed) * np.std(error))
+        if size > 0:
+            best = max(best, float(np.mean((speed - speed.mean()) * (error - error.mean()))) / size)
+    return best
+
+
+def saturated_share(parts: Sequence[Part], grids: Sequence[Grid]) -> float:
+    """Share of rows [1] at full duty where it is recorded, else at the largest speed while the error changes."""
+    duties = [part.pwm for part in parts if part.pwm is not None]
+    if duties:
+        duty = np.concatenate(duties)
+        known = np.isfinite(duty)
+        return float(np.mean(np.abs(duty[known]) >= FULL)) if known.any() else np.nan
+    speeds = [(_speed(grid.q, grid.period), _speed(grid.command, grid.period)) for grid in grids]
+    top = float(np.quantile(np.abs(np.concatenate([v for v, _ in speeds])), FASTEST))
+    if top <= 0:
+        return 0.0
+    found = rows = 0
+    for v, wanted in speeds:
+        high = (np.abs(v) >= TOP * top) & (np.abs(wanted - v) >= APART * top)
+        found += sum(stop - start for start, stop in true_runs(np.asarray(high)) if stop - start >= RUN)
+        rows += len(v)
+    return found / rows
+
+
+def _speed(x: Array, period: float) -> Array:
+    """Speed over about 60 ms, (N - k,) [1/s]."""
+    k = max(2, min(len(x) - 1, round(0.06 / period)))
+    return (x[k:] - x[:-k]) / (k * period)
+
+
+def rms_speed(grids: Sequence[Grid]) -> float:
+    """Rms of the speed over about 60 ms [rad/s or m/s]."""
+    return float(np.sqrt(np.mean(np.concatenate([_speed(grid.q, grid.period) for grid in grids]) ** 2)))
+
+
+def command_noise(grids: Sequence[Grid]) -> float:
+    """Standard deviation of white noise of the command [rad or m]; 0 if there is none."""
+    second = [np.diff(grid.command, 2) for grid in grids if len(grid.command) > 4]
+    power = sum(float(s @ s) for s in second)
+    if not power:
+        return 0.0
+    usual = np.concatenate(second)
+    limit = 6 * float(np.median(np.abs(usual)))
+    small = [np.clip(s, -limit, limit) for s in second]
+    power = sum(float(s @ s) for s in small)
+    alike = sum(float(s[1:] @ s[:-1]) for s in small) / power if power else 0.0
+    return float(TO_STD * np.median(np.abs(usual))) if alike < ALTERNATES else 0.0
+
+
+def command_period(parts: Sequence[Part]) -> float:
+    """Median time between changes of the command while it moves [s]."""
+    steps = []
+    for part in parts:
+        at = np.flatnonzero(np.diff(part.command) != 0) + 1
+        steps.append(np.diff(part.t[at]))
+    every = np.concatenate(steps)
+    return float(np.median(every)) if len(every) else np.nan
+
+
+COARSE = 10.0  # steps of the encoder below which a command says nothing
+STUCK = 0.05  # motion over the range of the command
+FOLLOWS, AGAINST, CERTAIN = 0.5, 0.9, 0.95  # correlations
+CURVED, BOTH = 0.25, 0.05  # 1 - correlation with the magnitude or square, over that without; share on both sides of 0
+LEAD, LATE, EXACT = 1.0, 0.12, 0.06  # [rows], [s], residual below which the delay is no dry friction
+STIFF = 0.3  # difference of the scale from one, beyond which droop may look like a lead
+SCALES, DEGREES = (0.1, 1.5), 0.1  # motion per command; tolerance of 180 / pi
+ZERO, ZERO_LEAST, CLOSE, QUIET = 0.25, 0.15, 0.15, 0.2  # [range], [rad], |scale - 1|, residual
+WIDE, LOAD, STEADY = 1.2, 0.037, 0.5  # [rad]; rms of cos x over x**2 about its mean [1/rad2]; share of it [1]
+HELD = 0.08  # share of moving rows
+SATURATED = 0.4  # share of rows
+DRIVEN = 0.7  # correlation of speed and error from which on a joint follows although q and q_des differ
+GAIN, CLEAN = 0.3, 0.03  # difference of the scale from one, and residual below which it is no friction
+SPIKES, SHARE = 3, 0.005  # rows of q and share of rows of q_des that jump away and back; healthy: 0 rows and .001
+FLICKER = 5.0  # steps of the encoder that a spike exceeds
+SWEEPS = 2.0  # [range] motion of the command while q repeats; healthy logs: at most 1
+LEVELS, STEP = 100, 0.01  # values and size of their step [rad or m], fewer and larger ones of which are coarse
+FREE, FREE_STEPS = 0.1, 60.0  # [rad or m] and [steps of the encoder] of motion without a command
+NOISE = 0.02  # [range]
+UNEVEN, REPEATED = 0.1, 0.01  # shares of rows
+
+
+def judge_still(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
+    """Flags of one joint whose command hardly moves, or less than a few steps of its encoder."""
+    moved = _moved(parts)
+    least = FREE if audit.unit in ("rad", "m") else 0.0
+    if audit.range == 0 and moved > max(least, FREE_STEPS * audit.quantum):
+        fact = f"{audit.joint}: q moves by {_length(moved, audit)} although q_des never changes"
+        yield f"{fact}; check that q_des is the command, or mark the rows with the drive off (on_J)"
+    yield from _coarse(audit, parts)
+
+
+def _moved(parts: Sequence[Part]) -> float:
+    return max(float(part.q.max()) for part in parts) - min(float(part.q.min()) for part in parts)
+
+
+def _coarse(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
+    levels = len(np.unique(np.concatenate([part.q for part in parts])))
+    if audit.unit in ("rad", "m") and levels < LEVELS and audit.quantum > STEP:
+        fact = f"{audit.joint}: q has only {levels} different values, {_length(audit.quantum, audit)} apart"
+        yield f"{fact}: speeds and small errors are lost; record the position with all bits of the encoder"
+
+
+def judge_joint(
+    audit: JointAudit, found: Response | None, parts: Sequence[Part], grids: Sequence[Grid]
+) -> Iterator[str]:
+    """Flags of one joint; grids: its parts on a uniform grid, without full turns."""
+    if (shift := copied(parts)) is not None:
+        rows = (
+            f", {abs(shift)} row{'s' if abs(shift) > 1 else ''} {'later' if shift > 0 else 'earlier'}" if shift else ""
+        )
+        advice = "it is no command; record what is sent to the drive"
+        yield f"{audit.joint}: q_des equals q{rows}: {advice}"
+        return
+    if _moved(parts) < STUCK * audit.range:
+        fact = f"{audit.joint}: q does not follow q_des, it moves by less than {STUCK:.0%} of it"
+        yield f"{fact}; check that the drive is on, or record when it is off (on_J)"
+        return
+    if found is not None and (curve := _curve(found, grids)):
+        yield f"{audit.joint}: {curve}; record both with their signs"
+    elif found is not None and abs(found.correlation) < FOLLOWS and driven_by_error(grids) < DRIVEN:
+        fact = f"{audit.joint}: q does not follow q_des (correlation {found.correlation:.2f} at the best shift)"
+        yield f"{fact}; q and q_des are of different joints, motions or clocks, or q is damaged: check the columns"
+    elif found is not None:
+        ends = [(float(x.min()), float(x.max())) for x in (joined(grids, "q"), joined(grids, "command"))]
+        apart = ends[0][0] >= 0 >= ends[1][1] or ends[1][0] >= 0 >= ends[0][1]
+        yield from _response(audit, found, grids[0].period, float(np.std(joined(parts, "q"))), apart)
+    yield from _log(audit, parts)
+    yield from _damaged(audit, parts)
+    yield from _coarse(audit, parts)
+
+
+def _curve(found: Response, grids: Sequence[Grid]) -> str:
+    """Name the one of q and q_des that is the magnitude or square of the other; "" if none is."""
+    ends = [(float(x.min()), float(x.max())) for x in (joined(grids, "q"), joined(grids, "command"))]
+    straight, best, said = 1 - abs(found.correlation), CERTAIN, ""
+    pairs = (("q", "q_des", ends, grids), ("q_des", "q", ends[::-1], [Grid(x.period, x.command, x.q) for x in grids]))
+    for one, other, ((low, _), (least, most)), each in pairs:
+        if straight < 1 - CERTAIN or low < 0 or not least < -BOTH * (most - least) < 0 < BOTH * (most - least) < most:
+            continue
+        for name, change in (("magnitude", np.abs), ("square", np.square)):
+            r = best_shift([grid._replace(command=change(grid.command)) for grid in each]).correlation
+            if r > best and 1 - r < CURVED * straight:
+                best, said = r, f"{one} is never negative and like the {name} of {other} (correlation {r:.3f})"
+    return said
+
+
+def _response(audit: JointAudit, found: Response, period: float, spread: float, apart: bool) -> Iterator[str]:
+    """Flags of the answer to the command.
+
+    spread: standard deviation of the position [rad or m]; apart: position and command have no sign in common.
+    """
+    joint = audit.joint
+    if found.correlation < -FOLLOWS:
+        fact = f"{joint} moves against its command (correlation {found.correlation:.2f})"
+        other = "" if found.correlation < -AGAINST else ", or the two are of different times or motions"
+        lost = ", or is a magnitude or a square" if apart else ""
+        yield f"{fact}: q or q_des has the wrong sign{lost}{other}; negate one of them in a column map (--columns)"
+        return
+    if found.shift < -LEAD * period and found.correlation > CERTAIN and abs(found.scale - 1) < STIFF:
+        fact = f"{joint}: q leads q_des by {-1e3 * found.shift:.0f} ms"
+        yield f"{fact}, which no drive can do; the two are from different clocks or rows: correct the log"
+    if found.shift > LONGEST:
+        fact = f"{joint} answers {1e3 * found.shift:.0f} ms after its command"
+        yield f"{fact}, later than a drive; q_des is from earlier rows than q, or from another clock: correct the log"
+    if found.delay > max(LATE, 3 * period) and found.residual < EXACT:
+        fact = f"{joint} begins to answer {1e3 * found.delay:.0f} ms after its command"
+        yield f"{fact}: a slow bus, or q_des is from earlier rows than q; check the log"
+    if found.correlation > CERTAIN and not SCALES[0] <= found.scale <= SCALES[1]:
+        near = next((k for k in (180 / pi, pi / 180) if abs(found.scale / k - 1) < DEGREES), None)
+        why = "one is in degrees and the other in rad" if near else "they have different units or gear ratios"
+        yield f"{joint}: q moves by {found.scale:.3g} of q_des: {why}; state the units in a column map (--columns)"
+    elif audit.residual < CLEAN and min(abs(found.gain - 1), abs(found.scale - 1)) > GAIN:
+        fact = f"{joint}: q moves by {found.gain:.3g} of q_des throughout"
+        weak = ", unless a load holds a weak drive back" if found.gain < 1 else ""
+        yield f"{fact}, which friction does not explain; check units, gear ratio and scale of both columns{weak}"
+    elif _shifted(audit, found, spread):
+        fact = f"{joint} stays {_length(abs(audit.zero), audit)} {'below' if audit.zero > 0 else 'above'} its command"
+        yield f"{fact} over its whole motion: the zeros of q and q_des differ, or a load pulls at it"
+
+
+def _shifted(audit: JointAudit, found: Response, spread: float) -> bool:
+    gain = found.gain if np.isfinite(found.gain) else found.scale
+    least = ZERO_LEAST if audit.unit in ("rad", "m") else 0.0
+    if abs(audit.zero) > max(least, audit.range) and abs(gain - 1) < STIFF:
+        return True
+    if abs(gain - 1) >= CLOSE or not audit.residual < QUIET:
+        return False
+    if abs(audit.zero) > max(least, ZERO * audit.range):
+        return True
+    varies = LOAD * audit.range**2 * abs(audit.zero)  # the torque of a load is a cosine of the angle
+    steady = audit.range > WIDE and audit.residual * spread < STEADY * varies
+    return audit.unit == "rad" and abs(audit.zero) > least and steady
+
+
+def _log(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
+    joint = audit.joint
+    count, size = jumps(parts)
+    if count:
+        why = (
+            "the encoder wraps around"
+            if turn_of(size, audit.unit)
+            else "the position wraps around, or rows are damaged"
+        )
+        times = "once" if count == 1 else f"{count} times"
+        yield f"{joint}: q jumps {times} by {_length(size, audit)} from row to row: {why}; unwrap it"
+    if audit.held > HELD:
+        fact = f"{joint}: {audit.held:.0%} of the moving rows repeat the position before"
+        yield f"{fact}; q is read less often than rows are written, so lag and delay are too long by part of a row"
+    if audit.command_noise > NOISE * audit.range:
+        fact = f"{joint}: q_des has noise of {_length(audit.command_noise, audit)}"
+        yield f"{fact}, {audit.command_noise / audit.range:.0%} of its range; record the command that is sent"
+
+
+def judge_limits(audit: JointAudit) -> Iterator[str]:
+    """Limits of the numbers of the audit, in recordings without a fault."""
+    joint = audit.joint
+    if audit.saturated > SATURATED:
+        fact = f"{joint} is at its limit in {audit.saturated:.0%} of the rows"
+        yield f"{fact}: stiffness hardly shows there; command smaller or slower motion"
+
+
+def _damaged(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
+    """Spikes and stretches in which a sensor is stuck."""
+    rows = sum(len(part.q) for part in parts)
+    explained = {"q": bool(jumps(parts)[0]), "command": audit.command_noise > NOISE * audit.range}
+    for key, name, least in (("q", "q", SPIKES), ("command", "q_des", max(SPIKES, SHARE * rows))):
+        count, size = spikes(parts, key)
+        if count >= least and size > FLICKER * audit.quantum and not explained[key]:
+            fact = f"{audit.joint}: {name} jumps away and back within one row {count} times, by up to"
+            yield f"{fact} {_length(size, audit)}: lost or damaged values; leave these cells empty"
+    seconds, sweeps = stuck(parts, audit.range)
+    if sweeps > SWEEPS and not explained["command"] and not abs(audit.shift) > LONGEST:
+        fact = f"{audit.joint}: q stays the same for {seconds:.3g} s while q_des moves"
+        yield f"{fact}: the sensor is stuck, or the drive is off; leave these rows out or mark them (on_J)"
+
+
+def judge_stamps(recordings: Sequence[Recording], clocks: Sequence[RowClock]) -> Iterator[str]:
+    """Flags of the time stamps of recordings."""
+    for recording, clock in zip(recordings, clocks, strict=True):
+        name = recording.path or "the recording"
+        if clock.back:
+            yield f"{name}: time goes back in {clock.back} rows; sort the rows, or record with one clock"
+        if clock.repeated > REPEATED * len(recording):
+            yield f"{name}: {clock.repeated} rows repeat the time of the row before; write the time with more digits"
+        if clock.uneven > UNEVEN:
+            fact = f"{name}: {clock.uneven:.0%} of the time steps differ by half from their median"
+            yield f"{fact}, {1e3 * clock.period:.3g} ms; log at a steady rate, or delay is known to a step only"
+
+
+def _length(value: float, audit: JointAudit) -> str:
+    return f"{value:.3g} {audit.unit}".rstrip()

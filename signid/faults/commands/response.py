@@ -1,0 +1,348 @@
+"""How a joint answers its command: the best shift, a delayed second-order response, and errors at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...types import Array
+from .rows import Grid, Part
+
+LONGEST, FARTHEST = 0.6, 2.5  # [s] largest shift of a drive, and of columns that are from different rows
+SHARE = 0.2  # [1] largest shift over the duration of the longest part
+CERTAIN = 0.95  # correlation beyond LONGEST; healthy logs with dry friction have it as well
+BETTER = 0.5  # 1 - |correlation| beyond LONGEST over that within
+FRICTION = 0.3  # variance left beyond LONGEST over that of a drive with dry friction; healthy logs: above .42
+DELAYS = np.linspace(0, 0.3, 4)  # [s] of such a drive
+AGAINST = 0.9  # weight of correlations of motion against the command: periodic motion has both signs
+NEAREST = 0.98  # correlation of a peak over the largest, from which on the smallest shift is chosen
+
+
+class Shift(NamedTuple):
+    """Best shift of a command; NaN where none was found."""
+
+    seconds: float  # [s] positive: the position is later
+    correlation: float  # [1] with its sign
+    scale: float  # [1] motion per command
+
+
+def best_shift(grids: Sequence[Grid]) -> Shift:
+    """Shift of the largest correlation; beyond LONGEST only if neither one within it nor dry friction is near."""
+    near = _best(grids, LONGEST)
+    most = min(FARTHEST, SHARE * max(len(grid.q) * grid.period for grid in grids))
+    if most <= LONGEST or (near.correlation > CERTAIN and np.isfinite(near.seconds)):
+        return near
+    rows = round(most / grids[0].period)
+    inner = [grid for grid in grids if len(grid.q) > 2 * rows + 2]
+    far = _best(inner, most, against=0.0, known=True)
+    if not abs(far.seconds) > LONGEST - 2 * grids[0].period or not far.correlation > CERTAIN:  # NaN: none was found
+        return near
+    if 1 - far.correlation > BETTER * (1 - abs(near.correlation)):
+        return near
+    rest = 1 - far.correlation**2
+    return near if far.seconds > 0 and rest > FRICTION * _rest_of_friction(inner, rows) else far
+
+
+def _best(grids: Sequence[Grid], longest: float, against: float = AGAINST, known: bool = False) -> Shift:
+    """Best shift up to `longest` [s].
+
+    against: weight of motion against the command; known: leave out rows whose shifted command is not recorded.
+    """
+    from scipy.signal import correlate  # slow import
+
+    period = grids[0].period
+    most = max(1, round(longest / period))
+    covariance, command_power, power = (np.zeros(2 * most + 1) for _ in range(3))
+    for grid in grids:
+        inner = grid.q[most : len(grid.q) - most] if known else grid.q
+        inner = inner - inner.mean()
+        level = grid.command.mean()
+        padded = grid.command - level if known else np.pad(grid.command - level, most, mode="edge")
+        covariance += correlate(padded, inner, mode="valid")[::-1]  # the largest lead first
+        sums = np.cumsum(np.concatenate([[[0.0, 0.0]], np.column_stack([padded, padded**2])]), axis=0)
+        total, squares = (sums[len(inner) :] - sums[: -len(inner)])[::-1].T
+        command_power += squares - total**2 / len(inner)
+        power += inner @ inner
+    size = np.sqrt(np.maximum(command_power, 0.0) * power)
+    if not (size > 0).any():
+        return Shift(np.nan, np.nan, np.nan)
+    r = np.where(size > 1e-12 * size.max(), covariance / np.where(size > 0, size, 1.0), 0.0)
+    likely = np.where(r > 0, r, -against * r)
+    best = int(np.argmax(likely))
+    if best in (0, 2 * most):  # beyond the shifts that were tried
+        return Shift(np.nan, float(r[best]), float(covariance[best] / command_power[best]))
+    k, part = _peak(likely, most)
+    return Shift(float((k + part - most) * period), float(r[k]), float(covariance[k] / command_power[k]))
+
+
+def _rest_of_friction(grids: Sequence[Grid], edge: int) -> float:
+    """Share of the variance [1] that a usual delay leaves with dry friction, which looks late in slow motion.
+
+    edge: rows at both ends of each grid that are left out.
+    """
+    rest = 1.0
+    for delay in DELAYS:
+        table = np.concatenate([_with_friction(grid, round(float(delay) / grid.period), edge) for grid in grids])
+        x, y = table[:, :2], table[:, 2]
+        value = np.linalg.lstsq(x.T @ x, x.T @ y, rcond=1e-12)[0]
+        if value[1] <= 0:  # friction holds back
+            rest = min(rest, float(np.mean((y - x @ value) ** 2) / np.mean(y**2)))
+    return rest
+
+
+def _with_friction(grid: Grid, delay: int, edge: int) -> Array:
+    """Table (N, 3) of the command that is late by rows, its last direction, and the position; means removed."""
+    way = np.sign(np.diff(grid.command, prepend=grid.command[0]))
+    side = way[np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), 0))]
+    stop = len(grid.q) - edge
+    rows = slice(edge - delay, stop - delay)
+    table = np.column_stack([grid.command[rows], side[rows], grid.q[edge:stop]])
+    return np.asarray(table - table.mean(axis=0))
+
+
+def _peak(size: Array, middle: int) -> tuple[int, float]:
+    """Index of the peak that is chosen, and how far its top is from there."""
+    tops = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] >= size[2:])) + 1
+    if not len(tops):
+        return int(np.argmax(size)), 0.0
+    good = tops[size[tops] >= NEAREST * size[tops].max()]
+    k = int(good[np.argmin(np.abs(good - middle))])
+    curve = size[k - 1] - 2 * size[k] + size[k + 1]
+    return k, float(0.5 * (size[k - 1] - size[k + 1]) / curve) if curve < 0 else 0.0
+
+
+ROWS, WINDOW = 8000, 1000  # rows that are fitted, and of one window where there are more
+MOST = 30  # windows that are fitted
+SHARES = (0.0, 0.3, 0.6, 0.9)  # starts: share of the lag that is delay
+DAMPINGS = (0.4, 0.8, 1.5, 3.0)  # starts: damping ratio [1]
+LOWER, UPPER = (np.log(1e-4), 0.0, np.log(0.05)), (np.log(1.0), 0.98, np.log(8.0))  # of lag [s], share, damping
+FAR = 0.03, 1.3  # [s], [1] largest lag over the shift
+TINY = 1e-6  # [s] smaller delays are none
+LEAST = 0.05  # [1] lag over the shift from which on its interval is meaningful
+WORST = 0.5  # [1] largest residual of a response that is of second order
+SLOW = 0.1  # [1] speed over its rms at which friction reverses
+
+
+class Response(NamedTuple):
+    """Second-order response to the delayed command; NaN where another one would be nearer."""
+
+    lag: float  # [s]
+    lag_std: float  # [s]
+    shift: float  # [s]
+    correlation: float  # [1] at the shift, with its sign
+    scale: float  # [1] motion per command at the shift
+    gain: float  # [1] motion per command of slow motion, from the response
+    delay: float  # [s]
+    bandwidth: float  # [Hz]
+    residual: float  # [1]
+    width: float  # [rad or m] half width of the hysteresis: dry friction over stiffness, or a dead band
+
+
+UNKNOWN = Response(*[np.nan] * len(Response._fields))
+
+
+def find_response(grids: Sequence[Grid]) -> Response:
+    """Fit the response of one joint over all its parts, which have the same period."""
+    shift, correlation, scale = best_shift(grids)
+    windows = _windows(grids)
+    spread = float(np.sqrt(np.mean(np.concatenate([(w.q - w.q.mean()) ** 2 for w in windows]))))
+    unknown = UNKNOWN._replace(shift=shift, correlation=correlation, scale=scale)
+    if spread <= 0 or not abs(shift) <= LONGEST:
+        return unknown
+    x, log_std = _fitted(windows, max(shift, grids[0].period))
+    w, z, delay = _numbers(x)
+    lag, flat = delay + 2 * z / w, 1 - 2 * z * z
+    residual, (gain, _, width) = _residual(x, windows)
+    rest = float(np.sqrt(np.mean(residual**2))) / spread
+    if gain <= 0 or rest > WORST or lag > FAR[1] * shift + max(FAR[0], 2 * grids[0].period):
+        return unknown
+    bandwidth = w / (2 * np.pi) * np.sqrt(flat + np.sqrt(flat * flat + 1))
+    sure = delay if delay > TINY else 0.0
+    std = lag * log_std if lag > LEAST * shift else shift  # friction alone explains the lag
+    return Response(lag, std, shift, correlation, scale, float(gain), sure, float(bandwidth), rest, float(width))
+
+
+class _Window(NamedTuple):
+    q: Array  # (L,)
+    command: Array  # (H + L,) with H rows of history
+    period: float
+
+
+def _windows(grids: Sequence[Grid]) -> list[_Window]:
+    """At most ROWS rows, those in which the command moves most where there are more; each with its history."""
+    history = round(2 * LONGEST / grids[0].period)
+    total = sum(len(grid.q) for grid in grids)
+    cuts = []
+    for grid in grids:
+        padded = np.concatenate([np.full(history, grid.command[0]), grid.command])
+        size = len(grid.q) if total <= ROWS else min(WINDOW, len(grid.q))
+        for start in range(0, len(grid.q) - size + 1, size):
+            own = _Window(grid.q[start : start + size], padded[start : start + size + history], grid.period)
+            cuts.append((float(np.std(own.command[history:])), own))
+    chosen: list[int] = []
+    room = ROWS
+    for k in sorted(range(len(cuts)), key=lambda k: -cuts[k][0])[:MOST]:
+        room -= len(cuts[k][1].q)
+        chosen += [k] if room >= 0 or not chosen else []
+    return [cuts[k][1] for k in sorted(chosen)]
+
+
+def _numbers(x: Array) -> tuple[float, float, float]:
+    """Natural frequency [rad/s], damping ratio [1] and delay [s] of the logarithm of the lag, the share, and so on."""
+    lag, share, damping = float(np.exp(x[0])), float(x[1]), float(np.exp(x[2]))
+    return 2 * damping / ((1 - share) * lag), damping, share * lag
+
+
+def _fitted(windows: Sequence[_Window], lag: float) -> tuple[Array, float]:
+    """Numbers (3,) as in `_numbers`, and the standard deviation of the first."""
+    from scipy.optimize import least_squares  # slow import
+
+    inside = [np.array(LOWER) + 1e-6, np.array(UPPER) - 1e-6]
+    starts = [np.clip([np.log(lag), share, np.log(damping)], *inside) for share in SHARES for damping in DAMPINGS]
+    costs = [float(np.mean(_residual(x, windows)[0] ** 2)) for x in starts]
+    found = least_squares(
+        lambda x: _residual(x, windows)[0],
+        starts[int(np.argmin(costs))],
+        bounds=(LOWER, UPPER),
+        diff_step=1e-4,
+        max_nfev=15,
+        ftol=1e-5,
+    )
+    covariance = np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-10)[0, 0] * float(np.mean(found.fun**2))
+    return np.asarray(found.x), float(np.sqrt(covariance * _correlated(found.fun)))
+
+
+def _correlated(residual: Array) -> float:
+    """Rows of a residual (N,) for one that is independent: 1 for white noise."""
+    power = float(residual @ residual)
+    if power <= 0:
+        return 1.0
+    total = 1.0
+    for lag in range(1, len(residual) // 2):
+        r = float(residual[lag:] @ residual[:-lag]) / power
+        if r < 0:
+            break
+        total += 2 * r
+    return total
+
+
+def _residual(x: Array, windows: Sequence[_Window]) -> tuple[Array, Array]:
+    """Residual (N,) [rad or m] of all windows, and scale, constant and half width of the friction (3,).
+
+    Initial states are eliminated.
+
+    x: (3,) logarithm of the lag [s], share of it that is delay [1], logarithm of the damping ratio.
+    """
+    from scipy.signal import lfilter  # slow import
+
+    period, (w, z, delay) = windows[0].period, _numbers(x)
+    b, a = _discrete(w, z, period)
+    answers = [_answer(window, b, a, delay / period) for window in windows]
+    rates = [np.gradient(answer) for answer in answers]
+    slow = SLOW * float(np.sqrt(np.mean(np.concatenate(rates) ** 2))) + 1e-12
+    columns, pulse = [], np.zeros(max(len(window.q) for window in windows) + 1)
+    pulse[1] = 1.0
+    impulse = lfilter([1.0], a, pulse)
+    for window, answer, rate in zip(windows, answers, rates, strict=True):
+        size = len(window.q)
+        own = np.column_stack([answer, np.ones(size), -lfilter(b, a, np.tanh(rate / slow)), window.q])
+        free = np.column_stack([impulse[1 : size + 1], impulse[:size]])
+        basis, _ = np.linalg.qr(free)
+        columns.append(own - basis @ (basis.T @ own))
+    return _solved(np.concatenate(columns))
+
+
+def _answer(window: _Window, b: Array, a: Array, delay: float) -> Array:
+    """Response (L,) to the command of a window that is late by a delay [rows]."""
+    from scipy.signal import lfilter
+
+    size, history = len(window.q), len(window.command) - len(window.q)
+    whole, share = divmod(delay, 1.0)
+    start = history - int(whole)
+    late = (1 - share) * window.command[start : start + size] + share * window.command[start - 1 : start - 1 + size]
+    return np.asarray(lfilter(b, a, late - late[0]) + late[0])
+
+
+def _solved(table: Array) -> tuple[Array, Array]:
+    """Residual (N,) and coefficients (3,) of scale, constant and friction, which is not negative.
+
+    table: (N, 4) columns of the three, and positions.
+    """
+    for use in ((0, 1, 2), (0, 1)):
+        x = table[:, use]
+        value = np.zeros(3)
+        value[list(use)] = np.linalg.lstsq(x.T @ x, x.T @ table[:, 3], rcond=1e-12)[0]
+        if value[2] >= 0:
+            break
+    return table[:, 3] - table[:, :3] @ value, value
+
+
+def _discrete(w: float, z: float, period: float) -> tuple[Array, Array]:
+    """Numerator and denominator of the second-order response to a held command, with a gain of one at rest."""
+    root = np.sqrt(complex(z * z - 1))
+    p, r = np.exp((-z + root) * w * period), np.exp((-z - root) * w * period)
+    a = np.real(np.array([1.0, -(p + r), p * r]))
+    first = _step_response(w, z, period)
+    return np.array([0.0, first, float(a.sum()) - first]), a
+
+
+def _step_response(w: float, z: float, t: float) -> float:
+    """Response to a unit step after a time t [s]."""
+    if abs(z - 1) < 1e-6:
+        z = 1 + 1e-6
+    root = np.sqrt(complex(z * z - 1))
+    p, r = (-z + root) * w, (-z - root) * w
+    return float(np.real(1 + (r * np.exp(p * t) - p * np.exp(r * t)) / (p - r)))
+
+
+SETTLE, LAGS = 0.4, 5.0  # [s], [lags] after the last change of the command
+STILL = 0.2  # [s] over which a joint at rest stays within two steps of its encoder
+FEWEST = 2  # approaches of each direction for a dead band
+CHANGE = 1e-4  # [1] share of the range of the command below which it does not change
+
+
+class Rest(NamedTuple):
+    """Errors q_des - q at rest."""
+
+    droop: float  # [rad or m] median size
+    droop_most: float  # [rad or m]
+    holds: int
+    dead_band: float  # [rad or m]
+
+
+def at_rest(parts: Sequence[Part], lag: float, quantum: float, span: float) -> Rest:
+    """Errors of one joint at rest; lag [s], quantum of q and range of the command `span` [rad or m]."""
+    found = [hold for part in parts for hold in _holds(part, lag, quantum, span)]
+    if not found:
+        return Rest(np.nan, np.nan, 0, np.nan)
+    error, way = np.array(found).T
+    up, down = error[way > 0], error[way < 0]
+    both = min(len(up), len(down)) >= FEWEST
+    dead = abs(float(np.median(up) - np.median(down))) / 2 if both else np.nan
+    return Rest(float(np.median(np.abs(error))), float(np.abs(error).max()), len(error), dead)
+
+
+def _holds(part: Part, lag: float, quantum: float, span: float) -> list[tuple[float, float]]:
+    """Mean error [rad or m] and direction of approach (1, -1; 0 unknown) of each time at rest."""
+    settle = max(SETTLE, LAGS * lag if np.isfinite(lag) else 0.0)
+    changed = np.flatnonzero(np.abs(np.diff(part.command)) > CHANGE * span) + 1
+    edges = np.concatenate([[0], changed, [len(part.t)]])
+    holds = []
+    for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        first = int(np.searchsorted(part.t, part.t[low] + settle))
+        if high - first < 3 or part.t[high - 1] - part.t[first] < STILL:
+            continue
+        q = _still(part.t[first:high], part.q[first:high], quantum)
+        if len(q):
+            step = float(part.command[low] - part.command[low - 1]) if low else 0.0
+            holds.append((float(part.command[low] - np.median(q)), float(np.sign(step))))
+    return holds
+
+
+def _still(t: Array, q: Array, quantum: float) -> Array:
+    """Positions (M,) from which on the joint does not move any more, at least for 0.2 s."""
+    away = np.flatnonzero(np.abs(q - q[-1]) > 2.5 * quantum)
+    first = int(away[-1]) + 1 if len(away) else 0
+    return q[first:] if t[-1] - t[first] >= STILL else q[:0]

@@ -1,0 +1,302 @@
+"""Session and model -> evidence for recording faults, and fits of its torques.
+
+Evidence is up to 1500 rows, and their signals after a correction. A fit explains a joint's torque by a passive joint
+with the model's bodies, or with a law that the model lacks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from ..effects.base import BodyLaw, TorqueLaw
+from ..model import Model
+from ..regression.filters import Decimator
+from ..regression.motion import Motion, build_motion, margin
+from ..regression.projection import leave
+from ..regression.rows import Task
+from ..regression.session import Part, Session, longest_piece
+from ..robot.dynamics import own_body
+from ..types import INERTIAL, Array, Frozen, Indices, Mask, Robot
+
+SAMPLES = 2**16  # largest number of samples of all recordings together
+FINE = 4  # samples of the filtered torque per row of identification, for lags between rows
+ROWS = 1500  # largest number of rows of all recordings together
+BLOCKS = 8  # smallest number of blocks of all recordings; a fault must show in most of them
+LAG = 0.25  # [s] longest lag
+# Nodes of the interpolating polynomial. Measured error: 3 % for a sine of four samples per period, 0.05 % for eight
+NODES = 6
+SIGNALS = 6  # position, and those of `Signals`
+
+
+@dataclass(frozen=True, eq=False)
+class Curve(Frozen):
+    """Uniform samples of n signals."""
+
+    t: Array  # (M,) [s]
+    x: Array  # (M, n) [any unit]
+
+    def at(self, t: Array) -> Array:
+        """Values (K, n) at t: (K,) [s] by the polynomial through the nearest samples; constant beyond the ends."""
+        count, last = min(NODES, len(self.t)), len(self.t) - 1
+        place = (np.clip(t, self.t[0], self.t[-1]) - self.t[0]) / (self.t[-1] - self.t[0]) * last
+        start = np.clip(np.floor(place).astype(np.intp) - count // 2 + 1, 0, last + 1 - count)
+        nodes, off = np.arange(count), place - start
+        others = np.array([nodes[nodes != k] for k in nodes])
+        weight = np.prod((off - others[:, :, None]) / (nodes[:, None] - others)[:, :, None], axis=1)
+        return np.asarray(np.einsum("ik,ikn->kn", weight, self.x[start + nodes[:, None]]))
+
+
+@dataclass(frozen=True, eq=False)
+class Correction(Frozen):
+    """Columns and factors of n joints in a recording, and the lag of each torque column."""
+
+    q_from: tuple[int, ...]  # (n,) column of each joint's position
+    q_scale: Array  # (n,) [1] factor on the position
+    tau_from: tuple[int, ...]  # (n,) column of each joint's torque
+    tau_sign: Array  # (n,) [1] factor on the torque
+    lag: Array  # (n,) [s] by which each column of torque is late
+
+    @classmethod
+    def none(cls, n: int) -> Correction:
+        """Correction of n joints that changes nothing."""
+        return cls(tuple(range(n)), np.ones(n), tuple(range(n)), np.ones(n), np.zeros(n))
+
+    def exchange(self, order: tuple[int, ...], positions: bool = False, torques: bool = False) -> Correction:
+        """Exchange columns: joint i gets those of joint order[i]."""
+        at, found = list(order), self
+        if positions:
+            found = replace(found, q_from=tuple(self.q_from[k] for k in at), q_scale=self.q_scale[at])
+        if torques:
+            found = replace(found, tau_from=tuple(self.tau_from[k] for k in at), tau_sign=self.tau_sign[at])
+        return found
+
+    def scale(self, joints: tuple[int, ...], position: float = 1.0, torque: float = 1.0) -> Correction:
+        """Multiply positions and torques of some joints by factors."""
+        q, tau = (np.where(np.isin(np.arange(len(self.lag)), joints), x, 1.0) for x in (position, torque))
+        return replace(self, q_scale=self.q_scale * q, tau_sign=self.tau_sign * tau)
+
+    def earlier(self, joints: tuple[int, ...], lag: float) -> Correction:
+        """Shift torques of some joints, which were recorded late by `lag` [s]."""
+        late = self.lag.copy()
+        late[[self.tau_from[j] for j in joints]] += lag
+        return replace(self, lag=late)
+
+
+class Signals(NamedTuple):
+    """Signals of n joints in K rows."""
+
+    v: Array  # (K, n) [rad/s or m/s]
+    a: Array  # (K, n) [rad/s2 or m/s2]
+    direction: Array  # (K, n) [1] of motion
+    predicted: Array  # (K, n) [N.m or N] by the model without friction
+    torque: Array  # (K, n) [N.m or N] as recorded
+
+    def rows(self, rows: Mask | Indices) -> Signals:
+        """Signals of some rows."""
+        return Signals(*(signal[rows] for signal in self))
+
+    def joint(self, joint: int) -> Signals:
+        """Signals of one joint."""
+        return Signals(*(signal[:, [joint]] for signal in self))
+
+
+@dataclass(frozen=True, eq=False)
+class FaultEvidence(Frozen):
+    """K rows of n joints, and the recorded torque around them."""
+
+    model: Model  # bodies and laws without memory, without friction
+    signed: Mask  # (n,) whether torque is recorded with its sign
+    rotors: Mask  # (n,) whether the model has a rotor at the joint
+    q: Array  # (K, n) [rad or m]
+    plain: Signals  # as recorded
+    torques: tuple[Curve, ...]  # of each recording [N.m or N]
+    moments: tuple[Array, ...]  # of each recording, (K_r,) times of its rows [s]
+    block: Indices  # (K,) block of each row
+
+    @property
+    def robot(self) -> Robot:
+        """Robot with the recorded joints."""
+        return self.model.robot
+
+    def corrected(self, correction: Correction) -> Signals:
+        """Signals after a correction."""
+        plain, torque = self.plain, self.late(correction.lag)[:, list(correction.tau_from)] * correction.tau_sign
+        if correction.q_from == tuple(range(len(self.signed))) and np.all(correction.q_scale == 1):
+            return plain._replace(torque=torque)
+        motion = self.along(correction)
+        direction = plain.direction[:, list(correction.q_from)] * np.sign(correction.q_scale)
+        return Signals(motion.v, motion.a, direction, self.model.inverse(motion), torque)
+
+    def along(self, correction: Correction) -> Motion:
+        """Motion after a correction, with rows as samples."""
+        q, v, a = (x[:, list(correction.q_from)] * correction.q_scale for x in (self.q, self.plain.v, self.plain.a))
+        return Motion(self.robot, np.concatenate(self.moments), q, v, a)
+
+    def late(self, lag: Array) -> Array:
+        """Torque (K, n) [N.m or N] after the removal of lags; lag: (n,) [s] by which each column is late."""
+        if not lag.any():
+            return self.plain.torque
+        late = np.empty_like(self.plain.torque)
+        for d in np.unique(lag):
+            pieces = [curve.at(t + d) for curve, t in zip(self.torques, self.moments, strict=True)]
+            late[:, lag == d] = np.concatenate(pieces)[:, lag == d]
+        return late
+
+
+def gather(model: Model, session: Session, parts: Sequence[Part], signed: Mask | None = None) -> FaultEvidence | None:
+    """Evidence from the longest stretch of each recording; None if all are too short.
+
+    signed: (n,) joints whose torque was recorded with its sign, if the session has recovered signs.
+    """
+    task, most = session.task, SAMPLES // max(1, len(parts))
+    frictionless = replace(model, laws=tuple(law for law in model.laws if not law.effect.dissipative))
+    thin = Decimator(task.band.taps, max(1, task.band.factor // FINE))
+    pieces = [_filtered(frictionless, task, part, thin, most) for part in parts]
+    edge = round(LAG * task.band.rate / thin.factor)
+    pieces = [(t, x) for t, x in pieces if len(t) > 2 * edge + BLOCKS]
+    if not pieces:
+        return None
+    every = max(FINE, -(-sum(len(t) for t, _ in pieces) // ROWS))
+    moments, rows = zip(*([x[edge : len(x) - edge : every] for x in piece] for piece in pieces), strict=True)
+    each = -(-BLOCKS // len(rows))
+    q, *signals = (np.ascontiguousarray(x) for x in np.split(np.concatenate(rows), SIGNALS, axis=1))
+    direct = [law for law in frictionless.laws if isinstance(law.effect, BodyLaw | TorqueLaw)]
+    plain = [law for law in direct if not law.effect.memory]
+    rotors = model.bodies().armature @ np.abs(task.robot.drive)
+    recorded = [recording.signed & np.array([bool(c) for c in recording.columns["tau"]]) for recording, _ in parts]
+    recorded += [] if signed is None else [signed]
+    return FaultEvidence(
+        replace(frictionless, laws=tuple(plain)),
+        np.asarray(np.all(recorded, axis=0)),
+        np.asarray(rotors > 0),
+        q,
+        Signals(*signals),
+        tuple(Curve(t, np.split(x, SIGNALS, axis=1)[-1]) for t, x in pieces),
+        moments,
+        np.concatenate([k * each + np.arange(len(t)) * each // len(t) for k, t in enumerate(moments)]),
+    )
+
+
+def _filtered(model: Model, task: Task, part: Part, thin: Decimator, most: int) -> tuple[Array, Array]:
+    """Times (M,) and filtered q, v, a, direction, predicted and recorded torque (M, 6 n); M = 0 if it is too short."""
+    samples, n = longest_piece(part, most), len(task.robot.joints)
+    if len(samples.t) <= 2 * (margin(task.band, task.recorded_derivatives) + thin.half) + thin.factor:
+        return np.zeros(0), np.zeros((0, SIGNALS * n))
+    motion = build_motion(task.robot, samples, task.band, part[1].period, task.recorded_derivatives, task.slow)
+    assert motion.recorded is not None, "recordings have torque by construction"
+    torque = np.where(np.isnan(motion.recorded).any(axis=0), 0.0, motion.recorded)
+    signals = (motion.q, motion.v, motion.a, motion.direction, model.inverse(motion), torque)
+    return thin.at(motion.t), thin(np.concatenate(signals, axis=1))
+
+
+ROUNDING = 1e-12  # [1] rounding error over the largest number
+# [1] smallest standard deviation of an informative torque, over that of the second strongest, and over its own rms
+WEAK, STEADY = 0.03, 0.05
+
+
+class PassiveFit(NamedTuple):
+    """Fits of T torques of each of n joints: gain * predicted + friction + rotor + offset, no coefficient negative.
+
+    Only the offset may be negative.
+    """
+
+    gain: Array  # (n, T) [1] factor on the predicted torque
+    unexplained: Array  # (n, T) [1] residual variance over the torque's variance
+    residual: Array  # (n, K, T) [N.m or N]
+    power: Array  # (n, T) [N2.m2 or N2] variance of the torque
+
+
+def fit_passive(x: Signals, torque: Array | None = None, predicted: bool = True, rotor: bool = True) -> PassiveFit:
+    """Fit torques by columns of each joint: predicted torque, viscous and Coulomb friction, and a rotor.
+
+    torque: (n, K, T) [N.m or N]; None: the recorded one (T = 1). Predicted torque and rotor can be left out.
+    """
+    used = [x.predicted] * predicted + [x.v, x.direction] + [x.a] * rotor
+    columns = np.stack([signal.T for signal in used], axis=-1)
+    columns = columns - columns.mean(axis=1, keepdims=True)
+    size = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
+    y = x.torque.T[:, :, None] if torque is None else torque
+    y = y - y.mean(axis=1, keepdims=True)
+    across = columns.swapaxes(1, 2)
+    gram = across @ columns / (size[:, :, None] * size[:, None, :])
+    value = nonnegative(gram, across @ y / size[:, :, None]) / size[:, :, None]
+    residual, power = y - columns @ value, np.sum(y**2, axis=1)
+    share = np.where(power > 0, np.sum(residual**2, axis=1) / np.where(power > 0, power, 1.0), 1.0)
+    return PassiveFit(value[:, 0], share, residual, power / y.shape[1])
+
+
+def nonnegative(gram: Array, right: Array) -> Array:
+    """Non-negative least-squares coefficients (n, k, T), by trial of all choices of coefficients that are not zero.
+
+    gram: (n, k, k) products of columns; right: (n, k, T) products of columns and targets [any units].
+    """
+    count = gram.shape[-1]
+    free = np.array(list(product((False, True), repeat=count)))
+    both = free[:, :, None] & free[:, None, :]
+    least = ROUNDING * np.max(gram, axis=(1, 2), initial=1e-280, keepdims=True)  # columns may be equal
+    blocks = np.where(both, (gram + least * np.eye(count))[:, None], np.eye(count))
+    value = (np.linalg.inv(blocks) * both) @ right[:, None]
+    gain = np.where((value >= 0).all(axis=2), np.sum(value * right[:, None], axis=2), -np.inf)
+    return np.take_along_axis(value, np.argmax(gain, axis=1)[:, None, None], axis=1)[:, 0]
+
+
+def unexplained(x: Signals) -> Array:
+    """Unexplained shares (n,) [1] of the torques' variances."""
+    return fit_passive(x).unexplained[:, 0]
+
+
+def unexplained_by_others(x: Signals) -> Array:
+    """Unexplained shares (n, n, 2) [1] of each torque (second axis) and its negative by each joint's columns."""
+    n, both = x.torque.shape[1], np.concatenate([x.torque, -x.torque], axis=1)
+    found = fit_passive(x, np.broadcast_to(both, (n, *both.shape))).unexplained
+    return found.reshape(n, 2, n).swapaxes(1, 2)
+
+
+def agreement(before: Signals, after: Signals, block: Indices, joints: Sequence[int], moved: Sequence[int]) -> float:
+    """Share [1] of the blocks in which a correction reduces the residual of some joints' torques.
+
+    block: (K,) of each row; moved: the joints that have the same torques after the correction.
+    """
+    sizes = []
+    for x, own in ((before, joints), (after, moved)):
+        found = fit_passive(x)
+        square = np.sum(found.residual[own, :, 0] ** 2 / found.power[own], axis=0)
+        sizes.append(np.array([square[block == k].sum() for k in np.unique(block)]))
+    return float(np.mean(sizes[1] < sizes[0]))
+
+
+def informative_torques(x: Signals, signed: Mask) -> Mask:
+    """Mask (n,) of joints with torque that is recorded with its sign, signed: (n,), and strong enough to inform."""
+    size = np.where(signed, np.std(x.torque, axis=0), 0.0)
+    strong = np.sort(size)[-2:][0] if len(size) > 2 else size.max(initial=0.0)
+    rms = np.sqrt(np.mean(x.torque**2, axis=0))
+    return np.asarray(signed & (size > 0) & (size >= WEAK * strong) & (size >= STEADY * rms))
+
+
+def missing_laws(evidence: FaultEvidence) -> Iterator[tuple[str, Array]]:
+    """Each kind of missing law, in words, and the shares (n,) [1] of the torques' variances that it leaves.
+
+    Friction, rotor and offset of every joint may have any size and sign, since a simulation may state too much of them.
+    Beside these, all ten numbers of the body that one joint moves may be others: a payload, a counterbalance, a wrong
+    link.
+    """
+    x, count, joints = evidence.plain, len(evidence.q), np.flatnonzero(evidence.signed)
+    own = [np.stack([np.ones(count), x.v[:, j], x.direction[:, j], x.a[:, j]], axis=1) for j in joints]
+    size = np.maximum(np.std(x.torque, axis=0), 1e-300)
+    y = [leave((x.torque - x.predicted)[:, j], own[k]) / size[j] for k, j in enumerate(joints)]
+    shares = np.ones(len(size))
+    shares[joints] = np.mean(np.square(y), axis=1)
+    yield "friction or a rotor of another size", shares
+    bodies = evidence.along(Correction.none(len(size))).bodies.reshape(count, len(size), -1, len(INERTIAL))
+    for moved, joint in enumerate(evidence.robot.joints):
+        columns = bodies[:, :, own_body(evidence.robot, moved)]
+        beyond = [leave(columns[:, j], own[k]) / size[j] for k, j in enumerate(joints)]
+        rest = leave(np.concatenate(y), np.concatenate(beyond)).reshape(len(joints), count)
+        shares = shares.copy()
+        shares[joints] = np.mean(rest**2, axis=1)
+        yield f"another body than stated at the link that {joint} moves", shares

@@ -1,0 +1,326 @@
+"""Model and session -> recording faults, before a fit: one list of checks, each with what it needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import OptionError
+from ..estimation.excitation import ExcitationVerdict, judge_excitation
+from ..estimation.least_squares import estimate
+from ..model import Model, stated_inertials, stated_laws
+from ..regression.session import Part, Session
+from ..robot import with_gravity
+from ..types import Array, Mask, Robot
+from .amount import amount_fault, judge_amount
+from .channels import SAMPLE_KINDS, judge_channels, judge_samples
+from .description import absolute_torques, judge_limits, judge_standstills
+from .distortions import KINDS as DISTORTIONS, Distortion, distortion_fault, find_distortion, nats
+from .evidence import (
+    Correction,
+    FaultEvidence,
+    Signals,
+    gather,
+    informative_torques,
+    unexplained,
+    unexplained_by_others,
+)
+from .gravity import GravityEstimate, Weights, find_gravity, gravity_fault, under_gravity, weigh, weight_fault
+from .lag_and_gain import Gains, Lags, factor_faults, judge_gains, judge_lags, lag_faults
+from .result import REFUSE, UNCERTAIN, WARN, RecordingFault, RecordingFaults, named, percent
+from .search import CLAIMS, Claim, claim_faults, search
+
+# [1] smallest unexplained share of a joint's torque that is a fault; smallest deviation of that torque over the
+# largest; smallest rms velocity of that joint over the largest
+UNEXPLAINED, STRONG, MOVES = 0.6, 0.05, 0.05
+CLEAR = 0.2  # [1] difference of unexplained shares by which the right sign or order is better than a wrong one
+USABLE = 0.5  # [1] smallest share of bodies with mass, for the description to be used as a simulation
+CHANCE = 0.2  # [1] unexplained share after a claim, from which on it is chance if another torque remains unexplained
+AS_WELL = 0.9  # [nats] difference of log unexplained shares up to which gravity and a fault explain torque equally well
+UNSIGNED = (0.1, 100.0)  # [1] range of absolute torque over predicted torque (rms) that friction can explain
+UNFIT = "unexplained torque"
+SIGNS, ORDERS = ("torque sign", "position sign", "axis"), ("torque order", "position order", "joint order")
+# kinds that can be the cause of values beyond limits, and of insufficient excitation
+CAUSES = (*CLAIMS, "absolute torque", "units", "gain", UNFIT, *SAMPLE_KINDS, *DISTORTIONS)
+
+
+class TorqueComparison(NamedTuple):
+    """Signed torque compared with the model, after all corrections."""
+
+    evidence: FaultEvidence
+    informative: Mask  # (n,) joints with informative torque
+    claims: list[Claim]
+    done: Correction  # all corrections together
+    signals: Signals  # after them
+    left: Array  # (n,) [1] unexplained shares after them
+    lags: Lags
+    gains: Gains
+    distortion: Distortion | None
+    weights: Weights
+    gravity: GravityEstimate | None = None  # if it explains the torque as well as any fault
+    rivals: tuple[RecordingFault, ...] = ()  # faults that explain it as well as gravity
+
+
+@dataclass
+class Case:
+    """Recordings, and the faults that the checks have found so far."""
+
+    model: Model
+    session: Session
+    excitation: ExcitationVerdict | None
+    signed: Mask | None  # (n,) joints whose torque was recorded with its sign, of a session with recovered signs
+    described: FaultEvidence | None
+    found: list[RecordingFault] = field(default_factory=list)
+
+    @cached_property
+    def used(self) -> list[Part]:
+        """Parts to learn from and held-out parts, each recording once."""
+        parts = (*self.session.held_out, *self.session.train)
+        return list({id(recording): (recording, s) for recording, s in parts}.values())
+
+    @cached_property
+    def parts(self) -> list[Part]:
+        """Whole recordings, since a part of a recording does not contain its own reverse."""
+        return list(self.session.whole) or self.used
+
+    @cached_property
+    def evidence(self) -> FaultEvidence | None:
+        """Rows to compare with the model; None if all recordings are too short."""
+        return self.described or gather(self.model, self.session, self.parts, self.signed)
+
+    @cached_property
+    def comparison(self) -> TorqueComparison:
+        """Torque compared with the model."""
+        assert self.evidence is not None, "checks that compare need evidence"
+        return _compare(self.evidence)
+
+    def has(self, need: str) -> bool:
+        """Whether a check can have what it needs: samples, sound samples, or evidence."""
+        sound = not any(fault.severity == REFUSE and fault.kind in SAMPLE_KINDS for fault in self.found)
+        return need == "samples" or (sound and (need == "sound samples" or self.evidence is not None))
+
+
+def examine(
+    model: Model,
+    session: Session,
+    excitation: ExcitationVerdict | None = None,
+    signed: Mask | None = None,
+    evidence: FaultEvidence | None = None,
+) -> RecordingFaults:
+    """Find recording faults, by comparison with a simulation of the robot.
+
+    A wrong order, sign, unit of angle or lag is claimed if its correction lets a passive joint with the model's bodies
+    (with any friction, rotor and offset, not negative except the offset) explain the torque far better, in nearly all
+    blocks of the recordings. For torques without a sign only their sizes are checked. If the session has recovered
+    signs, signed: (n,) are the joints whose torque was recorded with its sign. evidence: what `described_evidence` has
+    gathered for this session; None: it is gathered with the model.
+
+    Raises:
+        OptionError: the model has other joints.
+    """
+    joints = session.robot.joints
+    if model.robot.joints != joints:
+        fact = f"the simulation moves {', '.join(model.robot.joints)}, the recordings {', '.join(joints)}"
+        raise OptionError(f"{fact}; give a simulation of the recorded joints")
+    case = Case(model, session, excitation, signed, evidence)
+    for check in CHECKS:
+        if case.has(check.needs):
+            case.found += check.find(case)
+    if not case.has("evidence"):
+        nothing, unknown = np.full(len(joints), np.nan), (UNCERTAIN,) * len(joints)
+        return RecordingFaults(joints, nothing, nothing, nothing, unknown, unknown, tuple(case.found), nothing)
+    seen = case.comparison
+    late = seen.done.lag[list(seen.done.tau_from)] + seen.lags.own
+    explained = np.where(seen.evidence.signed, 1 - seen.left, np.nan)
+    weight = np.where(seen.weights.strong & (seen.distortion is None), seen.weights.share, np.nan)
+    weight[[j for claim in seen.claims for j in claim.joints]] = np.nan
+    return RecordingFaults(joints, explained, seen.gains.factor, late, *_verdicts(seen), tuple(case.found), weight)
+
+
+def _damaged_samples(case: Case) -> Iterable[RecordingFault]:
+    return judge_samples(case.parts, case.session.robot, case.session.task.band.per_joint)
+
+
+def _stuck_sensors(case: Case) -> Iterable[RecordingFault]:
+    assert case.evidence is not None, "needed"
+    return judge_standstills(case.evidence, case.parts)
+
+
+def _lost_signs(case: Case) -> Iterator[RecordingFault]:
+    """Absolute torque in columns of signed torque; it is compared by its size alone from here on."""
+    assert case.evidence is not None, "needed"
+    if (lost := absolute_torques(case.evidence, case.parts)).any():
+        case.evidence = replace(case.evidence, signed=case.evidence.signed & ~lost)
+        fact = f"the torque of {named([case.evidence.robot.joints[j] for j in np.flatnonzero(lost)])}"
+        fact = f"{fact} is never negative although the predicted torque changes its sign"
+        advice = "these are absolute values: name the columns abs_tau_JOINT, or use --unsigned (unsigned=True)"
+        joints = tuple(case.evidence.robot.joints[j] for j in np.flatnonzero(lost))
+        yield RecordingFault("absolute torque", joints, REFUSE, {}, f"{fact}; {advice}")
+
+
+def _too_little_data(case: Case) -> Iterator[RecordingFault]:
+    amount = judge_amount(case.session, case.used)
+    if not amount.enough:
+        yield amount_fault(amount, len(case.session.robot.joints))
+
+
+def _torque_against_model(case: Case) -> Iterator[RecordingFault]:
+    """Faults of torque, apart from joints that are unexplained since their samples are damaged."""
+    known = {joint for fault in case.found if fault.kind in SAMPLE_KINDS for joint in fault.joints}
+    yield from (f for f in _torque_faults(case.comparison) if not (f.kind == UNFIT and known.issuperset(f.joints)))
+
+
+def _channels(case: Case) -> Iterable[RecordingFault]:
+    return judge_channels(case.parts, case.session.robot)
+
+
+def _caused(case: Case) -> set[str]:
+    """Joints with a fault that can be the cause of others."""
+    robot = case.session.robot
+    return {joint for f in case.found if f.kind in CAUSES for joint in f.joints or robot.joints}
+
+
+def _limits(case: Case) -> Iterator[RecordingFault]:
+    evidence = case.evidence if case.has("evidence") else None
+    caused = _caused(case)
+    yield from (f for f in judge_limits(evidence, case.parts, case.session.robot) if f.joints[0] not in caused)
+
+
+def _excitation(case: Case) -> Iterator[RecordingFault]:
+    if _caused(case):
+        return
+    found, session = case.excitation, case.session
+    if found is None:
+        factors = session.reduce(session.train)
+        found = judge_excitation(session.task, factors, estimate(factors, session.task.base))
+    measures = {"share": float(found.shares[0]) if len(found.shares) else 0.0}
+    yield from (RecordingFault("excitation", found.resting, WARN, measures, text) for text in found.sentences)
+
+
+class FaultCheck(NamedTuple):
+    """A check, and what it needs: samples, sound samples, or evidence: rows compared with the model."""
+
+    needs: str
+    find: Callable[[Case], Iterable[RecordingFault]]
+
+
+CHECKS = (  # in the order of the findings; later checks see what earlier ones have found
+    FaultCheck("samples", _damaged_samples),
+    FaultCheck("evidence", _stuck_sensors),
+    FaultCheck("evidence", _lost_signs),
+    FaultCheck("sound samples", _too_little_data),
+    FaultCheck("evidence", _torque_against_model),
+    FaultCheck("samples", _channels),
+    FaultCheck("samples", _limits),
+    FaultCheck("evidence", _excitation),
+)
+
+
+class Mounted(NamedTuple):
+    """A robot in the field of gravity that its recordings show."""
+
+    robot: Robot
+    fault: RecordingFault
+
+
+def described_evidence(session: Session, signed: Mask) -> FaultEvidence | None:
+    """Evidence with the description as model; None if all recordings are too short, or too few bodies have mass.
+
+    signed: (n,) as in `examine`.
+    """
+    inertials = stated_inertials(session.robot)
+    if np.mean(inertials[:, 0] > 0) < USABLE:
+        return None
+    return gather(Model(session.robot, inertials, stated_laws(session.robot)), session, session.whole, signed)
+
+
+def under_found_gravity(robot: Robot, evidence: FaultEvidence | None) -> Mounted | None:
+    """Robot under another gravity than the stated one, if it is the only explanation of the torque.
+
+    A fit under the given gravity would be about another robot, so this is asked before.
+    """
+    if evidence is None or find_gravity(evidence) is None or (seen := _compare(evidence)).gravity is None:
+        return None
+    fault = gravity_fault(seen.gravity, seen.rivals, evidence)
+    return Mounted(with_gravity(robot, [fault.measures[k] for k in "xyz"]), fault) if is_sole(fault) else None
+
+
+def is_sole(fault: RecordingFault) -> bool:
+    """Whether gravity is the only explanation of the torque."""
+    return not fault.alternatives and not fault.measures["single"]
+
+
+def _compare(evidence: FaultEvidence) -> TorqueComparison:
+    """Faults under the given gravity, or under the one that explains the torque as well or better."""
+    seen = _compare_under_gravity(evidence)
+    found = find_gravity(evidence)
+    rest = nats(seen.left, seen.informative)
+    if found is None or rest < found.left - AS_WELL:
+        return seen
+    rivals = [f for f in _torque_faults(seen) if f.kind not in (UNFIT, "units", "gain")]
+    equal = tuple(rivals) if rest <= found.left + AS_WELL else ()
+    return _compare_under_gravity(under_gravity(evidence, found.value))._replace(gravity=found, rivals=equal)
+
+
+def _compare_under_gravity(evidence: FaultEvidence) -> TorqueComparison:
+    informative = informative_torques(evidence.plain, evidence.signed)
+    claims, nothing = search(evidence, informative), Correction.none(len(informative))
+    done = claims[-1].correction if claims else nothing
+    left, own = unexplained(evidence.corrected(done)), informative[list(done.tau_from)]
+    if claims and max(claim.after for claim in claims) > CHANCE and np.any(left[own] >= UNEXPLAINED):
+        claims, done, left, own = [], nothing, unexplained(evidence.plain), informative
+    distortion = find_distortion(evidence, informative, nats(left, own))
+    if distortion is not None:
+        claims, done, own = [], nothing, informative
+    signals = evidence.corrected(done) if distortion is None else distortion.signals
+    lags, gains = judge_lags(evidence, done, own), judge_gains(evidence, done)
+    left = unexplained(signals)
+    return TorqueComparison(evidence, own, claims, done, signals, left, lags, gains, distortion, weigh(evidence))
+
+
+def _torque_faults(seen: TorqueComparison) -> Iterator[RecordingFault]:
+    evidence, x, joints = seen.evidence, seen.signals, seen.evidence.robot.joints
+    blocks = len(np.unique(evidence.block))
+    if seen.gravity is not None:
+        yield gravity_fault(seen.gravity, seen.rivals, evidence)
+    if seen.distortion is not None:
+        yield distortion_fault(seen.distortion, joints, blocks)
+        return
+    if seen.gravity is None and not seen.claims and seen.weights.only.any():
+        yield weight_fault([joints[j] for j in np.flatnonzero(seen.weights.only)])
+    yield from claim_faults(seen.claims, joints, blocks)
+    yield from lag_faults(seen.lags, seen.done, joints)
+    yield from factor_faults(seen.gains, evidence.robot)
+    speed = np.sqrt(np.mean(x.v**2, axis=0))
+    deviation = np.where(evidence.signed, np.std(x.torque, axis=0), 0.0)
+    strong = (speed >= MOVES * speed.max()) & (deviation >= STRONG * deviation.max())
+    for j in np.flatnonzero(seen.informative & (seen.left >= UNEXPLAINED) & strong):
+        explained = 1 - float(seen.left[j])
+        fact = f"the torque of {joints[j]} does not follow from its motion"
+        fact = f"{fact}: model and friction explain {percent(explained)} of it"
+        advice = "check that the column is measured, not commanded, and belongs to the joint"
+        yield RecordingFault(UNFIT, (joints[j],), WARN, {"explained": explained}, f"{fact}; {advice}")
+    size, expected = (np.sqrt(np.mean(signal**2, axis=0)) for signal in (x.torque, x.predicted))
+    silent = ~evidence.signed & (size > 0) & (expected > 0) & (expected >= UNSIGNED[0] * expected.max(initial=0.0))
+    ratio = size[silent] / expected[silent]
+    if silent.any() and (ratio.max() < UNSIGNED[0] or ratio.min() > UNSIGNED[1]):
+        middle = float(np.median(ratio))
+        fact = f"absolute torques are {middle:.3g} times the predicted ones: their unit is wrong"
+        yield RecordingFault("units", (), WARN, {"factor": middle}, f"{fact}; convert them to N.m (N)")
+
+
+def _verdicts(seen: TorqueComparison) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Verdicts on signs and on order, by comparison with all others."""
+    n, others = len(seen.informative), unexplained_by_others(seen.signals)
+    wrong = [{j for c in seen.claims if c.kind in kinds for j in c.joints} for kinds in (SIGNS, ORDERS)]
+    signs, order = list[str](), list[str]()
+    for j in range(n):
+        rest = np.delete(others[:, j], j, axis=0).min(initial=1.0)
+        for verdicts, faulty, rival in ((signs, wrong[0], others[j, j, 1]), (order, wrong[1], rest)):
+            right = seen.informative[j] and (n == 1 and verdicts is order or rival - seen.left[j] >= CLEAR)
+            verdicts.append("wrong" if j in faulty else "right" if right else UNCERTAIN)
+    return tuple(signs), tuple(order)

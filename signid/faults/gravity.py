@@ -1,0 +1,319 @@
+"""Evidence -> gravity that the recordings show, where it is another one than that of the description.
+
+With the inertials of the description, the torque of gravity is linear in its vector: three columns, one for each axis
+of the root link. Errors of the inertials change the size of this torque more than its dependence on the posture, so a
+factor on the predicted torque of each joint is free, as in all fits of recording faults, and the size of gravity stays.
+What remains is a direction, or no gravity at all, and is compared with the given gravity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from ..robot import with_gravity
+from ..robot.gravity import gravity_text, root_link
+from ..types import Array, Frozen, Mask
+from .distortions import nats, thinned
+from .evidence import Correction, FaultEvidence, Signals, fit_passive, informative_torques, unexplained
+from .result import WARN, RecordingFault, named, percent
+
+UPRIGHT = 1.0  # [degrees] largest angle to an upright or level base that is called so
+STANDARD = 9.81  # [m/s2] size of gravity if the given one is zero
+FLOOR = 0.03  # [1] smallest residual that counts in the weight of a joint, over the joint's torque
+VISIBLE = 0.03  # [1] smallest torque of gravity in some direction, over the joints' torque, that shows it
+# [rad] smallest angle to the given gravity. Measured on five real arms: 0 to 4 degrees; 14 with three joints at rest.
+# Diagnosis has a law for smaller tilts
+TILT = np.radians(12.0)
+STEPS = tuple(np.radians((24.0, 12.0, 6.0, 3.0, 1.5, 0.7, 0.3)))  # [rad] steps of the search for the direction
+AXIS = np.radians(8.0)  # [rad] largest angle to an axis of the root link that inertial errors can explain; heuristic
+SNAP = 0.5  # [nats] largest loss by taking the axis; heuristic
+# [nats] smallest reduction of the log unexplained shares; [1] largest unexplained share after it, in the median of the
+# improved joints; the same over that before it, of one joint and of the others; and the smallest share of blocks in
+# which the fit improves. Measured: 4.8 nats and more on simulated arms whose links have errors of 15 %; at most 0.7 on
+# healthy real arms, and 2.4 on a dVRK whose description lacks masses
+LEAST_GAIN, GOOD, MUCH, BETTER, AGREE = 3.0, 0.1, 0.35, 0.5, 0.8
+FINEST = 1e-4  # [1] unexplained share of a joint that the search for the direction does not reduce further
+# [1] smallest weight on a joint, over the largest one, that counts; largest share of it in torque without weight, and
+# its range in torque with weight. Measured: 0.43 to 2.1 on healthy real arms, -0.25 to 0 on a dVRK without masses
+HEAVY, BARE, WHOLE = 0.1, 0.15, (0.5, 2.0)
+PROMISING = 0.5  # [nats] improvement by some coarse direction from which on the search goes on
+
+
+@dataclass(frozen=True, eq=False)
+class GravityEstimate(Frozen):
+    """Gravity that explains the torque far better than the given one."""
+
+    value: Array  # (3,) [m/s2] in the frame of the root link; zeros: the torque carries no weight
+    std: Array  # (3,) [m/s2] of `value`: scatter over the blocks, and the difference from the free estimate
+    before: float  # [1] mean unexplained share of the improved joints
+    after: float  # [1] the same with this gravity
+    agreement: float  # [1] share of the blocks in which it improves the fit
+    left: float  # [nats] log unexplained shares of all informative joints
+    gain: float  # [nats] by which they are less than with the given gravity
+    hidden: bool  # whether gravity along some direction of the root link shows in no torque
+    single: bool  # whether a single joint shows it
+
+    @property
+    def weightless(self) -> bool:
+        """Whether the torque carries no weight."""
+        return not self.value.any()
+
+
+@lru_cache(maxsize=2)
+def gravity_columns(evidence: FaultEvidence) -> Array:
+    """Torque (K, n, 3) of unit gravity along each axis of the root link [kg.m or kg]."""
+    motion = evidence.along(Correction.none(len(evidence.signed)))
+    motion = replace(motion, robot=replace(evidence.robot, model=evidence.model.bodies()))
+    return np.stack([motion.gravity_torque(axis) for axis in np.eye(3)], axis=-1)
+
+
+def under_gravity(evidence: FaultEvidence, gravity: Array, columns: Array | None = None) -> FaultEvidence:
+    """Evidence with the model in a field of gravity: (3,) [m/s2]; columns: (K, n, 3) [kg.m or kg] if known."""
+    columns = gravity_columns(evidence) if columns is None else columns
+    model = replace(evidence.model, robot=with_gravity(evidence.robot, gravity))
+    change = model.bodies().gravity.linear - evidence.model.bodies().gravity.linear
+    plain = evidence.plain._replace(predicted=evidence.plain.predicted + columns @ change)
+    return replace(evidence, model=model, plain=plain)
+
+
+@lru_cache(maxsize=2)
+def find_gravity(evidence: FaultEvidence) -> GravityEstimate | None:
+    """Find another gravity than the given one."""
+    informative = informative_torques(evidence.plain, evidence.signed)
+    given, columns = np.array(evidence.model.robot.model.gravity.linear), gravity_columns(evidence)
+    axes, before = _shown(evidence, columns), evidence.plain
+    if not len(axes):
+        return None
+    if given.any() and (weights := weigh(evidence)).bare.any() and np.array_equal(weights.bare, weights.strong):
+        value = np.zeros(3)  # compared with the given weight as it is: a factor of zero would hide it
+        load = columns @ given
+        before = before._replace(predicted=before.predicted - load, torque=before.torque - load)
+    elif (best := _best(evidence, informative, given, columns)) is not None and _angle(best, given) >= TILT:
+        value = best
+    else:
+        return None
+    return _judged(evidence, informative, before, columns, axes, value)
+
+
+def _judged(
+    evidence: FaultEvidence, informative: Mask, given: Signals, columns: Array, axes: Array, value: Array
+) -> GravityEstimate | None:
+    """Compare a gravity: (3,) [m/s2] with signals under the given one; None if it is not far better."""
+    found = under_gravity(evidence, value, columns)
+    power = np.maximum(np.var(evidence.plain.torque, axis=0), 1e-300)
+    squares = [fit_passive(x).residual[:, :, 0].T ** 2 / power for x in (given, found.plain)]
+    before, after = (np.minimum(square.mean(axis=0), 1.0) for square in squares)
+    ratio = np.where(informative, after / np.maximum(before, 1e-300), 1.0)
+    betters = np.flatnonzero(ratio <= BETTER)
+    left = nats(after, informative)
+    gain = nats(before, informative) - left
+    if gain < LEAST_GAIN or ratio.min() > MUCH or np.median(after[betters]) > GOOD:
+        return None
+    blocks = [[x[evidence.block == k][:, betters].sum() for k in np.unique(evidence.block)] for x in squares]
+    agreement = float(np.mean(np.less(blocks[1], blocks[0])))
+    if agreement < AGREE:
+        return None
+    return GravityEstimate(
+        value,
+        _std(found, columns, axes, value),
+        float(before[betters].mean()),
+        float(after[betters].mean()),
+        agreement,
+        left,
+        gain,
+        hidden=len(axes) < 3,
+        single=int(informative.sum()) < 2,
+    )
+
+
+class Weights(NamedTuple):
+    """Share of the description's weight that the torque of each joint carries."""
+
+    share: Array  # (n,) [1] by least squares; 0 where the torque does not show it
+    strong: Mask  # (n,) joints with so much weight, and torque that is explained so well, that the share counts
+    bare: Mask  # (n,) those of them whose torque carries none
+
+    @property
+    def only(self) -> Mask:
+        """Mask (n,) of joints without weight in their torque, where that of as many others carries it."""
+        usual = self.strong & (self.share >= WHOLE[0]) & (self.share <= WHOLE[1])
+        return self.bare if usual.sum() >= self.bare.sum() else np.zeros_like(self.bare)
+
+
+@lru_cache(maxsize=2)
+def weigh(evidence: FaultEvidence) -> Weights:
+    """Estimate the share of the weight in each joint's torque, beside inertial torque, friction, rotor and offset."""
+    x, n = evidence.plain, len(evidence.signed)
+    load = gravity_columns(evidence) @ evidence.model.bodies().gravity.linear
+    inertial, deviation = x.predicted - load, np.std(load, axis=0)
+    share, strong, bare = np.zeros(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    some = [np.ones(len(evidence.q), dtype=bool), *(evidence.block != k for k in np.unique(evidence.block))]
+    heavy = evidence.signed & (deviation > HEAVY * deviation.max()) & (np.std(x.torque, axis=0) > 0)
+    for j in np.flatnonzero(heavy).tolist():
+        size, found = float(np.std(x.torque[:, j])), []
+        for rows in some:
+            both = _beyond_inertia(x, inertial, j, rows, np.column_stack([load[rows, j], x.torque[rows, j]]) / size)
+            found.append((both.T @ both) / rows.sum())
+        if found[0][0, 0] >= VISIBLE**2:
+            each = np.array([gram[0, 1] / max(gram[0, 0], 1e-300) for gram in found])
+            spread = float(np.sqrt((len(each) - 2) * np.var(each[1:])))
+            share[j], strong[j] = each[0], found[0][1, 1] - each[0] ** 2 * found[0][0, 0] <= GOOD
+            bare[j] = strong[j] and abs(each[0]) + 2 * spread <= BARE
+    return Weights(share, strong, bare)
+
+
+def _beyond_inertia(x: Signals, inertial: Array, joint: int, rows: Mask, y: Array) -> Array:
+    """Residual (M, k) of y: (M, k) [1] in some rows after inertial torque, friction, rotor and offset of a joint."""
+    signals = (inertial, x.v, x.direction, x.a)
+    beside = np.column_stack([np.ones(len(y)), *(signal[rows, joint] for signal in signals)])
+    basis = np.linalg.qr(beside / np.maximum(np.linalg.norm(beside, axis=0), 1e-300))[0]
+    return np.asarray(y - basis @ (basis.T @ y))
+
+
+def _best(evidence: FaultEvidence, informative: Mask, given: Array, columns: Array) -> Array | None:
+    """Gravity (3,) [m/s2] of the direction that explains most, or of the axis near it; None: about the given one."""
+    few, rows = thinned(evidence)
+    own, size = columns[rows], float(np.linalg.norm(given)) or STANDARD
+
+    def score(value: Array) -> float:
+        return nats(unexplained(under_gravity(few, size * value, own).plain), informative, FINEST)
+
+    stated = score(given / size)
+    if stated - nats(np.zeros(len(informative)), informative, FINEST) < PROMISING:
+        return None  # nothing is left that another direction could explain
+    corners = np.array([[x, y, z] for x in (1, -1) for y in (1, -1) for z in (1, -1)]) / np.sqrt(3)
+    starts = [*np.eye(3), *-np.eye(3), *corners]
+    starts += _around(given / size, TILT) if given.any() else []
+    scores = [score(u) for u in starts]
+    if min(scores) > stated - PROMISING:
+        return None
+    direction, left = _descend(score, starts[int(np.argmin(scores))], min(scores))
+    axis = _axis(direction)
+    return size * (axis if axis.any() and score(axis) <= left + SNAP else direction) + 0.0
+
+
+def _descend(score: Callable[[Array], float], start: Array, left: float) -> tuple[Array, float]:
+    """Unit vector with the least score, by steps around the best one that become smaller."""
+    best = start
+    for step in STEPS:
+        while True:
+            trials = _around(best, step)
+            scores = [score(u) for u in trials]
+            if min(scores) >= left:
+                break
+            best, left = trials[int(np.argmin(scores))], min(scores)
+    return best, left
+
+
+def _around(direction: Array, angle: float) -> list[Array]:
+    """Four unit vectors at an angle [rad] around a direction."""
+    across = np.linalg.svd(direction[None])[2][1:]
+    sides = (across[0], -across[0], across[1], -across[1])
+    return [np.cos(angle) * direction + np.sin(angle) * side for side in sides]
+
+
+def _axis(vector: Array) -> Array:
+    """Unit vector of the axis of the root link near a vector; zeros if there is none."""
+    largest = int(np.argmax(np.abs(vector)))
+    axis = np.sign(vector[largest]) * np.eye(3)[largest]
+    return np.asarray(axis if _angle(vector, axis) <= AXIS else np.zeros(3))
+
+
+def _angle(one: Array, other: Array) -> float:
+    """Angle [rad] between two vectors; pi if one is zero, 0 if both are."""
+    size = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return float(np.arccos(np.clip(one @ other / size, -1.0, 1.0))) if size else np.pi * bool(one.any() or other.any())
+
+
+def _shown(evidence: FaultEvidence, columns: Array) -> Array:
+    """Orthonormal directions (k, 3) of gravity that show in the torque, k <= 3."""
+    strength = np.zeros((3, 3))
+    for j in np.flatnonzero(evidence.signed & (np.std(evidence.plain.torque, axis=0) > 0)):
+        own = STANDARD * (columns[:, j] - columns[:, j].mean(axis=0)) / np.std(evidence.plain.torque[:, j])
+        strength += own.T @ own / len(own)
+    size, axes = np.linalg.eigh(strength)
+    return np.asarray(axes.T[size >= VISIBLE**2])
+
+
+def _std(found: FaultEvidence, columns: Array, axes: Array, value: Array) -> Array:
+    """Standard deviation (3,) [m/s2] of a gravity: scatter of linear estimates over the blocks, and their difference.
+
+    Source: jackknife: Efron, The Jackknife, the Bootstrap and Other Resampling Plans, SIAM, 1982, chapter 3.
+    """
+    blocks = np.unique(found.block)
+    whole = _linear(found, columns, axes, value, np.ones(len(found.q), dtype=bool))
+    without = np.array([_linear(found, columns, axes, value, found.block != k) for k in blocks])
+    scatter = np.sqrt((len(blocks) - 1) * np.mean((without - without.mean(axis=0)) ** 2, axis=0))
+    return np.asarray(np.hypot(scatter, whole - value))
+
+
+def _linear(found: FaultEvidence, columns: Array, axes: Array, value: Array, rows: Mask) -> Array:
+    """Gravity (3,) [m/s2] by least squares in some rows, of the size of `value`: (3,) [m/s2] if that is not zero."""
+    x, gram, right = found.plain, np.zeros((len(axes), len(axes))), np.zeros(len(axes))
+    inertial = x.predicted - columns @ value
+    for j in np.flatnonzero(found.signed & (np.std(x.torque, axis=0) > 0)).tolist():
+        both = np.column_stack([columns[rows, j] @ axes.T, x.torque[rows, j]]) / np.std(x.torque[:, j])
+        both = _beyond_inertia(x, inertial, j, rows, both)
+        own, torque = both[:, :-1], both[:, -1]
+        along = own @ (axes @ value)
+        least = VISIBLE**2 * len(along)  # a joint that hardly shows gravity has no factor of its own
+        gain = max(float(along @ torque) + least, 0.0) / (float(along @ along) + least) if value.any() else 1.0
+        weight = 1 / max(float(np.mean((torque - gain * along) ** 2)), FLOOR**2)
+        gram, right = gram + weight * gain**2 * own.T @ own, right + weight * gain * own.T @ torque
+    linear = axes.T @ np.linalg.lstsq(gram, right, rcond=1e-9)[0] + value - axes.T @ (axes @ value)
+    size = float(np.linalg.norm(value))
+    return np.asarray(linear * (size / max(float(np.linalg.norm(linear)), 1e-300)) if size else linear)
+
+
+def gravity_fault(found: GravityEstimate, rivals: Sequence[RecordingFault], evidence: FaultEvidence) -> RecordingFault:
+    """Finding that gravity acts otherwise than the description says, or that the torque carries no weight."""
+    robot, blocks = evidence.robot, len(np.unique(evidence.block))
+    words = ",".join(f"{x + 0.0:.4g}" for x in found.value)
+    gain = f"model and friction explain {percent(1 - found.after)} of the torque instead of {percent(1 - found.before)}"
+    better = f"better in {round(found.agreement * blocks)} of {blocks} blocks of the recordings"
+    others = [rival.sentence.partition(":")[0] for rival in rivals]
+    if found.single:
+        others.append(f"another zero or first moment of {robot.joints[int(np.argmax(evidence.signed))]}")
+    if found.weightless and found.hidden:
+        others.append("gravity along an axis that no joint feels")
+    equally = f" (equally likely: {'; '.join(others)})" if others else ""
+    if found.weightless:
+        fact, how = "the recorded torque carries no weight of the robot", "without gravity"
+        advice = f"log the whole torque, or state it with --gravity {words}; masses are not identifiable from it"
+    else:
+        fact = f"gravity acts along {_along(found.value)} of {root_link(robot)} {gravity_text(found.value)}"
+        fact, how = f"{fact}: {_mounting(found.value)}", "with it"
+        advice = f"state it with --gravity {words}"
+    measures = dict(zip(("x", "y", "z", "std_x", "std_y", "std_z"), (*found.value, *found.std), strict=True))
+    measures |= {"explained_before": 1 - found.before, "explained_after": 1 - found.after, "gain": found.gain}
+    measures |= {"agreement": found.agreement, "single": float(found.single)}
+    kinds = tuple((rival.kind, rival.joints) for rival in rivals)
+    return RecordingFault("gravity", (), WARN, measures, f"{fact}; {how}, {gain} ({better}){equally}; {advice}", kinds)
+
+
+def weight_fault(joints: Sequence[str]) -> RecordingFault:
+    """Fault of torque of some joints that carries no weight, although that of others does."""
+    fact = f"the torque of {named(joints)} carries no weight of the links, although that of other joints does"
+    why = "its drive, a spring or a counterweight compensates it, so masses are not identifiable from it"
+    return RecordingFault("weight", tuple(joints), WARN, {}, f"{fact}: {why}; log the whole torque")
+
+
+def _along(gravity: Array) -> str:
+    """Direction of gravity (3,) in a sentence: "-y"."""
+    k = int(np.argmax(np.abs(gravity)))
+    plain = np.count_nonzero(gravity) == 1
+    return f"{'-' if gravity[k] < 0 else ''}{'xyz'[k]}" if plain else "the direction"
+
+
+def _mounting(gravity: Array) -> str:
+    """How a robot stands in a field of gravity (3,) [m/s2] in the frame of its root link, whose z points up."""
+    angle = float(np.degrees(np.arccos(np.clip(-gravity[2] / np.linalg.norm(gravity), -1.0, 1.0))))
+    for middle, words in ((0.0, "stands upright"), (90.0, "is mounted on its side"), (180.0, "hangs upside down")):
+        if abs(angle - middle) < UPRIGHT:
+            return f"the robot {words}"
+    return f"its base is inclined by {angle:.0f} degrees"

@@ -1,0 +1,239 @@
+"""Faults as sentences: of recordings that nothing is fitted to, and of an identification.
+
+An identification also has flags on delayed torque and on joints that fit badly. The delay of torque against the motion
+follows from the correlation of the residual with the derivative of the torque.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import shorten
+from ..estimation.excitation import ExcitationVerdict
+from ..estimation.fit_quality import LITTLE, Fit, judge_fit
+from ..model import Model, stated_parameters
+from ..recording.sampling import select_stretches
+from ..regression.factors import Factors
+from ..regression.prepare import prepare
+from ..regression.projection import least_squares
+from ..regression.rows import Rows, Task, read_rows, torque_rates
+from ..regression.session import Options, Session
+from ..types import Array, Mask, Recording
+from .channels import naming_faults
+from .evidence import FaultEvidence
+from .examine import examine
+from .result import NOTE, REFUSE, WARN, RecordingFault
+
+LOUD = 3.0  # [noise floors] held-out rms from which on it is more than noise
+# A joint fits badly if its held-out rms exceeds FAR [noise floors], and its held-out R2 is below `LITTLE`, or R2 with
+# the variance of the training torque is below POOR [1]. Measured on real arms with such a low R2: healthy joints have
+# at most 33 floors (rokae motor side, UR10e, UR10e from point to point), joints whose physics the model lacks 81 and
+# more (TX40's coupled wrist, joint 5; the dVRK's MTM with its loops; an AK80-6 pendulum's echoed command)
+FAR, POOR = 50.0, 0.9
+WORSE = 1.05  # [1] rms over that of the description, from which on the fit is worse
+TRIFLE = 1e-3  # [1] held-out rms over the rms torque up to which no use of a model depends on it; heuristic
+SECONDS = 30.0  # [s] total duration of the evenly spread stretches that are read
+SPARE = 2.0  # [rows per column] smallest number of rows
+# [s] smallest delay that is flagged, and largest one for a first-order estimate. Measured on real arms: TX40 -3.0 ms;
+# UR10e, panda and EMPS within 3 standard deviations of 0. `judge_lags` finds longer delays
+LEAST, LONGEST = 0.003, 0.04
+# [standard deviations] smallest significant delay. Measured: 6 for rokae joint sensors; 11 and more for 8 ms, simulated
+# with 2 % noise
+SIGNIFICANT = 7.0
+# [1] mean square over the joints of the difference from the common delay, in standard deviations, up to which delays
+# have one cause, for certain and roughly. Measured: 41 TX40, 5.3 rokae motor side; simulated arms with torque 8 ms late
+# or early 0.1 to 1.6, 3.9 (ur10, early)
+ALIKE, ROUGHLY = 3.0, 10.0
+# [1] smallest mean reduction of the log variance of the residual. Measured: 0.26 TX40, 0.15 rokae; 0.46 and more for
+# 8 ms, simulated without noise
+CLEAR = 0.4
+NEGATIVE = 0.5  # [1] share of joints with negative viscous friction from which on torque leads
+NEXT = "run signid check on the recordings, then signid diagnose"
+
+
+class IdentifiedData(NamedTuple):
+    """Data of an identification."""
+
+    session: Session
+    train: Factors
+    test: Factors  # held out
+    recordings: Sequence[Recording]  # empty if only factors were given
+    evidence: FaultEvidence | None = None  # with the description as model, from `described_evidence`
+
+
+class Delay(NamedTuple):
+    """Delay of torque, positive if it is recorded late."""
+
+    common: float  # [s] mean of all joints, weighted by their precision
+    std: float  # [s] its standard deviation, for independent residuals
+    scatter: float  # [1] mean square difference of the joints from it, in standard deviations; NaN for one joint
+    gain: float  # [1] mean log ratio of the residual's variance without and with the delays
+
+    def is_clear(self, negative: float) -> bool:
+        """Whether it is large and certain enough for a flag; `negative`: share of negative viscous friction [1]."""
+        if not LEAST <= abs(self.common) <= LONGEST or abs(self.common) < SIGNIFICANT * self.std:
+            return False
+        leads = self.common < 0 and negative >= NEGATIVE
+        strong = (self.gain >= CLEAR or leads) and not self.scatter > ROUGHLY
+        return strong or self.scatter <= ALIKE
+
+
+def identification_flags(
+    rows: IdentifiedData, model: Model, excitation: ExcitationVerdict, fit: Fit, value: Array
+) -> tuple[str, ...]:
+    """Sentences on recording faults, and on joints that fit badly for another reason.
+
+    value: (b,) [units of base] base parameters by least squares, without physical constraints.
+    """
+    session, faults = rows.session, list[RecordingFault]()
+    sentences = [flag for recording in rows.recordings for flag in recording.flags]
+    moving = np.array([joint not in excitation.resting for joint in fit.joints])
+    if rows.recordings:
+        signed = np.all([recording.signed for recording in rows.recordings], axis=0)
+        found = examine(model, session, excitation, signed, rows.evidence).findings
+        faults = [f for f in found if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit)]
+        sentences += [f"{fault.sentence}; {NEXT}" for fault in faults]
+        delay = None if any(fault.kind == "lag" for fault in faults) else estimate_delay(session, signed & moving)
+        if delay is not None and delay.is_clear(_negative_viscosity(value, session.task)):
+            sentences.append(_delay_sentence(delay))
+    stated = session.task.base.combination @ stated_parameters(session.task).values
+    before = judge_fit(session, rows.train, rows.test, stated)
+    sound = moving & np.array([not any(joint in fault.joints for fault in faults) for joint in fit.joints])
+    torques = [np.array([joint.total, joint.whole[-1, -1]]) / max(joint.rows, 1) for joint in rows.train.joints]
+    mean, square = np.array(torques).T  # (n,) [N.m or N] and its square
+    matters = fit.held_out_rms > TRIFLE * np.sqrt(square)
+    bad = _bad(fit, np.maximum(square - mean**2, 0.0), sound)
+    return (*dict.fromkeys(sentences), *bad, *_worse(fit, before, sound & matters))
+
+
+def _bad(fit: Fit, variance: Array, sound: Mask) -> Iterator[str]:
+    """A sentence on the joints whose held-out torque is poorly explained, far beyond noise.
+
+    If it is nearly constant on the held-out rows, the variance (n,) of the training torque is used.
+    """
+    ratio, r2 = _floors(fit), fit.held_out_r2
+    wide = 1 - fit.held_out_rms**2 / np.maximum(variance, 1e-300)
+    hopeless = (ratio > LOUD) & (r2 < LITTLE) & (wide < LITTLE)
+    bad = sound & (hopeless | ((ratio > FAR) & ((r2 < LITTLE) | (wide < POOR))))
+    if bad.any():
+        each = [f"{fit.joints[j]} (held-out R2 {r2[j]:.2f})" for j in np.flatnonzero(bad)]
+        yield (
+            f"the model leaves much of the torque of {shorten(each, 4)} unexplained, far beyond the noise floor: it "
+            f"lacks an effect; run signid diagnose with model.json and the recordings"
+        )
+
+
+def _worse(fit: Fit, described: Fit, sound: Mask) -> Iterator[str]:
+    """A sentence on each joint that the description predicts better on the same held-out rows."""
+    worse = sound & (fit.held_out_rms > WORSE * described.held_out_rms) & (_floors(fit) > LOUD)
+    for j in np.flatnonzero(worse):
+        yield (
+            f"the held-out torque of {fit.joints[j]} is predicted worse than by the description "
+            f"(rms {fit.held_out_rms[j]:.3g} instead of {described.held_out_rms[j]:.3g} {fit.unit[j]}): do not use the "
+            f"model for it; run signid diagnose with the description and the recordings"
+        )
+
+
+def _floors(fit: Fit) -> Array:
+    """Held-out rms over the noise floor (n,) [1]."""
+    return np.asarray(fit.held_out_rms / np.maximum(fit.noise_floor, 1e-300))
+
+
+def _negative_viscosity(value: Array, task: Task) -> float:
+    """Share [1] of negative estimates among the viscous coefficients that are individually identifiable."""
+    base, signs = task.base, list[bool]()
+    for k, label in enumerate(base.labels):
+        if label.law is not None and task.laws[label.law].effect.name == "viscous_friction":
+            rows = np.flatnonzero(base.combination[:, k])
+            if len(rows) == 1 and np.count_nonzero(base.combination[rows[0]]) == 1:
+                signs.append(bool(value[rows[0]] / base.combination[rows[0], k] <= 0))
+    return float(np.mean(signs)) if signs else 0.0
+
+
+def _holds(fault: RecordingFault, fit: Fit) -> bool:
+    """Whether a fault remains after the fit: torque that the model explains belongs to its motion."""
+    if fault.kind != "unexplained torque":
+        return True
+    r2 = dict(zip(fit.joints, fit.held_out_r2, strict=True))
+    return not all(r2[joint] >= LITTLE for joint in fault.joints)
+
+
+def _delay_sentence(delay: Delay) -> str:
+    side = "late" if delay.common > 0 else "early"
+    why = "two clocks or a filter" if delay.common > 0 else "a command that acts later, or two clocks"
+    return (
+        f"the torque is recorded {1e3 * abs(delay.common):.1f} ms {side} against the motion ({why}), which biases "
+        f"friction and rotor inertias: record both with one clock, or run signid diagnose, which has a law for delays"
+    )
+
+
+def estimate_delay(session: Session, signed: Mask) -> Delay | None:
+    """Delay that best explains the residuals of each joint's least-squares fit; None if there are too few rows.
+
+    To first order, torque that is recorded late by L differs by -L times its derivative. The derivative of the
+    predicted torque is the instrument for that of the recorded torque, whose noise would bias delays towards zero. Rows
+    near reversals are excluded, since dry friction leads the motion there. signed: (n,) joints that move and have
+    signed torque.
+    """
+    windows = _windows(session)
+    found = [own for j in np.flatnonzero(signed).tolist() if (own := _joint_delay(windows, j)) is not None]
+    if not found:
+        return None
+    delay, std, gain = (np.array(x) for x in zip(*found, strict=True))
+    common = float(np.average(delay, weights=std**-2))
+    scatter = float(np.sum(((delay - common) / std) ** 2) / (len(delay) - 1)) if len(delay) > 1 else float("nan")
+    return Delay(common, float(np.sum(std**-2) ** -0.5), scatter, float(gain.mean()))
+
+
+def _windows(session: Session) -> list[tuple[Rows, Array]]:
+    """Rows of evenly spread stretches, and the derivative (M, n) [N.m/s or N/s] of their torque."""
+    task, out = session.task, list[tuple[Rows, Array]]()
+    whole = sum(sampling.duration for _, sampling in session.train)
+    for recording, sampling in session.train:
+        few = select_stretches(sampling, SECONDS * sampling.duration / whole)
+        out += zip(read_rows(task, recording, few), torque_rates(task, recording, few), strict=True)
+    return [(rows, rate) for rows, rate in out if len(rows.t) > 1]
+
+
+def _joint_delay(windows: list[tuple[Rows, Array]], joint: int) -> tuple[float, float, float] | None:
+    """Delay of one joint [s], its std [s] and its gain [1]; None if its rows are not informative."""
+    kept = [rows.steady[:, joint] & rows.recorded[joint] for rows, _ in windows]
+    pairs = list(zip(windows, kept, strict=True))
+    if sum(int(k.sum()) for k in kept) < SPARE * max((rows.columns[joint].shape[1] for rows, _ in windows), default=1):
+        return None
+    columns = np.concatenate([rows.columns[joint][k] for (rows, _), k in pairs])
+    torque = np.concatenate([rows.torque[k, joint] for (rows, _), k in pairs])
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    basis, factor = np.linalg.qr(columns / size)
+    value = least_squares(factor, basis.T @ torque, 1e-10) / size
+    rate = np.concatenate([rate[k, joint] for (_, rate), k in pairs])
+    instrument = np.concatenate([np.gradient(rows.columns[joint] @ value, rows.t)[k] for (rows, _), k in pairs])
+    y, d, z = (x - basis @ (basis.T @ x) for x in (torque, rate, instrument))
+    overlap = float(z @ d)
+    if overlap <= 0 or not y.any():
+        return None
+    delay = -float(z @ y) / overlap
+    rest = y + delay * d
+    variance = float(rest @ rest) / len(y)
+    std = max(variance * float(z @ z), 1e-300) ** 0.5 / overlap
+    return delay, std, float(np.log(float(y @ y) / max(float(rest @ rest), 1e-300)))
+
+
+OF_A_FIT = ("too little data", "excitation")  # kinds of faults that matter only for a fit
+NO_EXCITATION = ExcitationVerdict(np.ones(1), np.ones(1), (), (), (), (), ())  # not judged: nothing is fitted
+
+
+def recording_flags(model: Model, recordings: Sequence[Recording], options: Options | None = None) -> tuple[str, ...]:
+    """A sentence on each fault of recordings with signed torque, apart from those that matter only for a fit.
+
+    Raises:
+        InputError: a recording cannot be used, or moves other joints than the model; the sentence says which and why.
+    """
+    session = prepare(model.robot, recordings, recordings, options)
+    with naming_faults(session):
+        found = examine(model, session, NO_EXCITATION).findings
+    severe = [fault for severity in (REFUSE, WARN) for fault in found if fault.severity == severity]
+    return tuple(dict.fromkeys(fault.sentence for fault in severe if fault.kind not in OF_A_FIT))

@@ -1,0 +1,105 @@
+"""Senseless recordings of position drives are refused or flagged by every command, and healthy ones are not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import polars as pl
+import pytest
+from senseless_servo import SWING, healthy, senseless
+from servo_logs import DATA, PUBLIC, read_public, recording
+
+from signid.cli import run
+from signid.faults import audit_servos
+
+GOOD, OTHER = healthy(1), healthy(2)
+SENSELESS = senseless(GOOD, OTHER)
+SHORT = senseless(healthy(1, seconds=8.0), healthy(2, seconds=8.0))  # a search takes its time row by row
+WORDS = {
+    "noise": "does not follow",
+    "random walk": "does not follow",
+    "another motion": "does not follow",
+    "position twice as fast": "does not follow",
+    "position half as fast": "does not follow",
+    "signs at random": "does not follow",
+    "commands in any order": "does not follow",
+    "constant command": "q_des never changes",
+    "constant position": "moves by less than",
+    "both constant": "no joint moves",
+    "stuck": "the sensor is stuck",
+    "halved": "of q_des throughout",
+    "off by 90 degrees": "above its command",
+    "early by 1 s": "leads q_des by",
+    "late by 1 s": "ms after its command, later than a drive",
+    "spikes": "q jumps away and back",
+    "spikes of the command": "q_des jumps away and back",
+    "drop-outs": "q jumps away and back",
+    "drop-outs of the command": "q_des jumps away and back",
+    "8 bits of a turn": "72 different values",
+    "three levels": "3 different values",
+    "reversed in time": "leads",
+    "exchanged": "leads",
+    "negated position": "wrong sign",
+    "position reversed": "wrong sign",
+    "stuck now and then": "repeat the position before",
+}
+
+
+def test_healthy_recordings_are_silent() -> None:
+    assert not audit_servos(recording(GOOD)).flags and not audit_servos(recording(OTHER)).flags
+
+
+@pytest.mark.parametrize("name", SENSELESS)
+def test_the_audit_names_what_is_wrong(name: str) -> None:
+    flags = audit_servos(recording(SENSELESS[name])).flags
+    assert any(WORDS[name] in flag for flag in flags), flags
+    assert all("\n" not in flag for flag in flags)
+
+
+@pytest.fixture(scope="module")
+def actuators(tmp_path_factory: pytest.TempPathFactory) -> str:
+    place = tmp_path_factory.mktemp("robot") / "actuators.toml"
+    numbers = "\n".join(f"{key} = {getattr(SWING, key)}" for key in ("kp", "kd", "delay", "coulomb_friction"))
+    place.write_text(f"[joint.joint_1.servo]\n{numbers}\n")
+    return str(place)
+
+
+@pytest.mark.parametrize("name", SENSELESS)
+def test_commands_end_with_2_or_3(
+    name: str, actuators: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = str(tmp_path / "log.csv")
+    pl.DataFrame(SENSELESS[name]).write_csv(file)
+    for words in (["check", file], ["validate", "1r", file, "--actuators", actuators]):
+        assert run(words) in (2, 3)
+        assert WORDS[name] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["another motion", "stuck", "halved", "spikes", "both constant"])
+@pytest.mark.parametrize("verb", ["identify", "diagnose"])
+def test_identification_and_diagnosis_end_with_2_or_3(
+    verb: str, name: str, actuators: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = str(tmp_path / "log.csv")
+    pl.DataFrame(SHORT[name]).write_csv(file)
+    code = run([verb, "1r", file, "--actuators", actuators, "--json"])
+    assert code == 2 or (code == 3 and WORDS[name] in capsys.readouterr().err)
+
+
+def test_a_healthy_recording_is_validated_without_a_flag(actuators: str, tmp_path: Path) -> None:
+    pl.DataFrame(GOOD).write_csv(tmp_path / "log.csv")
+    assert run(["validate", "1r", str(tmp_path / "log.csv"), "--actuators", actuators]) == 0
+
+
+NEW = (
+    "does not follow q_des (", "never changes", "away and back", "is stuck", "different values", "throughout",
+    "later than a drive", "leads", "never negative", "zeros of q",
+)  # fmt: skip
+
+
+@PUBLIC
+@pytest.mark.parametrize("folder", ["bam_xl330", "bam_sts3250", "go2_dls", "so101_servo", "mauicv_servo"])
+def test_new_faults_are_not_found_in_public_recordings(folder: str) -> None:
+    for file in sorted((DATA / folder).glob("*.csv.gz")):
+        flags = audit_servos(recording(read_public(f"{folder}/{file.name}")[1])).flags
+        assert not [flag for flag in flags if any(words in flag for words in NEW)], file.name
