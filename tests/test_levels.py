@@ -15,7 +15,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "validate servo watch output cli __main__ __init__",
     "cli": "app terminal completion options arguments files fleet demo commands run worker __init__",
     "servo": "__init__ stated plant simulate audit fit search zeros identify validate diagnose",
-    "servo/diagnose": "result closed_loop laws repeats coordinates unexplained refine evidence search conclude "
+    "servo/diagnose": "result closed_loop hypotheses repeats coordinates unexplained refine evidence search conclude "
     "run __init__",
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay viewers export display",
