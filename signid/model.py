@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ import pinocchio as pin
 from .effects import EFFECT_NAMES, EFFECTS
 from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw, of_kind
 from .effects.bodies import body_inertia
+from .effects.drive import DriveLaw
 from .effects.law import law_torque
-from .effects.naming import drive_laws, law_at, law_name, law_place, possible
+from .effects.naming import law_at, law_name, law_place, possible
+from .effects.packing import MOTOR, beside_drives, drive_laws, joint_laws, motor_friction, packed_drives
 from .errors import OptionError, RobotError, SignidError, shorten, unexpected
 from .frozen import show_with
 from .regression.covariance import Covariance, read_covariance
@@ -23,7 +26,7 @@ from .regression.motion import Motion
 from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text, with_gravity
 from .robot.dynamics import joint_of_row, own_row, standard_parameters as standard_parameters
-from .servos import PASSIVE, Servo, servos_document, servos_from
+from .servos import PASSIVE, Marks, Servo, servos_document, servos_from
 from .toml_json import check_numbers, check_schema, read_json
 from .typed import typed
 from .types import Array, Law, Parameters, Result, Robot
@@ -39,8 +42,23 @@ class Model(Result):
     inertials: Array  # (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2]
     laws: tuple[Law, ...] = ()
     covariance: Covariance | None = None  # of the identified base parameters
-    servos: Mapping[str, Servo] = field(default_factory=dict)  # position drives by joint
     misfit: Misfit | None = None  # torque that the laws left when the model was identified
+    marks: Mapping[str, Marks] = field(default_factory=dict)  # by joint: numbers of its drive that are unidentifiable
+
+    @cached_property
+    def servos(self) -> Mapping[str, Servo]:
+        """Position drives by joint, in the order of the joints: their laws, packed."""
+        drives = packed_drives(self.laws)
+        return {
+            joint: replace(drives[j], **self.marks.get(joint, Marks())._asdict())
+            for j, joint in enumerate(self.robot.joints)
+            if j in drives
+        }
+
+    @property
+    def joint_laws(self) -> tuple[Law, ...]:
+        """Laws without those of drives and without friction by the torque of their motors."""
+        return joint_laws(self.laws)
 
     def bodies(self) -> pin.Model:
         """New pin.Model with these inertials and the changes by body laws; rotor inertia is its armature."""
@@ -66,15 +84,13 @@ class Model(Result):
         Armature, friction and offset of drives count as laws. Actuator laws are included only if the motion has
         recorded torque.
         """
-        if self.servos:
-            return torque_model(self).inverse(motion)
         whole = self.bodies()
         rotors, whole.armature = whole.armature.copy(), np.zeros(whole.nv)
         acting = replace(self.acted(motion), robot=replace(self.robot, model=whole), predicted=None)
         torque = acting.load + (acting.rates[1] * rotors) @ self.robot.drive
         for law in self.laws:
             known = not isinstance(law.effect, ActuatorLaw) or motion.recorded is not None
-            if known and not isinstance(law.effect, BodyLaw | RecordingLaw):
+            if known and not isinstance(law.effect, BodyLaw | RecordingLaw | DriveLaw):
                 rows, added = law_torque(law, acting)
                 torque[:, list(rows)] += added
         for law in self.of(RecordingLaw):
@@ -128,7 +144,7 @@ class Model(Result):
             "standard_parameters": standard_parameters(robot, self.inertials),
             "effects": [
                 {"effect": law.effect.name, "joint": joint, "parameters": parameters}
-                for law in self.laws
+                for law in beside_drives(self.laws)
                 for joint, parameters in [law_place(law, robot)]
             ],
             **({} if self.covariance is None else {"covariance": self.covariance.document()}),
@@ -137,7 +153,7 @@ class Model(Result):
         }
         try:
             check_numbers({key: value for key, value in written.items() if key not in ("covariance", "misfit")})
-            servos_from(written.get("servos", {}), robot.joints)
+            servos_from(servos_document(self.servos, robot.joints), robot.joints)
         except ValueError as error:
             advice = "check masses and lengths of the description, and stated gains"
             raise RobotError(f"the model of {robot.name} has a number that no robot has ({error}); {advice}") from None
@@ -228,37 +244,42 @@ def fitted_model(task: Task, parameters: Parameters) -> Model:
     return Model(task.robot, parameters.bodies(), tuple(laws))
 
 
-def with_servos(model: Model, servos: Mapping[str, Servo]) -> Model:
-    """Model whose joints of these names have these drives; their numbers replace laws of the same name there."""
-    stated = {(name, model.robot.index(j)) for j, servo in servos.items() for name in PASSIVE if getattr(servo, name)}
-    laws = (law for law in model.laws if (law.effect.name, *law.joints) not in stated)
-    return replace(model, laws=tuple(laws), servos={**model.servos, **servos})
+def with_servos(model: Model, servos: Mapping[str, Servo], complete: bool = False) -> Model:
+    """Model whose joints of these names have these drives, in the place of drives that they had.
+
+    Numbers that a drive states replace laws of the same name at its joint; with `complete`, zeros do so, too.
+    """
+    at = {model.robot.index(joint): servo for joint, servo in servos.items()}
+    stated = {(name, j) for j, servo in at.items() for name in PASSIVE if complete or getattr(servo, name)}
+    kept = [
+        law
+        for law in model.laws
+        if not (law.joints[0] in at and (isinstance(law.effect, DriveLaw) or law.effect.name == MOTOR))
+        and (law.effect.name, law.joints[0]) not in stated
+    ]
+    laws = [*kept, *(law for j, servo in sorted(at.items()) for law in drive_laws(servo, j))]
+    whole = packed_drives(laws)
+    laws = [motor_friction(whole[law.joints[0]], law.joints[0]) if law.effect.name == MOTOR else law for law in laws]
+    marks = {joint: Marks(servo.not_identifiable, servo.combined) for joint, servo in servos.items()}
+    return replace(model, laws=tuple(laws), marks={**model.marks, **marks})
 
 
 def torque_model(model: Model) -> Model:
-    """Model for recorded or applied torque: numbers of its drives are laws of the joints, commands have no effect."""
-    return replace(model, laws=(*model.laws, *drive_laws(model.robot, model.servos)), servos={})
+    """Model for recorded or applied torque, without the laws of its drives: commands have no effect."""
+    return replace(model, laws=tuple(law for law in model.laws if not isinstance(law.effect, DriveLaw)), marks={})
 
 
 def command_model(model: Model, servos: Mapping[str, Servo], complete: bool = False) -> tuple[Model, tuple[str, ...]]:
-    """Model for commands: laws of joints with these drives that are numbers of a drive become such numbers.
-
-    A number that a drive states replaces them; with `complete`, zero is stated as well. A note names the laws that the
-    simulation of commands leaves out.
-    """
-    driven = {model.robot.index(joint): joint for joint in servos}
-    out, laws = dict(servos), list[Law]()
-    for law in model.laws:
-        joint, name = driven.get(law.joints[0], ""), law.effect.name
-        if not joint or name not in PASSIVE:
-            laws.append(law)
-        elif not complete and not getattr(servos[joint], name):
-            value = getattr(out[joint], name) + law.effect.coefficients(law.parameters)[0]
-            out[joint] = out[joint].with_(**{name: value if name == "torque_offset" else max(value, 0.0)})
-    acts = [law for law in laws if any(law.effect.coefficients(law.parameters)) and driven.keys() & set(law.joints)]
-    left = [law_name(law, model.robot) for law in acts if not isinstance(law.effect, BodyLaw)]
-    notes = (f"the simulation of commands leaves out {shorten(left)}",) if left else ()
-    return replace(model, laws=tuple(laws), servos=out), notes
+    """Model with these drives, as by `with_servos`, and a note on laws that the simulation of commands leaves out."""
+    driven = with_servos(model, servos, complete)
+    at = {model.robot.index(joint) for joint in servos}
+    acts = (law for law in beside_drives(driven.laws) if at & set(law.joints))
+    left = [
+        law_name(law, model.robot)
+        for law in acts
+        if any(law.effect.coefficients(law.parameters)) and not isinstance(law.effect, BodyLaw)
+    ]
+    return driven, (f"the simulation of commands leaves out {shorten(left)}",) if left else ()
 
 
 def _read(path: Path) -> Model:

@@ -19,7 +19,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -80,7 +81,14 @@ class Servo:
         return replace(self, **numbers, **marks)  # type: ignore[arg-type]
 
 
-MARKS = ("not_identifiable", "combined")
+class Marks(NamedTuple):
+    """Numbers of a drive that recordings do not identify, as `Servo` holds them."""
+
+    not_identifiable: Mapping[str, float | None] = MappingProxyType({})
+    combined: tuple[str, ...] = ()
+
+
+MARKS = Marks._fields
 SUMS: Mapping[str, Sequence[str]] = {"damping": ("kd", "viscous_friction"), "lag": ("delay",)}  # and their parts
 SERVO_NUMBERS = tuple(f.name for f in fields(Servo) if f.name not in (*WORDS, "kp_register", *MARKS))
 SERVO_UNITS = {

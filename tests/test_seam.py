@@ -15,6 +15,7 @@ from signid.cli import run
 from signid.diagnose.data.hypotheses import propose
 from signid.effects import EFFECTS
 from signid.effects.naming import parse_law
+from signid.effects.packing import beside_drives
 from signid.errors import OptionError
 from signid.model import Model, command_model, load_model, torque_model, with_servos
 from signid.regression.motion import Motion
@@ -76,11 +77,11 @@ def test_friction_by_motor_torque_has_its_own_law(bare: Model) -> None:
 def test_laws_stay_where_a_drive_states_its_gain_only(bare: Model) -> None:
     model = with_law(with_law(bare, "armature", 0.5), "coulomb_friction", 0.4)
     driven = with_servos(model, {"joint_2": Servo(kp=10)})
-    assert [law.effect.name for law in driven.laws] == ["armature", "coulomb_friction"]
+    assert [law.effect.name for law in driven.joint_laws] == ["armature", "coulomb_friction"]
     assert_allclose(driven.inverse(motion(bare)), model.inverse(motion(bare)), atol=1e-12)
     loop, notes = command_model(driven, driven.servos)
     assert (loop.servos["joint_2"].armature, loop.servos["joint_2"].coulomb_friction, notes) == (0.5, 0.4, ())
-    assert loop.laws == ()
+    assert beside_drives(loop.laws) == ()
     lost, notes = command_model(replace(driven, laws=(parse_law("stribeck_friction@2", bare.robot),)), driven.servos)
     assert notes == ("the simulation of commands leaves out stribeck_friction of joint_2",)
 

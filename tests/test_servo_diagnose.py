@@ -12,11 +12,12 @@ import pytest
 
 from signid.cli import run
 from signid.effects.bodies import point_inertia
+from signid.effects.drive import Reach
 from signid.errors import OptionError, RecordingError
 from signid.model import Model, load_model, with_servos
 from signid.servo.diagnose import diagnose_servos
 from signid.servo.diagnose.closed_loop import LINEAR, ClosedLoop
-from signid.servo.diagnose.laws import HYPOTHESES, Reach
+from signid.servo.diagnose.hypotheses import HYPOTHESES
 from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servo.search.noise import position_noise
 from signid.servos import SERVO_NUMBERS, Servo

@@ -14,10 +14,10 @@ def complete_robot(incomplete: str) -> list[str]:
 
 def complete_law(incomplete: str) -> list[str]:
     """Names of laws that begin with a text; in a list, those of its last name."""
-    from ..effects import EFFECTS
+    from ..effects import DRIVE_EFFECTS, EFFECTS
 
     before, comma, last = incomplete.rpartition(",")
-    return [f"{before}{comma}{name}" for name in _beginning(last, EFFECTS.names)]
+    return [f"{before}{comma}{name}" for name in _beginning(last, [*EFFECTS.names, *DRIVE_EFFECTS.names])]
 
 
 def complete_data(incomplete: str) -> list[str]:

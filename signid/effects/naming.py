@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from ..errors import OptionError
 from ..robot.joints import find
-from ..servos import PASSIVE, Servo
 from ..types import Law, Robot, Shape
 from . import EFFECTS
 from .base import Effect
@@ -48,31 +47,6 @@ def law_place(law: Law, robot: Robot) -> tuple[str | None, dict[str, str | float
     if law.effect.scope == "pair":
         values = {"partner": robot.joints[law.joints[1]], **values}
     return robot.joints[law.joints[0]], values
-
-
-def drive_laws(robot: Robot, servos: Mapping[str, Servo]) -> tuple[Law, ...]:
-    """Armature, friction and offset of drives as laws, in the order of the joints."""
-    return tuple(
-        law
-        for j, joint in enumerate(robot.joints)
-        if joint in servos
-        for law in (*passive_laws(servos[joint], j), *_motor_friction(servos[joint], j))
-    )
-
-
-def passive_laws(servo: Servo, joint: int) -> tuple[Law, ...]:
-    """Numbers of a drive that are laws of the same name at its joint."""
-    numbers = {name: getattr(servo, name) for name in PASSIVE}
-    return tuple(
-        Law(EFFECTS[name], (joint,), EFFECTS[name].physical([x], {})) for name, x in numbers.items() if x != 0.0
-    )
-
-
-def _motor_friction(servo: Servo, joint: int) -> Iterator[Law]:
-    if servo.load_friction > 0:
-        values = (servo.load_friction, servo.armature, servo.viscous_friction, servo.coulomb_friction)
-        effect = EFFECTS["motor_friction"]
-        yield Law(effect, (joint,), dict(zip(effect.parameters, (*values, servo.torque_offset), strict=True)))
 
 
 def law_name(law: Law, robot: Robot) -> str:
@@ -134,7 +108,8 @@ def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
 def law_syntax(effect: Effect) -> str:
     """Syntax of an effect on the command line, with typical values."""
     keys = {"partner": "JOINT"} if effect.scope == "pair" else {}
-    values = {**keys, **{key: value for key, value in effect.example.items() if key not in effect.optional}}
+    required = {key: value for key, value in effect.example.items() if key not in effect.optional}
+    values = {**keys, **(required or effect.example)}
     pairs = ",".join(f"{key}={value}" for key, value in values.items())
     where = {"robot": "", "any": "[@JOINT]", "tip": ""}.get(effect.scope, "@JOINT")
     return f"{effect.name}{where}{':' if pairs else ''}{pairs}"

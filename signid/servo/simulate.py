@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects.base import BodyLaw
+from ..effects.drive import DriveLaw
 from ..errors import OptionError, RecordingError, shorten
-from ..model import Model, ModelSource, as_model, command_model
+from ..model import Model, ModelSource, as_model, command_model, with_servos
 from ..recording import as_recording
 from ..recording.source import Source
 from ..servos import PASSIVE, SERVO_NUMBERS, Servo, ServoGrid
@@ -63,7 +64,8 @@ def simulate_servos(
         model: with `servos`, or with drives that its actuators file states.
         commands: a recording with q_des_J, or a motion, each of whose positions is held until the next.
         sensors: encoders and logger; without a rate, that of the commands.
-        inject: laws of bodies, frictions, armature and offset, added to those of the model.
+        inject: laws of bodies, frictions, armature and offset, added to those of the model; laws of drives replace
+            the numbers of the drives of the model.
         numbers: numbers of drives by joint, in place of those of the model.
         injected: description of both, kept in the result.
         seed: of sampling times, encoder zeros and losses.
@@ -78,7 +80,7 @@ def simulate_servos(
     grid, model, notes = _grid(model, commands)
     servos = _injected(model.robot, dict(model.servos), inject, numbers or {})
     bodies = tuple(law for law in inject if isinstance(law.effect, BodyLaw) and law.effect.name not in PASSIVE)
-    model = replace(model, laws=(*model.laws, *bodies), servos=servos)
+    model = with_servos(replace(model, laws=(*model.laws, *bodies)), servos, complete=True)
     with np.errstate(all="ignore"):
         q = roll_out(model, servos, grid)
         v = np.gradient(q, grid.step, axis=0)
@@ -139,14 +141,19 @@ def _injected(
     """Drives with the laws added to their numbers, and with other numbers."""
     for law in laws:
         name = law.effect.name
-        if name not in PASSIVE:
+        if name not in PASSIVE and not isinstance(law.effect, DriveLaw):
             if isinstance(law.effect, BodyLaw):
                 continue
             own = "; the friction of a drive by its motor torque is servo@JOINT:load_friction=0.1" * ("load_" in name)
-            raise OptionError(f"--servo cannot inject {name}; choose laws of bodies, or {', '.join(PASSIVE)}{own}")
+            raise OptionError(
+                f"--servo cannot inject {name}; choose laws of bodies or drives, or {', '.join(PASSIVE)}{own}"
+            )
         for j in law.joints:
             if (joint := robot.joints[j]) not in servos:
                 raise OptionError(f"--inject {name} is at {joint}, which has no drive; name a joint with a drive")
+            if isinstance(law.effect, DriveLaw):
+                servos[joint] = law.effect.packed(servos[joint], law.parameters)
+                continue
             value = getattr(servos[joint], name) + law.effect.coefficients(law.parameters)[0]
             servos[joint] = servos[joint].with_(**{name: value})
     for joint, given in numbers.items():

@@ -33,10 +33,10 @@ def effects(
 
     Each law comes with its equation, parameters, units, usual values and source.
     """
-    from ...effects import EFFECTS
+    from ...effects import DRIVE_EFFECTS, EFFECTS
     from ...output.report import effects_document, effects_tables, to_json
 
-    chosen = list(EFFECTS) if name is None else [EFFECTS[name]]
+    chosen = [*EFFECTS, *DRIVE_EFFECTS] if name is None else [EFFECTS[name]]
     return show(to_json(effects_document(chosen)) if json else effects_tables(chosen))
 
 

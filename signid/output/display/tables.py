@@ -9,6 +9,7 @@ from typing import Any
 
 from rich.console import RenderableType
 
+from ...effects.packing import beside_drives
 from ...model import stated_inertials
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import Input, Recording, Robot
@@ -56,18 +57,19 @@ def _recording(recording: Recording) -> Renderables:
 
 def _model(model: Any) -> Renderables:
     robot = model.robot
-    title = f"{robot.name}: model of {plural(len(robot.links), 'link')} with {plural(len(model.laws), 'law')}"
+    own = beside_drives(model.laws)
+    title = f"{robot.name}: model of {plural(len(robot.links), 'link')} with {plural(len(own), 'law')}"
     bodies = new_table("link", "mass>", "stated>", "unit", "centre of mass [m]")
     for link, x, stated in zip(robot.links, model.inertials, stated_inertials(robot), strict=True):
         centre = ", ".join(figure(round(float(c), 9)) for c in x[1:4] / x[0]) if x[0] else "-"  # 1 nm: rounding
         bodies.add_row(link, figure(float(x[0])), figure(float(stated[0])), "kg", centre)
     laws = new_table("law", "joint", "parameter", "value>", "unit")
-    for law in model.laws:
+    for law in own:
         entry = law_document(robot, law)
         for key, number in entry["parameters"].items() or [("", {"value": "", "unit": ""})]:
             value = figure(number["value"]) if isinstance(number["value"], float) else str(number["value"])
             laws.add_row(entry["effect"], entry["joint"] or "(robot)", key, value, number["unit"])
-    parts = [heading(title, below=False), bodies, *([heading("Laws"), laws] if model.laws else [])]
+    parts = [heading(title, below=False), bodies, *([heading("Laws"), laws] if own else [])]
     return [*parts, *(_drives(model.servos) if model.servos else [])]
 
 

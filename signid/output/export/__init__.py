@@ -7,16 +7,15 @@ laws that neither URDF nor MJCF can express, and needs only NumPy.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from ...errors import OptionError
-from ...model import ModelSource, as_model, torque_model
+from ...model import ModelSource, as_model
 from ...typed import typed
 from .actuators import write_actuators, write_ros
 from .beyond import Exported
 from .code import write_arrays, write_c
-from .drives import annotated, with_drive_laws, with_known_numbers
+from .drives import annotated, with_known_numbers
 from .function import write_function
 from .lerobot import write_expected, write_lerobot
 from .mjcf import write_mjcf
@@ -75,7 +74,6 @@ def export(
     if kind not in _WRITERS:
         raise OptionError(f"there is no export to {kind!r}; choose from {', '.join(KINDS)}")
     model, unknown = with_known_numbers(model, gain=kind not in (*OF_TORQUE, "urdf"))
-    model = replace(model, laws=torque_model(model).laws) if kind in OF_TORQUE else with_drive_laws(model)
     if kind == "mjcf":
         made = write_mjcf(model, package_dirs, floating, meshes)
     else:

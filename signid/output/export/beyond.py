@@ -29,7 +29,7 @@ class Exported(Frozen):
 def summed(model: Model, effect: str) -> Array:
     """Sum of an effect's single parameter over its laws, (n,) [the unit of the parameter]; NaN: no law."""
     total = np.full(len(model.robot.joints), np.nan)
-    for law in model.laws:
+    for law in model.joint_laws:
         if law.effect.name == effect:
             (value,), (joint,) = law.parameters.values(), law.joints
             total[joint] = np.nan_to_num(total[joint]) + value
@@ -39,7 +39,7 @@ def summed(model: Model, effect: str) -> Array:
 def held(model: Model, effects: Iterable[str]) -> list[Law]:
     """Laws of some effects at joints where their sum is not negative; formats cannot hold negative values."""
     sums = {effect: summed(model, effect) for effect in effects}
-    return [law for law in model.laws if law.effect.name in sums and sums[law.effect.name][law.joints[0]] >= 0]
+    return [law for law in model.joint_laws if law.effect.name in sums and sums[law.effect.name][law.joints[0]] >= 0]
 
 
 def among(law: Law, laws: Iterable[Law]) -> bool:
@@ -49,8 +49,8 @@ def among(law: Law, laws: Iterable[Law]) -> bool:
 
 def beyond(subject: str, model: Model, effects: Iterable[str], whole: Collection[str] = BODIES) -> list[str]:
     """Note on the laws that a format lacks, if it holds some effects unless negative, and others as they are."""
-    carried = [*held(model, effects), *(law for law in model.laws if law.effect.name in whole)]
-    words = lacking(model.robot, model.laws, carried)
+    carried = [*held(model, effects), *(law for law in model.joint_laws if law.effect.name in whole)]
+    words = lacking(model.robot, model.joint_laws, carried)
     return [f"{subject} cannot hold {words}"] if words else []
 
 

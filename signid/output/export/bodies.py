@@ -81,7 +81,7 @@ def possible_bodies(model: Model) -> PossibleBodies:
     Raises:
         RobotError: no physically consistent bodies give this torque.
     """
-    payloads = [law for law in model.laws if law.effect.name == "payload" and law.parameters["mass"] > LEAST]
+    payloads = [law for law in model.joint_laws if law.effect.name == "payload" and law.parameters["mass"] > LEAST]
     alone = ((law, principal(np.array(law.effect.coefficients(law.parameters)))) for law in payloads)
     loads = [(law, body) for law, body in alone if body]  # others are added to the inertial of their link
     apart = {id(law) for law, _ in loads}

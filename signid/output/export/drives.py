@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ...effects.naming import passive_laws
 from ...errors import OptionError, shorten
-from ...model import Model
+from ...model import Model, with_servos
 from ...servos import MARKS, PASSIVE, SERVO_NUMBERS, Servo, servos_document
 from .beyond import MOST, Exported, c_comment, commented, remarks
 from .shapes import words
@@ -26,13 +25,6 @@ _LACKED = {  # numbers that no format of a simulator holds: words, value without
 SHOWN = 0.1  # share of the lag that damping has where it is not negligible
 _HARD = {"solreffriction": "0.0002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # else dry friction creeps
 _APART = 1.0 + 1e-9  # keeps MuJoCo from reading a positive coefficient of the speed as a damping ratio
-
-
-def with_drive_laws(model: Model) -> Model:
-    """The model with armature, friction and offset of its drives as laws, in the order of the joints."""
-    joints = ((j, joint) for j, joint in enumerate(model.robot.joints) if joint in model.servos)
-    laws = [law for j, joint in joints for law in passive_laws(model.servos[joint], j)]
-    return replace(model, laws=(*model.laws, *laws)) if laws else model
 
 
 def with_known_numbers(model: Model, gain: bool) -> tuple[Model, list[str]]:
@@ -50,7 +42,9 @@ def with_known_numbers(model: Model, gain: bool) -> tuple[Model, list[str]]:
     for joint, servo in model.servos.items():
         known = {name: getattr(Servo, name) if x is None else x for name, x in servo.not_identifiable.items()}
         servos[joint] = replace(servo, **known)  # type: ignore[arg-type]
-    return replace(model, servos=servos), list(_unknown_notes(model.servos, SERVO_NUMBERS if gain else PASSIVE))
+    return with_servos(model, servos, complete=True), list(
+        _unknown_notes(model.servos, SERVO_NUMBERS if gain else PASSIVE)
+    )
 
 
 def _unknown_notes(servos: Mapping[str, Servo], names: Sequence[str]) -> Iterator[str]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TorqueLaw, TransmissionLaw
-from ...model import Model
+from ...model import Model, torque_model
 from ...robot import described_gravity
 from ...types import Law
 from ..report.layout import torque_units
@@ -67,7 +67,7 @@ def write_function(model: Model) -> Exported:
     Bodies and gravity belong to the URDF and the MJCF; other laws that are not functions of time and motion are noted.
     """
     robot, inside = model.robot, mjcf_laws(model)
-    written = [(law, code) for law in model.laws if (code := _code_of(law)) is not None]
+    written = [(law, code) for law in torque_model(model).laws if (code := _code_of(law)) is not None]
     notes = _notes(model, [law for law, _ in written]) + drive_note("this file", model)
     more = [key for key in _EXPLAINED if any(key in code.signals for _, code in written)]
     keyword = {"t": "t=0.0", "load": "load", "jacobian": "jacobian"}
@@ -114,7 +114,7 @@ def _entry(law: Law, code: _Code, inside: bool) -> str:
 def _notes(model: Model, written: list[Law]) -> list[str]:
     """Notes on laws that are in other files, and on laws that are in none."""
     robot, notes = model.robot, []
-    left = [law for law in model.laws if not among(law, written)]
+    left = [law for law in torque_model(model).laws if not among(law, written)]
     bodies = [law for law in left if law.effect.name in BODIES]
     if bodies:
         notes.append(f"the inertials of the exported URDF and MJCF hold {lacking(robot, bodies, ())}")

@@ -73,9 +73,9 @@ def write_mjcf(
 def mjcf_laws(model: Model, floating: bool = False) -> list[Law]:
     """Laws of a model that its MJCF holds; a floating base takes its tilt from the simulation."""
     kept = (*BODIES, "torque_saturation", *(() if floating else ("base_tilt",)))
-    whole = [law for law in model.laws if law.effect.name in kept]
+    whole = [law for law in model.joint_laws if law.effect.name in kept]
     servo = {model.robot.index(joint) for joint in model.servos}
-    whole += [law for law in model.laws if law.effect.name == "torque_offset" and servo.issuperset(law.joints)]
+    whole += [law for law in model.joint_laws if law.effect.name == "torque_offset" and servo.issuperset(law.joints)]
     return [*held(model, _NUMBERS.values()), *(law for law in _springs(model) if _stiffness(model, law)[0] > 0), *whole]
 
 
@@ -150,7 +150,7 @@ def _joint(model: Model, name: str) -> dict[str, str]:
 
 
 def _springs(model: Model) -> list[Law]:
-    return [law for law in model.laws if law.effect.name == "spring"]
+    return [law for law in model.joint_laws if law.effect.name == "spring"]
 
 
 def _stiffness(model: Model, law: Law) -> tuple[float, float]:
@@ -171,7 +171,7 @@ def _actuators(group: Any, model: Model) -> None:
 def _motors(model: Model) -> list[dict[str, str]]:
     """A motor per joint, limited by the effort limit and by torque saturation."""
     robot, limit = model.robot, model.robot.effort_limit.copy()
-    for law in model.laws:
+    for law in model.joint_laws:
         if law.effect.name == "torque_saturation":
             limit[list(law.joints)] = np.minimum(limit[list(law.joints)], law.parameters["limit"])
     return [
@@ -183,7 +183,7 @@ def _motors(model: Model) -> list[dict[str, str]]:
 def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodies, floating: bool) -> list[str]:
     robot = model.robot
     notes = fixed_note(robot, "they are rigid in the MJCF")
-    if beyond := lacking(robot, model.laws, mjcf_laws(model, floating)):
+    if beyond := lacking(robot, model.joint_laws, mjcf_laws(model, floating)):
         notes.append(f"an MJCF cannot hold {beyond}")
     if np.isfinite(robot.velocity_limit).any():
         notes.append("an MJCF cannot hold velocity limits")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...types import Array
-from .laws import HYPOTHESES, DriveLaw
+from .hypotheses import HYPOTHESES, DriveHypothesis
 from .refine import Attempt, Setting
 
 PER_WINDOW = 10  # samples of a window that count as independent, at most. Heuristic
@@ -19,7 +19,7 @@ SLACK = 1.0  # log odds that differences across windows always allow. Heuristic
 class Offer:
     """A hypothesis with its fitted trial and log evidence."""
 
-    law: DriveLaw
+    law: DriveHypothesis
     joint: int
     trial: Attempt
     evidence: float = -np.inf  # log likelihood and prior

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...effects.drive import Reach
 from ...servos import Servo
 from ...types import Array
 from .closed_loop import ClosedLoop, Point, leave_states, reduced_squares
 from .coordinates import Free, Scale, coordinate, difference, longest, with_coordinates
-from .laws import Reach
 
 DAMPINGS = (0.0, 0.3, 3.0, 30.0)  # [1] of Levenberg and Marquardt, tried together
 PRIOR = {"first_moment_x": 0.1, "first_moment_y": 0.1, "first_moment_z": 0.1}  # std of the body's centre [m] per mass

@@ -10,7 +10,7 @@ from ...deadline import ends_in_time
 from ...effects import EFFECTS
 from ...errors import OptionError, RecordingError
 from ...faults import audit_flags
-from ...model import Model, ModelSource, as_model
+from ...model import Model, ModelSource, as_model, with_servos
 from ...recording import Recordings, as_recordings
 from ...typed import typed
 from ...types import Array, Law, Progress
@@ -22,7 +22,7 @@ from ..search.noise import position_noise
 from ..validate import closed_loops, need_commands, prepared_model
 from .closed_loop import ClosedLoop, Point
 from .conclude import conclude, fits
-from .laws import HYPOTHESES
+from .hypotheses import HYPOTHESES
 from .repeats import servo_repeats
 from .result import ServoDiagnosis, ServoRepeats
 from .search import GroupSearch, search
@@ -144,7 +144,7 @@ def _extended(model: Model, data: ServoData, found: Sequence[tuple[tuple[int, ..
             tip = model.robot.index(data.joints[joints[one.setting.loop.leaf]])
             numbers = {"mass": mass, "first_moment_x": x, "first_moment_y": y, "first_moment_z": z}
             laws.append(Law(EFFECTS["payload"], (tip,), numbers))
-    return replace(model, laws=tuple(laws), servos=servos)
+    return with_servos(replace(model, laws=tuple(laws)), servos, complete=True)
 
 
 def _rolled(

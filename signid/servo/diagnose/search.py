@@ -11,7 +11,7 @@ from ...types import Array
 from .closed_loop import ClosedLoop, Point
 from .coordinates import BODY, Free, own_numbers
 from .evidence import Offer, half_log, mean_sigma, rejected, tempered, weighed
-from .laws import HYPOTHESES, DriveLaw
+from .hypotheses import HYPOTHESES, DriveHypothesis
 from .refine import Attempt, Setting, reach, refine, setting_of
 
 MOST = 3  # laws that are added to one group
@@ -24,7 +24,7 @@ LEAST_GAIN = 0.02  # [1] share of the squared residual that a law explains, at l
 MOSTLY, FEW = 0.5, 1.5  # [1] share of a joint's squared residual, windows: what rare events such as limits explain
 FLOOR = 1.15  # [1] mean square over that of noise, below which nothing is missing
 SUSPECT = 0.03  # [1] of the largest excess of a joint over noise: joints with less are not searched. Heuristic
-PAYLOAD = DriveLaw(
+PAYLOAD = DriveHypothesis(
     effect="payload",
     numbers=BODY,
     meaning="a body hangs at the last link",
@@ -37,13 +37,13 @@ PAYLOAD = DriveLaw(
 class Step:
     """A law that was added."""
 
-    law: DriveLaw
+    law: DriveHypothesis
     joint: int  # in the group
     before: Attempt
     after: Attempt
     log_odds: float
     probability: float
-    rivals: tuple[tuple[DriveLaw, int, float], ...]  # law, joint, probability
+    rivals: tuple[tuple[DriveHypothesis, int, float], ...]  # law, joint, probability
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ def search(loop: ClosedLoop, point: Point, floor: Array, skip: Sequence[str] = (
 
 
 def refitted(
-    setting: Setting, last: Attempt, laws: Sequence[DriveLaw], floor: Array
+    setting: Setting, last: Attempt, laws: Sequence[DriveHypothesis], floor: Array
 ) -> tuple[Attempt, list[Step], list[tuple[str, int, float]]]:
     """A law of another form at the worst joint, with the drive's own numbers fitted again beside it.
 
@@ -110,7 +110,7 @@ def refitted(
 def offered(
     setting: Setting,
     last: Attempt,
-    laws: Sequence[DriveLaw],
+    laws: Sequence[DriveHypothesis],
     floor: Array,
     body: bool,
     joints: Sequence[int] | None = None,

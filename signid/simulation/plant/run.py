@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...effects.base import ActuatorLaw, RecordingLaw, of_kind
+from ...effects.drive import DriveLaw
 from ...effects.trial import Trial
 from ...errors import OptionError
-from ...model import Model, ModelSource, as_model, torque_model
+from ...model import Model, ModelSource, as_model
 from ...typed import typed
 from ...types import Array, Law, Progress, Result
-from .control import Drive
+from .control import Drive, Torques
+from .drives import JointDrives, commanded
 from .plant import Plant
 
 MOST_STEPS = 5e6  # largest number of steps
@@ -52,7 +54,7 @@ def simulate(
     Recorded torque and acceleration belong to the same instant.
 
     Args:
-        model: rigid bodies and laws of any kind.
+        model: rigid bodies and laws of any kind; laws of drives replace gains of a controller at their joint.
         drive: controller, or given torque.
         duration: duration [s].
         step: step of the controller and of the recorded signals [s].
@@ -63,7 +65,7 @@ def simulate(
     Raises:
         OptionError: the duration, the step or a law cannot be simulated, or the simulation diverges.
     """
-    model = torque_model(as_model(model, "simulate"))
+    model = as_model(model, "simulate")
     return simulate_many(
         model, [drive], duration, step=step, integrator=integrator, substeps=substeps, progress=progress
     )[0]
@@ -83,16 +85,22 @@ def simulate_many(
     t = instants(duration, step)
     plant = Plant(model, step, len(drives), integrator, substeps)
     joints, reading = range(len(model.robot.joints)), model.of(RecordingLaw)
-    acting = model.of(ActuatorLaw)
+    acting, laws = model.of(ActuatorLaw), model.of(DriveLaw)
     plans = [drive.plan(t) for drive in drives]
+    if laws and any(isinstance(drive, Torques) for drive in drives):
+        raise OptionError(f"{laws[0].effect.name} acts on commanded positions; give a motion in place of torques")
+    asked = np.stack([plan.desired for plan in plans], 1)
+    plans = [commanded(laws, t, plan) for plan in plans] if laws else plans
     torque, desired, speed = (np.stack([getattr(p, key) for p in plans], 1) for key in ("torque", "desired", "speed"))
     stiffness, damping = (np.stack([getattr(p, key) for p in plans]) for key in ("stiffness", "damping"))
+    motors = JointDrives(laws, stiffness, damping)
     plant.start(*(np.stack(x) for x in zip(*(drive.start() for drive in drives), strict=True)))
     log = np.empty((7, len(t), len(drives), len(joints)))  # seen, q, v, a, link, command, applied
     for k, now in enumerate(t):
         q, v = plant.q, plant.v
         seen = _seen(reading, q)
         command = torque[k] + stiffness * (desired[k] - seen) + damping * (speed[k] - v)
+        command = motors.torque(command, seen, v, desired[k], speed[k], torque[k])
         applied = apply_actuators(acting, command)
         log[:3, k], log[4:, k] = (seen, q, v), (plant.link, command, applied)
         plant.advance(float(now), applied)
@@ -105,7 +113,7 @@ def simulate_many(
     late = 0.5 if integrator == "rk4" else (plant.substeps - 1) / (2 * plant.substeps)  # steps
     for row in (3, 5, 6):  # signals that are constant in a step belong to this later instant
         log[row, 1:] += late * (log[row, :-1] - log[row, 1:])
-    return [_recorded(model, t, step, log[:, :, b], desired[:, b], reading) for b in range(len(drives))]
+    return [_recorded(model, t, step, log[:, :, b], asked[:, b], reading) for b in range(len(drives))]
 
 
 def instants(duration: float, step: float) -> Array:

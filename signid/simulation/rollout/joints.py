@@ -43,5 +43,5 @@ def restrict_joints(model: Model, recordings: Sequence[Recording]) -> tuple[Mode
             notes.append(f"{law.effect.name} is left out: one of its joints is held")
         else:
             kept.append(replace(law, joints=left))
-    servos = {joint: servo for joint, servo in model.servos.items() if joint in joints}
-    return Model(moving, inertials, tuple(kept), servos=servos), tuple(notes)
+    marks = {joint: marks for joint, marks in model.marks.items() if joint in joints}
+    return Model(moving, inertials, tuple(kept), marks=marks), tuple(notes)

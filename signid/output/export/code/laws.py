@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ....effects.base import BodyLaw, TorqueLaw
-from ....model import Model
+from ....model import Model, torque_model
 from ....types import Law
 from .graph import BINARY, UNARY, Graph, Scalar, binary, unary, where
 from .rigid import Expressions
@@ -53,7 +53,7 @@ def law_expressions(graph: Graph, model: Model, motion: Mapping[str, Expressions
     motion: "q", "v", "a" and "load" (n,) [rad or m, and their derivatives; N.m or N].
     """
     total = np.array([graph.constant(0.0)] * len(model.robot.joints))
-    for law in filter(writable, model.laws):
+    for law in filter(writable, torque_model(model).laws):
         joints = list(law.joints)
         single = len(joints) == 1
         signals = {key: x[joints[0]] if single else x[joints] for key, x in motion.items()}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ....model import Model
+from ....model import Model, torque_model
 from ..beyond import fixed_note, lacking
 from .graph import Graph, Scalar
 from .laws import inertial, law_expressions, writable
@@ -92,11 +92,13 @@ def _unit_torque(
 
 def _accelerated(model: Model) -> Model:
     """The model with the laws only that are linear in acceleration and need no motion, as a coupling of two joints."""
-    return replace(model, laws=tuple(law for law in model.laws if ACCELERATION.search(law.effect.equation)))
+    return replace(
+        model, laws=tuple(law for law in torque_model(model).laws if ACCELERATION.search(law.effect.equation))
+    )
 
 
 def _notes(model: Model) -> list[str]:
-    left = [law for law in model.laws if not writable(law) and not inertial(law)]
+    left = [law for law in torque_model(model).laws if not writable(law) and not inertial(law)]
     words = lacking(model.robot, left, ())
     lead = "the code lacks laws that are no functions of position, velocity and acceleration: "
     return [*([lead + words] if words else []), *fixed_note(model.robot, "the code holds it there, too")]

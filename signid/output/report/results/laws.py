@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rich.console import RenderableType
 
 from ....effects.base import ActuatorLaw, BodyLaw, Effect, RecordingLaw, TorqueLaw, TransmissionLaw
+from ....effects.drive import DriveLaw
 from ....effects.naming import law_name, law_place, law_syntax
 from ....robot.dynamics import own_body
 from ....types import TWO_SIDED, Coefficient, Law, Robot
@@ -27,6 +28,7 @@ KINDS: dict[type[Effect], str] = {
     TransmissionLaw: "transmission",
     RecordingLaw: "recording",
     ActuatorLaw: "actuator",
+    DriveLaw: "position drive",
 }
 
 
@@ -171,7 +173,7 @@ def _card_lines(effect: Effect) -> list[RenderableType]:
     return [
         heading(effect.name, below=False),
         paragraph(str(getdoc(type(effect)))),
-        heading("Law (additional motor torque, torque of a deflection, or recorded value)"),
+        heading("Law (additional motor torque, torque of a deflection, recorded value, or signal of a drive)"),
         paragraph(effect.equation),
         *([heading("Parameters"), table] if effect.parameters else []),
         heading("Usual size"),
