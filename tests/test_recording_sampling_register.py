@@ -7,7 +7,7 @@ import pytest
 
 import signid
 from signid.recording.sampling import samples, survey
-from signid.recording.sampling.register import register_spans
+from signid.recording.sampling.accumulate import register_spans
 from signid.types import Recording, Robot
 
 SPINDLE = """<robot name="spindle"><link name="base"/><link name="rotor"><inertial><origin xyz="0 0 0"/>

@@ -15,7 +15,7 @@ from .columns import TORQUES, conversion, function, resolve, stated_units, unkno
 from .formats.base import About, MemoryTable
 from .joining import Files, JoinedFile, open_files
 from .names.mapping import DRIVE, ColumnMap, DerivedTable, Heading, ParsedColumns, Signal, read_map, split
-from .names.suggest import MEANT, OFFER, propose
+from .names.match import MEANT, OFFER, propose
 from .sampling.clock import read_clock
 from .sampling.rivals import rivals
 from .source import Opened, Source

@@ -15,7 +15,7 @@ from .joining import Files, open_files
 from .names.calibration import MotorRange, calibrated
 from .names.mapping import DRIVE, Heading, heading_lines, key_of, quoted, read_map, split
 from .names.match import Guess, guess_columns, match_signals, pair_in_order
-from .names.units import Change, change_of
+from .names.vocabulary import Change, change_of
 from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .sampling.rivals import rivals
 from .source import Opened, Source
@@ -34,7 +34,9 @@ TITLES = {
     "dq_des": "desired velocities",
     "tau_ff": "torques fed forward",
     "on": "whether the drives hold, 1 or 0",
-    **{"pwm": "duties, -1 to 1", "volt": "supply voltages", "temp": "temperatures"},
+    "pwm": "duties, -1 to 1",
+    "volt": "supply voltages",
+    "temp": "temperatures",
 }
 
 

@@ -8,7 +8,7 @@ from math import isfinite, log
 import numpy as np
 
 from ..estimation.excitation import ExcitationVerdict
-from ..robot.gravity import gravity_text, root_link
+from ..robot.joints import gravity_text, root_link
 from ..types import Array, Robot
 from .channels import Amount
 from .evidence import Correction, FaultEvidence

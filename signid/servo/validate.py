@@ -16,7 +16,7 @@ from ..servos import Servo, ServoGrid
 from ..simulation.rollout.joints import restrict_joints
 from ..typed import typed
 from ..types import Array, Input, Progress, Recording, Result, Robot
-from ..validate.models import named_models
+from ..validate.run import named_models
 from .audit import audit_flags
 from .identify.result import ServoRollOut, ServoTrace
 from .plant import roll_out, servo_grids
