@@ -59,7 +59,8 @@ def validate(
             is invalid.
         RecordingError: a recording cannot be used; the sentence says which and why.
     """
-    _check_horizon(horizon)
+    if horizon != WHOLE and not (isinstance(horizon, float | int) and np.isfinite(horizon) and horizon > 0):
+        raise OptionError(f"the horizon {horizon!r} is neither a time above 0 s nor {WHOLE!r}; give one, such as 0.5")
     named = named_models(models, "validate")
     given = as_recordings(recordings, next(iter(named.values())).robot, "validate") if named else []
     _check(named, given)
@@ -155,11 +156,6 @@ def _sessions(candidates: Sequence[ModelCandidate], options: Options) -> dict[tu
     if len(sessions) > 1 and options.cutoff is None:
         sessions = made(replace(options, cutoff=min(s.task.band.cutoff for s in sessions.values())))
     return sessions
-
-
-def _check_horizon(horizon: float | str) -> None:
-    if horizon != WHOLE and not (isinstance(horizon, float | int) and np.isfinite(horizon) and horizon > 0):
-        raise OptionError(f"the horizon {horizon!r} is neither a time above 0 s nor {WHOLE!r}; give one, such as 0.5")
 
 
 def _simulated(

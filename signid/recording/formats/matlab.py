@@ -20,7 +20,7 @@ from .hdf5 import open_hdf5, without_objects
 
 HEADER = 128  # length of the header [bytes]
 MATRIX, COMPRESSED = 14, 15  # kinds of elements
-CELL, STRUCT, OBJECT, CHAR, SPARSE, OPAQUE = 1, 2, 3, 4, 5, 17  # classes of arrays
+CELL, STRUCT, OBJECT, OPAQUE = 1, 2, 3, 17  # classes of arrays
 NUMBERS = range(6, 16)  # classes of arrays of numbers
 NAMES_BEFORE = {CELL: 0, STRUCT: 2, OBJECT: 3}  # elements before the arrays inside an array
 HDF5 = 2  # major version of files that are HDF5

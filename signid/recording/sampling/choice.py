@@ -63,14 +63,11 @@ def choose_clock(
     times[known] = even.times
     times[dropped] = times[np.flatnonzero(known)[np.searchsorted(np.flatnonzero(known), dropped) - 1]]
     part = _part(recording, robot, (stamps, times), known, spans)
-    if not second_is_better(_moving(recording, robot), part, even.period):
+    same = robot.joints == recording.joints
+    moving = robot if same else hold(robot, resting(robot, but=recording.joints))
+    if not second_is_better(moving, part, even.period):
         return Choice.stamps(clock.period)
     return Choice("ticks" if even.missing else "even", even.period, even.jitter, even.missing, times)
-
-
-def _moving(recording: Recording, robot: Robot) -> Robot:
-    """The robot with the joints held that the recording does not have."""
-    return robot if robot.joints == recording.joints else hold(robot, resting(robot, but=recording.joints))
 
 
 def _part(
