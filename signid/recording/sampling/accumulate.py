@@ -180,12 +180,21 @@ def register_spans(recording: Recording) -> Array:
     removed elsewhere.
     """
     columns = recording.columns["q"]
-    pieces = [
-        recording.table.read(columns, start, min(start + CHUNK, len(recording)))
-        for start in range(0, len(recording), CHUNK)
-    ]
-    q = np.concatenate(pieces)
-    return np.array([_span(x[np.isfinite(x)]) for x in q.T])
+    n, pieces = len(columns), range(0, len(recording), CHUNK)
+    low, high, longest, last = np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), np.full(n, np.nan)
+    for start in pieces:
+        q = recording.table.read(columns, start, start + CHUNK)
+        for j in range(n):
+            known = q[np.isfinite(q[:, j]), j]
+            if len(known):
+                steps = np.abs(np.diff(known, prepend=last[j]))
+                low[j], high[j], last[j] = min(low[j], known.min()), max(high[j], known.max()), known[-1]
+                longest[j] = np.fmax(longest[j], np.fmax.reduce(steps))
+    spans = np.zeros(n)
+    for j in np.flatnonzero(longest > ALMOST * (high - low)):  # only these are held in memory, one at a time
+        x = np.concatenate([recording.table.read(columns[j : j + 1], start, start + CHUNK)[:, 0] for start in pieces])
+        spans[j] = _span(x[np.isfinite(x)])
+    return spans
 
 
 def _span(q: Array) -> float:
