@@ -191,7 +191,7 @@ def register_spans(recording: Recording) -> Array:
                 low[j], high[j], last[j] = min(low[j], known.min()), max(high[j], known.max()), known[-1]
                 longest[j] = np.fmax(longest[j], np.fmax.reduce(steps))
     spans = np.zeros(n)
-    for j in np.flatnonzero(longest > ALMOST * (high - low)):  # only these are held in memory, one at a time
+    for j in np.flatnonzero(longest > ALMOST * (high - low)).tolist():  # only these are held in memory, one at a time
         x = np.concatenate([recording.table.read(columns[j : j + 1], start, start + CHUNK)[:, 0] for start in pieces])
         spans[j] = _span(x[np.isfinite(x)])
     return spans
