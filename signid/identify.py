@@ -27,7 +27,7 @@ from .regression.rows import Rows
 from .regression.session import Options, Session, only_once, recordings_used
 from .robot import as_robot, described_gravity
 from .robot.dynamics import shows_gravity
-from .robot.gravity import is_weightless
+from .robot.joints import is_weightless
 from .signs import Recovered, Signs, prepare_and_recover
 from .typed import typed
 from .types import Array, BaseMap, Estimate, Input, Parameters, Progress, Recording, Result, Robot

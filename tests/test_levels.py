@@ -28,11 +28,9 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
     "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "
     "factors misfit session prepare reduced",
-    "recording": "names streams formats source columns sampling noticed joining gallery plausible read bare accept "
-    "__init__ convert draft",
-    "recording/formats": "panics base text arrays ros csv_ json_ parquet arrow npy npz lerobot rosbag hdf5 matlab "
-    "__init__",
-    "robot": "gravity joints dynamics actuators description locate xacro_arguments load accept __init__",
+    "recording": "names streams formats source columns sampling noticed joining gallery read bare __init__ convert "
+    "draft",
+    "robot": "joints dynamics actuators description locate load __init__",
     "signs": "thresholds result observations segments search samples posterior infer flags tree torque_constants "
     "recover __init__",
     "simulation": "__init__ plant excite rollout refine",

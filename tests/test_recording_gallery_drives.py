@@ -15,7 +15,7 @@ import signid
 from signid.cli import run
 from signid.errors import DownloadError
 from signid.recording.gallery import DATA, DownloadLimits, fetch, is_complete
-from signid.recording.gallery.convert_drives import bam, mauicv, mauicv_drop
+from signid.recording.gallery.convert import bam, mauicv, mauicv_drop
 
 PATH = "logs/a_toy.csv"
 ROBOTS = Path(__file__).parents[1] / "robots"

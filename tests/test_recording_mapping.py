@@ -14,8 +14,8 @@ from test_recording_formats import sentence
 import signid
 from signid.errors import RecordingError
 from signid.recording import read_recording
-from signid.recording.names.suggest import propose
-from signid.recording.names.units import OF, change_of
+from signid.recording.names.match import propose
+from signid.recording.names.vocabulary import OF, change_of
 from signid.simulation.plant import read_motion
 from signid.types import Recording, Robot
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import signid
 from signid.recording.sampling import samples, survey
-from signid.recording.sampling.register import register_spans
+from signid.recording.sampling.accumulate import register_spans
 from signid.types import Recording, Robot
 
 SPINDLE = """<robot name="spindle"><link name="base"/><link name="rotor"><inertial><origin xyz="0 0 0"/>
@@ -69,3 +72,18 @@ def test_two_wraps_with_known_parameters() -> None:
     assert value["viscous_friction_1"] == pytest.approx(0.05, abs=1e-3)
     assert value["coulomb_friction_1"] == pytest.approx(0.3, abs=5e-3)
     assert value["Izz_1 + armature_1"] == pytest.approx(0.02, abs=5e-4) and found.fit.held_out_r2[0] > 0.999
+
+
+def test_positions_without_a_jump_are_not_held_in_memory() -> None:
+    class Long:
+        columns, rows = ("t", "q_m", "tau_m"), 2_000_000
+
+        def read(self, names: tuple[str, ...], start: int, stop: int) -> np.ndarray:
+            return np.sin(np.arange(start, min(stop, self.rows)) * 1e-3)[:, None] * np.ones(len(names))
+
+    recording = replace(read(Q)[0], table=Long())
+    tracemalloc.start()
+    spans = register_spans(recording)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert not spans.any() and peak < 8e6  # 16 MB are those of one column

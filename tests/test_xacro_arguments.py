@@ -12,7 +12,7 @@ import signid
 from signid.cli import run
 from signid.cli.fleet.manifest import read_manifest
 from signid.errors import ManifestError, OptionError, RobotError
-from signid.robot.xacro_arguments import as_arguments, parse_arguments
+from signid.robot.load import as_arguments, parse_arguments
 
 SPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 ARM = f"""<robot {SPACE} name="$(arg name)">

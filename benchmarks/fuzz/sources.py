@@ -24,12 +24,12 @@ from signid.cli import run
 from signid.effects import EFFECTS
 from signid.effects.naming import law_syntax, parse_law
 from signid.errors import InputError, SignidError
+from signid.faults import audit_servos
 from signid.model import with_servos
 from signid.output.export import export
 from signid.recording import read_bare, read_recording
 from signid.recording.draft import draft_map
 from signid.robot.actuators import state_actuators
-from signid.faults import audit_servos
 from signid.servo.stated import stated_servos
 from signid.servo.validate import need_commands
 from signid.servos import Servo

@@ -43,7 +43,7 @@ def given_robot(name: str, options: RobotOptions) -> Robot:
         OptionError: a package folder does not exist, or a list of joints or a position is invalid.
     """
     from ..robot import load_robot
-    from ..robot.xacro_arguments import parse_arguments
+    from ..robot.load import parse_arguments
 
     packages = options.package_dir or ()
     for folder in packages:
@@ -63,7 +63,7 @@ def given_robot(name: str, options: RobotOptions) -> Robot:
 
 
 def _gravity(options: RobotOptions) -> tuple[float, ...] | None:
-    from ..robot.gravity import parse_gravity
+    from ..robot.joints import parse_gravity
 
     return None if options.gravity is None else parse_gravity(options.gravity)
 

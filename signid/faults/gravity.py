@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..robot import with_gravity
-from ..robot.gravity import gravity_text, root_link
+from ..robot.joints import gravity_text, root_link
 from ..types import Array, Frozen, Mask
 from .distortions import nats, thinned
 from .evidence import Correction, FaultEvidence, Signals, fit_passive, informative_torques, unexplained

@@ -7,9 +7,17 @@ column map assigns other names.
 Samples are read on demand and in chunks, so memory does not grow with the length of a recording.
 """
 
-from .accept import Recordings, as_recording, as_recordings
 from .bare import is_recording, read_bare
-from .read import need_constants, need_torque, read_recording, same_joints, with_signs
+from .read import (
+    Recordings,
+    as_recording,
+    as_recordings,
+    need_constants,
+    need_torque,
+    read_recording,
+    same_joints,
+    with_signs,
+)
 
 __all__ = [
     "Recordings",

@@ -16,7 +16,7 @@ from .formats.base import About
 from .formats.json_ import holds_samples
 from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
 from .names.match import guess
-from .plausible import drop_implausible
+from .read import drop_implausible
 from .sampling.rivals import ask_for_time
 from .source import Opened, Source, open_source
 

@@ -13,8 +13,8 @@ from ..errors import RecordingError, shorten
 from ..types import Array, Robot, ServoSamples, StatedUnit, Table
 from .formats.base import About
 from .names.mapping import DerivedTable, ParsedColumns, Signal, split
-from .names.suggest import suggest
-from .names.units import Change, change_of, signed_register
+from .names.match import suggest
+from .names.vocabulary import Change, change_of, signed_register
 from .source import Opened
 
 TORQUES = ("tau", "current", "abs_tau", "abs_current")  # in the order of preference

@@ -15,7 +15,7 @@ from .columns import TORQUES, conversion, function, resolve, stated_units, unkno
 from .formats.base import About, MemoryTable
 from .joining import Files, JoinedFile, open_files
 from .names.mapping import DRIVE, ColumnMap, DerivedTable, Heading, ParsedColumns, Signal, read_map, split
-from .names.suggest import MEANT, OFFER, propose
+from .names.match import MEANT, OFFER, propose
 from .sampling.clock import read_clock
 from .sampling.rivals import rivals
 from .source import Opened, Source
@@ -93,7 +93,10 @@ def convert(
         notes.append(f"omitted, because they hold no numbers: {shorten(skipped)}")
     if left:
         notes.append(f"omitted, because they differ from the stated time: {shorten(left)}")
-    strange = _strange(found, signals, robot) if robot and mapping.named else []
+    strange = []
+    if robot and mapping.named:
+        unmapped = [each.logical for each in signals if not each.mapped and each.logical in found]
+        strange = [name for name in unmapped if _kind(name) not in ("", "t", *DRIVE) and resolve(name, robot) is None]
     found = {name: values for name, values in found.items() if name not in strange}
     if drop_missing:
         found, dropped = _complete(found)
@@ -112,12 +115,6 @@ def convert(
     notes += [] if flags else _lacking(found, about)
     ends = tuple(flags), tuple(dict.fromkeys(notes))
     return Conversion(found, file, about, stated, pace, suggested, *ends, joined.files)
-
-
-def _strange(found: Mapping[str, Array], signals: Sequence[Signal], robot: Robot) -> list[str]:
-    """Columns that a map does not name, and that are named like signals of joints which the robot does not have."""
-    unmapped = [each.logical for each in signals if not each.mapped and each.logical in found]
-    return [name for name in unmapped if _kind(name) not in ("", "t", *DRIVE) and resolve(name, robot) is None]
 
 
 def _kind(name: str) -> str:

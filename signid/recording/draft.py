@@ -15,7 +15,7 @@ from .joining import Files, open_files
 from .names.calibration import MotorRange, calibrated
 from .names.mapping import DRIVE, Heading, heading_lines, key_of, quoted, read_map, split
 from .names.match import Guess, guess_columns, match_signals, pair_in_order
-from .names.units import Change, change_of
+from .names.vocabulary import Change, change_of
 from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .sampling.rivals import rivals
 from .source import Opened, Source
@@ -34,7 +34,9 @@ TITLES = {
     "dq_des": "desired velocities",
     "tau_ff": "torques fed forward",
     "on": "whether the drives hold, 1 or 0",
-    **{"pwm": "duties, -1 to 1", "volt": "supply voltages", "temp": "temperatures"},
+    "pwm": "duties, -1 to 1",
+    "volt": "supply voltages",
+    "temp": "temperatures",
 }
 
 
@@ -88,7 +90,7 @@ def draft_map(
     offered = tuple((key, one.column) for key, one in pair_in_order(guesses, signals, robot))
     used = {line.guess.column for line in lines} | {column for _, column in offered}
     unused = tuple(name for name in opened.table.columns if name not in used)
-    lacking = (*_lacking(lines, robot, opened.name), *_other_times(opened, time, used))
+    lacking = tuple(_lacking(lines, opened, used))
     text = _text(opened.name, robot, lines, offered, spare, unused, lacking)
     if stated := heading_lines(heading or Heading()):
         top, first, rest = text.partition("\n\n")
@@ -172,12 +174,10 @@ def _lines(
             key, one = mine[j]
             yield MappedColumn(key, kind, j, one, noticed_units[j])
         if kind == "q":
-            positions = {j: _converted(columns[j], noticed_units[j].unit) for j in mine}
-
-
-def _converted(x: Array, unit: str | Change) -> Array:
-    """Positions (N,) [unit] in rad or m."""
-    return (unit if isinstance(unit, Change) else change_of(unit, "q", None, "q")).apply(x)
+            for j in mine:
+                unit = noticed_units[j].unit
+                change = unit if isinstance(unit, Change) else change_of(unit, "q", None, "q")
+                positions[j] = change.apply(columns[j])
 
 
 def _units(
@@ -217,7 +217,8 @@ def _units(
     return found
 
 
-def _lacking(lines: Sequence[MappedColumn], robot: Robot, source: str) -> Iterator[str]:
+def _lacking(lines: Sequence[MappedColumn], opened: Opened, used: Collection[str]) -> Iterator[str]:
+    """Kinds of columns that are lacking, and columns of time that differ from the one of the map."""
     kinds = {line.kind for line in lines}
     for has, what in (
         ("t" in kinds, "time"),
@@ -225,13 +226,10 @@ def _lacking(lines: Sequence[MappedColumn], robot: Robot, source: str) -> Iterat
         (bool(kinds & {*TORQUES, "q_des"}), "torques, currents or desired positions"),
     ):
         if not has:
-            yield f"{source}: no column of {what} was recognised; add lines for them to the map"
+            yield f"{opened.name}: no column of {what} was recognised; add lines for them to the map"
 
-
-def _other_times(opened: Opened, time: Guess | None, used: Collection[str]) -> Iterator[str]:
-    """Columns of time that differ from the one of the map."""
-    if time is not None:
-        for first, other, apart in rivals(opened.table, time.column, {*used} - {time.column}):
+    for time in (line.guess.column for line in lines if line.kind == "t"):
+        for first, other, apart in rivals(opened.table, time, {*used} - {time}):
             yield f"{first} and {other} differ by up to {apart * 1e3:.3g} ms; choose the time of the samples for t"
 
 
@@ -251,32 +249,26 @@ def _text(
         "# from the names of the columns and from their numbers. Read it, correct it, and run signid convert again.",
         "# Units: deg, rad, mm, m, ms, us, ns, s, mN.m, N.m, mA, A, ...; or scale and offset: value * scale + offset.",
     ]
-    for kind in ("t", *ORDER):
-        mine = [line for line in lines if line.kind == kind]
-        if not mine:
-            continue
-        reasons = {line.noticed.why for line in mine}
-        alike = bool(shared[kind]) or len(reasons) == 1
-        why = f": {one_line(reasons.pop())}" if alike and not shared[kind] else ""
-        out += ["", f"# {TITLES.get(kind, 'time')}{why}"]
-        out += [_entry(line, bool(shared[kind]), alike) for line in mine]
-        out += [f"# {key_of(key)} = {quoted(column)}  # which?" for key, column in offered if _kind_of(key) == kind]
-    out += ["", *(f"# {one_line(sentence)}" for sentence in lacking)] if lacking else []
-    absent = [
-        name for j, name in enumerate(robot.joints) if j not in {line.joint for line in lines if line.kind == "q"}
-    ]
+    for kind, unit in shared.items():
+        if mine := [line for line in lines if line.kind == kind]:
+            out += ["", *_section(kind, mine, unit)]
+            keys = [(key, column) for key, column in offered if split(key)[0][0] == kind]
+            out += [f"# {key_of(key)} = {quoted(column)}  # which?" for key, column in keys]
+    if lacking:
+        out += ["", *(f"# {one_line(sentence)}" for sentence in lacking)]
+    measured = {line.joint for line in lines if line.kind == "q"}
     how = ", unless a line with 'which?' is right: remove its first #" if offered else ""
-    out += ["", f"# without a position, and held fixed{how}: {_names(absent)}"] if absent else []
-    commands = [name for name in unused if name in spare]
-    others = [name for name in unused if name not in commands]
-    out += ["", f"# commanded, not measured, and not used: {_names(commands)}"] if commands else []
-    out += ["", f"# not used: {_names(others)}"] if others else []
-    stated = [f"{kind} = {quoted(str(one.unit))}  # {one_line(one.why)}" for kind, one in shared.items() if one]
-    return "\n".join([*out, *(["", "[units]  # of all columns of a kind", *stated] if stated else []), ""])
-
-
-def _kind_of(key: str) -> str:
-    return split(key)[0][0]
+    for fact, names in (
+        (f"without a position, and held fixed{how}", [x for j, x in enumerate(robot.joints) if j not in measured]),
+        ("commanded, not measured, and not used", [name for name in unused if name in spare]),
+        ("not used", [name for name in unused if name not in spare]),
+    ):
+        if names:
+            out += ["", f"# {fact}: {shorten([quoted(name) for name in names], 12)}"]
+    if any(shared.values()):
+        out += ["", "[units]  # of all columns of a kind"]
+        out += [f"{kind} = {quoted(str(unit.unit))}  # {one_line(unit.why)}" for kind, unit in shared.items() if unit]
+    return "\n".join([*out, ""])
 
 
 def _shared(lines: Sequence[MappedColumn]) -> Noticed | None:
@@ -287,18 +279,18 @@ def _shared(lines: Sequence[MappedColumn]) -> Noticed | None:
     return max((line.noticed for line in lines), key=lambda one: "assumed" not in one.why)
 
 
-def _entry(line: MappedColumn, shared: bool, alike: bool) -> str:
-    """Line of a signal; with its unit unless it is shared, and the reason unless it is alike in all lines."""
-    column, unit = quoted(line.guess.column), line.noticed.unit
-    if shared:
-        return f"{key_of(line.signal)} = {column}"
-    if isinstance(unit, Change):
-        fields = f"scale = {unit.scale!r}, offset = {unit.offset!r}"
-    else:
-        fields = f"unit = {quoted(unit)}"
-    why = "" if alike else f"  # {one_line(line.noticed.why)}"
-    return f"{key_of(line.signal)} = {{ column = {column}, {fields} }}{why}"
-
-
-def _names(names: Sequence[str]) -> str:
-    return shorten([quoted(name) for name in names], 12)
+def _section(kind: str, lines: Sequence[MappedColumn], shared: Noticed | None) -> Iterator[str]:
+    """Title and lines of a kind; a unit that is not shared stands in each line, and its reason where reasons differ."""
+    reasons = {line.noticed.why for line in lines}
+    alike = len(reasons) == 1
+    yield f"# {TITLES.get(kind, 'time')}" + (f": {one_line(min(reasons))}" if alike and not shared else "")
+    for line in lines:
+        key, column, unit = key_of(line.signal), quoted(line.guess.column), line.noticed.unit
+        if shared:
+            yield f"{key} = {column}"
+            continue
+        if isinstance(unit, Change):
+            fields = f"scale = {unit.scale!r}, offset = {unit.offset!r}"
+        else:
+            fields = f"unit = {quoted(unit)}"
+        yield f"{key} = {{ column = {column}, {fields} }}" + ("" if alike else f"  # {one_line(line.noticed.why)}")

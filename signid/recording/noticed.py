@@ -9,7 +9,7 @@ import numpy as np
 
 from ..types import Array, Robot
 from .columns import UNSTATED
-from .names.units import OF, TURN, Change, Units, signed_register
+from .names.vocabulary import OF, TURN, Change, Units, signed_register
 from .sampling.clock import FASTEST, SLOWEST
 
 EPOCH = 1.0e9, 2.5e9  # [s] time stamps since 1970 of the years 2001 to 2049

@@ -1,4 +1,4 @@
-"""Read recordings of a robot, and apply recovered signs."""
+"""Read recordings of a robot, as paths, arrays or frames, and apply recovered signs."""
 
 from __future__ import annotations
 
@@ -9,22 +9,34 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import RecordingError, shorten
+from ..errors import OptionError, RecordingError, shorten, unexpected
 from ..robot import as_robot
 from ..typed import typed
 from ..types import Array, Recording, Robot, ServoSamples, Table
 from .columns import TORQUES, Assignment, assign_columns
 from .formats.base import About
 from .names.mapping import ColumnMap, DerivedTable, read_map
-from .names.suggest import suggest
-from .plausible import drop_implausible
+from .names.match import suggest
 from .sampling.clock import CHUNK
 from .sampling.rivals import ask_for_time
 from .source import Opened, Source, columns_of, open_source
 
 POSITIONS = ("q", "dq", "ddq", "q_des")
+PLAUSIBLE = {  # smallest and largest accepted value of columns of drives
+    "pwm": (-1.01, 1.01, 'duties from -1 to 1: state [units] pwm = "%" or a scale in a column map (--columns)'),
+    "on": (0.0, 1.0, "1 while the drive holds and 0 while it does not"),
+    "volt": (0.0, 1e3, 'volts: state [units] volt = "mV" or "dV" in a column map (--columns)'),
+}
+
+MIDDLE = 0.1  # share of the largest value below, or beside, which duties lie that were read as unsigned numbers
+UNWRAP = (
+    "it holds signed numbers of 16 bits that were read as unsigned and then scaled: give the register itself and its "
+    "scale in a column map (--columns)"
+)
+Recordings = Recording | Source | Sequence[Recording | Source]
 
 
 @typed
@@ -247,3 +259,65 @@ def _notes(
     for kind, other in ((a, b) for i, a in enumerate(TORQUES) for b in TORQUES[i + 1 :]):
         if both := [robot.joints[j] for j in joints if found.torque(j) == kind and found.column(other, j)]:
             yield f"{kind} is used instead of {other}, because both are recorded: {', '.join(both)}"
+
+
+def drop_implausible(table: Table, chosen: dict[str, tuple[str, ...]]) -> tuple[dict[str, tuple[str, ...]], list[str]]:
+    """Columns without those of drives whose numbers cannot be meant, and a note for each of these."""
+    chosen, said = dict(chosen), []
+    for key, (low, high, expected) in PLAUSIBLE.items():
+        names = [name for name in chosen[key] if name]
+        pieces = (table.read(names, start, start + CHUNK) for start in range(0, table.rows if names else 0, CHUNK))
+        ends = [(np.nanmin(x, axis=0, initial=0.0), np.nanmax(x, axis=0, initial=0.0)) for x in pieces]
+        for k, name in enumerate(names):
+            least, most = min(float(a[k]) for a, _ in ends), max(float(b[k]) for _, b in ends)
+            if least < low or most > high:
+                chosen[key] = tuple("" if each == name else each for each in chosen[key])
+                wrapped = key == "pwm" and least >= 0 and _wrapped(table, name, most)
+                fact = f"column {name!r} goes from {least:.4g} to {most:.4g} and is ignored"
+                said.append(f"{fact}; {UNWRAP if wrapped else f'expected {expected}'}")
+    return chosen, said
+
+
+def _wrapped(table: Table, name: str, most: float) -> bool:
+    """Whether values are small or nearly the largest: negative numbers that were read as unsigned ones."""
+    values = table.read([name], 0, min(table.rows, CHUNK))[:, 0]
+    known = values[np.isfinite(values)]
+    small = known[known <= MIDDLE * most]
+    large = known >= (1 - MIDDLE) * most
+    return bool(len(small) and large.any() and len(small) + large.sum() == len(known) and small.max() <= 1.01)
+
+
+def as_recordings(given: object, robot: Robot, verb: str) -> list[Recording]:
+    """Recordings of a robot; paths, arrays by column name and frames are read with the usual column names.
+
+    Raises:
+        OptionError: anything else was given to the verb.
+        RecordingError: a file cannot be read.
+    """
+    several = isinstance(given, Sequence | Iterator) and not isinstance(given, str | bytes)
+    found = []
+    for each in given if several else [given]:  # type: ignore[attr-defined]
+        if not (isinstance(each, Recording) or _is_source(each)):
+            advice = 'signid.read_recording("recording.csv", robot)'
+            raise unexpected(verb, "a Recording or a list of them", each, advice)
+        found.append(each if isinstance(each, Recording) else read_recording(each, robot))
+    return found
+
+
+def as_recording(given: object, robot: Robot, verb: str) -> Recording:
+    """Return the only recording that is given.
+
+    Raises:
+        OptionError: anything else, or several recordings were given to the verb.
+    """
+    found = as_recordings(given, robot, verb)
+    if len(found) != 1:
+        raise OptionError(f"{verb} needs one recording, not {len(found)}; give one of them")
+    return found[0]
+
+
+def _is_source(given: Any) -> bool:
+    if isinstance(given, np.ndarray):
+        return given.dtype.names is not None
+    frame = hasattr(given, "iloc") or hasattr(given, "__arrow_c_stream__") or isinstance(given, pl.LazyFrame)
+    return frame or isinstance(given, str | Path | Mapping)

@@ -4,11 +4,9 @@ Sources are URDF, xacro and MJCF files, robots that come with signid, and those 
 held fixed; mimic joints follow. `urdf_from_dh` generates a URDF from Denavit-Hartenberg parameters.
 """
 
-from .accept import as_robot
 from .description.dh import DHLink, urdf_from_dh
-from .gravity import with_gravity
-from .joints import configuration, hold, resting, weld
-from .load import described_gravity, held_positions, load_robot, robot_from_text
+from .joints import configuration, hold, resting, weld, with_gravity
+from .load import as_robot, described_gravity, held_positions, load_robot, robot_from_text
 from .locate import locate, names
 
 __all__ = [

@@ -15,10 +15,9 @@ from ..types import Actuators, Array, Robot
 from .joints import find
 
 FIND = "find"  # in place of a number: not known, as if the key were absent
-POSITIVE = (  # numbers of a servo that cannot be zero
-    *("kp", "effort_limit", "speed_limit", "stall_torque", "voltage", "profile_speed", "kp_register"),
-)
-NONNEGATIVE = (*("kd", "delay", "dead_band", "coulomb_friction", "viscous_friction", "load_friction", "armature"),)
+# numbers of a servo that cannot be zero
+POSITIVE = ("kp", "effort_limit", "speed_limit", "stall_torque", "voltage", "profile_speed", "kp_register")
+NONNEGATIVE = ("kd", "delay", "dead_band", "coulomb_friction", "viscous_friction", "load_friction", "armature")
 SERVO_KEYS = ("law", "kp", "kd", "kd_on", *(key for key in (*POSITIVE, *NONNEGATIVE) if key not in ("kp", "kd")))
 _KEYS = tuple(item.name for item in fields(Actuators))
 _LARGEST = 1e100  # largest accepted magnitude [any]

@@ -181,6 +181,5 @@ def joint_inertia(robot: Robot, upper: Array) -> Array:
 
     upper: (nv, nv) of the model, of which the upper triangle counts [kg.m2 or kg], as `crba` computes it.
     """
-    mass = np.triu(np.reshape(upper, (robot.model.nv, robot.model.nv)))
-    mass = mass + np.triu(mass, 1).T
+    mass = _symmetric(np.reshape(upper, (robot.model.nv, robot.model.nv)))
     return np.asarray(robot.drive.T @ mass @ robot.drive)

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import RobotError, one_line, shorten, unexpected
+from ..errors import CONTROL, OptionError, RobotError, one_line, shorten, unexpected
 from ..typed import typed
 from ..types import Actuators, Array, Robot
 from .actuators import state_actuators
 from .description.document import Axis, Document, Draft, parse, read_document
-from .gravity import with_gravity
-from .joints import find, hold, resting
+from .joints import find, hold, resting, with_gravity
 from .locate import locate
-from .xacro_arguments import as_arguments
+
+ASSIGNED = re.compile(r"[A-Za-z_][\w.\-/]*:=")  # begins an argument and its value
+LONGEST = 10_000  # value of an argument [characters]
+MOST = 1000  # arguments
 
 
 @typed
@@ -207,3 +210,68 @@ def _held(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float])
     if both := sorted(moving & held.keys()):
         raise RobotError(f"{shorten(both)} would both move and be locked; name a joint only once")
     return resting(robot, but=moving) | held
+
+
+def as_robot(given: object, verb: str) -> Robot:
+    """Robot that is given as such, as a path or name, or by a model or a result, whose `robot` it is.
+
+    Raises:
+        OptionError: anything else was given to the verb.
+        RobotError: invalid description.
+    """
+    if isinstance(given, str | Path):
+        return load_robot(given)
+    for found in (given, getattr(given, "robot", None)):
+        if isinstance(found, Robot):
+            return found
+    raise unexpected(verb, "a Robot", given, 'signid.load_robot("robot.urdf")')
+
+
+def parse_arguments(texts: Sequence[str]) -> dict[str, str]:
+    """Values of xacro arguments by name, from texts NAME:=VALUE.
+
+    Raises:
+        OptionError: a text of another form, or two values for one name.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        if not ASSIGNED.match(text):
+            raise OptionError(f"--xacro {text[:80]!r} is not an argument and its value; write NAME:=VALUE")
+        name, _, value = text.partition(":=")
+        if name in found:
+            raise OptionError(f"--xacro names the argument {name} twice; give one value for it")
+        found[name] = value
+    return as_arguments(found)
+
+
+def as_arguments(given: Mapping[str, object] | None) -> dict[str, str]:
+    """Values of xacro arguments as texts, as xacro takes them: True becomes true.
+
+    Raises:
+        OptionError: not a mapping of names to texts, numbers or truth values, or too many or too long ones.
+    """
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise unexpected("xacro", "values by name of the argument", given, '{"name": "ur5e"}')
+    if len(given) > MOST:
+        raise OptionError(f"xacro has {len(given)} arguments; give {MOST} at most")
+    return {_name(name): _value(name, value) for name, value in given.items()}
+
+
+def _name(name: object) -> str:
+    if not isinstance(name, str) or not ASSIGNED.fullmatch(f"{name}:="):
+        raise OptionError(f"xacro has {str(name)[:80]!r} as the name of an argument; give letters, digits and _")
+    return name
+
+
+def _value(name: str, value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if not isinstance(value, str | int | float):
+        kind = type(value).__name__
+        raise OptionError(f"the xacro argument {name} is of type {kind}; give a text, a number, True or False")
+    text = value if isinstance(value, str) else repr(value)
+    if len(text) > LONGEST or CONTROL.search(text) or any("\ud800" <= letter <= "\udfff" for letter in text):
+        raise OptionError(f"the value of the xacro argument {name} is no text of one line; give one of UTF-8")
+    return text

@@ -17,7 +17,7 @@ from ..servos import Servo, ServoGrid
 from ..simulation.rollout.joints import restrict_joints
 from ..typed import typed
 from ..types import Array, Input, Progress, Recording, Result, Robot
-from ..validate.models import named_models
+from ..validate.run import named_models
 from .identify.result import ServoRollOut, ServoTrace
 from .plant import roll_out, servo_grids
 from .stated import stated_servos

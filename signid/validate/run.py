@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,9 +11,10 @@ import numpy as np
 from ..diagnose.data.motions import pieces, row_filter
 from ..diagnose.extend.holdout import filtered
 from ..errors import InputError, OptionError, RecordingError, shorten
-from ..estimation.fit_quality import fit_rows
-from ..faults import NO_EXCITATION, RecordingFaults, examine
-from ..model import Model, ModelSource
+from ..estimation.fit_quality import LITTLE, fit_rows
+from ..faults import NO_EXCITATION, OF_A_FIT, RecordingFaults, examine
+from ..faults.result import REFUSE, WARN
+from ..model import Model, ModelSource, as_model
 from ..recording import Recordings, as_recordings, same_joints
 from ..regression.prepare import prepare
 from ..regression.session import Options, Session, only_once
@@ -21,8 +22,6 @@ from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
 from ..typed import typed
 from ..types import Input, Progress, Recording
-from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_notes, whole_notes
-from .models import named_models
 from .result import ModelCandidate, ValidatedModel, Validation
 
 if TYPE_CHECKING:
@@ -60,7 +59,8 @@ def validate(
             is invalid.
         RecordingError: a recording cannot be used; the sentence says which and why.
     """
-    _check_horizon(horizon)
+    if horizon != WHOLE and not (isinstance(horizon, float | int) and np.isfinite(horizon) and horizon > 0):
+        raise OptionError(f"the horizon {horizon!r} is neither a time above 0 s nor {WHOLE!r}; give one, such as 0.5")
     named = named_models(models, "validate")
     given = as_recordings(recordings, next(iter(named.values())).robot, "validate") if named else []
     _check(named, given)
@@ -158,11 +158,6 @@ def _sessions(candidates: Sequence[ModelCandidate], options: Options) -> dict[tu
     return sessions
 
 
-def _check_horizon(horizon: float | str) -> None:
-    if horizon != WHOLE and not (isinstance(horizon, float | int) and np.isfinite(horizon) and horizon > 0):
-        raise OptionError(f"the horizon {horizon!r} is neither a time above 0 s nor {WHOLE!r}; give one, such as 0.5")
-
-
 def _simulated(
     session: Session, one: ModelCandidate, candidates: Sequence[ModelCandidate], horizon: float | str
 ) -> tuple[RollOut | WholeRollOut | None, list[str], list[str]]:
@@ -211,3 +206,88 @@ def _validated(one: ModelCandidate, session: Session) -> tuple[ValidatedModel, t
     lost = tuple(model.robot.joints[j] for j in np.flatnonzero(measured & ~finite))
     fit = fit_rows(model.robot, residual, torque, band.torque_floor)
     return ValidatedModel(one.name, model, fit, None, recording, stretch, t, torque, residual), lost
+
+
+def named_models(
+    models: ModelSource | Sequence[ModelSource] | Mapping[str, ModelSource], verb: str
+) -> dict[str, Model]:
+    """Models by the names that are given, else by those of their robots, numbered where they are equal.
+
+    Raises:
+        OptionError: something else than a model was given to the verb.
+        RobotError: invalid file.
+    """
+    if isinstance(models, Mapping):
+        return {name: as_model(model, verb) for name, model in models.items()}
+    named: dict[str, Model] = {}
+    for each in models if isinstance(models, list | tuple) else [models]:
+        model = as_model(each, verb)
+        same = sum(other.robot.name == model.robot.name for other in named.values())
+        named[f"{model.robot.name} ({same + 1})" if same else model.robot.name] = model
+    return named
+
+
+def joint_flags(candidates: Sequence[ModelCandidate], recorded: Sequence[str]) -> Iterator[str]:
+    """A sentence on each model that does not move all joints that the recordings move."""
+    for one in candidates:
+        if lacking := [joint for joint in recorded if joint not in one.model.robot.joints]:
+            yield (
+                f"{one.name} lacks or holds {shorten(lacking)}, which the recordings move: its results are those of a "
+                f"robot at rest there; give a model of all recorded joints"
+            )
+
+
+def constant_flags(candidates: Sequence[ModelCandidate]) -> Iterator[str]:
+    """A sentence on each model whose torque constants differ from those that converted the recorded currents."""
+    for one in candidates:
+        stated = np.abs(one.model.robot.actuators.torque_constant)
+        for recording in one.recordings:
+            used = recording.torque_per_unit
+            other = (used != 1) & np.isfinite(stated) & ~np.isclose(stated, np.abs(used), rtol=1e-6)
+            if other.any():
+                names = [recording.joints[j] for j in np.flatnonzero(other)]
+                yield (
+                    f"{one.name} states another torque constant of {shorten(names)} than the one that converted the "
+                    f"current in {recording.path or 'the recording'}: its residual contains the difference; state the "
+                    f"same constants for all models"
+                )
+                break
+
+
+def fault_flags(names: Sequence[str], faults: Sequence[RecordingFaults]) -> Iterator[str]:
+    """The sentence of each recording fault, once; with the models that find it unless all do."""
+    shown: dict[tuple[str, tuple[str, ...]], tuple[str, list[str]]] = {}
+    for name, found in zip(names, faults, strict=True):
+        for fault in (f for severity in (REFUSE, WARN) for f in found.findings if f.severity == severity):
+            if fault.kind not in OF_A_FIT:
+                shown.setdefault((fault.kind, fault.joints), (fault.sentence, []))[1].append(name)
+    for sentence, by in shown.values():
+        yield sentence if len(by) == len(names) else f"found with {shorten(by)}: {sentence}"
+
+
+def row_notes(one: ValidatedModel, lost: Sequence[str]) -> Iterator[str]:
+    """A sentence on each joint whose torque is poorly predicted, or that has no rows for another reason than `lost`."""
+    fit = one.fit
+    if poor := [f"{joint} (R2 {r2:.2f})" for joint, r2 in zip(fit.joints, fit.held_out_r2, strict=True) if r2 < LITTLE]:
+        yield f"{one.name} predicts little of the torque of {shorten(poor)}"
+    for joint, rms in zip(fit.joints, fit.held_out_rms, strict=True):
+        if np.isnan(rms) and joint not in lost:
+            yield f"{joint} has no rows: its torque is not recorded, or it always stands still"
+
+
+def rollout_notes(name: str, found: RollOut, horizon: float) -> Iterator[str]:
+    """A sentence on a simulation that diverges within the horizon [s], with infinite errors."""
+    diverged = np.isinf(found.end(horizon)).any(axis=1)
+    if diverged.any():
+        share = diverged.mean()
+        yield f"{name} diverges within {horizon:g} s in {share:.0%} of the simulations: their error is infinite"
+
+
+def whole_notes(name: str, found: WholeRollOut) -> Iterator[str]:
+    """A sentence on joints whose simulation over whole recordings leaves the motion, so that its error means little."""
+    far = [joint for joint, rms, size in zip(found.joints, found.rms, found.motion, strict=True) if not rms <= size]
+    if far:
+        yield (
+            f"{name}, simulated over {found.seconds:.3g} s, leaves the motion ({shorten(far)}: error above the "
+            f"standard deviation of the position); short horizons say more about these joints"
+        )

@@ -171,7 +171,7 @@ def _heading(conversion: ConvertOptions) -> Heading:
 
 def _units(texts: list[str] | tuple[()]) -> dict[str, str]:
     """Units by kind of column."""
-    from ...recording.names.units import OF
+    from ...recording.names.vocabulary import OF
 
     units: dict[str, str] = {}
     for text in texts:

@@ -12,8 +12,8 @@ from hashlib import sha256
 from pathlib import Path
 
 from ...errors import ManifestError, readable, shorten
-from ...robot.gravity import parse_gravity
-from ...robot.xacro_arguments import parse_arguments
+from ...robot.joints import parse_gravity
+from ...robot.load import parse_arguments
 from ...types import Input
 
 TASKS = ("diagnose", "identify", "reduce")  # default: the first

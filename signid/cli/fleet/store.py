@@ -18,7 +18,7 @@ from ...errors import OutputError, RecordingError, RobotError
 from ...model import load_model
 from ...output.report.write import MARK, give_usual_rights, is_abandoned
 from ...robot import load_robot
-from ...robot.xacro_arguments import parse_arguments
+from ...robot.load import parse_arguments
 from ...toml_json import read_json
 from ...types import Input
 from ...version import __version__

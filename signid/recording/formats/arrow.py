@@ -10,8 +10,7 @@ import polars as pl
 
 from ...errors import RecordingError
 from ...types import Table
-from .base import Format, require_memory
-from .panics import BROKEN, hushed
+from .base import BROKEN, Format, hushed, require_memory
 from .parquet import ScannedTable
 
 FILE, FIRST = b"ARROW1", b"FEA1"  # beginnings of a file, which is not a stream, and of Feather of version 1

@@ -1,15 +1,18 @@
-"""Interface of the file formats, tables in memory, and its limits."""
+"""Interface of the file formats, tables in memory and its limits, and panics of polars."""
 
 from __future__ import annotations
 
+import os
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
+import polars as pl
 
 from ...errors import OptionError, RecordingError
 from ...types import Array, Table
@@ -20,6 +23,9 @@ MOST_COLUMNS = 20_000  # of a table
 MOST_PARTS = 1000  # numbers of a list that becomes columns; longer ones are images or scans
 _MEMORY, _OWN = Path("/proc/meminfo"), Path("/proc/self/statm")  # of Linux
 _LIMITED = Lock()
+BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError)
+
+_lock, _inside, _kept = Lock(), 0, -1
 
 
 class Topic(NamedTuple):
@@ -194,3 +200,37 @@ def _used() -> int:
     import resource
 
     return int(_OWN.read_text(encoding="utf-8").split()[0]) * resource.getpagesize()
+
+
+@contextmanager
+def hushed() -> Iterator[None]:
+    """Discard what is printed to the standard error of the process; it may be entered by several threads."""
+    _enter()
+    try:
+        yield
+    finally:
+        _leave()
+
+
+def _enter() -> None:
+    global _inside, _kept
+    with _lock:
+        _inside += 1
+        if _inside == 1:
+            with suppress(OSError, ValueError):  # closed streams
+                sys.stderr.flush()
+            with suppress(OSError):
+                _kept = os.dup(2)
+                null = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(null, 2)
+                os.close(null)
+
+
+def _leave() -> None:
+    global _inside, _kept
+    with _lock:
+        _inside -= 1
+        if _inside == 0 and _kept >= 0:
+            os.dup2(_kept, 2)
+            os.close(_kept)
+            _kept = -1

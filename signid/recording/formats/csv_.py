@@ -21,8 +21,7 @@ import polars as pl
 from ...errors import RecordingError
 from ...types import Array, Table
 from ..names.mapping import Heading
-from .base import MOST, About, Format, MemoryTable, free_memory, require_memory
-from .panics import hushed
+from .base import MOST, About, Format, MemoryTable, free_memory, hushed, require_memory
 from .text import BLANK, MISSING, TextLayout, find_layout, is_number
 
 MOST_LINE = 1_000_000  # length of a line [bytes]

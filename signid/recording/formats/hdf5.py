@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,15 @@ def open_hdf5(path: Path) -> Table:
         raise RecordingError(f"{path} needs more memory than there is, or is damaged; save fewer arrays") from error
     except Exception as error:  # the library raises many types
         raise RecordingError(f"{path} is not an HDF5 file, or is damaged; copy or save it again") from error
+    return without_objects(path, arrays, objects)
+
+
+def without_objects(path: Path, arrays: Mapping[str, Any], objects: Sequence[str]) -> Table:
+    """Table of the arrays of a file of MATLAB, with a note on its objects, which are left out.
+
+    Raises:
+        RecordingError: nothing else is there, or the arrays are no table.
+    """
     notes = (f"left out, because only MATLAB reads objects: {shorten(objects)}",) if objects else ()
     table = memory_table(arrays, str(path), About(notes))
     if objects and table.rows < 2:

@@ -237,15 +237,13 @@ def _table(path: Path, samples: Iterable[Row], notes: Sequence[str]) -> MemoryTa
     if not count:
         raise RecordingError(f"{path} is empty; expected a line such as {EXAMPLE} for each sample")
     require_memory(path, 8.0 * count * len(columns))
-    usable = {name: _dense(column, count) for name, column in columns.items() if not column.fault}
+    usable: dict[str, Array] = {}
+    for name, column in columns.items():
+        if not column.fault:
+            usable[name] = np.full(count, np.nan)
+            usable[name][np.frombuffer(column.rows, np.int64)] = column.values
     faults = {name: column.fault for name, column in columns.items() if column.fault}
     return MemoryTable(usable, faults, str(path), About(tuple(notes)))
-
-
-def _dense(column: _Column, count: int) -> Array:
-    values = np.full(count, np.nan)
-    values[np.frombuffer(column.rows, np.int64)] = column.values
-    return values
 
 
 PLUGIN = Json()

@@ -12,8 +12,7 @@ import polars as pl
 from ...errors import RecordingError, shorten
 from ...toml_json import read_json
 from ...types import Array, Table
-from .base import About, Format, MemoryTable, require_memory
-from .panics import BROKEN, hushed
+from .base import BROKEN, About, Format, MemoryTable, hushed, require_memory
 
 KINDS = {  # kind of column by feature
     "observation.state": "q",
@@ -27,8 +26,14 @@ KINDS = {  # kind of column by feature
     "action": "q_des",
 }
 ENDINGS = {  # kind by suffix: elbow.pos
-    **{"pos": "q", "vel": "dq", "effort": "tau", "torque": "tau", "current": "current"},
-    **{"pwm": "pwm", "voltage": "volt", "temperature": "temp"},
+    "pos": "q",
+    "vel": "dq",
+    "effort": "tau",
+    "torque": "tau",
+    "current": "current",
+    "pwm": "pwm",
+    "voltage": "volt",
+    "temperature": "temp",
 }
 TIMES = 6  # peak memory while reading [times the size of the numbers]
 DEPTH = 2  # number of folders between the dataset and a file: data/chunk-000

@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...errors import RecordingError, shorten
+from ...errors import RecordingError
 from ...types import Table
-from .arrays import MOST_DEPTH, memory_table
-from .base import MOST, MOST_PARTS, About, Format, free_memory, memory_limited, require_memory
-from .hdf5 import open_hdf5
+from .arrays import MOST_DEPTH
+from .base import MOST, MOST_PARTS, Format, free_memory, memory_limited, require_memory
+from .hdf5 import open_hdf5, without_objects
 
 HEADER = 128  # length of the header [bytes]
 MATRIX, COMPRESSED = 14, 15  # kinds of elements
-CELL, STRUCT, OBJECT, CHAR, SPARSE, OPAQUE = 1, 2, 3, 4, 5, 17  # classes of arrays
+CELL, STRUCT, OBJECT, OPAQUE = 1, 2, 3, 17  # classes of arrays
 NUMBERS = range(6, 16)  # classes of arrays of numbers
 NAMES_BEFORE = {CELL: 0, STRUCT: 2, OBJECT: 3}  # elements before the arrays inside an array
 HDF5 = 2  # major version of files that are HDF5
@@ -56,17 +56,12 @@ class Matlab(Format):
             sentence = f"{path} is not a MATLAB file, or is damaged; save its arrays again with save -v7"
             raise RecordingError(sentence) from error
         names = [name for name in variables if not name.startswith("__")]
-        notes = (f"left out, because only MATLAB reads objects: {shorten(objects)}",) if objects else ()
         arrays: dict[str, Any] = {}
         for name, value in (part for each in names for part in _parts(each, variables[each], 0)):
             if name in arrays:
                 raise RecordingError(f"{path} has two arrays {name!r}; give every array its own name")
             arrays[name] = value
-        table = memory_table(arrays, str(path), About(notes))
-        if objects and table.rows < 2:
-            advice = "save arrays, such as t = ts.Time and q = ts.Data of a timeseries ts"
-            raise RecordingError(f"{path} holds objects that only MATLAB reads: {shorten(objects)}; {advice}")
-        return table
+        return without_objects(path, arrays, objects)
 
 
 class _Element(NamedTuple):

@@ -46,8 +46,8 @@ class Npz(Format):
 
 
 def is_factor_file(path: str | Path) -> bool:
-    """Whether a file holds factors instead of samples; a pipe or a device does not, and is not read."""
-    if not Path(path).is_file():
+    """Whether a file holds factors instead of samples; one of another suffix, a pipe or a device is not read."""
+    if not (PLUGIN.recognises(Path(path)) and Path(path).is_file()):
         return False
     try:
         with ZipFile(path) as archive, archive.open(f"{HEADER}.npy") as member:

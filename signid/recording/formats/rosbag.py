@@ -11,8 +11,7 @@ from typing import Any
 from ...errors import RecordingError, shorten
 from ...types import Table
 from .base import Format, Topic, memory_limited
-from .ros.join import join
-from .ros.messages import DEFINITIONS, READERS, Gather
+from .ros import DEFINITIONS, READERS, Gather, join
 
 PARTS = (".db3", ".mcap", ".zstd", ".yaml")  # suffixes of the files in a bag folder
 SHOWN = 120  # maximum length of a quoted library message [characters]

@@ -60,7 +60,11 @@ def find_layout(path: Path, content: bytes, heading: Heading) -> TextLayout:
         return _stated(path, rows, heading)
     header, separator = _header(path, lines, rows)
     names = split_cells(header.text, separator_of(header.text))
-    _check_names(path, names)
+    if len(names) > MOST_COLUMNS:
+        fault = f"has {len(names)} columns, more than {MOST_COLUMNS}"
+        raise RecordingError(f"{path} {fault}; write only those of the robot")
+    if repeated := [name for name, count in Counter(names).items() if name and count > 1]:
+        raise RecordingError(f"{path} names column {repeated[0]!r} twice in its header; give every column its own name")
     below = [row for row in rows if row.number > header.number]
     skip, notes = header.number, _skipped(rows, header)
     if below and len(names) > 1 and len(cells := split_cells(below[0].text, separator)) == len(names):
@@ -214,11 +218,3 @@ def _skipped(rows: Sequence[TextLine], header: TextLine) -> tuple[str, ...]:
     before = sum(row.number < header.number for row in rows)
     what = "1 line" if before == 1 else f"{before} lines"
     return (f"{what} before the header, which is line {header.number}, left out",) if before else ()
-
-
-def _check_names(path: Path, names: Sequence[str]) -> None:
-    if len(names) > MOST_COLUMNS:
-        fault = f"has {len(names)} columns, more than {MOST_COLUMNS}"
-        raise RecordingError(f"{path} {fault}; write only those of the robot")
-    if repeated := [name for name, count in Counter(names).items() if name and count > 1]:
-        raise RecordingError(f"{path} names column {repeated[0]!r} twice in its header; give every column its own name")

@@ -4,8 +4,8 @@ Nothing is downloaded automatically. `sets` lists the data sets; other packages 
 `signid.data`.
 """
 
-from .data_set import DataSet, Product
 from .download import DATA, DownloadLimits, check_source, data_folder, fetch, is_complete, recordings
+from .sets import DataSet, Product
 
 __all__ = [
     "DATA",

@@ -1,8 +1,9 @@
-"""Convert source files with torques or motor currents to recordings and URDF, reproducibly on all machines."""
+"""Convert source files to recordings and URDF, reproducibly on all machines."""
 
 from __future__ import annotations
 
 import io
+import json
 import re
 from collections.abc import Mapping
 
@@ -14,6 +15,20 @@ DIGITS = 9  # significant digits of numbers
 SPLINES = {"pos": "position", "vel": "velocity", "acc": "acceleration"}  # variables of the files of 1r and 3r
 _RATIO = np.array([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])  # gear ratios of the TX40; motor 6 also turns with joint 5
 _OFFSET = np.array([0, -np.pi / 2, np.pi / 2, 0, 0, 0])  # [rad] of the TX40
+DRIVE_DIGITS = 8  # significant digits of numbers
+_BAM = {  # column: key of an entry; angles in rad, volts, degrees Celsius, torque enabled
+    "t": "timestamp",
+    "q_servo": "position",
+    "q_des_servo": "goal_position",
+    "dq_servo": "speed",
+    "pwm_servo": "load",
+    "volt_servo": "input_volts",
+    "temp_servo": "temp",
+    "on_servo": "torque_enable",
+}
+_DUTY = 885  # full duty in the register of a Dynamixel XL330
+_PAUSE = 1.0  # time between runs in one recording [s]
+_SMALL = 0.3  # commands below are small [half turns]; those of the source are up to 0.05, or from 0.55
 
 
 def _read_numbers(raw: bytes, skip: int = 0) -> Array:
@@ -125,3 +140,52 @@ def ur10e(raw: bytes) -> str:
     for k, kind in enumerate(("q", "dq", "current", "current_des", "tau_des")):
         columns |= _by_joint(kind, values[:, 1 + 6 * k : 7 + 6 * k])
     return write_table(columns)
+
+
+def bam(raw: bytes) -> str:
+    """Recording of a pendulum of BAM; the unsigned 16-bit register of the duty gets its sign."""
+    entries = json.loads(raw)["entries"]
+    columns = {name: np.array([entry[key] for entry in entries], np.float64) for name, key in _BAM.items()}
+    load = columns["pwm_servo"]
+    columns["pwm_servo"] = np.where(load >= 2**15, load - 2**16, load) / _DUTY
+    return write_table(columns, DRIVE_DIGITS)
+
+
+def mauicv(raw: bytes, motion: str, small: bool | None = None) -> str:
+    """Runs of one motion, one after another; `small`: those with small or large commands only, None: all.
+
+    Raises:
+        ValueError: there is no such run.
+    """
+    runs = [_run(entry) for entry in json.loads(raw)["data"] if entry["type"] == motion]
+    runs = [run for run in runs if small is None or small == (np.nanmax(np.abs(run[1])) < _SMALL * np.pi)]
+    if not runs:
+        raise ValueError(f"it contains no {motion}")
+    start, times = 0.0, []
+    for q, _ in runs:
+        times.append(start + instants(len(q)))
+        start = times[-1][-1] + _PAUSE
+    columns = {"t": np.concatenate(times), **_positions(*map(np.concatenate, zip(*runs, strict=True)))}
+    return _blank({**columns, "run": np.repeat(np.arange(len(runs), dtype=np.float64), [len(q) for q, _ in runs])})
+
+
+def mauicv_drop(raw: bytes) -> str:
+    """Recording of one fall of the arm."""
+    (entry,) = json.loads(raw)["data"]
+    q, command = _run(entry)
+    return _blank({"t": instants(len(q)), **_positions(q, command)})
+
+
+def _run(entry: dict[str, list[float | None]]) -> tuple[Array, Array]:
+    """Positions and commands of a run, (N,) each [rad]; NaN: the servo gets no pulses."""
+    q, command = (np.pi * np.array(entry[key], np.float64) for key in ("sensor_data", "actions"))
+    return q, command
+
+
+def _positions(q: Array, command: Array) -> dict[str, Array]:
+    return {"q_servo": q, "q_des_servo": command}
+
+
+def _blank(columns: dict[str, Array]) -> str:
+    """Text of a table whose missing commands are blank cells."""
+    return write_table(columns, DRIVE_DIGITS).replace("nan", "")

@@ -21,8 +21,7 @@ from ...errors import DownloadError, OptionError, RecordingError
 from ...registry import Registry
 from ...robot.locate import robots_folder
 from ...version import __version__
-from .data_set import DataSet, Product
-from .sets import SETS
+from .sets import SETS, DataSet, Product
 
 if TYPE_CHECKING:
     from ...types import Progress

@@ -15,8 +15,7 @@ from ..formats.base import About, Format, MemoryTable, require_memory
 from ..names.mapping import ParsedColumns
 from ..source import Opened, Source, open_source
 from ..streams import TimedColumns, at_times
-from .files import Files, JoinedFile, Timed, in_one_unit, read_times
-from .naming import NamedColumn, name_columns
+from .files import Files, JoinedFile, NamedColumn, Timed, in_one_unit, name_columns, read_times
 from .offsets import Offset, Readings, estimate_offset
 
 SURE = 3.0  # [std] an offset that is larger is not zero

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import RecordingError, shorten
 from ...toml_json import read_json
 from ...types import Array
-from .units import Change
+from .vocabulary import Change
 
 COUNTS = 4095  # counts of a turn by which LeRobot divides, of motors with 12 bits
 PERCENT, SLACK = 100.0, 0.5  # largest share of the range, and what rounding adds [%]

@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 from ...errors import RecordingError, shorten
 from ...toml_json import read_toml
 from ...types import Array, Table
-from .units import OF, Change, change_of
-from .vocabulary import bracketed
+from .vocabulary import OF, Change, bracketed, change_of
 
-KINDS = (*"abs_current abs_tau current dq_des tau_ff q_des volt temp pwm ddq tau dq on q".split(),)  # longest first
+KINDS = tuple("abs_current abs_tau current dq_des tau_ff q_des volt temp pwm ddq tau dq on q".split())  # longest first
 DRIVE = ("on", "pwm", "volt", "temp")  # kinds of columns whose names often mean something else
 MOST_SKIPPED = 10_000  # lines before a header
 SHIFTED = ("q", "q_des")  # kinds of columns that a zero shifts

@@ -1,4 +1,4 @@
-"""Statistics from one pass over a recording; memory grows with its stretches, not with its samples."""
+"""Statistics from one pass over a recording, and the spans of registers of positions."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ...types import Array
-from .clock import Clock
+from ...types import Array, Recording
+from .clock import CHUNK, Clock
 from .grid import BRIEFEST, SHORTEST, STRIDE, Stretch
 
 SMOOTH = 0.02  # [s] averaging time of velocities
@@ -16,6 +16,11 @@ WINDOWS = (16, 256)  # [samples] lengths over which a uniform clock must not dri
 UNEVEN = 1e-3  # tolerance of a uniform clock [periods]
 TURN = 0.16  # [1] jumps this close to the span of a register, relative to it, are wraps
 Rows = NDArray[np.intp]
+FAST = 10.0  # [1] step that is a jump, over the largest usual step
+USUAL = 0.995  # [1] quantile of the steps that is the largest usual one; jumps are rare
+ALMOST = 0.8  # [1] smallest jump over the range of the positions: from one end to the other
+NICE = (*(2 * np.pi * k for k in (1, 2, 3, 4, 5, 8, 10, 16)), 12.5, 25.0, 50.0, 95.5, 191.0)  # [rad] of known drives
+NEAR = 2e-3  # [1] relative distance from a usual span at which it is that span
 
 
 @dataclass
@@ -165,3 +170,51 @@ class Accumulator:
         mean, rounding = self.clock.mean, self.clock.rounding
         windows = [(1, steps), *((m, t[m:] - t[:-m]) for m in WINDOWS)]
         return all(bool(np.all(np.abs(x - m * mean) <= UNEVEN * m * mean + rounding)) for m, x in windows)
+
+
+def register_spans(recording: Recording) -> Array:
+    """Span (n,) [rad or m] of each position's register, 0 where no wrap is seen.
+
+    A wrap is a jump from one end of the range of the positions to the other, far larger than the steps beside it; all
+    jumps of a joint have the same size up to the motion in one row. Full turns, which need no end of a range, are
+    removed elsewhere.
+    """
+    columns = recording.columns["q"]
+    n, pieces = len(columns), range(0, len(recording), CHUNK)
+    low, high, longest, last = np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), np.full(n, np.nan)
+    for start in pieces:
+        q = recording.table.read(columns, start, start + CHUNK)
+        for j in range(n):
+            known = q[np.isfinite(q[:, j]), j]
+            if len(known):
+                steps = np.abs(np.diff(known, prepend=last[j]))
+                low[j], high[j], last[j] = min(low[j], known.min()), max(high[j], known.max()), known[-1]
+                longest[j] = np.fmax(longest[j], np.fmax.reduce(steps))
+    spans = np.zeros(n)
+    for j in np.flatnonzero(longest > ALMOST * (high - low)).tolist():  # only these are held in memory, one at a time
+        x = np.concatenate([recording.table.read(columns[j : j + 1], start, start + CHUNK)[:, 0] for start in pieces])
+        spans[j] = _span(x[np.isfinite(x)])
+    return spans
+
+
+def _span(q: Array) -> float:
+    """Span of the register of positions q (N,) [rad or m]; 0 without a wrap."""
+    step = np.diff(q)
+    usual = float(np.quantile(np.abs(step), USUAL)) if len(step) > 2 else 0.0
+    low, high = (float(q.min()), float(q.max())) if len(q) else (0.0, 0.0)
+    jumps = np.flatnonzero(np.abs(step) > max(FAST * usual, ALMOST * (high - low), 1e-9))
+    if not len(jumps) or len(jumps) > 0.01 * len(step):
+        return 0.0
+    ends = np.column_stack([q[jumps], q[jumps + 1]])
+    width = 2 * max(usual, float(np.abs(step[np.setdiff1d(np.arange(len(step)), jumps)]).max(initial=0.0)))
+    if np.any(np.minimum(ends - low, high - ends) > width + 0.05 * (high - low)):
+        return 0.0
+    beside = (step[np.maximum(jumps - 1, 0)] + step[np.minimum(jumps + 1, len(step) - 1)]) / 2
+    if np.any(beside * step[jumps] >= 0):  # a wrap is against the motion; a value that drops out is not, there or back
+        return 0.0
+    sizes = np.abs(beside - step[jumps])
+    span = float(np.median(sizes))
+    if np.ptp(sizes) > max(width, NEAR * span) or width > 0.2 * span:
+        return 0.0
+    nice = min(NICE, key=lambda known: abs(known - span))
+    return nice if abs(nice - span) <= NEAR * span else span

@@ -60,14 +60,10 @@ def find_content(read: Read, kept: int) -> Mapping[str, tuple[Knots | None, ...]
 
 def _confirmed(knots: Knots, name: str, joint: int, read: Read, kept: int) -> Knots | None:
     """Knots that hold in most blocks of a column of a stretch, with step and phase from all of them; None otherwise."""
-    blocks = _blocks(read, kept, ceil(max(SHORT, STEPS * knots.step)))
-    return same_knots(knots, [(start, getattr(block, name)[:, joint]) for start, block in blocks], AGREE)
-
-
-def _blocks(read: Read, kept: int, length: int) -> list[tuple[int, Samples]]:
-    """First rows and samples of blocks of a stretch, from its middle outwards."""
+    length = ceil(max(SHORT, STEPS * knots.step))
     starts = np.unique(np.linspace(0, kept - length, min(BLOCKS, kept // length)).astype(int)).tolist()
-    return [(k, read(k, k + length)) for k in sorted(starts, key=lambda k: abs(k - (kept - length) // 2))]
+    starts.sort(key=lambda k: abs(k - (kept - length) // 2))  # from the middle outwards
+    return same_knots(knots, [(k, getattr(read(k, k + length), name)[:, joint]) for k in starts], AGREE)
 
 
 def _shared(columns: Sequence[Knots | None]) -> tuple[Knots | None, ...]:

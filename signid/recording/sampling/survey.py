@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 
 from ...errors import RecordingError
 from ...types import Array, Recording, Robot, Samples
-from .accumulate import Accumulator
+from .accumulate import Accumulator, register_spans
 from .checks import Facts, faults, notes
 from .choice import Choice, choose_clock
 from .clock import CHUNK, Clock, read_clock, time_origin
 from .content import Content, content_notes, find_content, widest
 from .grid import Sampling, at_content, row_reader
-from .register import register_spans
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
 NEEDED = ("t", "q", "tau")

@@ -16,8 +16,18 @@ import numpy as np
 
 from ...errors import RobotError, shorten
 from . import sandbox
-from .document import Axis, Document, Draft, Mimic, impossible_notes, massless_note, restricted
-from .limits import bounded, check_count, check_names
+from .document import (
+    Axis,
+    Document,
+    Draft,
+    Mimic,
+    bounded,
+    check_count,
+    check_names,
+    impossible_notes,
+    massless_note,
+    restricted,
+)
 from .mjcf_tree import NEGLIGIBLE, Source, included, prepare
 
 if TYPE_CHECKING:

@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import RobotError, shorten
-from . import limits
-from .document import parse
-from .limits import bounded, check_count, not_negative, read_bytes
+from .document import MOST_BYTES, bounded, check_count, not_negative, parse, read_bytes
 from .sandbox import may_read
 
 _SETTINGS = (
@@ -109,10 +107,8 @@ def _bytes(path: Path, source: Source) -> bytes:
     """Content of a file; the sum of all is limited as that of one."""
     data = read_bytes(path)
     source.size += len(data)
-    if source.size > limits.MOST_BYTES:
-        raise RobotError(
-            f"its files have more than {limits.MOST_BYTES / 1e6:.0f} MB; give the description of one robot"
-        )
+    if source.size > MOST_BYTES:
+        raise RobotError(f"its files have more than {MOST_BYTES / 1e6:.0f} MB; give the description of one robot")
     return data
 
 

@@ -128,7 +128,7 @@ def _clear(found: Check) -> Iterator[str]:
 
 def gravity_use(found: Check) -> GravityUse:
     """Compare the stated gravity with the weight in the torque."""
-    from .....robot.gravity import gravity_text, root_link
+    from .....robot.joints import gravity_text, root_link
 
     if other := next((fault for fault in found.faults.findings if fault.kind == "gravity"), None):
         return GravityUse("differs", first_part(other.sentence))

@@ -1,1 +1,0 @@
-"""Messages of ROS: their values, joined in time to one table."""
