@@ -170,13 +170,14 @@ def _unit(signal: str, place: str) -> str:
 
 
 def unit_sentences(uses: Sequence[UnitUse]) -> Iterator[str]:
-    """One sentence for each source of units: what they are converted to, or that they are assumed."""
+    """One sentence for each source of units: what they are converted to, that they are assumed, or unknown."""
     groups: dict[str, dict[str, list[str]]] = {}
     for use in uses:
-        groups.setdefault(use.by, {}).setdefault(_conversion(use), []).append(_columns(use))
-    for by, parts in groups.items():
-        said = "; ".join(f"{', '.join(columns)} {how}" for how, columns in parts.items())
-        yield f"{f'stated by {by}' if by else 'not stated, assumed'}: {said}"
+        source = f"stated by {use.by}" if use.by else "not stated, assumed" if use.into else "unit unknown"
+        groups.setdefault(source, {}).setdefault(_conversion(use), []).append(_columns(use))
+    for source, parts in groups.items():
+        said = "; ".join(f"{', '.join(columns)} {how}".rstrip() for how, columns in parts.items())
+        yield f"{source}: {said}"
 
 
 def _columns(use: UnitUse) -> str:
@@ -199,7 +200,7 @@ def _conversion(use: UnitUse) -> str:
         constants = f"constant{'' if low == high else 's'} {low if low == high else f'{low} to {high}'}"
         return f"in {use.unit or 'A'}, times torque {constants} {use.into}/A"
     if not use.by:
-        return {"": "in an unknown unit", "1": "without unit"}.get(use.into, f"in {use.into}")
+        return {"": "", "1": "without unit"}.get(use.into, f"in {use.into}")
     if "value" in use.unit:
         return f"as {use.unit}, in {use.into}"
     return f"in {use.unit}" if use.unit == use.into else f"in {use.unit} (converted to {use.into})"
