@@ -12,7 +12,7 @@ from ...effects.naming import law_place
 from ...errors import OptionError
 from ...estimation.fit_quality import Fit
 from ...types import INERTIAL, INERTIAL_UNITS, Law, Robot
-from ..report.results.documents import picked
+from ..report.documents import picked
 from ..report.results.identification import identified_numbers
 from ..report.results.inspection import joint_documents
 from ..report.results.laws import finding_numbers, law_numbers

@@ -11,7 +11,7 @@ import polars as pl
 from ...errors import OptionError
 from ...estimation.fit_quality import Course
 from ...types import Array, Recording
-from ..report.results.documents import picked
+from ..report.documents import picked
 
 ROLLED = {"simulation": pl.String, "joint": pl.String, "unit": pl.String, "t": pl.Float64, "rms": pl.Float64}
 

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
-from ..report.results.documents import picked
+from ..report.documents import picked
 
 DRIVES = {"joint": pl.String, "law": pl.String, "parameter": pl.String}
 NUMBERS = {"value": pl.Float64, "std": pl.Float64, "unit": pl.String, "stated": pl.Boolean}

@@ -41,13 +41,12 @@ def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") ->
     from ....servo.identify import ServoIdentification
     from ....servo.validate import ServoValidation
     from ....validate import Validation
+    from ..results.servo_diagnosis import servo_diagnosis_page
+    from ..results.servo_identification import servo_page
+    from ..results.validation import servo_validation_page, validation_page
     from .check import check_page
-    from .closed_loops import servo_validation_page
     from .diagnosis import diagnosis_page
-    from .drives import servo_diagnosis_page
     from .identification import identification_page
-    from .servos import servo_page
-    from .validation import validation_page
 
     if isinstance(inputs, str) or not all(isinstance(each, Input) for each in inputs):
         advice = "no file name: save the page with Path('report.html').write_text(signid.report(result))"

@@ -9,14 +9,15 @@ import numpy as np
 
 from ....types import TWO_SIDED, Array, Input, Recording, Samples
 from ....version import __version__
+from ..documents import description, once
 from ..layout import figure, position_units, torque_units
+from ..plots.courses import FEWEST, GAP, OPEN, POINTS, recorded_lines
+from ..plots.frame import AFTER, BEFORE, FAINT, FLOOR, axis, curve, packed, render
 from ..policy import plot_markup
 from ..results.check.drives import audit_summary, verdict_of
 from ..results.check.summary import CheckSummary, unit_sentences
 from ..results.check.torque import check_summary
-from ..results.documents import description, once
-from .courses import FEWEST, GAP, OPEN, POINTS, JointPlots, recorded_lines
-from .frame import AFTER, BEFORE, FAINT, FLOOR, INK, Card, Plot, axis, curve, packed, render
+from ..sections import INK, Card, JointPlots, Plot
 
 if TYPE_CHECKING:
     from ....check import Check

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..layout import determination, figure
+from ..layout import confidence, determination, figure
+from ..plots.courses import joint_plots, rollout_plots, worst
+from ..plots.frame import AFTER, BEFORE, render, shared
+from ..plots.heat import heat_maps, hottest
 from ..results import sentences as words
 from ..results.diagnosis import diagnosis_notes, rollout_errors
-from ..results.headline import finding_headline, named, sentence_case, subject
 from ..results.laws import law_words, number_cells
-from ..results.signs import confidence
-from .courses import joint_plots, rollout_plots, worst
-from .frame import AFTER, BEFORE, Card, Plot, render, shared
-from .heat import heat_maps, hottest
+from ..results.sentences import finding_headline, named, sentence_case, subject
+from ..sections import Card, Plot
 
 if TYPE_CHECKING:
     from ....diagnose import Diagnosis, Finding

@@ -10,9 +10,10 @@ from urllib.parse import quote
 
 from ....types import TWO_SIDED
 from ..layout import figure, plural
+from ..plots.frame import AFTER, BEFORE, axis, render
 from ..policy import plot_markup
 from ..results import fleet
-from .frame import AFTER, BEFORE, Card, Plot, axis, render
+from ..sections import Card, Plot
 
 DRAWN, LISTED = 24, 60  # maximum number of drifts drawn and listed
 FOUND = (("changes", "Changes between sessions of a robot"), ("outliers", "Outliers between robots of one kind"))

@@ -16,14 +16,15 @@ from ....model import Model, stated_inertials, stated_laws
 from ....recording.sampling import split
 from ....regression.session import Part, Session
 from ....types import TWO_SIDED, Array, Input, pseudo_inertia
+from ..documents import rms
 from ..layout import determination, figure, plural, share, torque_units, with_interval
+from ..plots.courses import joint_plots, worst
+from ..plots.frame import AFTER, FLOOR, axis, packed, render, shared
+from ..plots.heat import correlation_plot, tied
 from ..policy import plot_markup
-from ..results.documents import rms
 from ..results.identification import consistent_words, excited_words, fit_rows, identified_numbers
 from ..results.signs import proof_sentence
-from .courses import joint_plots, worst
-from .frame import AFTER, FLOOR, Card, Plot, axis, packed, render, shared
-from .heat import correlation_plot, tied
+from ..sections import Card, Plot
 from .signs import sign_plots
 
 LISTED = 12  # maximum number of correlated pairs listed

@@ -9,9 +9,11 @@ import numpy as np
 
 from ....signs import Signs, SignSegment, Trace
 from ....types import Array
+from ..layout import CERTAIN, confidence
+from ..plots.frame import BEFORE, FAINT, axis, curve, packed, render, thinned
 from ..policy import plot_markup
-from ..results.signs import CERTAIN, confidence, part_name, proof_sentence
-from .frame import BEFORE, FAINT, INK, Plot, axis, curve, packed, render, thinned
+from ..results.signs import part_name, proof_sentence
+from ..sections import INK, Plot
 
 MOST = 4000  # maximum number of points per line
 PANEL, MARGINS = 200, 50  # height of a plot without and of its margins [pixels]

@@ -12,9 +12,9 @@ from rich.text import Text
 
 from ....effects.naming import law_place
 from ....types import Array, Input, Robot
+from ..documents import Document, description, fit_with_errors, opening, picked, provenance
 from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural
 from . import sentences as words
-from .documents import Document, description, fit_with_errors, opening, picked, provenance
 from .laws import changed_link, finding_numbers, law_words
 from .signs import signs_document, signs_tables
 

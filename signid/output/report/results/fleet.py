@@ -9,9 +9,8 @@ from typing import Any
 from rich.console import RenderableType
 
 from ....types import TWO_SIDED
-from ..layout import figure, heading, new_table, paragraph, plural, share, with_interval
-from .headline import listed, quantity
-from .signs import confidence
+from ..layout import confidence, figure, heading, new_table, paragraph, plural, share, with_interval
+from .sentences import listed, quantity
 
 UNDONE, FLAGGED = "not done", "flagged"  # states of a session in fleet.json
 SHOWN, FEW = 20, 4  # maximum number of rows per table and of parameters per cause

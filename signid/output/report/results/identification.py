@@ -11,12 +11,11 @@ from rich.table import Table
 
 from ....effects.base import Effect
 from ....estimation.excitation import ENOUGH
-from ....model import standard_parameters
+from ....model import Model, standard_parameters
 from ....types import Array, BaseMap, Input, Law
+from ..documents import Document, description, ending, excitation_verdict, fit_document, opening, recorded
 from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
-from .documents import Document, description, ending, excitation_verdict, fit_document, opening, recorded
 from .laws import law_units
-from .refinement import refinement_document, refinement_tables
 from .signs import signs_document, signs_tables
 
 if TYPE_CHECKING:
@@ -114,7 +113,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         ],
         "signs": signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
-        **({} if result.refinement is None else {"refinement": refinement_document(result)}),
+        **({} if result.refinement is None else {"refinement": _refinement(result)}),
         "excitation": excitation_verdict(result.excitation),
         "method": result.method,
         "estimator": result.estimate.method,
@@ -142,7 +141,7 @@ def identification_tables(result: Identification) -> list[RenderableType]:
         paragraph(excited_words(result.excitation)),
         paragraph(consistent_words(result)),
         paragraph(f"{cutoff_words(result.cutoff, result.position_cutoff)}; {result.estimate.method}."),
-        *refinement_tables(result),
+        *_refined(result),
         *note_lines(result.notes),
     ]
 
@@ -216,3 +215,46 @@ def consistent_words(result: Identification) -> str:
 def cutoff_words(torque: float, position: float) -> str:
     """The cut-off frequencies, and the option that sets them."""
     return f"Cut-off {figure(torque)} Hz for torque and {figure(position)} Hz for positions (set with --cutoff)"
+
+
+def _refinement(result: Identification) -> Document | None:
+    """Build the block `refinement` of identification.json; None if it was not asked for."""
+    found = result.refinement
+    if found is None:
+        return None
+    joints = result.robot.joints
+    return {
+        "kept": found.kept,
+        "windows": list(found.lengths),
+        "before": [float(x) for x in found.before],
+        "after": [float(x) for x in found.after],
+        "unit": list(found.unit),
+        "effects": [
+            {
+                "effect": law.effect.name,
+                "joint": joints[law.joints[0]] if len(law.joints) == 1 else None,
+                "parameters": {key: float(value) for key, value in law.parameters.items()},
+            }
+            for law in result.best.laws
+        ],
+    }
+
+
+def _refined(result: Identification) -> list[RenderableType]:
+    """Numbers of the laws in model.json, if roll-outs refined them."""
+    found, model = result.refinement, result.refined
+    if found is None or model is None:
+        return []
+    table = new_table("joint", "law", "parameter", "value>", "unit", rows=_refined_rows(model))
+    return [heading("Refined by roll-outs: laws of model.json"), table, paragraph(f"{found.sentence}.".capitalize())]
+
+
+def _refined_rows(model: Model) -> list[list[str]]:
+    prismatic, joints = model.robot.prismatic, model.robot.joints
+    rows = []
+    for law in model.laws:
+        j = law.joints[0]
+        for key, value in law.parameters.items():
+            unit = law.effect.parameters[key].unit_at(bool(prismatic[j]))
+            rows.append([joints[j], law.effect.name.replace("_", " "), key, figure(float(value)), unit])
+    return rows

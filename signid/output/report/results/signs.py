@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import floor, isfinite
+from math import isfinite
 
 import numpy as np
 import polars as pl
@@ -11,11 +11,10 @@ from rich.console import RenderableType
 
 from ....signs import Signs, SignSegment
 from ....types import Array, Recording
-from ..layout import figure, heading, new_table, paragraph, plural, share, with_interval
-from .documents import Document, picked
+from ..documents import Document, picked
+from ..layout import CERTAIN, confidence, figure, heading, new_table, paragraph, plural, share, with_interval
 
 CHUNK = 65_536  # rows written at once
-CERTAIN = 0.999  # confidence from which a sign is considered certain
 
 
 def signs_document(signs: Signs | None) -> Document | None:
@@ -84,17 +83,6 @@ def proof_sentence(signs: Signs) -> str:
         bound = f"Other signs of these segments could reduce the residual by at most {share(proof.gap)}"
         return f"{bound}; the search visited {nodes}."
     return f"The signs of these segments are not proved optimal: the search visited {nodes}."
-
-
-def confidence(value: float) -> str:
-    """Format a probability, never rounded up.
-
-    >>> confidence(0.99949), confidence(0.99899), confidence(1.0), confidence(float("nan"))
-    ('>0.999', '0.998', '>0.999', '-')
-    """
-    if not isfinite(value):
-        return "-"
-    return f">{CERTAIN}" if value >= CERTAIN else f"{floor(1000 * value) / 1000:.3f}"
 
 
 def part_name(signs: Signs, part: int) -> str:

@@ -13,6 +13,7 @@ from .....errors import shorten
 from .....recording.columns import UNSTATED
 from .....types import Recording, StatedUnit
 from ...layout import plural
+from ...sections import Cells
 
 GOOD, LIMITED, FAULTY, UNUSABLE = "good", "limited", "faulty", "unusable"
 CUT = 24  # length of the name of a recording that is never cut [characters]
@@ -29,13 +30,6 @@ WORDS = {
 RATES = {"dq": "/s", "ddq": "/s2", "dq_des": "/s"}  # what follows the unit of position
 NOT_STATED = StatedUnit("", "")
 OTHERS = {"t": "s", "on": "1", "pwm": "1", "volt": "V", "temp": "C"}  # units of other signals
-
-
-class Cells(NamedTuple):
-    """A table: heads, `>` for columns of numbers, and rows of texts."""
-
-    heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
 
 
 class UnitUse(NamedTuple):

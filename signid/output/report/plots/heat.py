@@ -11,8 +11,9 @@ import numpy as np
 from ....estimation.fit_quality import Course
 from ....types import Array
 from ..policy import plot_markup
+from ..sections import Plot
 from .courses import clock
-from .frame import Plot, axis, packed
+from .frame import axis, packed
 
 BINS, FEWEST = 10, 3  # regions per variable, and minimum number of rows per region
 HOT = [[0, "rgba(209,80,14,0)"], [1, "rgba(209,80,14,1)"]]
