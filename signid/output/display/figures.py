@@ -85,7 +85,7 @@ def _states(result: Any, joints: Sequence[str]) -> Plots:
 
 def _heat(after: bool) -> Maker:
     def made(result: Any, joints: Sequence[str]) -> Plots:
-        from ..report.pages.diagnosis import residual_maps
+        from ..report.results.diagnosis import residual_maps
 
         safe = replace(result, train=replace(result.train, joints=_safe(result.train.joints)))
         before, extended, _ = residual_maps(safe)
@@ -108,7 +108,7 @@ def _rollouts(result: Any, joints: Sequence[str]) -> Plots:
 
 def _signs(result: Any, joints: Sequence[str]) -> Plots:
     from ..report.layout import torque_units
-    from ..report.pages.signs import sign_plots
+    from ..report.results.signs import sign_plots
 
     signs: Signs = getattr(result, "signs", result)
     parts = sign_plots(
@@ -156,9 +156,9 @@ def _correlation(result: Any, joints: Sequence[str]) -> Plots:
 
 
 def _excitation(result: Any, joints: Sequence[str]) -> Plots:
-    from ..report.pages.identification import excitation_plot
+    from ..report.plots.heat import excitation_plot
 
-    return [excitation_plot(result)]
+    return [excitation_plot(result.excitation)]
 
 
 def _samples(recording: Any, joints: Sequence[str]) -> Plots:

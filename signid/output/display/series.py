@@ -27,7 +27,7 @@ def held_out_course(result: Any) -> Course:
         return course
     if not result.session.held_out:
         raise OptionError("an identification from factors has no samples to show; identify the recordings instead")
-    from ..report.pages.identification import held_out_rows
+    from ..report.plots.courses import held_out_rows
 
     return held_out_rows(result.session, result.judged)[0]
 

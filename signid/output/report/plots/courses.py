@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ....estimation.fit_quality import Course, Fit
+from ....model import Model, stated_inertials, stated_laws
+from ....recording.sampling import split
 from ....recording.sampling.clock import CHUNK
+from ....regression.session import Part, Session
 from ....types import Array, Indices, Recording
 from ..layout import determination, figure
 from ..policy import plot_markup
@@ -23,6 +26,7 @@ if TYPE_CHECKING:
 POINTS, DOTS = 16_000, 9_000  # total number of points of lines and of scatter plots
 FEWEST = 150  # minimum number of points per line
 BINS = 24  # number of means per scatter plot
+DRAWN, FEW = 400_000, 20_000  # most samples drawn, and number below which no further part of a recording is drawn
 MOST = 60  # maximum number of points per line of a roll-out
 OPEN = 3  # maximum number of unfolded joints
 TOP, GAP = 0.42, 0.06  # share of a plot taken by the residual, and half of the gap above it
@@ -273,3 +277,31 @@ def _positions(title: str, t: Array, unit: str, lines: Sequence[Line], most: int
         "yaxis2": axis(f"error [{unit}]", domain=[0, TOP - GAP], nticks=5, zeroline=True, zerolinecolor=FAINT, **cut),
     }
     return Plot(title, data, layout, 360, wide=True)
+
+
+def held_out_rows(session: Session, after: Model) -> tuple[Course, bool]:
+    """Residuals of the description and the model on held-out data or its beginning; whether that is all of it."""
+    from ....diagnose.extend.holdout import course_of, residual_rows
+
+    parts = list(_beginning(session.held_out))
+    stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))
+    before, identified = (residual_rows(session.task, model, parts) for model in (stated, after))
+    return course_of(before, identified, session.robot), _samples(parts) == _samples(session.held_out)
+
+
+def _beginning(parts: Sequence[Part]) -> Iterator[Part]:
+    """Yield recordings until there are enough samples, the last one in part."""
+    left = DRAWN
+    for part in parts:
+        count, (recording, sampling) = _samples([part]), part
+        if count > left:
+            yield recording, split(sampling, left / count)[0]
+            return
+        yield part
+        left -= count
+        if left < FEW:
+            return
+
+
+def _samples(parts: Sequence[Part]) -> int:
+    return sum(sampling.length(span) for _, sampling in parts for span in sampling.spans)
