@@ -22,9 +22,9 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay viewers export display",
     "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators lerobot code function __init__",
-    "output/report": "layout policy write results pages __init__",
-    "output/report/results": "__init__ documents drives laws refinement recordings signs headline simulation "
-    "identification check payload fleet sentences inspection validation diagnosis",
+    "output/report": "layout policy write documents sections plots results page __init__",
+    "output/report/results": "__init__ laws recordings sentences signs simulation identification servo_identification "
+    "check payload fleet inspection validation diagnosis servo_diagnosis",
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
     "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "
     "factors misfit session prepare reduced",

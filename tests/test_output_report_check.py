@@ -152,6 +152,13 @@ def test_currents_say_their_constants() -> None:
     assert "torque from tau_1 in A, times torque constant 12.5 N.m/A" in line
 
 
+def test_an_unknown_unit_is_not_assumed() -> None:
+    uses = (UnitUse("t", ("t",), "", "", "s"), UnitUse("q", ("q_1",), "", "", ""), UnitUse("dq", ("dq_1",), "", "", ""))
+    known, unknown = unit_sentences(uses)
+    assert known == "not stated, assumed: t in s"
+    assert unknown == "unit unknown: position q_1, velocity dq_1"
+
+
 def _uses(found: Recording) -> tuple[UnitUse, ...]:
     return unit_uses([found], dict.fromkeys(found.joints, "rad"))
 

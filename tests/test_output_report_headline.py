@@ -14,10 +14,9 @@ from signid.diagnose import Diagnosis
 from signid.diagnose.result import Unexplained
 from signid.effects import EFFECTS
 from signid.effects.naming import law_syntax, parse_law
-from signid.output.report.pages.heat import LABEL, short_names
+from signid.output.report.plots.heat import LABEL, short_names
 from signid.output.report.results.diagnosis import diagnosis_document
-from signid.output.report.results.headline import finding_headline, named, quantity
-from signid.output.report.results.sentences import place_words, verdict_words
+from signid.output.report.results.sentences import finding_headline, named, place_words, quantity, verdict_words
 from signid.types import Robot
 
 

@@ -13,8 +13,7 @@ import plotly.graph_objects as go
 from test_signs_report import FLAGS, JOINTS, found, trace
 
 from signid.output.report import signs_page
-from signid.output.report.pages.signs import MOST
-from signid.output.report.results.signs import proof_sentence
+from signid.output.report.results.signs import MOST, proof_sentence
 
 
 class Page(HTMLParser):

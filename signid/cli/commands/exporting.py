@@ -61,7 +61,7 @@ def export(
     """
     from ...output.export import export as write
     from ...output.report import Screen, to_json
-    from ...output.report.results.documents import provenance
+    from ...output.report.documents import provenance
 
     asked: dict[str, Text] = asdict(exports)
     paths = {kind: Path(file) for kind, file in asked.items() if file is not None}

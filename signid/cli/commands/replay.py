@@ -57,7 +57,7 @@ def replay(
     """
     from ...output.replay import replay as build
     from ...output.report import Screen, to_json, write_files
-    from ...output.report.results.documents import provenance
+    from ...output.report.documents import provenance
     from ..files import check_logs, write_logs
 
     html, diagnosis = shown.html, shown.diagnosis

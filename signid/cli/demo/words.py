@@ -17,12 +17,11 @@ from ...diagnose.findings.thresholds import UNSURE
 from ...effects.naming import law_name, law_place
 from ...errors import readable
 from ...output.report import figure, with_interval
-from ...output.report.layout import heading, new_table, note_lines, paragraph, plural
+from ...output.report.documents import fit_with_errors, provenance
+from ...output.report.layout import confidence, heading, new_table, note_lines, paragraph, plural
 from ...output.report.results.diagnosis import change
-from ...output.report.results.documents import fit_with_errors, provenance
 from ...output.report.results.laws import law_numbers
 from ...output.report.results.sentences import alternative_words, unexplained_words, verdict_words
-from ...output.report.results.signs import confidence
 from ...types import TWO_SIDED, Input
 from .run import BITS, DURATION, FOUND, MINOR, MISSED, NOISE, RATE, RECORDINGS, RIVAL, LawOutcome, Story, misses
 

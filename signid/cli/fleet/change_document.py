@@ -7,7 +7,7 @@ from typing import Any
 
 from ...effects import EFFECTS
 from ...output.report.results.fleet import change_sentence, outlier_sentence
-from ...output.report.results.headline import Named, Value, subject
+from ...output.report.results.sentences import Named, Value, subject
 from . import changes as stated
 from .changes import ParameterChange
 from .summary import Cause, Number

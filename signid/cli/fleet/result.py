@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from ...output.report.results.headline import finding_headline, subject
+from ...output.report.results.sentences import finding_headline, subject
 from ...types import Input, Result
 from ...version import __version__
 from .change_document import cause_named, change_document

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from ..report.pages.frame import Plot
+    from ..report.sections import Plot
 
 ABOVE, BELOW = 30, 46  # room for the title and for the axis of a plot [pixels]
 BESIDE = 0.09  # room left of a plot for its axis where plots stand side by side, as a share of the width
@@ -20,7 +20,7 @@ def compose(plots: Sequence[Plot], columns: int = 1) -> Any:
     """A Plotly figure of plots in rows of `columns`; their arrays are NumPy arrays, and names appear once."""
     import plotly.graph_objects as go
 
-    from ..report.pages.frame import FONT
+    from ..report.sections import FONT
 
     rows = [plots[k : k + columns] for k in range(0, len(plots), columns)]
     heights = [max(plot.height for plot in row) + ABOVE for row in rows]

@@ -12,8 +12,7 @@ from .series import held_out_course
 
 if TYPE_CHECKING:
     from ...signs import Signs
-    from ..report.pages.courses import JointPlots
-    from ..report.pages.frame import Plot
+    from ..report.sections import JointPlots, Plot
 
     Plots = Sequence[Plot]
     Maker = Callable[[Any, Sequence[str]], Plots]
@@ -67,8 +66,8 @@ def _of(found: Sequence[JointPlots], joints: Sequence[str], part: slice) -> Plot
 
 def _torque(result: Any) -> Sequence[JointPlots]:
     """Plots of each joint of the report: torque and residual on what was held out, before and after."""
-    from ..report.pages.courses import joint_plots
-    from ..report.results.documents import rms
+    from ..report.documents import rms
+    from ..report.plots.courses import joint_plots
 
     course = held_out_course(result)
     course = replace(course, joints=_safe(course.joints))
@@ -86,7 +85,7 @@ def _states(result: Any, joints: Sequence[str]) -> Plots:
 
 def _heat(after: bool) -> Maker:
     def made(result: Any, joints: Sequence[str]) -> Plots:
-        from ..report.pages.diagnosis import residual_maps
+        from ..report.results.diagnosis import residual_maps
 
         safe = replace(result, train=replace(result.train, joints=_safe(result.train.joints)))
         before, extended, _ = residual_maps(safe)
@@ -96,8 +95,8 @@ def _heat(after: bool) -> Maker:
 
 
 def _rollouts(result: Any, joints: Sequence[str]) -> Plots:
-    from ..report.pages.courses import rollout_plots
-    from ..report.pages.frame import AFTER, BEFORE
+    from ..report.plots.courses import rollout_plots
+    from ..report.plots.frame import AFTER, BEFORE
 
     if hasattr(result, "rollout_before"):
         runs = [("before", result.rollout_before, BEFORE, "dot"), ("after", result.rollout_after, AFTER, "solid")]
@@ -109,7 +108,7 @@ def _rollouts(result: Any, joints: Sequence[str]) -> Plots:
 
 def _signs(result: Any, joints: Sequence[str]) -> Plots:
     from ..report.layout import torque_units
-    from ..report.pages.signs import sign_plots
+    from ..report.results.signs import sign_plots
 
     signs: Signs = getattr(result, "signs", result)
     parts = sign_plots(
@@ -126,14 +125,14 @@ def _signs(result: Any, joints: Sequence[str]) -> Plots:
 
 
 def _validated(result: Any, joints: Sequence[str]) -> Plots:
-    from ..report.pages.validation import validated_plots
+    from ..report.results.validation import validated_plots
 
     models = (replace(one, fit=replace(one.fit, joints=_safe(one.fit.joints))) for one in result.models)
     return _of(list(validated_plots(replace(result, models=tuple(models)))), joints, slice(None))
 
 
 def _validated_rollouts(result: Any, joints: Sequence[str]) -> Plots:
-    from ..report.pages.validation import validated_rollouts
+    from ..report.results.validation import validated_rollouts
 
     found = [one if one.rollout is None else replace(one, rollout=_renamed(one.rollout)) for one in result.models]
     return [plot for plot in validated_rollouts(replace(result, models=tuple(found))) if plot.name in _safe(joints)]
@@ -144,26 +143,26 @@ def _renamed(run: Any) -> Any:
 
 
 def _positions(result: Any, joints: Sequence[str]) -> Plots:
-    from ..report.pages.closed_loops import closed_loop_plots
+    from ..report.plots.courses import closed_loop_plots
 
     traces = [_renamed(trace) for trace in result.traces]
     return _of(list(closed_loop_plots(traces, _renamed(result.rollout))), joints, slice(None))
 
 
 def _correlation(result: Any, joints: Sequence[str]) -> Plots:
-    from ..report.pages.heat import correlation_plot
+    from ..report.plots.heat import correlation_plot
 
     return [correlation_plot(result.estimate.covariance)]
 
 
 def _excitation(result: Any, joints: Sequence[str]) -> Plots:
-    from ..report.pages.identification import excitation_plot
+    from ..report.plots.heat import excitation_plot
 
-    return [excitation_plot(result)]
+    return [excitation_plot(result.excitation)]
 
 
 def _samples(recording: Any, joints: Sequence[str]) -> Plots:
-    from ..report.pages.courses import recording_plots
+    from ..report.plots.courses import recording_plots
 
     return recording_plots(replace(recording, joints=_safe(recording.joints)), _safe(joints))
 

@@ -12,13 +12,21 @@ from ...effects.naming import law_place
 from ...effects.packing import beside_drives
 from ...errors import OptionError
 from ...estimation.fit_quality import Fit
+from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import INERTIAL, INERTIAL_UNITS, Law, Robot
-from ..report.results.documents import picked
+from ..report.documents import picked
 from ..report.results.identification import identified_numbers
 from ..report.results.inspection import joint_documents
 from ..report.results.laws import finding_numbers, law_numbers
-from .series import held_out_residuals, motion_rows, rolled_rows, sample_rows, simulated_rows, validated_residuals
-from .servos import drive_rows, loop_rows, recorded_rows, stated_drives, traced_rows, validated_loops
+from .series import (
+    held_out_residuals,
+    motion_rows,
+    rolled_rows,
+    sample_rows,
+    simulated_rows,
+    traced_rows,
+    validated_residuals,
+)
 
 Maker = Callable[[Any], pl.DataFrame]
 KINDS: dict[str, type[pl.DataType]] = {"s": pl.String, "f": pl.Float64, "i": pl.Int64, "b": pl.Boolean}
@@ -200,6 +208,36 @@ def _sessions(fleet: Any) -> pl.DataFrame:
     return table_of("session:s name:s robot:s task:s state:s", rows)
 
 
+def _drives(result: Any) -> pl.DataFrame:
+    """Numbers of the drives; null where not identifiable."""
+    numbers = ((one.joint, one.law, x) for one in result.joints for x in one.numbers.values())
+    rows = ((joint, law, x.name, x.value, x.std, x.unit, x.stated) for joint, law, x in numbers)
+    return table_of("joint:s law:s parameter:s value:f std:f unit:s stated:b", rows)
+
+
+def _stated_drives(model: Any) -> pl.DataFrame:
+    """Numbers of the drives of a model, without infinite ones."""
+    rows = (
+        (joint, servo.law, name, float(getattr(servo, name)), SERVO_UNITS[name])
+        for joint, servo in model.servos.items()
+        for name in SERVO_NUMBERS
+        if np.isfinite(getattr(servo, name))
+    )
+    return table_of("joint:s law:s parameter:s value:f unit:s", rows)
+
+
+def _loops(result: Any) -> pl.DataFrame:
+    """Rms position error of closed loops from commands alone, per joint."""
+    found = result.rollout
+    sizes = picked(found, "whole_rms one_second_rms nominal_whole_rms nominal_one_second_rms")
+    return pl.DataFrame({"joint": list(found.joints), "unit": list(found.units), **sizes})
+
+
+def _validated_loops(result: Any) -> pl.DataFrame:
+    """The same of each model."""
+    return pl.concat([_loops(one).insert_column(0, pl.lit(one.name).alias("model")) for one in result.models])
+
+
 FRAMES: dict[str, dict[str, Maker]] = {
     "Check": {"base_parameters": _checked, "segments": _segments},
     "Diagnosis": {
@@ -224,16 +262,16 @@ FRAMES: dict[str, dict[str, Maker]] = {
         "segments": _segments,
     },
     "Inspection": {"base_parameters": _structural, "joints": lambda result: _joints(result.robot)},
-    "Model": {"laws": _stated_laws, "standard_parameters": _bodies, "drives": stated_drives},
+    "Model": {"laws": _stated_laws, "standard_parameters": _bodies, "drives": _stated_drives},
     "Payload": {"payload": _payload},
     "Recording": {"samples": sample_rows},
     "Robot": {"joints": _joints},
     "RollOut": {"rollouts": lambda result: rolled_rows([("simulation", result)])},
     "Separation": {"motion": motion_rows},
-    "ServoIdentification": {"drives": drive_rows, "closed_loops": loop_rows, "positions": traced_rows},
-    "ServoSimulation": {"samples": recorded_rows},
-    "ServoValidatedModel": {"closed_loops": loop_rows, "positions": traced_rows},
-    "ServoValidation": {"closed_loops": validated_loops},
+    "ServoIdentification": {"drives": _drives, "closed_loops": _loops, "positions": traced_rows},
+    "ServoSimulation": {"samples": lambda run: pl.DataFrame(dict(run.columns))},
+    "ServoValidatedModel": {"closed_loops": _loops, "positions": traced_rows},
+    "ServoValidation": {"closed_loops": _validated_loops},
     "Signs": {"segments": _segments},
     "Simulation": {"samples": simulated_rows},
     "ValidatedModel": {"fit": lambda one: _fit(one.fit)},

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...errors import OutputError
-from ..report.results.documents import to_json
+from ..report.documents import to_json
 from ..report.write import write_files
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import polars as pl
 from ...errors import OptionError
 from ...estimation.fit_quality import Course
 from ...types import Array, Recording
-from ..report.results.documents import picked
+from ..report.documents import picked
 
 ROLLED = {"simulation": pl.String, "joint": pl.String, "unit": pl.String, "t": pl.Float64, "rms": pl.Float64}
 
@@ -27,7 +27,7 @@ def held_out_course(result: Any) -> Course:
         return course
     if not result.session.held_out:
         raise OptionError("an identification from factors has no samples to show; identify the recordings instead")
-    from ..report.pages.identification import held_out_rows
+    from ..report.plots.courses import held_out_rows
 
     return held_out_rows(result.session, result.judged)[0]
 
@@ -39,37 +39,35 @@ def held_out_residuals(result: Any) -> pl.DataFrame:
 
 def residual_rows(course: Course) -> pl.DataFrame:
     """Filtered rows of each joint: torque, and residual before and after."""
-    parts = [
-        pl.DataFrame(
-            {
-                "recording": course.recording,
-                "t": course.t,
-                "joint": [joint] * len(course),
-                **{key: values[:, j] for key, values in picked(course, "q v torque before after").items()},
-            }
-        )
-        for j, joint in enumerate(course.joints)
-    ]
-    return pl.concat(parts)
+    first = {"recording": course.recording, "t": course.t}
+    return _long(course.joints, first, picked(course, "q v torque before after"))
 
 
 def validated_residuals(result: Any) -> pl.DataFrame:
     """Filtered rows of each model and joint: torque and residual."""
-    parts = [
-        pl.DataFrame(
-            {
-                "model": [one.name] * len(one.t),
-                "recording": one.recording,
-                "t": one.t,
-                "joint": [joint] * len(one.t),
-                "torque": one.torque[:, j],
-                "residual": one.residual[:, j],
-            }
-        )
-        for one in result.models
-        for j, joint in enumerate(one.fit.joints)
-    ]
+    parts = []
+    for one in result.models:
+        first = {"model": [one.name] * len(one.t), "recording": one.recording, "t": one.t}
+        parts.append(_long(one.fit.joints, first, picked(one, "torque residual")))
     return pl.concat(parts)
+
+
+def traced_rows(result: Any) -> pl.DataFrame:
+    """Positions of each held-out recording and joint: command, measured, simulated before and after."""
+    parts = []
+    for trace in result.traces:
+        first = {"recording": [trace.path] * len(trace.t), "t": trace.t}
+        parts.append(_long(trace.joints, first, picked(trace, "command measured nominal simulated")))
+    return pl.concat(parts) if parts else pl.DataFrame()
+
+
+def _long(joints: Iterable[str], first: Mapping[str, Any], values: Mapping[str, Array]) -> pl.DataFrame:
+    """A row per time and joint; first: (N,) each, values: (N, n) each [any unit]."""
+    rows = len(first["t"])
+    return pl.concat(
+        pl.DataFrame({**first, "joint": [joint] * rows, **{key: x[:, j] for key, x in values.items()}})
+        for j, joint in enumerate(joints)
+    )
 
 
 def rolled_rows(runs: Iterable[tuple[str, Any]]) -> pl.DataFrame:
@@ -88,26 +86,29 @@ def rolled_rows(runs: Iterable[tuple[str, Any]]) -> pl.DataFrame:
 
 def sample_rows(recording: Recording) -> pl.DataFrame:
     """All samples of a recording, with a column per signal and joint."""
-    samples = recording.read()
-    columns: dict[str, Array] = {"t": samples.t}
-    for key, values in samples._asdict().items():
-        if key not in ("t", "origin") and values is not None:
-            columns |= {f"{key}_{joint}": values[:, j] for j, joint in enumerate(recording.joints)}
-    return pl.DataFrame(columns)
+    signals = recording.read()._asdict()
+    signals.pop("origin", None)
+    return _wide(signals.pop("t"), recording.joints, signals)
 
 
 def simulated_rows(simulation: Any) -> pl.DataFrame:
     """Recorded signals of a simulation, with a column per signal and joint."""
-    columns = {"t": simulation.t}
-    for key, values in (("q", simulation.q), ("tau", simulation.tau), ("q_des", simulation.desired)):
-        columns |= {f"{key}_{joint}": values[:, j] for j, joint in enumerate(simulation.joints)}
-    return pl.DataFrame(columns)
+    signals = {"q": simulation.q, "tau": simulation.tau, "q_des": simulation.desired}
+    return _wide(simulation.t, simulation.joints, signals)
 
 
 def motion_rows(found: Any) -> pl.DataFrame:
     """Position, velocity and acceleration of a designed motion, with a column per joint."""
     motion = found.trajectory
-    columns = {"t": motion.t}
-    for key, values in (("q", motion.q), ("dq", motion.v), ("ddq", motion.a)):
-        columns |= {f"{key}_{joint}": values[:, j] for j, joint in enumerate(motion.joints)}
-    return pl.DataFrame(columns)
+    return _wide(motion.t, motion.joints, {"q": motion.q, "dq": motion.v, "ddq": motion.a})
+
+
+def _wide(t: Array, joints: Iterable[str], signals: Mapping[str, Array | None]) -> pl.DataFrame:
+    """A row per time, and a column per signal and joint; t: (N,) [s], signals: (N, n) each, or None [any unit]."""
+    columns = {
+        f"{key}_{joint}": values[:, j]
+        for key, values in signals.items()
+        if values is not None
+        for j, joint in enumerate(joints)
+    }
+    return pl.DataFrame({"t": t, **columns})

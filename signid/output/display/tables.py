@@ -13,21 +13,20 @@ from ...effects.packing import beside_drives
 from ...model import stated_inertials
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import Input, Recording, Robot
+from ..report.documents import rms
 from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, torque_units
 from ..report.results.check.tables import check_tables
 from ..report.results.diagnosis import diagnosis_tables
-from ..report.results.documents import rms
-from ..report.results.drives.closed_loops import servo_validation_tables
-from ..report.results.drives.diagnosis import servo_diagnosis_tables
-from ..report.results.drives.identification import servo_identification_tables
 from ..report.results.fleet import fleet_tables
 from ..report.results.identification import fit_rows, identification_tables
 from ..report.results.inspection import inspection_tables, joint_table
 from ..report.results.laws import law_document
 from ..report.results.payload import payload_tables
+from ..report.results.servo_diagnosis import servo_diagnosis_tables
+from ..report.results.servo_identification import servo_identification_tables
 from ..report.results.signs import signs_tables
 from ..report.results.simulation import servo_simulation_tables
-from ..report.results.validation import validation_tables
+from ..report.results.validation import servo_validation_tables, validation_tables
 
 Renderables = list[RenderableType]
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from ...errors import OptionError
 from ...types import Array, Frozen, Robot
+from ..report.documents import rms
 from ..report.layout import position_units, torque_units
 from ..report.policy import content_policy
-from ..report.results.documents import rms
 from .marks import Mark
 from .shapes import Look
 from .track import Track

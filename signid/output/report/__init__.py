@@ -6,36 +6,21 @@ from typing import TYPE_CHECKING
 from ...registry import inner_package as _package, public_names as _names
 
 if TYPE_CHECKING:
+    from .documents import to_json as to_json
     from .layout import Screen as Screen, figure as figure, with_interval as with_interval
-    from .pages import report as report
-    from .pages.check import audit_page as audit_page, check_page as check_page
-    from .pages.closed_loops import servo_validation_page as servo_validation_page
-    from .pages.diagnosis import diagnosis_page as diagnosis_page
-    from .pages.drives import servo_diagnosis_page as servo_diagnosis_page
-    from .pages.fleet import fleet_page as fleet_page
-    from .pages.identification import identification_page as identification_page
-    from .pages.servos import servo_page as servo_page
-    from .pages.signs import signs_page as signs_page
-    from .pages.validation import validation_page as validation_page
+    from .page import report as report
     from .results.check.document import audit_document as audit_document, check_document as check_document
+    from .results.check.page import audit_page as audit_page, check_page as check_page
     from .results.check.tables import audit_tables as audit_tables, check_tables as check_tables
-    from .results.diagnosis import diagnosis_document as diagnosis_document, diagnosis_tables as diagnosis_tables
-    from .results.documents import to_json as to_json
-    from .results.drives.closed_loops import (
-        servo_validation_document as servo_validation_document,
-        servo_validation_tables as servo_validation_tables,
+    from .results.diagnosis import (
+        diagnosis_document as diagnosis_document,
+        diagnosis_page as diagnosis_page,
+        diagnosis_tables as diagnosis_tables,
     )
-    from .results.drives.diagnosis import (
-        servo_diagnosis_document as servo_diagnosis_document,
-        servo_diagnosis_tables as servo_diagnosis_tables,
-    )
-    from .results.drives.identification import (
-        servo_identification_document as servo_identification_document,
-        servo_identification_tables as servo_identification_tables,
-    )
-    from .results.fleet import fleet_tables as fleet_tables
+    from .results.fleet import fleet_page as fleet_page, fleet_tables as fleet_tables
     from .results.identification import (
         identification_document as identification_document,
+        identification_page as identification_page,
         identification_tables as identification_tables,
     )
     from .results.inspection import inspection_document as inspection_document, inspection_tables as inspection_tables
@@ -50,7 +35,22 @@ if TYPE_CHECKING:
         factors_document as factors_document,
         factors_tables as factors_tables,
     )
-    from .results.signs import signed_csv as signed_csv, signs_document as signs_document, signs_tables as signs_tables
+    from .results.servo_diagnosis import (
+        servo_diagnosis_document as servo_diagnosis_document,
+        servo_diagnosis_page as servo_diagnosis_page,
+        servo_diagnosis_tables as servo_diagnosis_tables,
+    )
+    from .results.servo_identification import (
+        servo_identification_document as servo_identification_document,
+        servo_identification_tables as servo_identification_tables,
+        servo_page as servo_page,
+    )
+    from .results.signs import (
+        signed_csv as signed_csv,
+        signs_document as signs_document,
+        signs_page as signs_page,
+        signs_tables as signs_tables,
+    )
     from .results.simulation import (
         SimulationRun as SimulationRun,
         excitation_document as excitation_document,
@@ -60,7 +60,14 @@ if TYPE_CHECKING:
         simulation_document as simulation_document,
         simulation_tables as simulation_tables,
     )
-    from .results.validation import validation_document as validation_document, validation_tables as validation_tables
+    from .results.validation import (
+        servo_validation_document as servo_validation_document,
+        servo_validation_page as servo_validation_page,
+        servo_validation_tables as servo_validation_tables,
+        validation_document as validation_document,
+        validation_page as validation_page,
+        validation_tables as validation_tables,
+    )
     from .write import (
         WRITTEN as WRITTEN,
         Content as Content,

@@ -22,6 +22,7 @@ MOST = 9  # maximum number of significant digits
 UNKNOWN = "not identifiable"  # text in place of a value without finite interval
 LARGEST = 1.79e308  # values beyond would round up to infinity
 SHORT = 16  # length of a name that is never cut [characters]
+CERTAIN = 0.999  # probability that is shown as larger, and confidence from which a sign is considered certain
 PIPED = 100  # width of the output if it is not a terminal [characters]
 
 
@@ -202,6 +203,17 @@ def share(value: float) -> str:
     if 0 < value < 0.005:
         return "<1 %"
     return f"{value:.0%}".replace("%", " %")
+
+
+def confidence(value: float) -> str:
+    """Format a probability, never rounded up.
+
+    >>> confidence(0.99949), confidence(0.99899), confidence(1.0), confidence(float("nan"))
+    ('>0.999', '0.998', '>0.999', '-')
+    """
+    if not isfinite(value):
+        return "-"
+    return f">{CERTAIN}" if value >= CERTAIN else f"{floor(1000 * value) / 1000:.3f}"
 
 
 def determination(r2: float) -> str:

@@ -1,9 +1,10 @@
-"""Identification of a robot: JSON documents, terminal tables, parameters and sentences."""
+"""Identification of a robot: JSON document, terminal tables and page; parameters and sentences."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from rich.console import RenderableType
@@ -11,13 +12,27 @@ from rich.table import Table
 
 from ....effects.base import Effect
 from ....estimation.excitation import ENOUGH
-from ....model import standard_parameters
-from ....types import Array, BaseMap, Input, Law
-from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
-from .documents import Document, description, ending, excitation_verdict, fit_document, opening, recorded
+from ....model import Model, standard_parameters, stated_inertials
+from ....types import TWO_SIDED, Array, BaseMap, Input, Law, pseudo_inertia
+from ..documents import Document, description, ending, excitation_verdict, fit_document, opening, recorded, rms
+from ..layout import (
+    determination,
+    figure,
+    heading,
+    new_table,
+    note_lines,
+    paragraph,
+    plural,
+    share,
+    torque_units,
+    with_interval,
+)
+from ..plots.courses import held_out_rows, joint_plots, worst
+from ..plots.frame import render, shared
+from ..plots.heat import correlation_plot, excitation_plot, tied
+from ..sections import Card
 from .laws import law_units
-from .refinement import refinement_document, refinement_tables
-from .signs import signs_document, signs_tables
+from .signs import proof_sentence, sign_plots, signs_document, signs_tables
 
 if TYPE_CHECKING:
     from ....estimation.excitation import ExcitationVerdict
@@ -25,6 +40,7 @@ if TYPE_CHECKING:
     from ....identify import Identification
 
 WIDE = 4  # maximum number of columns of law parameters
+LISTED = 12  # maximum number of correlated pairs listed
 
 
 class LawNumber(NamedTuple):
@@ -114,7 +130,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         ],
         "signs": signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
-        **({} if result.refinement is None else {"refinement": refinement_document(result)}),
+        **({} if result.refinement is None else {"refinement": _refinement(result)}),
         "excitation": excitation_verdict(result.excitation),
         "method": result.method,
         "estimator": result.estimate.method,
@@ -142,7 +158,7 @@ def identification_tables(result: Identification) -> list[RenderableType]:
         paragraph(excited_words(result.excitation)),
         paragraph(consistent_words(result)),
         paragraph(f"{cutoff_words(result.cutoff, result.position_cutoff)}; {result.estimate.method}."),
-        *refinement_tables(result),
+        *_refined(result),
         *note_lines(result.notes),
     ]
 
@@ -216,3 +232,112 @@ def consistent_words(result: Identification) -> str:
 def cutoff_words(torque: float, position: float) -> str:
     """The cut-off frequencies, and the option that sets them."""
     return f"Cut-off {figure(torque)} Hz for torque and {figure(position)} Hz for positions (set with --cutoff)"
+
+
+def _refinement(result: Identification) -> Document | None:
+    """Build the block `refinement` of identification.json; None if it was not asked for."""
+    found = result.refinement
+    if found is None:
+        return None
+    joints = result.robot.joints
+    return {
+        "kept": found.kept,
+        "windows": list(found.lengths),
+        "before": [float(x) for x in found.before],
+        "after": [float(x) for x in found.after],
+        "unit": list(found.unit),
+        "effects": [
+            {
+                "effect": law.effect.name,
+                "joint": joints[law.joints[0]] if len(law.joints) == 1 else None,
+                "parameters": {key: float(value) for key, value in law.parameters.items()},
+            }
+            for law in result.best.laws
+        ],
+    }
+
+
+def _refined(result: Identification) -> list[RenderableType]:
+    """Numbers of the laws in model.json, if roll-outs refined them."""
+    found, model = result.refinement, result.refined
+    if found is None or model is None:
+        return []
+    table = new_table("joint", "law", "parameter", "value>", "unit", rows=_refined_rows(model))
+    return [heading("Refined by roll-outs: laws of model.json"), table, paragraph(f"{found.sentence}.".capitalize())]
+
+
+def _refined_rows(model: Model) -> list[list[str]]:
+    prismatic, joints = model.robot.prismatic, model.robot.joints
+    rows = []
+    for law in model.laws:
+        j = law.joints[0]
+        for key, value in law.parameters.items():
+            unit = law.effect.parameters[key].unit_at(bool(prismatic[j]))
+            rows.append([joints[j], law.effect.name.replace("_", " "), key, figure(float(value)), unit])
+    return rows
+
+
+def identification_page(result: Identification, inputs: Sequence[Input] = (), command: str = "") -> str:
+    """Render report.html of an identification; `inputs` besides the recordings default to the description."""
+    session, base = result.session, result.base
+    course, whole = held_out_rows(session, result.judged) if session.held_out else (None, True)
+    order, r2 = worst(result.fit), result.fit.held_out_r2[np.isfinite(result.fit.held_out_r2)]
+    quality = f"; held-out R2 at least {determination(r2.min())}" if len(r2) else ""
+    before = None if course is None else replace(result.fit, held_out_rms=rms(course.before))
+    return render(
+        "identification.html",
+        title=f"{result.robot.name}: {plural(base.rank, 'base parameter')}",
+        sentence=f"{plural(base.rank, 'base parameter')} of {plural(len(result.robot.joints), 'joint')}{quality}",
+        cards=[card for card in _cards(result, order[0]) if "-" not in card.figure.split()],
+        fit=list(fit_rows(result.fit, *([] if before is None else [before.held_out_rms]))),
+        joints=[] if course is None or before is None else joint_plots(course, before, result.fit, order),
+        whole=whole,
+        bounds=list(_bounds(result)),
+        correlation=correlation_plot(result.estimate.covariance),
+        tied=[(base.expressions[i], base.expressions[k], x) for i, k, x in tied(result.estimate.covariance)[:LISTED]],
+        laws=[(n.place, *n.words, *n.interval, n.unit) for numbers in identified_numbers(result) for n in numbers],
+        links=list(_links(result)),
+        consistent=consistent_words(result),
+        excited=excited_words(result.excitation),
+        excitation=excitation_plot(result.excitation),
+        proof=result.signs and proof_sentence(result.signs),
+        parts=result.signs and sign_plots(result.signs, torque_units(result.robot)),
+        method=f"{result.estimate.method}, {result.method}",
+        **shared(result, [result.robot], inputs, command),
+    )
+
+
+def _cards(result: Identification, j: int) -> Iterator[Card]:
+    fit = result.fit
+    beside = f"worst joint; noise floor {figure(fit.noise_floor[j], 2)} {fit.unit[j]}"
+    size = f"{figure(fit.held_out_rms[j])} {fit.unit[j]}"
+    yield Card(f"residual torque of {fit.joints[j]}, held out", size, beside)
+    shares = result.excitation.shares
+    least = share(max(float(shares[0]), 0.0)) if len(shares) else "-"
+    yield Card("excitation, weakest direction", least, f"{share(ENOUGH)} of the information of random motion needed")
+    verdict = "consistent" if result.physically_consistent else "inconsistent"
+    yield Card("physical consistency", verdict, f"changed by at most {result.moved:.1f} standard deviations")
+
+
+def _bounds(result: Identification) -> Iterator[dict[str, Any]]:
+    """Base parameters with their intervals, and the half-width over the value [%]."""
+    columns = (result.base.expressions, result.base.units, result.base_value.tolist(), result.estimate.std.tolist())
+    for number, (name, unit, value, std) in enumerate(zip(*columns, strict=True), 1):
+        shown, half = with_interval(value, std)
+        percent = 100 * TWO_SIDED * std / abs(value) if value and np.isfinite(std) else None
+        yield {"number": number, "name": name, "value": shown, "half": half, "unit": unit, "percent": percent}
+
+
+def _links(result: Identification) -> Iterator[tuple[str, ...]]:
+    """Described and identified mass and centre of mass, and smallest eigenvalue of the pseudo-inertia, per link."""
+    columns = (result.robot.links, stated_inertials(result.robot), result.parameters.bodies())
+    for link, stated, found in zip(*columns, strict=True):
+        least = float(np.linalg.eigvalsh(pseudo_inertia(found))[0])
+        centres = (_centre(inertial) for inertial in (stated, found))
+        yield link, figure(float(stated[0])), figure(float(found[0])), *centres, figure(least, 2)
+
+
+def _centre(inertial: Array) -> str:
+    """Format a centre of mass [mm]; less than a nanometre is rounding error."""
+    mass = float(inertial[0])
+    return ", ".join(figure(round(1e3 * float(x) / mass, 6)) for x in inertial[1:4]) if mass else "-"

@@ -10,8 +10,8 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from ....types import Input, Robot
+from ..documents import Document, description, picked, provenance
 from ..layout import figure, heading, name_cell, new_table, note_lines, paragraph, plural, position_units
-from .documents import Document, description, picked, provenance
 from .identification import base_documents
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from ....effects.naming import law_name, law_place, law_syntax
 from ....robot.dynamics import own_body
 from ....types import TWO_SIDED, Coefficient, Law, Robot
 from ....version import __version__
+from ..documents import Document, picked
 from ..layout import UNKNOWN, figure, heading, new_table, paragraph, plural, with_interval
-from .documents import Document, picked
 
 if TYPE_CHECKING:
     from ....diagnose import Finding

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from ....types import INERTIAL, Input
+from ..documents import Document, description, ending, picked
 from ..layout import heading, new_table, note_lines, paragraph, with_interval
-from .documents import Document, description, ending, picked
 
 if TYPE_CHECKING:
     from ....payload import Payload

@@ -16,8 +16,8 @@ from ....recording.gallery import DataSet, is_complete
 from ....recording.names.mapping import split
 from ....types import Input
 from ....version import __version__
+from ..documents import Document, ending, opening, picked
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural
-from .documents import Document, ending, opening, picked
 
 if TYPE_CHECKING:
     from ....recording.convert import Conversion, Pace

@@ -13,8 +13,8 @@ from rich.console import RenderableType
 from ....errors import shorten
 from ....servos import servos_document
 from ....types import Array, Input, Law, Robot
+from ..documents import Document, description, ending, opening, picked, provenance
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural, position_units, share, torque_units
-from .documents import Document, description, ending, opening, picked, provenance
 from .laws import law_document
 
 if TYPE_CHECKING:

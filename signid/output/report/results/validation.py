@@ -1,55 +1,61 @@
-"""Validation: JSON document and terminal tables."""
+"""Validation of models by torque, or by closed loops from commands alone: JSON document, terminal tables and page."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import RenderableType
 
 from ....types import Input
-from ..layout import determination, figure, heading, new_table, note_lines, paragraph, plural
-from .documents import Document, description, ending, fit_document
+from ..documents import Document, description, ending, fit_document
+from ..layout import determination, figure, heading, paragraph, plural
+from ..plots.courses import FEWEST, OPEN, POINTS, Line, loop_blocks, rollout_plots, torque_plot, worst, worst_joints
+from ..plots.frame import AFTER, BEFORE, FLOOR, Header, sections_page, shared
+from ..sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Plots, Section, terminal
 from .identification import cutoff_words
+from .servo_identification import position_fit, rollout_document
 
 if TYPE_CHECKING:
+    from ....servo.validate import ServoValidation
     from ....validate import ValidatedModel, Validation
+
+COLOURS = (BEFORE, AFTER, FLOOR, "#b3539b", "#7a6ff0", "#8a6d3b")
+DASHES = ("solid", "dot", "dash")
+NOTHING_FITTED = "Over whole recordings, and restarted from the measured state every second. Nothing was fitted."
 
 
 def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Document:
     """Build the content of validation.json; `inputs` besides the recordings default to the models' descriptions."""
+    models = [
+        {"fit": {**fit_document(one.fit), "train_rms": None}, "rollout": _rollout_document(one, result.horizon)}
+        for one in result.models
+    ]
+    cutoff = {"torque": result.cutoff, "position": result.position_cutoff, "unit": "Hz"}
+    return _document(result, models, inputs, {"cutoff": cutoff})
+
+
+def servo_validation_document(result: ServoValidation, inputs: Sequence[Input] = ()) -> Document:
+    """Build the content of validation.json; `inputs` besides the recordings default to the models' descriptions."""
+    models = [
+        {"fit": {**position_fit(one.rollout), "train_rms": None}, "rollout": rollout_document(one.rollout)}
+        for one in result.models
+    ]
+    return _document(result, models, inputs, {})
+
+
+def _document(result: Any, models: Sequence[Document], inputs: Sequence[Input], more: Document) -> Document:
+    """Document with the content of each model."""
     return {
         "schema": "signid.validation/1",
         "models": [
-            {
-                "path": one.name,
-                "robot": one.model.robot.name,
-                "fit": {**fit_document(one.fit), "train_rms": None},
-                "rollout": _rollout_document(one, result.horizon),
-            }
-            for one in result.models
+            {"path": one.name, "robot": one.model.robot.name, **content}
+            for one, content in zip(result.models, models, strict=True)
         ],
-        "cutoff": {"torque": result.cutoff, "position": result.position_cutoff, "unit": "Hz"},
+        **more,
         **ending(result, result.inputs, inputs or [description(one.model.robot) for one in result.models], result.seed),
     }
-
-
-def validation_tables(result: Validation) -> list[RenderableType]:
-    """Rms, noise floor, R2 and roll-out errors of every model, per joint."""
-    listed = [f"{number}  {one.name}" for number, one in enumerate(result.models, 1)]
-    (heads, rows), (ends, errors) = torque_rows(result), rollout_rows(result)
-    rolled = [heading(rollout_title(result)), new_table(*ends, rows=errors)]
-    cutoff = cutoff_words(result.cutoff, result.position_cutoff)
-    return [
-        heading(validation_title(result), below=False),
-        *map(paragraph, listed if len(listed) > 1 else []),
-        heading("Torque: rms of measured - predicted"),
-        new_table(*heads, rows=rows),
-        *(rolled if any(one.rollout or one.whole for one in result.models) else []),
-        paragraph(f"{cutoff}; rows where a joint is at rest are excluded. Nothing was fitted."),
-        *note_lines(result.notes),
-    ]
 
 
 def _rollout_document(one: ValidatedModel, horizon: float | str) -> Document | None:
@@ -61,63 +67,183 @@ def _rollout_document(one: ValidatedModel, horizon: float | str) -> Document | N
     return {"horizon": horizon, "rms": one.rollout.rms(horizon), "unit": one.rollout.unit}
 
 
-def rollout_title(result: Validation) -> str:
-    """Heading of the table of roll-outs."""
-    if isinstance(result.horizon, str):
-        return "Simulations of whole recordings under recorded torque: rms position error"
-    return f"Roll-outs of {result.horizon:g} s from measured states: rms position error at the end"
+def validation_tables(result: Validation) -> list[RenderableType]:
+    """Rms, noise floor, R2 and roll-out errors of every model, per joint."""
+    cutoff = cutoff_words(result.cutoff, result.position_cutoff)
+    last = Section("", (Plain(f"{cutoff}; rows where a joint is at rest are excluded. Nothing was fitted."),))
+    return [*_top(result, "validated"), *terminal([_torque(result), _rolled(result), last], result.notes)]
 
 
-def validation_title(result: Validation) -> str:
+def servo_validation_tables(result: ServoValidation) -> list[RenderableType]:
+    """Errors of closed loops of every model, per joint, beside those of q = q_des."""
+    loops = _loops(result).beside(Plain(NOTHING_FITTED))
+    return [*_top(result, "closed loop validated"), *terminal([loops], result.notes)]
+
+
+def validation_page(result: Validation, inputs: Sequence[Input] = (), command: str = "") -> str:
+    """Render report.html of a validation; `inputs` besides the recordings default to the models' descriptions."""
+    over = "validation of given models on recordings, without fitting"
+    marks = [
+        (_style(k)[0], f"{k + 1}: {one.name}" if len(result.models) > 1 else one.name)
+        for k, one in enumerate(result.models)
+    ]
+    key, torque, rolled = Key([("measured", "measured"), *marks]), _torque(result), validated_rollouts(result)
+    note = (
+        f"Residual is measured - predicted torque, low-passed at {figure(result.cutoff)} Hz. Rows where a joint is at "
+        "rest are excluded, since dry friction is undetermined there."
+    )
+    drawn = (Legend("Rms position error over time."), key, Plots(rolled)) if rolled else ()
+    sections = [
+        torque._replace(blocks=(key, *torque.blocks, Folds(note, list(validated_plots(result))))),
+        _rolled(result).beside(*drawn),
+    ]
+    header = Header(_title(result, "validated"), over, list(_cards(result.models)))
+    return sections_page(
+        header, sections, **shared(result, (one.model.robot for one in result.models), inputs, command)
+    )
+
+
+def servo_validation_page(result: ServoValidation, inputs: Sequence[Input] = (), command: str = "") -> str:
+    """Render report.html of a validation; `inputs` besides the recordings default to the models' descriptions."""
+    models, sections = result.models, [_loops(result)]
+    for number, one in enumerate(models, 1):
+        key, *folds = loop_blocks(one.traces, one.rollout, models[0].rollout.nominal, "model") or (Key(()),)
+        sections += [Section("", (key,))] if number == 1 else []
+        sections.append(Section(f"{number}: {one.name}" if len(models) > 1 else "", tuple(folds), level=3))
+    over = "validation of models with position drives, from commands alone, without fitting"
+    header = Header(_title(result, "closed loop validated"), over, list(_loop_cards(result)))
+    return sections_page(header, sections, **shared(result, (one.model.robot for one in models), inputs, command))
+
+
+def _cards(models: Sequence[ValidatedModel]) -> Iterator[Card]:
+    """Key figures of each model's worst joint."""
+    for one in models:
+        j, fit = worst(one.fit)[0], one.fit
+        beside = f"noise floor {figure(float(fit.noise_floor[j]), 2)} {fit.unit[j]}"
+        r2 = determination(float(fit.held_out_r2[j]))
+        rms = f"{figure(float(fit.held_out_rms[j]))} {fit.unit[j]}"
+        yield Card(f"{one.name}: rms of its worst joint, {fit.joints[j]}", rms, f"{beside}, R2 {r2}")
+
+
+def _loop_cards(result: ServoValidation) -> Iterator[Card]:
+    """Key figures of each model's worst joint."""
+    for one in result.models:
+        found = one.rollout
+        for j in worst_joints(found)[:1]:
+            size = f"{figure(float(found.whole_rms[j]))} {found.units[j]}"
+            beside = f"{figure(float(found.one_second_rms[j]))} in 1 s; {figure(float(found.nominal_whole_rms[j]))} of "
+            yield Card(f"{one.name}: worst joint, {found.joints[j]}", size, f"{beside}{found.nominal}")
+
+
+def _title(result: Any, what: str) -> str:
     """Title: models and number of recordings."""
     models = result.models[0].name if len(result.models) == 1 else plural(len(result.models), "model")
-    return f"{models}: validated on {plural(len(result.inputs), 'recording')}"
+    return f"{models}: {what} on {plural(len(result.inputs), 'recording')}"
 
 
-def torque_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
-    """Table heads, and rows with rms, noise floor and R2 of every model, in the order of the models."""
-    marks = _marks(result.models)
-    heads = ["joint", *(f"rms{m}>" for m in marks), "noise floor>", "unit", *(f"R2{m}>" for m in marks)]
-    rows = []
-    for joint in joints_of(result.models):
-        fits = [(one.fit, _place(one.fit.joints, joint)) for one in result.models]
+def _top(result: Any, what: str) -> list[RenderableType]:
+    """Title, and the numbers of several models."""
+    listed = [f"{number}  {one.name}" for number, one in enumerate(result.models, 1)]
+    return [heading(_title(result, what), below=False), *map(paragraph, listed if len(listed) > 1 else [])]
+
+
+def _torque(result: Validation) -> Section:
+    """Rms, noise floor and R2 of every model, in the order of the models."""
+    marks, rows = _marks(result.models), []
+    for joint in _joints(result.models):
+        fits = [(one.fit, one.fit.joints.index(joint) if joint in one.fit.joints else None) for one in result.models]
         rms = ["-" if j is None else figure(float(fit.held_out_rms[j])) for fit, j in fits]
         r2 = ["-" if j is None else determination(float(fit.held_out_r2[j])) for fit, j in fits]
         fit, first = next((fit, j) for fit, j in fits if j is not None)
         rows.append([joint, *rms, figure(float(fit.noise_floor[first]), 2), fit.unit[first], *r2])
-    return heads, rows
+    heads = ["joint", *(f"rms{m}>" for m in marks), "noise floor>", "unit", *(f"R2{m}>" for m in marks)]
+    return Section("Torque: rms of measured - predicted", (Cells(heads, rows),))
 
 
-def rollout_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
-    """Table heads, and rows with the rms position error of every model, at the horizon or over whole recordings."""
-    heads, rows = ["joint", *(f"error{m}>" for m in _marks(result.models)), "unit"], []
-    simulated = [_errors(one, result.horizon) for one in result.models]
-    for joint in joints_of(result.models):
+def _rolled(result: Validation) -> Section:
+    """Rms position error of every model, at the horizon or over whole recordings."""
+    if isinstance(result.horizon, str):
+        title = "Simulations of whole recordings under recorded torque: rms position error"
+    else:
+        title = f"Roll-outs of {result.horizon:g} s from measured states: rms position error at the end"
+    simulated, rows = [_errors(one, result.horizon) for one in result.models], []
+    for joint in _joints(result.models):
         errors = [figure(float(found[joint][0])) if joint in found else "-" for found in simulated]
         rows.append([joint, *errors, next((found[joint][1] for found in simulated if joint in found), "")])
-    return heads, rows
+    heads = ["joint", *(f"error{m}>" for m in _marks(result.models)), "unit"]
+    return Section(title, (Cells(heads, rows if any(one.rollout or one.whole for one in result.models) else ()),))
 
 
-def _errors(one: ValidatedModel, horizon: float | str) -> dict[str, tuple[float, str]]:
+def _errors(one: ValidatedModel, horizon: float | str) -> Mapping[str, tuple[float, str]]:
     """Rms position error and its unit by joint; empty without a simulation."""
     if one.whole is not None:
-        found, rms = one.whole, one.whole.rms
-        return {joint: (x, u) for joint, x, u in zip(found.joints, rms, found.unit, strict=True)}
-    if one.rollout is None or isinstance(horizon, str):
+        joints, rms, units = one.whole.joints, one.whole.rms, one.whole.unit
+    elif one.rollout is not None and not isinstance(horizon, str):
+        joints, rms, units = one.rollout.joints, one.rollout.rms(horizon), one.rollout.unit
+    else:
         return {}
-    rolled = one.rollout
-    return {joint: (x, u) for joint, x, u in zip(rolled.joints, rolled.rms(horizon), rolled.unit, strict=True)}
+    return dict(zip(joints, zip(rms, units, strict=True), strict=True))
 
 
-def joints_of(models: Sequence[ValidatedModel]) -> list[str]:
+def _loops(result: ServoValidation) -> Section:
+    """Errors of q = q_des and of every model."""
+    marks = _marks(result.models)
+    first, loops = result.models[0].rollout, [one.rollout for one in result.models]
+    heads = ["joint", f"{first.nominal}>", *(f"whole{m}>" for m in marks), *(f"1 s{m}>" for m in marks), "unit"]
+    sizes = [first.nominal_whole_rms, *(r.whole_rms for r in loops), *(r.one_second_rms for r in loops)]
+    rows = [[joint, *(figure(float(rms[j])) for rms in sizes), first.units[j]] for j, joint in enumerate(first.joints)]
+    return Section("Closed loop from commands alone: rms position error", (Cells(heads, rows),))
+
+
+def _joints(models: Sequence[ValidatedModel]) -> list[str]:
     """Joints of all models, without repetitions."""
     return list(dict.fromkeys(joint for one in models for joint in one.fit.joints))
 
 
-def _marks(models: Sequence[ValidatedModel]) -> list[str]:
-    """Suffixes of table heads: the numbers of the models if there are several."""
+def _marks(models: Sequence[Any]) -> list[str]:
+    """Suffixes of the names of the models: their numbers if there are several."""
     return [f" {number}" for number in range(1, len(models) + 1)] if len(models) > 1 else [""]
 
 
-def _place(joints: Sequence[str], joint: str) -> int | None:
-    return joints.index(joint) if joint in joints else None
+def validated_rollouts(result: Validation) -> list[Plot]:
+    """Plot the roll-out errors of all models, per joint."""
+    models = zip(_marks(result.models), result.models, strict=True)
+    return rollout_plots(
+        [(f"model{m}", one.rollout, *_style(k)) for k, (m, one) in enumerate(models) if one.rollout is not None]
+    )
+
+
+def validated_plots(result: Validation) -> Iterator[JointPlots]:
+    """Plots per joint; those with the largest residual over noise floor are unfolded."""
+    fit = result.models[0].fit
+    shown = [fit.joints[j] for j in worst(fit)][:OPEN]
+    for joint in _joints(result.models):
+        having = [(k, one) for k, one in enumerate(result.models) if joint in one.fit.joints]
+        moving = [(k, one, one.fit.joints.index(joint)) for k, one in having]
+        unit = moving[0][1].fit.unit[moving[0][2]]
+        rms = ", ".join(figure(float(one.fit.held_out_rms[j])) for _, one, j in moving)
+        yield JointPlots(joint, f"rms {rms} {unit}", joint in shown, _plots(result, joint, unit, moving))
+
+
+def _plots(
+    result: Validation, joint: str, unit: str, moving: Sequence[tuple[int, ValidatedModel, int]]
+) -> tuple[Plot, ...]:
+    """Torque over time of models with the same rows as the first model."""
+    first, marks = moving[0][1], _marks(result.models)
+    alike = [(k, one, j) for k, one, j in moving if np.array_equal(one.t, first.t)]
+    measured = next((one.torque[:, j] for _, one, j in alike if np.isfinite(one.residual[:, j]).any()), None)
+    if measured is None:
+        return ()
+    lines = [Line("measured", "y", INK, {"width": 1.6}, measured)]
+    for k, one, j in alike:
+        colour, dash = _style(k)
+        style = {"width": 1.3, "dash": dash}
+        lines.append(Line(f"predicted{marks[k]}", "y", colour, style, measured - one.residual[:, j]))
+        lines.append(Line(f"residual{marks[k]}", "y2", colour, style, one.residual[:, j]))
+    most = max(FEWEST, 3 * POINTS // (len(result.models[0].fit.joints) * (1 + len(lines))))
+    return (torque_plot(joint, first, unit, lines, most),)
+
+
+def _style(k: int) -> tuple[str, str]:
+    """Colour and dash of a model."""
+    return COLOURS[k % len(COLOURS)], DASHES[k // len(COLOURS) % len(DASHES)]

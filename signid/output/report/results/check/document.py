@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from .....types import Input
-from ..documents import Document, description, ending, excitation_verdict, picked, recorded, stamps_clock
+from ...documents import Document, description, ending, excitation_verdict, picked, recorded, stamps_clock
 from ..identification import base_documents
 from .drives import audit_summary, verdict_of
 from .summary import CheckSummary

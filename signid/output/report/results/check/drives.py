@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 from .....types import TWO_SIDED
 from ...layout import figure, plural, share
+from ...sections import Cells
 from .summary import (
     FAULTY,
     GOOD,
     LIMITED,
     UNUSABLE,
-    Cells,
     CheckSummary,
     FaultWords,
     GravityUse,

@@ -13,6 +13,7 @@ from .....errors import shorten
 from .....recording.columns import UNSTATED
 from .....types import Recording, StatedUnit
 from ...layout import plural
+from ...sections import Cells
 
 GOOD, LIMITED, FAULTY, UNUSABLE = "good", "limited", "faulty", "unusable"
 CUT = 24  # length of the name of a recording that is never cut [characters]
@@ -29,13 +30,6 @@ WORDS = {
 RATES = {"dq": "/s", "ddq": "/s2", "dq_des": "/s"}  # what follows the unit of position
 NOT_STATED = StatedUnit("", "")
 OTHERS = {"t": "s", "on": "1", "pwm": "1", "volt": "V", "temp": "C"}  # units of other signals
-
-
-class Cells(NamedTuple):
-    """A table: heads, `>` for columns of numbers, and rows of texts."""
-
-    heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
 
 
 class UnitUse(NamedTuple):
@@ -170,13 +164,14 @@ def _unit(signal: str, place: str) -> str:
 
 
 def unit_sentences(uses: Sequence[UnitUse]) -> Iterator[str]:
-    """One sentence for each source of units: what they are converted to, or that they are assumed."""
+    """One sentence for each source of units: what they are converted to, that they are assumed, or unknown."""
     groups: dict[str, dict[str, list[str]]] = {}
     for use in uses:
-        groups.setdefault(use.by, {}).setdefault(_conversion(use), []).append(_columns(use))
-    for by, parts in groups.items():
-        said = "; ".join(f"{', '.join(columns)} {how}" for how, columns in parts.items())
-        yield f"{f'stated by {by}' if by else 'not stated, assumed'}: {said}"
+        source = f"stated by {use.by}" if use.by else "not stated, assumed" if use.into else "unit unknown"
+        groups.setdefault(source, {}).setdefault(_conversion(use), []).append(_columns(use))
+    for source, parts in groups.items():
+        said = "; ".join(f"{', '.join(columns)} {how}".rstrip() for how, columns in parts.items())
+        yield f"{source}: {said}"
 
 
 def _columns(use: UnitUse) -> str:
@@ -199,7 +194,7 @@ def _conversion(use: UnitUse) -> str:
         constants = f"constant{'' if low == high else 's'} {low if low == high else f'{low} to {high}'}"
         return f"in {use.unit or 'A'}, times torque {constants} {use.into}/A"
     if not use.by:
-        return {"": "in an unknown unit", "1": "without unit"}.get(use.into, f"in {use.into}")
+        return {"": "", "1": "without unit"}.get(use.into, f"in {use.into}")
     if "value" in use.unit:
         return f"as {use.unit}, in {use.into}"
     return f"in {use.unit}" if use.unit == use.into else f"in {use.unit} (converted to {use.into})"

@@ -11,8 +11,9 @@ from rich.text import Text
 
 from .....errors import shorten
 from ...layout import heading, new_table, paragraph, plural
+from ...sections import Cells
 from .drives import audit_summary
-from .summary import Cells, CheckSummary, unit_sentences
+from .summary import CheckSummary, unit_sentences
 from .torque import check_summary
 
 if TYPE_CHECKING:

@@ -12,13 +12,13 @@ from .....faults import OF_A_FIT
 from .....faults.gravity import WHOLE
 from .....types import Array
 from ...layout import figure, plural, position_units, share, torque_units
+from ...sections import Cells
 from ..identification import cutoff_words, excited_words
 from .summary import (
     FAULTY,
     GOOD,
     LIMITED,
     UNUSABLE,
-    Cells,
     CheckSummary,
     FaultWords,
     GravityUse,

@@ -7,20 +7,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ....types import TWO_SIDED, Array, Input, Recording, Samples
-from ....version import __version__
-from ..layout import figure, position_units, torque_units
-from ..policy import plot_markup
-from ..results.check.drives import audit_summary, verdict_of
-from ..results.check.summary import CheckSummary, unit_sentences
-from ..results.check.torque import check_summary
-from ..results.documents import description, once
-from .courses import FEWEST, GAP, OPEN, POINTS, JointPlots, recorded_lines
-from .frame import AFTER, BEFORE, FAINT, FLOOR, INK, Card, Plot, axis, curve, packed, render
+from .....types import TWO_SIDED, Array, Input, Recording, Samples
+from .....version import __version__
+from ...documents import description, once
+from ...layout import figure, position_units, torque_units
+from ...plots.courses import FEWEST, GAP, OPEN, POINTS, recorded_lines
+from ...plots.frame import AFTER, BEFORE, FAINT, FLOOR, axis, curve, packed, render
+from ...policy import plot_markup
+from ...sections import INK, Card, JointPlots, Plot
+from .drives import audit_summary, verdict_of
+from .summary import CheckSummary, unit_sentences
+from .torque import check_summary
 
 if TYPE_CHECKING:
-    from ....check import Check
-    from ....faults import ServoAudit
+    from .....check import Check
+    from .....faults import ServoAudit
 
 MOST_RECORDINGS = 4  # maximum number of recordings that are drawn
 ROWS, WINDOW = 65_536, 2048  # most rows of a spectrum, and rows of one window

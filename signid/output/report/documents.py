@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....errors import readable
-from ....types import Array, Input, Recording, Robot
-from ....version import __version__
+from ...errors import readable
+from ...types import Array, Input, Recording, Robot
+from ...version import __version__
 
 if TYPE_CHECKING:
-    from ....estimation.excitation import ExcitationVerdict
-    from ....estimation.fit_quality import Fit
-    from ....recording.sampling import Sampling
+    from ...estimation.excitation import ExcitationVerdict
+    from ...estimation.fit_quality import Fit
+    from ...recording.sampling import Sampling
+    from ...servo.diagnose import PositionFit
 
 Document = dict[str, Any]
 _NUMBERS = re.compile(r"\[\n *(?:(?:[-+.\deE]+|null),?\n *)+\]")  # one per line; strings have no line ends
@@ -51,8 +52,8 @@ def excitation_verdict(found: ExcitationVerdict) -> Document:
     }
 
 
-def fit_document(fit: Fit) -> Document:
-    """Quality of the torque prediction, per joint."""
+def fit_document(fit: Fit | PositionFit) -> Document:
+    """Quality of the prediction of torque or position, per joint."""
     sizes = picked(fit, "train_rms held_out_rms noise_floor held_out_r2")
     return {"joints": list(fit.joints), "unit": list(fit.unit), **{key: x.tolist() for key, x in sizes.items()}}
 

@@ -1,4 +1,4 @@
-"""Diagnosis of position drives: JSON document, terminal tables and sentences; mismatches in rad or m."""
+"""Diagnosis of position drives: JSON document, terminal tables and page; mismatches in rad or m."""
 
 from __future__ import annotations
 
@@ -8,21 +8,23 @@ from typing import TYPE_CHECKING
 from rich.console import RenderableType
 from rich.text import Text
 
-from .....servo.diagnose.conclude import VISIBLE
-from .....servo.validate import HORIZON
-from .....types import Input
-from ...layout import figure, heading, new_table, note_lines, paragraph, share, with_interval
-from ..documents import Document, description, ending, opening, picked
+from ....servo.diagnose.conclude import VISIBLE
+from ....servo.validate import HORIZON
+from ....types import Input
+from ..documents import Document, description, ending, fit_document, opening, picked
+from ..layout import figure, share, with_interval
+from ..plots.courses import loop_blocks, worst_joints
+from ..plots.frame import Header, sections_page, shared
+from ..sections import Card, Cells, Section, Sentences, terminal
 
 if TYPE_CHECKING:
-    from .....servo.diagnose import FoundNumber, PositionFit, ServoDiagnosis, ServoFinding, ServoRepeats
+    from ....servo.diagnose import FoundNumber, ServoDiagnosis, ServoFinding, ServoRepeats
 
 VERDICTS = {
     "nothing_missing": "nothing is missing: the simulation predicts the motion within the noise of the positions, or "
     f"{100 * VISIBLE:.0f} % of the tracking error",
     "unknown": "the simulation and the recordings differ, and no law explains the difference",
 }
-REPEATED = "Repeats of one command"
 LIKELIHOOD = ("law", "joint", "numbers, ± 95 %", "stated>", "probability>", "mismatch explained>", "held-out gain>")
 ALIKE, WORTH = 0.75, 0.05  # [1] of the best share explained, and share, from which laws count as not separated
 FINE = 0.999  # probability that is shown as > 99.9 %
@@ -39,7 +41,7 @@ def servo_diagnosis_document(result: ServoDiagnosis, inputs: Sequence[Input] = (
             {"depends_on": one.variable, **picked(one, "joint share rms region region_rms"), "tried": dict(one.tried)}
             for one in result.unexplained
         ],
-        "fit": {"before": _fit(result.before), "after": _fit(result.after)},
+        "fit": {"before": fit_document(result.before), "after": fit_document(result.after)},
         "rollout": {
             "horizon": HORIZON,
             "before_rms": before.one_second_rms.tolist(),
@@ -51,11 +53,6 @@ def servo_diagnosis_document(result: ServoDiagnosis, inputs: Sequence[Input] = (
         "repeats": None if result.repeats is None else _repeats(result.repeats),
         **ending(result, result.inputs, inputs or [description(result.robot)], result.seed),
     }
-
-
-def _fit(fit: PositionFit) -> Document:
-    sizes = picked(fit, "train_rms held_out_rms noise_floor held_out_r2")
-    return {"joints": list(fit.joints), "unit": list(fit.unit), **{key: x.tolist() for key, x in sizes.items()}}
 
 
 def _repeats(found: ServoRepeats) -> Document:
@@ -82,31 +79,51 @@ def _number(number: FoundNumber) -> Document:
 
 def servo_diagnosis_tables(result: ServoDiagnosis) -> list[RenderableType]:
     """Verdict, findings, alternatives, unexplained mismatch, and errors before and after."""
-    rivals = servo_alternatives(result)
-    left, again = servo_unexplained(result), servo_repeats_sentences(result)
-    rows = [[one.effect, one.joint, *cells] for one in result.findings for cells in [finding_cells(one)]]
-    return [
-        Text(f"{result.robot.name}: {servo_verdict(result)}", "bold red" if result.flags else "bold"),
-        *([heading("Missing or wrongly stated"), new_table(*LIKELIHOOD, rows=rows)] if rows else []),
-        *([heading("Alternatives"), *map(paragraph, rivals)] if rivals else []),
-        *([heading("Unexplained mismatch"), *map(paragraph, left)] if left else []),
-        *([heading(REPEATED), *map(paragraph, again)] if again else []),
-        heading("Held-out data: rms position error of closed loops from commands alone"),
-        new_table(*servo_error_heads(), rows=servo_errors(result)),
-        *note_lines(result.notes),
+    verdict = Text(_title(result), "bold red" if result.flags else "bold")
+    rivals = Section("Alternatives", (Sentences(_alternatives(result)),))
+    sections = [_findings(result), rivals, _unexplained(result), _repeated(result), _errors(result)]
+    return [verdict, *terminal(sections, result.notes)]
+
+
+def servo_diagnosis_page(result: ServoDiagnosis, inputs: Sequence[Input] = (), command: str = "") -> str:
+    """Render report.html of a diagnosis of drives; `inputs` besides the recordings default to the description."""
+    over = f"diagnosis of {result.robot.name}: position drives from commands and positions, without torque"
+    loops = loop_blocks(result.traces, result.rollout_after, "given simulation", "extended simulation")
+    sections = [
+        _findings(result).beside(Sentences([f"{one.effect} at {one.joint}: {one.meaning}" for one in result.findings])),
+        Section("Alternatives, and the motion that separates them", (Sentences(_alternatives(result)),)),
+        _unexplained(result),
+        _repeated(result),
+        _errors(result).beside(*loops),
     ]
+    header = Header(_title(result), over, list(_cards(result)), bool(result.flags))
+    return sections_page(header, sections, **shared(result, [result.robot], inputs, command))
 
 
-def servo_verdict(result: ServoDiagnosis) -> str:
+def _cards(result: ServoDiagnosis) -> Iterator[Card]:
+    """Error of the worst joint before and after."""
+    before, after = result.rollout_before, result.rollout_after
+    for j in worst_joints(before)[:1]:
+        rms = " → ".join(figure(float(x.whole_rms[j])) for x in (before, after))
+        yield Card(f"closed loop of {before.joints[j]}, held out", f"{rms} {before.units[j]}", "whole recordings, rms")
+        rms = " → ".join(figure(float(x.one_second_rms[j])) for x in (before, after))
+        yield Card("the same joint, windows of 1 s", f"{rms} {before.units[j]}", "rms position error")
+
+
+def _title(result: ServoDiagnosis) -> str:
     """The verdict as a sentence."""
-    if result.verdict != "named":
-        return VERDICTS[result.verdict]
-    causes = [f"{one.effect} at {one.joint}" for one in result.causes]
-    return f"missing or wrongly stated: {', '.join(causes)}"
+    causes = ", ".join(f"{one.effect} at {one.joint}" for one in result.causes)
+    verdict = VERDICTS.get(result.verdict) or f"missing or wrongly stated: {causes}"
+    return f"{result.robot.name}: {verdict}"
 
 
-def finding_cells(one: ServoFinding) -> list[str]:
-    """Numbers, stated values, probability, share of the mismatch, held-out gain."""
+def _findings(result: ServoDiagnosis) -> Section:
+    """Numbers, stated values, probability, share of the mismatch and held-out gain of each finding."""
+    rows = [[one.effect, one.joint, *_cells(one)] for one in result.findings]
+    return Section("Missing or wrongly stated", (Cells(LIKELIHOOD, rows),))
+
+
+def _cells(one: ServoFinding) -> list[str]:
     numbers, stated = [], []
     for key, number in one.parameters.items():
         value = figure(number.value) if not number.std else " ± ".join(with_interval(number.value, number.std))
@@ -117,7 +134,7 @@ def finding_cells(one: ServoFinding) -> list[str]:
     return ["; ".join(numbers), "; ".join(stated), sure, explained, share(max(one.held_out_gain, 0.0))]
 
 
-def servo_alternatives(result: ServoDiagnosis) -> list[str]:
+def _alternatives(result: ServoDiagnosis) -> list[str]:
     """A sentence for each alternative of a cause."""
     return [
         f"{one.effect} at {one.joint} or {rival.effect} at {rival.joint} (probability {share(rival.probability)}): "
@@ -127,7 +144,7 @@ def servo_alternatives(result: ServoDiagnosis) -> list[str]:
     ]
 
 
-def servo_unexplained(result: ServoDiagnosis) -> list[str]:
+def _unexplained(result: ServoDiagnosis) -> Section:
     """Sentences for each joint with mismatch that no law explains: its size, where it is, what was tried."""
     units = dict(zip(result.rollout_after.joints, result.rollout_after.units, strict=True))
     sentences = []
@@ -143,33 +160,29 @@ def servo_unexplained(result: ServoDiagnosis) -> list[str]:
             best = max(left.tried.values())
             if len(alike := [effect for effect, part in left.tried.items() if part > max(ALIKE * best, WORTH)]) > 1:
                 sentences.append(f"{left.joint}: these recordings do not separate {', '.join(alike)}")
-    return sentences
+    return Section("Unexplained mismatch", (Sentences(sentences),))
 
 
-def servo_repeats_sentences(result: ServoDiagnosis) -> list[str]:
+def _repeated(result: ServoDiagnosis) -> Section:
     """A sentence for each joint: how far repeats of one command differ, beside the mismatch on the same rows."""
-    found = result.repeats
-    if found is None:
-        return []
-    units = dict(zip(result.rollout_after.joints, result.rollout_after.units, strict=True))
-    return [
-        f"{joint}: repeats of the same command differ by {figure(float(rms))} {units[joint]} rms ({found.pairs} pairs, "
-        f"{figure(found.seconds)} s); the mismatch there is {figure(float(mismatch))} {units[joint]}, so no model of "
-        f"these commands explains {share(float(part))} of its mean square"
-        for joint, rms, mismatch, part in zip(found.joints, found.rms, found.mismatch_rms, found.share, strict=True)
-    ]
+    found, said = result.repeats, list[str]()
+    if found is not None:
+        units = dict(zip(result.rollout_after.joints, result.rollout_after.units, strict=True))
+        said = [
+            f"{joint}: repeats of the same command differ by {figure(float(rms))} {units[joint]} rms ({found.pairs} "
+            f"pairs, {figure(found.seconds)} s); the mismatch there is {figure(float(mismatch))} {units[joint]}, so no "
+            f"model of these commands explains {share(float(part))} of its mean square"
+            for joint, rms, mismatch, part in zip(found.joints, found.rms, found.mismatch_rms, found.share, strict=True)
+        ]
+    return Section("Repeats of one command", (Sentences(said),))
 
 
-def servo_error_heads() -> list[str]:
-    """Heads of the table of errors."""
-    pairs = (f"{span}: before>" if k == 0 else "after>" for span in ("whole", "1 s", "windows") for k in range(2))
-    return ["joint", *pairs, "noise>", "unit"]
-
-
-def servo_errors(result: ServoDiagnosis) -> Iterator[list[str]]:
+def _errors(result: ServoDiagnosis) -> Section:
     """Errors of each joint before and after, over whole recordings, 1 s and the windows of the search."""
+    pairs = (head for span in ("whole", "1 s", "windows") for head in (f"{span}: before>", "after>"))
     a, b = result.rollout_before, result.rollout_after
     sizes = (a.whole_rms, b.whole_rms, a.one_second_rms, b.one_second_rms)
     fits = (result.before.held_out_rms, result.after.held_out_rms, result.after.noise_floor)
-    for j, joint in enumerate(a.joints):
-        yield [joint, *(figure(float(x[j])) for x in (*sizes, *fits)), a.units[j]]
+    rows = [[joint, *(figure(float(x[j])) for x in (*sizes, *fits)), a.units[j]] for j, joint in enumerate(a.joints)]
+    title = "Held-out data: rms position error of closed loops from commands alone"
+    return Section(title, (Cells(["joint", *pairs, "noise>", "unit"], rows),))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -12,46 +11,14 @@ import numpy as np
 
 from ....types import Array, Indices, Input, Robot
 from ....version import __version__
-from ..layout import determination, figure, share, with_interval
-from ..policy import content_policy, escaped
-from ..results.documents import description, once
-from ..results.signs import confidence
+from ..documents import description, once
+from ..layout import confidence, determination, figure, share, with_interval
+from ..policy import content_policy
+from ..sections import Card, Section
 
 TEMPLATES = Path(__file__).parent / "templates"
-BEFORE, AFTER, FLOOR, INK, FAINT = "#d1700e", "#2f7fc1", "#00876a", "#1f2933", "#8a94a0"
+BEFORE, AFTER, FLOOR, FAINT = "#d1700e", "#2f7fc1", "#00876a", "#8a94a0"
 AXIS = {"showline": True, "linecolor": "#c5ccd3", "gridcolor": "#e3e8ec", "zeroline": False, "automargin": True}
-CLEAR = "rgba(0,0,0,0)"
-PLAIN = {"paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR, "margin": {"l": 8, "r": 10, "t": 10, "b": 8}}
-FONT = {"family": "system-ui, Segoe UI, Helvetica, Arial, sans-serif", "size": 12, "color": INK}
-
-
-class Card(NamedTuple):
-    """A key figure."""
-
-    title: str
-    figure: str
-    beside: str
-
-
-class Plot(NamedTuple):
-    """A plot: traces and layout for Plotly."""
-
-    name: str  # caption and text alternative
-    data: list[dict[str, Any]]
-    layout: dict[str, Any]
-    height: int = 240  # [pixels]
-    wide: bool = False  # full width of the page
-
-    @property
-    def content(self) -> dict[str, Any]:
-        """Data and layout for Plotly; names in them are escaped."""
-        layout = {"font": FONT, "showlegend": False, "hovermode": "closest", **PLAIN, **self.layout}
-        return {"data": escaped(self.data), "layout": escaped({**layout, "height": self.height})}
-
-    @property
-    def text(self) -> str:
-        """JSON text, safe inside a page."""
-        return json.dumps(self.content, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:
@@ -84,6 +51,23 @@ def shared(result: Any, robots: Iterable[Robot], inputs: Sequence[Input], comman
     """Content of every page: result, input files (by default the descriptions of the robots), command, version."""
     files = once([*result.inputs, *(inputs or map(description, robots))])
     return {"result": result, "files": files, "command": command, "seed": result.seed, "version": __version__}
+
+
+class Header(NamedTuple):
+    """Top of a page."""
+
+    title: str
+    over: str  # small line above the headline
+    cards: Sequence[Card]
+    unreliable: bool = False  # whether flags say what not to rely on
+    headline: str = ""  # "": the title
+
+
+def sections_page(header: Header, sections: Sequence[Section], **content: Any) -> str:
+    """Render a page of sections; `content`: that of every page (`shared`), and `notes` if not those of the result."""
+    result = content["result"]
+    content = {"notes": result.notes, "flags": result.flags, **content, **header._asdict()}
+    return render("sections.html", sections=sections, **{**content, "headline": header.headline or header.title})
 
 
 def curve(name: str, x: Any, y: Any, line: dict[str, Any], **hover: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Plots of held-out torque over time, of its residual against the state, and of roll-out errors."""
+"""Plots of held-out torque and positions over time, of residuals against the state, and of roll-out errors."""
 
 from __future__ import annotations
 
@@ -8,32 +8,35 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ....estimation.fit_quality import Course, Fit
+from ....model import Model, stated_inertials, stated_laws
+from ....recording.sampling import split
 from ....recording.sampling.clock import CHUNK
+from ....regression.session import Part, Session
 from ....types import Array, Indices, Recording
 from ..layout import determination, figure
 from ..policy import plot_markup
-from .frame import AFTER, BEFORE, FAINT, INK, Plot, axis, curve, packed, thinned
+from ..sections import INK, Folds, JointPlots, Key, Plot
+from .frame import AFTER, BEFORE, FAINT, FLOOR, axis, curve, packed, thinned
 
 if TYPE_CHECKING:
+    from ....servo.identify import ServoRollOut, ServoTrace
     from ....simulation.rollout import RollOut
     from ....validate import ValidatedModel
 
 POINTS, DOTS = 16_000, 9_000  # total number of points of lines and of scatter plots
 FEWEST = 150  # minimum number of points per line
 BINS = 24  # number of means per scatter plot
+DRAWN, FEW = 400_000, 20_000  # most samples drawn, and number below which no further part of a recording is drawn
 MOST = 60  # maximum number of points per line of a roll-out
 OPEN = 3  # maximum number of unfolded joints
 TOP, GAP = 0.42, 0.06  # share of a plot taken by the residual, and half of the gap above it
+SPAN = 6.0  # largest drawn position error, as a multiple of the largest error of the identified loop
+MOST_TRACES = 4  # maximum number of recordings that are drawn
+FROM_COMMANDS = (
+    "The robot starts at the measured state and follows the commands alone. Error is measured - simulated position."
+)
+POSITION = "$name: %{y:.5g} $unit at %{x:.5g} s<extra></extra>"
 TORQUE = "$name: %{y:.4g} $unit at %{x:.5g} s<extra></extra>"
-
-
-class JointPlots(NamedTuple):
-    """Plots of a joint."""
-
-    name: str
-    summary: str
-    open: bool
-    plots: tuple[Plot, ...]
 
 
 class Line(NamedTuple):
@@ -193,3 +196,112 @@ def rollout_plots(rolled: Sequence[tuple[str, RollOut, str, str]]) -> list[Plot]
     x = axis("time since the start [s]", rangemode="tozero", nticks=6)
     y_axes = {unit: axis(f"rms error [{unit}]", rangemode="tozero", nticks=6) for _, unit in found}
     return [Plot(joint, data, {"xaxis": x, "yaxis": y_axes[unit]}, 210) for (joint, unit), data in found.items()]
+
+
+def worst_joints(found: ServoRollOut) -> list[int]:
+    """Joints with commands in descending order of the error of whole recordings."""
+    order = np.argsort(-np.nan_to_num(found.whole_rms, nan=-1.0, posinf=1e300), kind="stable")
+    return [int(j) for j in order if not np.isnan(found.whole_rms[j])]
+
+
+def closed_loop_plots(traces: Sequence[ServoTrace], found: ServoRollOut) -> Iterator[JointPlots]:
+    """Positions over time per joint: whole recordings and windows of 1 s; the worst joints are unfolded."""
+    order = worst_joints(found)
+    drawn = traces[:MOST_TRACES]
+    lines = 6 * max(1, len(drawn)) * 2
+    most = max(FEWEST, 6 * POINTS // (lines * max(1, len(order))))
+    for j in order:
+        joint, unit = found.joints[j], found.units[j]
+        plots = [plot for trace in drawn if joint in trace.joints for plot in _loop_plots(trace, joint, unit, most)]
+        sizes = (found.nominal_whole_rms[j], found.whole_rms[j])
+        summary = " → ".join(figure(float(rms)) for rms in sizes)
+        yield JointPlots(joint, f"{summary} {unit}, whole recordings", j in order[:OPEN], tuple(plots))
+
+
+def loop_blocks(
+    traces: Sequence[ServoTrace], found: ServoRollOut, before: str, after: str
+) -> tuple[Key, Folds] | tuple[()]:
+    """Key and plots of closed loops for a page; `before` and `after`: names of the simulations."""
+    joints = list(closed_loop_plots(traces, found))
+    marks = [
+        ("floor", "command"),
+        ("measured", "measured"),
+        ("before", f"before: {before}"),
+        ("after", f"after: {after}"),
+    ]
+    note = FROM_COMMANDS + (" The first recordings only." if len(traces) > MOST_TRACES else "")
+    return (Key(marks), Folds(note, joints)) if joints else ()
+
+
+def _loop_plots(trace: ServoTrace, joint: str, unit: str, most: int) -> Iterator[Plot]:
+    j = trace.joints.index(joint)
+    measured, nominal = trace.measured[:, j], trace.nominal[:, j]
+    first = [
+        Line("command", "y", FLOOR, {"width": 1.2, "dash": "dash", "shape": "hv"}, trace.command[:, j]),
+        Line("measured", "y", INK, {"width": 1.6}, measured),
+    ]
+    before = [
+        Line("before", "y", BEFORE, {"width": 1.3, "dash": "dot"}, nominal),
+        Line("measured - before", "y2", BEFORE, {"width": 1.2, "dash": "dot"}, measured - nominal),
+    ]
+    title = f"{joint}, {trace.path.rpartition('/')[2] or 'recording'}"
+    whole = [*first, *before, *_simulated(measured, trace.simulated[:, j])]
+    yield _positions(f"{title}: whole recording from commands alone", trace.t, unit, whole, most)
+    if trace.one_second is not None:
+        short = [*first, *_simulated(measured, trace.one_second[:, j])]
+        yield _positions(f"{title}: restarted from the measured state every second", trace.t, unit, short, most)
+
+
+def _simulated(measured: Array, simulated: Array) -> list[Line]:
+    return [
+        Line("identified", "y", AFTER, {"width": 1.4}, simulated),
+        Line("measured - identified", "y2", AFTER, {"width": 1.2}, measured - simulated),
+    ]
+
+
+def _positions(title: str, t: Array, unit: str, lines: Sequence[Line], most: int) -> Plot:
+    """Plot positions over time, with errors below."""
+    values = np.column_stack([np.where(np.isfinite(line.values), line.values, np.nan) for line in lines])
+    t, values = thinned(t - t[:1], values, np.zeros(1, dtype=np.intp), most)
+    data = []
+    for line, y in zip(lines, values.T, strict=True):
+        hover = plot_markup(POSITION, name=line.name, unit=unit)
+        style = {"color": line.colour, **line.style}
+        data.append({**curve(line.name, packed(t), packed(y), style, hovertemplate=hover), "yaxis": line.axis})
+    errors = {line.name: np.nanmax(np.abs(y), initial=0.0) for line, y in zip(lines, values.T, strict=True)}
+    span = SPAN * float(errors["measured - identified"])
+    cut = {"range": [-span, span]} if 0 < span < errors.get("measured - before", 0.0) else {}
+    layout = {
+        "xaxis": axis("time [s]", anchor="y2"),
+        "yaxis": axis(f"position [{unit}]", domain=[TOP + GAP, 1], nticks=6),
+        "yaxis2": axis(f"error [{unit}]", domain=[0, TOP - GAP], nticks=5, zeroline=True, zerolinecolor=FAINT, **cut),
+    }
+    return Plot(title, data, layout, 360, wide=True)
+
+
+def held_out_rows(session: Session, after: Model) -> tuple[Course, bool]:
+    """Residuals of the description and the model on held-out data or its beginning; whether that is all of it."""
+    from ....diagnose.extend.holdout import course_of, residual_rows
+
+    parts = list(_beginning(session.held_out))
+    stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))
+    before, identified = (residual_rows(session.task, model, parts) for model in (stated, after))
+    return course_of(before, identified, session.robot), _samples(parts) == _samples(session.held_out)
+
+
+def _beginning(parts: Sequence[Part]) -> Iterator[Part]:
+    """Yield recordings until there are enough samples, the last one in part."""
+    left = DRAWN
+    for part in parts:
+        count, (recording, sampling) = _samples([part]), part
+        if count > left:
+            yield recording, split(sampling, left / count)[0]
+            return
+        yield part
+        left -= count
+        if left < FEW:
+            return
+
+
+def _samples(parts: Sequence[Part]) -> int:
+    return sum(sampling.length(span) for _, sampling in parts for span in sampling.spans)

@@ -8,11 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ....estimation.excitation import ENOUGH, ExcitationVerdict
 from ....estimation.fit_quality import Course
 from ....types import Array
 from ..policy import plot_markup
+from ..sections import Plot
 from .courses import clock
-from .frame import Plot, axis, packed
+from .frame import AFTER, FLOOR, axis, packed
 
 BINS, FEWEST = 10, 3  # regions per variable, and minimum number of rows per region
 HOT = [[0, "rgba(209,80,14,0)"], [1, "rgba(209,80,14,1)"]]
@@ -157,3 +159,25 @@ def tied(covariance: Array) -> list[tuple[int, int, float]]:
     rows, columns = np.nonzero(np.abs(found) >= TIED)
     pairs = [(int(i), int(k), float(found[i, k])) for i, k in zip(rows, columns, strict=True)]
     return sorted(pairs, key=lambda pair: -abs(pair[2]))
+
+
+def excitation_plot(found: ExcitationVerdict) -> Plot:
+    """Plot the share of information per direction, ascending, and the required share."""
+    shares = np.maximum(found.shares, 1e-6)
+    number = np.arange(1.0, len(shares) + 1)
+    bars = {
+        "type": "bar",
+        "x": packed(number),
+        "y": packed(100 * shares),
+        "marker": {"color": AFTER},
+        "hovertemplate": plot_markup("direction %{x}: %{y:.3g} %<extra></extra>"),
+    }
+    ends = [0.5, len(shares) + 0.5]
+    line = {"type": "scatter", "mode": "lines", "x": ends, "y": [100 * ENOUGH] * 2, "hoverinfo": "skip"}
+    layout = {
+        "xaxis": axis("direction, weakest first [1]"),
+        "yaxis": axis("share of information [%]", type="log", tickformat="~g"),
+    }
+    dashed = {**line, "line": {"color": FLOOR, "dash": "dash", "width": 2}}
+    title = "Directions in parameter space: information relative to random motion; dashed: required"
+    return Plot(title, [bars, dashed], layout, 260, wide=True)

@@ -1,0 +1,1 @@
+"""Plots of pages, and the pages that hold them."""

@@ -1,1 +1,0 @@
-"""Results on position drives beside their identification and validation."""

@@ -1,0 +1,133 @@
+"""Sections of the description of a result, which the terminal and its page share."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, TypeAlias, Union
+
+from rich.console import RenderableType
+
+from .layout import heading, new_table, note_lines, paragraph
+from .policy import escaped
+
+INK = "#1f2933"
+CLEAR = "rgba(0,0,0,0)"
+PLAIN = {"paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR, "margin": {"l": 8, "r": 10, "t": 10, "b": 8}}
+FONT = {"family": "system-ui, Segoe UI, Helvetica, Arial, sans-serif", "size": 12, "color": INK}
+Block: TypeAlias = Union["Cells", "Sentences", "Plain", "Legend", "Key", "Folds", "Plots"]
+
+
+class Card(NamedTuple):
+    """A key figure."""
+
+    title: str
+    figure: str
+    beside: str
+
+
+class Plot(NamedTuple):
+    """A plot: traces and layout for Plotly."""
+
+    name: str  # caption and text alternative
+    data: list[dict[str, Any]]
+    layout: dict[str, Any]
+    height: int = 240  # [pixels]
+    wide: bool = False  # full width of the page
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """Data and layout for Plotly; names in them are escaped."""
+        layout = {"font": FONT, "showlegend": False, "hovermode": "closest", **PLAIN, **self.layout}
+        return {"data": escaped(self.data), "layout": escaped({**layout, "height": self.height})}
+
+    @property
+    def text(self) -> str:
+        """JSON text, safe inside a page."""
+        return json.dumps(self.content, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
+
+
+class JointPlots(NamedTuple):
+    """Plots of a joint."""
+
+    name: str
+    summary: str
+    open: bool
+    plots: tuple[Plot, ...]
+
+
+class Cells(NamedTuple):
+    """A table: heads, `>` at the end for columns of numbers, and rows of texts."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+class Sentences(NamedTuple):
+    """Sentences, one a line; a list on a page."""
+
+    said: Sequence[str]
+
+
+class Plain(NamedTuple):
+    """A sentence; a paragraph on a page."""
+
+    plain: str
+
+
+class Legend(NamedTuple):
+    """Small print of a page."""
+
+    legend: str
+
+
+class Key(NamedTuple):
+    """Colours of the lines of a page: class of the style or colour of each, and its name."""
+
+    marks: Sequence[tuple[str, str]]
+
+
+class Folds(NamedTuple):
+    """Plots of a page that unfold joint by joint, with a note."""
+
+    note: str
+    joints: Sequence[JointPlots]
+
+
+class Plots(NamedTuple):
+    """Plots of a page side by side."""
+
+    plots: Sequence[Plot]
+
+
+class Section(NamedTuple):
+    """Part of a description; one without content is not shown."""
+
+    title: str
+    blocks: tuple[Block, ...]
+    level: int = 2  # of its heading on a page
+
+    @property
+    def shown(self) -> tuple[Block, ...]:
+        """Blocks with content."""
+        return tuple(block for block in self.blocks if block[-1])
+
+    def beside(self, *blocks: Block) -> Section:
+        """The section with further blocks, for its page."""
+        return self._replace(blocks=(*self.blocks, *blocks))
+
+
+def terminal(sections: Iterable[Section], notes: Iterable[str]) -> list[RenderableType]:
+    """Headings, tables and sentences of the sections that have any, and notes."""
+    shown = [line for section in sections if section.shown for line in _lines(section)]
+    return [*shown, *note_lines(notes)]
+
+
+def _lines(section: Section) -> Iterator[RenderableType]:
+    if section.title:
+        yield heading(section.title)
+    for block in section.shown:
+        if isinstance(block, Cells):
+            yield new_table(*block.heads, rows=block.rows)
+        elif isinstance(block, Sentences | Plain):
+            yield from map(paragraph, block.said if isinstance(block, Sentences) else [block.plain])
