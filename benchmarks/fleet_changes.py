@@ -25,7 +25,7 @@ from signid.cli.fleet.summary import Summary, summarise
 from signid.effects.naming import parse_law
 from signid.model import Model
 from signid.output.report import identification_document, to_json
-from signid.simulation.excite.random_motions import rest_to_rest_motion
+from signid.simulation.excite.families import rest_to_rest_motion
 from signid.simulation.plant import Sensors, record, simulate, track
 
 LEVELS = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.6)  # Coulomb friction of joint_2 in the second session [N.m]

@@ -20,7 +20,7 @@ from benchmarks.public_sets.specification import HEADLINE, Rows, channels, poole
 from benchmarks.public_sets.stretches import PARTS, SetFiles, set_files
 from benchmarks.public_sets.write import COPY, describe, refusal, write_readme, write_set, write_specification
 from signid.recording.gallery.sets import SETS as GALLERY
-from signid.regression.filters import Decimator, lowpass
+from signid.regression.bandwidth import Decimator, lowpass
 from signid.robot import robot_from_text
 from signid.types import Recording, Robot
 

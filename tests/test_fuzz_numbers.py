@@ -18,8 +18,7 @@ from signid.recording.sampling import samples, select_stretches
 from signid.recording_faults.channels import Amount
 from signid.recording_faults.messages import amount_finding
 from signid.regression.motion import Motion
-from signid.regression.prepare import prepare
-from signid.regression.session import Options
+from signid.regression.session import Options, prepare
 from signid.simulation.plant import simulate, track
 from signid.types import Trajectory
 

@@ -23,15 +23,14 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "output/report": "layout policy write results pages __init__",
     "output/report/results": "__init__ documents drives laws refinement recordings signs headline simulation "
     "identification check payload fleet sentences inspection validation diagnosis",
-    "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
-    "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "
-    "factors misfit session prepare reduced",
+    "estimation": "__init__ fit_quality excitation feasible pbrp least_squares standard estimators",
+    "regression": "__init__ bandwidth projection motion base_parameters rows factors covariance session reduced",
     "recording": "names streams formats source columns sampling noticed joining gallery plausible read bare accept "
     "__init__ convert draft",
     "recording/formats": "panics base text arrays ros csv_ json_ parquet arrow npy npz lerobot rosbag hdf5 matlab "
     "__init__",
     "robot": "gravity joints dynamics actuators description locate xacro_arguments load accept __init__",
-    "signs": "thresholds result observations segments search samples posterior infer flags tree torque_constants "
+    "signs": "thresholds result observations segments search samples infer tree rows_of_file torque_constants "
     "recover __init__",
     "simulation": "__init__ plant excite rollout refine",
 }

@@ -23,8 +23,7 @@ from signid.recording_faults.distortions import Distortion, distortion_fault
 from signid.recording_faults.evidence import gather
 from signid.recording_faults.fits import missing_laws
 from signid.regression.motion import Motion
-from signid.regression.prepare import prepare
-from signid.regression.session import Options
+from signid.regression.session import Options, prepare
 from signid.types import Array, Robot
 
 JOINTS = tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"))

@@ -18,7 +18,7 @@ from signid.recording import read_recording
 from signid.recording.sampling import Sampling, samples, survey
 from signid.recording.sampling.clock import Clock, read_clock
 from signid.recording.sampling.even import fit_even
-from signid.regression.prepare import prepare
+from signid.regression.session import prepare
 from signid.robot import configuration, load_robot
 from signid.robot.dynamics import rigid_torque
 from signid.types import Recording, Robot

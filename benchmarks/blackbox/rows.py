@@ -13,10 +13,9 @@ from signid.diagnose.extend.holdout import ResidualRows, residual_rows
 from signid.model import Model
 from signid.recording import same_joints
 from signid.recording.sampling import survey
-from signid.regression.prepare import prepare
-from signid.regression.session import SAME_RATE, Options
+from signid.regression.session import SAME_RATE, Options, prepare
 from signid.robot import hold, resting
-from signid.simulation.rollout.joints import restrict_joints
+from signid.simulation.rollout.windows import restrict_joints
 from signid.types import Recording, Robot
 
 from ..concealed_real.sets import columns_of, rebuilt

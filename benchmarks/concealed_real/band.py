@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from signid.diagnose.extend.holdout import residual_rows
 from signid.model import Model
-from signid.regression.prepare import prepare
-from signid.regression.session import Options
-from signid.simulation.rollout.joints import restrict_joints
+from signid.regression.session import Options, prepare
+from signid.simulation.rollout.windows import restrict_joints
 from signid.types import Recording
 
 Array = NDArray[np.float64]

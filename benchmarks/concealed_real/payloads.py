@@ -8,8 +8,7 @@ import pinocchio as pin
 from signid.model import Model, stated_inertials
 from signid.recording.sampling import samples
 from signid.regression.motion import build_motion
-from signid.regression.prepare import prepare
-from signid.regression.session import Options
+from signid.regression.session import Options, prepare
 from signid.robot.dynamics import own_body
 from signid.types import Recording
 

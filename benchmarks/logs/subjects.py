@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import signid
-from signid.regression.prepare import prepare
+from signid.regression.session import prepare
 from signid.types import Robot
 
 from ..arms import ARMS, Arm, load, truth

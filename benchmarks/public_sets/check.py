@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from signid.regression.motion import Motion
-from signid.simulation.rollout.joints import restrict_joints
+from signid.simulation.rollout.windows import restrict_joints
 
 from ..blackbox.task import Task
 from .specification import Model, read

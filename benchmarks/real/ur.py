@@ -9,7 +9,7 @@ import numpy as np
 import signid
 from signid.diagnose import Diagnosis
 from signid.diagnose.extend.holdout import residual_rows
-from signid.regression.prepare import prepare
+from signid.regression.session import prepare
 
 from .data import HELD_OUT, LOADED, UNLOADED, ur10e_model, ur10e_recording
 from .row import Array, Row, Target, attempt, first_is, found, rms, within

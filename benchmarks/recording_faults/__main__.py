@@ -23,7 +23,7 @@ from rich.table import Table
 from signid.model import Model, load_model
 from signid.recording import read_recording
 from signid.recording_faults import RecordingFault, examine
-from signid.regression.prepare import prepare
+from signid.regression.session import prepare
 
 from ..concealed.cases import Case, cases
 from ..concealed.session import make

@@ -6,7 +6,7 @@ import numpy as np
 
 from signid.errors import OptionError
 from signid.signs.search.problem import SignProblem
-from signid.signs.tree.tree import LOST, WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
+from signid.signs.tree import LOST, WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
 from signid.types import Indices
 
 from .truth import Array

@@ -14,8 +14,7 @@ from signid.signs.infer import infer
 from signid.signs.observations import Observed, observe
 from signid.signs.search.problem import Segment, build_problem
 from signid.signs.segments import threshold_runs
-from signid.signs.tree.condition import condition_order
-from signid.signs.tree.tree import WIDTH
+from signid.signs.tree import WIDTH, condition_order
 from signid.types import Indices
 
 from ..summary import frame

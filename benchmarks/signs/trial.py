@@ -15,9 +15,8 @@ import signid
 from signid.identify import Identification
 from signid.recording import read_recording
 from signid.recording.source import Source
-from signid.regression.prepare import prepare
 from signid.regression.rows import read_rows
-from signid.regression.session import Options, Session
+from signid.regression.session import Options, Session, prepare
 from signid.types import BaseMap, Estimate, Law, Recording, Robot
 
 from ..arms import base_parameters

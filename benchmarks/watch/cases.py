@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import signid
 from signid.model import Model
-from signid.simulation.excite.random_motions import rest_to_rest_motion
+from signid.simulation.excite.families import rest_to_rest_motion
 from signid.watch import Contact, Event, LastingChange
 
 from ..arms import ARMS, Arm, load

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..effects.base import BodyLaw, TorqueLaw
 from ..model import Model
-from ..regression.filters import Decimator
+from ..regression.bandwidth import Decimator
 from ..regression.motion import Motion, build_motion, margin
 from ..regression.rows import Task
 from ..regression.session import Part, Session, longest_piece

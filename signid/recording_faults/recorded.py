@@ -8,8 +8,7 @@ import numpy as np
 
 from ..estimation.excitation import ExcitationVerdict
 from ..model import Model
-from ..regression.prepare import prepare
-from ..regression.session import Options
+from ..regression.session import Options, prepare
 from ..types import Recording
 from .examine import examine
 from .result import REFUSE, WARN

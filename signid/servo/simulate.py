@@ -14,7 +14,7 @@ from ..recording import as_recording
 from ..recording.source import Source
 from ..servos import PASSIVE, SERVO_NUMBERS, Servo, ServoGrid
 from ..simulation.plant import Sensors, record_held
-from ..simulation.rollout.joints import restrict_joints
+from ..simulation.rollout.windows import restrict_joints
 from ..typed import typed
 from ..types import Array, Law, Recording, Result, Robot, Trajectory
 from .plant import grids_of_arrays, roll_out, saturated_share, servo_grid, servo_grids

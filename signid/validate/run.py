@@ -15,10 +15,9 @@ from ..estimation.fit_quality import fit_rows
 from ..model import Model, ModelSource
 from ..recording import Recordings, as_recordings, same_joints
 from ..recording_faults import NO_EXCITATION, RecordingFaults, examine
-from ..regression.prepare import prepare
-from ..regression.session import Options, Session, only_once
+from ..regression.session import Options, Session, only_once, prepare
 from ..simulation.rollout import RollOut, roll_out
-from ..simulation.rollout.joints import restrict_joints
+from ..simulation.rollout.windows import restrict_joints
 from ..typed import typed
 from ..types import Input, Progress, Recording
 from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_notes, whole_notes

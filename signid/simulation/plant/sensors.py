@@ -12,7 +12,7 @@ from ...errors import OptionError, unexpected
 from ...robot import as_robot
 from ...typed import typed
 from ...types import Array, Mask, Robot
-from .run import Simulation
+from .plant import Simulation
 
 CORNER = 3.0  # [Hz] corner frequency of coloured noise
 MOST = {"noise": 10.0, "coloured noise": 10.0, "jitter": 10.0}  # largest shares; more would hide all

@@ -14,11 +14,9 @@ from ...recording.sampling import survey
 from ...regression.bandwidth import Band, choose_band
 from ...regression.session import Part, common_rate, longest_piece
 from ...types import Array, Frozen, Result
-from ..rollout.joints import restrict_joints
 from ..rollout.whole import check_whole, whole_windows
-from ..rollout.windows import Windows, cut_windows
-from .choose import LawTrial, choose, cross_validate
-from .fit import fit_windows, window_rms
+from ..rollout.windows import Windows, cut_windows, restrict_joints
+from .fit import LawTrial, choose, cross_validate, fit_windows, window_rms
 
 ONE, SEVERAL = (2.5, 5.0), (0.5,)  # [s] lengths of windows for one joint, where errors hardly grow, and for several
 STEP = 1e-3  # [s] largest step of a simulation
