@@ -16,7 +16,7 @@ from ..regression.session import Part, Session
 from ..types import Array, Indices
 
 SHORTEST = 0.5  # [s] duration of a piece
-MOST = 240  # pieces of a recording
+MOST_PIECES = 240  # pieces of a recording
 NUMBERS = 2**24  # largest number of entries of all sums: 128 MB
 BRIEFEST = 2.0  # [s] shortest time with the load, and without it
 RIDGES = (
@@ -72,7 +72,7 @@ def piece_rows(session: Session, parts: Sequence[Part]) -> int:
     rate = task.band.rate / task.band.factor
     total = sum(sampling.length(span) for _, sampling in parts for span in sampling.spans) / task.band.factor
     entries = sum((int(seen.sum()) + 1) ** 2 for seen in task.base.sees) + (task.base.rank + 1) ** 2
-    most = min(MOST, max(16, NUMBERS // entries))
+    most = min(MOST_PIECES, max(16, NUMBERS // entries))
     return max(1, round(SHORTEST * rate), int(np.ceil(total / most)))
 
 

@@ -169,7 +169,9 @@ def measure_misfit(task: Task, test: Factors, value: Array) -> Misfit:
             c = np.append(-value[columns], 1.0)
             own = joint.grams[:, -len(c) :, -len(c) :]
             power = np.einsum("i,dij,j->d", c, own, c) / np.maximum(joint.counts, 1)  # autocovariance of the residual
-            size[j], length[j] = np.sqrt(max(power[0], 0.0)), period * _rows_of_one(power)
+            size[j], length[j] = np.sqrt(max(power[0], 0.0)), period
+            if power[0] > 0:  # rows that count as one against a torque that is correlated as long
+                length[j] *= 1 + 2 * np.sum(np.clip(power[1:] / power[0], -1, 1) ** 2)
     return Misfit(size, length, task.band.cutoff)
 
 
@@ -180,10 +182,3 @@ def read_misfit(content: Mapping[str, Any] | None, joints: Sequence[str]) -> Mis
     own = [content["joints"].get(name, {"rms": np.nan, "length": np.nan}) for name in joints]
     size, length = (np.array([float(each[key]) for each in own]) for key in ("rms", "length"))
     return Misfit(size, length, float(content["cutoff"]))
-
-
-def _rows_of_one(power: Array) -> float:
-    """Rows that count as one against a torque that is correlated as long [1]; power: (d,) autocovariance."""
-    if power[0] <= 0:
-        return 1.0
-    return float(1 + 2 * np.sum(np.clip(power[1:] / power[0], -1, 1) ** 2))

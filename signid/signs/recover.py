@@ -43,8 +43,7 @@ METHODS = ("exact", "tree")
 def raise_flags(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
     """One sentence for each reason why the signs are unreliable; empty if there is none."""
     return (
-        *_unproved(inferred),
-        *_unsettled(inferred),
+        *_unfinished(inferred),
         *_undecided(observed, inferred),
         *_large_offset(observed, inferred),
         *_invisible_bodies(observed, inferred),
@@ -54,8 +53,8 @@ def raise_flags(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
     )
 
 
-def _unproved(inferred: Inferred) -> Iterator[str]:
-    proof = inferred.proof
+def _unfinished(inferred: Inferred) -> Iterator[str]:
+    proof, refined = inferred.proof, inferred.refined
     if not proof.optimal:
         bound = f"gap {proof.gap:.2g}" if proof.has_bound else "no bound was proved"
         yield (
@@ -67,10 +66,6 @@ def _unproved(inferred: Inferred) -> Iterator[str]:
             "too many other signs are nearly as good as the best to be enumerated, so confidences may be too high; do "
             "not take the signs for measured"
         )
-
-
-def _unsettled(inferred: Inferred) -> Iterator[str]:
-    refined = inferred.refined
     if refined.change > UNSETTLED_CHANGE:
         yield (
             f"signs and parameters had not settled after {refined.rounds} rounds of refinement (the last one changed "

@@ -201,7 +201,8 @@ class Contacts:
             if self.begun is None:
                 self.above = self.above + step if size > 1 else 0.0
                 if size > 1 and self.above >= min(LASTING, step * 1.5):
-                    begin = now - self.above - _rise(size)
+                    rise = min(1.0, 1.0 / max(size, 1.0)) / GAIN  # [s] a constant torque needs to reach the threshold
+                    begin = now - self.above - float(rise)
                     self.begun = self._contact(now + late, ratio[k], r[k], q[k], begin)
                     self.most, self.below = (size, ratio[k].copy(), r[k].copy(), q[k].copy()), 0.0
                     self.peak = now
@@ -254,11 +255,6 @@ class Contacts:
         force = np.linalg.lstsq(jacobian.T, -r, rcond=1e-3)[0]
         size = float(np.linalg.norm(force))
         return None if not size > 0 else (float(force[0] / size), float(force[1] / size), float(force[2] / size))
-
-
-def _rise(size: float) -> float:
-    """Time [s] that a constant torque needs to reach the threshold, which it exceeds by now."""
-    return float(min(1.0, 1.0 / max(size, 1.0)) / GAIN)
 
 
 def _first_order(x: Array, keep: float, powers: Array, state: Array) -> Array:

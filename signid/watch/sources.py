@@ -25,7 +25,7 @@ MOST_LINE, MOST_COLUMNS = 1_000_000, 2_000  # characters of a line, columns of a
 PROBE = 64  # rows of zeros and ones that show the conversion of each column
 TICK = 0.025  # [s] rows that arrive within this time are processed together
 LARGEST = 1 << 18  # [bytes] of a read
-MOST = 16  # reads of standard input that wait
+MOST_READS = 16  # reads of standard input that wait
 CHUNK = 0.1  # [s] of rows of a recording
 ROS = "ros:"  # beginning of the name of a topic
 
@@ -248,7 +248,7 @@ def _parsed(texts: Iterator[str], robot: Robot, columns: ColumnMap | None, name:
 
 def _standard_input(idle: float) -> Iterator[str]:
     """Text of standard input as it arrives; "" after each tick without any."""
-    source, arrived, last, rest = sys.stdin.fileno(), Queue[bytes](maxsize=MOST), time.monotonic(), b""
+    source, arrived, last, rest = sys.stdin.fileno(), Queue[bytes](maxsize=MOST_READS), time.monotonic(), b""
 
     def read() -> None:
         while True:

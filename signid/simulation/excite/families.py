@@ -20,7 +20,7 @@ DEPENDENT = 1e-7  # [1] length below which a projected vector is a combination o
 DEGREE = 5  # of splines: all derivatives up to the fourth are continuous
 MANY = 40  # largest number of harmonics
 LONGEST = 3600.0  # duration of a motion [s]
-MOST_ROWS = 5e6  # of a motion
+MOST_ROWS = 5e6  # [rows] of a motion; heuristic: memory
 FREQUENCY, HARMONICS = 0.1, 5  # [Hz] lowest frequency and number of harmonics of `rest_to_rest_motion`
 AMPLITUDE = (0.3, 0.8)  # [1] smallest and largest share of the limits that it uses
 

@@ -20,9 +20,9 @@ from .dynamics import DryFriction, Dynamics, build_bodies
 from .effect_terms import TRIAL, Moment, build_terms, measure_stiffness, total_torque
 
 INTEGRATORS = ("semi-implicit", "rk4")
-MOST = 200  # largest number of sub-steps
+MOST_SUBSTEPS = 200  # [sub-steps of a step]; heuristic: time
 CAREFUL = 4  # sub-steps of a Runge-Kutta step in which a joint stops or reverses
-MOST_STEPS = 5e6  # largest number of steps
+MOST_STEPS = 5e6  # [steps] of a simulation; heuristic: memory
 MOST_SPEED = 1e4  # [rad/s or m/s] speed from which on a simulation has diverged
 
 
@@ -47,9 +47,9 @@ class Plant:
         self.friction = DryFriction(self.bodies.drive.shape[1])
         stiffness = measure_stiffness(self.moment, self.terms, step, model.robot)
         self.substeps = substeps or stiffness.substeps(step, implicit=integrator == "semi-implicit")
-        if not 0 < self.substeps <= MOST:
+        if not 0 < self.substeps <= MOST_SUBSTEPS:
             raise OptionError(
-                f"steps of {step:g} s need {self.substeps} sub-steps, and at most {MOST} are allowed; "
+                f"steps of {step:g} s need {self.substeps} sub-steps, and at most {MOST_SUBSTEPS} are allowed; "
                 f"give shorter steps, or use the integrator 'semi-implicit' for stiff laws"
             )
         self.stiff = stiffness.stiff(step / self.substeps)

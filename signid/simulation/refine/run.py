@@ -20,7 +20,7 @@ from .fit import LawTrial, choose, cross_validate, fit_windows, window_rms
 
 ONE, SEVERAL = (2.5, 5.0), (0.5,)  # [s] lengths of windows for one joint, where errors hardly grow, and for several
 STEP = 1e-3  # [s] largest step of a simulation
-MOST = 200  # windows of a recording at most
+MOST_WINDOWS = 200  # windows of a recording at most
 MEANINGFUL = 0.2  # [1] rms error of a roll-out over the motion's standard deviation, up to which whole runs are fitted
 
 
@@ -127,7 +127,7 @@ def refine_parts(
     else:
         after = (trials[-1] if trials else cross_validate(model, data.train, data.scale)).errors
     first, last = (np.asarray(np.median(errors, axis=0)) for errors in (before, after))
-    kept = _improves(first, last)
+    kept = bool((last <= first).all() and (last < first).any())  # no joint is predicted worse, and one better
     unit = tuple("m" if prismatic else "rad" for prismatic in model.robot.prismatic)
     return Refinement(ended if kept else model, kept, lengths, whole and kept, unit, first, last, tuple(trials))
 
@@ -136,7 +136,7 @@ def _cut(model: Model, train: Sequence[Part], held_out: Sequence[Part], band: Ba
     """Windows that overlap by half, torque held from each sample to the next."""
 
     def cut(part: Part, length: float) -> Windows:
-        count = int(np.clip(2 * part[1].duration / length, 1, MOST))
+        count = int(np.clip(2 * part[1].duration / length, 1, MOST_WINDOWS))
         return cut_windows(model, part, band, length, count, STEP, held=True)
 
     learned, judged = (tuple(cut(part, length) for part in parts for length in lengths) for parts in (train, held_out))
@@ -170,8 +170,3 @@ def _whole(model: Model, train: Sequence[Part], windows: Sequence[Windows]) -> t
     size = np.array([one.q.shape[0] * one.q.shape[1] for one in together])
     scale = np.where(errors > 0, errors, 1.0) * np.sqrt(size / size.sum())[:, None]
     return fit_windows(model, together, scale), True
-
-
-def _improves(before: Array, after: Array) -> bool:
-    """Whether no joint is predicted worse, and one better."""
-    return bool((after <= before).all() and (after < before).any())
