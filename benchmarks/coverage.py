@@ -19,8 +19,7 @@ from rich.table import Table
 
 from signid.estimation.least_squares import estimate
 from signid.recording import read_recording
-from signid.regression.prepare import prepare
-from signid.regression.session import Session
+from signid.regression.session import Session, prepare
 from signid.types import TWO_SIDED, Array, Estimate, Robot
 
 from .arms import ARMS, Arm, load, truth

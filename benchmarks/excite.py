@@ -23,11 +23,9 @@ from signid.effects import EFFECT_NAMES
 from signid.model import Model, stated_inertials, stated_laws
 from signid.robot import load_robot
 from signid.simulation.excite import Excitation, build_limits, excite
-from signid.simulation.excite.design import CLEARANCE, Precision, predict_precision
-from signid.simulation.excite.families import Fourier
+from signid.simulation.excite.design import CLEARANCE, Precision, make_feasible, predict_precision
+from signid.simulation.excite.families import Fourier, random_parameters
 from signid.simulation.excite.problem import build_problem, usual_laws
-from signid.simulation.excite.random_motions import random_parameters
-from signid.simulation.excite.search import make_feasible
 
 from .summary import command_line, one_thread, print_targets, write_json
 

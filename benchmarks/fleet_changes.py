@@ -23,7 +23,7 @@ from signid.cli.fleet.summary import Summary, summarise
 from signid.effects.naming import parse_law
 from signid.model import Model
 from signid.output.report import identification_document, to_json
-from signid.simulation.excite.random_motions import rest_to_rest_motion
+from signid.simulation.excite.families import rest_to_rest_motion
 from signid.simulation.plant import Sensors, record, simulate, track
 
 from .summary import command_line, write_json

@@ -25,7 +25,7 @@ from signid.effects.base import Effect
 from signid.effects.law import law_torque
 from signid.effects.naming import law_at
 from signid.model import Model, stated_inertials
-from signid.regression.filters import lowpass, smooth
+from signid.regression.bandwidth import lowpass, smooth
 from signid.regression.motion import Motion
 from signid.robot import load_robot
 from signid.types import Array, Law, Robot

@@ -22,8 +22,7 @@ from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
 from signid.regression.session import Options
 from signid.simulation.refine import refine
-from signid.simulation.refine.choose import LAWS
-from signid.simulation.refine.coordinates import coordinates_of
+from signid.simulation.refine.fit import LAWS, coordinates_of
 from signid.simulation.rollout.whole import roll_out_whole
 from signid.types import Law, Recording
 

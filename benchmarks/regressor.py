@@ -30,10 +30,8 @@ from signid.estimation.least_squares import estimate
 from signid.identify import identify
 from signid.recording import read_recording
 from signid.regression.factors import LAGS
-from signid.regression.motion import Motion
-from signid.regression.prepare import prepare
-from signid.regression.regressor import base_rows
-from signid.regression.session import Options, Session
+from signid.regression.motion import Motion, base_rows
+from signid.regression.session import Options, Session, prepare
 from signid.robot import hold, load_robot
 from signid.types import Array, BaseMap, Recording, Robot
 

@@ -24,10 +24,8 @@ from scipy.ndimage import convolve1d
 import signid
 from signid.model import Model, stated_inertials
 from signid.recording.sampling import survey
-from signid.regression.bandwidth import choose_band
-from signid.regression.filters import lowpass
-from signid.regression.prepare import prepare
-from signid.regression.session import Options, Session
+from signid.regression.bandwidth import choose_band, lowpass
+from signid.regression.session import Options, Session, prepare
 from signid.simulation.plant.plant import Plant
 from signid.simulation.rollout import RollOut, roll_out
 from signid.simulation.rollout.windows import Windows, cut_windows

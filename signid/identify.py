@@ -18,13 +18,11 @@ from .estimation.standard import METHODS, Search, choose_in_time
 from .faults import IdentifiedData, described_evidence, identification_flags, naming_faults, under_found_gravity
 from .model import Model, ModelSource, fitted_model, stated_parameters
 from .recording import Recordings, as_recordings
-from .regression.covariance import base_covariance
+from .regression.covariance import base_covariance, measure_misfit
 from .regression.factors import LAGS, Factors, Weigh
-from .regression.misfit import measure_misfit
-from .regression.prepare import ITSELF
 from .regression.reduced import Reduced
 from .regression.rows import Rows
-from .regression.session import Options, Session, only_once, recordings_used
+from .regression.session import ITSELF, Options, Session, only_once, recordings_used
 from .robot import as_robot, described_gravity
 from .robot.dynamics import shows_gravity
 from .robot.joints import is_weightless

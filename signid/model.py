@@ -20,8 +20,7 @@ from .effects.naming import law_at, law_name, law_place, possible
 from .effects.packing import MOTOR, beside_drives, drive_laws, joint_laws, motor_friction, packed_drives
 from .errors import OptionError, RobotError, SignidError, shorten, unexpected
 from .frozen import show_with
-from .regression.covariance import Covariance, read_covariance
-from .regression.misfit import Misfit, read_misfit
+from .regression.covariance import Covariance, Misfit, read_covariance, read_misfit
 from .regression.motion import Motion
 from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text, with_gravity

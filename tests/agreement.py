@@ -14,7 +14,7 @@ from signid.effects import EFFECTS
 from signid.effects.base import Effect, TransmissionLaw
 from signid.effects.law import law_torque
 from signid.model import Model, stated_inertials
-from signid.regression.filters import lowpass, smooth
+from signid.regression.bandwidth import lowpass, smooth
 from signid.regression.motion import Motion
 from signid.simulation.plant import simulate, track
 from signid.types import Array, Law

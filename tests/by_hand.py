@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from signid.signs.observations import Observed
-from signid.signs.samples.markov_chain import RefinedSigns
+from signid.signs.samples import RefinedSigns
 from signid.signs.search.exact import RivalSigns
 from signid.signs.search.problem import SignProblem
 from signid.types import Array

@@ -9,8 +9,7 @@ import numpy as np
 from signid.effects import EFFECT_NAMES, EFFECTS
 from signid.estimation.feasible.problem import feasible_prior, inertial
 from signid.regression.base_parameters import build_base
-from signid.regression.motion import Motion
-from signid.regression.regressor import regressor
+from signid.regression.motion import Motion, regressor
 from signid.robot import load_robot
 from signid.types import Array, BaseMap, Estimate, Law, Parameters
 

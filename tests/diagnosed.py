@@ -23,8 +23,7 @@ from signid.diagnose.run import _no_progress, _posterior
 from signid.diagnose.search.stepwise import initial_selection
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
-from signid.regression.prepare import prepare
-from signid.regression.session import Options, Session
+from signid.regression.session import Options, Session, prepare
 from signid.robot import load_robot
 from signid.signs import recover
 from signid.types import Law, Recording

@@ -22,7 +22,7 @@ from signid.diagnose.search.stepwise import initial_selection
 from signid.effects import EFFECTS
 from signid.effects.law import law_torque
 from signid.model import Model, stated_inertials
-from signid.regression.filters import Decimator
+from signid.regression.bandwidth import Decimator
 from signid.regression.motion import Motion
 from signid.types import Array, Law
 

@@ -18,8 +18,7 @@ from signid.effects.base import Effect, RecordingLaw
 from signid.effects.law import coefficient_count, hypotheses, law_columns, law_torque
 from signid.effects.trial import Trial
 from signid.model import Model, stated_inertials
-from signid.regression.bandwidth import Band, choose_band
-from signid.regression.filters import Decimator
+from signid.regression.bandwidth import Band, Decimator, choose_band
 from signid.regression.motion import Motion, build_motion
 from signid.regression.rows import STILL, choose_reach
 from signid.simulation.plant import Simulation, simulate, track

@@ -10,9 +10,8 @@ from arm import arm
 from motions import FRICTION, trial, truth
 
 from signid.recording import read_recording
-from signid.regression.prepare import prepare
 from signid.regression.rows import Task
-from signid.regression.session import Options
+from signid.regression.session import Options, prepare
 from signid.signs.observations import Observed, observe
 from signid.signs.search.problem import Segment, build_problem, orthonormalise
 from signid.signs.segments import threshold_runs

@@ -29,7 +29,7 @@ from benchmarks.public_sets.write import (
     write_specification,
 )
 from signid.recording.gallery.sets import SETS as GALLERY
-from signid.regression.filters import Decimator, lowpass
+from signid.regression.bandwidth import Decimator, lowpass
 from signid.robot import robot_from_text
 from signid.types import Recording, Robot
 

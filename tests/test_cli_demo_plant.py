@@ -18,7 +18,7 @@ from signid.model import Model, stated_inertials, stated_laws
 from signid.output.export.mjcf import mjcf_laws
 from signid.regression.motion import Motion
 from signid.robot import load_robot
-from signid.simulation.excite.random_motions import rest_to_rest_motion
+from signid.simulation.excite.families import rest_to_rest_motion
 from signid.types import Law
 
 

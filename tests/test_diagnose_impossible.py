@@ -148,8 +148,7 @@ def test_a_gain_that_deletes_the_torque_is_not_found() -> None:
     from signid.diagnose.run import _no_progress, _posterior
     from signid.diagnose.search.admissible import is_admissible
     from signid.diagnose.search.contributions import measure_contributions
-    from signid.regression.prepare import prepare
-    from signid.regression.session import Options
+    from signid.regression.session import Options, prepare
     from signid.signs import recover
 
     made = []

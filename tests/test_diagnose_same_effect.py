@@ -12,7 +12,7 @@ from signid.diagnose.extend.extend import extended_laws
 from signid.effects import EFFECTS
 from signid.model import Model, load_model
 from signid.regression.motion import Motion
-from signid.simulation.excite.random_motions import rest_to_rest_motion
+from signid.simulation.excite.families import rest_to_rest_motion
 from signid.simulation.plant import Sensors, record, simulate, track
 from signid.types import Law
 

@@ -14,8 +14,7 @@ from signid.effects.base import Effect
 from signid.effects.law import law_columns, places
 from signid.errors import OptionError
 from signid.recording import read_recording
-from signid.regression.prepare import prepare
-from signid.regression.session import Options
+from signid.regression.session import Options, prepare
 from signid.types import Coefficient, Law
 
 SLOPE, LEFT = 0.01, 0.03

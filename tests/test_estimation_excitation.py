@@ -8,7 +8,7 @@ from motions import Trial, trial
 
 from signid.estimation.excitation import ExcitationVerdict, judge_excitation
 from signid.estimation.least_squares import estimate
-from signid.regression.prepare import prepare
+from signid.regression.session import prepare
 from signid.robot import load_robot
 from signid.types import Array, Estimate, Robot
 

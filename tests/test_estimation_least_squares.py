@@ -10,8 +10,7 @@ from motions import FRICTION, Trial, trial, truth
 from numpy.testing import assert_allclose
 
 from signid.estimation.least_squares import estimate
-from signid.regression.prepare import prepare
-from signid.regression.session import Options, Session
+from signid.regression.session import Options, Session, prepare
 from signid.robot import load_robot
 from signid.types import Estimate, Robot
 

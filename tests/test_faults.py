@@ -22,8 +22,7 @@ from signid.faults.evidence import gather, missing_laws
 from signid.model import Model, stated_inertials, stated_laws
 from signid.output.report import check_document
 from signid.regression.motion import Motion
-from signid.regression.prepare import prepare
-from signid.regression.session import Options
+from signid.regression.session import Options, prepare
 from signid.types import Array, Robot
 
 JOINTS = tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"))

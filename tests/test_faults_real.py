@@ -9,7 +9,7 @@ import pytest
 import signid
 from signid.faults import examine
 from signid.model import Model, stated_inertials
-from signid.regression.prepare import prepare
+from signid.regression.session import prepare
 
 ACTUATORS = Path(__file__).parents[1] / "robots" / "ur10e" / "actuators.toml"
 

@@ -17,8 +17,7 @@ from signid.faults.amount import Amount, amount_fault
 from signid.model import Model, stated_inertials
 from signid.recording.sampling import samples, select_stretches
 from signid.regression.motion import Motion
-from signid.regression.prepare import prepare
-from signid.regression.session import Options
+from signid.regression.session import Options, prepare
 from signid.simulation.plant import simulate, track
 from signid.types import Trajectory
 

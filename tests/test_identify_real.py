@@ -12,9 +12,8 @@ from numpy.testing import assert_array_less
 import signid
 from signid.estimation.least_squares import estimate
 from signid.identify import Identification
-from signid.regression.prepare import prepare
 from signid.regression.rows import Rows
-from signid.regression.session import Options
+from signid.regression.session import Options, prepare
 from signid.types import Array
 
 ACTUATORS = Path(__file__).parents[1] / "robots" / "ur10e" / "actuators.toml"

@@ -25,13 +25,12 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "output/report": "layout policy write documents sections plots results page __init__",
     "output/report/results": "__init__ laws recordings sentences signs simulation identification servo_identification "
     "check payload fleet inspection validation diagnosis servo_diagnosis",
-    "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
-    "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "
-    "factors misfit session prepare reduced",
+    "estimation": "__init__ fit_quality excitation feasible pbrp least_squares standard estimators",
+    "regression": "__init__ bandwidth projection motion base_parameters rows factors covariance session reduced",
     "recording": "names streams formats source columns sampling noticed joining gallery read bare __init__ convert "
     "draft",
     "robot": "joints dynamics actuators description locate load __init__",
-    "signs": "thresholds result observations segments search samples posterior infer flags tree torque_constants "
+    "signs": "thresholds result observations segments search samples infer tree rows_of_file torque_constants "
     "recover __init__",
     "simulation": "__init__ plant excite rollout refine",
 }

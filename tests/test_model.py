@@ -19,7 +19,7 @@ from signid.errors import RobotError
 from signid.identify import Identification
 from signid.model import Model, load_model, stated_inertials
 from signid.regression.motion import Motion
-from signid.simulation.rollout.joints import restrict_joints
+from signid.simulation.rollout.windows import restrict_joints
 from signid.types import Array, Law, Robot
 
 

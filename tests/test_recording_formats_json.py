@@ -19,7 +19,7 @@ from signid.recording import is_recording, read_recording
 from signid.recording.formats import FORMATS, base, find_format, json_
 from signid.recording.formats.base import About
 from signid.recording.formats.json_ import parse_row
-from signid.watch.lines import Parser
+from signid.watch.sources import Parser
 
 T = np.arange(30) / 8
 Q = np.sin(np.outer(T, [1.0, 2.0, 3.0]))

@@ -17,7 +17,7 @@ from signid.estimation.least_squares import estimate
 from signid.recording import read_recording
 from signid.recording.sampling import Sampling, samples, survey
 from signid.recording.sampling.clock import Clock, fit_even, read_clock
-from signid.regression.prepare import prepare
+from signid.regression.session import prepare
 from signid.robot import configuration, load_robot
 from signid.robot.dynamics import rigid_torque
 from signid.types import Recording, Robot

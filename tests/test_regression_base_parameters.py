@@ -6,8 +6,7 @@ from numpy.testing import assert_allclose
 
 from signid.effects import EFFECT_NAMES, EFFECTS
 from signid.regression.base_parameters import build_base
-from signid.regression.motion import Motion
-from signid.regression.regressor import base_rows, regressor
+from signid.regression.motion import Motion, base_rows, regressor
 from signid.robot import hold, load_robot, robot_from_text
 from signid.types import Array, Law, Robot
 

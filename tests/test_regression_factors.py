@@ -18,11 +18,9 @@ from signid.recording.formats import parquet
 from signid.recording.sampling import survey
 from signid.regression import rows as rows_module
 from signid.regression.factors import LAGS, reduce_rows
-from signid.regression.motion import Motion
-from signid.regression.prepare import prepare
-from signid.regression.regressor import base_rows, regressor
+from signid.regression.motion import Motion, base_rows, regressor
 from signid.regression.rows import Rows, read_rows
-from signid.regression.session import Options, Part, Session
+from signid.regression.session import Options, Part, Session, prepare
 from signid.robot import hold, load_robot
 from signid.types import Array, Robot
 

@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signid.regression.bandwidth import Band
-from signid.regression.filters import HALF, Decimator, differentiate, lowpass, smooth
+from signid.regression.bandwidth import HALF, Band, Decimator, differentiate, lowpass, smooth
 
 RATE = 500.0
 

@@ -17,9 +17,8 @@ from signid.errors import OptionError, RecordingError, RobotError
 from signid.estimation.least_squares import estimate
 from signid.identify import Identification
 from signid.regression.factors import Node, cascade, reduce_rows, total
-from signid.regression.prepare import prepare
 from signid.regression.reduced import Reduced, add_up, encode_factors, is_factor_file, load_factors, reduce
-from signid.regression.session import Options
+from signid.regression.session import Options, prepare
 from signid.types import Array, Recording, Robot
 
 ARM = Path(__file__).parents[1] / "robots" / "3r"

@@ -16,7 +16,7 @@ import signid
 from signid.cli import run
 from signid.errors import OptionError
 from signid.regression.reduced import encode_factors, load_factors, reduce
-from signid.regression.reduced.archive import hash_of
+from signid.regression.reduced.file import hash_of
 from signid.types import Robot
 
 Arrays, Header = dict[str, Any], dict[str, Any]

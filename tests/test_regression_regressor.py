@@ -12,8 +12,7 @@ from numpy.testing import assert_allclose
 from signid.effects import EFFECT_NAMES, EFFECTS
 from signid.effects.law import law_torque, places
 from signid.regression.base_parameters import build_base
-from signid.regression.motion import Motion
-from signid.regression.regressor import regressor
+from signid.regression.motion import Motion, regressor
 from signid.robot import DHLink, robot_from_text, urdf_from_dh
 from signid.types import Law, Robot
 

@@ -10,9 +10,8 @@ from factored import columns
 
 import signid
 from signid.regression.factors import ROWS, RowSample, sample_rows
-from signid.regression.prepare import prepare
 from signid.regression.rows import read_rows
-from signid.regression.session import Options, Session
+from signid.regression.session import Options, Session, prepare
 from signid.types import Robot
 
 

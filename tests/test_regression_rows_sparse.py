@@ -11,9 +11,8 @@ import signid
 from signid.recording import read_recording
 from signid.regression.bandwidth import Band
 from signid.regression.motion import Motion
-from signid.regression.prepare import prepare
 from signid.regression.rows import Rows, read_rows
-from signid.regression.session import Options, Session
+from signid.regression.session import Options, Session, prepare
 from signid.types import Array
 
 RATE, SECONDS = 1000.0, 20.0

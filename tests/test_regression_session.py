@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import signid
-from signid.regression import prepare as preparing
-from signid.regression.prepare import prepare, rearrange
-from signid.regression.session import Options, Session
+from signid.regression import session as preparing
+from signid.regression.session import Options, Session, prepare, rearrange
 from signid.robot import load_robot
 from signid.types import Recording, Robot
 

@@ -18,8 +18,7 @@ from signid.errors import RecordingError, RobotError
 from signid.output.export import export
 from signid.robot.description.sandbox import may_read
 from signid.robot.locate import find_mesh
-from signid.simulation.excite.collision import build_collision
-from signid.simulation.excite.limits import build_limits
+from signid.simulation.excite.limits import build_collision, build_limits
 
 HERE = Path(__file__).parents[1]
 SECRET = "<robot name='secret'/>"

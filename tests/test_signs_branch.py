@@ -9,9 +9,9 @@ import pytest
 from boolean import CLOSE, Facets, drawn, every, half, losses, problems
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signid.signs.search import local_search as climb_module
+from signid.signs.search import exact as climb_module
 from signid.signs.search.branch_and_bound import Incumbent, TreeBudget, _branching_order, _Tree, bounds, branch
-from signid.signs.search.local_search import ascend, climb
+from signid.signs.search.exact import ascend, climb
 from signid.signs.search.problem import certify
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from signless import Lost, lost
 
-from signid.signs.posterior import inflation
-from signid.signs.samples.markov_chain import coupling, expected_signs, likeliest_signs, refine_signs
+from signid.signs.infer import inflation
+from signid.signs.samples import coupling, expected_signs, likeliest_signs, refine_signs
 from signid.signs.search.problem import Segment
 from signid.types import Array
 

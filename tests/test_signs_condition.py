@@ -10,8 +10,8 @@ import pytest
 
 from benchmarks.signs.speed import beam
 from signid.signs.search.problem import SignProblem, eliminate
-from signid.signs.tree import condition as condition_module
-from signid.signs.tree.condition import condition_order
+from signid.signs.tree import condition_order
+from signid.simulation.excite.cost import condition as condition_module
 from signid.types import Array
 
 

@@ -13,7 +13,7 @@ from signless import Lost, lost
 
 from signid.signs.observations import law_coefficients
 from signid.signs.search import exact
-from signid.signs.search.cone import PhysicalCone, cone_inequalities, kinetic_rows
+from signid.signs.search.branch_and_bound import PhysicalCone, cone_inequalities, kinetic_rows
 from signid.signs.search.problem import SignProblem, build_problem, friction_prior
 from signid.types import Array
 

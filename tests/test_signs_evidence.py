@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from by_hand import INERTIA, LAWS, observations, problem, refined, rivals
 
-from signid.signs.posterior import SegmentSearch, apply_signs, joint_flip_probability, recheck_signs, sign_confidence
-from signid.signs.samples.markov_chain import RefinedSigns
-from signid.signs.search.cone import PhysicalCone
+from signid.signs.infer import SegmentSearch, apply_signs, joint_flip_probability, recheck_signs, sign_confidence
+from signid.signs.samples import RefinedSigns
+from signid.signs.search.branch_and_bound import PhysicalCone
 from signid.signs.search.exact import RivalSigns
 from signid.signs.search.problem import friction_patterns, friction_prior, known_rows
 from signid.signs.segments import Segment, place_sign_change, place_sign_changes

@@ -12,13 +12,12 @@ from motions import trial
 from signless import Lost, lost
 
 from signid.recording import read_recording
-from signid.regression.prepare import prepare
+from signid.regression.session import prepare
 from signid.robot import load_robot
 from signid.signs import recover
-from signid.signs.flags import raise_flags
 from signid.signs.infer import Inferred, infer
 from signid.signs.observations import law_coefficients, observe
-from signid.signs.recover import _notes
+from signid.signs.recover import _notes, raise_flags
 from signid.signs.result import SignProof
 
 

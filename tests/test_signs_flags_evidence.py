@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from by_hand import INERTIA, LAWS, T, observations, problem, refined
 
-from signid.signs.flags import raise_flags
 from signid.signs.infer import Inferred
 from signid.signs.observations import Observed
+from signid.signs.recover import raise_flags
 from signid.signs.result import SignProof
 from signid.signs.segments import Segment
 

@@ -17,10 +17,8 @@ import signid
 from benchmarks.arms import ARMS, load
 from benchmarks.plants.mujoco_ import Body, draw_motion, log, simulate
 from signid.errors import InputError, OptionError, RecordingError
-from signid.regression.prepare import prepare
-from signid.regression.session import Options
-from signid.signs import Signs, prepare_and_recover, recover
-from signid.signs.torque_constants import find as gains
+from signid.regression.session import Options, prepare
+from signid.signs import Signs, prepare_and_recover, recover, torque_constants as gains
 from signid.types import Array, Recording, Robot
 
 CONSTANTS = np.array([5.0, 3.0, 0.02])  # N.m/A

@@ -15,7 +15,7 @@ import signid
 from signid.cli import run
 from signid.errors import RecordingError
 from signid.identify import Identification
-from signid.regression.prepare import prepare
+from signid.regression.session import prepare
 from signid.signs import recover
 from signid.types import Array, Recording, Robot
 

@@ -14,14 +14,12 @@ from benchmarks.signs.speed import beam
 from signid.errors import OptionError
 from signid.estimation.pbrp import Bounds, bounds_around
 from signid.regression.base_parameters import build_base
-from signid.regression.motion import Motion
-from signid.regression.regressor import base_rows, regressor
+from signid.regression.motion import Motion, base_rows, regressor
 from signid.robot import load_robot
 from signid.signs.observations import Observed
 from signid.signs.search.problem import KnownRows, SignProblem, build_problem
 from signid.signs.segments import threshold_runs
-from signid.signs.tree.condition import SegmentOrder, condition_order
-from signid.signs.tree.tree import _order_notes, _scales, search_tree
+from signid.signs.tree import SegmentOrder, _order_notes, _scales, condition_order, search_tree
 from signid.types import Array, BaseMap, Parameters
 
 QUICK = {"algorithm": "LD_LBFGS", "restarts": 1, "rounds": 2, "width": 2, "budget": 150}

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from signless import lost
 
-from signid.signs import posterior as weigh_module
-from signid.signs.infer import infer
-from signid.signs.posterior import SegmentSearch, recheck_signs
-from signid.signs.search.cone import cone_inequalities
+from signid.signs import infer as weigh_module
+from signid.signs.infer import SegmentSearch, infer, recheck_signs
+from signid.signs.search.branch_and_bound import cone_inequalities
 from signid.signs.search.problem import SignProblem
 from signid.types import Array
 

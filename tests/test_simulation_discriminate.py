@@ -12,8 +12,8 @@ from signid.errors import OptionError
 from signid.model import Model, load_model, stated_inertials, stated_laws
 from signid.robot import load_robot
 from signid.simulation.excite import build_limits, excite, random_motion, separate
-from signid.simulation.excite.collision import build_collision
-from signid.simulation.excite.search import Budget
+from signid.simulation.excite.design import Budget
+from signid.simulation.excite.limits import build_collision
 from signid.types import Law
 
 TINY = Budget(pool=4, starts=1, short=5, long=5, firm=5)

@@ -10,17 +10,14 @@ import pytest
 
 from signid.effects import EFFECT_NAMES, EFFECTS
 from signid.model import Model, load_model, stated_inertials, stated_laws
-from signid.regression.motion import Motion
-from signid.regression.regressor import regressor
+from signid.regression.motion import Motion, regressor
 from signid.robot import load_robot
 from signid.simulation.excite import Excitation, build_limits, excite
-from signid.simulation.excite.collision import build_collision
 from signid.simulation.excite.cost import CRITERIA, Criterion, ExcitationCost
-from signid.simulation.excite.design import predict_precision
-from signid.simulation.excite.families import FAMILIES, Fourier
+from signid.simulation.excite.design import Budget, make_feasible, predict_precision
+from signid.simulation.excite.families import FAMILIES, Fourier, random_parameters
+from signid.simulation.excite.limits import build_collision
 from signid.simulation.excite.problem import ExcitationProblem, build_problem, usual_laws
-from signid.simulation.excite.random_motions import random_parameters
-from signid.simulation.excite.search import Budget, make_feasible
 from signid.types import Law, Trajectory
 
 SMALL = Budget(pool=10, starts=1, short=40, long=40, firm=40)

@@ -12,8 +12,8 @@ from signid.model import Model, stated_inertials, stated_laws
 from signid.robot import load_robot
 from signid.simulation.excite import excite
 from signid.simulation.excite.families import Fourier
-from signid.simulation.excite.random_motions import rest_to_rest_motion
-from signid.simulation.excite.search import Budget
+from signid.simulation.excite.families import rest_to_rest_motion
+from signid.simulation.excite.design import Budget
 
 robot = load_robot("3r")
 model = Model(robot, stated_inertials(robot), stated_laws(robot))

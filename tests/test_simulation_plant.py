@@ -12,7 +12,7 @@ import signid
 from signid.errors import SignidError
 from signid.model import Model
 from signid.simulation.plant import Simulation, Torques, simulate, track
-from signid.simulation.plant.run import simulate_many
+from signid.simulation.plant.plant import simulate_many
 from signid.types import Law
 
 WEIGHT, INERTIA = 5 * 9.81 * 0.5, 0.42085 + 5 * 0.25  # N.m and kg.m2 of the pendulum 1r

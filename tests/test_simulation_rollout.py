@@ -19,8 +19,7 @@ from signid.effects.trial import Trial
 from signid.errors import OptionError, RecordingError
 from signid.model import Model, load_model, stated_inertials
 from signid.regression.motion import Motion
-from signid.regression.prepare import prepare
-from signid.regression.session import Options
+from signid.regression.session import Options, prepare
 from signid.simulation.plant import Simulation, simulate, track
 from signid.simulation.rollout import RollOut, roll_out
 from signid.types import Array, Law, Recording

@@ -20,7 +20,7 @@ from signid.cli.run import run
 from signid.errors import OptionError, RecordingError
 from signid.model import Model
 from signid.regression.motion import Motion
-from signid.simulation.excite.random_motions import rest_to_rest_motion
+from signid.simulation.excite.families import rest_to_rest_motion
 from signid.watch import Contact, Event, LastingChange, Note, Watcher
 
 RATE, DURATION, QUIET = 500.0, 24.0, 8.0

@@ -16,10 +16,9 @@ from signid.identify import Identification
 from signid.model import Model, stated_inertials, stated_laws
 from signid.recording import same_joints
 from signid.recording.sampling import survey
-from signid.regression.prepare import prepare
-from signid.regression.session import SAME_RATE, Options
+from signid.regression.session import SAME_RATE, Options, prepare
 from signid.robot import hold, resting
-from signid.simulation.rollout.joints import restrict_joints
+from signid.simulation.rollout.windows import restrict_joints
 from signid.types import Array, Recording, Robot
 
 from ..concealed_real.sets import RealSet, columns_of, read, rebuilt

@@ -13,10 +13,9 @@ from signid.identify import Identification
 from signid.model import Model, stated_inertials
 from signid.recording.sampling import samples
 from signid.regression.motion import build_motion
-from signid.regression.prepare import prepare
-from signid.regression.session import Options
+from signid.regression.session import Options, prepare
 from signid.robot.dynamics import own_body
-from signid.simulation.rollout.joints import restrict_joints
+from signid.simulation.rollout.windows import restrict_joints
 from signid.types import Array, Law, Recording
 
 from .sets import columns_of, rebuilt

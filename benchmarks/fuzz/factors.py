@@ -15,7 +15,7 @@ import numpy as np
 
 import signid
 from signid.recording import read_recording
-from signid.regression.reduced.archive import hash_of
+from signid.regression.reduced.file import hash_of
 from signid.types import Robot
 
 LINES = b"train_0_0_grams scale 2 0\ntrain_0_0_counts put 1 3\nheader band.rate 0 100\nbase_combination noise 1 1\n"

@@ -24,7 +24,7 @@ from scipy.io import savemat
 import signid
 from signid.cli.fleet.manifest import read_manifest
 from signid.errors import SignidError
-from signid.estimation.pbrp.bounds import Bounds, read_bounds
+from signid.estimation.pbrp.cost import Bounds, read_bounds
 from signid.output.replay.marks import read_found
 from signid.recording import read_recording
 from signid.recording.formats import find_format

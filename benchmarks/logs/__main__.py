@@ -23,7 +23,7 @@ from rich.console import Console
 
 import signid
 from signid.errors import SignidError
-from signid.regression.prepare import prepare
+from signid.regression.session import prepare
 from signid.types import TWO_SIDED, Array, Robot
 
 from ..arms import ARMS, Arm, load, truth

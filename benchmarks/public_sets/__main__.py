@@ -20,7 +20,7 @@ from rich.table import Table
 
 from signid.errors import SignidError
 from signid.regression.motion import Motion
-from signid.simulation.rollout.joints import restrict_joints
+from signid.simulation.rollout.windows import restrict_joints
 
 from ..blackbox import methods
 from ..blackbox.task import Task, build

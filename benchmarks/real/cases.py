@@ -15,7 +15,7 @@ from signid.diagnose import Diagnosis
 from signid.diagnose.extend.holdout import residual_rows
 from signid.identify import Identification
 from signid.model import Model, load_model
-from signid.regression.prepare import prepare
+from signid.regression.session import prepare
 
 from .data import (
     HELD_OUT,

@@ -25,7 +25,7 @@ from signid.check import check
 from signid.faults import RecordingFault, examine
 from signid.model import Model, load_model
 from signid.recording import read_recording
-from signid.regression.prepare import prepare
+from signid.regression.session import prepare
 from signid.types import Recording, Robot
 
 from ..concealed.cases import Case, cases

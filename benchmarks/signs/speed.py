@@ -15,8 +15,7 @@ from signid.signs.infer import infer
 from signid.signs.observations import Observed, observe
 from signid.signs.search.problem import Segment, SignProblem, build_problem
 from signid.signs.segments import threshold_runs
-from signid.signs.tree.condition import condition_order
-from signid.signs.tree.tree import LOST, WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
+from signid.signs.tree import LOST, WIDTH, TreeLevel, TreeNode, TreeResult, condition_order, grow, in_place
 from signid.types import Indices
 
 from ..summary import frame

@@ -16,9 +16,8 @@ import signid
 from signid.identify import Identification
 from signid.recording import read_recording
 from signid.recording.source import Source
-from signid.regression.prepare import prepare
 from signid.regression.rows import read_rows
-from signid.regression.session import Options, Session
+from signid.regression.session import Options, Session, prepare
 from signid.signs.result import Signs, Trace
 from signid.types import Array, BaseMap, Estimate, Law, Recording, Robot
 

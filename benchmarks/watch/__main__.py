@@ -19,7 +19,7 @@ from rich.console import Console
 
 import signid
 from signid.model import Model
-from signid.simulation.excite.random_motions import rest_to_rest_motion
+from signid.simulation.excite.families import rest_to_rest_motion
 from signid.types import Array
 from signid.watch import Contact, Event, LastingChange, Watcher
 

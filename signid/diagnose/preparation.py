@@ -12,8 +12,7 @@ from ..deadline import OutOfTimeError, steps_shown
 from ..errors import RecordingError
 from ..faults import REFUSE, SAMPLE_KINDS, RecordingFault, RecordingFaults, examine, is_sole, naming_faults
 from ..model import Model
-from ..regression.prepare import rearrange
-from ..regression.session import Options, Session, longest_piece
+from ..regression.session import Options, Session, longest_piece, rearrange
 from ..robot import with_gravity
 from ..signs import Recovered
 from ..types import Progress

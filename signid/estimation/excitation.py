@@ -9,8 +9,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from ..regression.factors import Factors
-from ..regression.motion import Motion
-from ..regression.regressor import base_rows
+from ..regression.motion import Motion, base_rows
 from ..regression.rows import Task
 from ..types import INERTIAL, Array, BaseMap, Estimate, Frozen, Robot
 

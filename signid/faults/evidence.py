@@ -15,7 +15,7 @@ import numpy as np
 
 from ..effects.base import BodyLaw, TorqueLaw
 from ..model import Model
-from ..regression.filters import Decimator
+from ..regression.bandwidth import Decimator
 from ..regression.motion import Motion, build_motion, margin
 from ..regression.projection import leave
 from ..regression.rows import Task

@@ -17,10 +17,9 @@ from ..estimation.fit_quality import LITTLE, Fit, judge_fit
 from ..model import Model, stated_parameters
 from ..recording.sampling import select_stretches
 from ..regression.factors import Factors
-from ..regression.prepare import prepare
 from ..regression.projection import least_squares
 from ..regression.rows import Rows, Task, read_rows, torque_rates
-from ..regression.session import Options, Session
+from ..regression.session import Options, Session, prepare
 from ..types import Array, Mask, Recording
 from .channels import naming_faults
 from .evidence import FaultEvidence

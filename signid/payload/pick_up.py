@@ -12,17 +12,18 @@ from ..errors import OptionError, RecordingError
 from ..estimation.least_squares import estimate
 from ..model import stated_parameters
 from ..recording.sampling import between, time_origin
-from ..regression.prepare import prepare
-from ..regression.session import Part, Session
+from ..regression.session import Part, Session, prepare
 from ..robot.dynamics import own_body
 from ..types import INERTIAL, Array, Input, Progress
-from .difference import changes
 from .moment import (
     NOTICED,
     ChangeSums,
+    Pieces,
+    cut,
     edge_scores,
     explain,
     inflation,
+    piece_rows,
     plausible,
     posterior,
     residual_std,
@@ -30,9 +31,8 @@ from .moment import (
     search,
     sums,
 )
-from .pieces import Pieces, cut, piece_rows
 from .result import LoadMoment, Payload
-from .weigh import CERTAIN, weigh
+from .weigh import CERTAIN, changes, weigh
 
 ROUNDS = 3  # of noise and moments
 FINER = 3.0  # [1] cut-off for the moment over that for the load

@@ -10,8 +10,7 @@ from ..errors import OptionError, RecordingError
 from ..faults import recording_flags
 from ..model import Model, ModelSource, stated_inertials, stated_laws
 from ..recording import Recordings, as_recordings
-from ..regression.prepare import prepare
-from ..regression.session import Options
+from ..regression.session import Options, prepare
 from ..robot import as_robot
 from ..typed import typed
 from ..types import Input, Progress, Recording

@@ -1,25 +1,134 @@
-"""Parts of a session without and with a load -> the load, with standard deviations."""
+"""Payload from the difference of two estimates, or of one recording."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..estimation.feasible import ConsistentFit, fit_consistent
 from ..estimation.least_squares import estimate
 from ..model import stated_parameters
 from ..regression.factors import LAGS, Factors
 from ..regression.session import Part, Session
 from ..robot.dynamics import own_body
-from ..signs.torque_constants.constants import constant_sensitivity
-from ..types import Array, BaseMap, Estimate, Input, Mask, Progress
-from .difference import Difference, subtract
+from ..signs.torque_constants import constant_sensitivity
+from ..types import INERTIAL, INERTIAL_UNITS, Array, BaseMap, Estimate, Frozen, Input, Label, Mask, Parameters, Progress
 from .result import Payload
 
+# [1] standard deviation of the change of friction and offsets between recordings: share of the coefficient, and of the
+# joint's rms torque; the larger one counts
+CHANGE, LITTLE = 0.1, 0.01
+RADIUS, LIGHT, FAR = 0.05, 0.05, 0.3  # prior load: radius of gyration [m], least mass [kg], farthest centre [m]
+SMALL = 1e-9  # [1] smallest eigenvalue of a correlation matrix that is not positive
+RANK = 1e-8  # [1] smallest singular value of an identifiable direction, over the largest, columns scaled
 CERTAIN = 3.0  # standard deviations above which a mass is certain
 CONSTANT = 0.03  # relative standard deviation of a torque constant: a magnet loses a tenth of a per cent per kelvin
 DRIFT, MISFIT = 3.0, 10.0  # [1] changes of friction and misfit, in usual sizes, above which a note is given
+
+
+@dataclass(frozen=True, eq=False)
+class Difference(Frozen):
+    """Base parameters with the load less those without it: difference = columns @ load + noise."""
+
+    columns: Array  # (b, 10) [units of base per unit of the load]
+    value: Array  # (b,) [units of base]
+    covariance: Array  # (b, b) [units of base] of noise and of changes of friction, times the misfit
+    load: Array  # (10,) [kg, kg.m, kg.m2] by generalised least squares
+    spread: Array  # (10, 10) its covariance [products of the units]; infinite variance if unidentifiable
+    misfit: float  # [1] variance of the residual over that of noise, at least 1
+    drifted: float  # [1] largest change of friction or offset, over its standard deviation
+
+    @property
+    def estimate(self) -> Estimate:
+        """Difference as an estimate of base parameters; its information is the inverse of the covariance."""
+        size = np.sqrt(np.diag(self.covariance))
+        information = np.linalg.inv(self.covariance / np.outer(size, size)) / np.outer(size, size)
+        return Estimate(self.value, self.covariance, information, np.zeros(0), ())
+
+    def feasible(self) -> ConsistentFit:
+        """Nearest physically possible load, sought from a compact body with the difference's mass and centre."""
+        names, b = zip(INERTIAL, INERTIAL_UNITS, strict=True), len(self.value)
+        labels = tuple(Label(f"{name}_load", unit, body=0) for name, unit in names)
+        sees = np.ones((1, b), bool)
+        alone = BaseMap(labels, np.zeros(b, int), self.columns, ("",) * b, ("",) * b, sees, np.ones(1), 1.0)
+        mass = max(float(self.load[0]), LIGHT)
+        centre = self.load[1:4] / mass
+        centre = centre * min(1.0, FAR / max(float(np.linalg.norm(centre)), 1e-9))
+        turn = mass * (RADIUS**2 * np.eye(3) + centre @ centre * np.eye(3) - np.outer(centre, centre))
+        values = [mass, *(mass * centre), *turn[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
+        return fit_consistent(alone, self.estimate, Parameters(labels, np.array(values)))
+
+
+def subtract(base: BaseMap, body: int, bare: Estimate, loaded: Estimate, factors: Factors, added: Array) -> Difference:
+    """Fit the difference of two estimates by a body that is added to one of the robot's bodies.
+
+    The robot's own parameters are equal in both estimates and cancel. Friction and offsets may have changed by about a
+    tenth. `factors` are those of the recordings without the load, for the sizes of torque and speed. The covariance
+    added: (b, b) [units of base] widens the intervals but does not weight the fit, since most of this error is equal
+    with and without the load.
+
+    Source: Khalil, Gautier, Lemoine, Identification of the payload inertial parameters of industrial manipulators, IEEE
+    ICRA 2007.
+    """
+    known = np.isfinite(bare.std) & np.isfinite(loaded.std)
+    count, columns = int(known.sum()), base.combination[:, 10 * body : 10 * body + 10]
+    value, noise = loaded.value - bare.value, bare.covariance + loaded.covariance
+    change, size = changes(base, bare, factors)
+    covariance = np.where(np.outer(known, known), noise, 0.0) + (change * size**2) @ change.T
+    far = 1e3 * (np.abs(bare.value) + np.abs(loaded.value) + np.sqrt(np.diag(covariance)) + 1.0)
+    covariance[~known] = covariance[:, ~known] = 0.0
+    covariance[~known, ~known] = far[~known] ** 2
+    covariance = _positive(covariance)
+    root = np.linalg.cholesky(covariance)
+    inverse, spread, rank = _solve(np.linalg.solve(root, columns))
+    gain = inverse @ np.linalg.inv(root)
+    load = gain @ value
+    left = np.linalg.solve(root, value - columns @ load)
+    misfit = max(1.0, float(left @ left) / max(count - rank, 1))
+    drifted = float(np.abs(size * (change.T @ np.linalg.solve(root.T, left))).max(initial=0.0))
+    finite = np.where(np.isinf(np.diag(spread))[:, None], 0.0, gain)
+    spread = misfit * spread + finite @ np.where(np.outer(known, known), added, 0.0) @ finite.T
+    return Difference(columns, value, misfit * covariance, load, spread, misfit, drifted)
+
+
+def _positive(covariance: Array) -> Array:
+    """Covariance (b, b), with the magnitude of negative eigenvalues, which that of instruments can have."""
+    size = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    if values[0] > 0:
+        return covariance
+    wide = (vectors * np.maximum(np.abs(values), SMALL)) @ vectors.T
+    return np.asarray((wide + wide.T) / 2 * np.outer(size, size))
+
+
+def _solve(columns: Array) -> tuple[Array, Array, int]:
+    """Least squares of white rows: estimator (10, b), covariance of the ten parameters, rank."""
+    size = np.linalg.norm(columns, axis=0)
+    size = np.where(size > 1e-300, size, np.inf)  # a column of zeros has no information
+    left, s, right = np.linalg.svd(columns / size, full_matrices=False)
+    kept = s > RANK * s[0]
+    inverse = (right[kept].T / s[kept]) / size[:, None]
+    spread = inverse @ inverse.T
+    lost = (np.sum(right[~kept] ** 2, axis=0) > 1e-8) | np.isinf(size)
+    spread[lost, lost] = np.inf
+    return inverse @ left[:, kept].T, spread, int(kept.sum())
+
+
+def changes(base: BaseMap, bare: Estimate, factors: Factors) -> tuple[Array, Array]:
+    """Columns (b, l) of the friction and offsets that may have changed, and standard deviations (l,) [unit of each]."""
+    speed = np.sqrt(np.diag(factors.velocity) / factors.rows)
+    torque = [np.sqrt(joint.whole[-1, -1] / max(joint.rows, 1)) for joint in factors.joints]
+    place = {int(k): row for row, k in enumerate(base.independent)}
+    which, sizes = [], []
+    for k, label in enumerate(base.labels):
+        if label.joint is not None and "kg" not in label.unit:  # the inertia of a rotor does not change
+            own = abs(bare.value[place[k]]) if k in place else 0.0
+            natural = torque[label.joint] / (max(speed[label.joint], 0.05) if ".s/" in label.unit else 1.0)
+            which.append(k)
+            sizes.append(max(CHANGE * own, LITTLE * natural))
+    return base.combination[:, which], np.array(sizes)
 
 
 def weigh(

@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..types import Array, BaseMap, Label, Law, Robot
-from .motion import Motion
-from .regressor import labels, regressor
+from .motion import Motion, labels, regressor
 
 RANK_TOLERANCE = 1e-5  # [1] smallest singular value that counts, over the largest, columns scaled
 KEEP_TOLERANCE = 1e-5  # [1] smallest share of an independent column that is orthogonal to the columns kept

@@ -1,4 +1,4 @@
-"""Covariance of base parameters, stored in model.json as the prior of a later diagnosis."""
+"""Documents of a model's covariance and misfit."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ import numpy as np
 
 from ..frozen import Frozen
 from ..parameters import INERTIAL, Array, BaseMap
+from .factors import Factors
+from .rows import Task
 
 DIGITS = 6  # smallest number of significant digits of a variance in a file
 SPARE_DIGITS = 2  # significant digits of the smallest eigenvalue after rounding
 TERM_DIGITS = 10  # significant digits of a coefficient of a base parameter
 INDEFINITE = 1e-3  # [1] size of a negative eigenvalue of the correlation matrix, per row, that counts as rounding
 _BODY = re.compile(rf"(?:{'|'.join(INERTIAL)})_(\d+)")
+MISFIT_DIGITS = 4  # significant digits of a misfit in a file
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,3 +139,46 @@ def _digits(matrix: Array) -> int:
 
 def _rounded(x: float, digits: int) -> float:
     return float(f"{x:.{digits}g}")
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit(Frozen):
+    """Size and correlation of what the laws of a model leave of the torque of n joints."""
+
+    size: Array  # (n,) [N.m or N] rms; NaN where torque was not held out
+    length: Array  # (n,) [s] time over which it counts as one observation of a torque that is correlated as long
+    cutoff: float  # [Hz] of the rows that it was measured on
+
+    def document(self, joints: Sequence[str]) -> dict[str, Any]:
+        """JSON object for model.json, without joints of unknown misfit."""
+        each = zip(joints, self.size.tolist(), self.length.tolist(), strict=True)
+        own = {
+            name: {"rms": _rounded(rms, MISFIT_DIGITS), "length": _rounded(s, MISFIT_DIGITS)}
+            for name, rms, s in each
+            if np.isfinite(rms)
+        }
+        return {"cutoff": _rounded(self.cutoff, MISFIT_DIGITS), "joints": own}
+
+
+def measure_misfit(task: Task, test: Factors, value: Array) -> Misfit:
+    """Misfit of base parameters `value` (b,) [units of base] on held-out rows, from factors alone."""
+    period, n = task.band.factor / task.band.rate, len(test.joints)
+    size, length = np.full(n, np.nan), np.full(n, np.nan)
+    for j, (joint, columns) in enumerate(zip(test.joints, test.columns, strict=True)):
+        if joint.counts[0]:
+            c = np.append(-value[columns], 1.0)
+            own = joint.grams[:, -len(c) :, -len(c) :]
+            power = np.einsum("i,dij,j->d", c, own, c) / np.maximum(joint.counts, 1)  # autocovariance of the residual
+            size[j], length[j] = np.sqrt(max(power[0], 0.0)), period
+            if power[0] > 0:  # rows that count as one against a torque that is correlated as long
+                length[j] *= 1 + 2 * np.sum(np.clip(power[1:] / power[0], -1, 1) ** 2)
+    return Misfit(size, length, task.band.cutoff)
+
+
+def read_misfit(content: Mapping[str, Any] | None, joints: Sequence[str]) -> Misfit | None:
+    """Misfit in the content of a model.json, the object of `Misfit.document`; None if it has none."""
+    if content is None:
+        return None
+    own = [content["joints"].get(name, {"rms": np.nan, "length": np.nan}) for name in joints]
+    size, length = (np.array([float(each[key]) for each in own]) for key in ("rms", "length"))
+    return Misfit(size, length, float(content["cutoff"]))

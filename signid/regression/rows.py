@@ -11,10 +11,8 @@ import numpy as np
 
 from ..recording.sampling import Sampling, excerpt, samples
 from ..types import Array, BaseMap, Frozen, Indices, Law, Mask, Recording, Robot, Samples
-from .bandwidth import Band
-from .filters import Decimator, moving_minimum
-from .motion import Motion, build_motion, margin
-from .regressor import base_rows
+from .bandwidth import Band, Decimator, moving_minimum
+from .motion import Motion, base_rows, build_motion, margin
 
 WINDOW = 8192  # smallest number of samples of a window
 STILL = 5.0  # [widths of a reversal] speed below which a joint is near a reversal

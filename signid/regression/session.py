@@ -1,4 +1,4 @@
-"""Session: a robot's recordings, surveyed and split, with the options that their rows are made with."""
+"""Prepared recordings: options, parts, rate and bandwidth."""
 
 from __future__ import annotations
 
@@ -8,12 +8,19 @@ from itertools import chain
 
 import numpy as np
 
-from ..effects import EFFECT_NAMES
+from ..effects import EFFECT_NAMES, EFFECTS
+from ..effects.base import ActuatorLaw, RecordingLaw
 from ..errors import OptionError, RecordingError
-from ..recording.sampling import Sampling, samples
-from ..types import Frozen, Input, Progress, Recording, Robot, Samples
+from ..recording import need_constants, need_torque, same_joints
+from ..recording.sampling import Sampling, one_after_another, samples, split, survey
+from ..robot import hold, resting
+from ..robot.dynamics import check_masses
+from ..types import Array, Frozen, Input, Law, Progress, Recording, Robot, Samples
+from .bandwidth import Band, Decimator, choose_band
+from .base_parameters import build_base
 from .factors import LAGS, Factors, Weigh, reduce_rows
-from .rows import Rows, Task, read_rows
+from .motion import build_motion, margin
+from .rows import Rows, Task, choose_reach, consumed, read_rows
 
 Part = tuple[Recording, Sampling]
 
@@ -22,6 +29,16 @@ LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the healthy robot
 SHARED = f"learned from, except the last {1 - TRAINING_SHARE:.0%}, which is held out"
 PIECE = 2**17  # samples of a recording from which the cut-off is chosen
 SAME_RATE = 0.01  # relative difference that sampling rates of recordings may have
+REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s], share of the rms velocity: width of the reversal of a geared joint
+AGREE = 2e-3  # [1] relative difference from derivatives of the positions, below which recorded ones are used
+ENOUGH = 16  # filtered rows that a recording needs if nothing can be held out of it
+ITSELF = (
+    "the recording is too short to hold anything out: the model is evaluated on its own training data, so held-out "
+    "errors are too small; record for longer, or give another recording with --held-out"
+)
+TAPS = 9.0  # length of both filters together, in periods of the cut-off
+
+Parts = tuple[Part, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,3 +184,173 @@ def _rows(task: Task, part: Part, progress: Progress | None, purpose: str) -> It
         done += len(rows.t)
         if progress is not None:
             progress(f"{purpose} {recording.path or 'recording'}", min(1.0, done / total))
+
+
+def prepare(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording] = (),
+    options: Options | None = None,
+    *,
+    scaled: bool = True,
+) -> Session:
+    """Prepare a session: joints, laws, base map, band and the split into training and held-out recordings.
+
+    Without held-out recordings the last of several is held out, or the last 30 % of the only one. Nothing is held out
+    of an only recording that is too short for that. Unless `scaled`, currents without torque constants are accepted.
+
+    Raises:
+        RecordingError: a recording cannot be used, or recordings do not fit together.
+        OptionError: an effect or an option is unknown.
+        RobotError: a moving body has a negative mass.
+    """
+    if not recordings:
+        raise OptionError("no recording was given; at least one is needed")
+    everything = [*recordings, *held_out]
+    need_torque(everything)
+    if scaled:
+        need_constants(everything)
+    check_masses(robot)
+    moving = hold(robot, resting(robot, but=same_joints(everything)))
+    surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
+    surveys = dict(zip(surveys, one_after_another(list(surveys.values())), strict=True))
+    learn, judge = (tuple((r, surveys[r]) for r in some) for some in (recordings, held_out))
+    return _arranged(moving, (learn, judge), options or Options(), robot.notes)
+
+
+def rearrange(robot: Robot, session: Session, options: Options) -> Session:
+    """The same recordings with other options: effects, cut-off and the like. No recording is read as a whole again."""
+    return _arranged(session.robot, session.given, options, robot.notes)
+
+
+def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes: Sequence[str]) -> Session:
+    """Band, base map and split of recordings that were surveyed."""
+    (learn, _), whole = given, tuple(dict((*given[0], *given[1])).items())
+    once = tuple(dict(learn).items())
+    band = _band(once, options)
+    train, test = _split(*given, band)
+    measured = [all(r.columns["tau"][j] for r, _ in whole) for j in range(len(robot.joints))]
+    laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in np.flatnonzero(measured).tolist())
+    _only_linear(laws)
+    recorded = _use_recorded(robot, whole, band, options)
+    desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r, _ in whole)
+    complete = desired and all(_complete(part, "q_des") for part in whole)
+    slow = _slow(robot, [sampling for _, sampling in whole], band)
+    base, reach = build_base(robot, laws, options.seed, measured), _reach(robot, once, band, slow)
+    task = Task(robot, laws, base, band, slow, reach, recorded, complete)
+    said = [f"{r.path or 'recording'}: {note}" for r, sampling in whole for note in (*r.notes, *sampling.notes)]
+    said += [ITSELF] * (train is test)
+    if recorded:
+        said.append("velocities and accelerations are taken as recorded: they agree with the positions")
+    if desired and not complete:
+        said.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
+    return Session(task, train, test, (*notes, *dict.fromkeys(said)), given, options)
+
+
+def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
+    """Training and held-out parts; the same object where an only recording is too short for both."""
+    if test:
+        return train, test
+    if len(train) > 1:
+        return train[:-1], train[-1:]
+    recording, sampling = train[0]
+    first, last = split(sampling, TRAINING_SHARE)
+    if _count_rows(last, band) == 0 and _count_rows(sampling, band) >= ENOUGH:
+        return train, train
+    return ((recording, first),), ((recording, last),)
+
+
+def _count_rows(sampling: Sampling, band: Band) -> int:
+    """About how many filtered rows a recording gives."""
+    lengths = (sampling.length(span) - consumed(band) - 1 for span in sampling.spans)
+    return sum(max(0, length) // band.factor for length in lengths)
+
+
+def _band(parts: Sequence[Part], options: Options) -> Band:
+    rate = common_rate(parts, "resample them to one rate")
+    if options.cutoff is not None and not options.cutoff > 0:
+        raise OptionError(f"the cut-off is {options.cutoff:g} Hz; a positive frequency is needed")
+    longest = max(sampling.length(span) * sampling.period for _, sampling in parts for span in sampling.spans)
+    if options.cutoff is not None and TAPS / options.cutoff > longest:
+        raise OptionError(
+            f"a cut-off of {options.cutoff:g} Hz needs {TAPS / options.cutoff:.3g} s without a gap, but the longest "
+            f"stretch lasts {longest:.3g} s; raise the cut-off"
+        )
+    return choose_band([longest_piece(part) for part in parts], rate, options.cutoff)
+
+
+def _slow(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
+    """(n,) [rad/s or m/s] width of a reversal: of the gear for revolute joints, of the encoder noise for all."""
+    speed = np.sqrt(np.mean([s.speed**2 for s in surveys], axis=0))
+    gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL, REVERSAL_SHARE * speed))
+    return np.maximum(np.maximum(gear, band.velocity_noise), 1e-12)
+
+
+def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tuple[int, ...]:
+    pieces = [(longest_piece(part, PIECE // 4), part[1].period) for part in parts]
+    long = [(piece, period) for piece, period in pieces if len(piece.t) > 2 * margin(band) + 1]
+    return choose_reach([build_motion(robot, piece, band, period) for piece, period in long], band, slow)
+
+
+def _only_linear(laws: Sequence[Law]) -> None:
+    for law in laws:
+        effect, linear = law.effect, law.effect.linear()
+        shaped = [key for key in effect.parameters if key not in linear]
+        cannot = "which least squares cannot fit; choose effects that are linear in all parameters"
+        if effect.scope != "joint":
+            why = "acts on more than one joint, where least squares does not place it; choose effects of single joints"
+        elif isinstance(effect, RecordingLaw | ActuatorLaw):
+            why = (
+                "changes what torque is recorded or applied, not what the motion takes; choose effects that take torque"
+            )
+        elif shaped:
+            why = f"has the shape parameters {', '.join(shaped)}, {cannot}"
+        elif effect.coefficients(effect.example) != [effect.example[key] for key in linear]:
+            why = f"is not linear in {', '.join(linear)}, {cannot}"
+        else:
+            continue
+        raise OptionError(f"effect {effect.name!r} {why}")
+
+
+def _wholly(recording: Recording, key: str) -> bool:
+    return all(recording.columns.get(key, ("",)))
+
+
+def _use_recorded(robot: Robot, parts: Sequence[Part], band: Band, options: Options) -> bool:
+    """Whether dq and ddq are taken as recorded: asked for, or they are plainly the derivatives of q."""
+    if options.derivatives not in ("auto", "computed", "recorded"):
+        raise OptionError(f"derivatives {options.derivatives!r} is none of auto, computed, recorded")
+    if options.derivatives == "computed":
+        return False
+    has = all(_wholly(part[0], key) and _complete(part, key) for part in parts for key in ("dq", "ddq"))
+    if options.derivatives == "recorded" and not has:
+        raise OptionError(
+            "derivatives 'recorded' was asked for; not every joint has dq_J and ddq_J columns without gaps"
+        )
+    return has and (options.derivatives == "recorded" or all(_agree(robot, part, band) for part in parts))
+
+
+def _complete(part: Part, key: str) -> bool:
+    """Whether a signal is there wherever the recording is used."""
+    recording, sampling = part
+    if sampling.incomplete.isdisjoint(recording.columns[key]):
+        return True
+    pieces = (
+        samples(recording, sampling, span, start, min(start + PIECE, sampling.length(span)))
+        for span in sampling.spans
+        for start in range(0, sampling.length(span), PIECE)
+    )
+    return all(np.all(np.isfinite(getattr(piece, key))) for piece in pieces)
+
+
+def _agree(robot: Robot, part: Part, band: Band) -> bool:
+    """Whether recorded derivatives and those of the positions are the same inside the band."""
+    piece, period = longest_piece(part), part[1].period
+    own, recorded = (build_motion(robot, piece, band, period, recorded_derivatives=yes) for yes in (False, True))
+    edge = (len(recorded) - len(own)) // 2
+    thin = Decimator(band.taps, band.factor)
+    for mine, theirs in ((own.v, recorded.v), (own.a, recorded.a)):
+        ours, given = thin(mine), thin(theirs[edge : len(theirs) - edge])
+        if not len(ours) or np.linalg.norm(ours - given) > AGREE * np.linalg.norm(ours):
+            return False
+    return True

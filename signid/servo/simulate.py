@@ -15,7 +15,7 @@ from ..recording import as_recording
 from ..recording.source import Source
 from ..servos import PASSIVE, SERVO_NUMBERS, Servo, ServoGrid
 from ..simulation.plant import Sensors, record_held
-from ..simulation.rollout.joints import restrict_joints
+from ..simulation.rollout.windows import restrict_joints
 from ..typed import typed
 from ..types import Array, Law, Recording, Result, Robot, Trajectory
 from .plant import grids_of_arrays, roll_out, saturated_share, servo_grid, servo_grids
@@ -88,12 +88,11 @@ def simulate_servos(
         wrong = [joint for joint, x in zip(grid.joints, v.T, strict=True) if not (np.abs(x) < MOST_SPEED).all()]
         raise OptionError(f"the closed loop diverges at {shorten(wrong)}; check kp, kd, delay and inertias")
     rate = sensors.rate or _command_rate(commands)
-    columns = record_held(
-        model.robot.prismatic, grid.joints, grid.step, q, v, _held(grid, servos), replace(sensors, rate=rate), seed
-    )
+    sensors = replace(sensors, rate=rate)
+    prismatic, held = model.robot.prismatic, _held(grid, servos)
+    columns = record_held(prismatic, grid.joints, grid.step, q, v, held=held, sensors=sensors, seed=seed)
     t = np.asarray(np.arange(len(grid)) * grid.step)
     saturated = saturated_share(servos, replace(grid, q=q), v)
-    sensors = replace(sensors, rate=rate)
     return ServoSimulation(model, tuple(injected), t, q, v, grid.command, columns, sensors, tuple(notes), saturated)
 
 

@@ -14,7 +14,7 @@ from ..model import Model, ModelSource, command_model
 from ..recording import Recordings, as_recordings, same_joints
 from ..robot.actuators import state_actuators
 from ..servos import Servo, ServoGrid
-from ..simulation.rollout.joints import restrict_joints
+from ..simulation.rollout.windows import restrict_joints
 from ..typed import typed
 from ..types import Array, Input, Progress, Recording, Result, Robot
 from ..validate.run import named_models

@@ -5,14 +5,12 @@ together by boolean least squares within physical constraints; README.md in this
 
 Files in the order of the data:
 
-- `recover`: recordings -> recordings with signs. `torque_constants` comes first if constants are unknown: `find`,
-  `constants`.
-- `observations` (recordings -> rows), `segments` (absolute torque -> segments), `infer` (rows -> signs).
-- `search`: `problem` (boolean least squares, friction prior), `cone` (physical constraints), `exact` (the search) with
-  `local_search` and `branch_and_bound`.
-- `tree`: the classical search, with `condition` (order of segments).
-- `samples`: `markov_chain` (signs of samples), `full_rate` (jumps, expected signs), `rows_of_file`.
-- `posterior` (search of segments, confidence), `flags`.
+- `recover`: recordings -> recordings with signs, and flags. `torque_constants` comes first if constants are unknown.
+- `observations` (recordings -> rows), `segments` (absolute torque -> segments), `infer` (rows -> signs, confidence).
+- `search`: `problem` (boolean least squares, friction prior), `branch_and_bound` within the physical cone, and
+  `exact`, which begins with steepest ascent.
+- `tree`: the classical search.
+- `samples` (signs of samples, jumps, expected signs), `rows_of_file`.
 - `result`: what `recover` returns. `thresholds`: tuned values.
 """
 

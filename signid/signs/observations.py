@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..recording.sampling import samples
-from ..regression.motion import Motion, build_motion, margin
-from ..regression.regressor import base_rows
+from ..regression.motion import Motion, base_rows, build_motion, margin
 from ..regression.rows import Task, away_from_reversals
 from ..regression.session import Part
 from ..types import Array, Frozen, Indices, Mask, Samples, prismatic_unit

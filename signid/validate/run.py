@@ -16,10 +16,9 @@ from ..faults import NO_EXCITATION, OF_A_FIT, RecordingFaults, examine
 from ..faults.result import REFUSE, WARN
 from ..model import Model, ModelSource, as_model
 from ..recording import Recordings, as_recordings, same_joints
-from ..regression.prepare import prepare
-from ..regression.session import Options, Session, only_once
+from ..regression.session import Options, Session, only_once, prepare
 from ..simulation.rollout import RollOut, roll_out
-from ..simulation.rollout.joints import restrict_joints
+from ..simulation.rollout.windows import restrict_joints
 from ..typed import typed
 from ..types import Input, Progress, Recording
 from .result import ModelCandidate, ValidatedModel, Validation

@@ -9,8 +9,7 @@ from ..model import Model
 from ..types import Array
 from .events import LastingChange
 from .frames import INERTIAL, LOCAL, PAYLOAD, Frames
-from .quiet import QuietNoise
-from .windows import FRICTION, TIP, Sums, Suspect, Window, effect, gain, products
+from .windows import FRICTION, TIP, QuietNoise, Sums, Suspect, Window, effect, gain, products
 
 MEMORIES = (4.0, 60.0)  # [s] of the windows: sudden changes, and slow ones
 EVERY = 0.5  # [s] between tests

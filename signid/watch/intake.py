@@ -16,7 +16,7 @@ LONGEST = 0.1  # [s] time without rows after which the state is reset; slower st
 PERIODS = 8.0  # [1] the same, in sampling periods
 FAST = 3.0  # [1] speed over the velocity limit that is a jump of the position, not a motion
 FASTEST = 100.0  # [rad/s or m/s] the same for a joint without a limit
-LARGEST = 1e9  # largest magnitude of a position, velocity or torque
+LARGEST = 1e9  # [SI units] magnitude of a position, velocity or torque; beyond it a row is damaged; heuristic
 AGAIN = 10.0  # [s] time after which a note of the same kind is repeated
 
 

@@ -1,11 +1,12 @@
-"""Streams: a recording that is played back, a file that grows, standard input, a topic of ROS 2, or chunks of rows."""
+"""Streams: a recording that is played back, lines of a file that grows or of standard input, a topic of ROS 2."""
 
 from __future__ import annotations
 
 import os
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from queue import Empty, Queue
 from threading import Thread
@@ -15,16 +16,164 @@ import numpy as np
 
 from ..errors import OptionError, RecordingError, readable
 from ..recording import as_recording, read_recording
+from ..recording.formats.json_ import parse_row
 from ..recording.names.mapping import ColumnMap
-from ..types import Recording, Robot
+from ..types import Array, Recording, Robot
 from .intake import StreamRows
-from .lines import MOST as MOST_LINE, Parser, check, played
 
+MOST_LINE, MOST_COLUMNS = 1_000_000, 2_000  # characters of a line, columns of a stream
+PROBE = 64  # rows of zeros and ones that show the conversion of each column
 TICK = 0.025  # [s] rows that arrive within this time are processed together
 LARGEST = 1 << 18  # [bytes] of a read
-MOST = 16  # reads of standard input that wait
+MOST_READS = 16  # reads of standard input that wait
 CHUNK = 0.1  # [s] of rows of a recording
 ROS = "ros:"  # beginning of the name of a topic
+
+
+class Parser:
+    """Rows from text that arrives in pieces; lines that are no rows become rows of NaN."""
+
+    def __init__(self, robot: Robot, columns: ColumnMap | None, name: str) -> None:
+        self.robot, self.columns, self.name = robot, columns, name
+        self.rest: list[str] = []  # pieces of the line that is not complete
+        self.header: list[str] | None = None
+        self.convert: Callable[[Array], StreamRows] | None = None
+        self.joints: tuple[str, ...] = ()
+        self.json = False
+
+    def rows(self, text: str) -> StreamRows | None:
+        """Rows of the complete lines; None without one.
+
+        Raises:
+            RecordingError: a line is too long, or the first one is no header.
+        """
+        *lines, rest = text.split("\n")
+        if lines:
+            lines[0] = "".join((*self.rest, lines[0]))
+            self.rest = []
+        self.rest.append(rest)
+        if sum(map(len, self.rest)) > MOST_LINE or any(len(line) > MOST_LINE for line in lines):
+            raise RecordingError(
+                f"{self.name} has a line of more than {MOST_LINE} characters; give one row of CSV or JSON per line"
+            )
+        found = [values for line in lines if (values := self._values(line.strip())) is not None]
+        if not found:
+            return None
+        assert self.convert is not None, "the first row sets it"
+        return self.convert(np.array(found))
+
+    def _values(self, line: str) -> list[float] | None:
+        """Numbers of a line in the order of the header; None for the header and empty lines."""
+        if not line:
+            return None
+        if self.header is None:
+            self.json = line.startswith("{")
+            names = list(_numbers(line) or ()) if self.json else [part.strip().strip('"') for part in line.split(",")]
+            self._begin(names, line)
+            if not self.json:
+                return None
+        assert self.header is not None, "the first line sets it"
+        lost = [float("nan")] * len(self.header)
+        if self.json:
+            values = _numbers(line)
+            return lost if values is None else [values.get(name, float("nan")) for name in self.header]
+        parts = line.split(",")
+        if len(parts) != len(self.header):
+            return lost
+        try:
+            return [float(part) for part in parts]
+        except ValueError:
+            return None if [part.strip().strip('"') for part in parts] == self.header else _forgiving(parts)
+
+    def _begin(self, names: Sequence[str], line: str) -> None:
+        """Assign the columns.
+
+        Raises:
+            RecordingError: the header, or the first object, has no such columns.
+        """
+        if len(set(names)) < 2:
+            raise RecordingError(
+                f"{self.name} begins with {line[:60]!r}; give a header of CSV such as t,q_1,tau_1 or JSON objects"
+            )
+        if len(names) > MOST_COLUMNS:
+            raise RecordingError(
+                f"{self.name} has {len(names)} columns, more than {MOST_COLUMNS}; give those of the robot"
+            )
+        if repeated := [name for name, count in Counter(names).items() if name and count > 1]:
+            raise RecordingError(
+                f"{self.name} names column {repeated[0]!r} twice in its header; give each its own name"
+            )
+        self.header = list(names)
+        self.joints, self.convert = assign(self.header, self.robot, self.columns, self.name)
+
+
+def assign(
+    names: Sequence[str], robot: Robot, columns: ColumnMap | None, name: str
+) -> tuple[tuple[str, ...], Callable[[Array], StreamRows]]:
+    """Joints of columns, and the conversion of their values (N, columns) to rows.
+
+    Raises:
+        RecordingError: the columns are none of a recording with signed torque.
+    """
+    probe = np.tile(np.arange(PROBE, dtype=float)[:, None] / PROBE, (1, len(names)))
+    try:
+        found = read_recording(dict(zip(names, probe.T, strict=True)), robot, columns=columns)
+    except RecordingError as error:
+        raise RecordingError(str(error).replace("the recording", name)) from None
+    check(found, name)
+    samples, place = found.read(), {column: k for k, column in enumerate(names)}
+    parts: list[tuple[list[int], Array, Array]] = []
+    for key, values in (("t", samples.t[:, None]), ("q", samples.q), ("tau", samples.tau), ("dq", samples.dq)):
+        if values is None or not all(found.columns[key]):
+            continue
+        offset = values[0]
+        parts.append(([place[c] for c in found.columns[key]], (values[-1] - offset) * PROBE / (PROBE - 1), offset))
+
+    def convert(table: Array) -> StreamRows:
+        t, *others = (table[:, columns] * factor + offset for columns, factor, offset in parts)
+        return StreamRows(t[:, 0], *others)
+
+    return found.joints, convert
+
+
+def check(recording: Recording, name: str) -> None:
+    """Check that the torque of every joint is recorded, with its sign and in N.m.
+
+    Raises:
+        RecordingError: it is not.
+    """
+    if lacking := [j for j, column in zip(recording.joints, recording.columns["tau"], strict=True) if not column]:
+        raise RecordingError(f"{name} has no torque of {', '.join(lacking)}; give tau_J or current_J of every joint")
+    if not recording.signed.all():
+        raise RecordingError(f"{name} has torque without its sign, which a watch cannot use; give tau_J or current_J")
+    if recording.scaled is not None:
+        raise RecordingError(f"{name} has currents of unknown torque constants; state them in the actuators file")
+
+
+def played(recording: Recording, size: int) -> Iterator[StreamRows]:
+    """Rows of a recording in chunks."""
+    for start in range(0, len(recording), size):
+        samples = recording.read(start, start + size)
+        yield StreamRows(samples.t, samples.q, samples.tau, samples.dq)
+
+
+def _numbers(line: str) -> dict[str, float] | None:
+    """Numbers of a JSON object by column; None if it is none."""
+    try:
+        return {name: value for name, value in parse_row(line).items() if not isinstance(value, str)}
+    except ValueError:
+        return None
+
+
+def _forgiving(parts: Sequence[str]) -> list[float]:
+    """Numbers, NaN for what is none."""
+    out = []
+    for part in parts:
+        try:
+            out.append(float(part))
+        except ValueError:
+            out.append(float("nan"))
+    return out
 
 
 class Stream(NamedTuple):
@@ -99,7 +248,7 @@ def _parsed(texts: Iterator[str], robot: Robot, columns: ColumnMap | None, name:
 
 def _standard_input(idle: float) -> Iterator[str]:
     """Text of standard input as it arrives; "" after each tick without any."""
-    source, arrived, last, rest = sys.stdin.fileno(), Queue[bytes](maxsize=MOST), time.monotonic(), b""
+    source, arrived, last, rest = sys.stdin.fileno(), Queue[bytes](maxsize=MOST_READS), time.monotonic(), b""
 
     def read() -> None:
         while True:

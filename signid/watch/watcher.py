@@ -1,20 +1,26 @@
-"""The watch: rows in, events out, with a state of constant size."""
+"""Model and stream -> events, as they are found."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from ..errors import OptionError
+from ..errors import InputError, OptionError
+from ..faults.identified import recording_flags
 from ..model import Model, ModelSource, as_model, torque_model
-from ..types import Array
+from ..recording.names.mapping import ColumnMap
+from ..robot import hold, resting
+from ..typed import typed
+from ..types import Array, Law
 from .blocks import Blocks, Cutter
 from .changes import Changes
-from .contacts import PEAK, SIGMAS, Contacts
+from .contacts import PEAK, SIGMAS, Contacts, Momentum
 from .events import Event, Note
 from .frames import Framer, Frames
 from .intake import Intake, StreamRows
-from .momentum import Momentum
-from .quiet import Quiet, QuietNoise
+from .sources import Stream, open_stream
+from .windows import Quiet, QuietNoise
 
 QUIET = 10.0  # [s] of motion that give the noise
 PATIENCE = 6.0  # [1] longest quiet stretch, over the motion that it should have
@@ -37,9 +43,7 @@ class Watcher:
     """
 
     def __init__(self, model: ModelSource, *, quiet: float = QUIET) -> None:
-        if not 0 < quiet < 1e5:
-            raise OptionError(f"quiet is {quiet:g} s; give the duration of the stretch without contacts, such as 10")
-        self.model: Model = torque_model(as_model(model, "watch"))
+        self.model = _checked(model, quiet)
         robot = self.model.robot
         self.momentum = Momentum(self.model)
         self.intake, self.cutter = Intake(robot), Cutter()
@@ -169,3 +173,90 @@ class Watcher:
         units = ["N" if p else "N.m" for p in robot.prismatic]
         sizes = (f"{j} {x:.3g} {u}" for j, x, u in zip(robot.joints, smallest, units, strict=True))
         return [Note(float(frames.t[-1]), f"watching; thresholds: {', '.join(sizes)}")]
+
+
+@typed
+def watch(
+    model: ModelSource,
+    stream: object,
+    *,
+    quiet: float = QUIET,
+    columns: ColumnMap | None = None,
+    follow: bool = False,
+    idle: float = np.inf,
+) -> Iterator[Event]:
+    """Watch a robot at work: contacts and lasting changes, as events.
+
+    A momentum observer compares torque with the model; thresholds follow from the covariance of the model and from the
+    residual of a quiet first stretch. Memory is constant.
+
+    Args:
+        model: a model, or what `load_model` reads.
+        stream: a recording (path, arrays, frame), a file that grows (with `follow`), "-" for standard input (CSV or
+            JSON lines), "ros:TOPIC", or an iterable of texts with such lines.
+        quiet: duration [s] of motion without contacts at the beginning, which gives the noise.
+        columns: column map, as in `read_recording`.
+        follow: whether a file is read on as it grows.
+        idle: time [s] without rows after which a live stream ends.
+
+    Raises:
+        OptionError: rclpy is missing, or a number is out of range.
+        RecordingError: the stream has no rows that can be used.
+    """
+    watcher, opened = open_watch(as_model(model, "watch"), stream, quiet, columns, follow, idle)
+    return _events(watcher, opened)
+
+
+def open_watch(
+    model: Model,
+    stream: object,
+    quiet: float = QUIET,
+    columns: ColumnMap | None = None,
+    follow: bool = False,
+    idle: float = np.inf,
+) -> tuple[Watcher, Stream]:
+    """The watcher of the joints of a stream, and the stream; arguments are those of `watch`."""
+    _checked(model, quiet)  # before waiting for the stream
+    opened = open_stream(stream, model.robot, columns, follow, idle)
+    return Watcher(_of_joints(model, opened.joints), quiet=quiet), opened
+
+
+def _checked(model: ModelSource, quiet: float) -> Model:
+    """Model to watch with, if it and the duration of the quiet stretch [s] can be used."""
+    if not 0 < quiet < 1e5:
+        raise OptionError(f"quiet is {quiet:g} s; give the duration of the stretch without contacts, such as 10")
+    return torque_model(as_model(model, "watch"))
+
+
+def stream_flags(model: Model, stream: Stream) -> tuple[str, ...]:
+    """Faults of a recording that is played back; a live stream has none before it is read."""
+    if stream.recording is None:
+        return ()
+    try:
+        return recording_flags(model, [stream.recording])
+    except InputError as error:
+        return (f"the recording cannot be examined for faults: {error}",)
+
+
+def _events(watcher: Watcher, opened: Stream) -> Iterator[Event]:
+    yield from (Note(0.0, flag) for flag in stream_flags(watcher.model, opened))
+    for rows in opened.chunks:
+        if rows is not None and len(rows.t):
+            yield from watcher.feed(*rows)
+    yield from watcher.finish()
+    if fault := watcher.fault():
+        yield Note(0.0, fault)
+
+
+def _of_joints(model: Model, joints: tuple[str, ...]) -> Model:
+    """Model with the joints held that the stream lacks; its covariance remains that of the model's own joints."""
+    robot = model.robot
+    if joints == robot.joints:
+        return model
+    moving = hold(robot, resting(robot, but=joints))
+    laws = list[Law]()
+    for law in model.laws:
+        names = [robot.joints[j] for j in law.joints]
+        if all(name in joints for name in names):
+            laws.append(Law(law.effect, tuple(joints.index(name) for name in names), law.parameters))
+    return Model(moving, model.inertials, tuple(laws), model.covariance)

@@ -153,7 +153,7 @@ def _through_drives(
 
 
 def _random(robot: Robot, duration: float | None, rate: float | None, seed: int) -> Trajectory:
-    from ...simulation.excite.random_motions import rest_to_rest_motion
+    from ...simulation.excite.families import rest_to_rest_motion
 
     return rest_to_rest_motion(robot, DURATION if duration is None else duration, 1 / (rate or COMMAND_RATE), seed)
 
@@ -200,9 +200,9 @@ def _drive(
     known: Model, asked: Trajectory | Torques | None, loop: LoopOptions, duration: float | None, step: float, seed: int
 ) -> tuple[Tracking | Torques, float]:
     """The drive of the robot and the duration [s]; without a motion or torques from a file, a random motion."""
-    from ...simulation.excite.random_motions import rest_to_rest_motion
+    from ...simulation.excite.families import rest_to_rest_motion
     from ...simulation.plant import Torques, track
-    from ...simulation.plant.run import instants
+    from ...simulation.plant.plant import instants
 
     if isinstance(asked, Torques):
         if loop != LoopOptions():

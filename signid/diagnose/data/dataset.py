@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...model import Model
-from ...regression.filters import Decimator
+from ...regression.bandwidth import Decimator
 from ...regression.rows import Task
 from ...types import Array, Frozen, Law
 from .column_groups import Group

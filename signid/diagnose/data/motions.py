@@ -15,8 +15,7 @@ from ...effects.law import law_torque
 from ...faults.amount import PER_UNKNOWN, judge_amount
 from ...model import Model
 from ...recording.sampling import samples, select_stretches, time_origin
-from ...regression.bandwidth import Band
-from ...regression.filters import Decimator, lowpass, smooth
+from ...regression.bandwidth import Band, Decimator, lowpass, smooth
 from ...regression.motion import Motion, build_motion, margin
 from ...regression.rows import Task
 from ...regression.session import Part, Session

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...deadline import need_time, show_step
 from ...model import Model
-from ...regression.filters import Decimator, moving_minimum
+from ...regression.bandwidth import Decimator, moving_minimum
 from ...regression.motion import Motion
 from ...regression.rows import Task
 from ...types import Array, Frozen, Indices, Mask

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...effects.base import BodyLaw, TransmissionLaw
 from ...model import Model
-from ...regression.regressor import labels
+from ...regression.motion import labels
 from ...types import INERTIAL, Array, Frozen, Indices, Law
 from ..data.column_groups import Group
 from ..data.hypotheses import Hypothesis

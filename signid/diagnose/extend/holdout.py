@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import RecordingError
 from ...estimation.fit_quality import Course, Fit, fit_rows, rms_of
 from ...model import Model
-from ...regression.filters import Decimator
+from ...regression.bandwidth import Decimator
 from ...regression.rows import Task
 from ...regression.session import Part, Session
 from ...types import Array, Robot

@@ -11,10 +11,9 @@ from ...effects.law import coefficient_count
 from ...effects.naming import law_place
 from ...model import Model
 from ...regression.motion import Motion
-from ...simulation.excite.families import Fourier
-from ...simulation.excite.law_distance import STRUCTURAL, law_distance, wide_columns, with_torque
+from ...simulation.excite.families import Fourier, random_parameters
 from ...simulation.excite.limits import build_limits
-from ...simulation.excite.random_motions import random_parameters
+from ...simulation.excite.separation import STRUCTURAL, law_distance, wide_columns, with_torque
 from ...types import Array, Law
 
 SEARCH, UNSOUGHT = "the search for motions that separate alternatives", "not searched for: time was up"

@@ -1,28 +1,136 @@
-"""Estimators that simulate the closed loop along the recordings: motion without encoder noise."""
+"""Closed loop of a recording: its controller, and estimators along the motion of its simulation."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ...deadline import time_is_up
 from ...errors import OptionError
 from ...model import Model, fitted_model, stated_parameters
-from ...regression.session import Options, Part, Session
-from ...simulation.plant import simulate
-from ...simulation.plant.control import Plan, sampled
-from ...types import Array, Estimate, Frozen, Samples, Trajectory
+from ...recording.sampling import samples
+from ...regression.bandwidth import Decimator
+from ...regression.motion import Motion, base_rows, build_motion, margin
+from ...regression.projection import least_squares
+from ...regression.session import PIECE, Options, Part, Session
+from ...simulation.plant import simulate, track
+from ...simulation.plant.control import BANDWIDTH, Plan, sampled
+from ...types import Array, Estimate, Frozen, Mask, Samples, Trajectory
 from ..feasible import fit_consistent
 from ..least_squares import estimate
 from .base import Estimator, Given, part_of
-from .controller import Controller, find_controller, motion_of, stretches
 
+SHARE = 0.5  # [1] smallest share of the torque variance that an estimated controller explains; else a default is used
+SLOW, FAST = 2 * np.pi * 0.5, 2 * np.pi * 30.0  # [rad/s] smallest and largest natural frequency of a position loop
+LOOSE, STIFF = 0.3, 2.0  # [1] smallest and largest damping ratio of a position loop
+RANK = 1e-9  # [1] smallest singular value that counts, over the largest
 STEP = 1e-3  # [s] largest step of the simulation
 ROUNDS, SETTLED = 8, 0.05  # largest number of rounds; [standard deviations] change at which they have converged
 EXACT = 1e-6  # [1] the same as a share of the largest parameter, for recordings without noise
+
+
+@dataclass(frozen=True, eq=False)
+class Controller(Frozen):
+    """Controller: torque = feed-forward + stiffness * (desired - q) + damping * (desired speed - v)."""
+
+    stiffness: Array  # (n,) [N.m/rad or N/m]
+    damping: Array  # (n,) [N.m.s/rad or N.s/m]
+    ahead: tuple[Array, ...]  # per joint (m,) [units of base] coefficients of the columns along the desired motion
+    note: str = ""  # sentence on how it was found
+
+    def feed_forward(self, session: Session, desired: Motion) -> Array:
+        """Feed-forward torque (N, n) [N.m or N] along a desired motion."""
+        columns = base_rows(desired, session.task.laws, session.task.wanted)
+        return np.column_stack([x @ share for x, share in zip(columns, self.ahead, strict=True)])
+
+
+def stretches(session: Session) -> Iterator[Samples]:
+    """Stretches of the training recordings on the uniform grid, without those too short for the filters."""
+    least = 2 * margin(session.task.band) + 2 * len(session.task.band.taps)
+    for recording, sampling in session.train:
+        for span in sampling.spans:
+            if (count := sampling.length(span)) > least:
+                yield samples(recording, sampling, span, 0, count)
+
+
+def motion_of(session: Session, q: Array, period: float) -> Motion:
+    """Motion at samples q (N, n) [rad or m] of a stretch; for the filters its ends are extended by reflection."""
+    band, edge = session.task.band, margin(session.task.band)
+    mirrored = np.concatenate([2 * q[:1] - q[edge:0:-1], q, 2 * q[-1:] - q[-2 : -edge - 2 : -1]])
+    t = np.asarray((np.arange(len(mirrored)) - edge) * period, dtype=np.float64)
+    wide = Samples(t, mirrored, np.zeros_like(mirrored), None, None, None)
+    return build_motion(session.robot, wide, band, period, slow=session.task.slow)
+
+
+def find_controller(
+    session: Session, pieces: Sequence[Samples], model: Model, value: Array, gains: tuple[Array, Array] | None = None
+) -> Controller:
+    """Estimate proportional and derivative gains, and feed-forward coefficients of all regressor columns.
+
+    Each joint's torque is fitted by least squares with position error, speed error and the columns along the desired
+    motion, all equally filtered. A default loop, fed forward by the model of parameters value (b,) [units of base],
+    is used for joints whose torque is poorly explained or whose gains are implausible. If the controller is known,
+    gains are stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad].
+    """
+    piece = max(pieces, key=lambda piece: len(piece.t))
+    asked, found = _fit_joints(session, piece, gains)
+    if gains is not None:
+        return Controller(*gains, tuple(fit.ahead for fit in found), "the gains of the controller are as stated")
+    usual = track(model, Trajectory(session.robot.joints, asked.t, asked.q, asked.v, asked.a))
+    inertia = usual.stiffness / (2 * np.pi * BANDWIDTH) ** 2
+    kp, kd = np.array([fit.gains for fit in found]).T
+    shares = np.array([fit.share for fit in found])
+    good = np.asarray((shares > SHARE) & (kp > inertia * SLOW**2))
+    stiffness = np.where(good, np.minimum(kp, inertia * FAST**2), usual.stiffness)
+    critical = 2 * np.sqrt(stiffness * inertia)
+    damping = np.where(good, np.clip(kd, LOOSE * critical, STIFF * critical), usual.damping)
+    ahead = (fit.ahead if good[j] else value[session.task.seen(j)] for j, fit in enumerate(found))
+    speed = np.sqrt(stiffness / inertia) / (2 * np.pi)
+    return Controller(stiffness, damping, tuple(ahead), _note(session, good, shares, speed))
+
+
+class _Fit(NamedTuple):
+    gains: Array  # (2,) stiffness and damping
+    ahead: Array  # (m,) [units of base] feed-forward coefficients
+    share: float  # [1] explained share of the torque's variance
+
+
+def _fit_joints(session: Session, piece: Samples, gains: tuple[Array, Array] | None) -> tuple[Motion, list[_Fit]]:
+    """Desired motion of a stretch, and the controller of each joint."""
+    t, q, tau, q_des = (x[: PIECE // 4] for x in (piece.t, piece.q, piece.tau, piece.q_des) if x is not None)
+    real, asked = (motion_of(session, x, float(t[1] - t[0])) for x in (q, q_des))
+    thin = Decimator(session.task.band.taps, session.task.band.factor)
+    found = []
+    for j, x in enumerate(base_rows(asked, session.task.laws, session.task.wanted)):
+        errors = asked.q[:, j] - real.q[:, j], asked.v[:, j] - real.v[:, j]
+        known = not np.isnan(tau[:, j]).all()
+        rows = thin(np.column_stack([*errors, x, tau[:, j]])) if known else np.zeros((1, x.shape[1] + 3))
+        found.append(_fit(rows, None if gains is None else np.array([gains[0][j], gains[1][j]])))
+    return asked, found
+
+
+def _fit(rows: Array, gains: Array | None) -> _Fit:
+    """Least-squares fit of the last column by the others; the first two are errors of position and speed."""
+    first = 0 if gains is None else 2
+    x, y = rows[:, first:-1], rows[:, -1] - (0 if gains is None else rows[:, :2] @ gains)
+    size = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
+    solved = least_squares(x / size, y, RANK) / size
+    share = 1 - float(np.var(y - x @ solved)) / max(float(np.var(rows[:, -1])), 1e-300)
+    return _Fit(solved[:2] if gains is None else gains, solved[2 - first :], share)
+
+
+def _note(session: Session, good: Mask, shares: Array, speed: Array) -> str:
+    joints = session.robot.joints
+    found = ", ".join(f"{joint} {hertz:.2g} Hz" for joint, hertz, ok in zip(joints, speed, good, strict=True) if ok)
+    other = ", ".join(joint for joint, ok in zip(joints, good, strict=True) if not ok)
+    explained = f"{shares[good].min(initial=1):.2%}"
+    fitted = f"a PD controller with feed-forward torque explains {explained} of the torque ({found})"
+    default = f"no PD controller explains the torque of {other}: a default one of {BANDWIDTH:g} Hz is used"
+    return "; ".join(sentence for sentence, names in ((fitted, found), (default, other)) if names)
 
 
 @dataclass(frozen=True, eq=False)

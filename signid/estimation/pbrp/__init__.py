@@ -4,7 +4,7 @@ This is the classical method (`signid identify --method pbrp`). The default, a c
 `signid.estimation.feasible`.
 """
 
-from .bounds import Bounds, bounds_around, read_bounds
+from .cost import Bounds, bounds_around, read_bounds
 from .search import Retrieval, SearchRun, retrieve
 
 __all__ = ["Bounds", "Retrieval", "SearchRun", "bounds_around", "read_bounds", "retrieve"]

@@ -12,8 +12,7 @@ from ...errors import OptionError
 from ...optimisers import OPTIMISERS, Optimum
 from ...types import BaseMap, Estimate, Frozen, Label, Parameters
 from ..feasible.problem import information_root
-from .bounds import Bounds, bounds_around, check_box
-from .cost import SEARCH, PenaltyCost, Physics, cost_over, descend, physics_of
+from .cost import SEARCH, Bounds, PenaltyCost, Physics, bounds_around, check_box, cost_over, descend, physics_of
 
 _SHARPEST = 1e4  # [standard deviations per width of the box] largest sharpness that the search resolves
 _SETTLED = 1e-2  # [squared standard deviations] predicted gain over the whole box at which a run has converged

@@ -13,7 +13,7 @@ from ...servo.plant import roll_out, servo_grid
 from ...servo.simulate import registered
 from ...servo.stated import stated_servos
 from ...servos import ServoGrid
-from ...simulation.rollout.joints import restrict_joints
+from ...simulation.rollout.windows import restrict_joints
 from ...types import Array, Mask, Recording
 from .track import Track
 

@@ -11,8 +11,7 @@ import pinocchio as pin
 
 from ...model import Model
 from ...recording.sampling import Sampling, samples, survey
-from ...regression.bandwidth import Band, choose_band
-from ...regression.filters import lowpass
+from ...regression.bandwidth import Band, choose_band, lowpass
 from ...regression.motion import Motion, build_motion, margin
 from ...regression.session import longest_piece
 from ...robot import configuration

@@ -13,8 +13,8 @@ from ...errors import RecordingError, shorten
 from ...model import Model, ModelSource, as_model
 from ...recording import Recordings, as_recordings, need_torque
 from ...recording.sampling import time_origin
-from ...regression.filters import lowpass
-from ...simulation.rollout.joints import restrict_joints
+from ...regression.bandwidth import lowpass
+from ...simulation.rollout.windows import restrict_joints
 from ...typed import typed
 from ...types import Array, Recording
 from ..replay.drives import commands_only, follow_commands, with_drives

@@ -1,4 +1,4 @@
-"""File of factors: a NumPy archive of arrays with a JSON header and a hash of all arrays."""
+"""Factor files: sums of rows with their task, in a bounded archive."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -21,9 +22,8 @@ from ...types import Array, BaseMap, Indices, Input, Law, Robot
 from ...version import __version__
 from ..bandwidth import Band
 from ..factors import SAMPLED, Factors, JointFactors, Node, RowSample, reduce_rows
-from ..regressor import labels
+from ..motion import labels
 from ..rows import Task
-from .archive import SCHEMA, damaged, hash_of, read_archive
 from .plausible import (
     ImplausibleError,
     check_band,
@@ -36,12 +36,68 @@ from .plausible import (
 )
 from .reduce import WHOLE, Reduced
 
+SCHEMA = "signid.factors/1"
+LARGEST, LARGEST_HEADER = 2**30, 2**24  # [bytes] size of all arrays and of the header: for damaged and malicious files
 BASE = ("combination", "sees", "singular_values", "independent")
 BAND = ("per_joint", "velocity_noise", "torque_floor")
 MOTION = ("lower", "upper", "velocity", "acceleration")
 JOINT = ("grams", "counts", "whole")
 SUMS = ("train", "held_out")
 FLAGS = ("recorded_derivatives", "instruments")
+
+
+def read_archive(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Header and arrays of an undamaged file of factors.
+
+    Raises:
+        OptionError: the file cannot be read, is damaged, or has another version.
+    """
+    if path.exists() and not path.is_file():
+        raise OptionError(f"cannot read factors from {path}: it is no regular file")
+    try:
+        header, arrays = _unpacked(path)
+        schema, whole = header["schema"], header["sha256"] == hash_of(arrays)
+    except MemoryError:
+        raise OptionError(
+            f"{path} expands to more than {LARGEST >> 30} GiB, and factors are far smaller; reduce the recordings again"
+        ) from None
+    except Exception as error:  # errors of the system, of numpy, of zip archives and of the header's content
+        if isinstance(error, OSError) and error.strerror:
+            raise OptionError(f"cannot read factors from {path}: {error.strerror}") from None
+        raise damaged(path) from error
+    if schema != SCHEMA:
+        raise OptionError(f"{path} holds {schema!r}; expected {SCHEMA!r}; reduce the recordings again")
+    if not whole:
+        raise damaged(path)
+    return header, arrays
+
+
+def _unpacked(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Header and arrays of an archive of limited size."""
+    with ZipFile(path) as archive:
+        sizes = {member.filename: member.file_size for member in archive.infolist()}
+        if sum(sizes.values()) > LARGEST or sizes.get(f"{HEADER}.npy", 0) > LARGEST_HEADER:
+            raise MemoryError
+    with np.load(path, allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    header = json.loads(arrays.pop(HEADER).tobytes())
+    return header, arrays
+
+
+def damaged(path: str | Path) -> OptionError:
+    """Error about a file that is no file of factors."""
+    return OptionError(
+        f"{path} is not a file of factors as `signid reduce` writes it, or is damaged; reduce the recordings again"
+    )
+
+
+def hash_of(arrays: Mapping[str, Any]) -> str:
+    """Hash of arrays by name."""
+    digest = sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode() + array.tobytes())
+    return digest.hexdigest()
 
 
 @typed

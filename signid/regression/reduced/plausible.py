@@ -16,9 +16,9 @@ from ..rows import Task
 
 LARGEST = 1e30  # magnitude of a sum of squares in SI units over the longest recordings
 SMALLEST = 1e-60  # such a sum of squares that is not zero overflows in ratios
-MOST_ROWS = 10**12
+MOST_ROWS = 10**12  # [rows] of a recording: thirty years at 1 kHz; for damaged and malicious files
 MOST_NODES, DEEPEST = 10_000, 40  # sums of a part; level of the largest, 2**40 windows
-MOST_PARTS = 100_000
+MOST_PARTS = 100_000  # [parts] of a recording, the same
 RATES, COARSEST, WIDTHS = (1e-9, 1e7), 100_000, (0.1, 1000.0)  # [Hz]; samples per row; position cut-off over cut-off
 ROUNDING = 1e-6  # [1] relative error of sums
 

@@ -6,8 +6,8 @@ begin and end at rest. `random_motion` does not search. `build_limits` gives the
 """
 
 from .design import excite
+from .families import random_motion
 from .limits import Limits, build_limits
-from .random_motions import random_motion
 from .result import Excitation, Separation, Use
 from .separation import separate
 

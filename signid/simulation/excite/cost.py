@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from ...types import Array, Frozen
-from .families import Family, combine
+from .families import Family, column_sizes, combine
 from .problem import ExcitationProblem
-from .random_motions import column_sizes
 
 STEPS = np.array([1e-6, 1e-6, 1e-3])  # [rad, rad/s, rad/s2] steps of the regressor's numerical derivatives
 REVERSAL = 0.03  # [1] speed over its limit below which the direction of friction is smoothed, for a gradient

@@ -12,13 +12,10 @@ from ...effects import EFFECTS
 from ...errors import OptionError
 from ...model import Model
 from ...regression.base_parameters import build_base
-from ...regression.motion import Motion
-from ...regression.regressor import base_rows
+from ...regression.motion import Motion, base_rows
 from ...types import Array, BaseMap, Frozen, Indices, Law, Trajectory
-from .collision import Collision, build_collision
-from .families import Family
-from .limits import Limits
-from .random_motions import random_parameters
+from .families import Family, random_parameters
+from .limits import Collision, Limits, build_collision
 from .result import Use
 
 DIRECTION = 0.01  # [rad/s or m/s] speed below which the direction of motion is proportional to the velocity

@@ -6,7 +6,7 @@ the signals of a perfect logger, `record` those of real encoders and amplifiers 
 """
 
 from .control import Torques, read_motion, recorded_torques, track
-from .run import Simulation, simulate
+from .plant import Simulation, simulate
 from .sensors import Sensors, record, record_held
 
 __all__ = [

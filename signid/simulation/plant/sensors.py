@@ -12,10 +12,10 @@ from ...errors import OptionError, unexpected
 from ...robot import as_robot
 from ...typed import typed
 from ...types import Array, Mask, Robot
-from .run import Simulation
+from .plant import Simulation
 
 CORNER = 3.0  # [Hz] corner frequency of coloured noise
-MOST = {"noise": 10.0, "coloured noise": 10.0, "jitter": 10.0}  # largest shares; more would hide all
+LARGEST_SHARES = {"noise": 10.0, "coloured noise": 10.0, "jitter": 10.0}  # largest shares; more would hide all
 BURST = 4.0  # mean number of consecutive rows that are lost
 LATE = 0.4  # [periods] largest error of a sampling time
 STAMP = 9  # decimals of time [s]: the clock of a logger counts nanoseconds
@@ -41,8 +41,8 @@ class Sensors:
         """
         shares = {"noise": self.noise, "coloured noise": self.coloured_noise, "jitter": self.jitter}
         for name, value in shares.items():
-            if not 0 <= value <= MOST[name]:
-                raise OptionError(f"{name} is {value:g}; give a share from 0 to {MOST[name]:g}")
+            if not 0 <= value <= LARGEST_SHARES[name]:
+                raise OptionError(f"{name} is {value:g}; give a share from 0 to {LARGEST_SHARES[name]:g}")
         if not 0 <= self.drop_outs < 1:
             raise OptionError(f"drop-outs are {self.drop_outs:g}; give the share of lost rows, from 0 to below 1")
         if self.encoder_bits is not None and not 1 <= self.encoder_bits <= 52:
@@ -102,6 +102,7 @@ def record_held(
     step: float,
     q: Array,
     v: Array,
+    *,
     held: Mapping[str, Mapping[str, Array]],
     sensors: Sensors,
     seed: int = 0,

@@ -14,15 +14,13 @@ from ...recording.sampling import survey
 from ...regression.bandwidth import Band, choose_band
 from ...regression.session import Part, common_rate, longest_piece
 from ...types import Array, Frozen, Result
-from ..rollout.joints import restrict_joints
 from ..rollout.whole import check_whole, whole_windows
-from ..rollout.windows import Windows, cut_windows
-from .choose import LawTrial, choose, cross_validate
-from .fit import fit_windows, window_rms
+from ..rollout.windows import Windows, cut_windows, restrict_joints
+from .fit import LawTrial, choose, cross_validate, fit_windows, window_rms
 
 ONE, SEVERAL = (2.5, 5.0), (0.5,)  # [s] lengths of windows for one joint, where errors hardly grow, and for several
 STEP = 1e-3  # [s] largest step of a simulation
-MOST = 200  # windows of a recording at most
+MOST_WINDOWS = 200  # windows of a recording at most
 MEANINGFUL = 0.2  # [1] rms error of a roll-out over the motion's standard deviation, up to which whole runs are fitted
 
 
@@ -129,7 +127,7 @@ def refine_parts(
     else:
         after = (trials[-1] if trials else cross_validate(model, data.train, data.scale)).errors
     first, last = (np.asarray(np.median(errors, axis=0)) for errors in (before, after))
-    kept = _improves(first, last)
+    kept = bool((last <= first).all() and (last < first).any())  # no joint is predicted worse, and one better
     unit = tuple("m" if prismatic else "rad" for prismatic in model.robot.prismatic)
     return Refinement(ended if kept else model, kept, lengths, whole and kept, unit, first, last, tuple(trials))
 
@@ -138,7 +136,7 @@ def _cut(model: Model, train: Sequence[Part], held_out: Sequence[Part], band: Ba
     """Windows that overlap by half, torque held from each sample to the next."""
 
     def cut(part: Part, length: float) -> Windows:
-        count = int(np.clip(2 * part[1].duration / length, 1, MOST))
+        count = int(np.clip(2 * part[1].duration / length, 1, MOST_WINDOWS))
         return cut_windows(model, part, band, length, count, STEP, held=True)
 
     learned, judged = (tuple(cut(part, length) for part in parts for length in lengths) for parts in (train, held_out))
@@ -172,8 +170,3 @@ def _whole(model: Model, train: Sequence[Part], windows: Sequence[Windows]) -> t
     size = np.array([one.q.shape[0] * one.q.shape[1] for one in together])
     scale = np.where(errors > 0, errors, 1.0) * np.sqrt(size / size.sum())[:, None]
     return fit_windows(model, together, scale), True
-
-
-def _improves(before: Array, after: Array) -> bool:
-    """Whether no joint is predicted worse, and one better."""
-    return bool((after <= before).all() and (after < before).any())

@@ -19,8 +19,7 @@ from ...regression.session import Session, common_rate, longest_piece
 from ...typed import typed
 from ...types import Array, Indices, Recording, Result, Robot
 from ..plant.plant import Plant
-from .joints import restrict_joints
-from .windows import Windows, cut_windows
+from .windows import Windows, cut_windows, restrict_joints
 
 COUNT, STEP = 48, 1e-3  # default number of windows, and largest step [s]
 FAR = 1e3  # [rad or m] error from which on a simulation has diverged

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...recording.sampling import Sampling
-from ...recording.sampling.grid import Stretch, row_times
-from ...types import Array, Indices, Mask, Recording
+from ..recording.sampling import Sampling
+from ..recording.sampling.grid import Stretch, row_times
+from ..types import Array, Indices, Mask, Recording
 
 CHUNK = 65_536  # [rows] read at a time; bounds memory
 SMALL = 0.05  # [rms torque] minima of |torque| below it, beyond the samples, may be changes of sign; heuristic

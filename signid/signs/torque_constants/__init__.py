@@ -1,1 +1,0 @@
-"""Unknown torque constants of joints that record currents."""

@@ -1,1 +1,0 @@
-"""Classical method: a beam search over the tree of sign choices."""
