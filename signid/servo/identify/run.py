@@ -17,7 +17,7 @@ from ...types import Progress, Recording
 from ..audit import audit_flags
 from ..fit import start_servos
 from ..plant.content import content_rate
-from ..plant.substeps import LONGEST
+from ..plant.drives import LONGEST
 from ..search.choice import Candidate
 from ..search.data import servo_data, thinned
 from ..search.run import EQUAL, search
