@@ -18,6 +18,7 @@ from signid.model import Model, load_model, with_servos
 from signid.servo.diagnose import diagnose_servos
 from signid.servo.diagnose.closed_loop import LINEAR, ClosedLoop
 from signid.servo.diagnose.hypotheses import HYPOTHESES
+from signid.servo.fit.windows import joined_bodies
 from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servo.search.noise import position_noise
 from signid.servos import SERVO_NUMBERS, Servo
@@ -200,7 +201,7 @@ def test_courses_with_a_body_are_those_of_the_robot_that_carries_it(name: str) -
         with_servos(model, servos), grids_of_arrays(joints, t, q, q), range(len(joints)), [*servos.values()], 0.8
     )
     body = (0.7, 0.05, -0.02, 0.11)
-    exact, found = loop._course([*body, *point_inertia(body[0], body[1:])]), loop.along(body)
+    exact, found = joined_bodies(loop._along([*body, *point_inertia(body[0], body[1:])])), loop.bodies(body)
     for key in LINEAR:
         assert getattr(found, key) == pytest.approx(getattr(exact, key), rel=1e-9, abs=1e-9)
-    assert np.abs(found.torque - loop.along(None).torque).max() > 0.1
+    assert np.abs(found.bias - loop.bodies(None).bias).max() > 0.1

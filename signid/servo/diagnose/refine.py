@@ -148,18 +148,17 @@ def _prior_terms(trial: Attempt, x: Array) -> tuple[Array, Array]:
 def reach(setting: Setting, point: Point, j: int) -> Reach:
     """Sizes at a joint."""
     loop, scale = setting.loop, setting.scales[j]
-    a = loop.along(None).motion.a[:, j]
+    a = loop.motion.a[:, j]
     return Reach(scale.effort, scale.speed, _error(loop, j), float(np.sqrt(np.mean(a**2))))
 
 
 def setting_of(loop: ClosedLoop, point: Point, floor: Array) -> Setting:
     """Setting of windows with the initial states and scales at a point. floor: (n,) [rad or m]."""
     scales = []
-    at = loop.along(None)
     for j, servo in enumerate(point.servos):
-        torque = at.torque[:, j] + servo.armature * at.motion.a[:, j] + servo.damping * at.motion.v[:, j]
+        torque = loop.torque[:, j] + servo.armature * loop.motion.a[:, j] + servo.damping * loop.motion.v[:, j]
         effort = float(np.max(np.abs(torque)) + servo.coulomb_friction)
-        scales.append(Scale(effort, float(np.max(np.abs(at.motion.v[:, j]))), loop.grids[0].step))
+        scales.append(Scale(effort, float(np.max(np.abs(loop.motion.v[:, j]))), loop.grids[0].step))
     return Setting(loop, loop.state_columns(point), floor * 2.0, tuple(scales))
 
 

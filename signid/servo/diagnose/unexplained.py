@@ -42,13 +42,12 @@ def worst_region(loop: ClosedLoop, residual: Array, joint: int, variable: str) -
 
 def _variables(loop: ClosedLoop, joint: int) -> dict[str, Array]:
     """Values (W T,) of the variables at the rows of all windows."""
-    at = loop.along(None)
     span = loop.starts[:, None] + np.arange(loop.rows + 1)
     return {
-        "position": at.motion.q[span, joint].ravel(),
-        "velocity": at.motion.v[span, joint].ravel(),
-        "acceleration": at.motion.a[span, joint].ravel(),
-        "torque": at.torque[span, joint].ravel(),
+        "position": loop.motion.q[span, joint].ravel(),
+        "velocity": loop.motion.v[span, joint].ravel(),
+        "acceleration": loop.motion.a[span, joint].ravel(),
+        "torque": loop.torque[span, joint].ravel(),
         "time": np.linspace(0, 1, span.size),
     }
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from ...servos import SERVO_NUMBERS, Servo
 from ...types import Array
-from ..plant.kernel import KP, numbers
+from ..plant.drives import Copies, copies_of
+from ..plant.kernel import KP
 
 SCALED = ("kp", "kd", "viscous_friction", "coulomb_friction", "armature", "torque_offset", "effort_limit")
 LINEAR = ("delay", "torque_offset")  # no logarithm
@@ -52,13 +53,12 @@ class Coordinates:
     servos: tuple[Servo, ...]  # n drives with their fixed numbers
     slots: tuple[Slot, ...]  # P
 
-    def table(self, values: Array) -> Array:
-        """Numbers (C, n, 13) of drives at C points; values (C, P) [SERVO_UNITS]."""
-        fixed = np.array([numbers(servo) for servo in self.servos])
-        out = np.repeat(fixed[None], len(values), 0)
+    def copies(self, values: Array) -> Copies:
+        """Drives at C points; values (C, P) [SERVO_UNITS]."""
+        out = copies_of([self.servos] * len(values))
         for i, slot in enumerate(self.slots):
             joints = slice(None) if slot.shared else slice(slot.joint, slot.joint + 1)
-            out[:, joints, slot.column] = values[:, i, None]
+            out.numbers[:, joints, slot.column] = values[:, i, None]
         return out
 
     def start(self) -> Array:
@@ -144,7 +144,7 @@ class Coordinates:
 
     def servos_at(self, values: Array) -> tuple[Servo, ...]:
         """Drives with the values (P,) [SERVO_UNITS]."""
-        table = self.table(values[None])[0]
+        table = self.copies(values[None]).numbers[0]
         changed: list[dict[str, float]] = [{} for _ in self.servos]
         for slot in self.slots:
             for j in range(len(self.servos)) if slot.shared else (slot.joint,):

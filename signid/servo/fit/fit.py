@@ -13,13 +13,13 @@ from ...model import Model
 from ...servos import SERVO_NUMBERS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..plant.course import Moved, RobotCourse, bodies_of, course, groups, part, recorded_course, single
-from ..plant.substeps import substeps
 from .coordinates import Coordinates, slots
 from .intervals import covariance
+from .normal import FitPoint, normal
 from .scan import scan
-from .shots import Shots, build_shots, shoot, window_starts
-from .solve import Solved, first_point, normal_at, solve
+from .solve import Solved, solve
 from .typical import started, typical
+from .windows import FitWindows, shoot, window_places, windows_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def fit_servos(
     courses = tuple(recorded_course(model, grid) for grid in grids)
     acting = [j for j, joint in enumerate(grids[0].joints) if joint in servos]
     rest = tuple(shared), frozenset(own), coarse, usual or {}
-    task = _Task(grids, robot, courses, dict(servos), tuple(free), window, *rest)
+    task = _Task(grids, robot, courses, dict(servos), tuple(free), tuple(window_places(grids, window)), *rest)
     joints = groups(robot, acting)
     fits = [_fit_group(task, group, iterations, scales=scales) for group in joints]
     steps = 0
@@ -108,7 +108,7 @@ class _Task:
     courses: tuple[RobotCourse, ...]  # along the recorded motion
     servos: Mapping[str, Servo]
     free: tuple[tuple[str, str], ...]
-    window: float
+    places: tuple[tuple[int, int, int], ...]  # of the windows
     shared: tuple[str, ...]
     own: frozenset[str]
     coarse: bool
@@ -118,7 +118,7 @@ class _Task:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    shots: tuple[Shots, ...]
+    windows: FitWindows
     where: Coordinates
     solved: Solved
 
@@ -147,31 +147,26 @@ def _fit_group(
     drives = tuple(started(task.servos[name], mine, size) for name, mine, size in zip(names, free, sizes, strict=True))
     shared = () if task.own.intersection(names) else task.shared
     where = Coordinates(drives, slots(free, sizes, shared, [task.usual.get(name, 0.0) for name in names]))
-    shots = tuple(_shots(task, k, joints, drives) for k in range(len(task.grids)))
-    point = before.solved.point if before else first_point(shots, where)
-    solved = solve(shots, where, point, iterations if where.slots else 0, task.coarse)
-    return _Group(shots, where, solved if before or not scales else scan(shots, where, solved, iterations))
-
-
-def _shots(task: _Task, k: int, joints: tuple[int, ...], drives: Sequence[Servo]) -> Shots:
-    grid, measured = task.grids[k], part(task.courses[k], joints)
-    about = part(task.about[k], joints) if task.about else measured
-    inertia = np.diagonal(measured.mass, axis1=1, axis2=2).min(0)
-    return build_shots(grid, joints, about, measured, task.window, substeps(grid.step, drives, inertia))
+    recorded, about = ([part(one, joints) for one in some] for some in (task.courses, task.about))
+    windows = windows_of(task.grids, joints, drives, recorded, task.places, about)
+    point = before.solved.point if before else FitPoint(where.start(), windows.q0, windows.v0)
+    solved = solve(windows, where, point, iterations if where.slots else 0, task.coarse)
+    return _Group(windows, where, solved if before or not scales else scan(windows, where, solved, iterations))
 
 
 def _about(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Group]) -> tuple[RobotCourse, ...]:
     """Courses along the simulated motions."""
-    out = []
-    for k, grid in enumerate(task.grids):
-        q, v = task.courses[k].motion.q.copy(), task.courses[k].motion.v.copy()
-        for group, fit in zip(joints, fits, strict=True):
-            shots = fit.shots[k]
-            paths = fit.solved.residual[k] + shots.measured
-            for places, path in zip(shots.places, paths, strict=True):
-                q[np.ix_(places, group)] = path
-                v[np.ix_(places, group)] = np.gradient(path, grid.step, axis=0)
-        out.append(course(task.robot, Moved(q, v, np.gradient(v, grid.step, axis=0))))
+    q, v = (np.concatenate([one.motion[k] for one in task.courses]) for k in range(2))
+    step, out, row = task.grids[0].step, list[RobotCourse](), 0
+    for group, fit in zip(joints, fits, strict=True):
+        paths = fit.solved.residual + fit.windows.measured
+        for first, rows, path in zip(fit.windows.first, fit.windows.rows, paths, strict=True):
+            places = np.ix_(np.arange(first, first + rows + 1), np.array(group))
+            q[places], v[places] = path[: rows + 1], np.gradient(path[: rows + 1], step, axis=0)
+    for grid in task.grids:
+        some = slice(row, row + len(grid))
+        out.append(course(task.robot, Moved(q[some], v[some], np.gradient(v[some], step, axis=0))))
+        row += len(grid)
     return tuple(out)
 
 
@@ -182,18 +177,17 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
     ]
     flat = [name for group in names for name in group]
     order = [flat.index(name) for name in task.free if name in flat]
-    windows = tuple((k, int(i)) for k, grid in enumerate(task.grids) for i in window_starts(grid, task.window)[0])
-    n = len(task.robot.joints)
-    squares, share = np.full((len(windows), n), np.nan), np.full(n, np.nan)
+    n, lengths = len(task.robot.joints), [rows for _, _, rows in task.places]
+    squares, share = np.full((len(lengths), n), np.nan), np.full(n, np.nan)
     servos = dict(task.servos)
     for group, fit in zip(joints, fits, strict=True):
         columns = list(group)
-        squares[:, columns] = np.concatenate([np.mean(r**2, axis=1) for r in fit.solved.residual])
+        squares[:, columns] = np.sum(fit.solved.residual**2, axis=1) / (fit.windows.rows[:, None] + 1)
         share[columns] = _saturated(fit)
         for j, servo in zip(group, fit.where.servos_at(fit.solved.point.values), strict=True):
             servos[task.robot.joints[j]] = servo
     certain = [_certainty(fit, task.coarse) for fit in fits]
-    rms = np.sqrt(np.average(squares, axis=0, weights=_lengths(task, windows)))
+    rms = np.sqrt(np.average(squares, axis=0, weights=lengths))
     return ServoFit(
         servos,
         tuple(flat[i] for i in order),
@@ -201,7 +195,7 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
         _blocks([spread for spread, _ in certain], order),
         _blocks([information for _, information in certain], order),
         rms,
-        windows,
+        tuple((k, first) for k, first, _ in task.places),
         squares,
         share,
         steps + max(f.solved.steps for f in fits),
@@ -212,24 +206,16 @@ def _certainty(fit: _Group, coarse: bool) -> tuple[Array, Array]:
     """Covariance and information (P, P) of a group; NaN of a coarse fit."""
     if coarse:
         return (np.full((len(fit.where.slots),) * 2, np.nan),) * 2
-    at = normal_at(fit.shots, fit.where, fit.solved)
+    at = normal(fit.windows, fit.where, fit.solved.point, fit.solved.noise)
     return covariance(at.information, at.scores), at.information
-
-
-def _lengths(task: _Task, windows: Sequence[tuple[int, int]]) -> list[int]:
-    rows = [window_starts(grid, task.window)[1] for grid in task.grids]
-    return [rows[k] for k, _ in windows]
 
 
 def _saturated(fit: _Group) -> Array:
     """Share (n,) of the time with the drive on that it spends at its limit."""
-    point, hits, on = fit.solved.point, np.zeros(len(fit.where.servos)), np.zeros(len(fit.where.servos))
-    copies = fit.where.table(point.values[None])
-    for shots, q0, v0 in zip(fit.shots, point.q0, point.v0, strict=True):
-        hits += shoot(shots, fit.where.servos, copies, q0[None], v0[None])[1][0].sum(0)
-        held = shots.grid.on[:, list(shots.joints)] > 0.5
-        on += shots.parts * held[shots.places[:, :-1]].sum((0, 1))
-    return np.asarray(hits / np.maximum(on, 1))
+    point, windows = fit.solved.point, fit.windows
+    hits = shoot(windows, fit.where.copies(point.values[None]), point.q0[None], point.v0[None])[1][0].sum(0)
+    on = (windows.joined.column("on")[windows.places[:, :-1]] > 0.5) & windows.inside[:, 1:, None]
+    return np.asarray(hits / np.maximum(windows.joined.parts * on.sum((0, 1)), 1))
 
 
 def _blocks(parts: Sequence[Array], order: Sequence[int]) -> Array:

@@ -10,9 +10,9 @@ from ...model import Model
 from ...servos import Servo, ServoGrid
 from ...types import Array
 from ..plant.course import bodies_of, groups, part, recorded_course
-from ..plant.kernel import EFFORT, numbers
-from ..plant.substeps import substeps
-from .shots import build_shots, shoot
+from ..plant.drives import copies_of
+from ..plant.kernel import EFFORT
+from .windows import shoot, window_places, windows_of
 
 SHARES = tuple(0.95 * 0.78**k for k in range(12))  # of the largest torque, where a limit is tried
 WINDOW = 0.2  # [s]: nearly linear
@@ -48,17 +48,12 @@ def _squares(
     top: Sequence[float | None],
 ) -> Array:
     """Mean squares (K, n) [rad2 or m2] of the joints of a branch at K shares of their largest torques."""
-    copies = np.repeat(np.array([numbers(servo) for servo in drives])[None], len(SHARES), 0)
+    copies = copies_of([drives] * len(SHARES))
     for i, most in enumerate(top):
         if most is not None:
-            copies[:, i, EFFORT] = most * np.array(SHARES)
-    total, rows = np.zeros((len(SHARES), len(drives))), 0
-    for grid in grids:
-        along = part(recorded_course(model, grid), joints)
-        inertia = np.diagonal(along.mass, axis1=1, axis2=2).min(0)
-        shots = build_shots(grid, joints, along, along, WINDOW, substeps(grid.step, drives, inertia))
-        q0, v0 = (np.repeat(x[None], len(SHARES), 0) for x in (shots.q0, shots.v0))
-        error = shoot(shots, drives, copies, q0, v0)[0] - shots.measured
-        total += np.nan_to_num(error**2, nan=np.inf).sum(axis=(1, 2))
-        rows += error.shape[1] * error.shape[2]
-    return total / max(rows, 1)
+            copies.numbers[:, i, EFFORT] = most * np.array(SHARES)
+    along = [part(recorded_course(model, grid), joints) for grid in grids]
+    windows = windows_of(grids, joints, drives, along, window_places(grids, WINDOW))
+    q0, v0 = (np.repeat(x[None], len(SHARES), 0) for x in (windows.q0, windows.v0))
+    error = shoot(windows, copies, q0, v0)[0] - windows.measured
+    return np.asarray(np.nan_to_num(error**2, nan=np.inf).sum(axis=(1, 2)) / windows.inside.sum())

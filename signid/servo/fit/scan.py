@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from .coordinates import Coordinates
 from .intervals import covariance
-from .normal import FitPoint, Normal
-from .shots import Shots
-from .solve import Solved, normal_at, solve
+from .normal import FitPoint, Normal, normal
+from .solve import Solved, solve
+from .windows import FitWindows
 
 WEAK = 0.2  # standard deviation of kp over kp from which other scales are tried
 FACTORS = (10.0, 0.1)
@@ -21,9 +19,9 @@ BRIEF = 6  # steps from another scale
 BETTER = 0.02  # gain of the logarithm of the squared residual that is worth another valley
 
 
-def scan(shots: Sequence[Shots], where: Coordinates, solved: Solved, iterations: int) -> Solved:
+def scan(windows: FitWindows, where: Coordinates, solved: Solved, iterations: int) -> Solved:
     """Best end of a fit over the scales of its weak joints and the limits that it does not reach, one by one."""
-    best, at = solved, normal_at(shots, where, solved)
+    best, at = solved, normal(windows, where, solved.point, solved.noise)
     for i in (*untouched(where, solved, at), *weakest(where, solved, at)):
         ends = [best]
         for factor in FACTORS if where.slots[i].number == "kp" else LIMITS:
@@ -32,10 +30,10 @@ def scan(shots: Sequence[Shots], where: Coordinates, solved: Solved, iterations:
                 values[where.scaled(i)] *= factor
             else:
                 values[i] = factor * where.slots[i].typical
-            ends.append(solve(shots, where, FitPoint(values, best.point.q0, best.point.v0), min(BRIEF, iterations)))
+            ends.append(solve(windows, where, FitPoint(values, best.point.q0, best.point.v0), min(BRIEF, iterations)))
         other = min(ends, key=lambda end: end.badness)
         if other.badness < best.badness - BETTER:
-            best = solve(shots, where, other.point, iterations)
+            best = solve(windows, where, other.point, iterations)
     return best
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from ...types import Array
 from .coordinates import Coordinates
 from .normal import FitPoint, Normal, cost, normal, residuals, settle
-from .shots import Shots
+from .windows import FitWindows
 
 FAR = 0.05  # relative gain of the cost below which differences become central
 COARSE, TOLERANCE = 1e-3, 1e-5  # relative gain of the cost below which differences widen, or the fit ends
@@ -23,7 +22,7 @@ class Solved(NamedTuple):
     """End of a fit."""
 
     point: FitPoint
-    residual: tuple[Array, ...]  # (W, rows + 1, n) [rad or m] of each grid, at the point
+    residual: Array  # (W, T, n) [rad or m] at the point
     noise: Array  # (n,) [rad or m]
     steps: int
 
@@ -33,12 +32,7 @@ class Solved(NamedTuple):
         return float(2 * np.log(self.noise).sum())
 
 
-def first_point(shots: Sequence[Shots], where: Coordinates) -> FitPoint:
-    """Values of the drives, and smoothed states."""
-    return FitPoint(where.start(), tuple(s.q0 for s in shots), tuple(s.v0 for s in shots))
-
-
-def solve(shots: Sequence[Shots], where: Coordinates, point: FitPoint, iterations: int, coarse: bool = False) -> Solved:
+def solve(windows: FitWindows, where: Coordinates, point: FitPoint, iterations: int, coarse: bool = False) -> Solved:
     """Minimise the weighted output error from a point; `coarse`: until a step gains little.
 
     Dry friction makes the cost rough: where no step along the model of small differences brings it down, larger
@@ -46,17 +40,17 @@ def solve(shots: Sequence[Shots], where: Coordinates, point: FitPoint, iteration
     """
     damping, steps, wide, central = FIRST, 0, 0, False
     last = 1 if coarse else len(WIDER)
-    residual = residuals(shots, where, point)
-    noise = noise_of(residual, robust=True)
+    residual = residuals(windows, where, point)
+    noise = noise_of(residual[windows.inside], robust=True)
     for _ in range(iterations):
-        here = normal(shots, where, point, noise, WIDER[wide], central)
-        now = cost(shots, residual, point, noise) + where.prior(point.values)
+        here = normal(windows, where, point, noise, WIDER[wide], central)
+        now = cost(windows, residual, point, noise) + where.prior(point.values)
         then = np.inf
         for _ in range(TRIALS):
             values, states = _step(where, here, point, damping)
             if np.isfinite(values).all():
-                new, left = settle(shots, where, point, values, states, noise)
-                then = cost(shots, left, new, noise) + where.prior(values)
+                new, left = settle(windows, where, point, (values, states), noise)
+                then = cost(windows, left, new, noise) + where.prior(values)
             if np.isfinite(then) and then < now:
                 break
             damping *= WORSE
@@ -64,7 +58,7 @@ def solve(shots: Sequence[Shots], where: Coordinates, point: FitPoint, iteration
         far = then < now * (1 - FAR)
         if then < now:
             point, residual, damping, steps = new, left, max(damping * BETTER, LEAST), steps + 1
-            noise = noise_of(residual)
+            noise = noise_of(residual[windows.inside])
         if small:
             wide, damping = wide + (central or coarse), min(damping, FIRST)
         if wide == last:
@@ -73,15 +67,9 @@ def solve(shots: Sequence[Shots], where: Coordinates, point: FitPoint, iteration
     return Solved(point, residual, noise, steps)
 
 
-def normal_at(shots: Sequence[Shots], where: Coordinates, solved: Solved) -> Normal:
-    """Normal equations at the end of a fit, by central differences."""
-    return normal(shots, where, solved.point, solved.noise)
-
-
-def noise_of(residual: Sequence[Array], robust: bool = False) -> Array:
-    """Size (n,) of the residual (W, rows + 1, n) of each joint [rad or m]; `robust`: by its median."""
-    squares = np.concatenate([(r**2).reshape(-1, r.shape[-1]) for r in residual])
-    middle = np.median(squares, axis=0) / 0.455 if robust else np.mean(squares, axis=0)
+def noise_of(residual: Array, robust: bool = False) -> Array:
+    """Size (n,) of the residual (M, n) of each joint [rad or m]; `robust`: by its median."""
+    middle = np.median(residual**2, axis=0) / 0.455 if robust else np.mean(residual**2, axis=0)
     return np.asarray(np.maximum(np.sqrt(middle), SMALLEST_NOISE))
 
 

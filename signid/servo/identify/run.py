@@ -17,7 +17,7 @@ from ...servos import Servo
 from ...typed import typed
 from ...types import Progress, Recording
 from ..fit import start_servos
-from ..plant.substeps import LONGEST
+from ..plant.drives import LONGEST
 from ..search.choice import Candidate
 from ..search.data import servo_data, thinned
 from ..search.run import EQUAL, search

@@ -16,6 +16,7 @@ from ...robot import configuration, hold, resting
 from ...robot.dynamics import moved_bodies, rigid_torque, sensitivity
 from ...servos import ServoGrid
 from ...types import Array, Robot
+from .kernel import LoopBodies
 
 CUTOFF = 20.0  # [Hz] of the filter without delay that gives speeds and accelerations
 ORDER = 3
@@ -45,9 +46,11 @@ class RobotCourse:
     wave: Array  # (n, 2) [N.m] coefficients of sin q and cos q: a single joint, exactly
 
     @property
-    def middle(self) -> Array:
-        """Mass in the middle of each row (N, n, n) [kg.m2 or kg]."""
-        return np.concatenate([0.5 * (self.mass[:-1] + self.mass[1:]), self.mass[-1:]])
+    def bodies(self) -> LoopBodies:
+        """The same as the compiled closed loop reads it."""
+        middle = np.concatenate([0.5 * (self.mass[:-1] + self.mass[1:]), self.mass[-1:]])
+        each = (middle, self.bias, self.by_q, self.by_v, self.motion.q, self.motion.v, self.wave)
+        return LoopBodies(*map(np.ascontiguousarray, each))
 
 
 def bodies_of(model: Model, joints: Sequence[str]) -> Robot:
