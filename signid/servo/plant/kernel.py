@@ -256,6 +256,27 @@ def constant_torque(bodies, parts):  # type: ignore[no-untyped-def]
     return out
 
 
+@njit(cache=True)
+def in_steps(drives, h):  # type: ignore[no-untyped-def]
+    """The same drives in substeps of h [s]; it holds references to arrays, so it is none of `LOOP`."""
+    numbers, laws, variant, commands, on, voltage, gain, parts, _ = drives
+    return Drives(numbers, laws, variant, commands, on, voltage, gain, parts, h)
+
+
+@LOOP
+def load_links(bodies, r, rest, waves, state):  # type: ignore[no-untyped-def]
+    """Torque of the bodies in row r at the links' positions; rest (n,) of it does not depend on position and speed."""
+    link, v, n = state.link, state.v, len(state.v)
+    by_q, by_v = bodies.by_q[r], bodies.by_v[r]
+    for i in range(n):
+        load = rest[i]
+        if waves:
+            load += bodies.wave[i, 0] * np.sin(link[i]) + bodies.wave[i, 1] * np.cos(link[i])
+        for j in range(n):
+            load += by_q[i, j] * link[j] + by_v[i, j] * v[j]
+        state.loads[i] = load
+
+
 @njit(cache=True, error_model="numpy")
 def simulate(bodies, drives, starts):  # type: ignore[no-untyped-def]
     """Positions (C, W, longest + 1, n), zero after the rows of a window, and saturated substeps (C, W, n).
@@ -266,7 +287,7 @@ def simulate(bodies, drives, starts):  # type: ignore[no-untyped-def]
     out = np.zeros((copies, windows, starts.longest + 1, n))
     saturated = np.zeros((copies, windows, n))
     state, parts = new_state(n), drives.parts
-    q, v, half, link, act = state.q, state.v, state.half, state.link, state.act
+    q, v, half, act = state.q, state.v, state.half, state.act
     rest, waves = constant_torque(bodies, parts), np.any(bodies.wave != 0.0)
     sides, misfit, last = np.empty(n), np.zeros((3, n)), len(bodies.q) - 1
     for c in range(copies):
@@ -276,17 +297,7 @@ def simulate(bodies, drives, starts):  # type: ignore[no-untyped-def]
             loose = loose or drives.numbers[c, i, GAP] > 0.0
         pieces = int(np.ceil(drives.step / SHORT - 1e-9)) if loose else 1
         h = drives.step / pieces
-        acting = Drives(
-            drives.numbers,
-            drives.laws,
-            drives.variant,
-            drives.commands,
-            drives.on,
-            drives.voltage,
-            drives.gain,
-            parts,
-            h,
-        )
+        acting = in_steps(drives, h)
         for w in range(windows):
             follows = w > 0 and starts.first[w] == starts.first[w - 1] + starts.rows[w - 1]
             tries = 3 if loose and not follows else 1  # both sides of each gap, and the better ones
@@ -302,20 +313,14 @@ def simulate(bodies, drives, starts):  # type: ignore[no-untyped-def]
                     misfit[attempt, i] = 0.0
                 for row in range(starts.rows[w]):
                     r = starts.first[w] + row
-                    mass, by_q, by_v = bodies.mass[r], bodies.by_q[r], bodies.by_v[r]
+                    mass = bodies.mass[r]
                     state.of[0] = 0.0
                     for k in range(r * parts * pieces, (r + 1) * parts * pieces):
                         step = k // pieces
                         for i in range(n):
                             half[i] = q[i] + 0.5 * h * v[i]
-                            link[i] = half[i] + state.play[DEFLECTION, i]
-                        for i in range(n):
-                            load = rest[step, i]
-                            if waves:
-                                load += bodies.wave[i, 0] * np.sin(link[i]) + bodies.wave[i, 1] * np.cos(link[i])
-                            for j in range(n):
-                                load += by_q[i, j] * link[j] + by_v[i, j] * v[j]
-                            state.loads[i] = load
+                            state.link[i] = half[i] + state.play[DEFLECTION, i]
+                        load_links(bodies, r, rest[step], waves, state)
                         if loose:
                             advance_links(acting, c, step, mass, state)
                         else:
