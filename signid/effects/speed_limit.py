@@ -31,11 +31,9 @@ class SpeedLimit(DriveLaw):
         return np.asarray(np.sign(x.torque) * np.minimum(np.abs(x.torque), most))
 
     def trials(self, servo: Servo, reach: Reach) -> Sequence[Servo]:
-        stalls = (
-            [servo.effort_limit] if np.isfinite(servo.effort_limit) else [x * reach.effort for x in (0.6, 0.9, 1.4)]
-        )
+        known, drive = servo.effort_limit, replace(servo, law=self.form)
+        stalls = [known] if np.isfinite(known) else [x * reach.effort for x in (0.6, 0.9, 1.4)]
         tops = [x * reach.speed for x in (0.8, 1.2, 2.0, 4.0)]
-        drive = replace(servo, law=self.form)
         return [drive.with_(effort_limit=stall, speed_limit=top) for stall in stalls for top in tops]
 
 
