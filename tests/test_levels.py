@@ -17,8 +17,6 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "faults": "result channels commands evidence amount description lag_and_gain search distortions gravity examine "
     "identified __init__",
     "servo": "__init__ stated plant simulate fit search zeros identify validate diagnose",
-    "servo/diagnose": "result closed_loop hypotheses repeats coordinates unexplained refine evidence search conclude "
-    "run __init__",
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay viewers export display",
     "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators lerobot code function __init__",
