@@ -204,5 +204,5 @@ def test_courses_with_a_body_are_those_of_the_robot_that_carries_it(name: str) -
     exact, found = joined_bodies(loop._along([*body, *point_inertia(body[0], body[1:])])), loop.bodies(body)
     for key in LINEAR:
         assert getattr(found, key) == pytest.approx(getattr(exact, key), rel=1e-9, abs=1e-9)
-    bare = loop.bodies(None)
-    assert max(np.abs(getattr(found, key) - getattr(bare, key)).max() for key in ("bias", "wave")) > 0.1
+    key = "wave" if name == "1r" else "bias"  # gravity of a single joint is a wave
+    assert np.abs(getattr(found, key) - getattr(loop.bodies(None), key)).max() > 0.1

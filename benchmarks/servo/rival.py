@@ -10,8 +10,9 @@ import numpy as np
 
 from signid.model import load_model, with_servos
 from signid.recording import read_recording
-from signid.servo.diagnose.closed_loop import ClosedLoop, Point
+from signid.servo.diagnose.closed_loop import ClosedLoop
 from signid.servo.fit import fit_servos, start_servos
+from signid.servo.fit.coordinates import Coordinates
 from signid.servo.identify import identify_servos
 from signid.servo.search.data import servo_data
 from signid.servos import Servo
@@ -76,5 +77,5 @@ def _servo(x: Array, law: str) -> Servo:
 
 
 def _rms(loop: ClosedLoop, servos: list[Servo]) -> list[float]:
-    residual = loop.residuals([Point((servo,)) for servo in servos])
+    residual = loop.residuals([Coordinates((servo,)) for servo in servos])
     return [float(x) for x in np.sqrt(np.mean(np.nan_to_num(residual, nan=1e3) ** 2, axis=(1, 2, 3)))]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,10 +11,12 @@ from ...effects.bodies import add_body, point_inertia
 from ...model import Model
 from ...robot.dynamics import moved_bodies, own_row
 from ...servos import Servo, ServoGrid
-from ...types import Array, Robot
-from ..fit.normal import NUDGE, state_slopes
+from ...types import Array
+from ..fit.coordinates import Coordinates
+from ..fit.normal import NUDGE
+from ..fit.typical import typical
 from ..fit.windows import joined_bodies, shoot, windows_of
-from ..plant.course import Moved, RobotCourse, bodies_of, course, motion_of, part
+from ..plant.course import Moved, RobotCourse, bodies_of, course, motion_of, part, recorded_course
 from ..plant.drives import copies_of
 from ..plant.kernel import LoopBodies
 
@@ -23,13 +24,6 @@ LINEAR = ("mass", "bias", "by_q", "by_v", "wave")  # of the bodies, in the inert
 UNITS = (0.1, *(3 * [0.01]), *(6 * [1e-3]))  # [kg, kg.m, kg.m2] steps that the slopes are taken with
 MOST_KEPT = 2_000_000  # numbers of a mass matrix along all rows, beyond which slopes take too much memory
 MARGIN = 2.0  # [1] a gain may grow by this factor before substeps are too long
-
-
-class Point(NamedTuple):
-    """Drives of a group, and a body at its last link: mass [kg] and first moment [kg.m]."""
-
-    servos: tuple[Servo, ...]  # n
-    body: tuple[float, float, float, float] | None = None
 
 
 class ClosedLoop:
@@ -52,14 +46,15 @@ class ClosedLoop:
         self.leaf_body = own_row(self.robot, self.joints[self.leaf]) + 1
         self.motions = [motion_of(grid) for grid in grids]
         self.rows = max(int(round(window * grids[0].rate)), 3)
-        self.places = _thinned(_starts(grids, self.rows), most)
-        self._courses = self._along([])
+        self.places = _places(grids, self.rows, most)
+        courses = [part(recorded_course(model, grid), self.joints) for grid in grids]
+        self.sizes = [typical(servo, j, grids, self.motions) for servo, j in zip(servos, joints, strict=True)]
         stiff = [servo.with_(kp=servo.kp * MARGIN) for servo in servos]
         places = [(grid, first, self.rows) for grid, first in self.places]
-        self._windows = windows_of(self.grids, self.joints, stiff, self._courses, places)
+        self._windows = windows_of(self.grids, self.joints, stiff, courses, places)
         self.starts, self.q0, self.v0 = self._windows.first, self._windows.q0, self._windows.v0
-        self.motion = Moved(*(np.concatenate([along.motion[k] for along in self._courses]) for k in range(3)))
-        self.torque = np.concatenate([along.torque for along in self._courses])  # (R, n) [N.m or N]
+        self.motion = Moved(*(np.concatenate([along.motion[k] for along in courses]) for k in range(3)))
+        self.torque = np.concatenate([along.torque for along in courses])  # (R, n) [N.m or N]
         self._bodies: dict[object, LoopBodies] = {None: self._windows.bodies}
         self._slopes: dict[str, list[Array]] = {}  # of LINEAR, by each inertial parameter of a body at the last link
 
@@ -78,7 +73,9 @@ class ClosedLoop:
 
     def _along(self, added: Sequence[float]) -> list[RobotCourse]:
         """Course along each recording with up to ten inertial parameters added to the last link."""
-        robot = carrying(self.robot, self.leaf_body, added) if added else self.robot
+        model = self.robot.model.copy()
+        add_body(model, self.leaf_body, added)
+        robot = replace(self.robot, model=model)
         return [part(course(robot, motion), self.joints) for motion in self.motions]
 
     def _with_body(self, body: tuple[float, float, float, float] | None) -> LoopBodies:
@@ -98,76 +95,38 @@ class ClosedLoop:
         sums = {key: np.tensordot(numbers, slopes, axes=1) for key, slopes in self._slopes.items()}
         return base._replace(**{key: getattr(base, key) + x for key, x in sums.items()})
 
-    def residuals(self, points: Sequence[Point]) -> Array:
+    def residuals(self, points: Sequence[Coordinates]) -> Array:
         """Simulated minus measured positions (C, W, T, n) [rad or m] from the measured states."""
-        return np.asarray(self._roll(points, self.q0, self.v0)[0] - self._windows.measured)
+        return np.asarray(self._roll(points, self.q0, self.v0) - self._windows.measured)
 
-    def state_columns(self, point: Point) -> Array:
+    def state_columns(self, point: Coordinates) -> Array:
         """Derivatives (2n, W, T, n) by the position and the speed of each joint at the start of a window."""
         n, out = len(self.joints), []
-        base = self._roll([point], self.q0, self.v0)[0][0]
+        base = self._roll([point], self.q0, self.v0)[0]
         for kind, size in enumerate(NUDGE):
             for j in range(n):
                 q0, v0 = self.q0.copy(), self.v0.copy()
                 (q0, v0)[kind][:, j] += size
-                out.append((self._roll([point], q0, v0)[0][0] - base) / size)
+                out.append((self._roll([point], q0, v0)[0] - base) / size)
         return np.array(out)
 
-    def saturated(self, point: Point) -> Array:
-        """Share of substeps at the limit, (n,) [1]."""
-        return np.asarray(
-            self._roll([point], self.q0, self.v0)[1][0].mean(axis=0) / (self.rows * self._windows.joined.parts)
-        )
-
-    def _roll(self, points: Sequence[Point], q0: Array, v0: Array) -> tuple[Array, Array]:
-        """Positions (C, W, T, n) and saturated substeps (C, W, n) of C points, in one batch for each body."""
+    def _roll(self, points: Sequence[Coordinates], q0: Array, v0: Array) -> Array:
+        """Positions (C, W, T, n) of drives and bodies at C points, in one batch for each body."""
         out = np.empty((len(points), self.windows, self.rows + 1, len(self.joints)))
-        saturated = np.zeros((len(points), self.windows, len(self.joints)))
         groups: dict[tuple[float, float, float, float] | None, list[int]] = {}
         for c, point in enumerate(points):
             groups.setdefault(point.body, []).append(c)
         for body, chosen in groups.items():
             q, v = (np.repeat(x[None], len(chosen), 0) for x in (q0, v0))
             copies = copies_of([points[c].servos for c in chosen])
-            out[chosen], saturated[chosen] = shoot(self._windows, copies, q, v, self.bodies(body))
-        return out, saturated
+            out[chosen] = shoot(self._windows, copies, q, v, self.bodies(body))[0]
+        return out
 
 
-def carrying(robot: Robot, index: int, added: Sequence[float]) -> Robot:
-    """Robot with up to ten inertial parameters added to a body of its model, in Pinocchio's order."""
-    model = robot.model.copy()
-    add_body(model, index, added)
-    return replace(robot, model=model)
-
-
-def reduced_squares(residual: Array, states: Array, sigma: Array) -> Array:
-    """Sum of squares (C, W, n) after the best initial states.
-
-    residual: (C, W, T, n) [rad or m]; states: (2n, W, T, n) [1]; sigma: (n,) [rad or m].
-    """
-    return np.asarray(np.sum(leave_states(residual, states, sigma) ** 2, axis=2))
-
-
-def leave_states(residual: Array, states: Array, sigma: Array) -> Array:
-    """Residuals (C, W, T, n) after the best initial states of each window.
-
-    residual: (C, W, T, n) [rad or m]; states: (2n, W, T, n) [1]; sigma: (n,) [rad or m].
-    """
-    copies, windows, rows, n = residual.shape
-    b, inverse = state_slopes(states, sigma)
-    z = (residual / sigma).reshape(copies, windows, -1)
-    d = -np.einsum("wsu,wtu,cwt->cws", inverse, b, z, optimize=True)
-    moved = np.einsum("swtn,cws->cwtn", states, d, optimize=True)
-    return np.asarray(residual + moved.reshape(copies, windows, rows, n))
-
-
-def _starts(grids: Sequence[ServoGrid], rows: int) -> list[tuple[int, int]]:
-    """Windows (grid, first row), one after another."""
+def _places(grids: Sequence[ServoGrid], rows: int, most: int | None) -> list[tuple[int, int]]:
+    """Windows (grid, first row), one after another; at most `most`, spread evenly."""
     first = [min(int(0.1 * grid.rate), max(len(grid) - rows - 1, 0)) for grid in grids]
-    return [(g, k) for g, grid in enumerate(grids) for k in range(first[g], len(grid) - rows, rows)]
-
-
-def _thinned(places: list[tuple[int, int]], most: int | None) -> list[tuple[int, int]]:
+    places = [(g, k) for g, grid in enumerate(grids) for k in range(first[g], len(grid) - rows, rows)]
     if most is None or len(places) <= most:
         return places
     return [places[k] for k in np.unique(np.linspace(0, len(places) - 1, most).round().astype(int))]

@@ -9,9 +9,8 @@ import numpy as np
 from ...model import Model
 from ...types import Array
 from ..search.data import ServoData
-from .closed_loop import ClosedLoop, Point
-from .coordinates import LOGARITHMIC, Free, value
-from .refine import Attempt, Setting
+from .closed_loop import ClosedLoop
+from .refine import Setting
 from .result import FoundNumber, PositionFit, ServoAlternative, ServoFinding, ServoUnexplained
 from .search import PAYLOAD, THRESHOLD, GroupSearch, Step
 from .unexplained import depends_on, worst_region
@@ -48,7 +47,7 @@ def fits(model: Model, data: ServoData, found: Found, noise: Array, last: bool) 
     for joints, one, loop in found:
         j, trial = list(joints), one.last if last else one.base
         train[j] = _rms(trial.squares, one.setting.loop)
-        squares = _setting(one, loop).evaluate([trial.point])[0]
+        squares = _setting(one, loop).evaluate([trial.where])[0]
         unseen[j] = _rms(squares, loop)
         r2[j] = 1 - unseen[j] ** 2 / _tracking(loop) ** 2
     driven = list(data.joints)
@@ -61,21 +60,20 @@ def _findings(
 ) -> Iterator[ServoFinding]:
     setting = _setting(one, unseen)
     whole = float(np.sum((one.base.squares - one.last.squares) / one.setting.sigma**2))
-    given = one.base.point
     poor = _poor(one, noise[list(joints)]) is not None
     for k, step in enumerate(one.steps):
         gained = np.sum(step.before.squares - step.after.squares, axis=0)
         before = np.sum(step.before.squares, axis=0)
         shares = np.sqrt(np.clip(gained / np.maximum(before, 1e-300), 0, 1))
         weight = float(np.sum(gained / one.setting.sigma**2)) / max(whole, 1e-300)
-        old, new = setting.evaluate([step.before.point, step.after.point]).sum(axis=1)[:, step.joint]
+        old, new = setting.evaluate([step.before.where, step.after.where]).sum(axis=1)[:, step.joint]
         joint = data.joints[joints[step.joint]]
         yield ServoFinding(
             effect=step.law.effect,
             joint=joint,
             role="cause" if k == 0 or weight > MAIN else "secondary",
             probability=step.probability * (1.0 if new < old and not poor else WORSE),
-            parameters=_numbers(one.last, given, step),
+            parameters=_numbers(one, step),
             meaning=step.law.meaning,
             share={data.joints[j]: float(x) for j, x in zip(joints, shares, strict=True) if x > 0.01},
             variable=step.law.variable,
@@ -105,19 +103,18 @@ def _poorly(data: ServoData, found: Found, noise: Array) -> Iterator[str]:
             )
 
 
-def _numbers(last: Attempt, given: Point, step: Step) -> dict[str, FoundNumber]:
-    joint = -1 if step.law is PAYLOAD else step.joint
-    out = {}
-    for number in (*step.law.numbers, *step.law.shape):
-        free = Free(joint, number)
-        at, std = value(last.point, free), None
-        if free in last.frees and last.covariance is not None:
-            k = last.frees.index(free)
-            std = float(np.sqrt(max(last.covariance[k, k], 0.0))) * (at if number in LOGARITHMIC else 1.0)
+def _numbers(one: GroupSearch, step: Step) -> dict[str, FoundNumber]:
+    joint, out = -1 if step.law is PAYLOAD else step.joint, {}
+    values, std = one.last.where.values, np.sqrt(np.diag(one.covariance))
+    for number in step.law.shape:
+        value = float(getattr(one.last.where.servos[joint], number))
+        out[step.law.parameter(number)] = FoundNumber(value, None, step.law.unit(number), None)
+    for number in step.law.numbers:
+        k = one.last.where.slots.index(one.setting.slot(joint, number))
         unit = BODY_UNITS.get(number, "kg.m") if step.law is PAYLOAD else step.law.unit(number)
-        old = None if step.law is PAYLOAD else float(getattr(given.servos[step.joint], number))
+        old = np.inf if step.law is PAYLOAD else float(getattr(one.base.where.servos[step.joint], number))
         out[step.law.parameter(number)] = FoundNumber(
-            at, std, unit, old if old is not None and np.isfinite(old) else None
+            float(values[k]), float(std[k]) if np.isfinite(std[k]) else None, unit, old if np.isfinite(old) else None
         )
     return out
 
@@ -145,8 +142,8 @@ def _unexplained(
     """Joints whose mismatch stays above noise, in what was searched or in what was held out."""
     listed: set[int] = set()
     for loop, setting in ((one.setting.loop, one.setting), (unseen, _setting(one, unseen))):
-        before = _rms(setting.evaluate([one.base.point])[0], loop)
-        residual = setting.remaining([one.last.point])[0]
+        before = _rms(setting.evaluate([one.base.where])[0], loop)
+        residual = setting.remaining([one.last.where])[0]
         after, tracking = np.sqrt(np.mean(residual**2, axis=(0, 1))), _tracking(loop)
         for k, j in enumerate(joints):
             if k not in listed and after[k] > LEFT * noise[j] and after[k] > VISIBLE * tracking[k]:
@@ -183,7 +180,7 @@ def _flags(findings: Sequence[ServoFinding]) -> Iterator[str]:
 
 
 def _setting(one: GroupSearch, loop: ClosedLoop) -> Setting:
-    return Setting(loop, loop.state_columns(one.last.point), one.setting.sigma, one.setting.scales)
+    return Setting(loop, loop.state_columns(one.last.where), one.setting.sigma)
 
 
 def _rms(squares: Array, loop: ClosedLoop) -> Array:

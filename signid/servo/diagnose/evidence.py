@@ -61,12 +61,12 @@ def half_log(squares: Array, floor: Array, setting: Setting) -> float:
 def _occam(setting: Setting, last: Attempt, trial: Attempt) -> float:
     """Log prior of the additional numbers (BIC)."""
     samples = setting.loop.windows * min(setting.loop.rows + 1, PER_WINDOW)
-    return -0.5 * (len(trial.frees) - len(last.frees)) * float(np.log(samples))
+    return -0.5 * (len(trial.where.slots) - len(last.where.slots)) * float(np.log(samples))
 
 
 def weighed(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> Offer:
     """The offer with its log evidence and its log prior. floor: (n,) [rad or m]."""
-    choices = len(HYPOTHESES) * len(last.point.servos)
-    before, after = last.point.servos[offer.joint], offer.trial.point.servos[offer.joint]
+    choices = len(HYPOTHESES) * len(last.where.servos)
+    before, after = last.where.servos[offer.joint], offer.trial.where.servos[offer.joint]
     prior = float(np.log(offer.law.plausible(before, after) / choices)) + _occam(setting, last, offer.trial)
     return replace(offer, evidence=prior - half_log(offer.trial.squares, floor, setting), prior=prior)

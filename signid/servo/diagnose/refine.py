@@ -1,34 +1,39 @@
-"""Gauss-Newton fits of several hypotheses at once: their copies of the closed loop advance in one batch."""
+"""Gauss-Newton fits of several hypotheses at once: their copies of the closed loop advance in one batch.
+
+Coordinates, step and covariance are those of the identification (`servo.fit`). All hypotheses share the influence of
+the initial states at the last simulation, and the weights of the joints; each tries several dampings at once.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ...effects.drive import Reach
-from ...servos import Servo
 from ...types import Array
-from .closed_loop import ClosedLoop, Point, leave_states, reduced_squares
-from .coordinates import Free, Scale, coordinate, difference, longest, with_coordinates
+from ..fit.coordinates import Coordinates, Slot
+from ..fit.intervals import covariance
+from ..fit.normal import Normal, StateSlopes, derivatives, nearby, reduced, state_slopes
+from ..fit.solve import damped
+from .closed_loop import ClosedLoop
 
-DAMPINGS = (0.0, 0.3, 3.0, 30.0)  # [1] of Levenberg and Marquardt, tried together
-PRIOR = {"first_moment_x": 0.1, "first_moment_y": 0.1, "first_moment_z": 0.1}  # std of the body's centre [m] per mass
+DAMPINGS = (1e-9, 0.3, 3.0, 30.0)  # [1] of Levenberg and Marquardt, tried together
+WIDE = 2.0  # differences over those of an identification: the cost is rougher far from the optimum
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
     """A hypothesis at some values: W windows, n joints of the group."""
 
-    point: Point
-    frees: list[Free]
+    where: Coordinates  # at the values
     squares: Array  # (W, n) sums of squares without the initial states [rad2 or m2]
-    covariance: Array | None = None  # (P, P) [any] of the coordinates
 
     def cost(self, sigma: Array) -> float:
         """Weighted sum of squares. sigma: (n,) [rad or m]."""
-        return float(np.sum(self.squares / sigma**2)) + _prior(self.point, self.frees)
+        return float(np.sum(self.squares / sigma**2)) + self.where.prior_cost(self.where.values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,23 +43,49 @@ class Setting:
     loop: ClosedLoop
     states: Array  # (2n, W, T, n) [1]
     sigma: Array  # (n,) [rad or m]
-    scales: tuple[Scale, ...]  # n
 
-    def evaluate(self, points: Sequence[Point]) -> Array:
+    @cached_property
+    def slopes(self) -> StateSlopes:
+        """Influence of the initial states."""
+        return state_slopes(self.states, self.sigma)
+
+    def evaluate(self, points: Sequence[Coordinates]) -> Array:
         """Sums of squares (C, W, n) after the best initial states."""
-        return reduced_squares(self.loop.residuals(points), self.states, self.sigma)
+        return np.asarray(np.sum(self.remaining(points) ** 2, axis=2))
 
-    def remaining(self, points: Sequence[Point]) -> Array:
+    def remaining(self, points: Sequence[Coordinates]) -> Array:
         """Residuals (C, W, T, n) after the best initial states."""
-        return leave_states(self.loop.residuals(points), self.states, self.sigma)
+        return self.slopes.leave(self.loop.residuals(points) / self.sigma) * self.sigma
 
     def weighted(self, sigma: Array) -> Setting:
         """The same with other weights. sigma: (n,) [rad or m]."""
         return replace(self, sigma=sigma)
 
+    def slot(self, joint: int, number: str) -> Slot:
+        """A free number of a joint of the group, or of the body at the last link (joint -1)."""
+        if joint < 0:
+            whole = sum(body.mass for body in list(self.loop.robot.model.inertias)[1:])
+            return Slot(joint, number, 0.1 * whole * (1.0 if number == "mass" else 0.1))
+        return Slot(joint, number, self.loop.sizes[joint].get(number, 1.0))
+
+    def reach(self, point: Coordinates, j: int) -> Reach:
+        """Sizes at a joint."""
+        loop, servo = self.loop, point.servos[j]
+        v, a = loop.motion.v[:, j], loop.motion.a[:, j]
+        torque = loop.torque[:, j] + servo.armature * a + servo.damping * v
+        effort = float(np.max(np.abs(torque)) + servo.coulomb_friction)
+        column = loop.joints[j]
+        error = max(float(np.max(np.abs(g.command[:, column] - g.q[:, column]))) for g in loop.grids)
+        return Reach(effort, float(np.max(np.abs(v))), error, float(np.sqrt(np.mean(a**2))))
+
+
+def setting_of(loop: ClosedLoop, point: Coordinates, floor: Array) -> Setting:
+    """Setting of windows with the initial states at a point. floor: (n,) [rad or m]."""
+    return Setting(loop, loop.state_columns(point), floor * 2.0)
+
 
 def refine(setting: Setting, trials: Sequence[Attempt], iterations: int = 6, tolerance: float = 1e-4) -> list[Attempt]:
-    """Fit each hypothesis from its values; the covariance is that of the last step."""
+    """Fit each hypothesis from its values."""
     trials, active = list(trials), list(range(len(trials)))
     for _ in range(iterations):
         if not active:
@@ -69,99 +100,36 @@ def refine(setting: Setting, trials: Sequence[Attempt], iterations: int = 6, tol
     return trials
 
 
+def spread(setting: Setting, trial: Attempt) -> Array:
+    """Covariance (P, P) [products of SERVO_UNITS] of the free numbers."""
+    where = trial.where
+    (at,) = _normals(setting, [where])
+    weight = where.prior(where.values)[0] / where.slope(where.values) ** 2
+    return covariance(at.information + np.diag(weight), at.scores)
+
+
 def _step(setting: Setting, trials: Sequence[Attempt]) -> list[Attempt]:
-    points: list[Point] = []
-    for trial in trials:
-        points.append(trial.point)
-        x, h = _coordinates(setting, trial)
-        for sign in (1.0, -1.0):
-            points += [with_coordinates(trial.point, trial.frees, x + sign * e) for e in np.diag(h)]
-    remaining = setting.remaining(points) / setting.sigma
-    proposals: list[Point] = []
-    covariances, place = [], 0
-    for trial in trials:
-        n = len(trial.frees)
-        block = remaining[place : place + 1 + 2 * n]
-        place += 1 + 2 * n
-        steps, covariance = _proposals(setting, trial, block)
-        covariances.append(covariance)
-        proposals += steps
-    squares = setting.evaluate(proposals)
-    out = []
-    for k, (trial, covariance) in enumerate(zip(trials, covariances, strict=True)):
-        rows = range(k * len(DAMPINGS), (k + 1) * len(DAMPINGS))
-        offered = [Attempt(proposals[i], trial.frees, squares[i], covariance) for i in rows]
-        out.append(min([replace(trial, covariance=covariance), *offered], key=lambda t: t.cost(setting.sigma)))
+    """The best of several dampings for each hypothesis, or its values before."""
+    normals = _normals(setting, [trial.where for trial in trials])
+    points = [
+        trial.where.at(damped(trial.where, at, trial.where.values, damping))
+        for trial, at in zip(trials, normals, strict=True)
+        for damping in DAMPINGS
+    ]
+    moved = [Attempt(point, squares) for point, squares in zip(points, setting.evaluate(points), strict=True)]
+    n = len(DAMPINGS)
+    return [
+        min([trial, *moved[n * k : n * (k + 1)]], key=lambda t: t.cost(setting.sigma)) for k, trial in enumerate(trials)
+    ]
+
+
+def _normals(setting: Setting, wheres: Sequence[Coordinates]) -> list[Normal]:
+    """Normal equations of several hypotheses, simulated in one batch."""
+    each = [nearby(where, where.values, WIDE, central=True) for where in wheres]
+    points = [where.at(values) for where, one in zip(wheres, each, strict=True) for values in one.values]
+    left, out, place = setting.loop.residuals(points) / setting.sigma, list[Normal](), 0
+    for where, one in zip(wheres, each, strict=True):
+        block = left[place : place + len(one.values)]
+        place += len(one.values)
+        out.append(reduced(derivatives(block, where, one), block[0], setting.slopes))
     return out
-
-
-def _proposals(setting: Setting, trial: Attempt, block: Array) -> tuple[list[Point], Array]:
-    """Points of a Levenberg-Marquardt step with several dampings, and the covariance clustered by window."""
-    x, h = _coordinates(setting, trial)
-    n, r = len(x), block[0].reshape(block.shape[1], -1)
-    jacobian = ((block[1 : 1 + n] - block[1 + n :]) / (2 * h[:, None, None, None])).reshape(n, block.shape[1], -1)
-    scores = np.einsum("pwt,wt->wp", jacobian, r)
-    hessian = np.einsum("pwt,rwt->pr", jacobian, jacobian)
-    gradient = scores.sum(axis=0)
-    weight, pull = _prior_terms(trial, x)
-    hessian, gradient = hessian + np.diag(weight), gradient + pull
-    most = np.array([longest(f, _servo(trial, f), setting.scales[max(f.joint, 0)]) for f in trial.frees])
-    points = []
-    size = np.diag(hessian) + 1e-12 * np.max(np.diag(hessian), initial=1e-300) + 1e-300
-    for damping in DAMPINGS:
-        step = -np.linalg.lstsq(hessian + np.diag(damping * size + 1e-12 * size), gradient, rcond=None)[0]
-        points.append(with_coordinates(trial.point, trial.frees, x + np.clip(step, -most, most)))
-    bread = np.linalg.pinv(hessian, hermitian=True)
-    windows = len(scores)
-    robust = bread @ (scores.T @ scores) @ bread * windows / max(windows - n, 1)
-    noise = float(np.sum(r**2)) / max(r.size - n, 1)
-    larger = np.sqrt(np.maximum(noise * np.diag(bread) / np.maximum(np.diag(robust), 1e-300), 1.0))
-    return points, np.asarray(robust * np.outer(larger, larger))
-
-
-def _coordinates(setting: Setting, trial: Attempt) -> tuple[Array, Array]:
-    x = np.array([coordinate(trial.point, free) for free in trial.frees])
-    h = np.array([difference(f, _servo(trial, f), setting.scales[max(f.joint, 0)]) for f in trial.frees])
-    return x, h
-
-
-def _servo(trial: Attempt, free: Free) -> Servo | None:
-    return None if free.joint < 0 else trial.point.servos[free.joint]
-
-
-def _prior(point: Point, frees: Sequence[Free]) -> float:
-    if point.body is None:
-        return 0.0
-    m = max(point.body[0], 1e-4)
-    return float(sum((x / (m * 0.1)) ** 2 for x in point.body[1:])) if any(f.joint < 0 for f in frees) else 0.0
-
-
-def _prior_terms(trial: Attempt, x: Array) -> tuple[Array, Array]:
-    weight, pull = np.zeros(len(x)), np.zeros(len(x))
-    for k, free in enumerate(trial.frees):
-        if free.number in PRIOR and trial.point.body is not None:
-            weight[k] = (max(trial.point.body[0], 1e-4) * PRIOR[free.number]) ** -2.0
-            pull[k] = weight[k] * x[k]
-    return weight, pull
-
-
-def reach(setting: Setting, point: Point, j: int) -> Reach:
-    """Sizes at a joint."""
-    loop, scale = setting.loop, setting.scales[j]
-    a = loop.motion.a[:, j]
-    return Reach(scale.effort, scale.speed, _error(loop, j), float(np.sqrt(np.mean(a**2))))
-
-
-def setting_of(loop: ClosedLoop, point: Point, floor: Array) -> Setting:
-    """Setting of windows with the initial states and scales at a point. floor: (n,) [rad or m]."""
-    scales = []
-    for j, servo in enumerate(point.servos):
-        torque = loop.torque[:, j] + servo.armature * loop.motion.a[:, j] + servo.damping * loop.motion.v[:, j]
-        effort = float(np.max(np.abs(torque)) + servo.coulomb_friction)
-        scales.append(Scale(effort, float(np.max(np.abs(loop.motion.v[:, j]))), loop.grids[0].step))
-    return Setting(loop, loop.state_columns(point), floor * 2.0, tuple(scales))
-
-
-def _error(loop: ClosedLoop, j: int) -> float:
-    column = loop.joints[j]
-    return float(max(np.max(np.abs(g.command[:, column] - g.q[:, column])) for g in loop.grids))

@@ -14,13 +14,14 @@ from ...model import Model, ModelSource, as_model, with_servos
 from ...recording import Recordings, as_recordings
 from ...typed import typed
 from ...types import Array, Law, Progress
+from ..fit.coordinates import BODY, Coordinates
 from ..identify.result import ServoRollOut, ServoTrace
 from ..plant import roll_out
 from ..plant.course import bodies_of, groups
 from ..search.data import ServoData, servo_data
 from ..search.noise import position_noise
 from ..validate import closed_loops, need_commands, prepared_model
-from .closed_loop import ClosedLoop, Point
+from .closed_loop import ClosedLoop
 from .conclude import conclude, fits
 from .hypotheses import HYPOTHESES
 from .repeats import servo_repeats
@@ -121,29 +122,27 @@ def _searched(
     """Search of one group, and its windows on held-out recordings."""
     servos = tuple(model.servos[data.joints[j]] for j in joints)
     loop = ClosedLoop(model, data.train, joints, servos, window, MOST_WINDOWS)
-    found = search(loop, Point(servos), noise[list(joints)], skip)
+    found = search(loop, Coordinates(servos), noise[list(joints)], skip)
     for step in found.steps:
-        old, new = step.before.point.servos[step.joint].kp, found.last.point.servos[step.joint].kp
+        old, new = step.before.where.servos[step.joint].kp, found.last.where.servos[step.joint].kp
         if step.law.numbers == ("kp",) and new < DEAD * old:
             name = data.joints[joints[step.joint]]
             raise RecordingError(
                 f"joint {name} does not follow its command: the best gain is {100 * (new / old - 1):.0f} % from the "
                 f"stated one; its drive seems to be off: mark these rows with on_{name} = 0, or leave its command out"
             )
-    return found, ClosedLoop(model, data.held_out, joints, found.last.point.servos, window, MOST_WINDOWS)
+    return found, ClosedLoop(model, data.held_out, joints, found.last.where.servos, window, MOST_WINDOWS)
 
 
 def _extended(model: Model, data: ServoData, found: Sequence[tuple[tuple[int, ...], GroupSearch, ClosedLoop]]) -> Model:
     """The simulation with the numbers that were found, and a body at a last link."""
     servos, laws = dict(model.servos), list(model.laws)
     for joints, one, _ in found:
-        for j, servo in zip(joints, one.last.point.servos, strict=True):
+        for j, servo in zip(joints, one.last.where.servos, strict=True):
             servos[data.joints[j]] = servo
-        if one.last.point.body is not None:
-            mass, x, y, z = one.last.point.body
+        if one.last.where.body is not None:
             tip = model.robot.index(data.joints[joints[one.setting.loop.leaf]])
-            numbers = {"mass": mass, "first_moment_x": x, "first_moment_y": y, "first_moment_z": z}
-            laws.append(Law(EFFECTS["payload"], (tip,), numbers))
+            laws.append(Law(EFFECTS["payload"], (tip,), dict(zip(BODY, one.last.where.body, strict=True))))
     return with_servos(replace(model, laws=tuple(laws)), servos, complete=True)
 
 

@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...types import Array
-from .closed_loop import ClosedLoop, Point
-from .coordinates import BODY, Free, own_numbers
+from ...types import TWO_SIDED, Array
+from ..fit.coordinates import BODY, Coordinates, Slot
+from .closed_loop import ClosedLoop
 from .evidence import Offer, half_log, mean_sigma, rejected, tempered, weighed
 from .hypotheses import HYPOTHESES, DriveHypothesis
-from .refine import Attempt, Setting, reach, refine, setting_of
+from .refine import Attempt, Setting, refine, setting_of, spread
 
 MOST = 3  # laws that are added to one group
 POLISHED, REFINED = 24, 8  # hypotheses that get a second iteration, and that are fitted, in each step
 THRESHOLD = 5.0  # log posterior odds that a law needs. Heuristic
+EQUAL = 0.5  # log odds, within which the law that is listed first stands for its twins
 CLUSTERED = 3.0  # [1] improvement over its standard error across windows that a law needs
 FORMS = ("speed_limit", "duty_limit", "effort_limit", "dead_band", "profile_limit", "load_friction", "voltage_droop")
 ROUNDS = 8  # iterations of fits with all numbers of a drive
@@ -31,6 +32,7 @@ PAYLOAD = DriveHypothesis(
     variable="position",
     trials=lambda *_: [],
 )
+LISTED = [*(law.effect for law in HYPOTHESES), PAYLOAD.effect]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,33 +55,34 @@ class GroupSearch:
     setting: Setting
     base: Attempt  # the given simulation
     last: Attempt
+    covariance: Array  # (P, P) [products of SERVO_UNITS] of the free numbers of `last`
     steps: tuple[Step, ...] = ()
     tried: tuple[tuple[str, int, float], ...] = ()  # not added: law, joint, share of its squared residual explained [1]
 
 
-def search(loop: ClosedLoop, point: Point, floor: Array, skip: Sequence[str] = (), body: bool = True) -> GroupSearch:
+def search(loop: ClosedLoop, point: Coordinates, floor: Array, skip: Sequence[str] = ()) -> GroupSearch:
     """Add laws one after another while the evidence asks for them; floor: (n,) noise of positions [rad or m]."""
     setting = setting_of(loop, point, floor)
-    base = Attempt(point, [], setting.evaluate([point])[0])
+    base = Attempt(point, setting.evaluate([point])[0])
     setting = setting.weighted(mean_sigma(setting, base, floor))
     base = last = replace(base, squares=setting.evaluate([point])[0])
     laws = [law for law in HYPOTHESES if law.effect not in skip]
     steps, tried = list[Step](), list[tuple[str, int, float]]()
     while len(steps) < MOST and not at_floor(setting, last, floor):
-        offers = offered(setting, last, laws, floor, body and "payload" not in skip)
+        offers = offered(setting, last, laws, floor, "payload" not in skip)
         step = choose(setting, last, offers, floor)
         tried = rejected(last, offers) if step is None else []
         if step is None:
             break
         steps.append(step)
         last = refine(setting, [step.after], 4)[0]
-        setting = setting_of(loop, last.point, floor).weighted(mean_sigma(setting, last, floor))
-        last = refine(setting, [replace(last, squares=setting.evaluate([last.point])[0])], 3)[0]
+        setting = setting_of(loop, last.where, floor).weighted(mean_sigma(setting, last, floor))
+        last = refine(setting, [replace(last, squares=setting.evaluate([last.where])[0])], 3)[0]
     if not steps and not at_floor(setting, last, floor):
         last, steps, more = refitted(setting, last, laws, floor)
         tried = [] if steps else [*tried, *more]
     base = replace(base, squares=setting.evaluate([point])[0])
-    return GroupSearch(setting, base, last, tuple(steps), tuple(tried))
+    return GroupSearch(setting, base, last, spread(setting, last), tuple(steps), tuple(tried))
 
 
 def refitted(
@@ -92,8 +95,8 @@ def refitted(
     """
     mean = np.sum(last.squares, axis=0) / floor**2
     j = int(np.argmax(mean))
-    own = own_numbers(last.point, j)
-    start = refine(setting, [replace(last, frees=own)], ROUNDS)[0]
+    own = replace(last.where, slots=own_numbers(setting, last.where, j))
+    start = refine(setting, [replace(last, where=own)], ROUNDS)[0]
     forms = [law for law in laws if law.effect in FORMS]
     offers = offered(setting.weighted(mean_sigma(setting, start, floor)), start, forms, floor, False, [j])
     trials = refine(setting, [offer.trial for offer in offers], ROUNDS)
@@ -122,17 +125,19 @@ def offered(
     found: list[Offer] = []
     for law in laws:
         for j in suspects(setting, last, floor) if joints is None else joints:
-            for servo in law.trials(last.point.servos[j], reach(setting, last.point, j)):
-                servos = list(last.point.servos)
+            for servo in law.trials(last.where.servos[j], setting.reach(last.where, j)):
+                servos = list(last.where.servos)
                 servos[j] = servo
-                frees = [*last.frees, *(f for f in (Free(j, number) for number in law.numbers) if f not in last.frees)]
-                if len(frees) > len(last.frees) or servo.law != last.point.servos[j].law:
-                    found.append(Offer(law, j, Attempt(Point(tuple(servos), last.point.body), frees, np.empty(0))))
-    if body and last.point.body is None:
+                mine = (setting.slot(j, number) for number in law.numbers)
+                slots = (*last.where.slots, *(slot for slot in mine if slot not in last.where.slots))
+                if len(slots) > len(last.where.slots) or servo.law != last.where.servos[j].law:
+                    where = replace(last.where, servos=tuple(servos), slots=slots)
+                    found.append(Offer(law, j, Attempt(where, np.empty(0))))
+    if body and last.where.body is None:
         found += _bodies(setting, last)
     if not found:
         return []
-    squares = setting.evaluate([offer.trial.point for offer in found])
+    squares = setting.evaluate([offer.trial.where for offer in found])
     found = [
         Offer(o.law, o.joint, replace(o.trial, squares=s), -half_log(s, floor, setting))
         for o, s in zip(found, squares, strict=True)
@@ -168,9 +173,14 @@ def at_floor(setting: Setting, trial: Attempt, floor: Array) -> bool:
 def choose(setting: Setting, last: Attempt, offers: Sequence[Offer], floor: Array) -> Step | None:
     """The most probable law, if the evidence for it suffices. floor: (n,) [rad or m]."""
     usable = [o for o in offers if significant(setting, last, o, floor)]
-    if not usable:
+    while usable:
+        top = usable[0].evidence
+        best = min((o for o in usable if o.evidence > top - EQUAL), key=lambda o: LISTED.index(o.law.effect))
+        if beyond_interval(setting, last, best):
+            break
+        usable = [o for o in usable if o is not best]
+    else:
         return None
-    best = usable[0]
     odds = best.evidence + half_log(last.squares, floor, setting)
     if odds < THRESHOLD:
         return None
@@ -186,7 +196,7 @@ def significant(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> 
     floor: (n,) [rad or m].
     """
     if offer.law is not PAYLOAD and offer.law.stated_exactly(
-        last.point.servos[offer.joint], offer.trial.point.servos[offer.joint]
+        last.where.servos[offer.joint], offer.trial.where.servos[offer.joint]
     ):
         return False
     change = last.squares - offer.trial.squares  # (W, n)
@@ -200,11 +210,32 @@ def significant(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> 
     return bool(np.sum(gain) > CLUSTERED * error and share > LEAST_GAIN) or bool(most > MOSTLY and windows > FEW)
 
 
+def beyond_interval(setting: Setting, last: Attempt, offer: Offer) -> bool:
+    """Whether the 95 % interval of the main number of a law leaves out the value before."""
+    joint, number = (-1, BODY[0]) if offer.law is PAYLOAD else (offer.joint, offer.law.numbers[0])
+    where = offer.trial.where
+    k = where.slots.index(setting.slot(joint, number))
+    old = 0.0 if offer.law is PAYLOAD else float(getattr(last.where.servos[joint], number))
+    std = float(np.sqrt(spread(setting, offer.trial)[k, k]))
+    return not (np.isfinite(old) and np.isfinite(std)) or abs(where.values[k] - old) > TWO_SIDED * std
+
+
 def _bodies(setting: Setting, last: Attempt) -> list[Offer]:
     j = setting.loop.leaf
     whole = sum(body.mass for body in list(setting.loop.robot.model.inertias)[1:])
-    frees = [*last.frees, *(Free(-1, number) for number in BODY)]
+    slots = (*last.where.slots, *(setting.slot(-1, number) for number in BODY))
     centre = np.array(setting.loop.robot.model.inertias[setting.loop.leaf_body].lever)
-    masses = [x * whole for x in (0.02, 0.06, 0.15, 0.3)]
-    points = [Point(last.point.servos, (m, *(m * centre).tolist())) for m in masses]
-    return [Offer(PAYLOAD, j, Attempt(point, frees, np.empty(0))) for point in points]
+    points = []
+    for mass in (0.02 * whole, 0.06 * whole, 0.15 * whole, 0.3 * whole):
+        x, y, z = (mass * centre).tolist()
+        points.append(replace(last.where, slots=slots, body=(mass, x, y, z)))
+    return [Offer(PAYLOAD, j, Attempt(point, np.empty(0))) for point in points]
+
+
+def own_numbers(setting: Setting, point: Coordinates, j: int) -> tuple[Slot, ...]:
+    """Numbers that a drive has, without those that its law leaves out."""
+    servo = point.servos[j]
+    names = ["kp", "kd" if servo.kd > 0 else "viscous_friction", "coulomb_friction", "armature", "delay"]
+    names += [name for name in ("effort_limit", "speed_limit") if np.isfinite(getattr(servo, name))]
+    names += [name for name in ("load_friction", "dead_band", "droop") if getattr(servo, name) > 0]
+    return tuple(setting.slot(j, name) for name in names)

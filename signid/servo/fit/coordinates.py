@@ -1,4 +1,4 @@
-"""Free numbers of drives as coordinates of a fit.
+"""Free numbers of drives, and of a body at the last link, as coordinates of a fit.
 
 Positive numbers z are x = log(z + c) with a small c, so zero is a bound that is reached in finite steps; the others
 are x = z. One direction of each joint is its common scale of torque: all its torques in proportion.
@@ -7,28 +7,56 @@ are x = z. One direction of each joint is its common scale of torque: all its to
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ...servos import LOOP_NUMBERS, Servo
 from ...types import Array
 from ..plant.drives import Copies, copies_of
-from ..plant.kernel import KP
 
 SCALED = ("kp", "kd", "viscous_friction", "coulomb_friction", "armature", "torque_offset", "effort_limit")
-LINEAR = ("delay", "torque_offset")  # no logarithm
-FLAT = ("effort_limit", "speed_limit", "profile_speed")  # without influence beyond the motion: short steps
-SHORT, LONG = 0.15, 1.0  # largest step of a logarithm
+BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")  # numbers of a body [kg, kg.m]
 LARGEST = 100.0  # number over its typical size
 SPREAD = 1.5  # standard deviation of the logarithm of a kp over its usual size: a scale that nothing sets stays
-SOFT = 0.02  # c over the typical size of a number
-DIFFERENCE, FLOOR = 0.01, 0.003  # difference over the number; smallest one over its typical size
+CENTRE = 0.1  # [m] standard deviation of the centre of a body about the last link
+DIFFERENCE = 0.01  # difference over the number
+
+
+class Kind(NamedTuple):
+    """How a number varies in a fit; sizes are relative to its typical one."""
+
+    logarithmic: bool = True
+    soft: float = 0.02  # c of x = log(z + c)
+    low: float = 0.0  # lower bound
+    longest: float | None = 1.0  # largest step of the coordinate [1, or unit of the number]; None: its typical size
+    difference: float = 0.003  # smallest difference
+
+
+POSITIVE = Kind(soft=0.0, low=1e-6)
+LIMIT = POSITIVE._replace(longest=0.15)  # without influence beyond the motion: short steps
+SIGNED = Kind(logarithmic=False, low=-np.inf, longest=None)
+KINDS = {
+    "kp": POSITIVE,
+    "effort_limit": LIMIT,
+    "speed_limit": LIMIT,
+    "profile_speed": LIMIT,
+    "delay": Kind(logarithmic=False, longest=0.05, difference=1.0),
+    "torque_offset": SIGNED,
+    "stribeck_velocity": POSITIVE,
+    "position_phase": SIGNED,
+    "spring_rest": SIGNED,
+    "mass": POSITIVE,
+    "first_moment_x": SIGNED,
+    "first_moment_y": SIGNED,
+    "first_moment_z": SIGNED,
+}  # any other number is a `Kind()`
 
 
 @dataclass(frozen=True)
 class Slot:
-    """A free number: of one joint, or of all joints of a group."""
+    """A free number: of one joint, of all joints of a group, or of the body (joint -1)."""
 
     joint: int  # first joint in the group
     number: str
@@ -37,100 +65,111 @@ class Slot:
     usual: float = 0.0  # of a kp [SERVO_UNITS]: centre of its weak prior; 0: none
 
     @property
-    def column(self) -> int:
-        return LOOP_NUMBERS.index(self.number)
+    def kind(self) -> Kind:
+        return KINDS.get(self.number, Kind())
 
     @property
     def soft(self) -> float:
         """Constant c of x = log(z + c)."""
-        return 0.0 if self.number in ("kp", *FLAT) else SOFT * self.typical
+        return self.kind.soft * self.typical
+
+    @property
+    def low(self) -> float:
+        """Lower bound of the coordinate."""
+        low = self.kind.low * self.typical
+        return float(np.log(self.soft + low)) if self.kind.logarithmic else low
+
+    @property
+    def high(self) -> float:
+        """Upper bound of the coordinate: without it an unidentifiable scale could run away."""
+        return float(np.log(LARGEST * self.typical + self.soft)) if self.kind.logarithmic else np.inf
+
+    @property
+    def longest(self) -> float:
+        """Largest step of the coordinate."""
+        return self.typical if self.kind.longest is None else self.kind.longest
 
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Free numbers of n drives."""
+    """Free numbers of n drives and of a body."""
 
     servos: tuple[Servo, ...]  # n drives with their fixed numbers
-    slots: tuple[Slot, ...]  # P
+    slots: tuple[Slot, ...] = ()  # P
+    body: tuple[float, float, float, float] | None = None  # numbers of BODY
 
     def copies(self, values: Array) -> Copies:
         """Drives at C points; values (C, P) [SERVO_UNITS]."""
         out = copies_of([self.servos] * len(values))
         for i, slot in enumerate(self.slots):
-            joints = slice(None) if slot.shared else slice(slot.joint, slot.joint + 1)
-            out.numbers[:, joints, slot.column] = values[:, i, None]
+            if slot.joint >= 0:
+                joints = slice(None) if slot.shared else slice(slot.joint, slot.joint + 1)
+                out.numbers[:, joints, LOOP_NUMBERS.index(slot.number)] = values[:, i, None]
         return out
 
-    def start(self) -> Array:
-        """Values (P,) of the drives."""
-        return np.array([getattr(self.servos[slot.joint], slot.number) for slot in self.slots], float)
+    def at(self, values: Array) -> Coordinates:
+        """The same numbers free, about values (P,) [SERVO_UNITS]."""
+        body = None if self.body is None else list(self.body)
+        changed: list[dict[str, float]] = [{} for _ in self.servos]
+        for slot, value in zip(self.slots, values.tolist(), strict=True):
+            if slot.joint < 0:
+                assert body is not None
+                body[BODY.index(slot.number)] = value
+                continue
+            for j in range(len(self.servos)) if slot.shared else (slot.joint,):
+                changed[j][slot.number] = value
+        servos = tuple(servo.with_(**new) for servo, new in zip(self.servos, changed, strict=True))
+        return replace(self, servos=servos, body=None if body is None else (body[0], body[1], body[2], body[3]))
+
+    @property
+    def values(self) -> Array:
+        """Values (P,) of drives and body [SERVO_UNITS]."""
+        body = dict(zip(BODY, self.body or (), strict=False))
+        each = [body[s.number] if s.joint < 0 else getattr(self.servos[s.joint], s.number) for s in self.slots]
+        return np.array(each, float)
 
     def x(self, values: Array) -> Array:
         """Coordinates (P,) of values (P,) [SERVO_UNITS]."""
-        return np.array(
-            [
-                z if slot.number in LINEAR else np.log(max(z, 1e-12) + slot.soft)
-                for z, slot in zip(values, self.slots, strict=True)
-            ]
-        )
+        each = zip(values, self.slots, strict=True)
+        return np.array([np.log(max(z, 1e-12) + s.soft) if s.kind.logarithmic else z for z, s in each])
 
-    def values(self, x: Array) -> Array:
+    def values_at(self, x: Array) -> Array:
         """Values (P,) of coordinates x (P,) [logarithms or SERVO_UNITS]."""
-        out = [
-            z if slot.number in LINEAR else max(np.exp(z) - slot.soft, 0.0)
-            for z, slot in zip(x, self.slots, strict=True)
-        ]
-        return np.array(out)
+        each = zip(x, self.slots, strict=True)
+        return np.array([max(np.exp(z) - s.soft, 0.0) if s.kind.logarithmic else z for z, s in each])
 
     def slope(self, values: Array) -> Array:
         """dz/dx (P,) at values (P,) [SERVO_UNITS]."""
-        return np.array(
-            [1.0 if slot.number in LINEAR else z + slot.soft for z, slot in zip(values, self.slots, strict=True)]
-        )
+        return np.array([z + s.soft if s.kind.logarithmic else 1.0 for z, s in zip(values, self.slots, strict=True)])
 
-    @property
-    def pull(self) -> Array:
-        """Precision (P,) of the prior of the coordinates [1]: of each kp, and with it of the scale of its joint."""
-        return np.array([SPREAD**-2 if slot.usual > 0 else 0.0 for slot in self.slots])
+    def prior(self, values: Array) -> tuple[Array, Array]:
+        """Prior at values (P,) [SERVO_UNITS]: precision (P,) of the coordinates, distances (P,) from their centres.
 
-    def off(self, values: Array) -> Array:
-        """Distance (P,) of the coordinates of values (P,) [SERVO_UNITS] from the centre of their prior."""
-        return np.array(
-            [np.log(z / slot.usual) if slot.usual > 0 else 0.0 for z, slot in zip(values, self.slots, strict=True)]
-        )
+        A kp, and with it the scale of its joint, has a usual size; a body hangs near the last link.
+        """
+        precision, off = np.zeros(len(values)), np.zeros(len(values))
+        for k, (z, slot) in enumerate(zip(values, self.slots, strict=True)):
+            if slot.usual > 0:
+                precision[k], off[k] = SPREAD**-2, np.log(z / slot.usual)
+            elif slot.number in BODY[1:]:
+                mass = next(m for m, other in zip(values, self.slots, strict=True) if other.number == "mass")
+                precision[k], off[k] = (CENTRE * mass) ** -2.0, z
+        return precision, off
 
-    def prior(self, values: Array) -> float:
+    def prior_cost(self, values: Array) -> float:
         """Squares of values (P,) [SERVO_UNITS] against their prior, in the units of a cost [1]."""
-        return float(self.pull @ self.off(values) ** 2)
-
-    @property
-    def low(self) -> Array:
-        """Lower bounds (P,) of the coordinates."""
-        return np.array([_low(slot) for slot in self.slots])
-
-    @property
-    def high(self) -> Array:
-        """Upper bounds (P,) of the coordinates: without them an unidentifiable scale could run away."""
-        return np.array([np.inf if s.number in LINEAR else np.log(LARGEST * s.typical + s.soft) for s in self.slots])
-
-    @property
-    def most(self) -> Array:
-        """Largest steps (P,) of the coordinates."""
-        return np.array([_most(slot) for slot in self.slots])
+        precision, off = self.prior(values)
+        return float(precision @ off**2)
 
     def differences(self, values: Array) -> Array:
         """Steps (P,) of finite differences at values (P,) [SERVO_UNITS]."""
-        return np.array(
-            [
-                slot.typical if slot.number == "delay" else max(DIFFERENCE * abs(z), FLOOR * slot.typical)
-                for z, slot in zip(values, self.slots, strict=True)
-            ]
-        )
+        each = zip(values, self.slots, strict=True)
+        return np.array([max(DIFFERENCE * abs(z), s.kind.difference * s.typical) for z, s in each])
 
     def scaled(self, i: int) -> list[int]:
         """Slots that share the scale of torque of slot i, if that is a kp; itself included."""
         own = self.slots[i]
-        if own.column != KP:
+        if own.number != "kp":
             return []
         return [k for k, s in enumerate(self.slots) if s.number in SCALED and s.joint == own.joint and not s.shared]
 
@@ -141,15 +180,6 @@ class Coordinates:
             for k in self.scaled(i):
                 out[k, i] = values[k] / slope[k]
         return out
-
-    def servos_at(self, values: Array) -> tuple[Servo, ...]:
-        """Drives with the values (P,) [SERVO_UNITS]."""
-        table = self.copies(values[None]).numbers[0]
-        changed: list[dict[str, float]] = [{} for _ in self.servos]
-        for slot in self.slots:
-            for j in range(len(self.servos)) if slot.shared else (slot.joint,):
-                changed[j][slot.number] = float(table[j, slot.column])
-        return tuple(servo.with_(**new) for servo, new in zip(self.servos, changed, strict=True))
 
 
 def slots(
@@ -163,21 +193,6 @@ def slots(
                 continue
             if number in shared:
                 common.add(number)
-            out.append(Slot(j, number, sizes[j][number], number in shared, usual[j] if number == "kp" else 0.0))
+            typical = sizes[j].get(number, 1.0)
+            out.append(Slot(j, number, typical, number in shared, usual[j] if number == "kp" else 0.0))
     return tuple(out)
-
-
-def _low(slot: Slot) -> float:
-    if slot.number == "torque_offset":
-        return -np.inf
-    if slot.number == "delay":
-        return 0.0
-    return float(np.log(slot.soft + (1e-6 * slot.typical if slot.number in ("kp", *FLAT) else 0.0)))
-
-
-def _most(slot: Slot) -> float:
-    if slot.number == "delay":
-        return 0.05
-    if slot.number == "torque_offset":
-        return float(slot.typical)
-    return SHORT if slot.number in FLAT else LONG

@@ -141,15 +141,15 @@ def _check(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], free: Sequen
 def _fit_group(
     task: _Task, joints: tuple[int, ...], iterations: int, before: _Group | None = None, scales: bool = True
 ) -> _Group:
-    names = [task.robot.joints[j] for j in joints]
-    sizes = [typical(task.servos[name], j, task.grids, task.courses) for name, j in zip(names, joints, strict=True)]
+    names, motions = [task.robot.joints[j] for j in joints], [along.motion for along in task.courses]
+    sizes = [typical(task.servos[name], j, task.grids, motions) for name, j in zip(names, joints, strict=True)]
     free = [[number for joint, number in task.free if joint == name] for name in names]
     drives = tuple(started(task.servos[name], mine, size) for name, mine, size in zip(names, free, sizes, strict=True))
     shared = () if task.own.intersection(names) else task.shared
     where = Coordinates(drives, slots(free, sizes, shared, [task.usual.get(name, 0.0) for name in names]))
     recorded, about = ([part(one, joints) for one in some] for some in (task.courses, task.about))
     windows = windows_of(task.grids, joints, drives, recorded, task.places, about)
-    point = before.solved.point if before else FitPoint(where.start(), windows.q0, windows.v0)
+    point = before.solved.point if before else FitPoint(where.values, windows.q0, windows.v0)
     solved = solve(windows, where, point, iterations if where.slots else 0, task.coarse)
     return _Group(windows, where, solved if before or not scales else scan(windows, where, solved, iterations))
 
@@ -184,7 +184,7 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
         columns = list(group)
         squares[:, columns] = np.sum(fit.solved.residual**2, axis=1) / (fit.windows.rows[:, None] + 1)
         share[columns] = _saturated(fit)
-        for j, servo in zip(group, fit.where.servos_at(fit.solved.point.values), strict=True):
+        for j, servo in zip(group, fit.where.at(fit.solved.point.values).servos, strict=True):
             servos[task.robot.joints[j]] = servo
     certain = [_certainty(fit, task.coarse) for fit in fits]
     rms = np.sqrt(np.average(squares, axis=0, weights=lengths))

@@ -29,6 +29,13 @@ class StateSlopes(NamedTuple):
     slopes: Array  # (W, M, 2n) [1/rad, s/rad]
     inverse: Array  # (W, 2n, 2n) [products of rad, rad/s] of the information of residual and prior
 
+    def leave(self, residual: Array) -> Array:
+        """Whitened residuals after the best initial states of each window; residual: (C, W, T, n) [1]."""
+        z = residual.reshape(*residual.shape[:2], -1)
+        best = np.einsum("wsu,wmu,cwm->cws", self.inverse, self.slopes, z, optimize=True)
+        moved = np.einsum("wms,cws->cwm", self.slopes, best, optimize=True)
+        return np.asarray(residual - moved.reshape(residual.shape))
+
 
 class Normal(NamedTuple):
     """Quadratic model of half the cost about a point, for steps of the values (in SERVO_UNITS)."""
@@ -91,16 +98,77 @@ def normal(
     windows: FitWindows, where: Coordinates, point: FitPoint, noise: Array, wide: float = 1.0, central: bool = True
 ) -> Normal:
     """Normal equations at a point; `wide` multiplies the differences, central or forward; noise: (n,) [rad or m]."""
-    table, size = _copies(where, point.values, wide, central)
-    most = max(MOST_VALUES // ((len(table) + 2 * len(noise)) * (windows.longest + 1) * len(noise)), 1)
+    differences = nearby(where, point.values, wide, central)
+    most = max(MOST_VALUES // ((len(differences.values) + 2 * len(noise)) * (windows.longest + 1) * len(noise)), 1)
     parts = []
     for k in range(0, len(windows), most):
         some = slice(k, k + most)
         at = FitPoint(point.values, point.q0[some], point.v0[some])
-        parts.append(_windows(windows.part(some), where, at, (table, size), noise))
+        parts.append(_windows(windows.part(some), where, at, differences, noise))
     information = sum((part.information for part in parts), np.zeros((len(where.slots),) * 2))
     joined = [np.concatenate(each) for each in zip(*(part[1:] for part in parts), strict=True)]
     return Normal(information, *joined)
+
+
+class Differences(NamedTuple):
+    """Values of the base, of P forward and P backward points."""
+
+    values: Array  # (C, P) [SERVO_UNITS]
+    sizes: Array  # (P, 2) [SERVO_UNITS] of the forward and backward steps; of a kp relative, with its joint's scale
+
+
+def nearby(where: Coordinates, values: Array, wide: float, central: bool) -> Differences:
+    """Points of central or forward differences; `wide` multiplies the steps; values: (P,) [SERVO_UNITS]."""
+    steps = wide * where.differences(values)
+    forward, backward, size = [], [], np.empty((len(values), 2))
+    for i in range(len(values)):
+        one = np.zeros(len(values))
+        if scale := where.scaled(i):
+            one[scale] = wide * DIFFERENCE * values[scale]
+            size[i] = wide * DIFFERENCE
+        else:
+            one[i] = steps[i]
+            size[i] = steps[i], steps[i]
+            if values[i] - steps[i] < 0 and np.isfinite(where.slots[i].kind.low):
+                size[i, 1] = values[i]
+        forward.append(values + one)
+        backward.append(values - one * size[i, 1] / size[i, 0])
+    if not central:
+        size[:, 1] = 0.0
+    return Differences(np.array([values, *forward, *(backward if central else ())]), size)
+
+
+def derivatives(positions: Array, where: Coordinates, differences: Differences) -> Array:
+    """Derivatives (P, ...) of positions (C, ...) [rad or m] at nearby points by each value alone."""
+    values, size, count = differences.values[0], differences.sizes, len(where.slots)
+    behind = positions[1 + count : 1 + 2 * count] if size[:, 1].any() else positions[:1]
+    slope = (positions[1 : 1 + count] - behind) / size.sum(1).reshape(-1, *(1,) * (positions.ndim - 1))
+    out = slope.copy()
+    for i in range(count):
+        if scale := where.scaled(i):  # slope[i] is along the common scale of its joint
+            for k in scale:
+                if k != i:
+                    out[i] -= values[k] * slope[k]
+            out[i] /= values[i]
+    return np.asarray(out)
+
+
+def reduced(by_value: Array, residual: Array, states: StateSlopes, off: Array | None = None) -> Normal:
+    """Normal equations of windows whose initial states are eliminated (Schur).
+
+    by_value: (P, W, T, n) [1/SERVO_UNITS] derivatives and residual: (W, T, n) [1], both over the noise.
+    off: (W, 2n) [rad and rad/s] initial states about the centre of their prior; default: there.
+    """
+    a = np.moveaxis(by_value.reshape(len(by_value), len(residual), residual[0].size), 0, 2)
+    z = residual.reshape(len(residual), -1, 1)
+    b, inverse = states
+    state = (np.swapaxes(b, 1, 2) @ z)[:, :, 0]
+    if off is not None:
+        state = state + _state_prior(residual.shape[-1]) * off
+    across = np.swapaxes(a, 1, 2) @ b
+    whole = (np.swapaxes(a, 1, 2) @ a - across @ inverse @ np.swapaxes(across, 1, 2)).sum(0)
+    scores = (np.swapaxes(a, 1, 2) @ z)[:, :, 0] - np.einsum("wps,wsu,wu->wp", across, inverse, state)
+    return Normal(whole, scores, across, inverse, state)
 
 
 def _state_prior(n: int) -> Array:
@@ -118,54 +186,14 @@ def _nudged(point: FitPoint, before: int) -> tuple[Array, Array]:
     return starts[0], starts[1]
 
 
-def _copies(where: Coordinates, values: Array, wide: float, central: bool) -> tuple[Array, Array]:
-    """Values (C, P) of the base, of P forward and P backward points; (P, 2) steps of the forward and backward ones."""
-    steps = wide * where.differences(values)
-    forward, backward, size = [], [], np.empty((len(values), 2))
-    for i in range(len(values)):
-        one = np.zeros(len(values))
-        if scale := where.scaled(i):
-            one[scale] = wide * DIFFERENCE * values[scale]
-            size[i] = wide * DIFFERENCE
-        else:
-            one[i] = steps[i]
-            size[i] = steps[i], steps[i]
-            if values[i] - steps[i] < 0 and where.slots[i].number != "torque_offset":
-                size[i, 1] = values[i]
-        forward.append(values + one)
-        backward.append(values - one * size[i, 1] / size[i, 0])
-    if not central:
-        size[:, 1] = 0.0
-    return np.array([values, *forward, *(backward if central else ())]), size
-
-
 def _windows(
-    windows: FitWindows, where: Coordinates, point: FitPoint, differences: tuple[Array, Array], noise: Array
+    windows: FitWindows, where: Coordinates, point: FitPoint, differences: Differences, noise: Array
 ) -> Normal:
-    """Normal equations of some windows; differences: values (C, P) of the copies and their steps (P, 2)."""
-    (table, size), n, count = differences, len(noise), len(point.values)
+    """Normal equations of some windows."""
+    table, n = differences.values, len(noise)
     copies = where.copies(np.concatenate([table, np.repeat(table[:1], 2 * n, 0)]))
     out = shoot(windows, copies, *_nudged(point, len(table)))[0]
-    behind = out[1 + count : 1 + 2 * count] if size[:, 1].any() else out[:1]
-    slope = (out[1 : 1 + count] - behind) / size.sum(1)[:, None, None, None]
-    a = np.moveaxis((_single(slope, where, point.values) / noise).reshape(count, len(windows), -1), 0, 2)
-    b, inverse = state_slopes((out[len(table) :] - out[0]) / np.repeat(NUDGE, n)[:, None, None, None], noise)
-    z = ((out[0] - windows.measured) / noise).reshape(len(windows), -1, 1)
+    states = state_slopes((out[len(table) :] - out[0]) / np.repeat(NUDGE, n)[:, None, None, None], noise)
     off = np.concatenate([point.q0 - windows.q0, point.v0 - windows.v0], 1)
-    state = (np.swapaxes(b, 1, 2) @ z)[:, :, 0] + _state_prior(n) * off
-    across = np.swapaxes(a, 1, 2) @ b
-    whole = (np.swapaxes(a, 1, 2) @ a - across @ inverse @ np.swapaxes(across, 1, 2)).sum(0)
-    scores = (np.swapaxes(a, 1, 2) @ z)[:, :, 0] - np.einsum("wps,wsu,wu->wp", across, inverse, state)
-    return Normal(whole, scores, across, inverse, state)
-
-
-def _single(slope: Array, where: Coordinates, values: Array) -> Array:
-    """Derivatives by each value alone, from those where kp stands for the common scale of its joint."""
-    out = slope.copy()
-    for i in range(len(values)):
-        if scale := where.scaled(i):
-            for k in scale:
-                if k != i:
-                    out[i] -= values[k] * slope[k]
-            out[i] /= values[i]
-    return out
+    slopes = derivatives(out[: len(table)], where, differences) / noise
+    return reduced(slopes, (out[0] - windows.measured) / noise, states, off)

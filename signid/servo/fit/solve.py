@@ -44,13 +44,15 @@ def solve(windows: FitWindows, where: Coordinates, point: FitPoint, iterations: 
     noise = noise_of(residual[windows.inside], robust=True)
     for _ in range(iterations):
         here = normal(windows, where, point, noise, WIDER[wide], central)
-        now = cost(windows, residual, point, noise) + where.prior(point.values)
+        now = cost(windows, residual, point, noise) + where.prior_cost(point.values)
         then = np.inf
         for _ in range(TRIALS):
-            values, states = _step(where, here, point, damping)
+            values = damped(where, here, point.values, damping)
             if np.isfinite(values).all():
+                state = here.state + np.einsum("wps,p->ws", here.across, values - point.values)
+                states = -np.einsum("wsu,wu->ws", here.inverse, state)
                 new, left = settle(windows, where, point, (values, states), noise)
-                then = cost(windows, left, new, noise) + where.prior(values)
+                then = cost(windows, left, new, noise) + where.prior_cost(values)
             if np.isfinite(then) and then < now:
                 break
             damping *= WORSE
@@ -73,19 +75,18 @@ def noise_of(residual: Array, robust: bool = False) -> Array:
     return np.asarray(np.maximum(np.sqrt(middle), SMALLEST_NOISE))
 
 
-def _step(where: Coordinates, here: Normal, point: FitPoint, damping: float) -> tuple[Array, Array]:
-    """Values after a damped step within the bounds, and steps (W, 2n) of the states."""
-    slope, x = where.slope(point.values), where.x(point.values)
-    information = here.information * np.outer(slope, slope) + np.diag(where.pull)
-    gradient = here.scores.sum(0) * slope + where.pull * where.off(point.values)
-    ratios = where.ratios(point.values)
+def damped(where: Coordinates, here: Normal, values: Array, damping: float) -> Array:
+    """Values after a Gauss-Newton step within bounds, damped along ratios and scales; values: (P,) [SERVO_UNITS]."""
+    slope, x = where.slope(values), where.x(values)
+    precision, off = where.prior(values)
+    information = here.information * np.outer(slope, slope) + np.diag(precision)
+    gradient = here.scores.sum(0) * slope + precision * off
+    ratios = where.ratios(values)
     size = np.diag(ratios.T @ information @ ratios) + 1e-12
     back = np.linalg.inv(ratios)
-    damped = information + damping * back.T @ (size[:, None] * back)
-    dx = _bounded(damped, gradient, where.low - x, where.most)
-    values = where.values(np.clip(x + dx, where.low, np.maximum(where.high, x)))
-    dz = values - point.values
-    return values, -np.einsum("wsu,wu->ws", here.inverse, here.state + np.einsum("wps,p->ws", here.across, dz))
+    low, high, longest = np.array([(s.low, s.high, s.longest) for s in where.slots]).reshape(-1, 3).T
+    dx = _bounded(information + damping * back.T @ (size[:, None] * back), gradient, low - x, longest)
+    return where.values_at(np.clip(x + dx, low, np.maximum(high, x)))
 
 
 def _bounded(matrix: Array, gradient: Array, room: Array, most: Array) -> Array:

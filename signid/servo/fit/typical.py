@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...servos import Servo, ServoGrid
-from ..plant.course import RobotCourse
+from ..plant.course import Moved
 
 
-def typical(servo: Servo, joint: int, grids: Sequence[ServoGrid], courses: Sequence[RobotCourse]) -> dict[str, float]:
+def typical(servo: Servo, joint: int, grids: Sequence[ServoGrid], motions: Sequence[Moved]) -> dict[str, float]:
     """Sizes by number, in SERVO_UNITS: those that give about the rms torque of the drive alone."""
     error = np.concatenate([(g.gain[joint] * (g.command - g.q)[:, joint])[g.on[:, joint] > 0.5] for g in grids])
-    speed = np.concatenate([c.motion.v[:, joint] for c in courses])
-    rate = np.concatenate([c.motion.a[:, joint] for c in courses])
+    speed = np.concatenate([along.v[:, joint] for along in motions])
+    rate = np.concatenate([along.a[:, joint] for along in motions])
     v, a = max(_rms(speed), 1e-3), max(_rms(rate), 1e-2)
     kp = servo.kp if servo.kp > 0 else 10.0
     torque = max(kp * min(_rms(error), 0.5), 1e-6)
@@ -33,6 +33,13 @@ def typical(servo: Servo, joint: int, grids: Sequence[ServoGrid], courses: Seque
         "armature": torque / a,
         "torque_offset": torque,
         "droop": 1.0 / torque,
+        "stribeck_level": torque,
+        "stribeck_velocity": v,
+        "position_amplitude": torque,
+        "position_phase": 1.0,
+        "spring_stiffness": kp,
+        "spring_rest": 1.0,
+        "backlash_gap": 0.1,
     }
 
 
