@@ -24,7 +24,7 @@ PLANTED = {
     "backlash": {"gap": 0.05},
     "position_friction": {"amplitude": 0.45, "phase": 0.4, "frequency": 2.0},
 }
-WITHIN = {"stribeck_friction": 0.15, "spring": 0.03, "backlash": 0.1}  # of the main number
+WITHIN = {"stribeck_friction": 0.15, "spring": 0.03, "backlash": 0.1, "position_friction": 0.15}  # of the main number
 
 
 def law(name: str, **parameters: float) -> Law:

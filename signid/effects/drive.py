@@ -46,6 +46,7 @@ class Reach(NamedTuple):
     speed: float  # largest measured speed [rad/s]
     error: float  # largest |q_des - q| [rad]
     acceleration: float  # rms of the measured acceleration [rad/s2]
+    travel: float = np.inf  # range of the measured positions [rad]
     registers: int = 1  # number of different firmware gains in the recordings
 
 

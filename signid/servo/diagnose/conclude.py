@@ -7,12 +7,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ...model import Model
+from ...servos import JOINT_LAWS
 from ...types import Array
 from ..search.data import ServoData
 from .closed_loop import ClosedLoop
 from .refine import Setting
 from .result import FoundNumber, PositionFit, ServoAlternative, ServoFinding, ServoUnexplained
-from .search import PAYLOAD, THRESHOLD, GroupSearch, Step
+from .search import LEAST_GAIN, PAYLOAD, THRESHOLD, GroupSearch, Step
 from .unexplained import depends_on, worst_region
 
 Found = Sequence[tuple[tuple[int, ...], GroupSearch, ClosedLoop]]
@@ -53,6 +54,17 @@ def fits(model: Model, data: ServoData, found: Found, noise: Array, last: bool) 
     driven = list(data.joints)
     units = tuple("m" if model.robot.prismatic[model.robot.index(joint)] else "rad" for joint in driven)
     return PositionFit(data.joints, units, train, unseen, np.where(np.isnan(train), np.nan, noise), r2)
+
+
+def unproven(one: GroupSearch, unseen: ClosedLoop) -> list[str]:
+    """Laws of the joint that were added and hardly improve held-out windows: the next best would be a wrong cause."""
+    setting = _setting(one, unseen)
+    each = [setting.evaluate([step.before.where, step.after.where]).sum(axis=1)[:, step.joint] for step in one.steps]
+    return [
+        step.law.effect
+        for step, (old, new) in zip(one.steps, each, strict=True)
+        if step.law.effect in JOINT_LAWS and not new < (1 - LEAST_GAIN) * old
+    ]
 
 
 def _findings(
@@ -106,9 +118,6 @@ def _poorly(data: ServoData, found: Found, noise: Array) -> Iterator[str]:
 def _numbers(one: GroupSearch, step: Step) -> dict[str, FoundNumber]:
     joint, out = -1 if step.law is PAYLOAD else step.joint, {}
     values, std = one.last.where.values, np.sqrt(np.diag(one.covariance))
-    for number in step.law.shape:
-        value = float(getattr(one.last.where.servos[joint], number))
-        out[step.law.parameter(number)] = FoundNumber(value, None, step.law.unit(number), None)
     for number in step.law.numbers:
         k = one.last.where.slots.index(one.setting.slot(joint, number))
         unit = BODY_UNITS.get(number, "kg.m") if step.law is PAYLOAD else step.law.unit(number)
@@ -116,6 +125,9 @@ def _numbers(one: GroupSearch, step: Step) -> dict[str, FoundNumber]:
         out[step.law.parameter(number)] = FoundNumber(
             float(values[k]), float(std[k]) if np.isfinite(std[k]) else None, unit, old if np.isfinite(old) else None
         )
+    for number in step.law.shape:
+        value = float(getattr(one.last.where.servos[joint], number))
+        out[step.law.parameter(number)] = FoundNumber(value, None, step.law.unit(number), None)
     return out
 
 

@@ -99,6 +99,7 @@ def _position(servo: Servo, reach: Reach) -> list[Servo]:
     return [
         servo.with_(position_amplitude=size, position_phase=phase, position_frequency=turns)
         for turns in (1.0, 2.0)
+        if turns * reach.travel > np.pi / 2  # over less, the law is close to Coulomb friction
         for phase in (-np.pi / 2, 0.0, np.pi / 2, np.pi)
     ]
 

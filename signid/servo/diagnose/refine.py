@@ -76,7 +76,8 @@ class Setting:
         effort = float(np.max(np.abs(torque)) + servo.coulomb_friction)
         column = loop.joints[j]
         error = max(float(np.max(np.abs(g.command[:, column] - g.q[:, column]))) for g in loop.grids)
-        return Reach(effort, float(np.max(np.abs(v))), error, float(np.sqrt(np.mean(a**2))))
+        travel = float(np.ptp(loop.motion.q[:, j]))
+        return Reach(effort, float(np.max(np.abs(v))), error, float(np.sqrt(np.mean(a**2))), travel)
 
 
 def setting_of(loop: ClosedLoop, point: Coordinates, floor: Array) -> Setting:

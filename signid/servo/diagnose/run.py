@@ -22,7 +22,7 @@ from ..search.data import ServoData, servo_data
 from ..search.noise import position_noise
 from ..validate import closed_loops, need_commands, prepared_model
 from .closed_loop import ClosedLoop
-from .conclude import conclude, fits
+from .conclude import conclude, fits, unproven
 from .hypotheses import HYPOTHESES
 from .repeats import servo_repeats
 from .result import ServoDiagnosis, ServoRepeats
@@ -122,7 +122,12 @@ def _searched(
     """Search of one group, and its windows on held-out recordings."""
     servos = tuple(model.servos[data.joints[j]] for j in joints)
     loop = ClosedLoop(model, data.train, joints, servos, window, MOST_WINDOWS)
-    found = search(loop, Coordinates(servos), noise[list(joints)], skip)
+    while True:
+        found = search(loop, Coordinates(servos), noise[list(joints)], skip)
+        unseen = ClosedLoop(model, data.held_out, joints, found.last.where.servos, window, MOST_WINDOWS)
+        if not (worse := unproven(found, unseen)):
+            break
+        skip = (*skip, *worse)
     for step in found.steps:
         old, new = step.before.where.servos[step.joint].kp, found.last.where.servos[step.joint].kp
         if step.law.numbers == ("kp",) and new < DEAD * old:
@@ -131,7 +136,7 @@ def _searched(
                 f"joint {name} does not follow its command: the best gain is {100 * (new / old - 1):.0f} % from the "
                 f"stated one; its drive seems to be off: mark these rows with on_{name} = 0, or leave its command out"
             )
-    return found, ClosedLoop(model, data.held_out, joints, found.last.where.servos, window, MOST_WINDOWS)
+    return found, unseen
 
 
 def _extended(model: Model, data: ServoData, found: Sequence[tuple[tuple[int, ...], GroupSearch, ClosedLoop]]) -> Model:
