@@ -142,9 +142,10 @@ def offered(
         Offer(o.law, o.joint, replace(o.trial, squares=s), -half_log(s, floor, setting))
         for o, s in zip(found, squares, strict=True)
     ]
-    best: dict[tuple[str, int], list[Offer]] = {}
+    best: dict[tuple[str, int, tuple[float, ...]], list[Offer]] = {}
     for offer in sorted(found, key=lambda o: -o.evidence):
-        best.setdefault((offer.law.effect, offer.joint), []).append(offer)
+        shape = tuple(getattr(offer.trial.where.servos[offer.joint], number) for number in offer.law.shape)
+        best.setdefault((offer.law.effect, offer.joint, shape), []).append(offer)
     first = [offers[0] for offers in best.values()]
     for kept in (POLISHED, REFINED):
         polished = iter(refine(setting, [o.trial for o in first if o.law is not PAYLOAD], 1))
