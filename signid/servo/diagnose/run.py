@@ -18,8 +18,7 @@ from ..fit.coordinates import BODY, Coordinates
 from ..identify.result import ServoRollOut, ServoTrace
 from ..plant import roll_out
 from ..plant.course import bodies_of, groups
-from ..search.data import ServoData, servo_data
-from ..search.noise import position_noise
+from ..search.data import ServoData, position_noise, servo_data
 from ..validate import closed_loops, need_commands, prepared_model
 from .closed_loop import ClosedLoop
 from .conclude import conclude, fits
