@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...model import Model
-from ...servos import ServoGrid
 from ...types import Progress
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
@@ -70,8 +69,31 @@ class Searcher:
         return tried(self.model, self.data, candidate, self.options.window, steps, coarse)
 
     def lengthen(self, trial: ServoTrial) -> ServoTrial:
-        """Fit again over longer windows, where whole recordings are fitted worse than windows."""
-        return lengthened(self.model, self.data, trial, self.options.window)
+        """Fit again over longer windows, where whole recordings are fitted worse than windows.
+
+        Short windows begin at measured states, which take up what repeats of an error would add to.
+        """
+        whole, grids, window = self._whole_rms(trial.candidate), self.data.train, self.options.window
+        if not any(whole[joint] > WORSE * trial.residual[joint] for joint in whole):
+            return trial
+        best, seconds = trial, sum(len(grid) / grid.rate for grid in grids)
+        for factor in FACTORS:
+            if seconds / (factor * window) < LEAST and factor * window > max(len(g) / g.rate for g in grids):
+                break
+            new = self.fit(replace(best.candidate, window=factor * window), LONGER)
+            after = self._whole_rms(new.candidate)
+            if np.mean([np.log(after[joint] / whole[joint]) for joint in whole]) > np.log(BETTER):
+                break
+            best, whole = new, after
+        return best
+
+    def _whole_rms(self, candidate: Candidate) -> dict[str, float]:
+        """Rms error by joint [rad or m] of whole recordings from commands alone."""
+        grids = self.data.train
+        errors = [roll_out_along(recorded_course(self.model, g), candidate.servos, g) - g.q for g in grids]
+        both = np.clip(np.nan_to_num(np.concatenate(errors), nan=DIVERGED), -DIVERGED, DIVERGED)
+        rms = np.maximum(np.sqrt(np.mean(both**2, axis=0)), 1e-12)
+        return {joint: float(rms[grids[0].joints.index(joint)]) for joint in candidate.servos}
 
     def score(self, trial: ServoTrial, joints: Collection[str]) -> ServoTrial:
         """Score some joints, with those that share bodies with them, on windows that took no part."""
@@ -92,31 +114,3 @@ class Searcher:
         """Some joints, of those in branches where several have a free delay."""
         free = {joint for joint, name in candidate.free if name == "delay"}
         return [j for members in self.sets if len(free.intersection(members)) > 1 for j in members if j in joints]
-
-
-def lengthened(model: Model, data: ServoData, trial: ServoTrial, window: float) -> ServoTrial:
-    """Trial with windows of the length that fits whole recordings best; `window` [s] is the one of the trial.
-
-    Short windows begin at measured states, which take up what repeats of an error would add to.
-    """
-    whole = whole_rms(model, data.train, trial.candidate)
-    if not any(whole[joint] > WORSE * trial.residual[joint] for joint in whole):
-        return trial
-    best, seconds = trial, sum(len(grid) / grid.rate for grid in data.train)
-    for factor in FACTORS:
-        if seconds / (factor * window) < LEAST and factor * window > max(len(g) / g.rate for g in data.train):
-            break
-        new = tried(model, data, replace(best.candidate, window=factor * window), window, LONGER)
-        after = whole_rms(model, data.train, new.candidate)
-        if np.mean([np.log(after[joint] / whole[joint]) for joint in whole]) > np.log(BETTER):
-            break
-        best, whole = new, after
-    return best
-
-
-def whole_rms(model: Model, grids: Sequence[ServoGrid], candidate: Candidate) -> dict[str, float]:
-    """Rms error by joint [rad or m] of whole recordings from commands alone."""
-    errors = [roll_out_along(recorded_course(model, grid), candidate.servos, grid) - grid.q for grid in grids]
-    both = np.clip(np.nan_to_num(np.concatenate(errors), nan=DIVERGED), -DIVERGED, DIVERGED)
-    rms = np.maximum(np.sqrt(np.mean(both**2, axis=0)), 1e-12)
-    return {joint: float(rms[grids[0].joints.index(joint)]) for joint in candidate.servos}
