@@ -20,7 +20,7 @@ from signid.servo.diagnose.closed_loop import LINEAR, ClosedLoop
 from signid.servo.diagnose.hypotheses import HYPOTHESES
 from signid.servo.fit.windows import joined_bodies
 from signid.servo.plant import grids_of_arrays, roll_out
-from signid.servo.search.noise import position_noise
+from signid.servo.search.data import position_noise
 from signid.servos import LOOP_NUMBERS, Servo
 from signid.toml_json import check_schema
 

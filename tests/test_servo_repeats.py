@@ -16,7 +16,7 @@ from signid.recording import as_recordings
 from signid.robot import load_robot
 from signid.servo.diagnose.repeats import Pair, repeated, servo_repeats
 from signid.servo.plant import grids_of_arrays, roll_out, servo_grids
-from signid.servo.search.noise import position_noise
+from signid.servo.search.data import position_noise
 from signid.servos import Servo, ServoGrid
 from signid.toml_json import check_schema
 from signid.types import Array

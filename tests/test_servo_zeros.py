@@ -16,7 +16,7 @@ from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servo.plant.course import bodies_of
 from signid.servo.zeros import JointZero, find_zeros
 from signid.servo.zeros.chain import chain_of
-from signid.servo.zeros.judge import log_odds, probability
+from signid.servo.zeros.run import log_odds, probability
 from signid.servos import Servo, ServoGrid
 from signid.types import Robot
 

@@ -13,19 +13,18 @@ from ..faults import audit_flags
 from ..model import Model, ModelSource, command_model
 from ..recording import Recordings, as_recordings, same_joints
 from ..robot.actuators import state_actuators
-from ..servos import Servo, ServoGrid
+from ..servos import ServoGrid
 from ..simulation.rollout.windows import restrict_joints
 from ..typed import typed
-from ..types import Array, Input, Progress, Recording, Result, Robot
+from ..types import Input, Progress, Recording, Result, Robot
 from ..validate.run import named_models
+from .identify.assess import closed_loops
 from .identify.result import ServoRollOut, ServoTrace
-from .plant import roll_out, servo_grids
+from .plant import servo_grids
+from .simulate import registered
 from .stated import stated_servos
 
-HORIZON = 1.0  # [s] between measured states of short roll-outs
 LARGEST = 1e4  # commanded position [rad or m]
-FARTHEST = 1e3  # error from which on a simulation counts as diverged [rad or m]
-IDEAL = "q = q_des"
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,33 +137,6 @@ def _changes(recording: Recording) -> bool:
     return q_des is not None and any(np.ptp(x[np.isfinite(x)]) > 0 for x in q_des.T if np.isfinite(x).any())
 
 
-def closed_loops(
-    model: Model, servos: Mapping[str, Servo], grids: Sequence[ServoGrid], held_out: bool = True
-) -> tuple[ServoRollOut, tuple[ServoTrace, ...]]:
-    """Roll-outs of recordings from commands alone, whole and from measured states every second, beside q = q_des."""
-    traces = tuple(_trace(model, servos, grid) for grid in grids)
-    joints = grids[0].joints
-    driven = np.array([joint in servos for joint in joints]) & np.any([grid.driven for grid in grids], axis=0)
-
-    def rms(key: str) -> Array:
-        errors = np.vstack([getattr(trace, key) - trace.measured for trace in traces])
-        with np.errstate(over="ignore", invalid="ignore"):
-            size = np.sqrt(np.mean(errors**2, axis=0))
-        return np.where(driven, np.where(size <= FARTHEST, size, np.inf), np.nan)
-
-    units = tuple("m" if model.robot.prismatic[model.robot.index(joint)] else "rad" for joint in joints)
-    ideal = rms("nominal")
-    sizes = (rms("simulated"), rms("one_second"), ideal, ideal)
-    return ServoRollOut(joints, units, *sizes, IDEAL, held_out), traces
-
-
-def _trace(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) -> ServoTrace:
-    with np.errstate(all="ignore"):
-        whole, short = (roll_out(model, servos, grid, horizon) for horizon in (None, HORIZON))
-    t = np.asarray(grid.origin + np.arange(len(grid)) * grid.step, dtype=np.float64)
-    return ServoTrace(grid.path, grid.joints, t, grid.command, grid.q, whole, grid.command, short)
-
-
 def prepared_model(
     name: str, model: Model, recordings: Sequence[Recording], actuators: str | Path | None
 ) -> tuple[Model, Robot, list[str], list[str]]:
@@ -199,10 +171,7 @@ def _restricted(name: str, model: Model, recordings: Sequence[Recording]) -> tup
 def _registered(name: str, model: Model, actuators: str | Path | None) -> tuple[Robot, list[str]]:
     """Robot that states the firmware gains of recordings, relative to those of the drives; flags where it cannot."""
     robot = model.robot if actuators is None else state_actuators(model.robot, Path(actuators))
-    stated = {joint: dict(robot.servo.get(joint, {})) for joint in robot.joints}
-    for joint, servo in model.servos.items():
-        if servo.kp_register is not None:
-            stated[joint]["kp_register"] = servo.kp_register
+    stated = registered(robot, model.servos)
     lacking = [joint for joint in model.servos if "kp_register" not in stated[joint]]
     unknown = dict.fromkeys(joint for _, joint in robot.registers if joint in lacking)
     robot = replace(robot, servo=stated)

@@ -1,4 +1,7 @@
-"""Searches of all groups -> findings, unexplained mismatch, verdict and flags."""
+"""Searches of all groups -> findings, unexplained mismatch, verdict and flags.
+
+A mismatch without a law is named by the variable whose bins explain most of it, and by its worst third.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,6 @@ from .closed_loop import ClosedLoop
 from .refine import Setting
 from .result import FoundNumber, PositionFit, ServoAlternative, ServoFinding, ServoUnexplained
 from .search import LEAST_GAIN, PAYLOAD, THRESHOLD, GroupSearch, Step
-from .unexplained import depends_on, worst_region
 
 Found = Sequence[tuple[tuple[int, ...], GroupSearch, ClosedLoop]]
 MAIN = 0.1  # [1] of the explained sum of squares, from which a law is a cause
@@ -27,6 +29,8 @@ SHOWN = 1e-3  # probability below which an alternative is not listed
 CLOSE = 0.25  # probability of an alternative from which the result is flagged
 LIKELY = "commands near the natural frequency of the loop, and steps that saturate the drive"
 BODY_UNITS = {"mass": "kg"}
+BINS = 9
+THIRDS = ("lowest", "middle", "highest")
 
 
 def conclude(
@@ -203,3 +207,52 @@ def _tracking(loop: ClosedLoop) -> Array:
     """Rms of q_des - q, (n,) [rad or m]."""
     errors = np.vstack([grid.command[:, loop.joints] - grid.q[:, loop.joints] for grid in loop.grids])
     return np.asarray(np.sqrt(np.mean(errors**2, axis=0)) + 1e-12)
+
+
+def depends_on(loop: ClosedLoop, residual: Array, joint: int) -> str:
+    """Name of the variable; residual: (W, T, n) [rad or m]."""
+    y = residual[:, :, joint].ravel()
+    variables = _variables(loop, joint)
+    return max(variables, key=lambda name: _explained(variables[name], y))
+
+
+def worst_region(loop: ClosedLoop, residual: Array, joint: int, variable: str) -> tuple[str, float]:
+    """Third of the values of a variable with the largest mismatch, and the rms there [rad or m].
+
+    Sizes count, except of position and time; of several recordings, the worst one stands for time.
+    residual: (W, T, n) [rad or m].
+    """
+    x = _variables(loop, joint)[variable]
+    names = [f"{third} third of {variable}" for third in THIRDS]
+    if variable not in ("position", "time"):
+        x, names = np.abs(x), [f"{third} third of |{variable}|" for third in THIRDS]
+    place = np.searchsorted(np.quantile(x, [1 / 3, 2 / 3]), x)
+    paths = [loop.grids[g].path for g, _ in loop.places]
+    if variable == "time" and len(set(paths)) > 1:
+        files = list(dict.fromkeys(paths))
+        place = np.repeat([files.index(path) for path in paths], residual.shape[1])
+        names = [f"recording {path}" for path in files]
+    square = residual[:, :, joint].ravel() ** 2
+    rms = [float(np.sqrt(np.mean(square[place == k]))) if np.any(place == k) else 0.0 for k in range(len(names))]
+    worst = int(np.argmax(rms))
+    return names[worst], rms[worst]
+
+
+def _variables(loop: ClosedLoop, joint: int) -> dict[str, Array]:
+    """Values (W T,) of the variables at the rows of all windows."""
+    span = loop.starts[:, None] + np.arange(loop.rows + 1)
+    return {
+        "position": loop.motion.q[span, joint].ravel(),
+        "velocity": loop.motion.v[span, joint].ravel(),
+        "acceleration": loop.motion.a[span, joint].ravel(),
+        "torque": loop.torque[span, joint].ravel(),
+        "time": np.linspace(0, 1, span.size),
+    }
+
+
+def _explained(x: Array, y: Array) -> float:
+    edges = np.quantile(x, np.linspace(0, 1, BINS + 1)[1:-1])
+    place = np.searchsorted(edges, x)
+    total = np.bincount(place, minlength=BINS).astype(float)
+    mean = np.bincount(place, weights=y, minlength=BINS) / np.maximum(total, 1)
+    return float(np.sum(total * mean**2))

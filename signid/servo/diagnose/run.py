@@ -15,12 +15,12 @@ from ...recording import Recordings, as_recordings
 from ...typed import typed
 from ...types import Array, Law, Progress
 from ..fit.coordinates import BODY, Coordinates
+from ..identify.assess import closed_loops
 from ..identify.result import ServoRollOut, ServoTrace
 from ..plant import roll_out
 from ..plant.course import bodies_of, groups
-from ..search.data import ServoData, servo_data
-from ..search.noise import position_noise
-from ..validate import closed_loops, need_commands, prepared_model
+from ..search.data import ServoData, position_noise, servo_data
+from ..validate import need_commands, prepared_model
 from .closed_loop import ClosedLoop
 from .conclude import conclude, fits, unproven
 from .hypotheses import HYPOTHESES

@@ -16,8 +16,7 @@ from ..plant.course import Moved, RobotCourse, bodies_of, course, groups, part, 
 from .coordinates import Coordinates, slots
 from .intervals import covariance
 from .normal import FitPoint, normal
-from .scan import scan
-from .solve import Solved, solve
+from .solve import Solved, scan, solve
 from .typical import started, typical
 from .windows import FitWindows, shoot, window_places, windows_of
 

@@ -1,8 +1,11 @@
-"""Start of a fit: error of the loop as a linear response of the torque of the motion (compliance regression)."""
+"""Start of a fit: error of the loop as a linear response of the torque of the motion (compliance regression).
+
+Limits of torque start from a scan: short windows are simulated at many of them, with all other numbers fixed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,7 +17,10 @@ from ...model import Model
 from ...servos import Servo, ServoGrid
 from ...types import Array, Mask
 from ..plant.commands import commands_at
-from ..plant.course import RobotCourse, recorded_course
+from ..plant.course import RobotCourse, bodies_of, groups, part, recorded_course
+from ..plant.drives import copies_of
+from ..plant.kernel import EFFORT
+from .windows import shoot, window_places, windows_of
 
 DELAYS = tuple(k * 0.005 for k in range(13))  # [s]
 SHARES = (0.15, 0.25, 0.35, 0.5, 0.65, 0.8, 0.9)  # quantiles of |error| that are tried as its limit
@@ -26,6 +32,8 @@ SPREAD = 6.0  # largest ratio of a stiffness to the median of the joints
 
 
 RATIOS = (0.01, 0.02, 0.035, 0.06, 0.1)  # [s] kd over kp that are tried where the limit acts on the damping, too
+LIMITS = tuple(0.95 * 0.78**k for k in range(12))  # of the largest torque, where a limit is tried
+BRIEF = 0.2  # [s]: nearly linear
 
 
 class _Line(NamedTuple):
@@ -90,7 +98,7 @@ def _lines(grids: Sequence[ServoGrid], courses: Sequence[RobotCourse], j: int, r
     size = np.linalg.norm(x, axis=0) + 1e-12
     q, r = np.linalg.qr(x / size)
     return [
-        _best([line for ratio in ratios for line in _limited(sides, j, delay, ratio, q, r, size)]) for delay in DELAYS
+        _best([line for ratio in ratios for line in _limited(sides, j, delay, ratio, (q, r, size))]) for delay in DELAYS
     ]
 
 
@@ -102,9 +110,10 @@ def _best(lines: Sequence[_Line]) -> _Line:
 
 
 def _limited(
-    sides: Sequence[_Side], j: int, delay: float, ratio: float, q: Array, r: Array, size: Array
+    sides: Sequence[_Side], j: int, delay: float, ratio: float, factors: tuple[Array, Array, Array]
 ) -> list[_Line]:
-    """Lines of one joint for each limit of the error; q (M, 5) and r (5, 5) factor the columns over `size`."""
+    """Lines of one joint for each limit of the error; factors: q (M, 5) and r (5, 5) of the columns over sizes (5,)."""
+    q, r, size = factors
     errors = [side.error(j, delay) - ratio * side.speed for side in sides]
     used = np.abs(np.concatenate([error[side.use] for side, error in zip(sides, errors, strict=True)]))
     limits = np.append(np.quantile(used, SHARES), np.inf)
@@ -151,3 +160,44 @@ def _side(grid: ServoGrid, along: RobotCourse, j: int) -> _Side | None:
 def _filtered(x: Array, rate: float) -> Array:
     b, a = butter(3, min(2 * CUTOFF / rate, 0.8))
     return np.asarray(filtfilt(b, a, x, axis=0))
+
+
+def start_limits(
+    model: Model, grids: Sequence[ServoGrid], servos: Mapping[str, Servo], top: Mapping[str, float]
+) -> dict[str, float]:
+    """Limit of each joint in `top` that fits its windows best, of its first share where none helps.
+
+    Args:
+        model: bodies and laws of the robot.
+        grids: recordings, all of the same joints and one rate.
+        servos: drives by joint.
+        top: largest torque by joint [N.m or N].
+    """
+    robot, found = bodies_of(model, grids[0].joints), {}
+    acting = [j for j, joint in enumerate(grids[0].joints) if joint in servos]
+    for joints in groups(robot, acting):
+        names = [grids[0].joints[j] for j in joints]
+        if any(name in top for name in names):
+            squares = _squares(model, grids, joints, [servos[name] for name in names], [top.get(n) for n in names])
+            best = np.argmin(squares, axis=0)
+            found.update({n: LIMITS[k] * top[n] for n, k in zip(names, best, strict=True) if n in top})
+    return found
+
+
+def _squares(
+    model: Model,
+    grids: Sequence[ServoGrid],
+    joints: Sequence[int],
+    drives: Sequence[Servo],
+    top: Sequence[float | None],
+) -> Array:
+    """Mean squares (K, n) [rad2 or m2] of the joints of a branch at K shares of their largest torques."""
+    copies = copies_of([drives] * len(LIMITS))
+    for i, most in enumerate(top):
+        if most is not None:
+            copies.numbers[:, i, EFFORT] = most * np.array(LIMITS)
+    along = [part(recorded_course(model, grid), joints) for grid in grids]
+    windows = windows_of(grids, joints, drives, along, window_places(grids, BRIEF))
+    q0, v0 = (np.repeat(x[None], len(LIMITS), 0) for x in (windows.q0, windows.v0))
+    error = shoot(windows, copies, q0, v0)[0] - windows.measured
+    return np.asarray(np.nan_to_num(error**2, nan=np.inf).sum(axis=(1, 2)) / windows.inside.sum())

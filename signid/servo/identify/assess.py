@@ -1,4 +1,4 @@
-"""Closed-loop roll-outs of held-out recordings, beside those of the stated numbers."""
+"""Closed-loop roll-outs of recordings, beside those of the stated numbers or q = q_des."""
 
 from __future__ import annotations
 
@@ -14,53 +14,43 @@ from ..plant import roll_out
 from .result import ServoRollOut, ServoTrace
 from .start import Stated, stated_drive
 
-SHORT = 1.0  # [s] of the short roll-outs
-STATED, FOLLOWS = "stated numbers", "q = q_des"
+HORIZON = 1.0  # [s] between measured states of short roll-outs
+FARTHEST = 1e3  # error from which on a simulation counts as diverged [rad or m]
+STATED, IDEAL = "stated numbers", "q = q_des"
 
 
-def assess(
+def closed_loops(
     model: Model,
-    nominal_model: Model,
     servos: Mapping[str, Servo],
-    stated: Stated,
     grids: Sequence[ServoGrid],
-    held_out: bool,
+    held_out: bool = True,
+    nominal: tuple[Model, Mapping[str, Servo]] | None = None,
 ) -> tuple[ServoRollOut, tuple[ServoTrace, ...]]:
-    """Roll-outs of recordings, whole and restarted every second, of the drives found and of the nominal ones."""
-    robot = model.robot
-    nominal = nominal_servos(robot, servos, stated)
-    traces, short = [], []
+    """Roll-outs of recordings from commands alone, whole and from measured states every second.
+
+    nominal: model and drives of stated numbers, for comparison; default: q = q_des.
+    """
+    traces, positions = list[ServoTrace](), list[tuple[Array, ...]]()
     for grid in grids:
-        usual = roll_out(nominal_model, nominal, grid) if nominal else grid.command
-        again = roll_out(nominal_model, nominal, grid, SHORT) if nominal else grid.command
-        short.append((roll_out(model, servos, grid, SHORT), again))
-        traces.append(
-            ServoTrace(
-                path=grid.path,
-                joints=grid.joints,
-                t=np.asarray(grid.origin + np.arange(len(grid)) * grid.step, float),
-                command=grid.command,
-                measured=grid.q,
-                simulated=roll_out(model, servos, grid),
-                nominal=usual,
-                one_second=short[-1][0],
-            )
-        )
-    joints = grids[0].joints
-    driven = np.array([joint in servos for joint in joints])
-    measured = np.vstack([grid.q for grid in grids])
-    units = tuple("m" if robot.prismatic[robot.index(joint)] else "rad" for joint in joints)
-    rolled = ServoRollOut(
-        joints=joints,
-        units=units,
-        whole_rms=_rms(np.vstack([trace.simulated for trace in traces]) - measured, driven),
-        one_second_rms=_rms(np.vstack([own for own, _ in short]) - measured, driven),
-        nominal_whole_rms=_rms(np.vstack([trace.nominal for trace in traces]) - measured, driven),
-        nominal_one_second_rms=_rms(np.vstack([usual for _, usual in short]) - measured, driven),
-        nominal=STATED if nominal else FOLLOWS,
-        held_out=held_out,
+        whole, short = _both(model, servos, grid)
+        beside = (grid.command, grid.command) if nominal is None else _both(*nominal, grid)
+        t = np.asarray(grid.origin + np.arange(len(grid)) * grid.step, float)
+        traces.append(ServoTrace(grid.path, grid.joints, t, grid.command, grid.q, whole, beside[0], short))
+        positions.append((whole, short, *beside))
+    joints, measured = grids[0].joints, np.vstack([grid.q for grid in grids])
+    driven = np.array([joint in servos for joint in joints]) & np.any([grid.driven for grid in grids], axis=0)
+    units = tuple("m" if model.robot.prismatic[model.robot.index(joint)] else "rad" for joint in joints)
+    own, own_short, usual, usual_short = (
+        _rms(np.vstack(each) - measured, driven) for each in zip(*positions, strict=True)
     )
-    return rolled, tuple(traces)
+    name = IDEAL if nominal is None else STATED
+    return ServoRollOut(joints, units, own, own_short, usual, usual_short, name, held_out), tuple(traces)
+
+
+def _both(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) -> tuple[Array, Array]:
+    """Positions (N, n) [rad or m] of the whole roll-out, and of one that restarts every second."""
+    with np.errstate(all="ignore"):
+        return roll_out(model, servos, grid), roll_out(model, servos, grid, HORIZON)
 
 
 def whole_rms(model: Model, servos: Mapping[str, Servo], grids: Sequence[ServoGrid]) -> Array:
@@ -77,7 +67,7 @@ def nominal_servos(robot: Robot, servos: Mapping[str, Servo], stated: Stated) ->
 
 
 def _rms(error: Array, driven: Array) -> Array:
-    """Root mean square (n,) of errors (N, n); inf where a simulation diverges, NaN for joints without commands."""
+    """Root mean square (n,) of errors (N, n); inf where one diverges, NaN for joints without commands."""
     with np.errstate(over="ignore", invalid="ignore"):
         rms = np.sqrt(np.mean(error**2, axis=0))
-    return np.where(driven, np.where(np.isfinite(rms), rms, np.inf), np.nan)
+    return np.where(driven, np.where(rms <= FARTHEST, rms, np.inf), np.nan)

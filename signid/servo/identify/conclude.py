@@ -13,7 +13,7 @@ from ...types import Robot
 from ..fit import ServoFit
 from ..search.data import ServoData, loop_error
 from ..search.searcher import Chosen, ServoOptions
-from .assess import assess, nominal_servos
+from .assess import closed_loops, nominal_servos
 from .facts import joint_facts
 from .fits import block, number_std
 from .flags import (
@@ -67,7 +67,9 @@ def judge(models: tuple[Model, Model], data: ServoData, fit: ServoFit, known: Kn
     facts = facts_of(model, data, fit, known)
     errors = held_out_errors(model, data, fit.servos) if unseen else {}
     facts = compared(model, data, fit.servos, facts, errors) if unseen else facts
-    rolled, traces = assess(model, described, fit.servos, known.stated, data.held_out, unseen)
+    nominal = nominal_servos(model.robot, fit.servos, known.stated)
+    beside = (described, nominal) if nominal else None
+    rolled, traces = closed_loops(model, fit.servos, data.held_out, unseen, beside)
     return JudgedFit(data, fit, facts, errors, rolled, traces)
 
 

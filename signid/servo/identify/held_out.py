@@ -15,10 +15,8 @@ from ..fit import ServoFit, fit_servos, start_limits
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
 from ..search.choice import SHORT, Candidate
-from ..search.data import ServoData
-from ..search.laws import largest_torques, limited
-from ..search.noise import position_noise
-from ..search.rare import STEPS, WORTH
+from ..search.data import ServoData, position_noise
+from ..search.laws import STEPS, WORTH, largest_torques, limited
 from .facts import demand
 from .identifiable import RARE, JointFacts
 

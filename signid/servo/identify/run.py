@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ...deadline import ends_in_time
+from ...deadline import ends_in_time, time_is_up
+from ...errors import shorten
 from ...faults import audit_flags
 from ...faults.commands.rows import content_rate
-from ...model import ModelSource, as_model, command_model
+from ...model import Model, ModelSource, as_model, command_model
 from ...recording import Recordings, as_recordings
 from ...regression.session import only_once
 from ...servos import Servo
@@ -18,14 +19,15 @@ from ...typed import typed
 from ...types import Progress, Recording
 from ..fit import start_servos
 from ..plant.drives import LONGEST
-from ..search.choice import Candidate
+from ..search.choice import LOUDER, Candidate
 from ..search.data import servo_data, thinned
 from ..search.run import EQUAL, search
 from ..search.searcher import KnownLimits, Searcher, ServoOptions
-from .conclude import Known, conclude, judge
+from .assess import whole_rms
+from .conclude import JudgedFit, Known, conclude, facts_of, judge
 from .facts import full_duty_errors
 from .fits import final_fit, weigh_bodies
-from .refit import fitted_again
+from .flags import worse_than_stated
 from .result import LoggedRows, ServoIdentification
 from .scale import connected_sets
 from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
@@ -36,6 +38,7 @@ ALONE, COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits
 PLAIN = "duty"  # its regression has one number less
 FINER = 0.7  # rows of the log over those of the grid [1], below which the grid averages known changes of commands
 SEARCHED, FITTED = 60_000, 180_000  # substeps times squared joints of a branch
+KEPT = "the model was not fitted again to the held-out rows"
 
 
 @typed
@@ -168,3 +171,39 @@ def _limited(start: Candidate, found: Mapping[str, Servo]) -> Candidate:
 def _say(progress: Progress | None, step: str, share: float) -> None:
     if progress is not None:
         progress(step, share)
+
+
+def fitted_again(
+    model: Model, judged: JudgedFit, candidate: Candidate, known: Known, options: ServoOptions, most: int
+) -> tuple[JudgedFit, tuple[str, ...]]:
+    """The same laws and free numbers, fitted to all rows, with the errors on held-out rows as they were.
+
+    The first fit stays, with a note, where held-out rows show what it has no number for, and where the new one predicts
+    them worse. most: rows of the fit.
+    """
+    first, data = judged.fit, judged.data
+    if reasons := tuple(_unlike(judged)):
+        return judged, (f"{KEPT}: {' and '.join(reasons)}",)
+    if worse_than_stated(judged.rollout) or time_is_up("the fit of drives to all rows", answer=False):
+        return judged, ()
+    everything = replace(data, train=(*data.train, *data.held_out))
+    rows = replace(everything, train=thinned(everything.train, most))
+    fit = final_fit(model, rows, candidate.follow(first.servos), options)
+    before = judged.rollout
+    after = replace(before, whole_rms=whole_rms(model, fit.servos, data.held_out))
+    worse = not np.nanmean(after.whole_rms**2) <= LOUDER**2 * np.nanmean(before.whole_rms**2)
+    if worse or worse_than_stated(after):
+        return judged, (f"{KEPT}: it would predict them worse from commands alone",)
+    facts = {
+        joint: replace(fact, torque_off=judged.facts[joint].torque_off)  # by the numbers that are free
+        for joint, fact in facts_of(model, everything, fit, known).items()
+    }
+    return replace(judged, data=everything, fit=fit, facts=facts, refit=True), ()
+
+
+def _unlike(judged: JudgedFit) -> Iterator[str]:
+    """Reasons why held-out rows must not be learned from."""
+    if far := [joint for joint, error in judged.errors.items() if error.far]:
+        yield f"its errors there are far above those of the training rows ({shorten(far)})"
+    if beyond := [joint for joint, fact in judged.facts.items() if fact.held_out_limit < np.inf]:
+        yield f"only they reach an effort limit, which the model lacks ({shorten(beyond)})"

@@ -90,6 +90,7 @@ def fit_candidate(
     candidate: Candidate,
     window: float,
     steps: int = STEPS,
+    *,
     relinearise: bool = False,
     rounds: int = ROUNDS,
     coarse: bool = False,
@@ -176,7 +177,9 @@ def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, f
         return {law: 1.0 / len(laws) for law in laws}
     weights = np.random.default_rng(seed).dirichlet(np.ones(values.shape[1]), DRAWS)
     top = np.exp(2 * (values - values.max()))
-    means = (weights @ values.T + 0.5 * np.log(weights @ top.T)) / 2  # (DRAWS, laws); typical windows, and loud ones
+    # Heuristic, not derived: mean log rms is a score of typical windows, the log of rms over all is one of the few
+    # windows where a limit acts; a law must do well in both, so they count alike.
+    means = (weights @ values.T + 0.5 * np.log(weights @ top.T)) / 2  # (DRAWS, laws)
     best = prior * (means <= means.min(axis=1, keepdims=True) + SAME)
     share = np.mean(best / best.sum(axis=1, keepdims=True), axis=0)
     count = values.shape[1]

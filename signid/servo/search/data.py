@@ -1,4 +1,4 @@
-"""Recordings -> grids to learn from, grids held out, and folds for cross-validation."""
+"""Recordings -> grids to learn from, grids held out, and folds for cross-validation; noise of their positions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import OptionError, RecordingError
 from ...regression.session import TRAINING_SHARE, recordings_used
 from ...servos import ServoGrid
-from ...types import Input, Recording, Robot
+from ...types import Array, Input, Recording, Robot
 from ..plant import servo_grids
 
 BLOCK = 3.0  # [s] of the blocks that a single recording is cut into for cross-validation
@@ -19,6 +19,8 @@ MANY, RUN = 20, 12.0  # grids of at most RUN [s] of which some are left out whol
 FOLDS = 4  # of whole recordings
 HALVES = 2  # of blocks of the only recording
 SHORTEST = 1.0  # [s] of a grid that can be held out or validate
+NORMAL = 0.6745  # median of |x| of a standard normal variable
+LEAST_NOISE = 1e-5  # [rad or m]
 
 
 @dataclass(frozen=True)
@@ -162,3 +164,22 @@ def _check(data: ServoData, recordings: Sequence[Recording], held_out: Sequence[
             f"{names}: {seconds:.2g} s remain to learn from, and at least {2 * SHORTEST:g} s are needed; record for "
             f"longer"
         )
+
+
+THIRD = np.sqrt(20.0)  # of third differences on white noise
+
+
+def position_noise(grids: Sequence[ServoGrid]) -> Array:
+    """Standard deviation (n,) of the noise of measured positions [rad or m]."""
+    out = []
+    for j in range(len(grids[0].joints)):
+        third = np.concatenate([np.diff(grid.q[:, j], 3) for grid in grids])
+        steps = np.abs(np.concatenate([np.diff(grid.q[:, j]) for grid in grids]))
+        jumps = steps[steps > 1e-9]
+        tick = float(np.quantile(jumps, 0.02)) if len(jumps) else 0.0
+        counted = np.mean(np.abs(jumps / tick - np.round(jumps / tick)) < 0.05) if tick else 0.0
+        encoder = tick / np.sqrt(12) if counted > 0.9 else 0.0
+        white = float(np.median(np.abs(third))) / NORMAL / THIRD
+        low = float(np.sqrt(np.mean(np.sort(third**2)[: max(len(third) // 2, 1)]))) / THIRD
+        out.append(max(min(white, 3 * low + encoder), encoder, LEAST_NOISE))
+    return np.array(out)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...servos import DRIVE_LAWS, Servo
+from ..fit import start_limits
 from ..plant.course import recorded_course
 from .choice import SHORT, Candidate, ServoTrial, fit_candidate, improved, law_probabilities, worth
 from .data import ServoData
@@ -17,6 +18,8 @@ MORE = 6  # most iterations over short windows
 NEAR_TOP = 0.9  # second start of a limit, over the largest torque that the loop asks for
 FAR = 3.0  # largest speed of a torque-speed law over that of the motion from which it is the effort law
 INSIDE = 0.15  # share of the damping inside the limit below which effort and duty are the same law
+STEPS = 8  # most iterations
+WORTH = 0.8  # residual over that without a limit from which the laws of a joint are tried
 
 
 def try_laws(
@@ -164,3 +167,26 @@ def limited(start: Candidate, limits: Mapping[str, float], law: str) -> Candidat
             free.append((joint, "speed_limit"))
         servos[joint] = servo
     return start.changed(servos, free)
+
+
+def rare_limits(by: Searcher, base: ServoTrial, limits: KnownLimits) -> tuple[KnownLimits, list[str]]:
+    """Joints without a limit whose training data one fits notably better, and starts with their drives."""
+    start = base.candidate
+    joints = [j for j, servo in start.servos.items() if not servo.effort_limit < np.inf and j not in start.tied]
+    if not joints:
+        return limits, []
+    top = largest_torques(by.data, {joint: start.servos[joint] for joint in joints})
+    new = by.fit(_by_law(start, start_limits(by.model, by.data.train, start.servos, top), limits), STEPS)
+    kept = [joint for joint in joints if new.residual[joint] < WORTH * base.residual[joint]]
+    starts = {
+        law: one.changed({joint: new.candidate.servos[joint] for joint in kept}) for law, one in limits.starts.items()
+    }
+    return replace(limits, starts=starts), kept
+
+
+def _by_law(start: Candidate, top: dict[str, float], limits: KnownLimits) -> Candidate:
+    """Drives with limits to start from, by their stated law or else by the first one."""
+    for law in DRIVE_LAWS:
+        mine = {joint: limit for joint, limit in top.items() if limits.laws.get(joint, DRIVE_LAWS[0]) == law}
+        start = limited(start, mine, law)
+    return start

@@ -10,8 +10,7 @@ import numpy as np
 from ...servos import Servo
 from .choice import Candidate, ServoTrial, improved, worth
 from .data import loop_error
-from .laws import try_laws
-from .rare import rare_limits
+from .laws import rare_limits, try_laws
 from .searcher import FIRST, Chosen, KnownLimits, Searcher
 
 EQUAL = ("effort", "duty")  # the same law while nothing saturates

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...model import Model
 from ...types import Progress
-from .choice import STEPS, Candidate, ServoTrial, scored, tried
+from ..plant.course import recorded_course
+from ..plant.roll_out import roll_out_along
+from .choice import DIVERGED, STEPS, Candidate, ServoTrial, scored, tried
 from .data import ServoData
-from .windows import lengthened
 
 FIRST = "load_friction"  # tried before the laws of joints that saturate rarely: else limits are fitted to friction
 ADDITIONAL = (FIRST, "dead_band", "droop", "profile_speed")
+FACTORS = (2.0, 4.0, 16.0)  # of the windows, one after another
+LEAST = 16  # windows in all recordings: fewer give no intervals
+LONGER = 8  # most iterations
+WORSE = 1.15  # error of whole recordings over that of windows from which longer windows are tried
+BETTER = 0.98  # error of whole recordings over that before, geometric mean of the joints, so that they stay
 
 
 @dataclass(frozen=True)
@@ -63,8 +69,31 @@ class Searcher:
         return tried(self.model, self.data, candidate, self.options.window, steps, coarse)
 
     def lengthen(self, trial: ServoTrial) -> ServoTrial:
-        """Fit again over longer windows, where whole recordings are fitted worse than windows."""
-        return lengthened(self.model, self.data, trial, self.options.window)
+        """Fit again over longer windows, where whole recordings are fitted worse than windows.
+
+        Short windows begin at measured states, which take up what repeats of an error would add to.
+        """
+        whole, grids, window = self._whole_rms(trial.candidate), self.data.train, self.options.window
+        if not any(whole[joint] > WORSE * trial.residual[joint] for joint in whole):
+            return trial
+        best, seconds = trial, sum(len(grid) / grid.rate for grid in grids)
+        for factor in FACTORS:
+            if seconds / (factor * window) < LEAST and factor * window > max(len(g) / g.rate for g in grids):
+                break
+            new = self.fit(replace(best.candidate, window=factor * window), LONGER)
+            after = self._whole_rms(new.candidate)
+            if np.mean([np.log(after[joint] / whole[joint]) for joint in whole]) > np.log(BETTER):
+                break
+            best, whole = new, after
+        return best
+
+    def _whole_rms(self, candidate: Candidate) -> dict[str, float]:
+        """Rms error by joint [rad or m] of whole recordings from commands alone."""
+        grids = self.data.train
+        errors = [roll_out_along(recorded_course(self.model, g), candidate.servos, g) - g.q for g in grids]
+        both = np.clip(np.nan_to_num(np.concatenate(errors), nan=DIVERGED), -DIVERGED, DIVERGED)
+        rms = np.maximum(np.sqrt(np.mean(both**2, axis=0)), 1e-12)
+        return {joint: float(rms[grids[0].joints.index(joint)]) for joint in candidate.servos}
 
     def score(self, trial: ServoTrial, joints: Collection[str]) -> ServoTrial:
         """Score some joints, with those that share bodies with them, on windows that took no part."""

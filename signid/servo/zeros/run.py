@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import t as student
 
 from ...servos import Servo, ServoGrid
 from ...types import Array, Robot
 from .chain import chain_of
 from .choose import chosen, cost, simplified
 from .fit import ZeroFit, fit_zeros, noise_of, weighted
-from .judge import held_out, log_odds, probability
-from .load import Loads, unexplained
-from .result import JointZero
+from .load import Loads, foreseen, unexplained
 from .rows import FEWEST, zero_rows
 from .search import POINTS, ZeroTrial, mirrored, search, turned
 
@@ -27,6 +27,9 @@ LEAST = 0.1  # [rad] smaller zeros are within what masses of a description leave
 SURE = 0.95  # probability from which a change is said
 CLEAR = 0.9  # probability from which a sign is identifiable
 SAVED = 0.02  # sum over joints of the log rms that all changes must save
+WHOLE = 4  # recordings from which they are held out whole
+FEW = 0.5  # nats of errors of a block that count as none
+MOST_NATS = 12.0  # nats that the evidence can reach; models of robots are not exact
 
 
 def find_zeros(
@@ -60,7 +63,7 @@ def find_zeros(
     if best.changed:
         fine, noise = _weighed(fine, best)
         best = simplified(fine, noise, fit_zeros(fine, noise, *best.start), joints)
-    return _Judged(_weighed(Loads(chain, whole), best), fine, noise, coarse, best, joints, trials).all(turning)
+    return _Judged(_weighed(Loads(chain, whole), best), (fine, noise), coarse, best, joints, trials).all(turning)
 
 
 def acting(loads: Loads, joints: Iterable[int]) -> list[int]:
@@ -95,8 +98,7 @@ class _Judged:
     def __init__(
         self,
         whole: tuple[Loads, Array],
-        loads: Loads,
-        noise: Array,
+        fine: tuple[Loads, Array],
         coarse: Loads,
         best: ZeroFit,
         joints: Sequence[int],
@@ -104,12 +106,12 @@ class _Judged:
     ) -> None:
         self.last = fit_zeros(whole[0], whole[1], *best.start)
         self.whole = whole
-        self.loads, self.noise, self.coarse = loads, noise, coarse
+        (self.loads, self.noise), self.coarse = fine, coarse
         self.best, self.joints, self.trials = best, joints, trials
-        self.scores = held_out(loads, noise, best)
+        self.scores = held_out(*fine, best)
         n = len(best.signs)
         described = self._fit(np.ones(n), np.zeros(n), ())
-        odds = log_odds(self.scores, held_out(loads, noise, described), min(best.changed, 1))
+        odds = log_odds(self.scores, held_out(*fine, described), min(best.changed, 1))
         self.sure = probability(odds) > SURE and self._saved(described) > SAVED
 
     def all(self, turning: Sequence[int]) -> tuple[JointZero, ...]:
@@ -176,3 +178,60 @@ class _Judged:
             load = self.loads.torque(fit.signs, fit.zeros)
             sizes.append(sum(float(np.log(np.std(unexplained(line, load)) + 1e-9)) for line in self.loads.lines))
         return sizes[0] - sizes[1]
+
+
+PRIOR = np.log(4.0)  # nats that each changed sign or zero is less likely before
+
+
+def held_out(loads: Loads, noise: Array, fit: ZeroFit) -> Array:
+    """Half the squared errors over their noise (B,) [nats] in each of B blocks, fitted without them.
+
+    noise: (n,) [rad or m] of independent rows.
+    """
+    rows = loads.rows
+    whole = len(np.unique(rows.recording)) >= WHOLE
+    half = (rows.recording if whole else rows.block) % 2 == 0
+    names, number = np.unique(rows.block, return_inverse=True)
+    out = np.zeros(len(names))
+    for mine in (half, ~half):
+        here, there = loads.part(mine), loads.part(~mine)
+        own = fit_zeros(here, noise, fit.signs, fit.zeros, fit.free)
+        load, other = (x.torque(own.signs, own.zeros) for x in (here, there))
+        for line in here.lines:
+            left, use = foreseen(here, line, load, there, other)
+            np.add.at(out, number[~mine][use], 0.5 * (left / noise[line.joint]) ** 2)
+    return out
+
+
+def log_odds(first: Array, second: Array, more: int) -> float:
+    """Log odds of a first fit against a second one [nats], at most those by which its blocks are better on average.
+
+    first: (B,) [nats] of its blocks; second: (B,) [nats] of the other's; more: changes of the first alone.
+    """
+    total, ratio = float(np.sum(second - first)), np.log((second + FEW) / (first + FEW))
+    count = len(ratio)
+    if count < 2 or total == 0.0:
+        return float(-PRIOR * more)
+    spread = float(np.std(ratio, ddof=1)) / np.sqrt(count)
+    steady = float(np.sign(total) * np.mean(ratio)) / max(spread, 1e-12)
+    sure = -float(student.logsf(max(steady, 0.0), count - 1))
+    return float(np.clip(np.sign(total) * min(abs(total), sure), -MOST_NATS, MOST_NATS) - PRIOR * more)
+
+
+def probability(odds: float) -> float:
+    """Probability of log odds [nats]."""
+    return float(1 / (1 + np.exp(-np.clip(odds, -30, 30))))
+
+
+@dataclass(frozen=True)
+class JointZero:
+    """Position of the description = sign * recorded position + zero, of one joint."""
+
+    joint: str
+    sign: int  # 1 or -1
+    sign_probability: float  # [1] 0.5 where gravity is the same with either sign
+    zero: float | None  # [rad] None where it is not identifiable at all
+    std: float | None  # [rad]
+    identifiable: bool  # whether gravity shows sign and zero
+    changed: bool  # whether it surely is not as the description says
+    probability: float  # [1] that sign or zero are not as the description says
