@@ -38,6 +38,7 @@ GOLDEN = (5**0.5 - 1) / 2
 COARSE = 0.5  # [quanta] least rms of displaced knots: counts at a steady speed are periodic (0.29)
 NOTHING = 0.03  # [1] share below which a spline leaves nothing but the error of its phase
 ALIKE = 3.0  # [1] ratio of rms within which the fewer knots are preferred
+NORMAL = 1e-6  # [1] rms over the size of a signal from which on normal equations are exact enough
 ROUNDING = 1e-13  # [1] rounding errors of a fit, over the size of the signal
 OFF_TICK, ON_TICK = 0.01, 0.3  # [1] share of the changes between the ticks of a held signal; share of ticks with one
 SAME = 0.1  # [steps] drift over a block within which two steps are the same knots
@@ -365,14 +366,27 @@ def _spline_shift(y: Array, knots: Knots) -> float | None:
 
 
 def _rest(y: Array, kind: str, step: float, phase: float) -> Array:
-    """Rms (c,), without the ends, that splines with knots phase + k step [rows] leave of signals (N, c)."""
-    u = np.arange(len(y), dtype=float)
+    """Rms (c,), without the ends, that splines with knots phase + k step [rows] leave of signals (N, c).
+
+    Normal equations are three times as fast as orthogonal ones, and as exact where no signal is nearly a spline.
+    """
+    u, knots = np.arange(len(y), dtype=float), Knots(kind, step, phase)
     inside = slice(edge := ceil(2 * step) + MARGIN, len(y) - edge)
-    error = (y - spline_values(u, y, Knots(kind, step, phase), u))[inside]
-    return np.asarray(np.nan_to_num(np.sqrt(np.mean(error**2, axis=0)), nan=np.inf))
+
+    def rms(normal: bool) -> Array:
+        error = (y - spline_values(u, y, knots, u, normal))[inside]
+        return np.asarray(np.sqrt(np.einsum("ij,ij->j", error, error) / max(len(error), 1)))
+
+    try:
+        rest = rms(normal=True)
+        if (rest > NORMAL * np.abs(y).max(axis=0)).all():
+            return rest
+    except np.linalg.LinAlgError:  # of a knot without a row
+        pass
+    return np.nan_to_num(rms(normal=False), nan=np.inf)
 
 
-def spline_values(u: Array, y: Array, knots: Knots, at: Array) -> Array:
+def spline_values(u: Array, y: Array, knots: Knots, at: Array, normal: bool = False) -> Array:
     """Values of the least-squares spline of a signal.
 
     Within two steps and `MARGIN` rows of the ends it may differ from the signal.
@@ -382,6 +396,7 @@ def spline_values(u: Array, y: Array, knots: Knots, at: Array) -> Array:
         y: (N,) or (N, c) [any] signal.
         knots: of the spline.
         at: (M,) [rows] of the values.
+        normal: solve normal equations, which lose half of the digits.
     """
     from scipy.interpolate import make_lsq_spline  # slow import
 
@@ -390,4 +405,4 @@ def spline_values(u: Array, y: Array, knots: Knots, at: Array) -> Array:
     count = np.arange(ceil((low - knots.phase) / knots.step), floor((high - knots.phase) / knots.step) + 1)
     edges = [np.full(degree + 1, u[k]) for k in (0, -1)]
     places = np.concatenate([edges[0], np.repeat(knots.phase + knots.step * count, multiple), edges[1]])
-    return np.asarray(make_lsq_spline(u, y, places, degree)(at))
+    return np.asarray(make_lsq_spline(u, y, places, degree, method="norm-eq" if normal else "qr", check_finite=False)(at))
