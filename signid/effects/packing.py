@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 from ..servos import PASSIVE, Servo
 from ..types import Law
@@ -45,14 +45,3 @@ def packed_drives(laws: Iterable[Law]) -> dict[int, Servo]:
             value = getattr(found[j], name) + law.effect.coefficients(law.parameters)[0]
             found[j] = found[j].with_(**{name: value if name == "torque_offset" else max(value, 0.0)})
     return found
-
-
-def joint_laws(laws: Iterable[Law]) -> tuple[Law, ...]:
-    """Laws without those of drives and without friction by the torque of their motors."""
-    return tuple(law for law in laws if not isinstance(law.effect, DriveLaw) and law.effect.name != MOTOR)
-
-
-def beside_drives(laws: Sequence[Law]) -> tuple[Law, ...]:
-    """Laws that no `Servo` holds."""
-    drives = packed_drives(laws)
-    return tuple(law for law in joint_laws(laws) if law.effect.name not in PASSIVE or law.joints[0] not in drives)

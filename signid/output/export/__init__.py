@@ -73,9 +73,11 @@ def export(
     model = as_model(model, "export")
     if kind not in _WRITERS:
         raise OptionError(f"there is no export to {kind!r}; choose from {', '.join(KINDS)}")
-    model, unknown = with_known_numbers(model, gain=kind not in (*OF_TORQUE, "urdf"))
+    unknown: list[str] = []
+    if model.servos:
+        model, unknown = with_known_numbers(model, gain=kind not in (*OF_TORQUE, "urdf"))
     if kind == "mjcf":
         made = write_mjcf(model, package_dirs, floating, meshes)
     else:
         made = write_c(model, name) if kind == "c" else _WRITERS[kind](model)
-    return annotated(kind, made, unknown)
+    return annotated(kind, made, unknown) if unknown else made
