@@ -116,7 +116,7 @@ def _audit(
     notes: Sequence[str] = (),
 ) -> int:
     """Audit recordings of servos, with more notes; without a description they are given by name."""
-    from ...faults import audit_servos
+    from ...faults.commands import audit_servos
     from ...recording import read_bare
     from ...recording.source import digest_of
     from ...types import Input

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...deadline import ends_in_time
-from ...faults import audit_flags
+from ...faults.commands import audit_flags
 from ...faults.commands.rows import content_rate
 from ...model import ModelSource, as_model, command_model
 from ...recording import Recordings, as_recordings
