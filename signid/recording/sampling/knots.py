@@ -364,13 +364,13 @@ def _rest(y: Array, kind: str, step: float, phase: float) -> Array:
     """Rms (c,), without the ends, that splines with knots phase + k step [rows] leave of signals (N, c)."""
     u, knots = np.arange(len(y), dtype=float), Knots(kind, step, phase)
     inside = slice(edge := ceil(2 * step) + MARGIN, len(y) - edge)
-    for normal in (True, False):  # three times as fast, and as exact where no signal is nearly a spline
+    for normal in (True, False) if len(y) >= BLOCK else (False,):  # faster, as exact where none is nearly a spline
         try:
             error = (y - spline_values(u, y, knots, u, normal))[inside]
         except np.linalg.LinAlgError:  # of a knot without a row
             continue
         rest = np.sqrt(np.mean(error**2, axis=0))
-        if (rest > NORMAL * np.abs(y).max(axis=0)).all():
+        if normal and (rest > NORMAL * np.abs(y).max(axis=0)).all():
             break
     return np.asarray(np.nan_to_num(rest, nan=np.inf))
 
