@@ -3,7 +3,7 @@
 10,000 samples at 100 Hz of an arm along a periodic motion; torque from its URDF plus armature, viscous and Coulomb
 friction. The baseline ("floor") is a plain Pinocchio loop with normal equations and known base columns. signid does the
 same job from the same arrays, then with its filter and noise model; figaroh does it in its own environment. All run in
-turn on one thread, so that the load of the machine affects all alike; the best of several turns counts.
+turn on one thread, so that the load of the machine affects all alike; the least processor time of several turns counts.
 """
 
 from __future__ import annotations
@@ -193,9 +193,9 @@ def measure(name: str, python: str, turns: int) -> Iterator[Row]:
         peer = Peer(python, robot, train, test, Path(folder)) if python else None
         for turn in range(turns + 1):  # the first turn is a warm-up
             for way, run in ways.items():
-                start = time.perf_counter()
+                start = time.process_time()
                 answers[way] = run()
-                seconds[way] += [time.perf_counter() - start] * (turn > 0)
+                seconds[way] += [time.process_time() - start] * (turn > 0)
             if peer:
                 answers[FIGAROH] = peer.run()
                 seconds.setdefault(FIGAROH, []).extend([answers[FIGAROH]["seconds"]] * (turn > 0))

@@ -17,7 +17,7 @@ from .effects.bodies import body_inertia
 from .effects.drive import DriveLaw
 from .effects.law import law_torque
 from .effects.naming import law_at, law_name, law_place, possible
-from .effects.packing import MOTOR, beside_drives, drive_laws, joint_laws, left_out, motor_friction, packed_drives
+from .effects.packing import MOTOR, drive_laws, motor_friction, packed_drives
 from .errors import OptionError, RobotError, SignidError, shorten, unexpected
 from .frozen import show_with
 from .regression.covariance import Covariance, Misfit, read_covariance, read_misfit
@@ -47,7 +47,7 @@ class Model(Result):
     @cached_property
     def servos(self) -> Mapping[str, Servo]:
         """Position drives by joint, in the order of the joints: their laws, packed."""
-        drives = packed_drives(self.laws)
+        drives = packed_drives(self.laws) if any(map(_is_of_drive, self.laws)) else {}
         return {
             joint: replace(drives[j], **self.marks.get(joint, Marks())._asdict())
             for j, joint in enumerate(self.robot.joints)
@@ -57,7 +57,15 @@ class Model(Result):
     @property
     def joint_laws(self) -> tuple[Law, ...]:
         """Laws without those of drives and without friction by the torque of their motors."""
-        return joint_laws(self.laws)
+        return tuple(law for law in self.laws if not _is_of_drive(law))
+
+    @property
+    def laws_beside_drives(self) -> tuple[Law, ...]:
+        """Laws that no drive holds: friction, armature and offset of a joint with one are its numbers."""
+        joints, drives = self.robot.joints, self.servos
+        return tuple(
+            law for law in self.joint_laws if law.effect.name not in PASSIVE or joints[law.joints[0]] not in drives
+        )
 
     def bodies(self) -> pin.Model:
         """New pin.Model with these inertials and the changes by body laws; rotor inertia is its armature."""
@@ -143,7 +151,7 @@ class Model(Result):
             "standard_parameters": standard_parameters(robot, self.inertials),
             "effects": [
                 {"effect": law.effect.name, "joint": joint, "parameters": parameters}
-                for law in beside_drives(self.laws)
+                for law in self.laws_beside_drives
                 for joint, parameters in [law_place(law, robot)]
             ],
             **({} if self.covariance is None else {"covariance": self.covariance.document()}),
@@ -152,11 +160,16 @@ class Model(Result):
         }
         try:
             check_numbers({key: value for key, value in written.items() if key not in ("covariance", "misfit")})
-            servos_from(servos_document(self.servos, robot.joints), robot.joints)
+            if self.servos:
+                servos_from(written["servos"], robot.joints)
         except ValueError as error:
             advice = "check masses and lengths of the description, and stated gains"
             raise RobotError(f"the model of {robot.name} has a number that no robot has ({error}); {advice}") from None
         return written
+
+
+def _is_of_drive(law: Law) -> bool:
+    return isinstance(law.effect, DriveLaw) or law.effect.name == MOTOR
 
 
 ModelSource = Model | Robot | str | Path  # a model, or what `load_model` reads
@@ -254,8 +267,7 @@ def with_servos(model: Model, servos: Mapping[str, Servo], complete: bool = Fals
     kept = [
         law
         for law in model.laws
-        if not (law.joints[0] in at and (isinstance(law.effect, DriveLaw) or law.effect.name == MOTOR))
-        and (law.effect.name, law.joints[0]) not in stated
+        if not (law.joints[0] in at and _is_of_drive(law)) and (law.effect.name, law.joints[0]) not in stated
     ]
     laws = [*kept, *(law for j, servo in sorted(at.items()) for law in drive_laws(servo, j))]
     whole = packed_drives(laws)
@@ -272,7 +284,13 @@ def torque_model(model: Model) -> Model:
 def command_model(model: Model, servos: Mapping[str, Servo], complete: bool = False) -> tuple[Model, tuple[str, ...]]:
     """Model with these drives, as by `with_servos`, and a note on laws that the simulation of commands leaves out."""
     driven = with_servos(model, servos, complete)
-    left = [law_name(law, model.robot) for law in left_out(driven.laws)]
+    at = {model.robot.index(joint) for joint in servos}
+    acts = (law for law in driven.laws_beside_drives if at & set(law.joints) and law.effect.name not in JOINT_LAWS)
+    left = [
+        law_name(law, model.robot)
+        for law in acts
+        if any(law.effect.coefficients(law.parameters)) and not isinstance(law.effect, BodyLaw)
+    ]
     return driven, (f"the simulation of commands leaves out {shorten(left)}",) if left else ()
 
 
@@ -313,7 +331,7 @@ def _read(path: Path) -> Model:
         mend = "identify again, or remove the key `covariance`" if optional else "give one that `signid identify` wrote"
         raise RobotError(f"{path} is not a valid model.json ({error}); {mend}") from None
     model = Model(robot, np.array(inertials), laws, covariance, misfit=misfit)
-    return with_servos(model, servos)
+    return with_servos(model, servos) if servos else model
 
 
 def _covariance(path: Path, content: Any, bodies: int) -> Covariance | None:

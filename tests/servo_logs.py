@@ -10,7 +10,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from signid.faults import JointAudit, audit_servos
+from signid.faults import JointAudit
+from signid.faults.commands import audit_servos
 from signid.recording import read_bare
 from signid.types import Array, Recording
 

@@ -15,7 +15,7 @@ from servo_logs import FAULTS, Columns, audit, drive, negated, recording
 
 from signid.cli.run import run
 from signid.errors import RecordingError
-from signid.faults import audit_servos
+from signid.faults.commands import audit_servos
 from signid.recording import read_bare, read_recording
 from signid.recording.formats.arrays import memory_table
 from signid.types import Recording

@@ -12,7 +12,7 @@ import pytest
 from servo_logs import DATA, FAULTS, PUBLIC, Columns, drive, read_public, recording
 
 from signid.cli.run import run
-from signid.faults import audit_servos
+from signid.faults.commands import audit_servos
 from signid.recording import read_bare
 
 

@@ -14,7 +14,7 @@ import pytest
 from servo_logs import DATA, PUBLIC, Columns, audit, drive, read_public, recording
 
 from signid.cli.run import run
-from signid.faults import audit_flags, audit_servos
+from signid.faults.commands import audit_flags, audit_servos
 from signid.recording import read_bare
 from signid.robot import load_robot
 from signid.types import Recording

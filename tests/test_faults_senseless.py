@@ -10,7 +10,7 @@ from senseless_servo import SWING, healthy, senseless
 from servo_logs import DATA, PUBLIC, read_public, recording
 
 from signid.cli import run
-from signid.faults import audit_servos
+from signid.faults.commands import audit_servos
 
 GOOD, OTHER = healthy(1), healthy(2)
 SENSELESS = senseless(GOOD, OTHER)

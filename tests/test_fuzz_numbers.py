@@ -13,7 +13,7 @@ import signid
 from signid.diagnose.data import motions
 from signid.diagnose.data.normal_equations import solve
 from signid.errors import InputError
-from signid.faults.amount import Amount, amount_fault
+from signid.faults.evidence import Amount, amount_fault
 from signid.model import Model, stated_inertials
 from signid.recording.sampling import samples, select_stretches
 from signid.regression.motion import Motion

@@ -14,7 +14,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "recording regression model inspect simulation estimation signs faults payload check identify diagnose "
     "validate servo watch output cli __main__ __init__",
     "cli": "app terminal completion options arguments files fleet demo commands run worker __init__",
-    "faults": "result channels commands evidence amount description lag_and_gain search distortions gravity examine "
+    "faults": "result channels commands evidence description lag_and_gain search distortions gravity examine "
     "identified __init__",
     "servo": "__init__ stated plant simulate fit search zeros identify validate diagnose",
     "diagnose": "data evidence result extend search findings preparation run __init__",

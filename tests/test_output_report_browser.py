@@ -11,7 +11,7 @@ from servo_logs import drive, recording
 from test_output_report_diagnosis import made
 
 import signid
-from signid.faults import audit_servos
+from signid.faults.commands import audit_servos
 from signid.output.report import audit_page, check_page, diagnosis_page, identification_page, validation_page
 
 ROOT = Path(__file__).parents[1]

@@ -17,8 +17,9 @@ from test_faults_gravity import moved, seen
 import signid
 from signid.check import Check, check
 from signid.cli.run import run
-from signid.faults import SAMPLE_KINDS, audit_servos
+from signid.faults import SAMPLE_KINDS
 from signid.faults.channels import CHANNELS
+from signid.faults.commands import audit_servos
 from signid.faults.description import LIMITS
 from signid.faults.distortions import KINDS as DISTORTIONS
 from signid.faults.search import CLAIMS

@@ -15,7 +15,6 @@ from signid.cli import run
 from signid.diagnose.data.hypotheses import propose
 from signid.effects import EFFECTS
 from signid.effects.naming import parse_law
-from signid.effects.packing import beside_drives
 from signid.errors import OptionError
 from signid.model import Model, command_model, load_model, torque_model, with_servos
 from signid.regression.motion import Motion
@@ -81,7 +80,7 @@ def test_laws_stay_where_a_drive_states_its_gain_only(bare: Model) -> None:
     assert_allclose(driven.inverse(motion(bare)), model.inverse(motion(bare)), atol=1e-12)
     loop, notes = command_model(driven, driven.servos)
     assert (loop.servos["joint_2"].armature, loop.servos["joint_2"].coulomb_friction, notes) == (0.5, 0.4, ())
-    assert beside_drives(loop.laws) == ()
+    assert loop.laws_beside_drives == ()
     lost, notes = command_model(replace(driven, laws=(parse_law("cable_torque@2", bare.robot),)), driven.servos)
     assert notes == ("the simulation of commands leaves out cable_torque of joint_2",)
 

@@ -9,7 +9,6 @@ import polars as pl
 import pytest
 
 from signid.effects import EFFECTS
-from signid.effects.packing import beside_drives
 from signid.model import Model, load_model, with_servos
 from signid.servo.diagnose import diagnose_servos
 from signid.servos import JOINT_LAWS, Servo
@@ -69,7 +68,7 @@ def test_a_law_of_the_joint_is_named_first(name: str, tmp_path: Path) -> None:
         key = next(iter(JOINT_LAWS[name]))
         assert first.parameters[key].value == pytest.approx(PLANTED[name][key], rel=WITHIN[name])
     assert found.rollout_after.whole_rms[0] < 0.3 * found.rollout_before.whole_rms[0]
-    extended = [one for one in beside_drives(found.model.laws) if one.effect.name == name]
+    extended = [one for one in found.model.laws_beside_drives if one.effect.name == name]
     assert len(extended) == 1, "the extended simulation has the law"
 
 
@@ -78,4 +77,4 @@ def test_a_saved_model_keeps_them(tmp_path: Path) -> None:
     model = with_servos(Model(load_model("1r").robot, load_model("1r").inertials, laws), {"joint_1": STATED})
     again = load_model(model.save(tmp_path / "model.json"))
     assert again.servos == model.servos and again.servos["joint_1"].backlash_gap == 0.05
-    assert {one.effect.name for one in beside_drives(again.laws)} == set(PLANTED)
+    assert {one.effect.name for one in again.laws_beside_drives} == set(PLANTED)

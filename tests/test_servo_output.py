@@ -13,7 +13,6 @@ from jsonschema import Draft202012Validator
 from servo_results import invented
 
 import signid
-from signid.effects.packing import beside_drives
 from signid.errors import RobotError
 from signid.model import Model, load_model, with_servos
 from signid.output.report import servo_identification_document, to_json
@@ -44,7 +43,7 @@ def test_a_number_of_a_drive_replaces_the_law_of_its_joint(tmp_path: Path) -> No
     kept = [law for law in with_servos(stated, {"joint_1": DUTY}).laws if law.effect.name == "armature"]
     assert [law.joints for law in kept] == [(0,), (1,)], "the drive states no armature"
     driven = with_servos(stated, {"joint_1": DUTY.with_(armature=0.3)})
-    assert [(law.effect.name, law.joints) for law in beside_drives(driven.laws)] == [("armature", (1,))]
+    assert [(law.effect.name, law.joints) for law in driven.laws_beside_drives] == [("armature", (1,))]
     assert driven.servos["joint_1"].armature == 0.3
     assert all(hasattr(DUTY, name) for name in PASSIVE)
 

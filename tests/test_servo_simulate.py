@@ -12,7 +12,6 @@ from servo_loops import SWING, driven, motion, pendulum
 import signid
 from signid.cli import run
 from signid.effects.naming import parse_law
-from signid.effects.packing import beside_drives
 from signid.model import load_model
 from signid.servo.plant import roll_out
 from signid.servo.simulate import simulate_servos
@@ -74,7 +73,7 @@ def test_injected_laws_and_numbers_change_the_loop() -> None:
     found = simulate_servos(model, recording, inject=laws, numbers={"swing": {"delay": 0.05}})
     servo = found.model.servos["swing"]
     assert (servo.coulomb_friction, servo.delay, servo.kp) == (0.08 + 0.1, 0.05, SWING.kp)
-    assert [law.effect.name for law in beside_drives(found.model.laws)] == ["payload"]
+    assert [law.effect.name for law in found.model.laws_beside_drives] == ["payload"]
     expected = roll_out(found.model, found.model.servos, grid)
     assert np.abs(found.q - expected).max() < 1e-3 < np.abs(found.q - roll_out(model, model.servos, grid)).max()
 

@@ -77,7 +77,6 @@ def test_the_document_is_the_contract() -> None:
         assert (segment["start"], segment["end"], segment["confidence"]) == (one.start, one.end, one.confidence)
     per_joint = {"joints": [JOINTS[0], JOINTS[2]], "threshold": [0.4, 0.2], "noise": [0.1, 0.3], "inflation": [4, 2]}
     assert per_joint.items() <= document.items()
-    assert signs_document(None) is None
 
 
 def test_segments_of_several_recordings_name_theirs() -> None:

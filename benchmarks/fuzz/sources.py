@@ -24,7 +24,7 @@ from signid.cli import run
 from signid.effects import EFFECTS
 from signid.effects.naming import law_syntax, parse_law
 from signid.errors import InputError, SignidError
-from signid.faults import audit_servos
+from signid.faults.commands.audit import audit_servos
 from signid.model import with_servos
 from signid.output.export import export
 from signid.recording import read_bare, read_recording

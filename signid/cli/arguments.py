@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from ..effects import EFFECT_NAMES
-from ..errors import OptionError, readable
+from ..errors import InputError, OptionError, readable
 from .app import bounded
-from .options import RobotOptions, RowOptions, SimulationArguments
+from .options import DriveOptions, RobotOptions, RowOptions, SimulationArguments
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
     from ..types import Input, Recording, Robot, Trajectory
 
 FARTHEST = 1e4  # position of a held joint [rad or m]
+TORQUE_ONLY = (  # options of `identify` that act on torque
+    *("method", "estimator", "robust", "unsigned", "signs", "bounds", "global_algorithm", "local_algorithm"),
+    *("total_mass", "effects", "cutoff", "derivatives", "no_instruments", "white", "refine"),
+)
 
 
 def given_command(context: typer.Context) -> str:
@@ -177,3 +182,59 @@ def simulation_inputs(source: SimulationArguments, robot: Robot, **files: str | 
         return given_inputs(source.simulation, robot, source.actuators, **files)
     read = {"model": source.simulation, **{role: file for role, file in files.items() if file is not None}}
     return [Input(readable(path), digest_of(Path(path)), role) for role, path in read.items()]
+
+
+def has_drives(recordings: Sequence[Recording], forced: bool = False) -> bool:
+    """Whether recordings have commanded positions and no torque, or commands at all if servo mode is `forced`.
+
+    Raises:
+        OptionError: servo mode is forced, and a recording has no commanded position.
+    """
+    for recording in recordings:
+        if not any(recording.columns.get("q_des", ())):
+            if forced:
+                raise OptionError(
+                    f"--servo needs commanded positions, and {recording.path or 'the recording'} has none; add columns "
+                    f"q_des_J"
+                )
+            return False
+    return forced or not any(any(recording.columns["tau"]) for recording in recordings)
+
+
+def instead_of_torque(
+    context: typer.Context, error: InputError, recordings: Sequence[Recording], done: str
+) -> tuple[str, ...]:
+    """Note that something is done for position drives, because no torque is usable and commands are recorded.
+
+    Torque is unusable where torque constants of currents are unknown, and neither they nor lost signs can be found.
+
+    Raises:
+        InputError: the error, where torque constants are known, or a recording has no commands.
+        OptionError: options that apply to torque were given.
+    """
+    unscaled = any(recording.scaled is not None for recording in recordings)
+    if not unscaled or not all(any(recording.columns.get("q_des", ())) for recording in recordings):
+        raise error
+    if options := _given_options(context, TORQUE_ONLY):
+        raise OptionError(f"{error}; or remove {options[0]} to have position drives {done} from q_des_J") from None
+    return (f"position drives are {done} from q_des_J instead of torque: {error}",)
+
+
+def check_options(context: typer.Context, drives: bool) -> None:
+    """Reject options that do not apply to position drives, or to torque.
+
+    Raises:
+        OptionError: such an option was given.
+    """
+    own = [item.name for item in fields(DriveOptions) if item.name != "servo"]
+    for shown in _given_options(context, TORQUE_ONLY if drives else own):
+        if drives:
+            raise OptionError(f"{shown} applies to torque, and these recordings have commands instead; leave it out")
+        raise OptionError(f"{shown} applies to position drives, and the recordings have torque; add --servo")
+
+
+def _given_options(context: typer.Context, names: Sequence[str]) -> list[str]:
+    """Those of the options that were given with other values than their defaults, as they are written."""
+    defaults = {parameter.name: parameter.default for parameter in context.command.params}
+    given = [name for name in names if context.params.get(name) and context.params[name] != defaults[name]]
+    return [f"--{name.replace('_', '-')}" for name in given]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 from ..servos import JOINT_LAWS, PASSIVE, Servo
 from ..types import Law
 from . import DRIVE_EFFECTS, EFFECTS
-from .base import BodyLaw
 from .drive import DriveLaw
 
 MOTOR = "motor_friction"  # effect of the number `load_friction` of a drive
@@ -52,27 +51,3 @@ def packed_drives(laws: Iterable[Law]) -> dict[int, Servo]:
             value = getattr(found[j], name) + law.effect.coefficients(law.parameters)[0]
             found[j] = found[j].with_(**{name: value if name == "torque_offset" else max(value, 0.0)})
     return found
-
-
-def joint_laws(laws: Iterable[Law]) -> tuple[Law, ...]:
-    """Laws without those of drives and without friction by the torque of their motors."""
-    return tuple(law for law in laws if not isinstance(law.effect, DriveLaw) and law.effect.name != MOTOR)
-
-
-def left_out(laws: Sequence[Law]) -> list[Law]:
-    """Laws at joints with drives that the closed loop of commands does not have, but for those of bodies."""
-    drives = packed_drives(laws)
-    acts = (law for law in joint_laws(laws) if any(law.effect.coefficients(law.parameters)))
-    return [
-        law
-        for law in acts
-        if drives.keys() & set(law.joints)
-        and law.effect.name not in (*PASSIVE, *JOINT_LAWS)
-        and not isinstance(law.effect, BodyLaw)
-    ]
-
-
-def beside_drives(laws: Sequence[Law]) -> tuple[Law, ...]:
-    """Laws that no `Servo` holds."""
-    drives = packed_drives(laws)
-    return tuple(law for law in joint_laws(laws) if law.effect.name not in PASSIVE or law.joints[0] not in drives)

@@ -234,8 +234,8 @@ def _each(factors: Factors) -> Sequence[tuple[JointFactors, Indices]]:
 
 
 def _own(gram: Array, columns: Indices) -> Array:
-    """The part of a Gram matrix that belongs to [x y], without instruments."""
-    return gram[-len(columns) - 1 :, -len(columns) - 1 :]
+    """The part of Gram matrices (..., c, c) that belongs to [x y], without instruments."""
+    return gram[..., -len(columns) - 1 :, -len(columns) - 1 :]
 
 
 def _first_noise(factors: Factors) -> list[_Noise]:
@@ -329,14 +329,13 @@ def _autocovariances(
     For noise of covariance O and the projection P of weighted least squares, the residual has
     (1 - P) O (1 - P)' = O - P O - O P' + P O P'; each term's sum along a diagonal is a trace with a lagged Gram matrix.
     """
-    grams = [_own(gram, columns) for gram in joint.grams]
-    c, part = np.append(-solution.value[columns], 1.0), np.ix_(columns, columns)
-    lags = len(grams)
-    forward = np.array([np.sum(solution.inverse[part] * gram[:-1, :-1]) for gram in grams]) / old[0]
+    grams = _own(joint.grams, columns)  # (d, m + 1, m + 1)
+    c, part, lags = np.append(-solution.value[columns], 1.0), np.ix_(columns, columns), len(grams)
+    forward = (solution.inverse[part] * grams[:, :-1, :-1]).reshape(lags, -1).sum(axis=1) / old[0]
     both = np.concatenate([forward[:0:-1], forward])  # trace at lags -(lags - 1) .. lags - 1
     colour = np.concatenate([old[:0:-1], old])
     taken = 2 * np.convolve(colour, both)[2 * (lags - 1) :][:lags]
-    given = np.array([np.sum(covariance[part] * gram[:-1, :-1]) for gram in grams])
+    given = (covariance[part] * grams[:, :-1, :-1]).reshape(lags, -1).sum(axis=1)
     found = np.array([c @ gram @ c for gram in grams]) + taken - given
     r = found / np.maximum(joint.counts, 1)
     r[0] = max(r[0], _least(joint, columns) * grams[0][-1, -1] / max(joint.counts[0], 1), 1e-300)

@@ -3,11 +3,10 @@
 `signid check`, `identify` and `diagnose` look for them: drop-outs, spikes and stuck sensors, exchanged or negated
 columns, degrees instead of radians, wrong zeros, factors and clocks, torque that is late or clipped, another gravity.
 Each `RecordingFault` has a sentence: the fault, its evidence, and how to correct it. Recordings of commands without
-torque are audited joint by joint, without a description: see `commands`.
+torque are audited joint by joint, without a description, by the package `commands`.
 """
 
 from .channels import SAMPLE_KINDS, naming_faults
-from .commands import audit_flags, audit_servos
 from .evidence import FaultEvidence
 from .examine import described_evidence, examine, is_sole, under_found_gravity
 from .identified import NO_EXCITATION, OF_A_FIT, IdentifiedData, identification_flags, recording_flags
@@ -24,8 +23,6 @@ __all__ = [
     "RecordingFault",
     "RecordingFaults",
     "ServoAudit",
-    "audit_flags",
-    "audit_servos",
     "described_evidence",
     "examine",
     "identification_flags",

@@ -1,7 +1,7 @@
 """Session and model -> evidence for recording faults, and fits of its torques.
 
 Evidence is up to 1500 rows, and their signals after a correction. A fit explains a joint's torque by a passive joint
-with the model's bodies, or with a law that the model lacks.
+with the model's bodies, or with a law that the model lacks. The amount of data is judged by rows and unknowns alone.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from ..model import Model
 from ..regression.bandwidth import Decimator
 from ..regression.motion import Motion, build_motion, margin
 from ..regression.projection import leave
-from ..regression.rows import Task
+from ..regression.rows import Task, consumed
 from ..regression.session import Part, Session, longest_piece
 from ..robot.dynamics import own_body
 from ..types import INERTIAL, Array, Frozen, Indices, Mask, Robot
+from .result import REFUSE, RecordingFault
 
 SAMPLES = 2**16  # largest number of samples of all recordings together
 FINE = 4  # samples of the filtered torque per row of identification, for lags between rows
@@ -31,6 +32,10 @@ LAG = 0.25  # [s] longest lag
 # Nodes of the interpolating polynomial. Measured error: 3 % for a sine of four samples per period, 0.05 % for eight
 NODES = 6
 SIGNALS = 6  # position, and those of `Signals`
+PER_UNKNOWN = 2.5  # smallest number of rows per unknown, for the joint with most unknowns, to estimate noise
+BEYOND = 3.0  # [1] largest cut-off over the highest frequency of the motion
+MOTION = 6.25  # [Hz] highest frequency of a motion; rows beyond it have no new information
+SPARE = 1.05  # [1] recommended duration over the necessary one
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,3 +305,43 @@ def missing_laws(evidence: FaultEvidence) -> Iterator[tuple[str, Array]]:
         shares = shares.copy()
         shares[joints] = np.mean(rest**2, axis=1)
         yield f"another body than stated at the link that {joint} moves", shares
+
+
+class Amount(NamedTuple):
+    """Amount of data."""
+
+    rows: int  # filtered rows of all recordings with new information
+    unknowns: int  # of the joint with most of them
+    seconds: float  # [s] of training data
+    needed: float  # [s] of training data needed for `PER_UNKNOWN`
+    whole: float  # [s] of training data and held-out data of the same recordings
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are enough rows to distinguish noise from unknowns."""
+        return self.rows >= PER_UNKNOWN * self.unknowns
+
+
+def judge_amount(session: Session, parts: Sequence[Part]) -> Amount:
+    """Number of filtered rows and of unknowns."""
+    band, task = session.task.band, session.task
+    reach = consumed(band, task.recorded_derivatives)
+    lengths = [s.length(span) for _, s in parts for span in s.spans]
+    density, lost = 2 * min(band.cutoff, max(MOTION, band.cutoff / BEYOND)), len(lengths) * reach / band.rate
+    rows = sum(int(max(0, length - reach) / band.rate * density) for length in lengths)
+    unknowns = max((len(task.seen(j)) for j in range(len(task.robot.joints))), default=0)
+    seconds, wanted = sum(s.duration for _, s in parts), PER_UNKNOWN * unknowns
+    rest = sum(s.duration for r, s in session.held_out if any(r is used and s is not own for used, own in parts))
+    needed = max(wanted / density + lost, seconds * wanted / max(rows, 1))
+    return Amount(rows, unknowns, seconds, needed, seconds + rest)
+
+
+def amount_fault(amount: Amount, joints: int) -> RecordingFault:
+    """Fault of too little data to distinguish noise from unknowns."""
+    training = "" if amount.whole == amount.seconds else " of training data"
+    fact = f"{amount.seconds:.3g} s{training} of {joints} joint{'s' if joints > 1 else ''} are too little"
+    why = f"{amount.rows} filtered rows per joint for {amount.unknowns} unknowns are too few to estimate the noise"
+    measures = {"rows": float(amount.rows), "unknowns": float(amount.unknowns), "needed": amount.needed}
+    share = amount.whole / amount.seconds if amount.seconds else 1.0
+    advice = f"record for {np.ceil(SPARE * share * amount.needed):.0f} s or more"
+    return RecordingFault("too little data", (), REFUSE, measures, f"{fact}: {why}; {advice}")

@@ -16,7 +16,6 @@ from ..model import Model, stated_inertials, stated_laws
 from ..regression.session import Part, Session
 from ..robot import with_gravity
 from ..types import Array, Mask, Robot
-from .amount import amount_fault, judge_amount
 from .channels import SAMPLE_KINDS, judge_channels, judge_samples
 from .description import absolute_torques, judge_limits, judge_standstills
 from .distortions import KINDS as DISTORTIONS, Distortion, distortion_fault, find_distortion, nats
@@ -24,8 +23,10 @@ from .evidence import (
     Correction,
     FaultEvidence,
     Signals,
+    amount_fault,
     gather,
     informative_torques,
+    judge_amount,
     unexplained,
     unexplained_by_others,
 )

@@ -17,7 +17,7 @@ from .formats.json_ import holds_samples
 from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
 from .names.match import guess
 from .read import drop_implausible
-from .sampling.rivals import ask_for_time
+from .sampling.clock import ask_for_time
 from .source import Opened, Source, open_source
 
 DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf", ".toml")  # suffixes that are of no recording

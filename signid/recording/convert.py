@@ -16,8 +16,7 @@ from .formats.base import About, MemoryTable
 from .joining import Files, JoinedFile, open_files
 from .names.mapping import DRIVE, ColumnMap, DerivedTable, Heading, ParsedColumns, Signal, read_map, split
 from .names.match import MEANT, OFFER, propose
-from .sampling.clock import read_clock
-from .sampling.rivals import rivals
+from .sampling.clock import read_clock, rivals
 from .source import Opened, Source
 
 

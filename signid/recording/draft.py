@@ -17,7 +17,7 @@ from .names.mapping import DRIVE, Heading, heading_lines, key_of, quoted, read_m
 from .names.match import Guess, guess_columns, match_signals, pair_in_order
 from .names.vocabulary import Change, change_of
 from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
-from .sampling.rivals import rivals
+from .sampling.clock import rivals
 from .source import Opened, Source
 
 ROWS = 200_000  # rows whose numbers are examined

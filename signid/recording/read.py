@@ -20,8 +20,7 @@ from .columns import TORQUES, Assignment, assign_columns
 from .formats.base import About
 from .names.mapping import ColumnMap, DerivedTable, read_map
 from .names.match import suggest
-from .sampling.clock import CHUNK
-from .sampling.rivals import ask_for_time
+from .sampling.clock import CHUNK, ask_for_time
 from .source import Opened, Source, columns_of, open_source
 
 POSITIONS = ("q", "dq", "ddq", "q_des")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import OptionError, RecordingError, shorten
-from ..faults import audit_flags
+from ..faults.commands import audit_flags
 from ..model import Model, ModelSource, command_model
 from ..recording import Recordings, as_recordings, same_joints
 from ..robot.actuators import state_actuators

@@ -225,7 +225,8 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
     """
     if method not in METHODS:
         raise OptionError(f"signs {method!r} is none of {', '.join(METHODS)}")
-    gains = find_gains(session, progress)
+    unscaled = any(recording.scaled is not None for recording in session.recordings)
+    gains = find_gains(session, progress) if unscaled else None
     if gains is not None:
         found = recover(
             session.exchange({r: gains.scale(r) for r in session.recordings}), method=method, progress=progress

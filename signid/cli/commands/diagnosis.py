@@ -13,7 +13,7 @@ import typer
 from ...deadline import USUAL, time_limit
 from ...errors import OptionError, RecordingError, RobotError, readable
 from ..app import Text, Texts, command, option, output_option
-from ..arguments import given_command, given_model, given_recordings, simulation_inputs
+from ..arguments import given_command, given_model, given_recordings, has_drives, simulation_inputs
 from ..completion import complete_law, complete_robot
 from ..options import (
     Columns,
@@ -80,7 +80,7 @@ def diagnose(
     from ...diagnose import diagnose as search
     from ...regression.session import Options
     from ..files import DIAGNOSED, check_logs, deliver_diagnosis, deliver_servo_diagnosis
-    from .drives import diagnose_drives, has_drives, registers_beside
+    from .drives import diagnose_drives, registers_beside
 
     check_folder(diagnosis.output, run.json, DIAGNOSED)
     logs = check_logs(rrd=diagnosis.rrd, mcap=diagnosis.mcap)
@@ -171,7 +171,7 @@ def validate(
     from ...servo.validate import validate_servos
     from ...validate import HORIZON, validate as judge
     from ..files import VALIDATED, deliver_servo_validation, deliver_validation
-    from .drives import has_drives, registers_beside
+    from .drives import registers_beside
 
     check_folder(validation.output, True, VALIDATED)
     horizon = HORIZON if validation.horizon is None else _horizon(validation.horizon)

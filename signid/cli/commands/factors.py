@@ -24,8 +24,8 @@ SHAPES = ("held_out", "columns", "effects", "cutoff", "derivatives", "no_instrum
 SAMPLES = ("unsigned", "robust")  # options that need samples
 
 
-def given_factors(paths: Sequence[str], robot: Robot, context: typer.Context) -> Reduced | None:
-    """Return the sum of files of factors; None if the files are recordings.
+def given_factors(paths: Sequence[str], robot: Robot, context: typer.Context) -> Reduced:
+    """Return the sum of files, at least one of them of factors.
 
     Raises:
         OptionError: the files are of both kinds, or an option applies to recordings only, or the factors do not match.
@@ -33,8 +33,6 @@ def given_factors(paths: Sequence[str], robot: Robot, context: typer.Context) ->
     from ...regression.reduced import add_up, is_factor_file, load_factors
 
     reduced = [is_factor_file(path) for path in paths]
-    if not any(reduced):
-        return None
     if not all(reduced):
         raise OptionError(
             f"{paths[reduced.index(False)]} is a recording and {paths[reduced.index(True)]} a file of factors; "
@@ -51,12 +49,10 @@ def given_factors(paths: Sequence[str], robot: Robot, context: typer.Context) ->
 
 
 def factor_inputs(paths: Sequence[str]) -> list[Input]:
-    """List the files of factors among some files, with their digests."""
-    from ...regression.reduced import is_factor_file
+    """List files of factors with their digests."""
     from ...types import Input
 
-    digests = ((path, sha256(Path(path).read_bytes()).hexdigest()) for path in paths if is_factor_file(path))
-    return [Input(path, digest, "factors") for path, digest in digests]
+    return [Input(path, sha256(Path(path).read_bytes()).hexdigest(), "factors") for path in paths]
 
 
 MOST_PARTS = 1000  # every part is a process that reads the recordings

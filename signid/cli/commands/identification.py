@@ -11,7 +11,17 @@ import typer
 from ...deadline import USUAL, time_limit
 from ...errors import InputError, OptionError, readable
 from ..app import Text, Texts, command, option, output_option
-from ..arguments import given_command, given_effects, given_inputs, given_options, given_recordings, given_robot
+from ..arguments import (
+    check_options,
+    given_command,
+    given_effects,
+    given_inputs,
+    given_options,
+    given_recordings,
+    given_robot,
+    has_drives,
+    instead_of_torque,
+)
 from ..options import (
     DriveOptions,
     Effects,
@@ -71,7 +81,6 @@ def check(
     from ...check import check as judge
     from ...recording import is_recording
     from ..files import CHECKED, deliver_check
-    from .drives import instead_of_torque
 
     check_folder(output, True, CHECKED)
     if is_recording(robot.robot):
@@ -107,7 +116,7 @@ def _audit(
     notes: Sequence[str] = (),
 ) -> int:
     """Audit recordings of servos, with more notes; without a description they are given by name."""
-    from ...faults import audit_servos
+    from ...faults.commands import audit_servos
     from ...recording import read_bare
     from ...recording.source import digest_of
     from ...types import Input
@@ -186,13 +195,13 @@ def identify(
     delay, friction, armature and limits, by simulation of the closed loop (servo mode).
     """
     from ...identify import identify as learn
+    from ...regression.reduced import is_factor_file
     from ..files import IDENTIFIED, deliver
-    from .drives import check_options, has_drives, instead_of_torque
     from .factors import factor_inputs, given_factors
 
     check_folder(fit.output, run.json, IDENTIFIED)
     described = given_robot(robot.robot, robot)
-    reduced = given_factors(recordings, described, context)
+    reduced = given_factors(recordings, described, context) if any(map(is_factor_file, recordings)) else None
     given = [] if reduced else given_recordings(recordings, described, rows.columns, fit.unsigned)
     held_out = given_recordings(fit.held_out, described, rows.columns, fit.unsigned)
     servo = reduced is None and has_drives((*given, *held_out), drives.servo)
@@ -225,7 +234,7 @@ def identify(
                 )
         except InputError as error:
             return identify_drives(instead_of_torque(context, error, (*given, *held_out), "identified"))
-        read += factor_inputs(recordings)
+        read += factor_inputs(recordings) if reduced else []
         return deliver(result, read, fit.output, run.json, command)
 
 

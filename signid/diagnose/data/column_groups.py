@@ -14,7 +14,7 @@ from ...regression.motion import Motion
 from ...regression.projection import least_squares
 from ...types import Array, Law
 from .hypotheses import Hypothesis, is_refitted
-from .motions import Piece
+from .motions import Piece, stated_friction
 from .thresholds import (
     CENTRE_STD,
     FRICTION_STD,
@@ -107,15 +107,6 @@ def _reversal_columns(motion: Motion, joint: int) -> Array:
     ahead = max(1, round(REVERSAL_LEAD / motion.dt))
     early = np.append(presumed[ahead:], np.full(ahead, presumed[-1]))
     return np.column_stack([*(np.clip(v / (w * slow), -1, 1) - presumed for w in REVERSAL_WIDTHS), early - presumed])
-
-
-def stated_friction(model: Model) -> Array:
-    """(n,) dry friction of each joint in the simulation [N.m or N]."""
-    found = np.zeros(len(model.robot.joints))
-    for law in (law for law in model.laws if law.effect.reverses and law.effect.scope == "joint"):
-        keys = [key for key, kind in law.effect.linear().items() if kind.unit == "N.m"]
-        found[law.joints[0]] += max((abs(law.parameters[key]) for key in keys), default=0.0)
-    return found
 
 
 def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:

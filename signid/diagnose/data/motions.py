@@ -12,15 +12,15 @@ import pinocchio as pin
 
 from ...deadline import seconds_left
 from ...effects.law import law_torque
-from ...faults.amount import PER_UNKNOWN, judge_amount
+from ...faults.evidence import PER_UNKNOWN, judge_amount
 from ...model import Model
 from ...recording.sampling import samples, select_stretches, time_origin
-from ...regression.bandwidth import Band, Decimator, lowpass, smooth
+from ...regression.bandwidth import Band, Decimator, lowpass, moving_minimum, smooth
 from ...regression.motion import Motion, build_motion, margin
 from ...regression.rows import Task
 from ...regression.session import Part, Session
 from ...types import Array, Law, Robot
-from .thresholds import REVERSAL_TIME_STD
+from .thresholds import REST_SPEED, REST_TIME, REVERSAL_TIME_STD
 
 PIECE_SAMPLES = 2**14  # samples of a piece at the rate of the rows, at most: limits memory
 
@@ -88,6 +88,24 @@ def torque_of(law: Law, motion: Motion) -> dict[int, Array]:
     """Torque of a law with all its parameters: per joint (N,) [N.m or N]."""
     rows, torque = law_torque(law, motion)
     return {j: torque[:, k] for k, j in enumerate(rows)}
+
+
+def standstill(motion: Motion, thin: Decimator, seconds: float = REST_TIME) -> Array:
+    """(N, n) [1] 1 where a joint rests for some seconds, or does so within the reach of the filter, else 0."""
+    assert motion.slow is not None, "a diagnosed motion has the width of a reversal"
+    slow = (np.abs(motion.v) < REST_SPEED * motion.slow).astype(np.float64)
+    half = max(1, round(seconds / 2 / motion.dt))
+    opened = moving_minimum(slow, half)
+    return -moving_minimum(-opened, half + thin.half // 2)
+
+
+def stated_friction(model: Model) -> Array:
+    """(n,) dry friction of each joint in the simulation [N.m or N]."""
+    found = np.zeros(len(model.robot.joints))
+    for law in (law for law in model.laws if law.effect.reverses and law.effect.scope == "joint"):
+        keys = [key for key, kind in law.effect.linear().items() if kind.unit == "N.m"]
+        found[law.joints[0]] += max((abs(law.parameters[key]) for key in keys), default=0.0)
+    return found
 
 
 def reversal_uncertainty(thin: Decimator, pieces: Sequence[Piece], dry: Array) -> Array:

@@ -10,14 +10,13 @@ import numpy as np
 
 from ...deadline import need_time, show_step
 from ...model import Model
-from ...regression.bandwidth import Decimator, moving_minimum
-from ...regression.motion import Motion
+from ...regression.bandwidth import Decimator
 from ...regression.rows import Task
 from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group, nuisances
 from .hypotheses import finite
-from .motions import Piece, reversal_uncertainty, row_filter
-from .thresholds import HOLD_TIME, MIN_MOVING, MIN_TORQUE, REST_SPEED, REST_TIME, STATIC_OVER_DRY
+from .motions import Piece, reversal_uncertainty, row_filter, standstill
+from .thresholds import HOLD_TIME, MIN_MOVING, MIN_TORQUE, STATIC_OVER_DRY
 
 STAMP = 6  # decimals of times [s] that are differences of large time stamps
 BLOCK_GROUPS = 32  # groups of columns that are filtered at once: limits memory
@@ -70,15 +69,6 @@ class RowTable(Frozen):
             return self.t
         signals = {"position": self.q, "velocity": self.v, "acceleration": self.a, "torque": self.predicted}
         return np.asarray(signals[name][:, joint])
-
-
-def standstill(motion: Motion, thin: Decimator, seconds: float = REST_TIME) -> Array:
-    """(N, n) [1] 1 where a joint rests for some seconds, or does so within the reach of the filter, else 0."""
-    assert motion.slow is not None, "a diagnosed motion has the width of a reversal"
-    slow = (np.abs(motion.v) < REST_SPEED * motion.slow).astype(np.float64)
-    half = max(1, round(seconds / 2 / motion.dt))
-    opened = moving_minimum(slow, half)
-    return -moving_minimum(-opened, half + thin.half // 2)
 
 
 def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece], dry: Array) -> RowTable:

@@ -14,10 +14,8 @@ from ...regression.bandwidth import Decimator
 from ...regression.rows import Task
 from ...regression.session import Part, Session
 from ...types import Array, Robot
-from ..data.column_groups import stated_friction
-from ..data.motions import Piece, pieces, reversal_uncertainty, row_filter
+from ..data.motions import Piece, pieces, reversal_uncertainty, row_filter, standstill, stated_friction
 from ..data.noise import Noise
-from ..data.rows import standstill
 
 
 class ResidualRows(NamedTuple):

@@ -9,7 +9,6 @@ import numpy as np
 import polars as pl
 
 from ...effects.naming import law_place
-from ...effects.packing import beside_drives
 from ...errors import OptionError
 from ...estimation.fit_quality import Fit
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
@@ -82,7 +81,7 @@ def _identified_laws(result: Any) -> pl.DataFrame:
 
 def _stated_laws(model: Any) -> pl.DataFrame:
     robot, rows = model.robot, list[tuple[Any, ...]]()
-    for law in beside_drives(model.laws):
+    for law in model.laws_beside_drives:
         rows += _law_rows(robot, law, law_numbers(robot, law, {}))
     return table_of(LAWS, (row[:-1] for row in rows))
 

@@ -9,7 +9,6 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from ...effects.packing import beside_drives
 from ...model import stated_inertials
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import Input, Recording, Robot
@@ -56,7 +55,7 @@ def _recording(recording: Recording) -> Renderables:
 
 def _model(model: Any) -> Renderables:
     robot = model.robot
-    own = beside_drives(model.laws)
+    own = model.laws_beside_drives
     title = f"{robot.name}: model of {plural(len(robot.links), 'link')} with {plural(len(own), 'law')}"
     bodies = new_table("link", "mass>", "stated>", "unit", "centre of mass [m]")
     for link, x, stated in zip(robot.links, model.inertials, stated_inertials(robot), strict=True):

@@ -6,36 +6,31 @@ laws that neither URDF nor MJCF can express, and needs only NumPy.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
 from ...errors import OptionError
 from ...model import ModelSource, as_model
 from ...typed import typed
-from .actuators import write_actuators, write_ros
 from .beyond import Exported
-from .code import write_arrays, write_c
 from .drives import annotated, with_known_numbers
-from .function import write_function
-from .lerobot import write_expected, write_lerobot
-from .mjcf import write_mjcf
-from .training import write_isaaclab, write_mjlab
-from .urdf import urdf_with, with_comment, write_urdf
+from .urdf import urdf_with, with_comment
 
 __all__ = ["KINDS", "Exported", "export", "urdf_with", "with_comment", "with_known_numbers"]
 
-_WRITERS: dict[str, Callable[..., Exported]] = {
-    "urdf": write_urdf,
-    "mjcf": write_mjcf,
-    "actuators": write_actuators,
-    "function": write_function,
-    "ros": write_ros,
-    "isaaclab": write_isaaclab,
-    "mjlab": write_mjlab,
-    "lerobot": write_lerobot,
-    "expected": write_expected,
-    "c": write_c,
-    "arrays": write_arrays,
+_WRITERS = {  # module below this folder, and function in it
+    "urdf": ("urdf", "write_urdf"),
+    "mjcf": ("mjcf", "write_mjcf"),
+    "actuators": ("actuators", "write_actuators"),
+    "function": ("function", "write_function"),
+    "ros": ("actuators", "write_ros"),
+    "isaaclab": ("training", "write_isaaclab"),
+    "mjlab": ("training", "write_mjlab"),
+    "lerobot": ("lerobot", "write_lerobot"),
+    "expected": ("lerobot", "write_expected"),
+    "c": ("code.c", "write_c"),
+    "arrays": ("code.arrays", "write_arrays"),
 }
 KINDS = tuple(_WRITERS)
 OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
@@ -73,9 +68,10 @@ def export(
     model = as_model(model, "export")
     if kind not in _WRITERS:
         raise OptionError(f"there is no export to {kind!r}; choose from {', '.join(KINDS)}")
-    model, unknown = with_known_numbers(model, gain=kind not in (*OF_TORQUE, "urdf"))
-    if kind == "mjcf":
-        made = write_mjcf(model, package_dirs, floating, meshes)
-    else:
-        made = write_c(model, name) if kind == "c" else _WRITERS[kind](model)
-    return annotated(kind, made, unknown)
+    unknown: list[str] = []
+    if model.servos:
+        model, unknown = with_known_numbers(model, gain=kind not in (*OF_TORQUE, "urdf"))
+    module, function = _WRITERS[kind]
+    more = {"mjcf": (package_dirs, floating, meshes), "c": (name,)}.get(kind, ())
+    made: Exported = getattr(import_module(f"{__name__}.{module}"), function)(model, *more)
+    return annotated(kind, made, unknown) if unknown else made

@@ -102,8 +102,6 @@ def known_document(servos: Mapping[str, Servo], joints: Sequence[str]) -> dict[s
 
 def annotated(kind: str, made: Exported, notes: list[str]) -> Exported:
     """An export with further notes, as comments of its text; JSON has a list of them."""
-    if not notes:
-        return made
     if kind == "lerobot":
         text = json.dumps({**json.loads(made.text), "notes": notes}, indent=2, ensure_ascii=False) + "\n"
     elif kind in ("urdf", "mjcf"):

@@ -60,7 +60,7 @@ def write_urdf(model: Model) -> Exported:
     friction = (np.maximum(0.0, np.nan_to_num(summed(model, name))) for name in FRICTION)
     text = urdf_with(robot, np.where(same, np.nan, bodies), *friction)
     notes = fixed_note(robot, "they move in the URDF")
-    notes += beyond("a URDF", model, FRICTION) + drive_note("a URDF", model)
+    notes += beyond("a URDF", model, FRICTION) + (drive_note("a URDF", model) if model.servos else [])
     if not np.allclose(model.bodies().gravity.linear, described_gravity(robot), atol=1e-12):
         gravity = " ".join(repr(float(x)) for x in model.bodies().gravity.linear)
         notes.append(f"the gravity of the model is {gravity} m/s2")

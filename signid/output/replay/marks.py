@@ -20,7 +20,7 @@ from ...robot.dynamics import joint_of_row, own_row
 from ...servo.diagnose import ServoDiagnosis
 from ...toml_json import read_json
 from ...types import TWO_SIDED, Array, Law, Robot
-from ..report.results.laws import law_units
+from ..report.documents import law_units
 from ..report.results.sentences import causes_words, finding_headline, named, sentence_case
 from ..report.results.servo_diagnosis import servo_diagnosis_document
 from .track import axis

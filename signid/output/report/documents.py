@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import readable
-from ...types import Array, Input, Recording, Robot
+from ...types import Array, Input, Law, Recording, Robot
 from ...version import __version__
 
 if TYPE_CHECKING:
@@ -114,3 +114,9 @@ def ending(found: Any, recordings: Iterable[Input], others: Iterable[Input], see
 def picked(found: object, names: str) -> Document:
     """Some attributes of an object, by name."""
     return {name: getattr(found, name) for name in names.split()}
+
+
+def law_units(robot: Robot, law: Law) -> dict[str, str]:
+    """Units of the parameters of a law at its joint."""
+    prismatic = bool(len(law.joints) == 1 and robot.prismatic[law.joints[0]])
+    return {key: kind.unit_at(prismatic) for key, kind in law.effect.parameters.items()}

@@ -15,7 +15,7 @@ from ..names.mapping import ParsedColumns, Signal, split
 from ..names.match import Guess, guess
 from ..names.vocabulary import Change, change_of
 from ..noticed import time_unit
-from ..sampling.rivals import ask_for_time
+from ..sampling.clock import ask_for_time
 from ..source import Opened
 from ..streams import WRAP, Stamps, plural
 

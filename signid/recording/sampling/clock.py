@@ -1,8 +1,9 @@
-"""Period and resolution of time stamps, and an even clock with dropped rows for stamps that carry errors."""
+"""Column of time, period and resolution of its stamps, and an even clock for stamps that carry errors."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Iterator, Sequence
 from heapq import heappush, heapreplace
 from itertools import pairwise
 from math import log
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import RecordingError
-from ...types import Array, Recording
+from ...types import Array, Recording, Table
 
 CHUNK = 65_536  # rows
 PIECES = 16  # number of equally spaced chunks that determine the period
@@ -34,6 +35,12 @@ DRIFT = 1e-3  # [1] largest relative change of rate within a stretch: the tolera
 DROPPED = 0.5  # largest share of missing rows within a stretch
 FEW = 0.5  # [periods] least summed error that a jump next to an end must save
 SMALLEST = 1e-3  # [periods] largest error that makes no difference: the tolerance of uniform sampling
+TIME_NAME = re.compile(r"(?<![a-z])(?:t|time|times|timestamps?|stamps?|clock|zeit)(?![a-z])", re.IGNORECASE)
+CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
+FEW_TIMES = 8  # rows with both times
+DIFFERENT = 0.02  # [periods] difference beyond rounding from which two columns disagree
+SHARE = 0.99  # quantile of the differences; 1 - SHARE is the other one
+RATE = 2.0  # factor between the rates of two columns beyond which the other one counts something else
 
 
 class Clock(NamedTuple):
@@ -256,3 +263,65 @@ def _smooth(x: Array, ticks: Array, period: float) -> Array | None:
 def _blocks(rows: int) -> NDArray[np.int_]:
     """First rows of blocks of equal lengths."""
     return np.linspace(0, rows, max(1, rows // BLOCK), endpoint=False).astype(int)
+
+
+def ask_for_time(table: Table, chosen: str, used: Collection[str], source: str) -> None:
+    """Refuse a table whose column of time was not stated and has a rival that disagrees with it.
+
+    `chosen`: the column `t`, "" if there is none; `used`: columns of signals.
+
+    Raises:
+        RecordingError: two columns of time disagree.
+    """
+    for first, other, apart in rivals(table, chosen, used):
+        fact = f"{source} has two columns of time that differ by up to {apart * 1e3:.3g} ms: {first} and {other}"
+        choice = f'write t = "{first}" or t = "{other}" into a column map (--columns)'
+        raise RecordingError(f"{fact}; {choice}, preferably the time at which the robot took the sample")
+
+
+def rivals(table: Table, chosen: str, used: Collection[str]) -> Iterator[tuple[str, str, float]]:
+    """Column of time, one that disagrees with it, and by how much [s].
+
+    Columns count as time if they are named so and increase. They agree up to a constant, a decimal unit, and rounding.
+    """
+    names = [name for name in table.columns if name not in used and TIME_NAME.search(CAMEL.sub("_", name))]
+    names = [chosen, *(name for name in names if name != chosen)] if chosen else names
+    times = dict(_increasing(table, names)) if len(names) > 1 else {}
+    first = next(iter(times), "")
+    if chosen and first != chosen:
+        return
+    for other in list(times)[1:]:
+        if (apart := _apart(times[first], times[other])) is not None:
+            yield first, other, apart
+
+
+def _increasing(table: Table, names: list[str]) -> Iterator[tuple[str, Array]]:
+    """Columns (N,) [any unit] of numbers that never decrease, from the first rows."""
+    for name in names:
+        try:
+            values = table.read([name], 0, min(table.rows, CHUNK))[:, 0]
+        except RecordingError:  # a column of texts
+            continue
+        steps = np.diff(values[np.isfinite(values)])
+        if len(steps) >= FEW_TIMES and np.all(steps >= 0) and steps.any():
+            yield name, values
+
+
+def _apart(t: Array, other: Array) -> float | None:
+    """Range of the differences [s] of two columns (N,) [any unit]; None if they agree or are not alike."""
+    both = np.isfinite(t) & np.isfinite(other)
+    t, other = t[both], other[both]
+    if len(t) < FEW_TIMES or not min(np.ptp(t), np.ptp(other)) > 0:
+        return None
+    ratio = np.ptp(t) / np.ptp(other)
+    unit = 10.0 ** (3 * round(np.log10(ratio) / 3))
+    if not 1 / RATE <= ratio / unit <= RATE:
+        return None
+    steps = np.diff(t)
+    period = float(np.median(steps[steps > 0]))
+    apart = (t - t[0]) - unit * (other - other[0])
+    spread = float(np.diff(np.quantile(apart, [1 - SHARE, SHARE]))[0])
+    rounding = max(resolution(t[-64:]), unit * resolution(other[-64:]))  # of the coarser one
+    if spread <= (1 + DIFFERENT) * rounding + DIFFERENT * period:
+        return None
+    return float(np.ptp(apart)) * (1.0 if period <= SLOWEST else UNITS[likely_unit(period)])

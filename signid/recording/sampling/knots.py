@@ -38,6 +38,7 @@ GOLDEN = (5**0.5 - 1) / 2
 COARSE = 0.5  # [quanta] least rms of displaced knots: counts at a steady speed are periodic (0.29)
 NOTHING = 0.03  # [1] share below which a spline leaves nothing but the error of its phase
 ALIKE = 3.0  # [1] ratio of rms within which the fewer knots are preferred
+NORMAL = 1e-6  # [1] rms over the size of a signal from which on normal equations are exact enough
 ROUNDING = 1e-13  # [1] rounding errors of a fit, over the size of the signal
 OFF_TICK, ON_TICK = 0.01, 0.3  # [1] share of the changes between the ticks of a held signal; share of ticks with one
 SAME = 0.1  # [steps] drift over a block within which two steps are the same knots
@@ -304,7 +305,9 @@ def same_knots(knots: Knots, blocks: Sequence[tuple[int, Array]], agree: float) 
             number = np.round((first + len(y) / 2 - knots.phase) / knots.step)
             places.append((float(number), phase + step * float(number) + fit))
             if len(places) > 1 and not _is_simple(knots.step):
-                step, phase = _line(places)
+                x, z = np.transpose(places)
+                slope, intercept = np.polyfit(x - x[0], z, 1)
+                step, phase = float(slope), float(intercept - slope * x[0])
         elif moving - len(places) > (1 - agree) * len(blocks):
             return None
     simple = _is_simple(knots.step)
@@ -321,13 +324,6 @@ def same_knots(knots: Knots, blocks: Sequence[tuple[int, Array]], agree: float) 
     if abs(phase - round(phase * parts) / parts) < NEAR:  # where the first rows coincide, some knots lie on rows
         phase = round(phase * parts) / parts
     return Knots(knots.kind, knots.step, phase % knots.step)
-
-
-def _line(places: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Slope and intercept of the line through points."""
-    x, y = np.transpose(places)
-    slope, intercept = np.polyfit(x - x[0], y, 1)
-    return float(slope), float(intercept - slope * x[0])
 
 
 def _is_simple(step: float) -> bool:
@@ -366,13 +362,20 @@ def _spline_shift(y: Array, knots: Knots) -> float | None:
 
 def _rest(y: Array, kind: str, step: float, phase: float) -> Array:
     """Rms (c,), without the ends, that splines with knots phase + k step [rows] leave of signals (N, c)."""
-    u = np.arange(len(y), dtype=float)
+    u, knots = np.arange(len(y), dtype=float), Knots(kind, step, phase)
     inside = slice(edge := ceil(2 * step) + MARGIN, len(y) - edge)
-    error = (y - spline_values(u, y, Knots(kind, step, phase), u))[inside]
-    return np.asarray(np.nan_to_num(np.sqrt(np.mean(error**2, axis=0)), nan=np.inf))
+    for normal in (True, False) if len(y) >= BLOCK else (False,):  # faster, as exact where none is nearly a spline
+        try:
+            error = (y - spline_values(u, y, knots, u, normal))[inside]
+        except np.linalg.LinAlgError:  # of a knot without a row
+            continue
+        rest = np.sqrt(np.mean(error**2, axis=0))
+        if normal and (rest > NORMAL * np.abs(y).max(axis=0)).all():
+            break
+    return np.asarray(np.nan_to_num(rest, nan=np.inf))
 
 
-def spline_values(u: Array, y: Array, knots: Knots, at: Array) -> Array:
+def spline_values(u: Array, y: Array, knots: Knots, at: Array, normal: bool = False) -> Array:
     """Values of the least-squares spline of a signal.
 
     Within two steps and `MARGIN` rows of the ends it may differ from the signal.
@@ -382,6 +385,7 @@ def spline_values(u: Array, y: Array, knots: Knots, at: Array) -> Array:
         y: (N,) or (N, c) [any] signal.
         knots: of the spline.
         at: (M,) [rows] of the values.
+        normal: solve normal equations, which lose half of the digits.
     """
     from scipy.interpolate import make_lsq_spline  # slow import
 
@@ -390,4 +394,6 @@ def spline_values(u: Array, y: Array, knots: Knots, at: Array) -> Array:
     count = np.arange(ceil((low - knots.phase) / knots.step), floor((high - knots.phase) / knots.step) + 1)
     edges = [np.full(degree + 1, u[k]) for k in (0, -1)]
     places = np.concatenate([edges[0], np.repeat(knots.phase + knots.step * count, multiple), edges[1]])
-    return np.asarray(make_lsq_spline(u, y, places, degree)(at))
+    return np.asarray(
+        make_lsq_spline(u, y, places, degree, method="norm-eq" if normal else "qr", check_finite=False)(at)
+    )

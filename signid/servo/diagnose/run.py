@@ -9,7 +9,7 @@ from pathlib import Path
 from ...deadline import ends_in_time
 from ...effects import EFFECTS
 from ...errors import OptionError, RecordingError
-from ...faults import audit_flags
+from ...faults.commands import audit_flags
 from ...model import Model, ModelSource, as_model, with_servos
 from ...recording import Recordings, as_recordings
 from ...typed import typed

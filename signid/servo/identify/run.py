@@ -9,7 +9,7 @@ import numpy as np
 
 from ...deadline import ends_in_time, time_is_up
 from ...errors import shorten
-from ...faults import audit_flags
+from ...faults.commands import audit_flags
 from ...faults.commands.rows import content_rate
 from ...model import Model, ModelSource, as_model, command_model
 from ...recording import Recordings, as_recordings

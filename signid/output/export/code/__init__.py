@@ -3,8 +3,3 @@
 The equations of the bodies and of the laws are traced once into a graph without repetitions, zeros and ones; each
 language writes it.
 """
-
-from .arrays import write_arrays
-from .c import write_c
-
-__all__ = ["write_arrays", "write_c"]

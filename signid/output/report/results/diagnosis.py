@@ -66,7 +66,7 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
         "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
         "rollout": None if before is None or after is None else after.document(before),
         "inertials": {"off": None if result.informed else result.prior_scale, "covariance": result.informed},
-        "signs": signs_document(result.signs),
+        "signs": None if result.signs is None else signs_document(result.signs),
         "cutoff": {"torque": result.cutoff, "unit": "Hz"},
         "flags": list(result.flags),
         "notes": diagnosis_notes(result),

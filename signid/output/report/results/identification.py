@@ -14,7 +14,17 @@ from ....effects.base import Effect
 from ....estimation.excitation import ENOUGH
 from ....model import Model, standard_parameters, stated_inertials
 from ....types import TWO_SIDED, Array, BaseMap, Input, Law, pseudo_inertia
-from ..documents import Document, description, ending, excitation_verdict, fit_document, opening, recorded, rms
+from ..documents import (
+    Document,
+    description,
+    ending,
+    excitation_verdict,
+    fit_document,
+    law_units,
+    opening,
+    recorded,
+    rms,
+)
 from ..layout import (
     determination,
     figure,
@@ -31,7 +41,6 @@ from ..plots.courses import held_out_rows, joint_plots, worst
 from ..plots.frame import render, shared
 from ..plots.heat import correlation_plot, excitation_plot, tied
 from ..sections import Card
-from .laws import law_units
 from .signs import proof_sentence, sign_plots, signs_document, signs_tables
 
 if TYPE_CHECKING:
@@ -128,7 +137,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
             }
             for law, numbers in zip(result.model.laws, identified_numbers(result), strict=True)
         ],
-        "signs": signs_document(result.signs),
+        "signs": None if result.signs is None else signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
         **({} if result.refinement is None else {"refinement": _refinement(result)}),
         "excitation": excitation_verdict(result.excitation),

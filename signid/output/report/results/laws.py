@@ -15,7 +15,7 @@ from ....effects.naming import law_name, law_place, law_syntax
 from ....robot.dynamics import own_body
 from ....types import TWO_SIDED, Coefficient, Law, Robot
 from ....version import __version__
-from ..documents import Document, picked
+from ..documents import Document, law_units, picked
 from ..layout import UNKNOWN, figure, heading, new_table, paragraph, plural, with_interval
 
 if TYPE_CHECKING:
@@ -52,12 +52,6 @@ class NumberCells(NamedTuple):
         if self.value == UNKNOWN:
             return f"{self.stated} {self.unit}".rstrip() + f" in the simulation, {UNKNOWN} from the recordings"
         return f"{self.stated} in the simulation, {self.interval} recorded"
-
-
-def law_units(robot: Robot, law: Law) -> dict[str, str]:
-    """Units of the parameters of a law at its joint."""
-    prismatic = bool(len(law.joints) == 1 and robot.prismatic[law.joints[0]])
-    return {key: kind.unit_at(prismatic) for key, kind in law.effect.parameters.items()}
 
 
 def law_numbers(robot: Robot, law: Law, std: Mapping[str, float | None]) -> Document:

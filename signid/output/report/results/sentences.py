@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from ....effects.naming import law_place
 from ....errors import shorten
 from ....types import TWO_SIDED, Coefficient, Effect, Law, Robot, Shape
+from ..documents import law_units
 from ..layout import UNKNOWN, confidence, figure, plural, share
-from .laws import changed_link, law_units, law_words, number_lines
+from .laws import changed_link, law_words, number_lines
 
 if TYPE_CHECKING:
     from ....diagnose import Diagnosis, Finding

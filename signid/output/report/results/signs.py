@@ -26,10 +26,8 @@ MODEL, UNCERTAIN, PLUS = "#c2689a", "#e3c21c", "#2f7fc1"
 SHADES = (("+", "sign +", PLUS), ("−", "sign −", BEFORE), ("?", f"confidence below {CERTAIN}", UNCERTAIN))
 
 
-def signs_document(signs: Signs | None) -> Document | None:
-    """Build the signs block of identification.json; None if all torques were recorded with signs."""
-    if signs is None:
-        return None
+def signs_document(signs: Signs) -> Document:
+    """Build the signs block of identification.json."""
     hidden = list(signs.hidden)
     return {
         "proof": picked(signs.proof, "optimal gap nodes certified"),
