@@ -28,6 +28,14 @@ SPREAD = 6.0  # largest ratio of a stiffness to the median of the joints
 RATIOS = (0.01, 0.02, 0.035, 0.06, 0.1)  # [s] kd over kp that are tried where the limit acts on the damping, too
 
 
+class _Factors(NamedTuple):
+    """The columns of M rows, over their sizes, as an orthogonal and a triangular factor."""
+
+    q: Array  # (M, 5)
+    r: Array  # (5, 5)
+    size: Array  # (5,) of the columns
+
+
 class _Line(NamedTuple):
     squares: float  # relative
     ratio: float  # kd over kp inside the limit [s]
@@ -88,10 +96,8 @@ def _lines(grids: Sequence[ServoGrid], courses: Sequence[RobotCourse], j: int, r
         return [_Line(1.0, 0.0, np.zeros(COLUMNS), np.inf)] * len(DELAYS)
     x = np.concatenate([side.columns for side in sides])
     size = np.linalg.norm(x, axis=0) + 1e-12
-    q, r = np.linalg.qr(x / size)
-    return [
-        _best([line for ratio in ratios for line in _limited(sides, j, delay, ratio, q, r, size)]) for delay in DELAYS
-    ]
+    factors = _Factors(*np.linalg.qr(x / size), size)
+    return [_best([line for ratio in ratios for line in _limited(sides, j, delay, ratio, factors)]) for delay in DELAYS]
 
 
 def _best(lines: Sequence[_Line]) -> _Line:
@@ -101,10 +107,9 @@ def _best(lines: Sequence[_Line]) -> _Line:
     return free if best.squares > GAIN_OF_LIMIT * free.squares else best
 
 
-def _limited(
-    sides: Sequence[_Side], j: int, delay: float, ratio: float, q: Array, r: Array, size: Array
-) -> list[_Line]:
-    """Lines of one joint for each limit of the error; q (M, 5) and r (5, 5) factor the columns over `size`."""
+def _limited(sides: Sequence[_Side], j: int, delay: float, ratio: float, factors: _Factors) -> list[_Line]:
+    """Lines of one joint for each limit of the error."""
+    q, r, size = factors
     errors = [side.error(j, delay) - ratio * side.speed for side in sides]
     used = np.abs(np.concatenate([error[side.use] for side, error in zip(sides, errors, strict=True)]))
     limits = np.append(np.quantile(used, SHARES), np.inf)

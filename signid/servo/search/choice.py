@@ -90,6 +90,7 @@ def fit_candidate(
     candidate: Candidate,
     window: float,
     steps: int = STEPS,
+    *,
     relinearise: bool = False,
     rounds: int = ROUNDS,
     coarse: bool = False,
