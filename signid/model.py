@@ -17,7 +17,7 @@ from .effects.bodies import body_inertia
 from .effects.drive import DriveLaw
 from .effects.law import law_torque
 from .effects.naming import law_at, law_name, law_place, possible
-from .effects.packing import MOTOR, beside_drives, drive_laws, joint_laws, motor_friction, packed_drives
+from .effects.packing import MOTOR, beside_drives, drive_laws, joint_laws, left_out, motor_friction, packed_drives
 from .errors import OptionError, RobotError, SignidError, shorten, unexpected
 from .frozen import show_with
 from .regression.covariance import Covariance, Misfit, read_covariance, read_misfit
@@ -25,7 +25,7 @@ from .regression.motion import Motion
 from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text, with_gravity
 from .robot.dynamics import joint_of_row, own_row, standard_parameters as standard_parameters
-from .servos import PASSIVE, Marks, Servo, servos_document, servos_from
+from .servos import JOINT_LAWS, PASSIVE, Marks, Servo, servos_document, servos_from
 from .toml_json import check_numbers, check_schema, read_json
 from .typed import typed
 from .types import Array, Law, Parameters, Result, Robot
@@ -249,7 +249,8 @@ def with_servos(model: Model, servos: Mapping[str, Servo], complete: bool = Fals
     Numbers that a drive states replace laws of the same name at its joint; with `complete`, zeros do so, too.
     """
     at = {model.robot.index(joint): servo for joint, servo in servos.items()}
-    stated = {(name, j) for j, servo in at.items() for name in PASSIVE if complete or getattr(servo, name)}
+    mains = {name: name for name in PASSIVE} | {name: next(iter(keys.values())) for name, keys in JOINT_LAWS.items()}
+    stated = {(name, j) for j, servo in at.items() for name, main in mains.items() if complete or getattr(servo, main)}
     kept = [
         law
         for law in model.laws
@@ -271,13 +272,7 @@ def torque_model(model: Model) -> Model:
 def command_model(model: Model, servos: Mapping[str, Servo], complete: bool = False) -> tuple[Model, tuple[str, ...]]:
     """Model with these drives, as by `with_servos`, and a note on laws that the simulation of commands leaves out."""
     driven = with_servos(model, servos, complete)
-    at = {model.robot.index(joint) for joint in servos}
-    acts = (law for law in beside_drives(driven.laws) if at & set(law.joints))
-    left = [
-        law_name(law, model.robot)
-        for law in acts
-        if any(law.effect.coefficients(law.parameters)) and not isinstance(law.effect, BodyLaw)
-    ]
+    left = [law_name(law, model.robot) for law in left_out(driven.laws)]
     return driven, (f"the simulation of commands leaves out {shorten(left)}",) if left else ()
 
 

@@ -12,6 +12,8 @@ and tau_m is divided by 1 + droop |tau_m|. The joint obeys
 
     M a + armature a + bias + offset + viscous_friction v + (coulomb_friction + load_friction |tau_m|) sign v = tau_m
 
+and obeys these laws of `effects` where the model has them: Stribeck and position friction, a spring, backlash.
+
 Torque off (`on` = 0): tau_m = 0. Source: methods of BAM (Duclusaud et al. 2025), PACE (2025) and Isaac Lab's actuators.
 """
 
@@ -57,6 +59,14 @@ class Servo:
     armature: float = 0.0  # [kg.m2]
     torque_offset: float = 0.0  # [N.m]
     droop: float = 0.0  # [1/N.m] torque is divided by 1 + droop |torque|
+    stribeck_level: float = 0.0  # [N.m] laws of the joint, which are no numbers of its drive: Stribeck friction
+    stribeck_velocity: float = np.inf  # [rad/s]
+    position_amplitude: float = 0.0  # [N.m] friction that changes with the position
+    position_phase: float = 0.0  # [rad]
+    position_frequency: float = 0.0  # [1/rad]
+    spring_stiffness: float = 0.0  # [N.m/rad]
+    spring_rest: float = 0.0  # [rad]
+    backlash_gap: float = 0.0  # [rad] between motor, whose position is measured, and link
     kp_register: float | None = None  # firmware gain that `kp` belongs to; a recording's own is relative to it
     # numbers that recordings do not identify, with the value that was stated before, if any [unit of the number]
     not_identifiable: Mapping[str, float | None] = field(default_factory=dict, compare=False)
@@ -90,7 +100,20 @@ class Marks(NamedTuple):
 
 MARKS = Marks._fields
 SUMS: Mapping[str, Sequence[str]] = {"damping": ("kd", "viscous_friction"), "lag": ("delay",)}  # and their parts
-SERVO_NUMBERS = tuple(f.name for f in fields(Servo) if f.name not in (*WORDS, "kp_register", *MARKS))
+# parameters of laws of the joint that are packed beside the numbers of a drive, by effect
+JOINT_LAWS: Mapping[str, Mapping[str, str]] = {
+    "stribeck_friction": {"level": "stribeck_level", "velocity": "stribeck_velocity"},
+    "position_friction": {
+        "amplitude": "position_amplitude",
+        "phase": "position_phase",
+        "frequency": "position_frequency",
+    },
+    "spring": {"stiffness": "spring_stiffness", "rest": "spring_rest"},
+    "backlash": {"gap": "backlash_gap"},
+}
+JOINT_NUMBERS = tuple(number for numbers in JOINT_LAWS.values() for number in numbers.values())
+SERVO_NUMBERS = tuple(f.name for f in fields(Servo) if f.name not in (*WORDS, "kp_register", *MARKS, *JOINT_NUMBERS))
+LOOP_NUMBERS = (*SERVO_NUMBERS, *JOINT_NUMBERS)  # of the closed loop
 SERVO_UNITS = {
     "kp": "N.m/rad",
     "kd": "N.m.s/rad",
@@ -105,6 +128,17 @@ SERVO_UNITS = {
     "armature": "kg.m2",
     "torque_offset": "N.m",
     "droop": "1/N.m",
+}
+LOOP_UNITS = {
+    **SERVO_UNITS,
+    "stribeck_level": "N.m",
+    "stribeck_velocity": "rad/s",
+    "position_amplitude": "N.m",
+    "position_phase": "rad",
+    "position_frequency": "1/rad",
+    "spring_stiffness": "N.m/rad",
+    "spring_rest": "rad",
+    "backlash_gap": "rad",
 }
 
 

@@ -14,7 +14,7 @@ import pytest
 import signid
 from signid.cli import run
 from signid.cli.commands.excitation import split_laws
-from signid.effects import EFFECTS
+from signid.effects import DRIVE_EFFECTS, EFFECTS
 from signid.effects.naming import law_syntax, parse_law
 
 LIGHT = "payload:mass=0.2,first_moment_x=0.02"
@@ -203,7 +203,7 @@ def test_effects_are_listed_and_read_back(capfd: pytest.CaptureFixture[str]) -> 
     assert run(["effects", "stribeck_friction"]) == 0
     card = " ".join(capfd.readouterr().out.split())
     assert all(word in card for word in ("rad/s", "Automatica", "exp(", "--inject stribeck_friction@JOINT:level="))
-    assert len(printed("effects", capfd)["effects"]) == len(EFFECTS.names)
+    assert len(printed("effects", capfd)["effects"]) == len(EFFECTS.names) + len(DRIVE_EFFECTS.names)
 
 
 def test_every_effect_can_be_injected(capfd: pytest.CaptureFixture[str]) -> None:

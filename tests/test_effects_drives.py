@@ -38,6 +38,13 @@ LOOP = {
     "voltage_droop": {"coefficient": 0.05},
 }
 
+JOINT = {
+    "stribeck_friction": {"level": 3.0, "velocity": 0.4},
+    "position_friction": {"amplitude": 0.9, "phase": 0.4, "frequency": 2.0},
+    "spring": {"stiffness": 12.0, "rest": 0.3},
+    "backlash": {"gap": 0.05},
+}
+
 
 def ids(law: Effect) -> str:
     return law.name
@@ -106,6 +113,19 @@ def test_both_modes_simulate_one_loop(law: DriveLaw) -> None:
     far = np.abs(fine[::every][:here] - by_commands(laws)[:here]).max()
     change = np.abs(fine - plain).max()
     assert change > 0.01 and far < max(3e-3, 0.06 * change), (far, change)
+
+
+@pytest.mark.parametrize("name", JOINT)
+def test_laws_of_the_joint_act_in_both_modes(name: str) -> None:
+    base = (drive("coulomb_friction", level=1.0), drive("armature", inertia=0.3))
+    law, model = drive(name, **JOINT[name]), pendulum()
+    fine, plain = by_torque((*base, law)), by_torque(base)
+    loop = simulate_servos(model, asked(), inject=(*base, law)).q[:, 0]
+    every = round(1e-3 / STEP)
+    here = min(len(loop), len(fine[::every]))
+    late = slice(1300, here)  # a gap begins on another side
+    change, far = np.abs(fine - plain).max(), np.abs(fine[::every][late] - loop[late]).max()
+    assert change > 0.004 and far < max(2e-3, 0.15 * change), (far, change)
 
 
 def test_laws_of_drives_need_commands() -> None:

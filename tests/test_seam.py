@@ -82,8 +82,8 @@ def test_laws_stay_where_a_drive_states_its_gain_only(bare: Model) -> None:
     loop, notes = command_model(driven, driven.servos)
     assert (loop.servos["joint_2"].armature, loop.servos["joint_2"].coulomb_friction, notes) == (0.5, 0.4, ())
     assert beside_drives(loop.laws) == ()
-    lost, notes = command_model(replace(driven, laws=(parse_law("stribeck_friction@2", bare.robot),)), driven.servos)
-    assert notes == ("the simulation of commands leaves out stribeck_friction of joint_2",)
+    lost, notes = command_model(replace(driven, laws=(parse_law("cable_torque@2", bare.robot),)), driven.servos)
+    assert notes == ("the simulation of commands leaves out cable_torque of joint_2",)
 
 
 def test_commands_move_laws_and_numbers_of_drives_alike(bare: Model) -> None:

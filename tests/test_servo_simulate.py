@@ -100,7 +100,7 @@ def _commands() -> dict[str, Array]:
     [
         (["--kp", "3", "--kd", "1"], "--servo takes kp and kd from the model"),
         (["--noise", "0.1"], "do not apply to a recording without torque"),
-        (["--inject", "spring@1"], "--servo cannot inject spring"),
+        (["--inject", "cable_torque@1"], "--servo cannot inject cable_torque"),
         (["--inject", "servo@swing:kq=1"], "a drive has no number 'kq'"),
         (["--inject", "servo@swing"], "cannot be read; write servo@JOINT"),
         (["--inject", "servo@swing:kp=1e9,kd=0"], "diverges at swing"),

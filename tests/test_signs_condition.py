@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from benchmarks.signs.speed import beam
+from signid.signs import tree as condition_module
 from signid.signs.search.problem import SignProblem, eliminate
 from signid.signs.tree import condition_order
-from signid.simulation.excite.cost import condition as condition_module
 from signid.types import Array
 
 

@@ -131,6 +131,16 @@ def actuators_file(drives: Drives, joints: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
+def diagnose_session(folder: Path, skip: tuple[str, ...]) -> dict[str, Any]:
+    """Diagnose the recordings in a folder without access to the answers, and without the effects to skip."""
+    import signid
+    from signid.output.report import diagnosis_document
+
+    model = signid.load_model(folder / "robot.urdf")
+    recordings = [signid.read_recording(path, model.robot) for path in sorted(folder.glob("recording_*.parquet"))]
+    return diagnosis_document(signid.diagnose(model, recordings, skip=skip))
+
+
 def process(case: Case, cache: Path, diagnose: bool, again: bool) -> str:
     """Record and diagnose a session unless done; return the error, or an empty string."""
     try:
@@ -138,13 +148,7 @@ def process(case: Case, cache: Path, diagnose: bool, again: bool) -> str:
         if not diagnose or (result.is_file() and not again):
             return ""
         start, wall = time.process_time(), time.perf_counter()
-        # diagnose the recordings in a folder without access to the answers, and without the effects to skip
-        import signid
-        from signid.output.report import diagnosis_document
-
-        model = signid.load_model(folder / "robot.urdf")
-        recordings = [signid.read_recording(path, model.robot) for path in sorted(folder.glob("recording_*.parquet"))]
-        found = diagnosis_document(signid.diagnose(model, recordings, skip=tuple(case.skip)))
+        found = diagnose_session(folder, tuple(case.skip))
         times = {"cpu": time.process_time() - start, "wall": time.perf_counter() - wall}
         result.parent.mkdir(parents=True, exist_ok=True)
         result.write_text(json.dumps({"document": found, **times}), encoding="utf-8")

@@ -29,14 +29,14 @@ OF_COMMAND = ("delay", "profile")  # stages that change the commanded position a
 
 @dataclass(frozen=True, eq=False)
 class DriveState:
-    """Signals of m drives between command and torque, (..., m) each; a law returns one of them changed."""
+    """Signals of m drives between command and torque; a law returns one of them changed."""
 
-    q: Array  # [rad or m]
-    v: Array  # [rad/s or m/s]
-    command: Array  # [rad or m] position
-    reference: Array  # [rad/s or m/s] speed of the command
-    error: Array  # [rad or m] command - q
-    torque: Array  # [N.m or N] of the laws before
+    q: Array  # (..., m) [rad or m]
+    v: Array  # (..., m) [rad/s or m/s]
+    command: Array  # (..., m) [rad or m] position
+    reference: Array  # (..., m) [rad/s or m/s] speed of the command
+    error: Array  # (..., m) [rad or m] command - q
+    torque: Array  # (..., m) [N.m or N] of the laws before
 
 
 class Reach(NamedTuple):
@@ -103,6 +103,14 @@ class DriveLaw(Effect):
         numbers = {self.numbers[key]: float(value) for key, value in parameters.items()}
         drive = servo.with_(**numbers)
         return replace(drive, law=self.form) if self.form else drive
+
+
+def limits(servo: Servo, reach: Reach, form: str) -> list[Servo]:
+    """Drives with limits below the largest torque, and around a stated one."""
+    values = [x * reach.effort for x in (0.9, 0.75, 0.6, 0.45, 0.3)]
+    if np.isfinite(servo.effort_limit):
+        values += [x * servo.effort_limit for x in (0.8, 1.25, 1.6, 2.5)]
+    return [replace(servo, law=form, effort_limit=x) for x in values]
 
 
 def scaled(servo: Servo, number: str, *factors: float) -> list[Servo]:

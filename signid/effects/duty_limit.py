@@ -6,8 +6,7 @@ import numpy as np
 
 from ..servos import Servo
 from ..types import Array, Shape
-from .drive import DriveLaw, DriveState, Reach
-from .effort_limit import limits
+from .drive import DriveLaw, DriveState, Reach, limits
 
 
 class DutyLimit(DriveLaw):

@@ -1,13 +1,12 @@
 """Effort limit: largest torque of a drive, damping included."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ..servos import Servo
 from ..types import Array, Shape
-from .drive import DriveLaw, DriveState, Reach
+from .drive import DriveLaw, DriveState, Reach, limits
 
 
 class EffortLimit(DriveLaw):
@@ -28,14 +27,6 @@ class EffortLimit(DriveLaw):
 
     def trials(self, servo: Servo, reach: Reach) -> Sequence[Servo]:
         return limits(servo, reach, "torque_speed" if servo.law == "torque_speed" else "effort")
-
-
-def limits(servo: Servo, reach: Reach, form: str) -> list[Servo]:
-    """Drives with limits below the largest torque, and around a stated one."""
-    values = [x * reach.effort for x in (0.9, 0.75, 0.6, 0.45, 0.3)]
-    if np.isfinite(servo.effort_limit):
-        values += [x * servo.effort_limit for x in (0.8, 1.25, 1.6, 2.5)]
-    return [replace(servo, law=form, effort_limit=x) for x in values]
 
 
 PLUGIN = EffortLimit()

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from ..servos import PASSIVE, Servo
+from ..servos import JOINT_LAWS, PASSIVE, Servo
 from ..types import Law
 from . import DRIVE_EFFECTS, EFFECTS
+from .base import BodyLaw
 from .drive import DriveLaw
 
 MOTOR = "motor_friction"  # effect of the number `load_friction` of a drive
@@ -17,6 +18,10 @@ def drive_laws(servo: Servo, joint: int) -> Iterator[Law]:
     for name in PASSIVE:
         if value := getattr(servo, name):
             yield Law(EFFECTS[name], (joint,), EFFECTS[name].physical([value], {}))
+    for name, numbers in JOINT_LAWS.items():
+        values = {key: float(getattr(servo, number)) for key, number in numbers.items()}
+        if next(iter(values.values())):
+            yield Law(EFFECTS[name], (joint,), values)
     if servo.load_friction:
         yield motor_friction(servo, joint)
     for effect in DRIVE_EFFECTS:
@@ -41,6 +46,8 @@ def packed_drives(laws: Iterable[Law]) -> dict[int, Servo]:
             found[j] = law.effect.packed(found[j], law.parameters)
         elif name == MOTOR:
             found[j] = found[j].with_(load_friction=law.parameters["coefficient"])
+        elif name in JOINT_LAWS:
+            found[j] = found[j].with_(**{JOINT_LAWS[name][key]: x for key, x in law.parameters.items()})
         elif name in PASSIVE:
             value = getattr(found[j], name) + law.effect.coefficients(law.parameters)[0]
             found[j] = found[j].with_(**{name: value if name == "torque_offset" else max(value, 0.0)})
@@ -50,6 +57,19 @@ def packed_drives(laws: Iterable[Law]) -> dict[int, Servo]:
 def joint_laws(laws: Iterable[Law]) -> tuple[Law, ...]:
     """Laws without those of drives and without friction by the torque of their motors."""
     return tuple(law for law in laws if not isinstance(law.effect, DriveLaw) and law.effect.name != MOTOR)
+
+
+def left_out(laws: Sequence[Law]) -> list[Law]:
+    """Laws at joints with drives that the closed loop of commands does not have, but for those of bodies."""
+    drives = packed_drives(laws)
+    acts = (law for law in joint_laws(laws) if any(law.effect.coefficients(law.parameters)))
+    return [
+        law
+        for law in acts
+        if drives.keys() & set(law.joints)
+        and law.effect.name not in (*PASSIVE, *JOINT_LAWS)
+        and not isinstance(law.effect, BodyLaw)
+    ]
 
 
 def beside_drives(laws: Sequence[Law]) -> tuple[Law, ...]:

@@ -14,9 +14,7 @@ class SpeedLimit(DriveLaw):
     """The faster a motor turns, the less torque is left along its motion; none at `speed`."""
 
     name = "speed_limit"
-    equation = (
-        "sign(torque) * minimum(abs(torque), effort_limit * where(torque * v > 0, maximum(1 - abs(v) / speed, 0), 1))"
-    )
+    equation = "sign(torque) * minimum(abs(torque), effort_limit * (1 - (torque * v > 0) * minimum(abs(v) / speed, 1)))"
     source = "Isaac Lab, actuators.DCMotor (saturation_effort and velocity_limit)"
     headline = "the drive of {joint} has no torque left at {speed}"
     typical = "no-load speed 4 to 30 rad/s, effort_limit the stall torque"
@@ -33,12 +31,10 @@ class SpeedLimit(DriveLaw):
         return np.asarray(np.sign(x.torque) * np.minimum(np.abs(x.torque), most))
 
     def trials(self, servo: Servo, reach: Reach) -> Sequence[Servo]:
-        stated = np.isfinite(servo.effort_limit)
-        stalls = [servo.effort_limit] if stated else [x * reach.effort for x in (0.6, 0.9, 1.4)]
+        known, drive = servo.effort_limit, replace(servo, law=self.form)
+        stalls = [known] if np.isfinite(known) else [x * reach.effort for x in (0.6, 0.9, 1.4)]
         tops = [x * reach.speed for x in (0.8, 1.2, 2.0, 4.0)]
-        return [
-            replace(servo, law="torque_speed", effort_limit=stall, speed_limit=top) for stall in stalls for top in tops
-        ]
+        return [drive.with_(effort_limit=stall, speed_limit=top) for stall in stalls for top in tops]
 
 
 PLUGIN = SpeedLimit()

@@ -13,7 +13,7 @@ from ..errors import OptionError, RecordingError, shorten
 from ..model import Model, ModelSource, as_model, command_model, with_servos
 from ..recording import as_recording
 from ..recording.source import Source
-from ..servos import PASSIVE, SERVO_NUMBERS, Servo, ServoGrid
+from ..servos import JOINT_LAWS, PASSIVE, SERVO_NUMBERS, Servo, ServoGrid
 from ..simulation.plant import Sensors, record_held
 from ..simulation.rollout.windows import restrict_joints
 from ..typed import typed
@@ -140,18 +140,21 @@ def _injected(
     """Drives with the laws added to their numbers, and with other numbers."""
     for law in laws:
         name = law.effect.name
-        if name not in PASSIVE and not isinstance(law.effect, DriveLaw):
+        if name not in (*PASSIVE, *JOINT_LAWS) and not isinstance(law.effect, DriveLaw):
             if isinstance(law.effect, BodyLaw):
                 continue
             own = "; the friction of a drive by its motor torque is servo@JOINT:load_friction=0.1" * ("load_" in name)
-            raise OptionError(
-                f"--servo cannot inject {name}; choose laws of bodies or drives, or {', '.join(PASSIVE)}{own}"
-            )
+            known = ", ".join((*PASSIVE, *JOINT_LAWS))
+            raise OptionError(f"--servo cannot inject {name}; choose laws of bodies or drives, or {known}{own}")
         for j in law.joints:
             if (joint := robot.joints[j]) not in servos:
                 raise OptionError(f"--inject {name} is at {joint}, which has no drive; name a joint with a drive")
             if isinstance(law.effect, DriveLaw):
                 servos[joint] = law.effect.packed(servos[joint], law.parameters)
+                continue
+            if name in JOINT_LAWS:
+                own_numbers = {JOINT_LAWS[name][key]: float(x) for key, x in law.parameters.items()}
+                servos[joint] = servos[joint].with_(**own_numbers)
                 continue
             value = getattr(servos[joint], name) + law.effect.coefficients(law.parameters)[0]
             servos[joint] = servos[joint].with_(**{name: value})

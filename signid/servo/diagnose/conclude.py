@@ -108,7 +108,7 @@ def _poorly(data: ServoData, found: Found, noise: Array) -> Iterator[str]:
 def _numbers(last: Attempt, given: Point, step: Step) -> dict[str, FoundNumber]:
     joint = -1 if step.law is PAYLOAD else step.joint
     out = {}
-    for number in step.law.numbers:
+    for number in (*step.law.numbers, *step.law.shape):
         free = Free(joint, number)
         at, std = value(last.point, free), None
         if free in last.frees and last.covariance is not None:

@@ -10,8 +10,9 @@ from ...servos import Servo
 from ...types import Array
 from .closed_loop import Point
 
-LOGARITHMIC = ("kp", "effort_limit", "speed_limit", "profile_speed", "armature")
+LOGARITHMIC = ("kp", "effort_limit", "speed_limit", "profile_speed", "armature", "stribeck_velocity")
 CAREFUL = ("effort_limit", "speed_limit", "profile_speed")  # their cost is flat beyond the motion: small steps
+SIGNED = ("torque_offset", "position_phase", "spring_rest")
 SMALLEST = 1e-6
 BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")
 
@@ -53,7 +54,7 @@ def with_coordinates(point: Point, frees: list[Free], x: Array) -> Point:
             assert body is not None
             body[BODY.index(free.number)] = max(number, 1e-4) if free.number == "mass" else number
             continue
-        if free.number != "torque_offset":
+        if free.number not in SIGNED:
             number = max(number, 0.0)
         servos[free.joint] = servos[free.joint].with_(**{free.number: number})
     return Point(tuple(servos), None if body is None else (body[0], body[1], body[2], body[3]))
@@ -73,6 +74,12 @@ def difference(free: Free, servo: Servo | None, scale: Scale) -> float:
         "dead_band": max(0.05 * servo.dead_band, 3e-4),
         "delay": 0.1 * scale.step,
         "droop": 0.02 / max(scale.effort, 1e-9),
+        "stribeck_level": max(0.05 * servo.stribeck_level, 0.005 * scale.effort),
+        "position_amplitude": max(0.05 * servo.position_amplitude, 0.005 * scale.effort),
+        "position_phase": 0.05,
+        "spring_stiffness": max(0.05 * servo.spring_stiffness, 0.005 * scale.effort),
+        "spring_rest": 0.02,
+        "backlash_gap": max(0.05 * servo.backlash_gap, 3e-4),
     }
     return sizes.get(free.number, 0.02)
 

@@ -9,10 +9,13 @@ import numpy as np
 
 from ...effects import DRIVE_EFFECTS
 from ...effects.drive import DriveLaw, Reach, Twin, scaled
-from ...servos import SERVO_NUMBERS, SERVO_UNITS, Servo
+from ...servos import JOINT_LAWS, LOOP_UNITS, SERVO_NUMBERS, Servo
 
 OFF = "let the joint swing with the drive off: viscous friction stays, the damping of the drive does not"
 GRAVITY = "repeat in a posture with another gravity torque: the offset stays, a shifted zero of the command does not"
+
+
+Trials = Callable[[Servo, Reach], Sequence[Servo]]
 
 
 @dataclass(frozen=True)
@@ -23,21 +26,22 @@ class DriveHypothesis:
     numbers: tuple[str, ...]  # of a `Servo`, fitted together; the first is the one that the effect is about
     meaning: str  # what is wrong, one sentence
     variable: str  # velocity, position, acceleration, torque or time: what its mismatch depends on
-    trials: Callable[[Servo, Reach], Sequence[Servo]]  # drives from which a fit starts
+    trials: Trials  # drives from which a fit starts
     tolerance: float = 0.03  # change of the first number that counts as stated exactly [1, or unit of the number]
     relative: bool = True  # whether `tolerance` is relative to the stated value
     twins: tuple[Twin, ...] = ()  # structural: no value of the fit separates them
     region: str = "whole recording"
     plausible: Callable[[Servo, Servo], float] = lambda before, after: 1.0  # relative prior probability of a change
-    keys: tuple[str, ...] = ()  # of the numbers in diagnosis.json; default: their names
+    keys: tuple[str, ...] = ()  # of the numbers and shape in diagnosis.json; default: their names
+    shape: tuple[str, ...] = ()  # numbers that its trials set and no fit changes
 
     def parameter(self, number: str) -> str:
         """Key of one of its numbers in diagnosis.json."""
-        return dict(zip(self.numbers, self.keys, strict=False)).get(number, number)
+        return dict(zip((*self.numbers, *self.shape), self.keys, strict=False)).get(number, number)
 
     def unit(self, number: str) -> str:
         """Unit of one of its numbers at a revolute joint."""
-        return SERVO_UNITS[number]
+        return LOOP_UNITS[number]
 
     def stated_exactly(self, before: Servo, after: Servo) -> bool:
         """Whether the change of the first number is within the tolerance of stated numbers."""
@@ -83,6 +87,38 @@ def _armature(servo: Servo, reach: Reach) -> list[Servo]:
 
 def _offset(servo: Servo, reach: Reach) -> list[Servo]:
     return [servo.with_(torque_offset=servo.torque_offset + x * reach.effort) for x in (-0.1, 0.0, 0.1)]
+
+
+def _stribeck(servo: Servo, reach: Reach) -> list[Servo]:
+    sizes = [(x * reach.effort, y * reach.speed) for x in (0.05, 0.15) for y in (0.03, 0.1, 0.3)]
+    return [servo.with_(stribeck_level=level, stribeck_velocity=velocity) for level, velocity in sizes]
+
+
+def _position(servo: Servo, reach: Reach) -> list[Servo]:
+    size = max(0.3 * servo.coulomb_friction, 0.03 * reach.effort)
+    return [
+        servo.with_(position_amplitude=size, position_phase=phase, position_frequency=turns)
+        for turns in (1.0, 2.0)
+        for phase in (-np.pi / 2, 0.0, np.pi / 2, np.pi)
+    ]
+
+
+def _spring(servo: Servo, reach: Reach) -> list[Servo]:
+    return [servo.with_(spring_stiffness=servo.spring_stiffness + x * reach.effort) for x in (0.05, 0.2, 0.6)]
+
+
+def _backlash(servo: Servo, reach: Reach) -> list[Servo]:
+    return [servo.with_(backlash_gap=servo.backlash_gap + x) for x in (0.005, 0.015, 0.04, 0.1)]
+
+
+def of_joint(
+    effect: str, meaning: str, variable: str, trials: Trials, twins: tuple[Twin, ...] = (), shape: tuple[str, ...] = ()
+) -> DriveHypothesis:
+    """Hypothesis that a law of `JOINT_LAWS` is missing at a joint."""
+    numbers = JOINT_LAWS[effect]
+    free = tuple(number for number in numbers.values() if number not in shape)
+    keys = (*(key for key, number in numbers.items() if number in free), *(k for k, x in numbers.items() if x in shape))
+    return DriveHypothesis(effect, free, meaning, variable, trials, twins=twins, keys=keys, shape=shape)
 
 
 HYPOTHESES: tuple[DriveHypothesis, ...] = (
@@ -136,4 +172,14 @@ HYPOTHESES: tuple[DriveHypothesis, ...] = (
         twins=(Twin("encoder_offset", GRAVITY, 0.3),),
         keys=("offset",),
     ),
+    of_joint("stribeck_friction", "dry friction is larger at low speed", "velocity", _stribeck),
+    of_joint(
+        "position_friction",
+        "dry friction changes with the position of the joint",
+        "position",
+        _position,
+        shape=("position_frequency",),
+    ),
+    of_joint("spring", "a spring acts at the joint", "position", _spring),
+    of_joint("backlash", "the link moves freely within a gap of the gear", "position", _backlash),
 )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...servos import SERVO_NUMBERS, Servo
+from ...servos import LOOP_NUMBERS, Servo
 from ...types import Array
 from ..plant.drives import Copies, copies_of
 from ..plant.kernel import KP
@@ -38,7 +38,7 @@ class Slot:
 
     @property
     def column(self) -> int:
-        return SERVO_NUMBERS.index(self.number)
+        return LOOP_NUMBERS.index(self.number)
 
     @property
     def soft(self) -> float:

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...servos import DRIVE_LAWS, SERVO_NUMBERS, Servo, ServoGrid
+from ...servos import DRIVE_LAWS, LOOP_NUMBERS, Servo, ServoGrid
 from ...types import Array, Indices
 from .commands import commands_at
-from .kernel import DELAY, PROFILE, Drives
+from .kernel import DELAY, PROFILE, SHORT, Drives
 
 LONGEST, MOST = 0.002, 32  # [s] of a substep; substeps of a row
 TURN = 0.35  # [rad] of the fastest oscillation in a substep
@@ -25,23 +25,27 @@ def substeps(step: float, servos: Sequence[Servo], inertia: Array) -> int:
     step: of a row [s]; inertia: (n,) of the robot at the joints [kg.m2 or kg].
     """
     fastest = max(
-        (np.sqrt(servo.kp / max(servo.armature + own, 1e-9)) for servo, own in zip(servos, inertia, strict=True)),
+        (
+            np.sqrt((servo.kp + servo.spring_stiffness) / max(servo.armature + own, 1e-9))
+            for servo, own in zip(servos, inertia, strict=True)
+        ),
         default=0.0,
     )
-    return int(np.clip(np.ceil(step * max(1 / LONGEST, fastest / TURN) - 1e-9), 1, MOST))
+    longest = SHORT if any(servo.backlash_gap > 0 for servo in servos) else LONGEST
+    return int(np.clip(np.ceil(step * max(1 / longest, fastest / TURN) - 1e-9), 1, MOST))
 
 
 class Copies(NamedTuple):
     """C copies of the drives of n joints."""
 
-    numbers: Array  # (C, n, 13) [SERVO_UNITS] in the order of SERVO_NUMBERS
+    numbers: Array  # (C, n, 21) [LOOP_UNITS] in the order of LOOP_NUMBERS
     laws: Indices  # (C, n) index in DRIVE_LAWS
     kd_on: tuple[str, ...]  # n
 
 
 def copies_of(copies: Sequence[Sequence[Servo]]) -> Copies:
     """Drives of n joints as arrays, of each of C copies; what damping acts on is that of the first copy."""
-    numbers = [[[getattr(servo, name) for name in SERVO_NUMBERS] for servo in servos] for servos in copies]
+    numbers = [[[getattr(servo, name) for name in LOOP_NUMBERS] for servo in servos] for servos in copies]
     laws = [[DRIVE_LAWS.index(servo.law) for servo in servos] for servos in copies]
     return Copies(np.array(numbers, float), np.array(laws), tuple(servo.kd_on for servo in copies[0]))
 

@@ -13,7 +13,7 @@ from numba import njit
 
 from ...types import Array
 
-# Inlined, and without counts of references: a call would copy the fourteen arrays of a state; five times as fast
+# Inlined, and without counts of references: a call would copy the seventeen arrays of a state; five times as fast
 LOOP = njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)  # type: ignore[call-overload]
 SWEEPS, SETTLED = 60, 1e-11  # of Gauss-Seidel; largest relative change of a speed that ends it
 
@@ -34,13 +34,16 @@ class State(NamedTuple):
     inertia: Array  # (n,) [kg.m2 or kg] that armature and damping add to the mass
     new: Array  # (n,) [rad/s or m/s] speeds if no joint starts, stops or turns
     factor: Array  # (n, n) [any] Cholesky factor with the inverse of its diagonal
+    link: Array  # (n,) [rad or m] positions of the links in the middle of the substep
+    play: Array  # (5, n) [any] of joints with backlash, as `backlash` leaves it
+    mass: Array  # (n, n) [kg.m2 or kg] that the motors feel where links are in flight
     of: Array  # (M,) [any] 2 n + 1 values: 1 if there is a factor, and the inertias and the moving joints that it is of
 
 
 @njit(cache=True)
 def new_state(n):  # type: ignore[no-untyped-def]
     """State of n joints at rest, without a factor."""
-    zero = np.zeros((10, n))
+    zero = np.zeros((11, n))
     return State(
         zero[0],
         zero[1],
@@ -54,6 +57,9 @@ def new_state(n):  # type: ignore[no-untyped-def]
         zero[7],
         zero[8],
         zero[9],
+        np.zeros((n, n)),
+        zero[10],
+        np.zeros((5, n)),
         np.zeros((n, n)),
         np.zeros(2 * n + 1),
     )

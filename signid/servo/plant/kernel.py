@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ...servos import DRIVE_LAWS, SERVO_NUMBERS
+from ...servos import DRIVE_LAWS, LOOP_NUMBERS
 from ...types import Array, Indices
 from .friction import LOOP, advance_speeds, new_state
 
@@ -28,15 +28,27 @@ from .friction import LOOP, advance_speeds, new_state
     ARMATURE,
     OFFSET,
     DROOP,
-) = range(len(SERVO_NUMBERS))  # columns of the numbers of a drive, in the order of SERVO_NUMBERS
+    STRIBECK,
+    STRIBECK_VELOCITY,
+    AMPLITUDE,
+    PHASE,
+    FREQUENCY,
+    STIFFNESS,
+    REST,
+    GAP,
+) = range(len(LOOP_NUMBERS))  # columns of the numbers of a drive and its joint, in the order of LOOP_NUMBERS
 DUTY, TORQUE_SPEED = DRIVE_LAWS.index("duty"), DRIVE_LAWS.index("torque_speed")
+HALF, SIDE, DEFLECTION, LINK_SPEED, LOAD_OF_LINK = range(5)  # rows of `State.play`
+BEGIN = 2.0  # side of a gap at which a window begins: where the motor pushes
+SHORT = 5e-4  # [s] longest substep with backlash: 2 ms shift the meeting of a link by mrad
+ROTOR = 1e-3  # [1] least inertia of a motor with backlash over that of its link
 PASSES = 5  # of a substep, until it is consistent which drives are at their limits
 
 
 class Drives(NamedTuple):
     """C copies of the drives of n joints on the substeps of R rows, `parts` of each row."""
 
-    numbers: Array  # (C, n, 13) [SERVO_UNITS]
+    numbers: Array  # (C, n, 21) [LOOP_UNITS]
     laws: Indices  # (C, n) index in DRIVE_LAWS
     variant: Indices  # (C, n) which of the V commands acts
     commands: Array  # (7, V, S) [any] on S = R parts substeps, as `commands_at` gives them
@@ -76,7 +88,7 @@ class Starts(NamedTuple):
 def drive_torque(p, law, at, command, supply):  # type: ignore[no-untyped-def]
     """Constant torque, damping, torque and kind of limit of a drive that is on.
 
-    Numbers p (13,); at: position and speed; command: command, its speed and feed-forward; supply: voltage and gain.
+    Numbers p (21,); at: position and speed; command: command, its speed and feed-forward; supply: voltage and gain.
     """
     (q, v), (u, reference, forward), (voltage, gain) = at, command, supply
     limit, dead, damping, kind = p[EFFORT], p[DEAD], p[KD], 0.0
@@ -133,9 +145,14 @@ def actuate(drives, c, step, q, v, out):  # type: ignore[no-untyped-def]
                 torque = share * abs(t0) + rest * abs(torque)
             else:
                 constant, damping, torque, kind = drive_torque(p, law, at, (a, b, f), supply)
-        out[0, i] = constant - p[OFFSET]
+        dry = p[COULOMB] + p[LOAD] * abs(torque)
+        if p[STRIBECK] != 0.0:
+            dry += p[STRIBECK] * np.exp(-((v[i] / p[STRIBECK_VELOCITY]) ** 2))
+        if p[AMPLITUDE] != 0.0:
+            dry += p[AMPLITUDE] * np.sin(p[FREQUENCY] * q[i] + p[PHASE])
+        out[0, i] = constant - p[OFFSET] - p[STIFFNESS] * (q[i] - p[REST])
         out[1, i] = damping + p[VISCOUS]
-        out[2, i] = p[COULOMB] + p[LOAD] * abs(torque)
+        out[2, i] = max(dry, 0.0)
         out[3, i] = kind
         out[4, i] = first
 
@@ -175,6 +192,52 @@ def advance(drives, c, step, mass, state):  # type: ignore[no-untyped-def]
             break
 
 
+@LOOP
+def advance_links(drives, c, step, mass, state):  # type: ignore[no-untyped-def]
+    """Advance a substep where joints have backlash: play (5, n) half the gap, side, deflection, link speed and load.
+
+    A link at a side of its gap moves with its motor as long as the motor pushes it; then it flies, and the motor turns
+    alone, until the link meets a side of the gap, without rebound. A side of 0 is flight, 2 the beginning.
+    """
+    play, act, h, n = state.play, state.act, drives.step, len(state.v)
+    if play[SIDE, 0] == BEGIN:
+        actuate(drives, c, step, state.half, state.v, act)
+    for i in range(n):
+        if play[HALF, i] > 0.0 and play[SIDE, i] == BEGIN:
+            push = act[0, i] - act[1, i] * state.v[i] - act[2, i] * np.sign(state.v[i])
+            play[SIDE, i] = -1.0 if push >= 0.0 else 1.0
+            play[DEFLECTION, i] = play[SIDE, i] * play[HALF, i]
+        elif play[SIDE, i] == BEGIN:
+            play[SIDE, i] = 0.0
+        play[LOAD_OF_LINK, i] = state.loads[i]
+    for i in range(n):
+        for j in range(n):
+            flies = (play[HALF, i] > 0.0 and play[SIDE, i] == 0.0) or (play[HALF, j] > 0.0 and play[SIDE, j] == 0.0)
+            state.mass[i, j] = 0.0 if flies else mass[i, j]
+        if play[HALF, i] > 0.0:
+            state.armature[i] = max(drives.numbers[c, i, ARMATURE], ROTOR * mass[i, i])
+            if play[SIDE, i] == 0.0:
+                state.loads[i] = 0.0
+    state.of[0] = 0.0
+    advance(drives, c, step, state.mass, state)
+    for i in range(n):
+        if play[HALF, i] == 0.0:
+            continue
+        if play[SIDE, i] != 0.0:
+            push = play[LOAD_OF_LINK, i]
+            for j in range(n):
+                push += state.mass[i, j] * (state.v[j] - state.before[j]) / h
+            if push * play[SIDE, i] > 0.0:  # the motor would have to pull
+                play[SIDE, i], play[LINK_SPEED, i] = 0.0, state.v[i]
+            continue
+        play[LINK_SPEED, i] -= h * play[LOAD_OF_LINK, i] / mass[i, i]
+        play[DEFLECTION, i] += h * (play[LINK_SPEED, i] - state.v[i])
+        if abs(play[DEFLECTION, i]) >= play[HALF, i]:
+            side, rotor = np.sign(play[DEFLECTION, i]), state.armature[i]
+            play[SIDE, i], play[DEFLECTION, i] = side, side * play[HALF, i]
+            state.v[i] = (rotor * state.v[i] + mass[i, i] * play[LINK_SPEED, i]) / (rotor + mass[i, i])
+
+
 @njit(cache=True, error_model="numpy")
 def constant_torque(bodies, parts):  # type: ignore[no-untyped-def]
     """Torque of the bodies (R parts, n) in the middle of each substep, without its parts along position and speed."""
@@ -193,6 +256,27 @@ def constant_torque(bodies, parts):  # type: ignore[no-untyped-def]
     return out
 
 
+@njit(cache=True)
+def in_steps(drives, h):  # type: ignore[no-untyped-def]
+    """The same drives in substeps of h [s]; it holds references to arrays, so it is none of `LOOP`."""
+    numbers, laws, variant, commands, on, voltage, gain, parts, _ = drives
+    return Drives(numbers, laws, variant, commands, on, voltage, gain, parts, h)
+
+
+@LOOP
+def load_links(bodies, r, rest, waves, state):  # type: ignore[no-untyped-def]
+    """Torque of the bodies in row r at the links' positions; rest (n,) of it does not depend on position and speed."""
+    link, v, n = state.link, state.v, len(state.v)
+    by_q, by_v = bodies.by_q[r], bodies.by_v[r]
+    for i in range(n):
+        load = rest[i]
+        if waves:
+            load += bodies.wave[i, 0] * np.sin(link[i]) + bodies.wave[i, 1] * np.cos(link[i])
+        for j in range(n):
+            load += by_q[i, j] * link[j] + by_v[i, j] * v[j]
+        state.loads[i] = load
+
+
 @njit(cache=True, error_model="numpy")
 def simulate(bodies, drives, starts):  # type: ignore[no-untyped-def]
     """Positions (C, W, longest + 1, n), zero after the rows of a window, and saturated substeps (C, W, n).
@@ -202,34 +286,51 @@ def simulate(bodies, drives, starts):  # type: ignore[no-untyped-def]
     copies, windows, n = starts.q.shape
     out = np.zeros((copies, windows, starts.longest + 1, n))
     saturated = np.zeros((copies, windows, n))
-    state, parts, h = new_state(n), drives.parts, drives.step
+    state, parts = new_state(n), drives.parts
     q, v, half, act = state.q, state.v, state.half, state.act
     rest, waves = constant_torque(bodies, parts), np.any(bodies.wave != 0.0)
+    sides, misfit, last = np.empty(n), np.zeros((3, n)), len(bodies.q) - 1
     for c in range(copies):
+        loose = False
         for i in range(n):
             state.armature[i] = drives.numbers[c, i, ARMATURE]
+            loose = loose or drives.numbers[c, i, GAP] > 0.0
+        pieces = int(np.ceil(drives.step / SHORT - 1e-9)) if loose else 1
+        h = drives.step / pieces
+        acting = in_steps(drives, h)
         for w in range(windows):
-            for i in range(n):
-                q[i], v[i] = starts.q[c, w, i], starts.v[c, w, i]
-                out[c, w, 0, i] = q[i]
-            for row in range(starts.rows[w]):
-                r = starts.first[w] + row
-                mass, by_q, by_v = bodies.mass[r], bodies.by_q[r], bodies.by_v[r]
-                state.of[0] = 0.0
-                for step in range(r * parts, (r + 1) * parts):
+            follows = w > 0 and starts.first[w] == starts.first[w - 1] + starts.rows[w - 1]
+            tries = 3 if loose and not follows else 1  # both sides of each gap, and the better ones
+            for attempt in range(tries):
+                if not follows:  # else links are where the window before left them
                     for i in range(n):
-                        half[i] = q[i] + 0.5 * h * v[i]
-                    for i in range(n):
-                        load = rest[step, i]
-                        if waves:
-                            load += bodies.wave[i, 0] * np.sin(half[i]) + bodies.wave[i, 1] * np.cos(half[i])
-                        for j in range(n):
-                            load += by_q[i, j] * half[j] + by_v[i, j] * v[j]
-                        state.loads[i] = load
-                    advance(drives, c, step, mass, state)
-                    for i in range(n):
-                        saturated[c, w, i] += 1.0 if act[3, i] != 0.0 or act[4, i] != 0.0 else 0.0
-                        q[i] = half[i] + 0.5 * h * v[i]
+                        gap, side = 0.5 * drives.numbers[c, i, GAP], sides[i] if attempt == 2 else 2.0 * attempt - 1.0
+                        state.play[HALF, i], state.play[SIDE, i], state.play[DEFLECTION, i] = gap, side, side * gap
                 for i in range(n):
-                    out[c, w, row + 1, i] = q[i]
+                    q[i], v[i] = starts.q[c, w, i], starts.v[c, w, i]
+                    out[c, w, 0, i] = q[i]
+                    saturated[c, w, i] = 0.0
+                    misfit[attempt, i] = 0.0
+                for row in range(starts.rows[w]):
+                    r = starts.first[w] + row
+                    mass = bodies.mass[r]
+                    state.of[0] = 0.0
+                    for k in range(r * parts * pieces, (r + 1) * parts * pieces):
+                        step = k // pieces
+                        for i in range(n):
+                            half[i] = q[i] + 0.5 * h * v[i]
+                            state.link[i] = half[i] + state.play[DEFLECTION, i]
+                        load_links(bodies, r, rest[step], waves, state)
+                        if loose:
+                            advance_links(acting, c, step, mass, state)
+                        else:
+                            advance(acting, c, step, mass, state)
+                        for i in range(n):
+                            saturated[c, w, i] += 1.0 / pieces if act[3, i] != 0.0 or act[4, i] != 0.0 else 0.0
+                            q[i] = half[i] + 0.5 * h * v[i]
+                    for i in range(n):
+                        out[c, w, row + 1, i] = q[i]
+                        misfit[attempt, i] += (q[i] - bodies.q[min(r + 1, last), i]) ** 2
+                for i in range(n):
+                    sides[i] = -1.0 if misfit[0, i] <= misfit[1, i] else 1.0
     return out, saturated

@@ -16,7 +16,20 @@ from ...types import Array, Robot
 from .course import Moved, RobotCourse, bodies_of, course, motion_of, part, single
 from .drives import JoinedGrids, copies_of, substeps
 from .friction import new_state
-from .kernel import ARMATURE, Drives, Starts, actuate, advance, simulate
+from .kernel import (
+    ARMATURE,
+    BEGIN,
+    DEFLECTION,
+    GAP,
+    HALF,
+    SIDE,
+    Drives,
+    Starts,
+    actuate,
+    advance,
+    advance_links,
+    simulate,
+)
 
 
 def roll_out(model: Model, servos: Mapping[str, Servo], grid: ServoGrid, horizon: float | None = None) -> Array:
@@ -111,6 +124,8 @@ class _Loop:
         self.robot, self.motion, self.driven, self.drives = robot, motion, list(rows.joints), drives
         self.grid, self.state = rows.grids[0], new_state(len(rows.joints))
         self.state.armature[:] = drives.numbers[0, :, ARMATURE]
+        self.state.play[HALF], self.state.play[SIDE] = 0.5 * drives.numbers[0, :, GAP], BEGIN
+        self.loose = bool(np.any(drives.numbers[0, :, GAP] > 0))
         self.data = robot.model.createData()
         self.plain = all(is_plain(joint) for joint in list(robot.model.joints)[1:])
 
@@ -120,6 +135,7 @@ class _Loop:
         for k in range(len(out) - 1):
             if k % restart == 0:
                 q[:], v[:] = self.motion.q[k, self.driven], self.motion.v[k, self.driven]
+                self.state.play[SIDE:] = [[BEGIN], [0.0], [0.0], [0.0]]
                 out[k, self.driven] = q
             self._row(k)
             out[k + 1, self.driven] = q
@@ -132,10 +148,11 @@ class _Loop:
             far = (s + 0.5) / drives.parts
             q, v, a = ((1 - far) * x[k] + far * x[k + 1] for x in self.motion)
             state.half[:] = state.q + 0.5 * drives.step * state.v
-            q[j], v[j], a[j] = state.half, state.v, 0.0
+            q[j], v[j], a[j] = state.half + state.play[DEFLECTION], state.v, 0.0
             mass, state.loads[:] = self._dynamics(q, v, a)
             state.of[0] = 0.0
-            advance(drives, 0, k * drives.parts + s, mass, state)
+            step = advance_links if self.loose else advance
+            step(drives, 0, k * drives.parts + s, mass, state)
             state.q[:] = state.half + 0.5 * drives.step * state.v
 
     def _dynamics(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:

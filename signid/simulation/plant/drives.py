@@ -39,8 +39,8 @@ class JointDrives:
     def torque(self, command: Array, q: Array, v: Array, desired: Array, speed: Array, forward: Array) -> Array:
         """Torque (B, n) of the motors [N.m or N]: that of the controller where no drive law acts.
 
-        Given are the torque of the controller and its feed-forward part, measured and desired positions and speeds,
-        (B, n) each.
+        command: (B, n) torque of the controller [N.m or N]; forward: (B, n) its feed-forward part [N.m or N].
+        q: (B, n) measured, desired: (B, n) asked for [rad or m]; v: (B, n), speed: (B, n) likewise [rad/s or m/s].
         """
         out = command.copy() if self.joints else command
         for j, laws in self.joints.items():

@@ -295,7 +295,11 @@ def simulate_many(
     substeps: int = 0,
     progress: Progress | None = None,
 ) -> list[Simulation]:
-    """Simulate copies of a model at the same time, one for each drive; otherwise like `simulate`."""
+    """Simulate copies of a model at the same time, one for each drive; otherwise like `simulate`.
+
+    Raises:
+        OptionError: as `simulate`.
+    """
     t = instants(duration, step)
     plant = Plant(model, step, len(drives), integrator, substeps)
     joints, reading = range(len(model.robot.joints)), model.of(RecordingLaw)
