@@ -31,9 +31,9 @@ from signid.servo.fit.solve import _step
 from signid.servo.identify.facts import known_load_share
 from signid.servo.identify.scale import mass_ratio
 from signid.servo.plant.friction import advance_speeds, new_state
-from signid.servo.plant.kernel import drive_torque
+from signid.servo.plant.kernel import Drives, actuate, drive_torque
 from signid.servo.search.choice import law_probabilities
-from signid.servos import DRIVE_LAWS, SERVO_NUMBERS, Servo
+from signid.servos import DRIVE_LAWS, LOOP_NUMBERS, Servo
 from signid.types import Array, Law
 
 PACKAGE = Path(__file__).parents[1] / "signid"
@@ -97,9 +97,9 @@ def test_a_missing_name_is_found() -> None:
 
 def torque(law: str, error: float, v: float, **numbers: float) -> float:
     """Torque of a drive at an error and a speed; the command moves at .5, voltage is .8, firmware gain 1.2."""
-    p = np.zeros(len(SERVO_NUMBERS))
+    p = np.zeros(len(LOOP_NUMBERS))
     for name, value in {"kp": 10.0, "kd": 0.3, "effort_limit": 2.0, "speed_limit": 4.0, **numbers}.items():
-        p[SERVO_NUMBERS.index(name)] = value
+        p[LOOP_NUMBERS.index(name)] = value
     at, command, supply = (0.0, v), (error, 0.5, 0.1), (0.8, 1.2)
     return float(drive_torque.py_func(p, DRIVE_LAWS.index(law), at, command, supply)[2])
 
@@ -112,6 +112,21 @@ def test_drives_give_the_torque_of_the_page() -> None:
     assert torque("torque_speed", 0.9, -1.0) == 2.0  # against the motion
     assert torque("duty", 0.9, 1.0) == pytest.approx(0.8 * 2.0 + 0.3 * 0.5 - 0.3 * 1.0)
     assert torque("effort", 0.9, 1.0, droop=0.5) == pytest.approx(2.0 / (1 + 0.5 * 2.0))
+
+
+def test_friction_and_spring_of_a_joint_are_those_of_the_page() -> None:
+    own = {"kp": 10.0, "effort_limit": np.inf, "coulomb_friction": 0.2, "load_friction": 0.1, "viscous_friction": 0.05}
+    own |= {"stribeck_level": 0.3, "stribeck_velocity": 0.4, "spring_stiffness": 2.0, "spring_rest": 0.1}
+    own |= {"position_amplitude": 0.07, "position_frequency": 2.0, "position_phase": 0.5, "torque_offset": 0.6}
+    numbers = np.array([[[own.get(name, 0.0) for name in LOOP_NUMBERS]]])
+    commands, one = np.zeros((7, 1, 1)), np.ones((1, 1))
+    commands[0] = 0.9
+    drives = Drives(numbers, np.zeros((1, 1), int), np.zeros((1, 1), int), commands, one, one, one, 1, 0.002)
+    out, q, v = np.zeros((5, 1)), 0.3, -0.25
+    actuate(drives, 0, 0, np.array([q]), np.array([v]), out)
+    tau = 10 * (0.9 - q)
+    dry = 0.2 + 0.1 * tau + 0.3 * np.exp(-((v / 0.4) ** 2)) + 0.07 * np.sin(2 * q + 0.5)
+    assert out[:3, 0] == pytest.approx([tau - 0.6 - 2.0 * (q - 0.1), 0.05, dry])
 
 
 @pytest.mark.parametrize("v", [(0.0, 0.0), (0.002, 0.3), (0.5, -0.4)], ids=["rest", "stops", "slides"])
