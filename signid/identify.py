@@ -135,7 +135,8 @@ def identify(
             raise OptionError(f"factors answer by weighted least squares alone; give recordings for {way.name!r}")
         if refine is not None:
             raise OptionError("roll-outs need samples; give recordings instead of their factors")
-        return _from_factors(robot, recordings, held_out, method or METHODS[0], search, options, refit is not False)
+        chosen = method or METHODS[0]
+        return _from_factors(robot, recordings, held_out, chosen, search, options, refit=refit is not False)
     recordings = as_recordings(recordings, robot, "identify")
     everything = (*recordings, *held_out)
     only_once(everything)
@@ -178,6 +179,7 @@ def _from_factors(
     method: str,
     search: Search,
     options: Options,
+    *,
     refit: bool,
 ) -> Identification:
     """Identify from factors, without samples."""

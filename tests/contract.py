@@ -12,7 +12,7 @@ from arm import smooth_motion, turned
 from printed import known, printed
 from scipy.integrate import solve_ivp
 
-from signid.effects.base import ActuatorLaw, BodyLaw, Effect, RecordingLaw, TorqueLaw, TransmissionLaw
+from signid.effects.base import FUNCTIONS, ActuatorLaw, BodyLaw, Effect, RecordingLaw, TorqueLaw, TransmissionLaw
 from signid.effects.law import law_columns, law_torque
 from signid.effects.trial import Trial
 from signid.regression.motion import Motion
@@ -29,6 +29,14 @@ SCALES = {"N": 3.0, "m": 5.0, "s": 7.0, "rad": 1.0, "1": 1.0, "kg": 3.0 * 7.0**2
 
 def faults(effect: Effect) -> Iterator[str]:
     """One sentence for each law of the contract that an effect breaks."""
+    try:
+        yield from _faults(effect)
+    except NameError as error:
+        allowed = f"its parameters, signals such as q, v, a and load, norm, {', '.join(FUNCTIONS)}"
+        yield f"its equation uses {error.name!r}; it may use {allowed}"
+
+
+def _faults(effect: Effect) -> Iterator[str]:
     if sum(isinstance(effect, kind) for kind in KINDS) != 1:
         yield "it is of no kind, or of two"
         return

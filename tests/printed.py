@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from signid.effects.base import Effect, RecordingLaw
+from signid.effects.base import FUNCTIONS, Effect, RecordingLaw
 from signid.regression.motion import Motion
 from signid.types import Array
 
-NUMPY = {name: getattr(np, name) for name in "abs sign exp sin cos tanh clip where sum array cross".split()}
+NUMPY = {name: getattr(np, name) for name in FUNCTIONS}
 FINE, EVERY, TINY = 8, 23, 1e-6  # parts of a sample, samples between those looked at, [rad or m]
 
 

@@ -248,8 +248,8 @@ def test_check_reports_faults_and_exits_3(tmp_path: Path, capfd: pytest.CaptureF
     )
     assert max(map(len, out.splitlines())) <= 100
     document = check_document(check(whole.robot, [signid.read_recording(columns, whole.robot)]))
-    assert [joint["sign"] for joint in document["gross"]["joints"]] == ["right", "wrong", "right"]
-    assert [finding["kind"] for finding in document["gross"]["findings"]] == ["torque sign"]
+    assert [joint["sign"] for joint in document["recording_faults"]["joints"]] == ["right", "wrong", "right"]
+    assert [finding["kind"] for finding in document["recording_faults"]["findings"]] == ["torque sign"]
 
 
 def test_a_missing_body_explains_what_a_distortion_might() -> None:

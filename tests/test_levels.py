@@ -170,12 +170,3 @@ def test_package_init_files_only_reexport() -> None:
     source = (PACKAGE / "__init__.py").read_text()
     assert len(source.splitlines()) <= 40
     assert [ast.unparse(node) for node in ast.parse(source).body if not is_reexport(node)] == []
-
-
-def test_a_class_name_stands_for_one_class() -> None:
-    classes: dict[str, list[str]] = {}
-    for file, source in sources().items():
-        for node in parsed(source).body:
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                classes.setdefault(node.name, []).append(file)
-    assert {name: places for name, places in classes.items() if len(places) > 1} == {}

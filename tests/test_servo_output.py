@@ -85,7 +85,7 @@ def test_the_document_follows_its_schema_and_the_contract() -> None:
     content = json.loads(to_json(servo_identification_document(result)))
     check_schema(content, "identification")
     servo = content["servo"]
-    assert servo["scale"]["told_by"] == "inertials of the description"
+    assert servo["scale"]["set_by"] == "inertials of the description"
     assert servo["scale"]["share_of_known_load"] == {"joint_1": 0.62, "joint_2": 0.9, "joint_3": 0.03}
     first, stated, unknown = servo["joints"]
     assert first["kp"] == {"value": 1.1, "std": 0.06, "unit": "N.m/rad"}
@@ -95,6 +95,18 @@ def test_the_document_follows_its_schema_and_the_contract() -> None:
     assert unknown["kp"]["value"] is None and "known load" in unknown["kp"]["sentence"]
     assert servo["rollout"]["held_out"] and servo["rollout"]["whole_rms"] == [0.0123, 0.0456, 0.00789]
     assert [entry["effect"] for entry in content["effects"]] == ["armature", "coulomb_friction"]
+
+
+def test_the_schema_accepts_the_names_of_version_0_1() -> None:
+    content = json.loads(to_json(servo_identification_document(invented())))
+    scale, joints = content["servo"]["scale"], content["servo"]["joints"]
+    scale["told_by"] = scale.pop("set_by")
+    for joint in joints:
+        joint["not_told"] = joint.pop("not_identifiable")
+    check_schema(content, "identification")
+    del scale["told_by"], joints[0]["not_told"]
+    with pytest.raises(ValueError):
+        check_schema(content, "identification")
 
 
 def test_what_is_not_identifiable_has_no_number_on_the_terminal() -> None:

@@ -98,7 +98,13 @@ def test_version_and_licence_agree() -> None:
     assert f'\n__version__ = "{PROJECT["version"]}"\n' in (ROOT / "signid" / "version.py").read_text()
     assert f"\nlicense: {PROJECT['license']}\n" in citation
     assert (ROOT / "LICENSE").read_text().startswith("BSD 3-Clause License")
-    assert (ROOT / "CHANGELOG.md").read_text().startswith("# Changelog\n")
+    changes = (ROOT / "CHANGELOG.md").read_text()
+    assert changes.startswith("# Changelog\n")
+    unreleased, *releases = re.split(r"^## ", changes, flags=re.MULTILINE)[1:]
+    assert unreleased.startswith("[Unreleased]\n") and releases[0].startswith(f"[{PROJECT['version']}] - ")
+    for release in releases:
+        kinds = re.findall(r"^### (\w+)$", release, flags=re.MULTILINE)
+        assert sorted(set(kinds)) == sorted(kinds), "a release has one section of each kind"
 
 
 def test_the_command_is_installed() -> None:

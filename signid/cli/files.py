@@ -126,7 +126,7 @@ def deliver_check(
 
 
 def deliver_audit(
-    found: ServoAudit, inputs: Sequence[Input], output: str | None, json: bool, command: str, seed: int, robot: str
+    found: ServoAudit, inputs: Sequence[Input], output: str | None, *, json: bool, command: str, seed: int, robot: str
 ) -> int:
     """Write and print an audit of position drives; return the exit code; `robot`: its name, or ""."""
     from ..output.report import audit_document, audit_page, audit_tables, to_json

@@ -5,13 +5,15 @@ is one law; iterating over `EFFECTS` yields all laws of torque, over `DRIVE_EFFE
 `equation` of a law is executable text: its contribution to the recorded torque in terms of its parameters and t, q, v,
 a, load, torque and inertia. At prismatic joints, N replaces N.m, and m replaces rad.
 
-To add a law, write a module here after the example of `signid.effects.spring`, derive one of the five kinds of
-`signid.effects.base` or `DriveLaw` of `signid.effects.drive`, and add its name below; or register an entry point
-`signid.effects` in another package.
+To add a law, write a module here after the example of `signid.effects.spring`, and derive one of the five kinds of
+`signid.effects.base` or `DriveLaw` of `signid.effects.drive`: it is listed behind the laws below, by name. Or register
+an entry point `signid.effects` in another package.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..registry import Registry
@@ -20,23 +22,43 @@ if TYPE_CHECKING:
     from .base import Effect
     from .drive import DriveLaw
 
+_SOURCES = {path.stem: path.read_text("utf-8") for path in sorted(Path(__file__).parent.glob("*.py"))}
+_LAWS = [name for name, source in _SOURCES.items() if "\nPLUGIN = " in source]
+_DRIVE_LAWS = [name for name in _LAWS if "(DriveLaw)" in _SOURCES[name]]
+
+
+def _listed(first: str, there: Sequence[str], apart: str = "") -> str:
+    """Names of laws in a stated order, and all others that are there behind them; none of those set `apart`."""
+    names = first.split()
+    return " ".join([*names, *(name for name in there if name not in [*names, *apart.split()])])
+
+
 EFFECT_NAMES = ("viscous_friction", "coulomb_friction", "torque_offset", "armature")  # identified by default
 DRIVE_EFFECTS: Registry[DriveLaw] = Registry(
     "effects",
     __name__,
-    """
-    servo_gain register_gain servo_damping error_damping command_delay effort_limit duty_limit speed_limit dead_band
-    profile_limit voltage_droop
-    """,
+    _listed(
+        """
+        servo_gain register_gain servo_damping error_damping command_delay effort_limit duty_limit speed_limit dead_band
+        profile_limit voltage_droop
+        """,
+        _DRIVE_LAWS,
+    ),
 )
+UNLISTED = f"empirical motor_friction {' '.join(DRIVE_EFFECTS.names)}"
 EFFECTS: Registry[Effect] = Registry(
     "effects",
     __name__,
-    """
-    viscous_friction coulomb_friction torque_offset armature asymmetric_friction stribeck_friction quadratic_friction
-    load_friction presliding_friction position_friction friction_drift spring cable_torque counterbalance torque_gain
-    torque_ripple backlash joint_elasticity encoder_offset time_delay torque_lag payload link_inertia base_tilt gravity
-    joint_coupling torque_saturation external_contact fluid_drag torque_sign channel_swap
-    """,
-    unlisted=f"empirical motor_friction {' '.join(DRIVE_EFFECTS.names)}",
+    _listed(
+        """
+        viscous_friction coulomb_friction torque_offset armature asymmetric_friction stribeck_friction
+        quadratic_friction load_friction presliding_friction position_friction friction_drift spring cable_torque
+        counterbalance torque_gain torque_ripple backlash joint_elasticity encoder_offset time_delay torque_lag payload
+        link_inertia base_tilt gravity joint_coupling torque_saturation external_contact fluid_drag torque_sign
+        channel_swap
+        """,
+        _LAWS,
+        apart=UNLISTED,
+    ),
+    unlisted=UNLISTED,
 )

@@ -91,7 +91,7 @@ def draft_map(
     used = {line.guess.column for line in lines} | {column for _, column in offered}
     unused = tuple(name for name in opened.table.columns if name not in used)
     lacking = tuple(_lacking(lines, opened, used))
-    text = _text(opened.name, robot, lines, offered, spare, unused, lacking)
+    text = _text(opened.name, robot, lines, offered, spare=spare, unused=unused, lacking=lacking)
     if stated := heading_lines(heading or Heading()):
         top, first, rest = text.partition("\n\n")
         text = "".join((top, "\n\n", "\n".join(stated), first, rest))
@@ -238,6 +238,7 @@ def _text(
     robot: Robot,
     lines: Sequence[MappedColumn],
     offered: Sequence[tuple[str, str]],
+    *,
     spare: Sequence[str],
     unused: Sequence[str],
     lacking: Sequence[str],

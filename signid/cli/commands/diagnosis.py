@@ -94,7 +94,9 @@ def diagnose(
     if has_drives((*given, *held_out), diagnosis.servo):
         file, read = registers_beside(gains, [simulation.simulation])
         with time_limit(diagnosis.time_limit):
-            drives = diagnose_drives(model, given, held_out, healthy, skip, file, run.seed, run.json)
+            drives = diagnose_drives(
+                model, given, held_out, healthy, skip=skip, actuators=file, seed=run.seed, json=run.json
+            )
             inputs = [*simulation_inputs(simulation, model.robot, columns=diagnosis.columns), *read]
             log = _log(model, [*given, *held_out], drives, logs)
             return deliver_servo_diagnosis(drives, inputs, diagnosis.output, run.json, given_command(context), log)

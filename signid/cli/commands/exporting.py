@@ -48,6 +48,7 @@ def export(
     simulation: SimulationName,
     exports: ExportFiles,
     mjcf: MjcfOptions,
+    *,
     package_dir: PackageDir = None,
     gravity: Gravity = None,
     xacro: Xacro = None,

@@ -66,6 +66,7 @@ def check(
     robot: RobotArguments,
     rows: RowOptions,
     run: RunOptions,
+    *,
     recordings: OptionalRecordings = None,
     unsigned: Unsigned = False,
     output: CheckFolder = None,
@@ -84,17 +85,17 @@ def check(
 
     check_folder(output, True, CHECKED)
     if is_recording(robot.robot):
-        return _audit(context, None, [robot.robot, *(recordings or ())], robot, rows, run, output)
+        return _audit(context, None, [robot.robot, *(recordings or ())], robot, rows, run, output=output)
     described = given_robot(robot.robot, robot)
     given = given_recordings(_needed(recordings, robot), described, rows.columns, unsigned)
     if not any(any(recording.columns["tau"]) for recording in given):
-        return _audit(context, described, given, robot, rows, run, output)
+        return _audit(context, described, given, robot, rows, run, output=output)
     try:
         with bars(run.json) as progress:
             found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
     except InputError as error:
         notes = instead_of_torque(context, error, given, "checked")
-        return _audit(context, described, given, robot, rows, run, output, notes)
+        return _audit(context, described, given, robot, rows, run, output=output, notes=notes)
     inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
     return deliver_check(found, inputs, output, run.json, given_command(context), run.seed)
 
@@ -112,6 +113,7 @@ def _audit(
     robot: RobotArguments,
     rows: RowOptions,
     run: RunOptions,
+    *,
     output: str | None,
     notes: Sequence[str] = (),
 ) -> int:
@@ -141,7 +143,9 @@ def _audit(
         inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
     else:
         inputs = [Input(readable(rows.columns), digest_of(Path(rows.columns)), "columns")] if rows.columns else []
-    return deliver_audit(found, inputs, output, run.json, given_command(context), run.seed, name)
+    return deliver_audit(
+        found, inputs, output, json=run.json, command=given_command(context), seed=run.seed, robot=name
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,6 +184,7 @@ def identify(
     fit: IdentifyOptions,
     robot: RobotArguments,
     recordings: Recordings,
+    *,
     rows: RowOptions,
     drives: DriveOptions,
     run: RunOptions,
@@ -211,7 +216,7 @@ def identify(
 
     def identify_drives(notes: Sequence[str] = ()) -> int:
         recorded = _Recorded(described, given, held_out, read)
-        return _deliver_drives(recorded, fit, drives, rows, run, command, notes)
+        return _deliver_drives(recorded, fit, drives, rows, run, command, notes=notes)
 
     if servo:
         return identify_drives()
@@ -254,6 +259,7 @@ def _deliver_drives(
     rows: RowOptions,
     run: RunOptions,
     command: str,
+    *,
     notes: Sequence[str],
 ) -> int:
     """Identify position drives, and write and print the result; `notes` come first."""
@@ -262,7 +268,7 @@ def _deliver_drives(
 
     robot, given, held_out, inputs = recorded
     with time_limit(fit.time_limit):
-        found = identify_drives(robot, given, held_out, drives, fit.refit, run.seed, run.json)
+        found = identify_drives(robot, given, held_out, drives, refit=fit.refit, seed=run.seed, json=run.json)
         more, own = revised_columns(found, (*given, *held_out), rows.columns, fit.output)
         found = replace(found, notes=(*notes, *found.notes, *own))
         return deliver_servos(found, inputs, fit.output, run.json, command, more)

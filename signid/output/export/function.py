@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TorqueLaw, TransmissionLaw
+from ...effects.base import FUNCTIONS, ActuatorLaw, BodyLaw, RecordingLaw, TorqueLaw, TransmissionLaw
 from ...model import Model, torque_model
 from ...robot import described_gravity
 from ...types import Law
@@ -18,9 +18,6 @@ from .drives import drive_note
 from .mjcf import mjcf_laws
 
 _SIGNALS = ("t", "q", "v", "a", "load", "jacobian")
-_NUMPY = (
-    "abs sign exp log sqrt sin cos tan arctan arctan2 sinh cosh tanh clip where sum array cross minimum maximum interp"
-).split()
 _VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
 _REASONS = {
     RecordingLaw: "changes the recorded values, not the torque",
@@ -188,5 +185,5 @@ class _Plain(ast.NodeTransformer):
         if name in _SIGNALS:
             self.used.add(name)
             return ast.Name(name)
-        self.known &= name in _NUMPY or name == "norm"
+        self.known &= name in FUNCTIONS or name == "norm"
         return ast.Attribute(ast.Name("np"), name if name != "norm" else "linalg.norm")

@@ -124,7 +124,7 @@ def _beginning(path: Path, content: bytes, skip: int) -> Iterable[TextLine]:
 
 
 def _header(path: Path, lines: Sequence[TextLine], rows: Sequence[TextLine]) -> tuple[TextLine, str]:
-    """TextLine of the header, and the separator of the samples.
+    """Line of the header, and the separator of the samples.
 
     Raises:
         RecordingError: there is no header.

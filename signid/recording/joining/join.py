@@ -58,7 +58,7 @@ def open_files(source: Source | Files, topics: Sequence[str], mapping: ParsedCol
     order = [base, *(k for k in range(len(timed)) if k != base)]
     parts = [_part(timed[k], named[k]) for k in order]
     offsets = _stated(source, [part.file for part in parts])
-    files = [_aligned(parts[:k], parts, k, offsets, source.align, notes, flags) for k in range(1, len(parts))]
+    files = [_aligned(parts, k, offsets, source.align, notes, flags) for k in range(1, len(parts))]
     for k, file in enumerate(files, 1):
         parts[k] = parts[k].moved(file.offset)
     return _table(parts, files, mapping, notes, flags)
@@ -139,7 +139,6 @@ def _stated(source: Files, files: Sequence[Timed]) -> dict[int, float]:
 
 
 def _aligned(
-    before: Sequence[_Part],
     parts: Sequence[_Part],
     k: int,
     stated: Mapping[int, float],

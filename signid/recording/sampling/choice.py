@@ -100,7 +100,7 @@ def _part(
 
 
 class TimedRows(NamedTuple):
-    """TimedRows of one stretch of n joints."""
+    """Rows of one stretch of n joints."""
 
     times: tuple[Array, Array]  # (N,) each [s] by either clock
     q: Array  # (N, n) [rad or m]

@@ -36,6 +36,14 @@ LIMITS = tuple(0.95 * 0.78**k for k in range(12))  # of the largest torque, wher
 BRIEF = 0.2  # [s]: nearly linear
 
 
+class _Factors(NamedTuple):
+    """The columns of M rows, over their sizes, as an orthogonal and a triangular factor."""
+
+    q: Array  # (M, 5)
+    r: Array  # (5, 5)
+    size: Array  # (5,) of the columns
+
+
 class _Line(NamedTuple):
     squares: float  # relative
     ratio: float  # kd over kp inside the limit [s]
@@ -96,10 +104,8 @@ def _lines(grids: Sequence[ServoGrid], courses: Sequence[RobotCourse], j: int, r
         return [_Line(1.0, 0.0, np.zeros(COLUMNS), np.inf)] * len(DELAYS)
     x = np.concatenate([side.columns for side in sides])
     size = np.linalg.norm(x, axis=0) + 1e-12
-    q, r = np.linalg.qr(x / size)
-    return [
-        _best([line for ratio in ratios for line in _limited(sides, j, delay, ratio, (q, r, size))]) for delay in DELAYS
-    ]
+    factors = _Factors(*np.linalg.qr(x / size), size)
+    return [_best([line for ratio in ratios for line in _limited(sides, j, delay, ratio, factors)]) for delay in DELAYS]
 
 
 def _best(lines: Sequence[_Line]) -> _Line:
@@ -109,10 +115,8 @@ def _best(lines: Sequence[_Line]) -> _Line:
     return free if best.squares > GAIN_OF_LIMIT * free.squares else best
 
 
-def _limited(
-    sides: Sequence[_Side], j: int, delay: float, ratio: float, factors: tuple[Array, Array, Array]
-) -> list[_Line]:
-    """Lines of one joint for each limit of the error; factors: q (M, 5) and r (5, 5) of the columns over sizes (5,)."""
+def _limited(sides: Sequence[_Side], j: int, delay: float, ratio: float, factors: _Factors) -> list[_Line]:
+    """Lines of one joint for each limit of the error."""
     q, r, size = factors
     errors = [side.error(j, delay) - ratio * side.speed for side in sides]
     used = np.abs(np.concatenate([error[side.use] for side, error in zip(sides, errors, strict=True)]))

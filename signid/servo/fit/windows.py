@@ -25,7 +25,7 @@ class FitWindows:
     bodies: LoopBodies  # along the motion that the robot is linear about
     first: Indices  # (W,) first row, of all recordings
     rows: Indices  # (W,) rows that are simulated
-    q0: Array  # (W, n) [rad or m] measured at the start
+    q0: Array  # (W, n) [rad or m] smoothed, at the start
     v0: Array  # (W, n) [rad/s or m/s] smoothed, at the start
     longest: int  # T - 1
 

@@ -61,8 +61,14 @@ def unit_of(name: str, prismatic: bool) -> str:
     if not prismatic:
         return unit
     return {
-        "N.m/rad": "N/m", "N.m.s/rad": "N.s/m", "N.m": "N", "rad": "m", "rad/s": "m/s", "kg.m2": "kg", "1/N.m": "1/N",
-    }.get(unit, unit)  # fmt: skip
+        "N.m/rad": "N/m",
+        "N.m.s/rad": "N.s/m",
+        "N.m": "N",
+        "rad": "m",
+        "rad/s": "m/s",
+        "kg.m2": "kg",
+        "1/N.m": "1/N",
+    }.get(unit, unit)
 
 
 def joint_numbers(

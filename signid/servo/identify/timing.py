@@ -50,9 +50,17 @@ def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window:
     servos = {joint: servo.with_(delay=servo.delay + late) for joint, servo in fit.servos.items()}
     grids = [_refined(grid, changes) for grid in data.train]
     new = fit_servos(
-        model, grids, servos, fit.names, window=window, shared=("delay",), relinearise=False, iterations=STEPS,
-        scales=False, coarse=True,
-    )  # fmt: skip
+        model,
+        grids,
+        servos,
+        fit.names,
+        window=window,
+        shared=("delay",),
+        relinearise=False,
+        iterations=STEPS,
+        scales=False,
+        coarse=True,
+    )
     return new.window_squares
 
 

@@ -6,6 +6,7 @@ Pinocchio from Python takes two to four times as long (3 to 7 joints, 200 rows),
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -15,8 +16,7 @@ from ...frozen import Frozen
 from ...types import Array, Mask, Robot
 
 
-@dataclass(frozen=True, eq=False)
-class Chain(Frozen):
+class Bodies(NamedTuple):
     """Joints of a robot in Pinocchio's order, m of them, with the bodies that they carry."""
 
     parent: Array  # (m,) [1] number of the parent joint, -1 for the base
@@ -28,6 +28,13 @@ class Chain(Frozen):
     centre: Array  # (m, 3) [m]
     inertia: Array  # (m, 3, 3) [kg.m2] about the centre
     gravity: Array  # (3,) [m/s2]
+
+
+@dataclass(frozen=True, eq=False)
+class Chain(Frozen):
+    """Bodies moved by n coordinates."""
+
+    bodies: Bodies
     drive: Array  # (m, n) speed of each joint per coordinate [1]
     rest: Array  # (m,) [rad or m] position of each joint at coordinates of zero
 
@@ -38,8 +45,17 @@ class Chain(Frozen):
         """
         turn = self.drive.T
         x = (np.ascontiguousarray(y) for y in (q @ turn + self.rest, v @ turn, a @ turn))
-        body = (self.parent, self.rotation, self.place, self.axis, self.slides, self.mass, self.centre, self.inertia)
-        return np.asarray(_torque(*x, *body, self.gravity) @ self.drive)
+        return np.asarray(_torque(*x, self.bodies) @ self.drive)
+
+
+class _Motion(NamedTuple):
+    """Motion of m joints at one instant, in their own frames."""
+
+    turn: Array  # (m, 3, 3) [1] to the frame of the parent
+    at: Array  # (m, 3) [m] in the frame of the parent
+    w: Array  # (m, 3) [rad/s]
+    alpha: Array  # (m, 3) [rad/s2]
+    acc: Array  # (m, 3) [m/s2]
 
 
 def chain_of(robot: Robot) -> Chain | None:
@@ -55,7 +71,7 @@ def chain_of(robot: Robot) -> Chain | None:
     slides = np.array([bool(np.linalg.norm(column[3:]) < 0.5) for column in own])
     axis = np.array([column[:3] if slide else column[3:] for column, slide in zip(own, slides, strict=True)])
     places, bodies = list(model.jointPlacements)[1:], list(model.inertias)[1:]
-    return Chain(
+    carried = Bodies(
         np.array([parent - 1 for parent in list(model.parents)[1:]]),
         np.array([place.rotation for place in places]),
         np.array([place.translation for place in places]),
@@ -65,9 +81,8 @@ def chain_of(robot: Robot) -> Chain | None:
         np.array([body.lever for body in bodies]),
         np.array([body.inertia for body in bodies]),
         np.array(model.gravity.linear),
-        np.asarray(robot.drive, float),
-        np.asarray(robot.rest, float) * np.ones(model.nv),
     )
+    return Chain(carried, np.asarray(robot.drive, float), np.asarray(robot.rest, float) * np.ones(model.nv))
 
 
 def _compiled(function):  # type: ignore[no-untyped-def]
@@ -124,9 +139,11 @@ def _about(axis, angle, x):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def _move(i, q, v, a, parent, rotation, place, axis, slides, gravity, turn, at, w, alpha, acc):  # type: ignore[no-untyped-def]
+def _move(bodies, i, q, v, a, motion):  # type: ignore[no-untyped-def]
     """Place and motion of joint i from those of its parent; gravity is an acceleration of the base."""
-    p, own, here = parent[i], _get(axis, i), _get(place, i)
+    rotation, slides, gravity = bodies.rotation, bodies.slides, bodies.gravity
+    turn, at, w, alpha, acc = motion
+    p, own, here = bodies.parent[i], _get(bodies.axis, i), _get(bodies.place, i)
     turn[i] = rotation[i]
     if slides[i]:
         here = _sum(here, _out(rotation, i, own), q)
@@ -151,15 +168,17 @@ def _move(i, q, v, a, parent, rotation, place, axis, slides, gravity, turn, at, 
 
 
 @_compiled
-def _torque(q, v, a, parent, rotation, place, axis, slides, mass, centre, inertia, gravity):  # type: ignore[no-untyped-def]
+def _torque(q, v, a, bodies):  # type: ignore[no-untyped-def]
     """Recursive Newton-Euler algorithm (Luh, Walker, Paul 1980), all in the frames of the joints."""
     rows, m = q.shape
     out = np.empty((rows, m))
     turn, at = np.empty((m, 3, 3)), np.empty((m, 3))
     w, alpha, acc, f, n = np.zeros((5, m, 3))
+    motion = _Motion(turn, at, w, alpha, acc)
+    parent, _, _, axis, slides, mass, centre, inertia, _ = bodies
     for t in range(rows):
         for i in range(m):
-            _move(i, q[t, i], v[t, i], a[t, i], parent, rotation, place, axis, slides, gravity, turn, at, w, alpha, acc)
+            _move(bodies, i, q[t, i], v[t, i], a[t, i], motion)
             c, spin, rise = _get(centre, i), _get(w, i), _get(alpha, i)
             push = _sum(_sum(_get(acc, i), _cross(rise, c), 1.0), _cross(spin, _cross(spin, c)), 1.0)
             push = (mass[i] * push[0], mass[i] * push[1], mass[i] * push[2])

@@ -63,7 +63,9 @@ def find_zeros(
     if best.changed:
         fine, noise = _weighed(fine, best)
         best = simplified(fine, noise, fit_zeros(fine, noise, *best.start), joints)
-    return _Judged(_weighed(Loads(chain, whole), best), (fine, noise), coarse, best, joints, trials).all(turning)
+    return _Judged(_weighed(Loads(chain, whole), best), (fine, noise), coarse, best, joints=joints, trials=trials).all(
+        turning
+    )
 
 
 def acting(loads: Loads, joints: Iterable[int]) -> list[int]:
@@ -101,6 +103,7 @@ class _Judged:
         fine: tuple[Loads, Array],
         coarse: Loads,
         best: ZeroFit,
+        *,
         joints: Sequence[int],
         trials: Sequence[ZeroTrial],
     ) -> None:

@@ -69,7 +69,7 @@ def _is_possible(inertial: Array) -> bool:
 def _scale(result: ServoIdentification) -> Document:
     scale = result.scale
     return {
-        "told_by": scale.known_by,
+        "set_by": scale.known_by,
         "share_of_known_load": {one.joint: one.known_load_share for one in result.joints},
         "sentence": scale.sentence,
         "otherwise": "; ".join(scale.alternatives),
@@ -89,7 +89,7 @@ def _joint(one: ServoJoint) -> Document:
         **damping,
         "effort_limit": {**limit, "saturated_share": one.saturated_share},
         "known_load_share": one.known_load_share,
-        "not_told": list(one.not_identifiable),
+        "not_identifiable": list(one.not_identifiable),
     }
 
 

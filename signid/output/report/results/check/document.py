@@ -39,7 +39,7 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         "cutoff": {"torque": band.cutoff, "position": band.position_cutoff, "unit": "Hz"},
         "base_parameters": [{**base, "std": float(std), "verdict": verdict} for base, std, verdict in verdicts],
         "excitation": excitation_verdict(found.excitation),
-        "gross": _faults_document(found.faults),
+        "recording_faults": _faults_document(found.faults),
         "advice": list(found.advice),
         **ending(found, read, inputs or [description(robot)], seed),
     }

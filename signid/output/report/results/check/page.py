@@ -65,8 +65,8 @@ def check_page(found: Check, inputs: Sequence[Input] = (), command: str = "", se
         ["base parameter", "± 95 %>", "unit", "verdict"],
         [(name, figure(TWO_SIDED * std, 2), unit, verdict) for name, std, unit, verdict in base],
         once([*_files(found.recordings), *(inputs or [description(robot)])]),
-        command,
-        seed,
+        command=command,
+        seed=seed,
     )
 
 
@@ -86,8 +86,8 @@ def audit_page(
         ["drive", "lag and bandwidth"],
         [(one.joint, verdict_of(one)) for one in found.joints],
         once([*_files(found.recordings), *inputs]),
-        command,
-        seed,
+        command=command,
+        seed=seed,
     )
 
 
@@ -97,6 +97,7 @@ def _page(
     heads: Sequence[str],
     verdicts: Sequence[Sequence[str]],
     files: Sequence[Input],
+    *,
     command: str,
     seed: int,
 ) -> str:
