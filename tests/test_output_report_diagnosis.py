@@ -15,7 +15,8 @@ from signid.diagnose import Alternative, Diagnosis, Finding, Unexplained
 from signid.diagnose.data.locate import Location
 from signid.effects.naming import parse_law
 from signid.estimation.fit_quality import Course, Fit
-from signid.output.report import diagnosis_document, diagnosis_tables, to_json
+from signid.output.report import to_json
+from signid.output.report.results.diagnosis import diagnosis_document, diagnosis_tables
 from signid.simulation.rollout import RollOut
 from signid.types import Input
 

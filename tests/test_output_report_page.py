@@ -12,7 +12,7 @@ from test_signs_page import Page, figures, values
 
 from signid.diagnose import Diagnosis
 from signid.diagnose.findings.thresholds import AMBIGUOUS
-from signid.output.report import diagnosis_page, diagnosis_tables
+from signid.output.report.results.diagnosis import diagnosis_page, diagnosis_tables
 
 
 def test_the_page_says_the_same_and_loads_nothing() -> None:

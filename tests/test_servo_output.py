@@ -16,7 +16,8 @@ import signid
 from signid.effects.packing import beside_drives
 from signid.errors import RobotError
 from signid.model import Model, load_model, with_servos
-from signid.output.report import servo_identification_document, to_json
+from signid.output.report import to_json
+from signid.output.report.results.servo_identification import servo_identification_document
 from signid.servos import PASSIVE, Servo
 from signid.toml_json import SCHEMAS, check_schema
 

@@ -140,7 +140,7 @@ def process(case: Case, cache: Path, diagnose: bool, again: bool) -> str:
         start, wall = time.process_time(), time.perf_counter()
         # diagnose the recordings in a folder without access to the answers, and without the effects to skip
         import signid
-        from signid.output.report import diagnosis_document
+        from signid.output.report.results.diagnosis import diagnosis_document
 
         model = signid.load_model(folder / "robot.urdf")
         recordings = [signid.read_recording(path, model.robot) for path in sorted(folder.glob("recording_*.parquet"))]

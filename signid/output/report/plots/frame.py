@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,7 +50,10 @@ def render(template: str, **content: Any) -> str:
 def shared(result: Any, robots: Iterable[Robot], inputs: Sequence[Input], command: str) -> dict[str, Any]:
     """Content of every page: result, input files (by default the descriptions of the robots), command, version."""
     files = once([*result.inputs, *(inputs or map(description, robots))])
-    return {"result": result, "files": files, "command": command, "seed": result.seed, "version": __version__}
+    return {
+        **{"result": result, "flags": result.flags, "notes": result.notes},
+        **{"files": files, "command": command, "seed": result.seed, "version": __version__},
+    }
 
 
 class Header(NamedTuple):
@@ -59,15 +62,14 @@ class Header(NamedTuple):
     title: str
     over: str  # small line above the headline
     cards: Sequence[Card]
-    unreliable: bool = False  # whether flags say what not to rely on
+    kind: str = ""  # "unreliable", "unknown" or "nothing_missing"
     headline: str = ""  # "": the title
 
 
-def sections_page(header: Header, sections: Sequence[Section], **content: Any) -> str:
-    """Render a page of sections; `content`: that of every page (`shared`), and `notes` if not those of the result."""
-    result = content["result"]
-    content = {"notes": result.notes, "flags": result.flags, **content, **header._asdict()}
-    return render("sections.html", sections=sections, **{**content, "headline": header.headline or header.title})
+def sections_page(header: Header, sections: Sequence[Section], content: Mapping[str, Any]) -> str:
+    """Render a page of sections; `content`: that of every page, `shared`."""
+    top = {**header._asdict(), "headline": header.headline or header.title}
+    return render("sections.html", sections=sections, **top, **content)
 
 
 def curve(name: str, x: Any, y: Any, line: dict[str, Any], **hover: str) -> dict[str, Any]:

@@ -239,8 +239,7 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
         joints=joint_plots(result.held_out, result.before, result.after, chosen or order[:1]),
         rolled=rolled,
         errors=rollout_errors(result),
-        notes=diagnosis_notes(result),
-        **shared(result, [result.robot], inputs, command),
+        **shared(result, [result.robot], inputs, command) | {"notes": diagnosis_notes(result)},
     )
 
 

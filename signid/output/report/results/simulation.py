@@ -174,7 +174,7 @@ def _drive(drive: Drive) -> Document:
 
 
 def excitation_document(
-    robot: Robot, found: Excitation | Separation, inputs: Sequence[Input] = (), seed: int = 0
+    found: Excitation | Separation, inputs: Sequence[Input] = (), *, robot: Robot, seed: int = 0
 ) -> Document:
     """Build the output of `signid excite --json`; `inputs` defaults to the robot description."""
     return {
@@ -190,7 +190,7 @@ def excitation_document(
     }
 
 
-def excitation_tables(robot: Robot, found: Excitation | Separation) -> list[RenderableType]:
+def excitation_tables(found: Excitation | Separation, *, robot: Robot) -> list[RenderableType]:
     """Use of the limits, and identifiability or distance of laws along the motion."""
     from ....simulation.excite import Separation
 
