@@ -116,9 +116,9 @@ def _signs(result: Any, joints: Sequence[str]) -> Plots:
     )
     several = len(parts) > 1
     named = (
-        plot._replace(name=f"{plot.name}, {escape(part['name'], quote=False)}") if several else plot
-        for part in parts
-        for plot in part["plots"]
+        plot._replace(name=f"{plot.name}, {escape(part, quote=False)}") if several else plot
+        for part, plots in parts.items()
+        for plot in plots
         if plot.name in _safe(joints)
     )
     return list(named)

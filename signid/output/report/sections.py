@@ -56,6 +56,17 @@ class JointPlots(NamedTuple):
     plots: tuple[Plot, ...]
 
 
+class Bar(str):
+    """Text of a cell that a page draws as a bar, of a length [%]."""
+
+    percent: float
+
+    def __new__(cls, text: str, percent: float) -> Bar:
+        found = super().__new__(cls, text)
+        found.percent = percent
+        return found
+
+
 class Cells(NamedTuple):
     """A table: heads, `>` at the end for columns of numbers, and rows of texts."""
 
