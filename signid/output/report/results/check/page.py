@@ -10,7 +10,7 @@ import numpy as np
 from .....types import Array, Input, Recording, Samples
 from .....version import __version__
 from ...layout import figure
-from ...plots.courses import FEWEST, GAP, OPEN, POINTS, recorded_lines
+from ...plots.courses import FEWEST, OPEN, POINTS, Line, Panes, recorded_lines
 from ...plots.frame import AFTER, BEFORE, FAINT, FLOOR, Header, axis, curve, packed, sections_page
 from ...policy import plot_markup
 from ...sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Section, Sentences
@@ -20,7 +20,6 @@ MOST_RECORDINGS = 4  # maximum number of recordings that are drawn
 ROWS, WINDOW = 65_536, 2048  # most rows of a spectrum, and rows of one window
 VISIBLE = 0.002  # [1] smallest width of omitted rows, over the duration
 LOWEST = 1e-12  # [1] smallest power density that is drawn, over the largest
-HOVER = "$name: %{y:.5g} $unit at %{x:.5g} s<extra></extra>"
 KEY = (
     ("measured", "position"),
     ("floor", "command"),
@@ -168,36 +167,17 @@ def _sequence(drawn: Sequence[_Drawn], joint: str) -> _Course:
 def _over_time(joint: str, course: _Course, length: str, torque: str) -> Plot:
     """Plot position, command, and torque or tracking error; omitted rows are shaded."""
     q, tau, command = course.lines.T
-    below = tau if torque and np.isfinite(tau).any() else command - q
-    is_torque = below is tau
-    lines: list[tuple[str, str, str, dict[str, Any], Array, str]]
-    lines = [("position", "y", INK, {"width": 1.6}, q, length)]
-    if np.isfinite(command).any():
-        lines.insert(0, ("command", "y", FLOOR, {"width": 1.2, "dash": "dash"}, command, length))
-    name, unit = ("torque", torque) if is_torque else ("command - position", length)
-    if np.isfinite(below).any():
-        lines.append((name, "y2", AFTER, {"width": 1.3}, below, unit))
-    data = [
-        {
-            **curve(
-                name,
-                packed(course.t),
-                packed(y),
-                {"color": colour, **style},
-                hovertemplate=plot_markup(HOVER, name=name, unit=unit),
-            ),
-            "yaxis": at,
-        }
-        for name, at, colour, style, y, unit in lines
-    ]
+    is_torque = bool(torque and np.isfinite(tau).any())
+    name, below = ("torque", tau) if is_torque else ("command - position", command - q)
+    dashed = {"width": 1.2, "dash": "dash"}
+    lines = [Line("command", "y", FLOOR, dashed, command)] if np.isfinite(command).any() else []
+    lines += [Line("position", "y", INK, {"width": 1.6}, q)]
+    lines += [Line(name, "y2", AFTER, {"width": 1.3}, below)] if np.isfinite(below).any() else []
+    panes = Panes("position", "torque" if is_torque else "error", (length, torque if is_torque else length), 0.5, 320)
+    plot = panes.plot(f"{joint}: position and {name} over time", course.t, lines)
     whole = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0, "y1": 1, "fillcolor": OMITTED}
-    layout = {
-        "xaxis": axis("time [s]", anchor="y2"),
-        "yaxis": axis(f"position [{length}]", domain=[0.5 + GAP, 1], nticks=5),
-        "yaxis2": axis(f"{'torque' if is_torque else 'error'} [{unit}]", domain=[0, 0.5 - GAP], nticks=5),
-        "shapes": [{**whole, "x0": a, "x1": b, "line": {"width": 0}} for a, b in course.omitted],
-    }
-    return Plot(f"{joint}: position and {name} over time", data, layout, 320, wide=True)
+    shapes = [{**whole, "x0": a, "x1": b, "line": {"width": 0}} for a, b in course.omitted]
+    return plot._replace(layout={**plot.layout, "shapes": shapes})
 
 
 def _spectra(rows: Samples, j: int, length: str, torque: str, marks: Marks) -> Iterator[Plot]:
