@@ -15,7 +15,7 @@ INK = "#1f2933"
 CLEAR = "rgba(0,0,0,0)"
 PLAIN = {"paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR, "margin": {"l": 8, "r": 10, "t": 10, "b": 8}}
 FONT = {"family": "system-ui, Segoe UI, Helvetica, Arial, sans-serif", "size": 12, "color": INK}
-Block: TypeAlias = Union["Cells", "Sentences", "Plain", "Legend", "Key", "Folds", "Plots"]
+Block: TypeAlias = Union["Cells", "Sentences", "Plain", "Legend", "Key", "Folds", "Fold", "Laws", "Plots"]
 
 
 class Card(NamedTuple):
@@ -103,6 +103,33 @@ class Folds(NamedTuple):
 
     note: str
     joints: Sequence[JointPlots]
+
+
+class Fold(NamedTuple):
+    """Sentences of a page that unfold below a summary."""
+
+    summary: str
+    folded: Sequence[str]
+
+
+class LawCard(NamedTuple):
+    """A law that was found, with its numbers and alternatives."""
+
+    title: str
+    probability: str
+    sure: bool
+    summary: str
+    equation: str
+    numbers: Cells
+    evidence: str
+    compared: str  # heading of the alternatives
+    rivals: Sequence[tuple[str, Bar]]  # the law and its alternatives with their probabilities
+
+
+class Laws(NamedTuple):
+    """Laws of a page that were found."""
+
+    laws: Sequence[LawCard]
 
 
 class Plots(NamedTuple):
