@@ -12,7 +12,7 @@ import numpy as np
 from ....types import Array, Indices, Input, Robot
 from ....version import __version__
 from ..documents import description, once
-from ..layout import confidence, determination, figure, share, with_interval
+from ..layout import share
 from ..policy import content_policy
 from ..sections import Card, Section
 
@@ -40,8 +40,7 @@ def render(template: str, **content: Any) -> str:
 
     spaces: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
     jinja = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, **spaces)
-    for made in (figure, share, determination, with_interval, confidence):
-        jinja.filters[made.__name__] = made
+    jinja.filters["share"] = share
     css, script = ((TEMPLATES / f"page.{name}").read_text(encoding="utf-8") for name in ("css", "js"))
     scripts = [get_plotlyjs(), script]
     return jinja.get_template(template).render(policy=content_policy(scripts), scripts=scripts, css=css, **content)
