@@ -22,7 +22,8 @@ from signid.cli.fleet.changes import ComparedSession, find_changes
 from signid.cli.fleet.summary import Summary, summarise
 from signid.effects.naming import parse_law
 from signid.model import Model
-from signid.output.report import identification_document, to_json
+from signid.output.report import to_json
+from signid.output.report.results.identification import identification_document
 from signid.simulation.excite.families import rest_to_rest_motion
 from signid.simulation.plant import Sensors, record, simulate, track
 

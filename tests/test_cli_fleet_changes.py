@@ -19,7 +19,7 @@ from signid.cli.fleet.changes import ComparedSession, ParameterChange, find_chan
 from signid.cli.fleet.process import DONE, Answer, Order
 from signid.cli.fleet.run import fleet
 from signid.cli.fleet.summary import Number, Summary, summarise
-from signid.output.report import fleet_page, fleet_tables
+from signid.output.report.results.fleet import fleet_page, fleet_tables
 
 JOINTS = ("j1", "j2", "j3")
 STD = 0.01  # of noise alone [N.m]

@@ -18,8 +18,7 @@ from signid.cli.fleet import run as run_module
 from signid.cli.fleet.process import DONE, Answer, Order
 from signid.cli.fleet.run import fleet
 from signid.cli.fleet.summary import Number, find_drifts
-from signid.output.report import fleet_page, fleet_tables
-from signid.output.report.results.fleet import cause_sentence, number_ranges
+from signid.output.report.results.fleet import cause_sentence, fleet_page, fleet_tables, number_ranges
 
 
 def numbers(days: np.ndarray, values: np.ndarray, std: float) -> list[tuple[float, list[Number]]]:

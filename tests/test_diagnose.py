@@ -14,7 +14,8 @@ from diagnosed import DRIVES, Planted, fault, look, named, read, recorded, simul
 import signid  # noqa: E402
 from signid.diagnose import Diagnosis, Finding  # noqa: E402
 from signid.errors import OptionError, RecordingError  # noqa: E402
-from signid.output.report import diagnosis_document, to_json  # noqa: E402
+from signid.output.report import to_json  # noqa: E402
+from signid.output.report.results.diagnosis import diagnosis_document  # noqa: E402
 
 ALL, SURE = (0, 1, 2), 4.0  # joints; standard deviations that a number may be off by
 PAYLOAD = fault("payload", mass=0.2, first_moment_x=0.03, first_moment_y=0.0, first_moment_z=0.0)

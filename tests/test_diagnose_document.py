@@ -16,7 +16,8 @@ from diagnosed import Planted, fault, look  # noqa: E402
 from signid.diagnose import Diagnosis  # noqa: E402
 from signid.diagnose.findings.thresholds import PLAUSIBLE, SEPARATED, SEPARATED_PER_FINDING  # noqa: E402
 from signid.effects import EFFECTS  # noqa: E402
-from signid.output.report import diagnosis_document, to_json  # noqa: E402
+from signid.output.report import to_json  # noqa: E402
+from signid.output.report.results.diagnosis import diagnosis_document  # noqa: E402
 
 NAMES = {effect.name for effect in EFFECTS}
 VARIABLES = ("velocity", "position", "acceleration", "torque", "time")

@@ -13,7 +13,8 @@ import pytest
 import signid
 from signid.errors import OptionError
 from signid.identify import Identification
-from signid.output.report import identification_document, to_json
+from signid.output.report import to_json
+from signid.output.report.results.identification import identification_document
 from signid.regression.session import Options
 
 EFFECTS = ("viscous_friction", "coulomb_friction", "torque_offset")

@@ -22,6 +22,7 @@ from signid.output.display.frames import FRAMES, frame_names
 from signid.output.display.tables import TABLES
 from signid.output.report.plots.frame import axis, packed
 from signid.output.report.sections import Plot
+from signid.output.report.writers import WRITERS
 from signid.servo.validate import ServoValidatedModel, ServoValidation
 
 HERE = Path(__file__).parents[1] / "robots" / "3r"
@@ -110,7 +111,7 @@ def test_every_table_and_figure_is_made(results: dict[str, Any]) -> None:
         for name in figure_names(result):
             drawn = result.plot(name)
             assert isinstance(drawn, go.Figure) and len(drawn.data), (kind, name)
-    assert set(FRAMES) | set(FIGURES) <= set(TABLES)
+    assert set(FRAMES) | set(FIGURES) <= {*TABLES, *WRITERS}
 
 
 def test_tables_hold_the_numbers(results: dict[str, Any]) -> None:

@@ -9,6 +9,7 @@ import os
 import re
 import stat
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -20,20 +21,11 @@ from swing import swing
 import signid
 from signid.errors import OutputError
 from signid.identify import Identification
-from signid.output.report import (
-    Screen,
-    figure,
-    identification_document,
-    identification_tables,
-    inspection_document,
-    inspection_tables,
-    layout,
-    probe_folder,
-    to_json,
-    with_interval,
-    write_files,
-)
+from signid.output.report import Screen, figure, layout, probe_folder, to_json, with_interval, write_files
 from signid.output.report.layout import new_table
+from signid.output.report.results.identification import identification_document, identification_tables
+from signid.output.report.results.inspection import inspection_document, inspection_tables
+from signid.output.report.writers import REPORTED, WRITERS
 from signid.types import Input
 
 INPUTS = [Input("1r", "0" * 64, "description")]
@@ -234,3 +226,10 @@ def test_the_screen_is_plain_where_it_is_no_terminal(
     screen.write("as [it] stands :smile:\n")
     screen.print("[bold]and[/bold] 0.5")
     assert capsys.readouterr().out == "as [it] stands :smile:\n[bold]and[/bold] 0.5\n"
+
+
+def test_every_writer_of_a_result_exists() -> None:
+    for kind, (module, start) in WRITERS.items():
+        functions = vars(import_module(f"signid.output.report.results.{module}"))
+        verbs = ("document", "tables", "page") if kind in (*REPORTED, "ServoAudit") else ("document", "tables")
+        assert all(callable(functions[f"{start}_{verb}"]) for verb in verbs), kind

@@ -11,8 +11,12 @@ from servo_logs import drive, recording
 from test_output_report_diagnosis import made
 
 import signid
-from signid.faults.commands import audit_servos
-from signid.output.report import audit_page, check_page, diagnosis_page, identification_page, validation_page
+from signid.faults.commands.audit import audit_servos
+from signid.output.report.results.check.drives import audit_page
+from signid.output.report.results.check.torque import check_page
+from signid.output.report.results.diagnosis import diagnosis_page
+from signid.output.report.results.identification import identification_page
+from signid.output.report.results.validation import validation_page
 
 ROOT = Path(__file__).parents[1]
 DRAWN = "[...document.querySelectorAll('.plot')].filter(box => box.querySelector('.main-svg'))"

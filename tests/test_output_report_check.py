@@ -23,11 +23,10 @@ from signid.faults.commands import audit_servos
 from signid.faults.description import LIMITS
 from signid.faults.distortions import KINDS as DISTORTIONS
 from signid.faults.search import CLAIMS
-from signid.output.report import audit_page, check_document, check_page
 from signid.output.report.layout import share
-from signid.output.report.results.check.drives import SEARCHED, audit_summary
+from signid.output.report.results.check.drives import SEARCHED, audit_page, audit_summary
 from signid.output.report.results.check.summary import UnitUse, recording_names, unit_sentences, unit_uses
-from signid.output.report.results.check.torque import IN_SAMPLES, IN_TORQUE, check_summary
+from signid.output.report.results.check.torque import IN_SAMPLES, IN_TORQUE, check_document, check_page, check_summary
 from signid.recording import read_bare
 from signid.types import Recording, StatedUnit
 

@@ -15,7 +15,8 @@ from signid.diagnose import Alternative, Diagnosis, Finding, Unexplained
 from signid.diagnose.data.locate import Location
 from signid.effects.naming import parse_law
 from signid.estimation.fit_quality import Course, Fit
-from signid.output.report import diagnosis_document, diagnosis_tables, to_json
+from signid.output.report import to_json
+from signid.output.report.results.diagnosis import diagnosis_document, diagnosis_tables
 from signid.simulation.rollout import RollOut
 from signid.types import Input
 
@@ -234,5 +235,5 @@ def test_a_number_without_an_interval_says_so() -> None:
 
 def test_a_joint_that_got_worse_is_red() -> None:
     (table,) = [part for part in diagnosis_tables(made()) if "irreducible" in shown([part])]
-    after = [str(cell.style) for cell in table.columns[2].cells]  # type: ignore[union-attr]
+    after = [str(getattr(cell, "style", "")) for cell in table.columns[2].cells]  # type: ignore[union-attr]
     assert after == ["", "", "red"]

@@ -14,7 +14,8 @@ from test_signs_page import Page
 
 from signid.diagnose import Diagnosis
 from signid.effects.naming import parse_law
-from signid.output.report import diagnosis_document, diagnosis_page, diagnosis_tables, to_json
+from signid.output.report import to_json
+from signid.output.report.results.diagnosis import diagnosis_document, diagnosis_page, diagnosis_tables
 
 FRICTION = finding("coulomb_friction@2:level=1.2", {"level": 0.005}, stated={"level": 0.3})
 SENTENCE = "Coulomb friction of joint_2: 0.300 N.m in the simulation, 1.20 ± 0.01 N.m recorded"

@@ -12,7 +12,7 @@ from test_signs_page import Page, figures, values
 
 from signid.diagnose import Diagnosis
 from signid.diagnose.findings.thresholds import AMBIGUOUS
-from signid.output.report import diagnosis_page, diagnosis_tables
+from signid.output.report.results.diagnosis import diagnosis_page, diagnosis_tables
 
 
 def test_the_page_says_the_same_and_loads_nothing() -> None:
@@ -36,7 +36,7 @@ def test_the_page_says_the_same_and_loads_nothing() -> None:
     assert "of" not in read.tags and "note" not in read.tags and len(page) < 6e6
     assert page == diagnosis_page(made(), command="signid diagnose 3r x.csv -o DIR")
     for result in (made(verdict="unknown"), made(verdict="nothing_missing", findings=(), unexplained=(), flags=())):
-        assert f'<h1 class="{result.verdict}">' in diagnosis_page(result)
+        assert f'<header class="top {result.verdict}' in diagnosis_page(result)
 
 
 def test_a_headline_is_red_if_flags_say_that_the_result_is_unreliable() -> None:

@@ -19,8 +19,8 @@ from signid.cli.fleet import run as run_module
 from signid.cli.fleet.process import DONE, Answer, Order
 from signid.cli.fleet.run import fleet
 from signid.output.replay import Replay
-from signid.output.report import fleet_page
 from signid.output.report.policy import content_policy, plot_markup
+from signid.output.report.results.fleet import fleet_page
 from signid.output.report.sections import Plot
 
 ROOT = Path(__file__).parents[1]

@@ -15,7 +15,8 @@ from servo_results import invented
 import signid
 from signid.errors import RobotError
 from signid.model import Model, load_model, with_servos
-from signid.output.report import servo_identification_document, to_json
+from signid.output.report import to_json
+from signid.output.report.results.servo_identification import servo_identification_document
 from signid.servos import PASSIVE, Servo
 from signid.toml_json import SCHEMAS, check_schema
 

@@ -12,8 +12,7 @@ import numpy as np
 import plotly.graph_objects as go
 from test_signs_report import FLAGS, JOINTS, found, trace
 
-from signid.output.report import signs_page
-from signid.output.report.results.signs import MOST, proof_sentence
+from signid.output.report.results.signs import MOST, proof_sentence, signs_page
 
 
 class Page(HTMLParser):

@@ -15,8 +15,8 @@ import pytest
 from test_output_report import shown
 from test_recording import arm
 
-from signid.output.report import signed_csv, signs_document, signs_tables, to_json, write_files
-from signid.output.report.results.signs import proof_sentence
+from signid.output.report import to_json, write_files
+from signid.output.report.results.signs import proof_sentence, signed_csv, signs_document, signs_tables
 from signid.recording import read_recording, with_signs
 from signid.signs import Gain, SignProof, Signs, SignSegment, Trace
 

@@ -73,7 +73,7 @@ def test_the_diagnosis_of_a_robot_in_mujoco_finds_the_direction(delay: float) ->
     pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
     from diagnosed import fault, look, named
 
-    from signid.output.report import diagnosis_document
+    from signid.output.report.results.diagnosis import diagnosis_document
     from signid.output.report.results.sentences import finding_words
 
     found = look("3r", fault("time_delay", delay=delay))

@@ -134,7 +134,7 @@ def actuators_file(drives: Drives, joints: Sequence[str]) -> str:
 def diagnose_session(folder: Path, skip: tuple[str, ...]) -> dict[str, Any]:
     """Diagnose the recordings in a folder without access to the answers, and without the effects to skip."""
     import signid
-    from signid.output.report import diagnosis_document
+    from signid.output.report.results.diagnosis import diagnosis_document
 
     model = signid.load_model(folder / "robot.urdf")
     recordings = [signid.read_recording(path, model.robot) for path in sorted(folder.glob("recording_*.parquet"))]

@@ -15,7 +15,7 @@ from rich.table import Table
 import signid
 from signid.diagnose import Diagnosis
 from signid.model import Model
-from signid.output.report import diagnosis_document
+from signid.output.report.results.diagnosis import diagnosis_document
 from signid.types import Recording
 
 from ..concealed.evaluate import Truth, is_right, is_twin

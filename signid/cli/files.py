@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -36,17 +36,17 @@ IDENTIFIED = ("identification.json", *DIAGNOSED[1:])
 
 def deliver(result: Identification, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
     """Write and print an identification; return the exit code; `command` is the shell line that reproduces it."""
-    from ..output.report import identification_document, identification_page, identification_tables, to_json
+    from ..output.report import document, page, tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
         described, notes = _urdf(result.robot, _identifiable_bodies(result), result.best.laws)
         result = replace(result, notes=(*result.notes, *notes))
         signed = _signed(result.signs, result.recordings, result.robot)
-        files = {**described, "report.html": identification_page(result, inputs, command), **signed}
-    document = to_json(identification_document(result, inputs))
-    files = {"identification.json": document, "model.json": to_json(result.best.document()), **files}
-    return show(document if json else identification_tables(result), result.flags, _written(output, files))
+        files = {**described, "report.html": page(result, inputs, command), **signed}
+    text = to_json(document(result, inputs))
+    files = {"identification.json": text, "model.json": to_json(result.best.document()), **files}
+    return show(text if json else tables(result), result.flags, _written(output, files))
 
 
 def deliver_servos(
@@ -60,7 +60,7 @@ def deliver_servos(
     """Write and print an identification of position drives, with more files; return the exit code."""
     from ..model import torque_model
     from ..output.export import with_known_numbers
-    from ..output.report import servo_identification_document, servo_identification_tables, servo_page, to_json
+    from ..output.report import document, page, tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
@@ -68,10 +68,10 @@ def deliver_servos(
         described, notes = _urdf(known.robot, known.inertials, torque_model(known).laws)
         notes = (*notes, *(f"robot.urdf: {note}" for note in left))
         result = replace(result, notes=(*result.notes, *notes))
-        files = {**described, "report.html": servo_page(result, inputs, command), **more}
-    document = to_json(servo_identification_document(result, inputs))
-    files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
-    return show(document if json else servo_identification_tables(result), result.flags, _written(output, files))
+        files = {**described, "report.html": page(result, inputs, command), **more}
+    text = to_json(document(result, inputs))
+    files = {"identification.json": text, "model.json": to_json(result.model.document()), **files}
+    return show(text if json else tables(result), result.flags, _written(output, files))
 
 
 def deliver_diagnosis(
@@ -81,87 +81,61 @@ def deliver_diagnosis(
 
     `logs`: log for viewers, and its paths by kind.
     """
-    from ..output.report import diagnosis_document, diagnosis_tables, to_json
+    from ..output.report import document, tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
         result, files = diagnosis_files(result, inputs, command)
-    document = to_json(diagnosis_document(result, inputs))
-    written = [*_written(output, {"diagnosis.json": document, **files}), *(write_logs(*logs) if logs else ())]
-    return show(document if json else diagnosis_tables(result), result.flags, written)
+    text = to_json(document(result, inputs))
+    written = [*_written(output, {"diagnosis.json": text, **files}), *(write_logs(*logs) if logs else ())]
+    return show(text if json else tables(result), result.flags, written)
 
 
 def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) -> tuple[Diagnosis, dict[str, Content]]:
     """Return the diagnosis with notes on the limits of file formats, and its files besides diagnosis.json."""
-    from ..output.report import diagnosis_page, to_json
+    from ..output.report import page, to_json
 
     described, notes = _extended_urdf(result)
     result = replace(result, notes=(*result.notes, *notes))
     signed = _signed(result.signs, result.recordings, result.robot)
     model = to_json(result.model.document())
-    page = diagnosis_page(result, inputs, command)
-    return result, {"model.json": model, **described, "report.html": page, **signed}
+    return result, {"model.json": model, **described, "report.html": page(result, inputs, command), **signed}
 
 
-def deliver_validation(found: Validation, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
-    """Write and print a validation; return the exit code; `command` is the shell line that reproduces it."""
-    from ..output.report import to_json, validation_document, validation_page, validation_tables
-
-    document = to_json(validation_document(found, inputs))
-    page = {} if output is None else {"report.html": validation_page(found, inputs, command)}
-    written = _written(output, {"validation.json": document, **page})
-    return show(document if json else validation_tables(found), found.flags, written)
-
-
-def deliver_check(
-    found: Check, inputs: Sequence[Input], output: str | None, json: bool, command: str, seed: int
+def deliver_report(
+    found: Validation | ServoValidation | Check | ServoAudit,
+    inputs: Sequence[Input],
+    output: str | None,
+    json: bool,
+    command: str,
+    *,
+    seed: int | None = None,
+    robot: str | None = None,
 ) -> int:
-    """Write and print a check of recordings with torque; return the exit code."""
-    from ..output.report import check_document, check_page, check_tables, to_json
+    """Write and print a validation or a check; return the exit code; `seed` of a check, `robot`: name, of an audit."""
+    from ..output.report import document, page, tables, to_json
 
-    document = to_json(check_document(found, inputs, seed))
-    page = {} if output is None else {"report.html": check_page(found, inputs, command, seed)}
-    written = _written(output, {"check.json": document, **page})
-    return show(document if json else check_tables(found), found.flags, written)
-
-
-def deliver_audit(
-    found: ServoAudit, inputs: Sequence[Input], output: str | None, *, json: bool, command: str, seed: int, robot: str
-) -> int:
-    """Write and print an audit of position drives; return the exit code; `robot`: its name, or ""."""
-    from ..output.report import audit_document, audit_page, audit_tables, to_json
-
-    document = to_json(audit_document(found, inputs, seed, robot))
-    page = {} if output is None else {"report.html": audit_page(found, inputs, command, seed, robot)}
-    written = _written(output, {"check.json": document, **page})
-    return show(document if json else audit_tables(found, robot), found.flags, written)
-
-
-def deliver_servo_validation(
-    found: ServoValidation, inputs: Sequence[Input], output: str | None, json: bool, command: str
-) -> int:
-    """Write and print a validation of models with position drives; return the exit code."""
-    from ..output.report import servo_validation_document, servo_validation_page, servo_validation_tables, to_json
-
-    document = to_json(servo_validation_document(found, inputs))
-    page = {} if output is None else {"report.html": servo_validation_page(found, inputs, command)}
-    written = _written(output, {"validation.json": document, **page})
-    return show(document if json else servo_validation_tables(found), found.flags, written)
+    named: dict[str, Any] = {} if robot is None else {"robot": robot}
+    given = named if seed is None else {**named, "seed": seed}
+    content = document(found, inputs, **given)
+    text, name = to_json(content), content["schema"].removeprefix("signid.").removesuffix("/1")
+    files = {} if output is None else {f"{name}.json": text, "report.html": page(found, inputs, command, **given)}
+    return show(text if json else tables(found, **named), found.flags, _written(output, files))
 
 
 def deliver_servo_diagnosis(
     result: ServoDiagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str, logs: Logs = None
 ) -> int:
     """Write and print a diagnosis of position drives; return the exit code; `logs` as in `deliver_diagnosis`."""
-    from ..output.report import servo_diagnosis_document, servo_diagnosis_page, servo_diagnosis_tables, to_json
+    from ..output.report import document, page, tables, to_json
 
-    document = to_json(servo_diagnosis_document(result, inputs))
+    text = to_json(document(result, inputs))
     files: dict[str, Content] = {}
     if output is not None:
-        page = servo_diagnosis_page(result, inputs, command)
-        files = {"diagnosis.json": document, "model.json": to_json(result.model.document()), "report.html": page}
+        shown = page(result, inputs, command)
+        files = {"diagnosis.json": text, "model.json": to_json(result.model.document()), "report.html": shown}
     written = [*_written(output, files), *(write_logs(*logs) if logs else ())]
-    return show(document if json else servo_diagnosis_tables(result), result.flags, written)
+    return show(text if json else tables(result), result.flags, written)
 
 
 def check_logs(**files: str | None) -> dict[str, Path]:
@@ -205,7 +179,7 @@ def _written(output: str | None, files: Mapping[str, Content]) -> Sequence[Path]
 
 def _signed(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) -> dict[str, Content]:
     """A table per recording whose signs were recovered (signed.csv, signed_2.csv, ...), and a page about the signs."""
-    from ..output.report import signed_csv, signs_page
+    from ..output.report.results.signs import signed_csv, signs_page
 
     if signs is None:
         return {}

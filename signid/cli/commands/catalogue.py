@@ -34,7 +34,8 @@ def effects(
     Each law comes with its equation, parameters, units, usual values and source.
     """
     from ...effects import DRIVE_EFFECTS, EFFECTS
-    from ...output.report import effects_document, effects_tables, to_json
+    from ...output.report import to_json
+    from ...output.report.results.laws import effects_document, effects_tables
 
     chosen = [*EFFECTS, *DRIVE_EFFECTS] if name is None else [EFFECTS[name]]
     return show(to_json(effects_document(chosen)) if json else effects_tables(chosen))
@@ -65,7 +66,8 @@ def data(
     need them. Source, commit and licence are shown, and the download must be confirmed. The converted files are
     verified by their sha256 and written completely or not at all.
     """
-    from ...output.report import data_document, data_tables, to_json
+    from ...output.report import to_json
+    from ...output.report.results.recordings import data_document, data_tables
     from ...recording.gallery import DATA
 
     folder = _folder(name, options)
@@ -87,7 +89,8 @@ def _folder(name: str | None, options: DataOptions) -> Path:
 
 def _get(name: str, folder: Path, options: DataOptions, json: bool) -> int:
     """Download a data set unless it is complete, and list the commands that use it."""
-    from ...output.report import Screen, data_card, data_document, probe_folder, to_json, write_files
+    from ...output.report import Screen, probe_folder, to_json, write_files
+    from ...output.report.results.recordings import data_card, data_document
     from ...recording.gallery import DATA, check_source, fetch, is_complete
 
     wanted, screen, source = DATA[name], Screen(), options.source

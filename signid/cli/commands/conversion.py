@@ -69,7 +69,7 @@ def convert(
     Read and correct it; the same command then uses it. With --robot alone, names that match no joint are listed.
     Several files, one a joint or a quantity, are joined on time: elbow.csv with t, position and torque gives q_elbow.
     """
-    from ...output.report import conversion_document, conversion_tables, to_json
+    from ...output.report import document, tables, to_json
     from ...recording.convert import convert as read
 
     name, output = conversion.robot, conversion.output
@@ -89,9 +89,9 @@ def convert(
         drop_missing=conversion.drop_missing,
     )
     inputs = [] if name is None or robot is None else given_inputs(name, robot, robot_options.actuators)
-    document = to_json(conversion_document(found, inputs))
+    text = to_json(document(found, inputs))
     written = write_columns(output, found.columns)
-    return show(document if json else conversion_tables(found), found.flags, written)
+    return show(text if json else tables(found), found.flags, written)
 
 
 def _check(sources: list[str], conversion: ConvertOptions, actuators: str | None, json: bool) -> None:

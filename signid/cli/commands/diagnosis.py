@@ -172,7 +172,7 @@ def validate(
     from ...regression.session import Options
     from ...servo.validate import validate_servos
     from ...validate import HORIZON, validate as judge
-    from ..files import VALIDATED, deliver_servo_validation, deliver_validation
+    from ..files import VALIDATED, deliver_report
     from .drives import registers_beside
 
     check_folder(validation.output, True, VALIDATED)
@@ -203,11 +203,11 @@ def validate(
         gains, file = registers_beside(robot.actuators, names)
         with bars(run.json) as progress:
             loops = validate_servos(models, read, actuators=gains, seed=run.seed, progress=progress)
-        return deliver_servo_validation(loops, [*inputs, *file], validation.output, run.json, given_command(context))
+        return deliver_report(loops, [*inputs, *file], validation.output, run.json, given_command(context))
     options = Options(cutoff=validation.cutoff, seed=run.seed)
     with bars(run.json) as progress:
         result = judge(models, read, options=options, rollout=validation.rollout, horizon=horizon, progress=progress)
-    return deliver_validation(result, inputs, validation.output, run.json, given_command(context))
+    return deliver_report(result, inputs, validation.output, run.json, given_command(context))
 
 
 def _sort_arguments(given: Sequence[str]) -> tuple[list[str], list[str]]:

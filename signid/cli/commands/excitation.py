@@ -52,15 +52,16 @@ def excite(excitation: ExciteOptions, robot: RobotArguments, run: RunOptions) ->
     fit signid simulate --motion. With --separate the motion discriminates two laws; if no motion can, the exit code is
     3. Parameters of a law that are not given take their usual values.
     """
-    from ...output.report import excitation_document, excitation_tables, to_json
+    from ...output.report import document, tables, to_json
 
     source = robot.simulation
     check_file(excitation.output, run.json, [source.simulation, source.actuators])
     model, _ = given_model(source)
     found = _search(model, excitation, run)
-    document = to_json(excitation_document(model.robot, found, simulation_inputs(source, model.robot), run.seed))
+    inputs = simulation_inputs(source, model.robot)
+    text = to_json(document(found, inputs, robot=model.robot, seed=run.seed))
     written = write_columns(excitation.output, motion_columns(found.trajectory))
-    return show(document if run.json else excitation_tables(model.robot, found), found.flags, written)
+    return show(text if run.json else tables(found, robot=model.robot), found.flags, written)
 
 
 def _search(model: Model, asked: ExciteOptions, run: RunOptions) -> Excitation | Separation:

@@ -91,7 +91,8 @@ def reduce(
     the same result as the recordings, at once. Files can be added if they are reduced --like one of them; otherwise
     laws, band and filter follow from the recordings themselves.
     """
-    from ...output.report import factors_document, factors_tables, to_json, write_files
+    from ...output.report import to_json, write_files
+    from ...output.report.results.recordings import factors_document, factors_tables
     from ...regression.reduced import add_up, encode_factors
 
     _check(reduction, run.json)

@@ -51,13 +51,13 @@ CheckFolder = Annotated[
 def inspect(robot: RobotArguments, run: RunOptions, effects: Effects = None) -> int:
     """List joints, links, base and unidentifiable parameters."""
     from ...inspect import inspect as look
-    from ...output.report import inspection_document, inspection_tables, to_json
+    from ...output.report import document, tables, to_json
 
     described = given_robot(robot.robot, robot)
     found = look(described, given_effects(effects), run.seed)
     if not run.json:
-        return show(inspection_tables(found))
-    return show(to_json(inspection_document(found, given_inputs(robot.robot, described, robot.actuators), run.seed)))
+        return show(tables(found))
+    return show(to_json(document(found, given_inputs(robot.robot, described, robot.actuators), seed=run.seed)))
 
 
 @command("signid check 3r recording.csv")
@@ -81,7 +81,7 @@ def check(
     """
     from ...check import check as judge
     from ...recording import is_recording
-    from ..files import CHECKED, deliver_check
+    from ..files import CHECKED, deliver_report
 
     check_folder(output, True, CHECKED)
     if is_recording(robot.robot):
@@ -97,7 +97,7 @@ def check(
         notes = instead_of_torque(context, error, given, "checked")
         return _audit(context, described, given, robot, rows, run, output=output, notes=notes)
     inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
-    return deliver_check(found, inputs, output, run.json, given_command(context), run.seed)
+    return deliver_report(found, inputs, output, run.json, given_command(context), seed=run.seed)
 
 
 def _needed(recordings: Texts, robot: RobotArguments) -> list[str]:
@@ -122,7 +122,7 @@ def _audit(
     from ...recording import read_bare
     from ...recording.source import digest_of
     from ...types import Input
-    from ..files import deliver_audit
+    from ..files import deliver_report
 
     units: dict[str, str] = {}
     read: list[Recording] = []
@@ -143,9 +143,7 @@ def _audit(
         inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
     else:
         inputs = [Input(readable(rows.columns), digest_of(Path(rows.columns)), "columns")] if rows.columns else []
-    return deliver_audit(
-        found, inputs, output, json=run.json, command=given_command(context), seed=run.seed, robot=name
-    )
+    return deliver_report(found, inputs, output, run.json, given_command(context), seed=run.seed, robot=name)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,7 @@ def payload(
     With one RECORDING in which the load is picked up, put down or both, the moments are found first. If no load is
     picked up, the command says so and ends with 3.
     """
-    from ...output.report import payload_document, payload_tables, to_json
+    from ...output.report import document, tables, to_json
     from ...payload import payload as identify_payload
 
     _check_payload(loads, recordings)
@@ -49,9 +49,9 @@ def payload(
     with time_limit(loads.time_limit), bars(run.json) as progress:
         found = identify_payload(described, *sides, options=options, progress=progress)
     if not run.json:
-        return show(payload_tables(found), found.flags)
+        return show(tables(found), found.flags)
     inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
-    return show(to_json(payload_document(found, inputs)), found.flags)
+    return show(to_json(document(found, inputs)), found.flags)
 
 
 def _check_payload(loads: PayloadOptions, recordings: Texts) -> None:

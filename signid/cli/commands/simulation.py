@@ -17,7 +17,7 @@ from .drives import SERVO, injected_numbers
 
 if TYPE_CHECKING:
     from ...model import Model
-    from ...output.report import SimulationRun
+    from ...output.report.results.simulation import SimulationRun
     from ...simulation.plant import Sensors, Torques
     from ...simulation.plant.control import Tracking
     from ...types import Array, Recording, Robot, Trajectory
@@ -96,7 +96,7 @@ def simulate(
     With --servo the position drives of SIMULATION (a model.json with servos, or [joint.J.servo] of an actuators file)
     follow the q_des_J of COMMANDS, or the motion; the recording holds q_J, dq_J, q_des_J and on_J, without torque.
     """
-    from ...output.report import simulation_document, simulation_tables, to_json
+    from ...output.report import document, tables, to_json
     from ...simulation.plant import Sensors
 
     read = [plant.motion, plant.torque, commands, simulation.simulation, simulation.actuators]
@@ -108,9 +108,9 @@ def simulate(
     known, asked = given_model(simulation, plant.motion, plant.torque)
     done = _run(known, asked, plant, loop, recorded, run)
     files = {"motion": plant.motion, "torque": plant.torque}
-    document = to_json(simulation_document(done, simulation_inputs(simulation, known.robot, **files), run.seed))
+    text = to_json(document(done, simulation_inputs(simulation, known.robot, **files), seed=run.seed))
     written = write_columns(plant.output, done.columns)
-    return show(document if run.json else simulation_tables(done), (), written)
+    return show(text if run.json else tables(done), (), written)
 
 
 def _through_drives(
@@ -123,7 +123,7 @@ def _through_drives(
 ) -> int:
     """Simulate and record the closed loop of position drives."""
     from ...effects.naming import parse_law
-    from ...output.report import servo_simulation_document, servo_simulation_tables, to_json
+    from ...output.report import document, tables, to_json
     from ...servo.simulate import simulate_servos
     from ...simulation.plant import Sensors
     from ...types import Trajectory
@@ -147,9 +147,9 @@ def _through_drives(
         known, given, Sensors(**vars(sensors)), inject=laws, numbers=numbers, injected=texts, seed=run.seed
     )
     inputs = simulation_inputs(simulation, known.robot, commands=commands, motion=plant.motion)
-    document = to_json(servo_simulation_document(done, inputs, run.seed))
+    text = to_json(document(done, inputs, seed=run.seed))
     written = write_columns(plant.output, done.columns)
-    return show(document if run.json else servo_simulation_tables(done), (), written)
+    return show(text if run.json else tables(done), (), written)
 
 
 def _random(robot: Robot, duration: float | None, rate: float | None, seed: int) -> Trajectory:
@@ -169,7 +169,7 @@ def _run(
     """Simulate and record the known model with the injected laws."""
     from ...effects.naming import parse_law
     from ...model import Model, torque_model
-    from ...output.report import SimulationRun
+    from ...output.report.results.simulation import SimulationRun
     from ...servo.stated import stated_servos
     from ...simulation.plant import Torques, record, simulate
 

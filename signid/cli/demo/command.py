@@ -68,14 +68,14 @@ def demo(
 
 def _files(story: Story, name: str) -> dict[str, Content]:
     """Files besides the recordings and demo.json."""
-    from ...output.report import diagnosis_document, to_json
+    from ...output.report import document, to_json
     from ..files import diagnosis_files
     from .words import by_hand
 
     inputs = given_inputs(name, story.result.robot, None)
     result, files = diagnosis_files(story.result, inputs, f"{by_hand(story, name)} -o DIR")
-    document = to_json(diagnosis_document(result, inputs))
-    return {**story.files, "diagnosis.json": document, **files, "replay.html": story.replay.page()}
+    text = to_json(document(result, inputs))
+    return {**story.files, "diagnosis.json": text, **files, "replay.html": story.replay.page()}
 
 
 def _open(pages: Sequence[Path]) -> None:

@@ -45,7 +45,8 @@ def fleet(
     with robots ranked by mismatch, common causes and drifting parameters, and sessions/NAME with the files of the
     single command. An interrupted run can be repeated: sessions whose files are unchanged are not run again.
     """
-    from ...output.report import fleet_page, fleet_tables, to_json, write_files
+    from ...output.report import to_json, write_files
+    from ...output.report.results.fleet import fleet_page, fleet_tables
     from .run import fleet as work
 
     place = _folder(options.output)

@@ -20,7 +20,8 @@ def compose(plots: Sequence[Plot], columns: int = 1) -> Any:
     """A Plotly figure of plots in rows of `columns`; their arrays are NumPy arrays, and names appear once."""
     import plotly.graph_objects as go
 
-    from ..report.sections import FONT
+    from ..report.policy import escaped
+    from ..report.sections import FONT, Plot
 
     rows = [plots[k : k + columns] for k in range(0, len(plots), columns)]
     heights = [max(plot.height for plot in row) + ABOVE for row in rows]
@@ -32,7 +33,8 @@ def compose(plots: Sequence[Plot], columns: int = 1) -> Any:
         y = (1 - (top + height - BELOW) / total, 1 - (top + ABOVE) / total)
         for k, plot in enumerate(row):
             x = (k / columns + (BESIDE if columns > 1 else 0), (k + 1) / columns - (0.01 if columns > 1 else 0))
-            _place(plot, x, y, counts, data, layout)
+            safe = Plot(*(escaped(part) for part in plot))
+            _place(safe, x, y, counts, data, layout)
         top += height
     _legend(data)
     general = {"template": "plotly_white", "font": FONT, "height": total + TOP, "hovermode": "closest"}

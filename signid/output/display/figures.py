@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 from ...errors import OptionError, shorten
@@ -55,40 +54,29 @@ def _joints(result: Any) -> tuple[str, ...]:
     return tuple(owner.joints)
 
 
-def _safe(joints: Sequence[str]) -> tuple[str, ...]:
-    """Names whose markup Plotly shows as text."""
-    return tuple(escape(joint, quote=False) for joint in joints)
+def _of(found: Iterable[JointPlots], joints: Sequence[str], part: slice) -> Plots:
+    return [plot for one in found if one.name in joints for plot in one.plots[part]]
 
 
-def _of(found: Sequence[JointPlots], joints: Sequence[str], part: slice) -> Plots:
-    return [plot for one in found if one.name in _safe(joints) for plot in one.plots[part]]
-
-
-def _torque(result: Any) -> Sequence[JointPlots]:
+def _torque(part: slice) -> Maker:
     """Plots of each joint of the report: torque and residual on what was held out, before and after."""
-    from ..report.documents import rms
-    from ..report.plots.courses import joint_plots
 
-    course = held_out_course(result)
-    course = replace(course, joints=_safe(course.joints))
-    after = result.after if hasattr(result, "after") else result.fit
-    return joint_plots(course, replace(after, held_out_rms=rms(course.before)), after, ())
+    def made(result: Any, joints: Sequence[str]) -> Plots:
+        from ..report.documents import rms
+        from ..report.plots.courses import joint_plots
 
+        course = held_out_course(result)
+        after = result.after if hasattr(result, "after") else result.fit
+        return _of(joint_plots(course, replace(after, held_out_rms=rms(course.before)), after, ()), joints, part)
 
-def _residuals(result: Any, joints: Sequence[str]) -> Plots:
-    return _of(_torque(result), joints, slice(1))
-
-
-def _states(result: Any, joints: Sequence[str]) -> Plots:
-    return _of(_torque(result), joints, slice(1, None))
+    return made
 
 
 def _heat(after: bool) -> Maker:
     def made(result: Any, joints: Sequence[str]) -> Plots:
         from ..report.results.diagnosis import residual_maps
 
-        safe = replace(result, train=replace(result.train, joints=_safe(result.train.joints)))
-        before, extended, _ = residual_maps(safe)
+        before, extended, _ = residual_maps(result)
         return extended if after else before
 
     return made
@@ -102,8 +90,7 @@ def _rollouts(result: Any, joints: Sequence[str]) -> Plots:
         runs = [("before", result.rollout_before, BEFORE, "dot"), ("after", result.rollout_after, AFTER, "solid")]
     else:
         runs = [("simulation", result, AFTER, "solid")]
-    shown = [(name, replace(run, joints=_safe(run.joints)), *style) for name, run, *style in runs if run is not None]
-    return [plot for plot in rollout_plots(shown) if plot.name in _safe(joints)]
+    return [plot for plot in rollout_plots([run for run in runs if run[1] is not None]) if plot.name in joints]
 
 
 def _signs(result: Any, joints: Sequence[str]) -> Plots:
@@ -111,42 +98,31 @@ def _signs(result: Any, joints: Sequence[str]) -> Plots:
     from ..report.results.signs import sign_plots
 
     signs: Signs = getattr(result, "signs", result)
-    parts = sign_plots(
-        replace(signs, joints=_safe(signs.joints)), torque_units(result.robot) if signs is not result else ()
-    )
-    several = len(parts) > 1
-    named = (
-        plot._replace(name=f"{plot.name}, {escape(part['name'], quote=False)}") if several else plot
-        for part in parts
-        for plot in part["plots"]
-        if plot.name in _safe(joints)
-    )
-    return list(named)
+    parts = sign_plots(signs, torque_units(result.robot) if signs is not result else ())
+    return [
+        plot._replace(name=f"{plot.name}, {part}") if len(parts) > 1 else plot
+        for part, plots in parts.items()
+        for plot in plots
+        if plot.name in joints
+    ]
 
 
 def _validated(result: Any, joints: Sequence[str]) -> Plots:
     from ..report.results.validation import validated_plots
 
-    models = (replace(one, fit=replace(one.fit, joints=_safe(one.fit.joints))) for one in result.models)
-    return _of(list(validated_plots(replace(result, models=tuple(models)))), joints, slice(None))
+    return _of(validated_plots(result), joints, slice(None))
 
 
 def _validated_rollouts(result: Any, joints: Sequence[str]) -> Plots:
     from ..report.results.validation import validated_rollouts
 
-    found = [one if one.rollout is None else replace(one, rollout=_renamed(one.rollout)) for one in result.models]
-    return [plot for plot in validated_rollouts(replace(result, models=tuple(found))) if plot.name in _safe(joints)]
-
-
-def _renamed(run: Any) -> Any:
-    return replace(run, joints=_safe(run.joints))
+    return [plot for plot in validated_rollouts(result) if plot.name in joints]
 
 
 def _positions(result: Any, joints: Sequence[str]) -> Plots:
     from ..report.plots.courses import closed_loop_plots
 
-    traces = [_renamed(trace) for trace in result.traces]
-    return _of(list(closed_loop_plots(traces, _renamed(result.rollout))), joints, slice(None))
+    return _of(closed_loop_plots(result.traces, result.rollout), joints, slice(None))
 
 
 def _correlation(result: Any, joints: Sequence[str]) -> Plots:
@@ -164,7 +140,7 @@ def _excitation(result: Any, joints: Sequence[str]) -> Plots:
 def _samples(recording: Any, joints: Sequence[str]) -> Plots:
     from ..report.plots.courses import recording_plots
 
-    return recording_plots(replace(recording, joints=_safe(recording.joints)), _safe(joints))
+    return recording_plots(recording, joints)
 
 
 LONGEST = 12  # characters of a joint name from which on plots do not stand side by side
@@ -172,16 +148,16 @@ GRIDS = ("heat_maps", "heat_maps_after")
 FIGURES: dict[str, dict[str, Maker]] = {
     "Check": {"signs": _signs, "excitation": _excitation},
     "Diagnosis": {
-        "residuals": _residuals,
-        "residuals_by_state": _states,
+        "residuals": _torque(slice(1)),
+        "residuals_by_state": _torque(slice(1, None)),
         "heat_maps": _heat(False),
         "heat_maps_after": _heat(True),
         "rollouts": _rollouts,
         "signs": _signs,
     },
     "Identification": {
-        "residuals": _residuals,
-        "residuals_by_state": _states,
+        "residuals": _torque(slice(1)),
+        "residuals_by_state": _torque(slice(1, None)),
         "correlation": _correlation,
         "excitation": _excitation,
         "signs": _signs,

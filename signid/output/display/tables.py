@@ -14,25 +14,20 @@ from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import Input, Recording, Robot
 from ..report.documents import rms
 from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, torque_units
-from ..report.results.check.tables import check_tables
-from ..report.results.diagnosis import diagnosis_tables
 from ..report.results.fleet import fleet_tables
-from ..report.results.identification import fit_rows, identification_tables
-from ..report.results.inspection import inspection_tables, joint_table
+from ..report.results.identification import fit_rows
+from ..report.results.inspection import joint_table
 from ..report.results.laws import law_document
-from ..report.results.payload import payload_tables
-from ..report.results.servo_diagnosis import servo_diagnosis_tables
-from ..report.results.servo_identification import servo_identification_tables
 from ..report.results.signs import signs_tables
-from ..report.results.simulation import servo_simulation_tables
-from ..report.results.validation import servo_validation_tables, validation_tables
+from ..report.writers import tables as command_tables
 
 Renderables = list[RenderableType]
 
 
 def tables(result: Any) -> Renderables:
     """Heading, tables and notes of a result."""
-    return TABLES[type(result).__name__](result)
+    short = TABLES.get(type(result).__name__)
+    return command_tables(result) if short is None else short(result)
 
 
 def _robot(robot: Robot) -> Renderables:
@@ -149,27 +144,17 @@ def _reduced(reduced: Any) -> Renderables:
 
 
 TABLES: dict[str, Callable[[Any], Renderables]] = {
-    "Check": check_tables,
-    "Diagnosis": diagnosis_tables,
     "Excitation": _motion,
     "Fit": _fit,
     "Fleet": lambda fleet: fleet_tables(fleet.document()),
-    "Identification": identification_tables,
-    "Inspection": inspection_tables,
     "Model": _model,
-    "Payload": payload_tables,
     "Recording": _recording,
     "Reduced": _reduced,
     "Robot": _robot,
     "RollOut": _roll_out,
     "Separation": _motion,
-    "ServoDiagnosis": servo_diagnosis_tables,
-    "ServoIdentification": servo_identification_tables,
-    "ServoSimulation": servo_simulation_tables,
-    "ServoValidatedModel": lambda one: servo_validation_tables(_alone(one)),
-    "ServoValidation": servo_validation_tables,
+    "ServoValidatedModel": lambda one: command_tables(_alone(one)),
     "Signs": signs_tables,
     "Simulation": _simulation,
     "ValidatedModel": _validated,
-    "Validation": validation_tables,
 }

@@ -62,6 +62,12 @@ def _width(console: Console, column: Column) -> int:
     return 2 + (wide if column.no_wrap else min(wide, SHORT))
 
 
+class Worse(str):
+    """Text of a cell with an error that is clearly larger than before: red."""
+
+    worse = True
+
+
 class _Name:
     """A long word, such as the name of a joint, that loses its middle in a narrow column instead of being folded."""
 
@@ -103,7 +109,8 @@ class _Table(Table):
 
     def add_row(self, *cells: RenderableType | None, **settings: Any) -> None:
         first = [name_cell(x) if isinstance(x, str) else x for x in cells[:1]]
-        super().add_row(*first, *cells[1:], **settings)
+        others = [Text(x, "red") if isinstance(x, Worse) else x for x in cells[1:]]
+        super().add_row(*first, *others, **settings)
 
 
 def name_cell(name: str) -> RenderableType:

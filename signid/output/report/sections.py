@@ -15,7 +15,7 @@ INK = "#1f2933"
 CLEAR = "rgba(0,0,0,0)"
 PLAIN = {"paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR, "margin": {"l": 8, "r": 10, "t": 10, "b": 8}}
 FONT = {"family": "system-ui, Segoe UI, Helvetica, Arial, sans-serif", "size": 12, "color": INK}
-Block: TypeAlias = Union["Cells", "Sentences", "Plain", "Legend", "Key", "Folds", "Plots"]
+Block: TypeAlias = Union["Cells", "Sentences", "Plain", "Legend", "Key", "Folds", "Fold", "Laws", "Plots"]
 
 
 class Card(NamedTuple):
@@ -56,6 +56,17 @@ class JointPlots(NamedTuple):
     plots: tuple[Plot, ...]
 
 
+class Bar(str):
+    """Text of a cell that a page draws as a bar, of a length [%]."""
+
+    percent: float
+
+    def __new__(cls, text: str, percent: float) -> Bar:
+        found = super().__new__(cls, text)
+        found.percent = percent
+        return found
+
+
 class Cells(NamedTuple):
     """A table: heads, `>` at the end for columns of numbers, and rows of texts."""
 
@@ -92,6 +103,33 @@ class Folds(NamedTuple):
 
     note: str
     joints: Sequence[JointPlots]
+
+
+class Fold(NamedTuple):
+    """Sentences of a page that unfold below a summary."""
+
+    summary: str
+    folded: Sequence[str]
+
+
+class LawCard(NamedTuple):
+    """A law that was found, with its numbers and alternatives."""
+
+    title: str
+    probability: str
+    sure: bool
+    summary: str
+    equation: str
+    numbers: Cells
+    evidence: str
+    compared: str  # heading of the alternatives
+    rivals: Sequence[tuple[str, Bar]]  # the law and its alternatives with their probabilities
+
+
+class Laws(NamedTuple):
+    """Laws of a page that were found."""
+
+    laws: Sequence[LawCard]
 
 
 class Plots(NamedTuple):

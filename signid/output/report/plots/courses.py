@@ -35,18 +35,44 @@ MOST_TRACES = 4  # maximum number of recordings that are drawn
 FROM_COMMANDS = (
     "The robot starts at the measured state and follows the commands alone. Error is measured - simulated position."
 )
-POSITION = "$name: %{y:.5g} $unit at %{x:.5g} s<extra></extra>"
-TORQUE = "$name: %{y:.4g} $unit at %{x:.5g} s<extra></extra>"
+HOVER = "$name: %{y:.5g} $unit at %{x:.5g} s<extra></extra>"
 
 
 class Line(NamedTuple):
-    """A line of a plot of torque over time."""
+    """A line of a plot over time."""
 
     name: str
-    axis: str  # "y": torque, "y2": residual
+    axis: str  # "y": upper pane, "y2": lower pane
     colour: str
     style: dict[str, Any]
-    values: Array  # (M,) [N.m or N]
+    values: Array  # (M,) [unit of its pane]
+
+
+class Panes(NamedTuple):
+    """Two panes of a plot over time, one above the other."""
+
+    upper: str  # quantity
+    lower: str
+    units: tuple[str, str]
+    share: float = TOP  # of the height, for the lower pane [1]
+    height: int = 360  # [pixels]
+
+    def plot(self, title: str, t: Array, lines: Sequence[Line], **lower: Any) -> Plot:
+        """Plot lines over t: (M,) [s]; `lower`: further properties of the lower axis."""
+        x, data = packed(t), []
+        for line in lines:
+            hover = plot_markup(HOVER, name=line.name, unit=self.units[line.axis == "y2"])
+            style = {"color": line.colour, **line.style}
+            data.append({**curve(line.name, x, packed(line.values), style, hovertemplate=hover), "yaxis": line.axis})
+        zero = {"zeroline": True, "zerolinecolor": FAINT}
+        layout = {
+            "xaxis": axis("time [s]", anchor="y2"),
+            "yaxis": axis(f"{self.upper} [{self.units[0]}]", domain=[self.share + GAP, 1], nticks=6),
+            "yaxis2": axis(
+                f"{self.lower} [{self.units[1]}]", domain=[0, self.share - GAP], nticks=5, **{**zero, **lower}
+            ),
+        }
+        return Plot(title, data, layout, self.height, wide=True)
 
 
 def joint_plots(course: Course, before: Fit, after: Fit, chosen: Sequence[int]) -> list[JointPlots]:
@@ -78,47 +104,26 @@ def _plots(course: Course, j: int) -> Iterator[Plot]:
 
 def torque_plot(joint: str, rows: Course | ValidatedModel, unit: str, lines: Sequence[Line], most: int) -> Plot:
     """Plot torque over the time of some rows, with residuals below."""
-    t, first = clock(rows.t, rows.recording), np.flatnonzero(np.diff(rows.stretch, prepend=rows.stretch[:1] - 1))
+    first = np.flatnonzero(np.diff(rows.stretch, prepend=rows.stretch[:1] - 1))
+    t, lines = _thinned(clock(rows.t, rows.recording), lines, first, most)
+    panes = Panes("torque", "residual", (unit, unit))
+    return panes.plot(f"{joint}: torque over time, and measured - predicted", t, lines)
+
+
+def _thinned(t: Array, lines: Sequence[Line], first: Indices, most: int) -> tuple[Array, list[Line]]:
     t, values = thinned(t, np.column_stack([line.values for line in lines]), first, most)
-    data = [
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "name": line.name,
-            "x": packed(t),
-            "y": packed(y),
-            "yaxis": line.axis,
-            "line": {"color": line.colour, **line.style},
-            "hovertemplate": plot_markup(TORQUE, name=line.name, unit=unit),
-        }
-        for line, y in zip(lines, values.T, strict=True)
-    ]
-    layout = {
-        "xaxis": axis("time [s]", anchor="y2"),
-        "yaxis": axis(f"torque [{unit}]", domain=[TOP + GAP, 1], nticks=6),
-        "yaxis2": axis(f"residual [{unit}]", domain=[0, TOP - GAP], nticks=5, zeroline=True, zerolinecolor=FAINT),
-    }
-    return Plot(f"{joint}: torque over time, and measured - predicted", data, layout, 360, wide=True)
+    return t, [line._replace(values=y) for line, y in zip(lines, values.T, strict=True)]
 
 
 def recording_plots(recording: Recording, joints: Sequence[str]) -> list[Plot]:
     """Plot recorded position and torque over the time since the start, of some joints; read in chunks."""
     t, lines = recorded_lines(recording, max(FEWEST, POINTS // len(recording.joints)))
-    found = []
+    panes, found = Panes("position", "torque", ("rad or m", "N.m or N"), 0.5, 300), []
     for joint in joints:
         j = recording.joints.index(joint)
-        style, x = {"color": INK, "width": 1.4}, packed(t - t[0])
-        values = (("position", "y", lines[:, j]), ("torque", "y2", lines[:, len(recording.joints) + j]))
-        data = [
-            {**curve(name, x, packed(y), {**style, "color": c}), "yaxis": at}
-            for (name, at, y), c in zip(values, (INK, AFTER), strict=True)
-        ]
-        layout = {
-            "xaxis": axis("time [s]", anchor="y2"),
-            "yaxis": axis("position [rad or m]", domain=[0.5 + GAP, 1], nticks=5),
-            "yaxis2": axis("torque [N.m or N]", domain=[0, 0.5 - GAP], nticks=5),
-        }
-        found.append(Plot(joint, data, layout, 300, wide=True))
+        q, tau = lines[:, j], lines[:, len(recording.joints) + j]
+        drawn = [Line("position", "y", INK, {"width": 1.4}, q), Line("torque", "y2", AFTER, {"width": 1.4}, tau)]
+        found.append(panes.plot(joint, t - t[0], drawn))
     return found
 
 
@@ -261,22 +266,12 @@ def _simulated(measured: Array, simulated: Array) -> list[Line]:
 
 def _positions(title: str, t: Array, unit: str, lines: Sequence[Line], most: int) -> Plot:
     """Plot positions over time, with errors below."""
-    values = np.column_stack([np.where(np.isfinite(line.values), line.values, np.nan) for line in lines])
-    t, values = thinned(t - t[:1], values, np.zeros(1, dtype=np.intp), most)
-    data = []
-    for line, y in zip(lines, values.T, strict=True):
-        hover = plot_markup(POSITION, name=line.name, unit=unit)
-        style = {"color": line.colour, **line.style}
-        data.append({**curve(line.name, packed(t), packed(y), style, hovertemplate=hover), "yaxis": line.axis})
-    errors = {line.name: np.nanmax(np.abs(y), initial=0.0) for line, y in zip(lines, values.T, strict=True)}
-    span = SPAN * float(errors["measured - identified"])
+    lines = [line._replace(values=np.where(np.isfinite(line.values), line.values, np.nan)) for line in lines]
+    t, lines = _thinned(t - t[:1], lines, np.zeros(1, dtype=np.intp), most)
+    errors = {line.name: float(np.nanmax(np.abs(line.values), initial=0.0)) for line in lines}
+    span = SPAN * errors["measured - identified"]
     cut = {"range": [-span, span]} if 0 < span < errors.get("measured - before", 0.0) else {}
-    layout = {
-        "xaxis": axis("time [s]", anchor="y2"),
-        "yaxis": axis(f"position [{unit}]", domain=[TOP + GAP, 1], nticks=6),
-        "yaxis2": axis(f"error [{unit}]", domain=[0, TOP - GAP], nticks=5, zeroline=True, zerolinecolor=FAINT, **cut),
-    }
-    return Plot(title, data, layout, 360, wide=True)
+    return Panes("position", "error", (unit, unit)).plot(title, t, lines, **cut)
 
 
 def held_out_rows(session: Session, after: Model) -> tuple[Course, bool]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 from ....types import Array, Indices, Input, Robot
 from ....version import __version__
 from ..documents import description, once
-from ..layout import confidence, determination, figure, share, with_interval
+from ..layout import share
 from ..policy import content_policy
 from ..sections import Card, Section
 
@@ -40,8 +40,7 @@ def render(template: str, **content: Any) -> str:
 
     spaces: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
     jinja = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, **spaces)
-    for made in (figure, share, determination, with_interval, confidence):
-        jinja.filters[made.__name__] = made
+    jinja.filters["share"] = share
     css, script = ((TEMPLATES / f"page.{name}").read_text(encoding="utf-8") for name in ("css", "js"))
     scripts = [get_plotlyjs(), script]
     return jinja.get_template(template).render(policy=content_policy(scripts), scripts=scripts, css=css, **content)
@@ -50,7 +49,10 @@ def render(template: str, **content: Any) -> str:
 def shared(result: Any, robots: Iterable[Robot], inputs: Sequence[Input], command: str) -> dict[str, Any]:
     """Content of every page: result, input files (by default the descriptions of the robots), command, version."""
     files = once([*result.inputs, *(inputs or map(description, robots))])
-    return {"result": result, "files": files, "command": command, "seed": result.seed, "version": __version__}
+    return {
+        **{"result": result, "flags": result.flags, "notes": result.notes},
+        **{"files": files, "command": command, "seed": result.seed, "version": __version__},
+    }
 
 
 class Header(NamedTuple):
@@ -59,15 +61,14 @@ class Header(NamedTuple):
     title: str
     over: str  # small line above the headline
     cards: Sequence[Card]
-    unreliable: bool = False  # whether flags say what not to rely on
+    kind: str = ""  # "unreliable", "unknown" or "nothing_missing"
     headline: str = ""  # "": the title
 
 
-def sections_page(header: Header, sections: Sequence[Section], **content: Any) -> str:
-    """Render a page of sections; `content`: that of every page (`shared`), and `notes` if not those of the result."""
-    result = content["result"]
-    content = {"notes": result.notes, "flags": result.flags, **content, **header._asdict()}
-    return render("sections.html", sections=sections, **{**content, "headline": header.headline or header.title})
+def sections_page(header: Header, sections: Sequence[Section], content: Mapping[str, Any]) -> str:
+    """Render a page of sections; `content`: that of every page, `shared`."""
+    top = {**header._asdict(), "headline": header.headline or header.title}
+    return render("sections.html", sections=sections, **top, **content)
 
 
 def curve(name: str, x: Any, y: Any, line: dict[str, Any], **hover: str) -> dict[str, Any]:

@@ -4,26 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from inspect import getdoc
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
 from rich.padding import Padding
-from rich.table import Table
 from rich.text import Text
 
 from ....effects.naming import law_place
-from ....types import Array, Input, Robot
+from ....types import Input, Robot
 from ..documents import Document, description, fit_with_errors, opening, picked, provenance
-from ..layout import confidence, determination, figure, heading, new_table, note_lines, paragraph, plural
+from ..layout import Worse, confidence, determination, figure, heading, new_table, paragraph, plural, share
 from ..plots.courses import joint_plots, rollout_plots, worst
-from ..plots.frame import AFTER, BEFORE, render, shared
+from ..plots.frame import AFTER, BEFORE, Header, sections_page, shared
 from ..plots.heat import heat_maps, hottest
-from ..sections import Card, Plot
+from ..sections import (
+    Bar,
+    Card,
+    Cells,
+    Fold,
+    Folds,
+    Key,
+    LawCard,
+    Laws,
+    Legend,
+    Plain,
+    Plot,
+    Plots,
+    Section,
+    Sentences,
+    terminal,
+)
 from . import sentences as words
 from .laws import changed_link, finding_numbers, law_words, number_cells
 from .sentences import finding_headline, named, sentence_case, subject
-from .signs import signs_document, signs_tables
+from .signs import signs_document, signs_sections
 
 if TYPE_CHECKING:
     from ....diagnose import Diagnosis, Finding
@@ -36,6 +51,13 @@ CAUSES, CORRECTIONS, PLACES = 6, 3, 8  # maximum number shown
 SURE = 0.95  # probability from which a finding is considered certain
 LOUD = 1.5  # ratio of residual to irreducible rms from which a joint is unfolded
 LISTED = 5  # maximum number of alternatives drawn
+RESIDUAL = "Residual of the simulation"
+KEY = (("measured", "measured"), ("before", "before"), ("after", "after: extended simulation"))
+CORRECTED = ("law", "parameters, ± 95 %", "probability>", "of torque>", "mostly")
+HEAT = (
+    "rms residual over what no model could predict, on training data; load: predicted torque of the original "
+    "simulation; blank: noise, or too few rows"
+)
 
 
 def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Document:
@@ -108,19 +130,20 @@ def _finding(robot: Robot, finding: Finding) -> Document:
 def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
     """Verdict, location of the residual, findings, alternatives, unexplained residual and held-out validation."""
     left, unreliable = words.unexplained_words(result), words.is_unreliable(result.flags)
+    last = [
+        Section("Unexplained residual", (Sentences(left),)),
+        *([] if result.signs is None else signs_sections(result.signs)),
+        _fit(result),
+        _rolled(result),
+    ]
     return [
         Text(f"{result.robot.name}: {words.verdict_words(result)}", RED if unreliable else COLOURS[result.verdict]),
-        heading("Residual of the simulation"),
+        heading(RESIDUAL),
         *map(paragraph, words.place_words(result, PLACES)),
         *_findings(result),
         *map(paragraph, words.trust_words(result)),
         *_alternatives(result),
-        *([heading("Unexplained residual"), *map(paragraph, left)] if left else []),
-        *([] if result.signs is None else signs_tables(result.signs)),
-        heading("Held-out data: rms of the residual torque"),
-        _fit(result),
-        *_rolled(result),
-        *note_lines(diagnosis_notes(result)),
+        *terminal(last, diagnosis_notes(result)),
     ]
 
 
@@ -171,77 +194,92 @@ def _alternatives(result: Diagnosis) -> Iterator[RenderableType]:
             yield from map(_indented, cells)
 
 
-def _fit(result: Diagnosis) -> Table:
-    table = new_table("joint", "before>", "after>", "irreducible>", "unit", "R2 before>", "R2 after>")
-    before, after = result.before, result.after
+def _fit(result: Diagnosis) -> Section:
+    """Residual torque of each joint on what was held out, before and after."""
+    before, after, rows = result.before, result.after, []
     for j, joint in enumerate(before.joints):
         rms = change(float(before.held_out_rms[j]), float(after.held_out_rms[j]))
         r2 = (determination(float(fit.held_out_r2[j])) for fit in (before, after))
-        table.add_row(joint, *rms, figure(float(before.irreducible_rms[j]), 2), before.unit[j], *r2)
-    return table
+        rows.append((joint, *rms, figure(float(before.irreducible_rms[j]), 2), before.unit[j], *r2))
+    heads = ("joint", "before>", "after>", "irreducible>", "unit", "R2 before>", "R2 after>")
+    return Section("Held-out data: rms of the residual torque", (Cells(heads, rows),))
 
 
-def _rolled(result: Diagnosis) -> Iterator[RenderableType]:
-    if errors := rollout_errors(result):
-        yield heading(f"Roll-outs of {errors.horizon:g} s from measured states: rms position error at the end")
-        columns = (errors.joints, errors.unit, errors.before.tolist(), errors.after.tolist())
-        rows = ((joint, *change(*rms), unit) for joint, unit, *rms in zip(*columns, strict=True))
-        yield new_table("joint", "before>", "after>", "unit", rows=rows)
-
-
-class RollOutErrors(NamedTuple):
-    """Rms position errors at the end of the longest roll-outs."""
-
-    horizon: float  # [s]
-    joints: tuple[str, ...]
-    unit: tuple[str, ...]
-    before: Array  # (n,) [rad or m]
-    after: Array  # (n,) [rad or m]
-
-
-def rollout_errors(result: Diagnosis) -> RollOutErrors | None:
-    """Errors of the original and the extended simulation, if there are roll-outs."""
+def _rolled(result: Diagnosis) -> Section:
+    """Position errors of each joint at the end of the longest roll-outs, before and after, if there are any."""
     before, after = result.rollout_before, result.rollout_after
     if before is None or after is None:
-        return None
+        return Section("", ())
     horizon = max(before.horizons)
-    return RollOutErrors(horizon, before.joints, before.unit, before.rms(horizon), after.rms(horizon))
+    errors = (x.rms(horizon).tolist() for x in (before, after))
+    rows = [(joint, *change(*rms), unit) for joint, unit, *rms in zip(before.joints, before.unit, *errors, strict=True)]
+    title = f"Roll-outs of {horizon:g} s from measured states: rms position error at the end"
+    return Section(title, (Cells(("joint", "before>", "after>", "unit"), rows),))
 
 
-def change(before: float, after: float) -> tuple[Text, Text]:
+def change(before: float, after: float) -> tuple[str, str]:
     """An error before and after the extension; after in red if clearly larger."""
-    return Text(figure(before)), Text(figure(after), "red" if after > words.WORSE * before else "")
+    shown = figure(after)
+    return figure(before), Worse(shown) if after > words.WORSE * before else shown
 
 
 def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a diagnosis; `inputs` besides the recordings default to the description."""
     floor, order = result.before.irreducible_rms, worst(result.before)
-    chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]]
-    heat_before, heat_after, top = residual_maps(result)
+    chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]] or order[:1]
+    title, unreliable = f"{result.robot.name}: {words.verdict_words(result)}", words.is_unreliable(result.flags)
+    roles = words.role_words(result)
+    corrections = [_row(result, finding) for finding in result.findings if finding.role == "secondary"]
+    note = (
+        f"Residual is measured - predicted torque, low-passed at {figure(result.cutoff)} Hz. Gaps: the joint is at "
+        "rest, where dry friction is undetermined. Thick lines: means."
+    )
     first, last = result.rollout_before, result.rollout_after
     rolled = first and last and rollout_plots([("before", first, BEFORE, "dot"), ("after", last, AFTER, "solid")])
-    return render(
-        "diagnosis.html",
-        title=f"{result.robot.name}: {words.verdict_words(result)}",
-        unreliable=words.is_unreliable(result.flags),
-        cards=[card for card in _cards(result, order[0]) if "-" not in card.figure.split()],
-        places=words.place_words(result, PLACES),
-        every_place=words.place_words(result) if len(result.located) > PLACES else [],
-        heat_before=heat_before,
-        heat_after=heat_after if result.findings else [],
-        heat_top=figure(top, 2),
-        roles=[(title, list(_laws(result, role))) for role, title in words.role_words(result).items()],
-        sure=SURE,
-        trust=words.trust_words(result),
-        rivals=list(_rivals_shown(result)),
-        left=words.unexplained_words(result),
-        worse=words.WORSE,
-        joints=joint_plots(result.held_out, result.before, result.after, chosen or order[:1]),
-        rolled=rolled,
-        errors=rollout_errors(result),
-        notes=diagnosis_notes(result),
-        **shared(result, [result.robot], inputs, command),
+    drawn = (Legend("Position error, rms over the windows."), Plots(rolled)) if rolled else ()
+    sections = [
+        *_places(result),
+        Section(roles["cause"], (Laws([_card(result, finding) for finding in result.causes]),)),
+        Section(roles["secondary"], (Cells(CORRECTED, corrections),)),
+        Section("", (Sentences(words.trust_words(result)),)),
+        Section("Alternatives, and motions that would separate them", tuple(_separating(result))),
+        _fit(result).beside(Key(KEY), Folds(note, joint_plots(result.held_out, result.before, result.after, chosen))),
+        _rolled(result).beside(*drawn),
+    ]
+    header = Header(
+        title,
+        f"diagnosis of {result.robot.name}: simulation against recordings",
+        [card for card in _cards(result, order[0]) if "-" not in card.figure.split()],
+        f"{result.verdict} unreliable" if unreliable else result.verdict,
     )
+    content = shared(result, [result.robot], inputs, command) | {"notes": diagnosis_notes(result)}
+    return sections_page(header, sections, content)
+
+
+def _places(result: Diagnosis) -> list[Section]:
+    """Where the residual is, in sentences and heat maps, for a page."""
+    every = words.place_words(result) if len(result.located) > PLACES else []
+    before, after, top = residual_maps(result)
+    said = (Sentences(words.place_words(result, PLACES)), Fold("All joints", every))
+    return [
+        Section(RESIDUAL, said),
+        Section("Original simulation", (Plots(before),), level=3),
+        Section("Extended simulation", (Plots(after if result.findings else ()),), level=3),
+        Section("", (Legend(HEAT), Key([("scale", f"1 to {figure(top, 2)} times")]))),
+    ]
+
+
+def _separating(result: Diagnosis) -> Iterator[Plain | Sentences | Fold]:
+    """Each finding with its most probable alternatives, the others folded; residual that no law explains."""
+    for finding in result.findings:
+        if shown := words.alternative_words(result.robot, finding):
+            whole = words.alternative_words(result.robot, finding, None)
+            first = [line for line in shown if line in whole]
+            law = sentence_case(subject(named(result.robot, finding.law, finding.std)))
+            folded = [line for line in whole if line not in first]
+            yield from (Plain(law), Sentences(first), Fold(f"{len(folded)} more for {law}", folded))
+    if left := words.unexplained_words(result):
+        yield from (Plain("Residual that no law explains:"), Sentences(left))
 
 
 def residual_maps(result: Diagnosis) -> tuple[list[Plot], list[Plot], float]:
@@ -260,27 +298,49 @@ def _cards(result: Diagnosis, j: int) -> Iterator[Card]:
     yield Card(f"residual torque of {joint}, held out", f"{rms} {before.unit[j]}", floor)
     r2 = " → ".join(determination(float(fit.held_out_r2[j])) for fit in (before, after))
     yield Card("R2 of this torque, held out", r2, "1 is perfect")
-    if errors := rollout_errors(result):
-        k = int(np.argmax(np.nan_to_num(errors.before / np.maximum(errors.after, 1e-300))))
-        change = " → ".join(figure(float(rms[k])) for rms in (errors.before, errors.after))
-        title = f"{errors.horizon:g} s roll-outs: position error of {errors.joints[k]}"
-        yield Card(title, f"{change} {errors.unit[k]}", "rms")
+    first, last = result.rollout_before, result.rollout_after
+    if first is not None and last is not None:
+        horizon = max(first.horizons)
+        errors = first.rms(horizon), last.rms(horizon)
+        k = int(np.argmax(np.nan_to_num(errors[0] / np.maximum(errors[1], 1e-300))))
+        change = " → ".join(figure(float(rms[k])) for rms in errors)
+        title = f"{horizon:g} s roll-outs: position error of {first.joints[k]}"
+        yield Card(title, f"{change} {first.unit[k]}", "rms")
 
 
-def _laws(result: Diagnosis, role: str) -> Iterator[dict[str, Any]]:
-    """Yield the content of each finding of a role."""
-    for finding in (finding for finding in result.findings if finding.role == role):
-        cells, title = words.finding_words(result.robot, finding), _title(result, finding)
-        yield {
-            "finding": finding,
-            "effect": finding.law.effect,
-            "words": cells,
-            "title": title,
-            "summary": " ".join((getdoc(type(finding.law.effect)) or "").split()),
-            "numbers": number_cells(result.robot, finding),
-            "rivals": _rivals(result, finding),
-            "row": (title, "; ".join(cells.numbers), *cells[2:]),
-        }
+def _row(result: Diagnosis, finding: Finding) -> tuple[str, ...]:
+    cells = words.finding_words(result.robot, finding)
+    return _title(result, finding), "; ".join(cells.numbers), *cells[2:]
+
+
+def _card(result: Diagnosis, finding: Finding) -> LawCard:
+    """A cause with its law, its numbers, its evidence and its alternatives."""
+    effect, cells = finding.law.effect, words.finding_words(result.robot, finding)
+    numbers = number_cells(result.robot, finding)
+    if finding.stated:
+        table = Cells(("parameter", "in the simulation>", "recorded>", "± 95 %>", "unit"), numbers)
+    else:
+        table = Cells(("parameter", "value>", "± 95 %>", "unit"), [(x.key, x.value, x.half, x.unit) for x in numbers])
+    rivals, sure = _rivals(result, finding), finding.probability >= SURE
+    alone = "no alternative comes close" if sure else "no other law gives half of this torque"
+    where = f", mostly {cells.where}" if cells.where else ""
+    evidence = (
+        f"{cells.torque} of measured torque (rms){where}. "
+        f"{'' if finding.in_model else 'Not in the extended simulation. '}"
+        f"Reduces the held-out sum of squares by {share(finding.held_out_gain)}. "
+        f"Log odds {finding.statistic:.0f} (threshold: {finding.threshold:.0f}). Source: {effect.source}."
+    )
+    return LawCard(
+        title=_title(result, finding),
+        probability=cells.probability,
+        sure=sure,
+        summary=" ".join((getdoc(type(effect)) or "").split()),
+        equation=effect.equation,
+        numbers=table,
+        evidence=evidence,
+        compared="alternatives" if len(rivals) > 1 else alone,
+        rivals=rivals,
+    )
 
 
 def _title(result: Diagnosis, finding: Finding) -> str:
@@ -288,18 +348,8 @@ def _title(result: Diagnosis, finding: Finding) -> str:
     return sentence_case(finding_headline(named(result.robot, finding.law, finding.std, finding.stated)))
 
 
-def _rivals_shown(result: Diagnosis) -> Iterator[tuple[str, list[str], list[str]]]:
-    """Yield each finding with its most probable alternatives, and the others, which are folded."""
-    for finding in result.findings:
-        if shown := words.alternative_words(result.robot, finding):
-            whole = words.alternative_words(result.robot, finding, None)
-            first = [line for line in shown if line in whole]
-            law = subject(named(result.robot, finding.law, finding.std))
-            yield sentence_case(law), first, [line for line in whole if line not in first]
-
-
-def _rivals(result: Diagnosis, finding: Finding) -> list[tuple[str, float, str]]:
-    """A finding and its most probable alternatives: name, probability [%], formatted probability."""
+def _rivals(result: Diagnosis, finding: Finding) -> list[tuple[str, Bar]]:
+    """A finding and its most probable alternatives, with their probabilities."""
     rivals = [(rival.law, rival.probability) for rival in finding.alternatives if rival.probability >= words.NEGLIGIBLE]
     first = [(finding.law, finding.probability), *sorted(rivals, key=lambda pair: -pair[1])[:LISTED]]
-    return [(law_words(result.robot, law), 100 * p, confidence(p)) for law, p in first]
+    return [(law_words(result.robot, law), Bar(confidence(p), 100 * p)) for law, p in first]

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from rich.console import RenderableType
-from rich.table import Table
 
 from ....effects.base import Effect
 from ....estimation.excitation import ENOUGH
@@ -25,23 +24,12 @@ from ..documents import (
     recorded,
     rms,
 )
-from ..layout import (
-    determination,
-    figure,
-    heading,
-    new_table,
-    note_lines,
-    paragraph,
-    plural,
-    share,
-    torque_units,
-    with_interval,
-)
+from ..layout import determination, figure, heading, plural, share, torque_units, with_interval
 from ..plots.courses import held_out_rows, joint_plots, worst
-from ..plots.frame import render, shared
+from ..plots.frame import Header, sections_page, shared
 from ..plots.heat import correlation_plot, excitation_plot, tied
-from ..sections import Card
-from .signs import proof_sentence, sign_plots, signs_document, signs_tables
+from ..sections import Bar, Card, Cells, Folds, Key, Legend, Plain, Plots, Section, Sentences, terminal
+from .signs import drawn_signs, signs_document, signs_sections
 
 if TYPE_CHECKING:
     from ....estimation.excitation import ExcitationVerdict
@@ -50,6 +38,19 @@ if TYPE_CHECKING:
 
 WIDE = 4  # maximum number of columns of law parameters
 LISTED = 12  # maximum number of correlated pairs listed
+KEY = (("measured", "measured"), ("before", "before: robot description"), ("after", "after: identified model"))
+BOUNDS = (
+    "Identifiable combinations of the parameters of bodies and laws; indices: moving links. The bar shows the "
+    "half-width of the interval relative to the value; it is full and grey if the interval contains zero."
+)
+BODIES = (
+    *("link", "mass described [kg]>", "identified [kg]>", "centre of mass described [mm]>", "identified [mm]>"),
+    "smallest eigenvalue of the pseudo-inertia>",
+)
+CONSISTENT = (
+    "Only combinations are identifiable; the remaining degrees of freedom come from the description. A body is "
+    "physically consistent if no eigenvalue is negative (Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018)."
+)
 
 
 class LawNumber(NamedTuple):
@@ -151,51 +152,49 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
 
 def identification_tables(result: Identification) -> list[RenderableType]:
     """Base parameters and laws with their intervals, fit, excitation and physical consistency."""
-    base = new_table("base parameter", "value>", "± (95 %)>", "unit")
-    for row in _rigid_rows(result.base):
-        interval = with_interval(result.base_value[row], result.estimate.std[row])
-        base.add_row(result.base.expressions[row], *interval, result.base.units[row])
-    counted = f"{plural(result.base.rank, 'base parameter')}, {plural(len(result.robot.joints), 'joint')}"
-    heads = ("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
-    return [
-        heading(f"{result.robot.name}: {counted}", below=False),
-        base,
-        *_laws([number for numbers in identified_numbers(result) for number in numbers]),
-        *([] if result.signs is None else signs_tables(result.signs)),
-        heading("Fit: rms of the residual torque"),
-        new_table(*heads, rows=fit_rows(result.fit)),
-        paragraph(excited_words(result.excitation)),
-        paragraph(consistent_words(result)),
-        paragraph(f"{cutoff_words(result.cutoff, result.position_cutoff)}; {result.estimate.method}."),
-        *_refined(result),
-        *note_lines(result.notes),
+    base, heads = result.base, ("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
+    rows = [
+        (base.expressions[k], *with_interval(result.base_value[k], result.estimate.std[k]), base.units[k])
+        for k in _rigid_rows(base)
     ]
+    sentences = (
+        excited_words(result.excitation),
+        consistent_words(result),
+        f"{cutoff_words(result.cutoff, result.position_cutoff)}; {result.estimate.method}.",
+    )
+    sections = [
+        Section("", (Cells(("base parameter", "value>", "± (95 %)>", "unit"), rows),)),
+        _laws([number for numbers in identified_numbers(result) for number in numbers]),
+        *([] if result.signs is None else signs_sections(result.signs)),
+        Section("Fit: rms of the residual torque", (Cells(heads, list(fit_rows(result.fit))), Sentences(sentences))),
+        _refined(result),
+    ]
+    counted = f"{plural(base.rank, 'base parameter')}, {plural(len(result.robot.joints), 'joint')}"
+    return [heading(f"{result.robot.name}: {counted}", below=False), *terminal(sections, result.notes)]
 
 
-def _laws(numbers: Sequence[LawNumber]) -> list[RenderableType]:
+def _laws(numbers: Sequence[LawNumber]) -> Section:
     """A table with one row per joint, or one row per parameter if there are too many columns."""
     kinds = list(dict.fromkeys((n.effect, n.key) for n in numbers))
-    if not kinds:
-        return []
     if len(kinds) <= WIDE:
         table = _law_grid(numbers, kinds)
     else:
-        rows = ((n.place, *n.words, _law_cell(n), n.unit) for n in numbers)
-        table = new_table("joint", "law", "parameter", "value>", "unit", rows=rows)
+        rows = [(n.place, *n.words, _law_cell(n), n.unit) for n in numbers]
+        table = Cells(("joint", "law", "parameter", "value>", "unit"), rows)
     combined = any(n.std is None for n in numbers)
-    note = [paragraph("In parentheses: identifiable only in combination with other parameters.")] if combined else []
-    return [heading("Laws at the joints, ± 95 %"), table, *note]
+    note = "In parentheses: identifiable only in combination with other parameters." if combined else ""
+    return Section("Laws at the joints, ± 95 %", (table, Plain(note)))
 
 
-def _law_grid(numbers: Sequence[LawNumber], kinds: Sequence[tuple[str, str]]) -> Table:
+def _law_grid(numbers: Sequence[LawNumber], kinds: Sequence[tuple[str, str]]) -> Cells:
     lines: dict[str, dict[tuple[str, str], LawNumber]] = {}
     units: dict[tuple[str, str], dict[str, None]] = {}
     for n in numbers:
         lines.setdefault(n.place, {})[n.effect, n.key] = n
         units.setdefault((n.effect, n.key), {})[n.unit] = None
     heads = [f"{kind[0].replace('_', ' ')}\n{kind[1]} [{' or '.join(units[kind])}]>" for kind in kinds]
-    rows = ((place, *(_law_cell(line.get(kind)) for kind in kinds)) for place, line in lines.items())
-    return new_table("joint", *heads, rows=rows)
+    rows = [(place, *(_law_cell(line.get(kind)) for kind in kinds)) for place, line in lines.items()]
+    return Cells(("joint", *heads), rows)
 
 
 def _law_cell(number: LawNumber | None) -> str:
@@ -266,13 +265,13 @@ def _refinement(result: Identification) -> Document | None:
     }
 
 
-def _refined(result: Identification) -> list[RenderableType]:
+def _refined(result: Identification) -> Section:
     """Numbers of the laws in model.json, if roll-outs refined them."""
     found, model = result.refinement, result.refined
     if found is None or model is None:
-        return []
-    table = new_table("joint", "law", "parameter", "value>", "unit", rows=_refined_rows(model))
-    return [heading("Refined by roll-outs: laws of model.json"), table, paragraph(f"{found.sentence}.".capitalize())]
+        return Section("", ())
+    table = Cells(("joint", "law", "parameter", "value>", "unit"), _refined_rows(model))
+    return Section("Refined by roll-outs: laws of model.json", (table, Plain(f"{found.sentence}.".capitalize())))
 
 
 def _refined_rows(model: Model) -> list[list[str]]:
@@ -288,32 +287,60 @@ def _refined_rows(model: Model) -> list[list[str]]:
 
 def identification_page(result: Identification, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of an identification; `inputs` besides the recordings default to the description."""
-    session, base = result.session, result.base
-    course, whole = held_out_rows(session, result.judged) if session.held_out else (None, True)
-    order, r2 = worst(result.fit), result.fit.held_out_r2[np.isfinite(result.fit.held_out_r2)]
+    name, base, order = result.robot.name, result.base, worst(result.fit)
+    numbers = [n for numbers in identified_numbers(result) for n in numbers]
+    laws = [(n.place, *n.words, *n.interval, n.unit) for n in numbers]
+    pairs = [
+        f"{base.expressions[i]} and {base.expressions[k]}: {size:.3f}"
+        for i, k, size in tied(result.estimate.covariance)[:LISTED]
+    ]
+    together = "Strongly correlated pairs:" if pairs else "No two parameters are correlated by more than 0.95."
+    method = f"{result.estimate.method}, {result.method}; torque low-passed at {figure(result.cutoff)} Hz."
+    sections = [
+        _held_out(result, order),
+        *([] if result.signs is None else drawn_signs(result.signs, torque_units(result.robot), level=3)),
+        Section("Laws at the joints", (Cells(("joint", "law", "parameter", "value>", "± 95 %>", "unit"), laws),)),
+        Section(
+            "Base parameters",
+            (
+                Legend(BOUNDS),
+                Cells(("#>", "combination", "value>", "± 95 %>", "unit", "of value>"), list(_bounds(result))),
+                Plots([correlation_plot(result.estimate.covariance)]),
+                Legend(together),
+                Sentences(pairs),
+            ),
+        ),
+        Section("Bodies", (Plain(consistent_words(result)), Cells(BODIES, list(_links(result))), Legend(CONSISTENT))),
+        Section("Excitation", (Plain(excited_words(result.excitation)), Plots([excitation_plot(result.excitation)]))),
+        Section("Method", (Legend(method),)),
+    ]
+    counted, r2 = plural(base.rank, "base parameter"), result.fit.held_out_r2[np.isfinite(result.fit.held_out_r2)]
     quality = f"; held-out R2 at least {determination(r2.min())}" if len(r2) else ""
-    before = None if course is None else replace(result.fit, held_out_rms=rms(course.before))
-    return render(
-        "identification.html",
-        title=f"{result.robot.name}: {plural(base.rank, 'base parameter')}",
-        sentence=f"{plural(base.rank, 'base parameter')} of {plural(len(result.robot.joints), 'joint')}{quality}",
-        cards=[card for card in _cards(result, order[0]) if "-" not in card.figure.split()],
-        fit=list(fit_rows(result.fit, *([] if before is None else [before.held_out_rms]))),
-        joints=[] if course is None or before is None else joint_plots(course, before, result.fit, order),
-        whole=whole,
-        bounds=list(_bounds(result)),
-        correlation=correlation_plot(result.estimate.covariance),
-        tied=[(base.expressions[i], base.expressions[k], x) for i, k, x in tied(result.estimate.covariance)[:LISTED]],
-        laws=[(n.place, *n.words, *n.interval, n.unit) for numbers in identified_numbers(result) for n in numbers],
-        links=list(_links(result)),
-        consistent=consistent_words(result),
-        excited=excited_words(result.excitation),
-        excitation=excitation_plot(result.excitation),
-        proof=result.signs and proof_sentence(result.signs),
-        parts=result.signs and sign_plots(result.signs, torque_units(result.robot)),
-        method=f"{result.estimate.method}, {result.method}",
-        **shared(result, [result.robot], inputs, command),
+    header = Header(
+        f"{name}: {counted}",
+        f"identification of {name}: dynamics model from recordings",
+        [card for card in _cards(result, order[0]) if "-" not in card.figure.split()],
+        "unreliable" if result.flags else "",
+        f"{name}: {counted} of {plural(len(result.robot.joints), 'joint')}{quality}",
     )
+    return sections_page(header, sections, shared(result, [result.robot], inputs, command))
+
+
+def _held_out(result: Identification, order: Sequence[int]) -> Section:
+    """Fit on what was held out, beside that of the description, and torque over time."""
+    title, heads = "Fit on held-out data", ("rms in training>", "rms held out>", "noise floor>", "unit", "R2 held out>")
+    if not result.session.held_out:
+        rows = list(fit_rows(result.fit))
+        return Section(
+            title, (Cells(("joint", *heads), rows), Legend("Identified from factors, without samples to plot."))
+        )
+    course, whole = held_out_rows(result.session, result.judged)
+    before = replace(result.fit, held_out_rms=rms(course.before))
+    rows = list(fit_rows(result.fit, before.held_out_rms))
+    note = f"Residual is measured - predicted torque, low-passed at {figure(result.cutoff)} Hz. Thick lines: means."
+    note += "" if whole else " Beginning of the held-out data."
+    folds = Folds(note, joint_plots(course, before, result.fit, order))
+    return Section(title, (Cells(("joint", "rms as described>", *heads), rows), Key(KEY), folds))
 
 
 def _cards(result: Identification, j: int) -> Iterator[Card]:
@@ -328,13 +355,13 @@ def _cards(result: Identification, j: int) -> Iterator[Card]:
     yield Card("physical consistency", verdict, f"changed by at most {result.moved:.1f} standard deviations")
 
 
-def _bounds(result: Identification) -> Iterator[dict[str, Any]]:
-    """Base parameters with their intervals, and the half-width over the value [%]."""
+def _bounds(result: Identification) -> Iterator[tuple[str, ...]]:
+    """Base parameters with their intervals, and the half-width over the value."""
     columns = (result.base.expressions, result.base.units, result.base_value.tolist(), result.estimate.std.tolist())
     for number, (name, unit, value, std) in enumerate(zip(*columns, strict=True), 1):
-        shown, half = with_interval(value, std)
         percent = 100 * TWO_SIDED * std / abs(value) if value and np.isfinite(std) else None
-        yield {"number": number, "name": name, "value": shown, "half": half, "unit": unit, "percent": percent}
+        bar = "" if percent is None else Bar(f"{figure(percent, 2)} %", percent)
+        yield str(number), name, *with_interval(value, std), unit, bar
 
 
 def _links(result: Identification) -> Iterator[tuple[str, ...]]:

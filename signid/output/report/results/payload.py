@@ -9,7 +9,8 @@ from rich.console import RenderableType
 
 from ....types import INERTIAL, Input
 from ..documents import Document, description, ending, picked
-from ..layout import heading, new_table, note_lines, paragraph, with_interval
+from ..layout import heading, note_lines, paragraph, with_interval
+from ..sections import Cells, Plain, Section, terminal
 
 if TYPE_CHECKING:
     from ....payload import Payload
@@ -42,20 +43,14 @@ def payload_tables(found: Payload) -> list[RenderableType]:
     head = heading(f"{found.robot.name}: payload of {found.link}, in its joint frame", below=False)
     if not found.found:
         return [head, paragraph("No load was found."), *note_lines(found.notes)]
-    table = new_table("payload", "value>", "± (95 %)>", "unit")
-    table.add_row("mass", *with_interval(*found.mass), "kg")
-    for axis, value, std in zip("xyz", *found.centre, strict=True):
-        table.add_row(f"centre of mass {axis}", *with_interval(float(value), float(std)), "m")
-    for name, value, std in zip(INERTIAL[4:], *found.inertia, strict=True):
-        table.add_row(f"{name} about its centre", *with_interval(float(value), float(std)), "kg.m2")
+    numbers = [
+        ("mass", *found.mass, "kg"),
+        *zip((f"centre of mass {axis}" for axis in "xyz"), *found.centre, ["m"] * 3, strict=True),
+        *zip((f"{name} about its centre" for name in INERTIAL[4:]), *found.inertia, ["kg.m2"] * 6, strict=True),
+        *(("picked up at" if each.picked_up else "put down at", each.t, each.std, "s") for each in found.moments),
+    ]
+    rows = [(name, *with_interval(float(value), float(std)), unit) for name, value, std, unit in numbers]
     change = f"this changed the difference of base parameters by at most {found.moved:.1f} standard deviations"
     sentence = f"The inertia is physically consistent; {change}. Cut-off {found.cutoff:.3g} Hz."
-    for moment in found.moments:
-        what = "picked up at" if moment.picked_up else "put down at"
-        table.add_row(what, *with_interval(moment.t, moment.std), "s")
-    return [
-        head,
-        table,
-        paragraph(sentence),
-        *note_lines(found.notes),
-    ]
+    section = Section("", (Cells(("payload", "value>", "± (95 %)>", "unit"), rows), Plain(sentence)))
+    return [head, *terminal([section], found.notes)]

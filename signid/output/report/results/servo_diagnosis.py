@@ -96,8 +96,8 @@ def servo_diagnosis_page(result: ServoDiagnosis, inputs: Sequence[Input] = (), c
         _repeated(result),
         _errors(result).beside(*loops),
     ]
-    header = Header(_title(result), over, list(_cards(result)), bool(result.flags))
-    return sections_page(header, sections, **shared(result, [result.robot], inputs, command))
+    header = Header(_title(result), over, list(_cards(result)), "unreliable" if result.flags else "")
+    return sections_page(header, sections, shared(result, [result.robot], inputs, command))
 
 
 def _cards(result: ServoDiagnosis) -> Iterator[Card]:

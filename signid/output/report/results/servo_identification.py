@@ -157,7 +157,7 @@ def servo_identification_tables(result: ServoIdentification) -> list[RenderableT
     return [heading(title, below=False), *terminal(sections, _notes(result))]
 
 
-def servo_page(result: ServoIdentification, inputs: Sequence[Input] = (), command: str = "") -> str:
+def servo_identification_page(result: ServoIdentification, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a servo identification; `inputs` besides the recordings default to the description."""
     name, counted = result.robot.name, plural(len(result.joints), "position drive")
     over = f"identification of {name}: position drives from commands and positions, without torque"
@@ -174,10 +174,8 @@ def servo_page(result: ServoIdentification, inputs: Sequence[Input] = (), comman
         _unidentifiable(result),
         Section("Laws of the drives that were compared", (Cells(("joint", "law", "probability>"), _compared(result)),)),
     ]
-    header = Header(f"{name}: {counted}", over, list(_cards(result)), bool(result.flags), headline)
-    return sections_page(
-        header, sections, **shared(result, [result.robot], inputs, command) | {"notes": _notes(result)}
-    )
+    header = Header(f"{name}: {counted}", over, list(_cards(result)), "unreliable" if result.flags else "", headline)
+    return sections_page(header, sections, shared(result, [result.robot], inputs, command) | {"notes": _notes(result)})
 
 
 def _cards(result: ServoIdentification) -> Iterator[Card]:

@@ -12,17 +12,23 @@ from rich.console import RenderableType
 
 from ....signs import Signs, SignSegment, Trace
 from ....types import Array, Recording
+from ....version import __version__
 from ..documents import Document, picked
-from ..layout import CERTAIN, confidence, figure, heading, new_table, paragraph, plural, share, with_interval
-from ..plots.frame import BEFORE, FAINT, axis, curve, packed, render, thinned
+from ..layout import CERTAIN, confidence, figure, plural, share, with_interval
+from ..plots.frame import BEFORE, FAINT, Header, axis, curve, packed, sections_page, thinned
 from ..policy import plot_markup
-from ..sections import INK, Plot
+from ..sections import INK, Cells, Key, Plain, Plot, Plots, Section, terminal
 
 CHUNK = 65_536  # rows written at once
 MOST = 4000  # maximum number of points per line
 PANEL, MARGINS = 200, 50  # height of a plot without and of its margins [pixels]
 HOVER = "sign %{customdata[0]}, confidence %{customdata[3]}<br>%{customdata[1]} to %{customdata[2]} s<extra></extra>"
 MODEL, UNCERTAIN, PLUS = "#c2689a", "#e3c21c", "#2f7fc1"
+SHADED = "Shaded: segments with their sign and confidence. Elsewhere the sign of each sample follows the model."
+KEY = (
+    *(("plus", "sign +"), ("minus", "sign −"), ("uncertain", f"confidence below {CERTAIN}")),
+    *(("size", "absolute torque"), ("measured", "signed torque"), ("model", "model")),
+)
 SHADES = (("+", "sign +", PLUS), ("−", "sign −", BEFORE), ("?", f"confidence below {CERTAIN}", UNCERTAIN))
 
 
@@ -47,7 +53,12 @@ def signs_document(signs: Signs) -> Document:
 
 def signs_tables(signs: Signs) -> list[RenderableType]:
     """Number of segments and confidence of their signs per joint, and the optimality proof."""
-    table = new_table("joint", "segments>", "+>", "->", "uncertain>", "lowest confidence>", "samples>", "in segments>")
+    return terminal(signs_sections(signs), ())
+
+
+def signs_sections(signs: Signs) -> list[Section]:
+    """Segments and confidence of their signs per joint, and torque constants that were unknown."""
+    rows = []
     for j in signs.hidden:
         segments = signs.of(j)
         counts = [sum(t.sign == sign for t in segments) for sign in (1, -1)]
@@ -55,8 +66,16 @@ def signs_tables(signs: Signs) -> list[RenderableType]:
         lowest = confidence(min((t.confidence for t in segments), default=float("nan")))
         total, inside = _samples(signs, segments)
         cells = (len(segments), *counts, uncertain, lowest, total, share(inside / total) if total else "-")
-        table.add_row(signs.joints[j], *map(str, cells))
-    return [heading("Torque signs"), table, paragraph(proof_sentence(signs)), *_gains(signs)]
+        rows.append((signs.joints[j], *map(str, cells)))
+    heads = ("joint", "segments>", "+>", "->", "uncertain>", "lowest confidence>", "samples>", "in segments>")
+    gains = [
+        (joint, *(with_interval(value, std) if isfinite(std) else (figure(value), "-")), unit)
+        for joint, value, std, unit in signs.gains
+    ]
+    return [
+        Section("Torque signs", (Cells(heads, rows), Plain(proof_sentence(signs)))),
+        Section("Unknown torque constants", (Cells(("joint", "torque constant>", "± (95 %)>", "unit"), gains),)),
+    ]
 
 
 def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
@@ -120,29 +139,30 @@ def _samples(signs: Signs, segments: tuple[SignSegment, ...]) -> tuple[int, int]
     return sum(len(signs.traces[part].t) for part in searched), inside
 
 
-def _gains(signs: Signs) -> list[RenderableType]:
-    if not signs.gains:
-        return []
-    table = new_table("joint", "torque constant>", "± (95 %)>", "unit")
-    for joint, value, std, unit in signs.gains:
-        interval = with_interval(value, std)
-        table.add_row(joint, *interval if isfinite(std) else (figure(value), "-"), unit)
-    return [heading("Unknown torque constants"), table]
-
-
 def signs_page(signs: Signs, units: Sequence[str] = ()) -> str:
     """Render signs.html: absolute torque, segments and signed torque, in the unit of each joint if given."""
-    parts, proof = sign_plots(signs, units), proof_sentence(signs)
-    return render("signs.html", title="Torque signs", signs=signs, parts=parts, proof=proof)
+    joints = f"Joints: {', '.join(signs.joints[j] for j in signs.hidden)}. Method: {signs.method}."
+    header = Header("Torque signs", joints, (), headline="Recovered torque signs")
+    content = {"flags": signs.flags, "notes": signs.notes, "files": (), "command": "", "seed": signs.seed}
+    return sections_page(header, drawn_signs(signs, units), {**content, "version": __version__})
 
 
-def sign_plots(signs: Signs, units: Sequence[str] = ()) -> list[dict[str, Any]]:
+def drawn_signs(signs: Signs, units: Sequence[str] = (), level: int = 2) -> list[Section]:
+    """Torque with its signs over time, a section a recording with headings of a level, for a page."""
+    parts = sign_plots(signs, units)
+    named = [part for part in parts if len(parts) > 1 or not part.startswith("recording ")]
+    first = Section("Torque signs", (Plain(proof_sentence(signs)), Plain(SHADED), Key(KEY)))
+    shown = [Section(part if part in named else "", (Plots(plots),), level) for part, plots in parts.items()]
+    return [first, *shown] if parts else []
+
+
+def sign_plots(signs: Signs, units: Sequence[str] = ()) -> dict[str, list[Plot]]:
     """Plot each joint without recorded signs, per recording."""
     named = units or ["N.m or N"] * len(signs.joints)
-    return [
-        {"name": part_name(signs, part), "plots": [_plot(signs, part, j, named[j]) for j in signs.hidden]}
+    return {
+        part_name(signs, part): [_plot(signs, part, j, named[j]) for j in signs.hidden]
         for part in range(len(signs.traces) if signs.hidden else 0)
-    ]
+    }
 
 
 def _plot(signs: Signs, part: int, j: int, unit: str) -> Plot:

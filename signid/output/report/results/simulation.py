@@ -14,7 +14,8 @@ from ....errors import shorten
 from ....servos import servos_document
 from ....types import Array, Input, Law, Robot
 from ..documents import Document, description, ending, opening, picked, provenance
-from ..layout import figure, heading, new_table, note_lines, paragraph, plural, position_units, share, torque_units
+from ..layout import figure, heading, plural, position_units, share, torque_units
+from ..sections import Cells, Plain, Section, Sentences, terminal
 from .laws import law_document
 
 if TYPE_CHECKING:
@@ -106,27 +107,26 @@ def simulation_document(run: SimulationRun, inputs: Sequence[Input] = (), seed: 
 
 def simulation_tables(run: SimulationRun) -> list[RenderableType]:
     """Acting laws, and recorded torque and tracking error of each joint."""
-    robot, laws = run.model.robot, new_table("law", "joint", "parameter", "value>", "unit", "")
+    robot, laws = run.model.robot, []
     for law in run.acting:
         entry = law_document(robot, law)
         injected = "injected" if any(law is other for other in run.injected) else ""
         first = (entry["effect"], entry["joint"] or "(robot)")
         for key, p in entry["parameters"].items() or [("", {"value": "", "unit": ""})]:
             value = f"{p['value']:g}" if isinstance(p["value"], float) else p["value"]
-            laws.add_row(*first, key, value, p["unit"], injected)
+            laws.append((*first, key, value, p["unit"], injected))
             first, injected = ("", ""), ""
-    joints = new_table("joint", "rms torque>", "unit", "rms tracking error>", "unit")
     errors = [np.nan] * len(robot.joints) if run.tracking_rms is None else run.tracking_rms
     columns = (robot.joints, run.torque_rms, torque_units(robot), errors, position_units(robot))
-    for joint, torque, unit, error, length in zip(*columns, strict=True):
-        joints.add_row(joint, figure(float(torque)), unit, figure(float(error)), length)
-    rows = plural(len(run.columns["t"]), "row")
-    return [
-        heading(f"{robot.name}: {rows}, {figure(float(run.simulation.t[-1]))} s", below=False),
-        joints,
-        *([heading("Laws"), laws] if run.acting else [paragraph("No law acts in addition to the rigid bodies.")]),
-        *note_lines(run.notes),
+    joints = [(joint, figure(x), unit, figure(e), length) for joint, x, unit, e, length in zip(*columns, strict=True)]
+    sections = [
+        Section("", (Cells(("joint", "rms torque>", "unit", "rms tracking error>", "unit"), joints),)),
+        Section("Laws", (Cells(("law", "joint", "parameter", "value>", "unit", ""), laws),)),
+        Section("", (Plain("" if laws else "No law acts in addition to the rigid bodies."),)),
     ]
+    rows = plural(len(run.columns["t"]), "row")
+    title = heading(f"{robot.name}: {rows}, {figure(float(run.simulation.t[-1]))} s", below=False)
+    return [title, *terminal(sections, run.notes)]
 
 
 def servo_simulation_document(run: ServoSimulation, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
@@ -152,17 +152,17 @@ def servo_simulation_document(run: ServoSimulation, inputs: Sequence[Input] = ()
 
 def servo_simulation_tables(run: ServoSimulation) -> list[RenderableType]:
     """Drive, error of following and share of saturation of each joint."""
-    robot = run.model.robot
-    joints = new_table("joint", "law", "kp>", "lag [ms]>", "rms of q_des - q>", "unit", "saturated>")
+    robot, servos, joints = run.model.robot, run.model.servos, []
     columns = (robot.joints, run.error_rms, position_units(robot), run.saturated)
     for joint, error, unit, full in zip(*columns, strict=True):
-        servo = run.model.servos.get(joint)
-        if servo is not None:
+        if (servo := servos.get(joint)) is not None:
             numbers = (figure(servo.kp), figure(1e3 * servo.lag), figure(float(error)), unit, share(float(full)))
-            joints.add_row(joint, servo.law, *numbers)
+            joints.append((joint, servo.law, *numbers))
+    heads = ("joint", "law", "kp>", "lag [ms]>", "rms of q_des - q>", "unit", "saturated>")
+    section = Section("", (Cells(heads, joints), Sentences([f"injected: {text}" for text in run.injected])))
     rows = plural(len(run.columns["t"]), "row")
-    title = heading(f"{robot.name}: {rows}, {figure(float(run.t[-1]))} s, closed loop from commands", below=False)
-    return [title, joints, *map(paragraph, (f"injected: {text}" for text in run.injected)), *note_lines(run.notes)]
+    title = f"{robot.name}: {rows}, {figure(float(run.t[-1]))} s, closed loop from commands"
+    return [heading(title, below=False), *terminal([section], run.notes)]
 
 
 def _drive(drive: Drive) -> Document:
@@ -174,7 +174,7 @@ def _drive(drive: Drive) -> Document:
 
 
 def excitation_document(
-    robot: Robot, found: Excitation | Separation, inputs: Sequence[Input] = (), seed: int = 0
+    found: Excitation | Separation, inputs: Sequence[Input] = (), *, robot: Robot, seed: int = 0
 ) -> Document:
     """Build the output of `signid excite --json`; `inputs` defaults to the robot description."""
     return {
@@ -190,18 +190,18 @@ def excitation_document(
     }
 
 
-def excitation_tables(robot: Robot, found: Excitation | Separation) -> list[RenderableType]:
+def excitation_tables(found: Excitation | Separation, *, robot: Robot) -> list[RenderableType]:
     """Use of the limits, and identifiability or distance of laws along the motion."""
     from ....simulation.excite import Separation
 
-    limits = new_table("share of limit", *(f"{name}>" for name in LIMITS.split()))
-    for joint, *used in zip(robot.joints, *picked(found.use, LIMITS).values(), strict=True):
-        limits.add_row(joint, *(share(float(x)) for x in used))
-    near = [] if found.distance is None else [f"Smallest distance between links: {figure(1e3 * found.distance)} mm."]
+    used = zip(robot.joints, *picked(found.use, LIMITS).values(), strict=True)
+    limits = [(joint, *(share(float(x)) for x in parts)) for joint, *parts in used]
+    near = "" if found.distance is None else f"Smallest distance between links: {figure(1e3 * found.distance)} mm."
     gained = _discrimination(robot, found) if isinstance(found, Separation) else _identifiability(found)
+    heads = ("share of limit", *(f"{name}>" for name in LIMITS.split()))
     size = f"{plural(len(found.trajectory.t), 'row')}, {figure(float(found.trajectory.t[-1]))} s"
-    title = heading(f"{robot.name}: {size}", below=False)
-    return [title, limits, *map(paragraph, near), *gained, *note_lines(found.notes)]
+    sections = [Section("", (Cells(heads, limits), Plain(near))), *gained]
+    return [heading(f"{robot.name}: {size}", below=False), *terminal(sections, found.notes)]
 
 
 def _own(robot: Robot, found: Excitation | Separation) -> dict[str, Any]:
@@ -219,29 +219,31 @@ def _own(robot: Robot, found: Excitation | Separation) -> dict[str, Any]:
     }
 
 
-def _identifiability(found: Excitation) -> list[RenderableType]:
+def _identifiability(found: Excitation) -> list[Section]:
     order = [k for k in np.argsort(-np.nan_to_num(found.relative_std, nan=0.0)) if np.isfinite(found.relative_std[k])]
-    rows = ((found.expressions[k], share(float(found.relative_std[k]))) for k in order[:SHOWN])
+    rows = [(found.expressions[k], share(float(found.relative_std[k]))) for k in order[:SHOWN]]
     weak = int(np.sum(found.relative_std[order] >= UNIDENTIFIABLE))
     condition = f"Condition number of the regressor {figure(found.condition)}"
     tried = f"log det of the information {found.log_det:.1f}; {plural(found.evaluations, 'motion')} tried"
+    hardly = f"{weak} of them will hardly be distinguishable from zero." if weak else ""
+    title = f"Least identifiable of {plural(len(found.std), 'base parameter')}"
     return [
-        paragraph(f"{condition}, {tried}."),
-        heading(f"Least identifiable of {plural(len(found.std), 'base parameter')}"),
-        new_table("base parameter", "std over value>", rows=rows),
-        *([paragraph(f"{weak} of them will hardly be distinguishable from zero.")] if weak else []),
+        Section("", (Plain(f"{condition}, {tried}."),)),
+        Section(title, (Cells(("base parameter", "std over value>"), rows), Plain(hardly))),
     ]
 
 
-def _discrimination(robot: Robot, found: Separation) -> list[RenderableType]:
-    table = new_table("true law", "joint", "distance of the other>", "share of its torque unexplained>")
+def _discrimination(robot: Robot, found: Separation) -> list[Section]:
+    rows = []
     for law, distance, part in zip(found.laws, found.distances, found.shares, strict=True):
         entry = law_document(robot, law)
-        table.add_row(entry["effect"], entry["joint"] or "(robot)", figure(distance), share(part))
+        rows.append((entry["effect"], entry["joint"] or "(robot)", figure(distance), share(part)))
     if found.structural:
         verdict = "No motion can discriminate these laws."
     elif found.enough:
         verdict = f"The motion discriminates the laws; a random motion reaches {figure(found.median)} (median)."
     else:
         verdict = "The laws may remain indistinguishable."
-    return [heading("Distance of the laws: squared difference of torque over noise"), table, paragraph(verdict)]
+    heads = ("true law", "joint", "distance of the other>", "share of its torque unexplained>")
+    title = "Distance of the laws: squared difference of torque over noise"
+    return [Section(title, (Cells(heads, rows), Plain(verdict)))]

@@ -98,9 +98,7 @@ def validation_page(result: Validation, inputs: Sequence[Input] = (), command: s
         _rolled(result).beside(*drawn),
     ]
     header = Header(_title(result, "validated"), over, list(_cards(result.models)))
-    return sections_page(
-        header, sections, **shared(result, (one.model.robot for one in result.models), inputs, command)
-    )
+    return sections_page(header, sections, shared(result, (one.model.robot for one in result.models), inputs, command))
 
 
 def servo_validation_page(result: ServoValidation, inputs: Sequence[Input] = (), command: str = "") -> str:
@@ -112,7 +110,7 @@ def servo_validation_page(result: ServoValidation, inputs: Sequence[Input] = (),
         sections.append(Section(f"{number}: {one.name}" if len(models) > 1 else "", tuple(folds), level=3))
     over = "validation of models with position drives, from commands alone, without fitting"
     header = Header(_title(result, "closed loop validated"), over, list(_loop_cards(result)))
-    return sections_page(header, sections, **shared(result, (one.model.robot for one in models), inputs, command))
+    return sections_page(header, sections, shared(result, (one.model.robot for one in models), inputs, command))
 
 
 def _cards(models: Sequence[ValidatedModel]) -> Iterator[Card]:

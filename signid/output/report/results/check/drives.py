@@ -1,13 +1,18 @@
-"""Audit of recordings of position drives -> its description."""
+"""Audit of recordings of position drives: description, JSON document, terminal text and page."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from .....types import TWO_SIDED
+import numpy as np
+from rich.console import RenderableType
+
+from .....types import TWO_SIDED, Input
+from ...documents import Document, ending, once, stamps_clock
 from ...layout import figure, plural, share
 from ...sections import Cells
+from .page import recorded_plots, recording_files, summary_page
 from .summary import (
     FAULTY,
     GOOD,
@@ -20,6 +25,8 @@ from .summary import (
     first_part,
     joint_words,
     recording_names,
+    summary_document,
+    summary_tables,
     unit_notes,
     unit_uses,
 )
@@ -65,6 +72,61 @@ def audit_summary(found: ServoAudit, robot: str = "") -> CheckSummary:
         excitation="",
         advice=tuple(_advice(found, which)),
         notes=tuple(note for note in found.notes if note not in units and "no torque" not in note),
+    )
+
+
+def audit_document(found: ServoAudit, inputs: Sequence[Input] = (), seed: int = 0, robot: str = "") -> Document:
+    """Build the output of `signid check --json` for servo recordings; `robot`: its name, "" without a description."""
+    columns = (found.rates, found.content_rates, found.durations, found.uneven, found.breaks, found.commanded)
+    return {
+        "schema": "signid.check/1",
+        "robot": robot or None,
+        **summary_document(audit_summary(found, robot)),
+        "recordings": [
+            {
+                "path": recording.path,
+                "rate": rate,
+                "clock": stamps_clock(1 / rate),
+                "content_rate": content,
+                "duration": duration,
+                "samples": len(recording),
+                "uneven": uneven,
+                "breaks": breaks,
+                "commanded": commanded,
+            }
+            for recording, rate, content, duration, uneven, breaks, commanded in zip(
+                found.recordings, *columns, strict=True
+            )
+        ],
+        "servo": [
+            {**joint.numbers(), "verdict": verdict_of(joint), "flags": list(joint.flags)} for joint in found.joints
+        ],
+        **ending(found, recording_files(found.recordings), inputs, seed),
+    }
+
+
+def audit_tables(found: ServoAudit, robot: str = "") -> list[RenderableType]:
+    """Sampling, units, faults, joints and what is identifiable, on one screen; `robot`: its name, or ""."""
+    return summary_tables(audit_summary(found, robot))
+
+
+def audit_page(
+    found: ServoAudit, inputs: Sequence[Input] = (), command: str = "", seed: int = 0, robot: str = ""
+) -> str:
+    """Render report.html of an audit of position drives; `robot`: its name, "" without a description."""
+    summary = audit_summary(found, robot)
+    joints = [one.joint for one in found.joints]
+    half = {"half the content rate": min(found.content_rates) / 2}
+    known = (one.bandwidth if verdict_of(one) == "identifiable" else np.nan for one in found.joints)
+    marks = [{"71 % of the command": bandwidth, **half} for bandwidth in known]
+    units = [(one.unit or "no unit", "") for one in found.joints]
+    return summary_page(
+        summary,
+        list(recorded_plots(found.recordings, found.stretches, joints, units, marks, summary)),
+        Cells(["drive", "lag and bandwidth"], [(one.joint, verdict_of(one)) for one in found.joints]),
+        once([*recording_files(found.recordings), *inputs]),
+        command=command,
+        seed=seed,
     )
 
 

@@ -3,31 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from .....types import TWO_SIDED, Array, Input, Recording, Samples
+from .....types import Array, Input, Recording, Samples
 from .....version import __version__
-from ...documents import description, once
-from ...layout import figure, position_units, torque_units
-from ...plots.courses import FEWEST, GAP, OPEN, POINTS, recorded_lines
-from ...plots.frame import AFTER, BEFORE, FAINT, FLOOR, axis, curve, packed, render
+from ...layout import figure
+from ...plots.courses import FEWEST, OPEN, POINTS, Line, Panes, recorded_lines
+from ...plots.frame import AFTER, BEFORE, FAINT, FLOOR, Header, axis, curve, packed, sections_page
 from ...policy import plot_markup
-from ...sections import INK, Card, JointPlots, Plot
-from .drives import audit_summary, verdict_of
+from ...sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Section, Sentences
 from .summary import CheckSummary, unit_sentences
-from .torque import check_summary
-
-if TYPE_CHECKING:
-    from .....check import Check
-    from .....faults import ServoAudit
 
 MOST_RECORDINGS = 4  # maximum number of recordings that are drawn
 ROWS, WINDOW = 65_536, 2048  # most rows of a spectrum, and rows of one window
 VISIBLE = 0.002  # [1] smallest width of omitted rows, over the duration
 LOWEST = 1e-12  # [1] smallest power density that is drawn, over the largest
-HOVER = "$name: %{y:.5g} $unit at %{x:.5g} s<extra></extra>"
+KEY = (
+    ("measured", "position"),
+    ("floor", "command"),
+    ("after", "torque, or command - position"),
+    ("omitted", "omitted: gaps, and rows that cannot be used"),
+)
 OMITTED = "rgba(209, 112, 14, 0.16)"
 Stretches = Sequence[tuple[float, float]]  # start and end [s] of what is used of a recording
 Marks = Mapping[str, float]  # frequencies [Hz] that are marked in the spectra of one joint
@@ -50,75 +48,36 @@ class _Course(NamedTuple):
     omitted: list[tuple[float, float]]  # [s]
 
 
-def check_page(found: Check, inputs: Sequence[Input] = (), command: str = "", seed: int = 0) -> str:
-    """Render report.html of a check; `inputs` besides the recordings default to the description."""
-    robot, band = found.robot, found.band
-    base = zip(found.base.expressions, found.std, found.base.units, found.verdicts, strict=True)
-    used = [_used(recording, s.spans) for recording, s in zip(found.recordings, found.samplings, strict=True)]
-    half = {"half the content rate": min(s.content_rate for s in found.samplings) / 2}
-    limits = band.per_joint.tolist()
-    marks = [{"cut-off": band.cutoff, "highest for its noise": limit, **half} for limit in limits]
-    units = list(zip(position_units(robot), torque_units(robot), strict=True))
-    return _page(
-        check_summary(found),
-        list(_joint_plots(found.recordings, used, robot.joints, units, marks, check_summary(found))),
-        ["base parameter", "± 95 %>", "unit", "verdict"],
-        [(name, figure(TWO_SIDED * std, 2), unit, verdict) for name, std, unit, verdict in base],
-        once([*_files(found.recordings), *(inputs or [description(robot)])]),
-        command=command,
-        seed=seed,
-    )
-
-
-def audit_page(
-    found: ServoAudit, inputs: Sequence[Input] = (), command: str = "", seed: int = 0, robot: str = ""
+def summary_page(
+    summary: CheckSummary, joints: Sequence[JointPlots], verdicts: Cells, files: Sequence[Input], **given: Any
 ) -> str:
-    """Render report.html of an audit of position drives; `robot`: its name, "" without a description."""
-    summary = audit_summary(found, robot)
-    joints = [one.joint for one in found.joints]
-    half = {"half the content rate": min(found.content_rates) / 2}
-    known = (one.bandwidth if verdict_of(one) == "identifiable" else np.nan for one in found.joints)
-    marks = [{"71 % of the command": bandwidth, **half} for bandwidth in known]
-    units = [(one.unit or "no unit", "") for one in found.joints]
-    return _page(
-        summary,
-        list(_joint_plots(found.recordings, found.stretches, joints, units, marks, summary)),
-        ["drive", "lag and bandwidth"],
-        [(one.joint, verdict_of(one)) for one in found.joints],
-        once([*_files(found.recordings), *inputs]),
-        command=command,
-        seed=seed,
-    )
+    """Page of a check; `verdicts`: what is identifiable; `given`: the command and the seed."""
+    several = len(summary.sampling.rows)
+    order = " The first recordings only, one after another." if several > MOST_RECORDINGS else ""
+    order = order or (" Recordings one after another." if several > 1 else "")
+    clear = f"Looked for, and not found: {', '.join(summary.clear)}." if summary.clear else ""
+    faults = Sentences([fault.sentence for fault in summary.faults]) if summary.faults else Plain("No fault was found.")
+    sections = [
+        Section("Sampling and clock", (summary.sampling, Sentences(summary.sampled))),
+        Section("Units and columns", (Sentences([*unit_sentences(summary.units), *summary.unit_notes]),)),
+        Section("Gravity", (Plain(summary.gravity.sentence),)),
+        Section("Faults of the log", (faults, Legend(clear))),
+        Section("Joints", (summary.joints, Legend(f"{summary.legend}.")) if summary.joints.rows else ()),
+        Section(
+            "Recordings over time, and their spectra",
+            (Key(KEY), Folds(f"Spectra of the longest stretch.{order}", joints)) if joints else (),
+        ),
+        Section("What to record next", (Sentences(summary.advice),)),
+        Section(summary.identifiable.counts, (Plain(summary.excitation), verdicts)),
+    ]
+    kind = {"good": "nothing_missing", "limited": "unknown"}.get(summary.verdict, "unreliable")
+    header = Header(summary.title, f"check of {summary.title}", list(_cards(summary)), kind, summary.headline)
+    content = {"flags": (), "notes": summary.notes, "files": files, "version": __version__, **given}
+    return sections_page(header, sections, content)
 
 
-def _page(
-    summary: CheckSummary,
-    joints: Sequence[JointPlots],
-    heads: Sequence[str],
-    verdicts: Sequence[Sequence[str]],
-    files: Sequence[Input],
-    *,
-    command: str,
-    seed: int,
-) -> str:
-    return render(
-        "check.html",
-        title=summary.title,
-        summary=summary,
-        units=[*unit_sentences(summary.units), *summary.unit_notes],
-        cards=list(_cards(summary)),
-        joints=joints,
-        fewer=len(summary.sampling.rows) > MOST_RECORDINGS,
-        heads=heads,
-        verdicts=verdicts,
-        files=files,
-        command=command,
-        seed=seed,
-        version=__version__,
-    )
-
-
-def _files(recordings: Sequence[Recording]) -> list[Input]:
+def recording_files(recordings: Sequence[Recording]) -> list[Input]:
+    """Recordings as input files."""
     return [Input(recording.path, recording.sha256, "recording") for recording in recordings]
 
 
@@ -135,14 +94,14 @@ def _cards(summary: CheckSummary) -> Iterator[Card]:
     yield Card("gravity", summary.gravity.verdict, "with the stated one" if summary.gravity.verdict == "agrees" else "")
 
 
-def _used(recording: Recording, spans: Sequence[tuple[int, int]]) -> list[tuple[float, float]]:
+def used_times(recording: Recording, spans: Sequence[tuple[int, int]]) -> list[tuple[float, float]]:
     """Start and end [s] of spans of rows."""
     column = recording.columns["t"]
     ends = ((start, stop - 1) for start, stop in spans)
     return [tuple(float(recording.table.read(column, k, k + 1)[0, 0]) for k in pair) for pair in ends]  # type: ignore[misc]
 
 
-def _joint_plots(
+def recorded_plots(
     recordings: Sequence[Recording],
     used: Sequence[Stretches],
     joints: Sequence[str],
@@ -208,36 +167,17 @@ def _sequence(drawn: Sequence[_Drawn], joint: str) -> _Course:
 def _over_time(joint: str, course: _Course, length: str, torque: str) -> Plot:
     """Plot position, command, and torque or tracking error; omitted rows are shaded."""
     q, tau, command = course.lines.T
-    below = tau if torque and np.isfinite(tau).any() else command - q
-    is_torque = below is tau
-    lines: list[tuple[str, str, str, dict[str, Any], Array, str]]
-    lines = [("position", "y", INK, {"width": 1.6}, q, length)]
-    if np.isfinite(command).any():
-        lines.insert(0, ("command", "y", FLOOR, {"width": 1.2, "dash": "dash"}, command, length))
-    name, unit = ("torque", torque) if is_torque else ("command - position", length)
-    if np.isfinite(below).any():
-        lines.append((name, "y2", AFTER, {"width": 1.3}, below, unit))
-    data = [
-        {
-            **curve(
-                name,
-                packed(course.t),
-                packed(y),
-                {"color": colour, **style},
-                hovertemplate=plot_markup(HOVER, name=name, unit=unit),
-            ),
-            "yaxis": at,
-        }
-        for name, at, colour, style, y, unit in lines
-    ]
+    is_torque = bool(torque and np.isfinite(tau).any())
+    name, below = ("torque", tau) if is_torque else ("command - position", command - q)
+    dashed = {"width": 1.2, "dash": "dash"}
+    lines = [Line("command", "y", FLOOR, dashed, command)] if np.isfinite(command).any() else []
+    lines += [Line("position", "y", INK, {"width": 1.6}, q)]
+    lines += [Line(name, "y2", AFTER, {"width": 1.3}, below)] if np.isfinite(below).any() else []
+    panes = Panes("position", "torque" if is_torque else "error", (length, torque if is_torque else length), 0.5, 320)
+    plot = panes.plot(f"{joint}: position and {name} over time", course.t, lines)
     whole = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0, "y1": 1, "fillcolor": OMITTED}
-    layout = {
-        "xaxis": axis("time [s]", anchor="y2"),
-        "yaxis": axis(f"position [{length}]", domain=[0.5 + GAP, 1], nticks=5),
-        "yaxis2": axis(f"{'torque' if is_torque else 'error'} [{unit}]", domain=[0, 0.5 - GAP], nticks=5),
-        "shapes": [{**whole, "x0": a, "x1": b, "line": {"width": 0}} for a, b in course.omitted],
-    }
-    return Plot(f"{joint}: position and {name} over time", data, layout, 320, wide=True)
+    shapes = [{**whole, "x0": a, "x1": b, "line": {"width": 0}} for a, b in course.omitted]
+    return plot._replace(layout={**plot.layout, "shapes": shapes})
 
 
 def _spectra(rows: Samples, j: int, length: str, torque: str, marks: Marks) -> Iterator[Plot]:

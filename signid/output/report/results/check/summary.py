@@ -1,4 +1,4 @@
-"""Description of a check that terminal, page and JSON share: verdict, sampling, units, gravity, faults, joints."""
+"""Description of a check in both modes, as terminal text and JSON: sampling, units, gravity, faults, joints."""
 
 from __future__ import annotations
 
@@ -9,15 +9,23 @@ from os.path import commonprefix
 from pathlib import Path
 from typing import NamedTuple
 
+from rich.console import RenderableType
+from rich.text import Text
+
 from .....errors import shorten
 from .....recording.columns import UNSTATED
 from .....types import Recording, StatedUnit
-from ...layout import plural
+from ...documents import Document
+from ...layout import heading, new_table, paragraph, plural
 from ...sections import Cells
 
 GOOD, LIMITED, FAULTY, UNUSABLE = "good", "limited", "faulty", "unusable"
 CUT = 24  # length of the name of a recording that is never cut [characters]
 DETAIL = re.compile(r" \([^()]*\)$")  # a detail in brackets at the end of a part of a sentence
+RECORDINGS, SENTENCES, NAMES = 8, 3, 16  # most recordings, sentences of one kind and names of parameters on the screen
+STYLES = {"good": "green", "limited": "yellow", "faulty": "red", "unusable": "red"}
+NUMBER = re.compile(r"[\d.]+")
+MORE = "in --json and in the report (-o DIR)"
 FEW = 6  # most joints that a sentence names
 WORDS = {
     "t": "time",
@@ -198,3 +206,89 @@ def _conversion(use: UnitUse) -> str:
     if "value" in use.unit:
         return f"as {use.unit}, in {use.into}"
     return f"in {use.unit}" if use.unit == use.into else f"in {use.unit} (converted to {use.into})"
+
+
+def summary_document(summary: CheckSummary) -> Document:
+    """Entries that a check has in both modes."""
+    which = summary.identifiable
+    return {
+        "verdict": summary.verdict,
+        "headline": summary.headline,
+        "units": [
+            {"signal": use.signal, "columns": list(use.columns), "stated": use.unit or None, "by": use.by or None}
+            | {"unit": use.into or None, "torque_constants": list(use.factors) or None}
+            for use in summary.units
+        ],
+        "gravity": summary.gravity._asdict(),
+        "faults": [
+            {"kind": fault.kind or None, "joints": list(fault.joints), "sentence": fault.sentence}
+            for fault in summary.faults
+        ],
+        "looked_for": list(summary.clear),
+        "identifiable": {
+            "of": which.total,
+            **{key: list(getattr(which, key)) for key in ("identifiable", "weak", "unidentifiable")},
+        },
+    }
+
+
+def summary_tables(summary: CheckSummary) -> list[RenderableType]:
+    """The description in the order of the screen; further lines are counted."""
+    which = summary.identifiable
+    return [
+        heading(summary.title, below=False),
+        Text(summary.headline, STYLES[summary.verdict]),
+        paragraph(""),
+        *_sampling(summary),
+        *_labelled("units", [*unit_sentences(summary.units), *summary.unit_notes]),
+        *_labelled("gravity", [summary.gravity.sentence]),
+        *(paragraph(f"faults: {line}") for line in _fault_lines(summary)),
+        *([paragraph(""), _table(summary.joints), paragraph(f"{summary.legend}.")] if summary.joints.rows else []),
+        heading(which.counts),
+        *_labelled("weak", [_leading(which.weak)] if which.weak else []),
+        *_labelled("unidentifiable", [_leading(which.unidentifiable)] if which.unidentifiable else []),
+        *([paragraph(summary.excitation)] if summary.excitation else []),
+        *_labelled("advice", summary.advice),
+        *_labelled("note", summary.notes),
+    ]
+
+
+def _fault_lines(summary: CheckSummary) -> Iterator[str]:
+    """Each fault but gravity, which has a line of its own, and what was looked for without success."""
+    found = [fault.fact for fault in summary.faults if fault.kind != "gravity"]
+    yield from found[:SENTENCES]
+    if len(found) > SENTENCES:
+        yield f"and {len(found) - SENTENCES} more {MORE}"
+    if summary.clear:
+        yield f"none of: {', '.join(summary.clear)}"
+
+
+def _sampling(summary: CheckSummary) -> Iterator[RenderableType]:
+    rows = summary.sampling.rows
+    yield _table(Cells(summary.sampling.heads, rows[:RECORDINGS]))
+    if len(rows) > RECORDINGS:
+        yield paragraph(f"and {plural(len(rows) - RECORDINGS, 'more recording')} {MORE}")
+    alike: dict[str, list[str]] = {}
+    for said in summary.sampled:
+        alike.setdefault(NUMBER.sub("", said), []).append(said)
+    yield from _labelled(
+        "sampling", [f"{one} ({len(more)} more alike)" if more else one for one, *more in alike.values()]
+    )
+
+
+def _table(grid: Cells) -> RenderableType:
+    return new_table(*grid.heads, rows=grid.rows)
+
+
+def _labelled(label: str, sentences: Sequence[str]) -> Iterator[RenderableType]:
+    """A line for each of the first sentences, with a label, and the number of the others."""
+    for sentence in sentences[:SENTENCES]:
+        yield paragraph(f"{label}: {sentence}")
+    if len(sentences) > SENTENCES:
+        yield paragraph(f"{label}: and {len(sentences) - SENTENCES} more {MORE}")
+
+
+def _leading(names: Sequence[str]) -> str:
+    """First terms of the formulas of parameters."""
+    short = [name if " " not in name else f"{name.partition(' ')[0]}…" for name in names]
+    return shorten(short, NAMES)

@@ -1,4 +1,4 @@
-"""Check of recordings with torque -> its description."""
+"""Check of recordings with torque: description, JSON document, terminal text and page."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from rich.console import RenderableType
 
 from .....estimation.excitation import ENOUGH
 from .....faults import OF_A_FIT
 from .....faults.gravity import WHOLE
-from .....types import Array
+from .....types import TWO_SIDED, Array, Input
+from ...documents import Document, description, ending, excitation_verdict, once, picked, recorded
 from ...layout import figure, plural, position_units, share, torque_units
 from ...sections import Cells
-from ..identification import cutoff_words, excited_words
+from ..identification import base_documents, cutoff_words, excited_words
+from .page import recorded_plots, recording_files, summary_page, used_times
 from .summary import (
     FAULTY,
     GOOD,
@@ -26,12 +29,15 @@ from .summary import (
     first_part,
     joint_words,
     recording_names,
+    summary_document,
+    summary_tables,
     unit_notes,
     unit_uses,
 )
 
 if TYPE_CHECKING:
     from .....check import Check
+    from .....faults import RecordingFaults
     from .....recording.sampling import Sampling
 
 HALF = 0.5  # [1] share of identifiable base parameters, below which recordings are limited
@@ -80,6 +86,60 @@ def check_summary(found: Check) -> CheckSummary:
         excitation=excited_words(found.excitation),
         advice=tuple(dict.fromkeys((*_of_a_fit(found), *found.advice))),
         notes=tuple(note for note in found.notes if not any(note.endswith(said) for said in (*sampled, *units))),
+    )
+
+
+def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
+    """Build check.json of recordings with torque; `inputs` defaults to the robot description."""
+    robot, band = found.robot, found.band
+    sizes = (band.per_joint, found.used, band.torque_floor, *motion_sizes(found), found.faults.weight)
+    names = ("cutoff", "used", "noise_floor", "range", "speed", "torque_rms", "weight")
+    joints = zip(robot.joints, *(map(float, size) for size in sizes), strict=True)
+    verdicts = zip(base_documents(found.base), found.std, found.verdicts, strict=True)
+    return {
+        "schema": "signid.check/1",
+        "robot": robot.name,
+        **summary_document(check_summary(found)),
+        "joints": [dict(zip(("name", *names), joint, strict=True)) for joint in joints],
+        "recordings": [
+            {**recorded(recording, s), "rate": 1 / s.step, "duration": s.duration, "samples": s.rows}
+            | {**picked(s, "spans duplicates uniform"), "spacing": list(s.jitter)}
+            | {"rows": len(recording), "breaks": len(s.spans) - 1}
+            for recording, s in zip(found.recordings, found.samplings, strict=True)
+        ],
+        "cutoff": {"torque": band.cutoff, "position": band.position_cutoff, "unit": "Hz"},
+        "base_parameters": [{**base, "std": float(std), "verdict": verdict} for base, std, verdict in verdicts],
+        "excitation": excitation_verdict(found.excitation),
+        "recording_faults": _faults_document(found.faults),
+        "advice": list(found.advice),
+        **ending(found, recording_files(found.recordings), inputs or [description(robot)], seed),
+    }
+
+
+def check_tables(found: Check) -> list[RenderableType]:
+    """Sampling, units, gravity, faults, joints and what is identifiable, on one screen."""
+    return summary_tables(check_summary(found))
+
+
+def check_page(found: Check, inputs: Sequence[Input] = (), command: str = "", seed: int = 0) -> str:
+    """Render report.html of a check; `inputs` besides the recordings default to the description."""
+    robot, band = found.robot, found.band
+    base = zip(found.base.expressions, found.std, found.base.units, found.verdicts, strict=True)
+    used = [used_times(recording, s.spans) for recording, s in zip(found.recordings, found.samplings, strict=True)]
+    half = {"half the content rate": min(s.content_rate for s in found.samplings) / 2}
+    limits = band.per_joint.tolist()
+    marks = [{"cut-off": band.cutoff, "highest for its noise": limit, **half} for limit in limits]
+    units = list(zip(position_units(robot), torque_units(robot), strict=True))
+    return summary_page(
+        check_summary(found),
+        list(recorded_plots(found.recordings, used, robot.joints, units, marks, check_summary(found))),
+        Cells(
+            ["base parameter", "± 95 %>", "unit", "verdict"],
+            [(name, figure(TWO_SIDED * std, 2), unit, verdict) for name, std, unit, verdict in base],
+        ),
+        once([*recording_files(found.recordings), *(inputs or [description(robot)])]),
+        command=command,
+        seed=seed,
     )
 
 
@@ -206,3 +266,19 @@ def _identifiable(found: Check) -> Identifiable:
     return Identifiable(
         "base parameter", *(tuple(groups.get(verdict, ())) for verdict in ("identifiable", "weak", "unidentifiable"))
     )
+
+
+def _faults_document(found: RecordingFaults) -> Document:
+    sizes = (map(float, column) for column in (found.explained, found.factor, found.lag))
+    joints = zip(found.joints, *sizes, found.signs, found.order, strict=True)
+    keys = ("name", "explained", "factor", "lag", "sign", "order")
+    return {
+        "joints": [dict(zip(keys, joint, strict=True)) for joint in joints],
+        "findings": [
+            {
+                **picked(finding, "kind joints severity measures sentence"),
+                "alternatives": [{"kind": kind, "joints": list(joints)} for kind, joints in finding.alternatives],
+            }
+            for finding in found.findings
+        ],
+    }
