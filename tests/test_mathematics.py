@@ -20,14 +20,16 @@ from signid.diagnose.data.hypotheses import Hypothesis
 from signid.diagnose.data.whitening import project
 from signid.diagnose.evidence.batches import log_bayes_factor, stack_priors
 from signid.diagnose.evidence.prior import CoefficientPrior, coefficient_prior, log_prior
+from signid.diagnose.evidence.thresholds import EFFECT_SIZES
 from signid.diagnose.search.contributions import steadiness
 from signid.diagnose.search.iterate import _expected
 from signid.effects import EFFECTS
-from signid.servo.diagnose.refine import _step
+from signid.servo.diagnose import evidence as evidence_module
 from signid.servo.fit import normal as normal_module
 from signid.servo.fit.coordinates import Coordinates, Slot
 from signid.servo.fit.intervals import covariance
 from signid.servo.fit.normal import FitPoint, cost, normal
+from signid.servo.fit.solve import damped
 from signid.servo.identify.facts import known_load_share
 from signid.servo.identify.scale import mass_ratio
 from signid.servo.plant.friction import advance_speeds, new_state
@@ -168,7 +170,10 @@ def test_eliminated_states_give_the_step_of_dense_least_squares(monkeypatch: pyt
         **vars(stub)
     )
     point = FitPoint(np.array([0.3, -0.2]), q0 + 0.001, v0 - 0.05)
-    values, states = _step(where, normal(fake, where, point, sigma), point, damping=0.0)
+    here = normal(fake, where, point, sigma)
+    values = damped(where, here, point.values, damping=0.0)
+    state = here.state + np.einsum("wps,p->ws", here.across, values - point.values)
+    states = -np.einsum("wsu,wu->ws", here.inverse, state)
 
     design, target = [], []
     prior = np.diag(1 / np.repeat([2e-3, 0.3], 2))
@@ -192,7 +197,7 @@ def test_eliminated_states_give_the_step_of_dense_least_squares(monkeypatch: pyt
 
 def test_a_stiffness_has_the_prior_of_the_page() -> None:
     where = Coordinates((Servo(),), (Slot(0, "kp", 10.0, usual=20.0), Slot(0, "armature", 0.01)))
-    assert where.prior(np.array([5.0, 0.3])) == pytest.approx((np.log(5.0 / 20.0) / 1.5) ** 2)
+    assert where.prior_cost(np.array([5.0, 0.3])) == pytest.approx((np.log(5.0 / 20.0) / 1.5) ** 2)
 
 
 def test_the_probability_of_a_law_is_that_of_the_page() -> None:
@@ -242,6 +247,17 @@ def test_the_scale_of_torque_is_that_of_the_known_load() -> None:
     w = (kp / std) ** 2
     ratio = np.exp(np.sum(w * np.log(stated / kp)) / np.sum(w))
     assert mass_ratio(kp, std, stated) == pytest.approx((ratio, ratio / np.sqrt(np.sum(w))))
+
+
+def test_the_price_of_numbers_of_a_drive_is_that_of_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(evidence_module, "information", lambda *_: np.array([[4.0, 1.0], [1.0, 3.0]]))
+    old, new = Slot(0, "kp", 5.0), Slot(0, "kd", 2.0)
+    setting = cast(Any, SimpleNamespace(loop=SimpleNamespace(rows=19)))
+    last, trial = (cast(Any, SimpleNamespace(where=SimpleNamespace(slots=slots))) for slots in ((old,), (old, new)))
+    w = 2.0**2 * (3.0 - 1.0 / 4.0) * 10 / 20
+    expected = np.log(np.mean((1 + EFFECT_SIZES**2 * w) ** -0.5))
+    assert evidence_module.price(setting, last, trial) == pytest.approx(expected)
+    assert evidence_module.price(setting, trial, trial) == 0.0
 
 
 def test_whitening_is_the_inverse_square_root_of_the_covariance() -> None:

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...diagnose.evidence.batches import StackedPriors, log_bayes_factor
 from ...types import Array
 from .hypotheses import HYPOTHESES, DriveHypothesis
-from .refine import Attempt, Setting
+from .refine import Attempt, Setting, information
 
 PER_WINDOW = 10  # samples of a window that count as independent, at most. Heuristic
 SLACK = 1.0  # log odds that differences across windows always allow. Heuristic
@@ -58,15 +59,24 @@ def half_log(squares: Array, floor: Array, setting: Setting) -> float:
     return float(0.5 * windows * min(rows, PER_WINDOW) * np.sum(np.log(mean + 0.1 * floor**2)))
 
 
-def _occam(setting: Setting, last: Attempt, trial: Attempt) -> float:
-    """Log prior of the additional numbers (BIC)."""
-    samples = setting.loop.windows * min(setting.loop.rows + 1, PER_WINDOW)
-    return -0.5 * (len(trial.where.slots) - len(last.where.slots)) * float(np.log(samples))
+def price(setting: Setting, last: Attempt, trial: Attempt) -> float:
+    """Log prior of the additional numbers, as in a diagnosis of torque: typical sizes times each effect size."""
+    new = [k for k, slot in enumerate(trial.where.slots) if slot not in last.where.slots]
+    if not new:
+        return 0.0
+    rows = setting.loop.rows + 1
+    whole = information(setting, trial.where) * min(rows, PER_WINDOW) / rows
+    old = [k for k in range(len(whole)) if k not in new]
+    across = whole[np.ix_(old, new)]
+    own = whole[np.ix_(new, new)] - across.T @ np.linalg.pinv(whole[np.ix_(old, old)], hermitian=True) @ across
+    sizes = np.diag([trial.where.slots[k].typical for k in new])[None]
+    nothing = np.zeros((1, len(new)))
+    return float(log_bayes_factor(StackedPriors(sizes, nothing, nothing * np.nan), own[None], nothing)[0])
 
 
 def weighed(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> Offer:
     """The offer with its log evidence and its log prior. floor: (n,) [rad or m]."""
     choices = len(HYPOTHESES) * len(last.where.servos)
     before, after = last.where.servos[offer.joint], offer.trial.where.servos[offer.joint]
-    prior = float(np.log(offer.law.plausible(before, after) / choices)) + _occam(setting, last, offer.trial)
+    prior = float(np.log(offer.law.plausible(before, after) / choices)) + price(setting, last, offer.trial)
     return replace(offer, evidence=prior - half_log(offer.trial.squares, floor, setting), prior=prior)

@@ -101,6 +101,11 @@ def refine(setting: Setting, trials: Sequence[Attempt], iterations: int = 6, tol
     return trials
 
 
+def information(setting: Setting, where: Coordinates) -> Array:
+    """Information (P, P) [inverse products of SERVO_UNITS] of the free numbers, without the initial states."""
+    return _normals(setting, [where])[0].information
+
+
 def spread(setting: Setting, trial: Attempt) -> Array:
     """Covariance (P, P) [products of SERVO_UNITS] of the free numbers."""
     where = trial.where
