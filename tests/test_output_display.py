@@ -20,9 +20,9 @@ from signid.output.display.compose import compose
 from signid.output.display.figures import FIGURES, figure_names
 from signid.output.display.frames import FRAMES, frame_names
 from signid.output.display.tables import TABLES
+from signid.output.report.documents import WRITERS
 from signid.output.report.plots.frame import axis, packed
 from signid.output.report.sections import Plot
-from signid.output.report.writers import WRITERS
 from signid.servo.validate import ServoValidatedModel, ServoValidation
 
 HERE = Path(__file__).parents[1] / "robots" / "3r"

@@ -22,10 +22,10 @@ import signid
 from signid.errors import OutputError
 from signid.identify import Identification
 from signid.output.report import Screen, figure, layout, probe_folder, to_json, with_interval, write_files
+from signid.output.report.documents import REPORTED, WRITERS
 from signid.output.report.layout import new_table
 from signid.output.report.results.identification import identification_document, identification_tables
 from signid.output.report.results.inspection import inspection_document, inspection_tables
-from signid.output.report.writers import REPORTED, WRITERS
 from signid.types import Input
 
 INPUTS = [Input("1r", "0" * 64, "description")]

@@ -12,14 +12,13 @@ from rich.console import RenderableType
 from ...model import stated_inertials
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import Input, Recording, Robot
-from ..report.documents import rms
+from ..report.documents import rms, tables as command_tables
 from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, torque_units
 from ..report.results.fleet import fleet_tables
 from ..report.results.identification import fit_rows
 from ..report.results.inspection import joint_table
 from ..report.results.laws import law_document
 from ..report.results.signs import signs_tables
-from ..report.writers import tables as command_tables
 
 Renderables = list[RenderableType]
 

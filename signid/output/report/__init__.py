@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from ...registry import inner_package as _package, public_names as _names
 
 if TYPE_CHECKING:
-    from .documents import to_json as to_json
+    from .documents import document as document, page as page, report as report, tables as tables, to_json as to_json
     from .layout import Screen as Screen, figure as figure, with_interval as with_interval
     from .write import (
         WRITTEN as WRITTEN,
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
         probe_folder as probe_folder,
         write_files as write_files,
     )
-    from .writers import document as document, page as page, report as report, tables as tables
 
 NAMES = _names(__name__)
 

@@ -50,8 +50,13 @@ def shared(result: Any, robots: Iterable[Robot], inputs: Sequence[Input], comman
     """Content of every page: result, input files (by default the descriptions of the robots), command, version."""
     files = once([*result.inputs, *(inputs or map(description, robots))])
     return {
-        **{"result": result, "flags": result.flags, "notes": result.notes},
-        **{"files": files, "command": command, "seed": result.seed, "version": __version__},
+        "result": result,
+        "flags": result.flags,
+        "notes": result.notes,
+        "files": files,
+        "command": command,
+        "seed": result.seed,
+        "version": __version__,
     }
 
 
