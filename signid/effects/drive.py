@@ -14,16 +14,8 @@ import numpy as np
 from ..servos import Servo
 from ..types import Array, Effect
 
-STAGES = (
-    "delay",
-    "profile",
-    "error",
-    "gain",
-    "duty",
-    "damping",
-    "limit",
-    "supply",
-)  # in which a drive applies its laws
+# in which a drive applies its laws
+STAGES = ("delay", "profile", "error", "gain", "duty", "damping", "limit", "supply")
 OF_COMMAND = ("delay", "profile")  # stages that change the commanded position along time
 
 

@@ -35,19 +35,27 @@ def motor_friction(servo: Servo, joint: int) -> Law:
     return Law(effect, (joint,), dict(zip(effect.parameters, values, strict=True)))
 
 
+def with_law(servo: Servo, law: Law) -> Servo:
+    """A drive with a law of it, or of its joint: friction, armature and offset add up, other numbers are replaced."""
+    name = law.effect.name
+    if isinstance(law.effect, DriveLaw):
+        return law.effect.packed(servo, law.parameters)
+    if name == MOTOR:
+        return servo.with_(load_friction=law.parameters["coefficient"])
+    if name in JOINT_LAWS:
+        return servo.with_(**{JOINT_LAWS[name][key]: float(x) for key, x in law.parameters.items()})
+    if name in PASSIVE:
+        return servo.with_(**{name: getattr(servo, name) + law.effect.coefficients(law.parameters)[0]})
+    return servo
+
+
 def packed_drives(laws: Iterable[Law]) -> dict[int, Servo]:
     """Drives by joint of the joints that have laws of drives, with friction, armature and offset of these joints."""
     laws = list(laws)
     found = {law.joints[0]: Servo() for law in laws if isinstance(law.effect, DriveLaw)}
     for law in (law for law in laws if law.joints[0] in found and len(law.joints) == 1):
         [j], name = law.joints, law.effect.name
-        if isinstance(law.effect, DriveLaw):
-            found[j] = law.effect.packed(found[j], law.parameters)
-        elif name == MOTOR:
-            found[j] = found[j].with_(load_friction=law.parameters["coefficient"])
-        elif name in JOINT_LAWS:
-            found[j] = found[j].with_(**{JOINT_LAWS[name][key]: x for key, x in law.parameters.items()})
-        elif name in PASSIVE:
-            value = getattr(found[j], name) + law.effect.coefficients(law.parameters)[0]
-            found[j] = found[j].with_(**{name: value if name == "torque_offset" else max(value, 0.0)})
+        found[j] = with_law(found[j], law)
+        if name in PASSIVE and name != "torque_offset":  # estimates may lie below zero
+            found[j] = found[j].with_(**{name: max(getattr(found[j], name), 0.0)})
     return found

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..effects.base import BodyLaw
 from ..effects.drive import DriveLaw
+from ..effects.packing import with_law
 from ..errors import OptionError, RecordingError, shorten
 from ..model import Model, ModelSource, as_model, command_model, with_servos
 from ..recording import as_recording
@@ -149,15 +150,7 @@ def _injected(
         for j in law.joints:
             if (joint := robot.joints[j]) not in servos:
                 raise OptionError(f"--inject {name} is at {joint}, which has no drive; name a joint with a drive")
-            if isinstance(law.effect, DriveLaw):
-                servos[joint] = law.effect.packed(servos[joint], law.parameters)
-                continue
-            if name in JOINT_LAWS:
-                own_numbers = {JOINT_LAWS[name][key]: float(x) for key, x in law.parameters.items()}
-                servos[joint] = servos[joint].with_(**own_numbers)
-                continue
-            value = getattr(servos[joint], name) + law.effect.coefficients(law.parameters)[0]
-            servos[joint] = servos[joint].with_(**{name: value})
+            servos[joint] = with_law(servos[joint], law)
     for joint, given in numbers.items():
         if joint not in servos:
             raise OptionError(f"--inject servo@{joint}: {joint} has no drive; choose from {', '.join(servos)}")

@@ -9,9 +9,9 @@ import numpy as np
 
 from ...effects import DRIVE_EFFECTS
 from ...effects.drive import DriveLaw, Reach, Twin, scaled
+from ...effects.servo_damping import OFF
 from ...servos import JOINT_LAWS, LOOP_UNITS, SERVO_NUMBERS, Servo
 
-OFF = "let the joint swing with the drive off: viscous friction stays, the damping of the drive does not"
 GRAVITY = "repeat in a posture with another gravity torque: the offset stays, a shifted zero of the command does not"
 
 
@@ -112,14 +112,12 @@ def _backlash(servo: Servo, reach: Reach) -> list[Servo]:
     return [servo.with_(backlash_gap=servo.backlash_gap + x) for x in (0.005, 0.015, 0.04, 0.1)]
 
 
-def of_joint(
-    effect: str, meaning: str, variable: str, trials: Trials, twins: tuple[Twin, ...] = (), shape: tuple[str, ...] = ()
-) -> DriveHypothesis:
+def of_joint(effect: str, meaning: str, variable: str, trials: Trials, shape: tuple[str, ...] = ()) -> DriveHypothesis:
     """Hypothesis that a law of `JOINT_LAWS` is missing at a joint."""
     numbers = JOINT_LAWS[effect]
     free = tuple(number for number in numbers.values() if number not in shape)
     keys = (*(key for key, number in numbers.items() if number in free), *(k for k, x in numbers.items() if x in shape))
-    return DriveHypothesis(effect, free, meaning, variable, trials, twins=twins, keys=keys, shape=shape)
+    return DriveHypothesis(effect, free, meaning, variable, trials, keys=keys, shape=shape)
 
 
 HYPOTHESES: tuple[DriveHypothesis, ...] = (

@@ -31,9 +31,11 @@ class JointDrives:
     """
 
     def __init__(self, laws: Sequence[Law], stiffness: Array, damping: Array) -> None:
-        acting = sorted((law for law in laws if _effect(law).stage not in OF_COMMAND), key=_stage)
-        joints = sorted({law.joints[0] for law in acting})
-        self.joints = {j: [law for law in acting if law.joints == (j,)] for j in joints}
+        acting = [law for law in laws if _effect(law).stage not in OF_COMMAND]
+        self.joints: dict[int, dict[str, list[Law]]] = {}  # laws by joint and stage
+        for law in acting:
+            stages = self.joints.setdefault(law.joints[0], {stage: [] for stage in STAGES})
+            stages[_effect(law).stage].append(law)
         self.stiffness, self.damping = stiffness, damping
 
     def torque(self, command: Array, q: Array, v: Array, desired: Array, speed: Array, forward: Array) -> Array:
@@ -43,10 +45,10 @@ class JointDrives:
         q: (B, n) measured, desired: (B, n) asked for [rad or m]; v: (B, n), speed: (B, n) likewise [rad/s or m/s].
         """
         out = command.copy() if self.joints else command
-        for j, laws in self.joints.items():
+        for j, stages in self.joints.items():
             x = DriveState(q[:, j], v[:, j], desired[:, j], speed[:, j], desired[:, j] - q[:, j], np.zeros(len(q)))
-            for stage in STAGES:
-                x = self._stage(x, j, stage, [law for law in laws if _effect(law).stage == stage])
+            for stage, laws in stages.items():
+                x = self._stage(x, j, stage, laws)
                 if stage == "damping":
                     x = replace(x, torque=x.torque + forward[:, j])
             out[:, j] = x.torque
