@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
@@ -88,7 +89,8 @@ def servo_diagnosis_tables(result: ServoDiagnosis) -> list[RenderableType]:
 def servo_diagnosis_page(result: ServoDiagnosis, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a diagnosis of drives; `inputs` besides the recordings default to the description."""
     over = f"diagnosis of {result.robot.name}: position drives from commands and positions, without torque"
-    loops = loop_blocks(result.traces, result.rollout_after, "given simulation", "extended simulation")
+    drawn = replace(result.rollout_after, nominal_whole_rms=result.rollout_before.whole_rms)  # as the curves are
+    loops = loop_blocks(result.traces, drawn, "given simulation", "extended simulation")
     sections = [
         _findings(result).beside(Sentences([f"{one.effect} at {one.joint}: {one.meaning}" for one in result.findings])),
         Section("Alternatives, and the motion that separates them", (Sentences(_alternatives(result)),)),
