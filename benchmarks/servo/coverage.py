@@ -20,7 +20,7 @@ from .identified import KNOWN_LOAD, NUMBERS, SECONDS, truth_of
 from .plant import record
 from .robots import Bench, benches, motion
 
-STEP = 5e-5  # [s] of both plants
+STEP, ARM_STEP = 5e-5, 1e-5  # [s] of MuJoCo and of the arm
 RATES, BITS, KINDS = (50.0, 100.0, 200.0), (12, 14), ("sines", "steps", "teleoperation")
 PLANTS = ("pendulum", "arm", "go2_leg")
 DELAYS = (0.004, 0.04)  # [s]
@@ -83,7 +83,7 @@ def intervals(case: Case, folder: Path) -> tuple[list[Interval], float, float]:
         for one in found.joints
         if one.known_load_share > KNOWN_LOAD
         for name in NUMBERS
-        if np.isfinite(truth := truth_of(drives[one.joint], name, STEP))
+        if np.isfinite(truth := truth_of(drives[one.joint], name, ARM_STEP if case.plant == "arm" else STEP))
         and (number := one.numbers.get(name)) is not None
         and number.value is not None
         and number.std
@@ -159,7 +159,7 @@ def _recorded(bench: Bench, drives: dict[str, Drive], command: Array, case: Case
     tick = 2 * np.pi / 2**case.bits
     if case.plant != "arm":
         return record(bench.urdf, Truth(drives), command, case.rate, case.seed, step=STEP, tick=tick, noise=0.0)
-    q = np.round(positions(list(drives.values()), command, case.rate, STEP) / tick) * tick
+    q = np.round(positions(list(drives.values()), command, case.rate, ARM_STEP) / tick) * tick
     columns = {"t": np.arange(len(q)) / case.rate}
     for j, name in enumerate(drives):
         columns |= {f"q_{name}": q[:, j], f"q_des_{name}": command[:, j]}

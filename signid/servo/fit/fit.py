@@ -126,10 +126,14 @@ class _Group:
 def _check(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], free: Sequence[tuple[str, str]]) -> None:
     if not grids:
         raise OptionError("no recording was given to the fit of servos; give at least one")
-    joints = grids[0].joints
+    joints, rate = grids[0].joints, grids[0].rate
     for grid in grids:
         if grid.joints != joints:
             raise OptionError(f"{grid.path or 'a recording'} moves other joints; fit recordings of the same joints")
+        if grid.rate != rate:
+            raise OptionError(
+                f"{grid.path or 'a grid'} has {grid.rate:g} Hz, the first one {rate:g}; give all one rate"
+            )
     for joint in servos:
         if joint not in joints or not all(grid.driven[joints.index(joint)] for grid in grids):
             raise OptionError(f"joint {joint!r} has no commands; choose from {shorten(joints)}")

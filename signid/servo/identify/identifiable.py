@@ -18,6 +18,7 @@ VAGUE = 0.5  # std over value of a positive number beyond which it is not identi
 SPLIT = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
 ONE_NUMBER = "kd and viscous friction are one number here"
 RARE = 2e-3  # share of saturated samples below which the limit is not identifiable
+TICK = 2e-5  # [s] std of when, within a tick of its loop, a drive uses a command and a speed: no log says it
 RANK = 1e-9  # eigenvalue of the normalised information, relative to 1, below which a direction is not identifiable
 MEMBER = 0.1  # component of a unit direction beyond which a number belongs to it
 
@@ -87,8 +88,10 @@ def joint_numbers(
     if facts.full_duty_error > 0 and "kp" in std:
         std["effort_limit"] = facts.full_duty_error * std["kp"]
     lost = dict(_lost(servo, free, values, std, facts))
-    for name in {"delay", "lag"} & set(std):
-        std[name] = float(np.hypot(std[name], facts.command_timing / 1.96))
+    for name, least in {"delay": TICK, "lag": TICK, "armature": TICK * servo.damping}.items():
+        if name in std:
+            timing = facts.command_timing / 1.96 if name != "armature" else 0.0
+            std[name] = float(np.linalg.norm([std[name], least, timing]))
     numbers = {}
     for name in ("kp", "damping", *[n for n in SERVO_UNITS if n != "kp"], "lag"):
         if name in lost or name in std or name in facts.stated:
