@@ -13,6 +13,7 @@ from ...model import Model
 from ...servos import SERVO_NUMBERS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..plant.course import RobotCourse, bodies_of, course, groups, part, recorded_course, refined, single
+from ..plant.drives import COARSE, LONGEST
 from .coordinates import Coordinates, slots
 from .intervals import covariance
 from .normal import FitPoint, normal
@@ -47,7 +48,7 @@ class ServoFit(Frozen):
 
 
 AGAIN = 8  # most steps about the simulated motion
-FINE = 0.002  # [s] of the rows that a fit about the simulated motion is linear in
+FINE = 0.001  # [s] of the rows that a fit about the simulated motion is linear in
 
 
 def fit_servos(
@@ -78,7 +79,7 @@ def fit_servos(
         relinearise: whether to fit again about the simulated motion.
         iterations: most steps of the first fit.
         scales: whether to start again from other scales of joints whose scale is weakly identifiable.
-        coarse: whether to end where a step gains little, without intervals.
+        coarse: whether to end where a step gains little, without intervals, in longer substeps.
         usual: kp by joint [N.m/rad or N/m], about which a scale that the data do not set stays.
 
     Raises:
@@ -152,7 +153,8 @@ def _fit_group(
     shared = () if task.own.intersection(names) else task.shared
     where = Coordinates(drives, slots(free, sizes, shared, [task.usual.get(name, 0.0) for name in names]))
     recorded, about = ([part(one, joints) for one in some] for some in (task.courses, task.about))
-    windows = windows_of(task.grids, joints, drives, recorded, task.places, about)
+    longest = COARSE if task.coarse else LONGEST
+    windows = windows_of(task.grids, joints, drives, recorded, task.places, about, longest=longest)
     point = before.solved.point if before else FitPoint(where.values, windows.q0, windows.v0)
     solved = solve(windows, where, point, iterations if where.slots else 0, task.coarse)
     return _Group(windows, where, solved if before or not scales else scan(windows, where, solved, iterations))

@@ -15,7 +15,7 @@ import numpy as np
 from ...types import Array
 
 LOST = 0.4  # windows that each fitted number takes from the sandwich
-SHARE = 0.8  # of the deviations of the sandwich
+SHARE = 1.0  # of the deviations of the sandwich
 NEIGHBOURS = 3  # windows apart that may be correlated
 LEAST = 1e-24  # variance over the widest one, below which it counts as this
 NOTHING = 1e-12  # influence over the largest one, below which a number is not identifiable

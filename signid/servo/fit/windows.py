@@ -11,7 +11,7 @@ import numpy as np
 from ...servos import Servo, ServoGrid
 from ...types import Array, Indices, Mask
 from ..plant.course import RobotCourse
-from ..plant.drives import Copies, JoinedGrids, substeps
+from ..plant.drives import LONGEST, Copies, JoinedGrids, substeps
 from ..plant.kernel import LoopBodies, Starts, simulate
 
 MOST_VALUES = 6_000_000  # positions simulated at a time
@@ -59,6 +59,8 @@ def windows_of(
     courses: Sequence[RobotCourse],
     places: Sequence[tuple[int, int, int]],
     about: Sequence[RobotCourse] = (),
+    *,
+    longest: float = LONGEST,
 ) -> FitWindows:
     """Windows of n joints at places: index of a grid, first row and rows.
 
@@ -70,10 +72,11 @@ def windows_of(
         places: of the windows.
         about: courses along the motions that the robot is linear about, of as many rows as the grids or a multiple;
             default: along the recorded ones.
+        longest: substep [s].
     """
     inertia = np.min([np.diagonal(along.mass, axis1=1, axis2=2).min(0) for along in courses], axis=0)
     finer = sum(len(along.bias) for along in about) // sum(map(len, grids)) if about else 1
-    joined = JoinedGrids(tuple(grids), tuple(joints), substeps(grids[0].step, servos, inertia, finer))
+    joined = JoinedGrids(tuple(grids), tuple(joints), substeps(grids[0].step, servos, inertia, finer, longest))
     grid, first, rows = np.array(places).T
     first = np.cumsum([0, *map(len, grids)])[grid] + first
     q, v = (np.concatenate([along.motion[k] for along in courses])[first] for k in range(2))
