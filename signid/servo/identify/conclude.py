@@ -7,15 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...errors import shorten
 from ...model import Model, command_model
 from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo
 from ...types import Robot
+from ..assumptions import Assumptions, Name
 from ..fit import ServoFit
 from ..search.data import ServoData, loop_error
 from ..search.searcher import Chosen, ServoOptions
 from .assess import closed_loops, nominal_servos
 from .facts import joint_facts
-from .fits import block, number_std
+from .fits import block, number_at_bound, number_std
 from .flags import (
     duty_notes,
     joint_flags,
@@ -23,7 +25,9 @@ from .flags import (
     lag_flags,
     law_flags,
     law_notes,
+    prior_notes,
     rollout_flags,
+    unused_notes,
     worse_flag,
     worse_than_stated,
 )
@@ -45,6 +49,7 @@ class Known:
     tied: Mapping[str, float]  # error of full duty [rad or m] by joint, from the recorded PWM
     sets: Sequence[Sequence[str]]  # connected joints
     timing: Mapping[str, float]  # time [s] by which the delay of a joint may be longer, as commands change between rows
+    assumptions: Assumptions
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,10 @@ def facts_of(model: Model, data: ServoData, fit: ServoFit, known: Known) -> dict
             fact,
             full_duty_error=known.tied.get(joint, 0.0),
             command_timing=known.timing.get(joint, 0.0),
+            priors={name: x for (one, name), x in known.assumptions.priors.items() if one == joint},
+            bounds={name: x for (one, name), x in known.assumptions.bounds.items() if one == joint},
+            masses_set_scale=fact.masses_set_scale and (joint, "kp") not in known.assumptions.priors,
+            at_bound=frozenset(number_at_bound(fit, joint)),
             unexplained=float(fit.residual_rms[data.joints.index(joint)]) / max(loop_error(data, joint), 1e-12),
         )
         for joint, fact in joint_facts(
@@ -100,7 +109,7 @@ def conclude(
     """Result of a fit. models: as described, and with the masses that were used; remarks: flags of earlier steps."""
     described, model = models
     data, fit, facts, rolled = judged.data, judged.fit, judged.facts, judged.rollout
-    joints = tuple(_joint(joint, fit, chosen, facts[joint], known.sets) for joint in fit.servos)
+    joints = tuple(_joint(joint, fit, chosen, facts[joint], known.assumptions) for joint in fit.servos)
     robot, added = model.robot, list(remarks)
     servos = _marked(fit.servos, joints, known.stated, robot)
     if worse_than_stated(rolled):
@@ -114,7 +123,8 @@ def conclude(
     added += [scale.sentence] if known.scale == "nothing" else []
     added += far_flags(judged.errors)
     unsure = [joint for joint, fact in facts.items() if fact.held_out_torque > 0]
-    notes = (*joint_notes(joints), *law_notes(joints, known.laws, [*limited, *unsure]))
+    notes = (*joint_notes(joints), *law_notes(joints, known.laws, [*limited, *unsure]), *prior_notes(joints))
+    notes = (*notes, *unused_notes(known.assumptions, fit.free))
     return ServoIdentification(
         robot=robot,
         model=command_model(model, servos, complete=True)[0],
@@ -151,9 +161,8 @@ def _has(one: ServoJoint, name: str) -> bool:
     return name in one.numbers and one.numbers[name].value is not None
 
 
-def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, sets: Sequence[Sequence[str]]) -> ServoJoint:
-    members = next((some for some in sets if joint in some), (joint,))
-    names, covariance = block(fit, joint, members)
+def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, assumptions: Assumptions) -> ServoJoint:
+    names, covariance = block(fit, joint)
     servo = fit.servos[joint]
     numbers, lost = joint_numbers(servo, names, covariance, facts)
     laws = dict(chosen.laws.get(joint, {}))
@@ -166,11 +175,18 @@ def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, sets: S
         saturated_share=facts.saturated_share,
         known_load_share=facts.known_load_share,
         not_identifiable=lost,
+        equal=tuple(other for other in assumptions.peers(joint) if other != joint),
     )
 
 
 def _has_value(joints: Sequence[ServoJoint], name: str) -> bool:
     return any(one.joint == name and one.numbers["kp"].value is not None for one in joints if "kp" in one.numbers)
+
+
+def _said_names(fit: ServoFit) -> list[Name]:
+    """Free numbers with all their joints; the delay of a branch with its first one."""
+    each = zip(fit.names, fit.owners, strict=True)
+    return [(joint if number == "delay" else shorten(joints), number) for (joint, number), joints in each]
 
 
 def _flags(
@@ -185,7 +201,7 @@ def _flags(
     flags = (
         *added,
         *joint_flags(joints),
-        *dependence(dependent_numbers(fit.information, fit.names)),
+        *dependence(dependent_numbers(fit.information, _said_names(fit))),
         *law_flags(joints, limited),
         *lag_flags(joints, data),
         *rollout_flags(rolled),

@@ -28,7 +28,8 @@ def final_fit(model: Model, data: ServoData, candidate: Candidate, options: Serv
 def number_std(fit: ServoFit, name: str) -> dict[str, float]:
     """Standard deviation of one number of each joint where it is free."""
     std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    return {joint: float(s) for (joint, number), s in zip(fit.names, std, strict=True) if number == name}
+    each = zip(fit.names, fit.owners, std, strict=True)
+    return {joint: float(s) for (_, number), joints, s in each if number == name for joint in joints}
 
 
 def weigh_bodies(
@@ -55,9 +56,14 @@ def weigh_bodies(
     return model, tuple(said)
 
 
-def block(fit: ServoFit, joint: str, members: Sequence[str]) -> tuple[tuple[str, ...], Array]:
-    """Free numbers of a joint and their covariance; the delay that connected joints share counts for each of them."""
-    own = [k for k, (owner, _) in enumerate(fit.names) if owner == joint]
-    if (joint, "delay") not in fit.names:
-        own += [k for k, (owner, name) in enumerate(fit.names) if name == "delay" and owner in members]
+def block(fit: ServoFit, joint: str) -> tuple[tuple[str, ...], Array]:
+    """Free numbers of a joint within their bounds, and their covariance; a shared number counts for each joint."""
+    owned = enumerate(zip(fit.owners, fit.at_bound, strict=True))
+    own = [k for k, (joints, bound) in owned if joint in joints and not bound]
     return tuple(fit.names[k][1] for k in own), np.asarray(fit.covariance[np.ix_(own, own)])
+
+
+def number_at_bound(fit: ServoFit, joint: str) -> list[str]:
+    """Numbers of a joint that stand at their bounds."""
+    each = zip(fit.names, fit.owners, fit.at_bound, strict=True)
+    return [number for (_, number), joints, bound in each if bound and joint in joints]

@@ -53,7 +53,7 @@ def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window:
         model,
         grids,
         servos,
-        fit.names,
+        fit.free,
         window=window,
         shared=("delay",),
         relinearise=False,

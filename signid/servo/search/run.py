@@ -33,7 +33,7 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
     base = by.fit(start)
     if not by.data.folds:
         return Chosen(base.candidate, laws)
-    suspects = limits.joints(start.tied)
+    suspects = by.assumptions.with_peers(limits.joints(start.tied))
     loose = by.near([joint for joint in suspects if base.residual[joint] > LOOSE * loop_error(by.data, joint)])
     if first := [joint for joint in suspects if joint in loose]:
         by.say("trying laws of servos", 0.15)
