@@ -15,8 +15,10 @@ from signid.cli import run
 from signid.cli.completion import complete_known, complete_number
 from signid.model import Model, load_model
 from signid.robot import robot_from_text
+from signid.robot.alike import alike, name_pattern
 from signid.servo.assumptions import Assumptions, Bounds, Prior, unions
 from signid.servo.fit import ServoFit, fit_servos
+from signid.servo.hints import equal_hints
 from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servos import Servo, ServoGrid
 from signid.types import Robot
@@ -101,7 +103,7 @@ def test_equal_joints_of_two_legs_have_one_number_from_both(model: Model, grid: 
             assert {getattr(both.servos[name], what) for name in names} == {value}
             assert abs(value - getattr(servo, what)) < 4 * std, what
             apart = np.array([number(alone, (name, what)) for name in names])
-            assert std < apart[:, 1].min(), "both legs tell more than one"
+            assert std < apart[:, 1].min(), "both legs give more than one"
 
 
 def test_a_prior_and_the_recordings_are_weighed_by_their_precision(model: Model, grid: ServoGrid) -> None:
@@ -220,3 +222,34 @@ def test_bounds_of_drives_need_commands(capfd: pytest.CaptureFixture[str]) -> No
 def test_names_of_numbers_are_completed() -> None:
     assert complete_number("arm") == ["armature="]
     assert complete_known("n") == ["nothing"] and "masses" in complete_known("")
+
+
+def test_joints_are_alike_if_their_names_differ_in_a_side_a_finger_or_a_limb() -> None:
+    dog = [f"{leg}_{part}_joint" for leg in ("FL", "FR", "RL", "RR") for part in ("hip", "thigh")]
+    assert alike(dog) == (tuple(dog[::2]), tuple(dog[1::2]))
+    assert name_pattern(dog[::2], dog) == ".*_hip_joint" and name_pattern(dog[:3:2], dog) == "FL_hip_joint|FR_hip_joint"
+    hand = ["finger_1_joint_1", "finger_1_joint_2", "finger_2_joint_1", "finger_2_joint_2"]
+    assert [name_pattern(some, hand) for some in alike(hand)] == ["finger_.*_joint_1", "finger_.*_joint_2"]
+    assert alike(["LHipPitch", "RHipPitch", "LKneePitch"]) == (("LHipPitch", "RHipPitch"),)
+    assert alike(["l_arm_1", "l_arm_2", "r_arm_1"]) == (("l_arm_1", "r_arm_1"),)
+    assert alike([f"joint_{k}" for k in range(6)]) == () and alike(["shoulder_pan", "shoulder_lift"]) == ()
+    assert name_pattern(["hip-left", "hip-right"], ["hip-left", "hip-right", "hip.left"]) == "hip-.*"
+
+
+def test_equal_numbers_are_hinted_at_with_the_option_to_type() -> None:
+    same = {"left_hip": {"kp": (11.6, 0.4), "armature": (0.01, 0.001)}, "right_hip": {"kp": (12.0, 1.6)}}
+    (said,) = equal_hints(same)
+    assert said.startswith("left_hip, right_hip: no number differs") and "--equal '.*_hip'" in said
+    assert list(equal_hints(same, [("left_hip", "right_hip")])) == []
+    (said,) = equal_hints({**same, "right_hip": {"kp": (16.9, 0.5)}})
+    assert "their kp differs: 11.6 +- 0.78 and 16.9 +- 0.98 (8.3 standard deviations)" in said
+    assert list(equal_hints({"left_hip": same["left_hip"], "right_hip": {"armature": (0.01, 0.001)}})) == []
+    between = {"left_hip": {"kp": (11.0, 0.4)}, "right_hip": {"kp": (12.3, 0.4)}}
+    assert list(equal_hints(between)) == [], "neither equal nor surely different"
+
+
+def test_equal_legs_are_hinted_at(files: tuple[str, str], capfd: pytest.CaptureFixture[str]) -> None:
+    found = identified(files, capfd=capfd)
+    said = " ".join(found["notes"])
+    assert "left_hip, right_hip: no number differs beyond its interval; --equal '.*_hip' fits" in said
+    assert "--equal" not in " ".join(identified(files, "--equal", ".*_hip", "--equal", ".*_knee", capfd=capfd)["notes"])

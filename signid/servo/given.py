@@ -1,4 +1,4 @@
-"""What a user says of drives, as texts: known numbers, priors, bounds and equal joints."""
+"""Texts of a user about drives: known numbers, priors, bounds and equal joints."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Given:
-    """What is known of drives before a fit."""
+    """Knowledge of drives before a fit."""
 
     scale: str | None  # what sets the scale of torque, one of KNOWN; None: as the actuators file states
     stated: Mapping[str, Mapping[str, float]]  # numbers by joint [SERVO_UNITS], also those of the actuators file
@@ -55,7 +55,7 @@ def given_texts(
     bounds: Sequence[str] = (),
     equal: Sequence[str] = (),
 ) -> Given:
-    """Read what a user says of drives; of several texts on one number of a joint the last one holds.
+    """Read texts of a user about drives; of several texts on one number of a joint the last one holds.
 
     Args:
         robot: robot of the drives.
@@ -89,7 +89,7 @@ def given_texts(
 
 
 def _scale(words: Sequence[str], given: Mapping[Name, float], gains: bool) -> str | None:
-    """What sets the scale of torque; gains: whether the user states any."""
+    """Source of the scale of torque; gains: whether the user states any."""
     if wrong := next((word for word in words if word not in KNOWN), None):
         raise OptionError(f"known is {wrong!r}; give one of {', '.join(KNOWN)}, or NAME=VALUE: kp=20, for example")
     if len(set(words) | ({"kp"} if gains else set())) > 1:

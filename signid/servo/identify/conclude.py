@@ -11,8 +11,9 @@ from ...errors import shorten
 from ...model import Model, command_model
 from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo
 from ...types import Robot
-from ..assumptions import Assumptions, Name
+from ..assumptions import OWN, Assumptions, Name
 from ..fit import ServoFit
+from ..hints import equal_hints
 from ..search.data import ServoData, loop_error
 from ..search.searcher import Chosen, ServoOptions
 from .assess import closed_loops, nominal_servos
@@ -125,6 +126,7 @@ def conclude(
     unsure = [joint for joint, fact in facts.items() if fact.held_out_torque > 0]
     notes = (*joint_notes(joints), *law_notes(joints, known.laws, [*limited, *unsure]), *prior_notes(joints))
     notes = (*notes, *unused_notes(known.assumptions, fit.free))
+    notes = (*notes, *equal_hints({one.joint: _estimates(one) for one in joints}, known.assumptions.equal))
     return ServoIdentification(
         robot=robot,
         model=command_model(model, servos, complete=True)[0],
@@ -139,6 +141,15 @@ def conclude(
         seed=options.seed,
         refit=judged.refit,
     )
+
+
+def _estimates(one: ServoJoint) -> dict[str, tuple[float, float]]:
+    """Measured numbers of a drive with their standard deviations, but the sum lag and the offset of the joint alone."""
+    return {
+        name: (number.value, number.std)
+        for name, number in one.numbers.items()
+        if number.value is not None and number.std and name not in ("lag", OWN)
+    }
 
 
 def _marked(
