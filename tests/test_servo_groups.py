@@ -252,4 +252,11 @@ def test_equal_legs_are_hinted_at(files: tuple[str, str], capfd: pytest.CaptureF
     found = identified(files, capfd=capfd)
     said = " ".join(found["notes"])
     assert "left_hip, right_hip: no number differs beyond its interval; --equal '.*_hip' fits" in said
-    assert "--equal" not in " ".join(identified(files, "--equal", ".*_hip", "--equal", ".*_knee", capfd=capfd)["notes"])
+    both = identified(files, "--equal", ".*_hip", "--equal", ".*_knee", capfd=capfd)
+    assert "equal" not in " ".join((*both["notes"], *both["flags"]))
+
+
+def test_drives_that_are_not_equal_are_flagged(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    robot, table = log(tmp_path, {**TRUE, "right_hip": HIP.with_(kp=14.0, coulomb_friction=0.4)})
+    flags = " ".join(identified((str(robot), str(table)), "--equal", ".*_hip", capfd=capfd)["flags"])
+    assert "left_hip, right_hip: the recordings contradict equal drives" in flags
