@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
+from test_servo_export import executed
 from toys import joint, link, urdf
 
 from signid.cli import run
 from signid.cli.completion import complete_known, complete_number
-from signid.model import Model, load_model
+from signid.model import Model, load_model, with_servos
+from signid.output.export import export
 from signid.robot import robot_from_text
 from signid.robot.alike import alike, name_pattern
 from signid.servo.assumptions import Assumptions, Bounds, Prior, unions
@@ -242,7 +245,7 @@ def test_equal_numbers_are_hinted_at_with_the_option_to_type() -> None:
     assert said.startswith("left_hip, right_hip: no number differs") and "--equal '.*_hip'" in said
     assert list(equal_hints(same, [("left_hip", "right_hip")])) == []
     (said,) = equal_hints({**same, "right_hip": {"kp": (16.9, 0.5)}})
-    assert "their kp differs: 11.6 +- 0.78 and 16.9 +- 0.98 (8.3 standard deviations)" in said
+    assert "kp of left_hip and right_hip is 11.6 +- 0.78 and 16.9 +- 0.98 (8.3 standard deviations)" in said
     assert list(equal_hints({"left_hip": same["left_hip"], "right_hip": {"armature": (0.01, 0.001)}})) == []
     between = {"left_hip": {"kp": (11.0, 0.4)}, "right_hip": {"kp": (12.3, 0.4)}}
     assert list(equal_hints(between)) == [], "neither equal nor surely different"
@@ -259,4 +262,26 @@ def test_equal_legs_are_hinted_at(files: tuple[str, str], capfd: pytest.CaptureF
 def test_drives_that_are_not_equal_are_flagged(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     robot, table = log(tmp_path, {**TRUE, "right_hip": HIP.with_(kp=14.0, coulomb_friction=0.4)})
     flags = " ".join(identified((str(robot), str(table)), "--equal", ".*_hip", capfd=capfd)["flags"])
-    assert "left_hip, right_hip: the recordings contradict equal drives" in flags
+    assert "left_hip, right_hip: the recordings contradict equal drives: " in flags
+
+
+def test_exports_have_one_entry_for_equal_joints_with_the_digits_of_their_intervals(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hip = HIP.with_(kp=20.03456, kd=0.90123, armature=0.0099971234)
+    marks = {"kp": 0.0094, "kd": 0.041, "armature": 3.3e-5, "coulomb_friction": 0.02}
+    servos = {**dict.fromkeys(HIPS, replace(hip, std=marks)), "left_knee": KNEE, "right_knee": KNEE.with_(kp=15.0)}
+    with_servos(load_model(legs()), servos).save(tmp_path / "model.json")
+    model = load_model(tmp_path / "model.json")
+    assert model.servos["left_hip"].std == marks and model.servos["left_hip"].kp == 20.03456
+    assert model.servos["left_hip"].with_(kp=3.0).std == {key: x for key, x in marks.items() if key != "kp"}
+    groups = executed(export(model, "isaaclab").text, "isaaclab.actuators", monkeypatch)["ACTUATORS"]
+    assert list(groups) == [".*_hip", "left_knee", "right_knee"]
+    hips = groups[".*_hip"]
+    assert hips.joint_names_expr == [".*_hip"] and hips.stiffness == 20.0346 and hips.damping == 0.901
+    assert hips.armature == 0.009997 and hips.friction == 0.15 and groups["right_knee"].stiffness == 15.0
+    motors = executed(export(model, "mjlab").text, "mjlab.actuator", monkeypatch)["ACTUATORS"]
+    assert [motor.target_names_expr for motor in motors] == [(".*_hip",), ("left_knee",), ("right_knee",)]
+    assert motors[0].stiffness == 20.0346 and motors[0].armature == 0.009997
+    assert json.loads(export(model, "lerobot").text)["motors"]["left_hip"]["kp"] == 20.0346
+    assert "20.0346" in export(model, "mjcf").text and "20.03456" not in export(model, "mjcf").text

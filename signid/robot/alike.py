@@ -26,11 +26,13 @@ def alike(joints: Sequence[str]) -> tuple[tuple[str, ...], ...]:
 
 def name_pattern(members: Sequence[str], joints: Sequence[str]) -> str:
     """Regular expression that matches the whole names of some of the joints and of no other: `.*_hip_joint`."""
+    if len(members) == 1:
+        return _escaped(members[0])
     words = [SEPARATOR.split(name) for name in members]
     first = _common(words)
     last = _common([own[len(first) :][::-1] for own in words])[::-1]
     pattern = f"{_escaped(''.join(first))}.*{_escaped(''.join(last))}"
-    if (first or last) and [joint for joint in joints if re.fullmatch(pattern, joint)] == list(members):
+    if [joint for joint in joints if re.fullmatch(pattern, joint)] == list(members):
         return pattern
     return "|".join(map(_escaped, members))
 

@@ -25,19 +25,33 @@ def equal_hints(found: Mapping[str, Estimates], equal: Sequence[Sequence[str]] =
     for members in alike(tuple(found)):
         if any(set(members) <= set(group) for group in equal):
             continue
-        tests = {name: _test(name, members, found) for name in dict.fromkeys(n for j in members for n in found[j])}
-        likely = {name: p for name, p in tests.items() if p is not None}
-        if LEAST not in likely:
-            continue
-        name = min(likely, key=lambda name: likely[name])
-        p = min(1.0, len(likely) * likely[name])
-        if p > EQUAL:
+        name, p = _likeliest(members, found)
+        if p > EQUAL and sum(LEAST in found[joint] for joint in members) > 1:
             yield (
                 f"{shorten(members)}: no number differs beyond its interval; --equal "
                 f"'{name_pattern(members, tuple(found))}' fits them as equal drives, with narrower intervals"
             )
         elif p < DIFFERENT:
-            yield _difference(name, members, found)
+            yield f"{shorten(members)} are alike by name and differ: {_difference(name, members, found)}"
+
+
+def unequal_flags(found: Mapping[str, Estimates], equal: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Sentences on joints that were fitted as equal, and differ if they are not. Arguments as `equal_hints`."""
+    for members in equal:
+        name, p = _likeliest(members, found)
+        if p < DIFFERENT:
+            yield (
+                f"{shorten(members)}: the recordings contradict equal drives: {_difference(name, members, found)}; "
+                f"leave joints that differ out of --equal"
+            )
+
+
+def _likeliest(members: Sequence[str], found: Mapping[str, Estimates]) -> tuple[str, float]:
+    """Number that differs most surely, and the probability of that among all numbers of equal joints; "", 1: none."""
+    tests = {name: _test(name, members, found) for name in dict.fromkeys(n for j in members for n in found[j])}
+    likely = {name: p for name, p in tests.items() if p is not None}
+    name = min(likely, key=lambda name: likely[name], default="")
+    return name, min(1.0, len(likely) * likely[name]) if name else 1.0
 
 
 def _test(name: str, members: Sequence[str], found: Mapping[str, Estimates]) -> float | None:
@@ -51,7 +65,7 @@ def _test(name: str, members: Sequence[str], found: Mapping[str, Estimates]) -> 
 
 
 def _difference(name: str, members: Sequence[str], found: Mapping[str, Estimates]) -> str:
-    """Sentence on the two joints whose values of a number are farthest apart."""
+    """Part of a sentence on the two joints whose values of a number are farthest apart."""
     have = [joint for joint in members if name in found[joint]]
     pairs = [(a, b) for k, a in enumerate(have) for b in have[k + 1 :]]
 
@@ -61,7 +75,4 @@ def _difference(name: str, members: Sequence[str], found: Mapping[str, Estimates
 
     pair = max(pairs, key=apart)
     values = " and ".join(f"{x:.3g} +- {1.96 * s:.2g}" for x, s in (found[joint][name] for joint in pair))
-    return (
-        f"{pair[0]} and {pair[1]} are alike by name, and their {name.replace('_', ' ')} differs: {values} "
-        f"({apart(pair):.1f} standard deviations)"
-    )
+    return f"{name.replace('_', ' ')} of {pair[0]} and {pair[1]} is {values} ({apart(pair):.1f} standard deviations)"

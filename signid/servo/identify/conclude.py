@@ -13,7 +13,7 @@ from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo
 from ...types import Robot
 from ..assumptions import OWN, Assumptions, Name
 from ..fit import ServoFit
-from ..hints import equal_hints
+from ..hints import Estimates, equal_hints, unequal_flags
 from ..search.data import ServoData, loop_error
 from ..search.searcher import Chosen, ServoOptions
 from .assess import closed_loops, nominal_servos
@@ -51,6 +51,7 @@ class Known:
     sets: Sequence[Sequence[str]]  # connected joints
     timing: Mapping[str, float]  # time [s] by which the delay of a joint may be longer, as commands change between rows
     assumptions: Assumptions
+    own: Mapping[str, Estimates]  # of joints that are fitted as equal: numbers without that assumption
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,7 @@ def conclude(
     scale = known_scale(known.scale, gains, other)
     added += [scale.sentence] if known.scale == "nothing" else []
     added += far_flags(judged.errors)
+    added += unequal_flags(_identified(known.own, joints), known.assumptions.equal)
     unsure = [joint for joint, fact in facts.items() if fact.held_out_torque > 0]
     notes = (*joint_notes(joints), *law_notes(joints, known.laws, [*limited, *unsure]), *prior_notes(joints))
     notes = (*notes, *unused_notes(known.assumptions, fit.free))
@@ -152,6 +154,16 @@ def _estimates(one: ServoJoint) -> dict[str, tuple[float, float]]:
     }
 
 
+def _identified(own: Mapping[str, Estimates], joints: Sequence[ServoJoint]) -> dict[str, Estimates]:
+    """Numbers of joints, without those that are not identifiable even if they are common; kd as part of the damping."""
+    whole = {part: name for name, parts in SUMS.items() if name == "damping" for part in parts}
+    lost = {(one.joint, name) for one in joints for name, number in one.numbers.items() if number.value is None}
+    return {
+        joint: {name: x for name, x in numbers.items() if (joint, whole.get(name, name)) not in lost and name != OWN}
+        for joint, numbers in own.items()
+    }
+
+
 def _marked(
     servos: Mapping[str, Servo], joints: Sequence[ServoJoint], stated: Stated, robot: Robot
 ) -> dict[str, Servo]:
@@ -164,7 +176,10 @@ def _marked(
         combined = tuple(name for name, parts in SUMS.items() if _has(one, name) and lost.issuperset(parts))
         lost = lost.difference(*(SUMS[name] for name in combined))
         unknown = {name: known.get(name) for name in SERVO_NUMBERS if name in lost}
-        out[one.joint] = replace(out[one.joint], not_identifiable=unknown, combined=combined)
+        std = {name: number.std for name, number in one.numbers.items() if name in SERVO_NUMBERS}
+        std |= {part: one.numbers[name].std for name in combined for part in SUMS[name]}
+        found = {name: float(x) for name, x in std.items() if x}
+        out[one.joint] = replace(out[one.joint], not_identifiable=unknown, combined=combined, std=found)
     return out
 
 

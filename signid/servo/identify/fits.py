@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import shorten
 from ...model import Model
 from ...parameters import Array
-from ...servos import Servo
+from ...servos import SERVO_NUMBERS, Servo
 from ..fit import ServoFit, fit_servos
 from ..search.choice import Candidate, fit_candidate
 from ..search.data import ServoData
@@ -18,8 +18,7 @@ from ..search.searcher import ServoOptions
 from .scale import implied_ratios, scaled_masses
 from .start import Stated, first_candidate
 
-SETTLED, APART = 2, 6  # most iterations of fits from the end, with equal joints and without
-GROWS, SURE = 1.05, 3.0  # rms of equal joints over that of own numbers, and its growth in standard errors over windows
+APART = 6  # most iterations of a fit of equal joints with own numbers
 
 
 def final_fit(model: Model, data: ServoData, candidate: Candidate, options: ServoOptions) -> ServoFit:
@@ -59,47 +58,32 @@ def weigh_bodies(
     return model, tuple(said)
 
 
-def equality_flags(
+def own_numbers(
     model: Model, data: ServoData, fit: ServoFit, candidate: Candidate, options: ServoOptions
-) -> tuple[str, ...]:
-    """Sentences on joints that were fitted as equal, and whose windows are fitted notably better by own numbers."""
+) -> dict[str, dict[str, tuple[float, float]]]:
+    """Numbers of equal joints with their standard deviations, fitted again without that assumption; empty if none."""
     if not candidate.assumptions.equal:
-        return ()
-    apart = replace(candidate.assumptions, equal=())
-    tied, own = (
-        fit_servos(
-            model,
-            data.train,
-            fit.servos,
-            fit.free,
-            window=candidate.window or options.window,
-            shared=("delay",),
-            own=candidate.own_delay,
-            relinearise=False,
-            iterations=steps,
-            scales=False,
-            coarse=True,
-            usual=candidate.usual,
-            assumptions=assumed,
-        ).window_squares
-        for steps, assumed in ((SETTLED, candidate.assumptions), (APART, apart))
+        return {}
+    alone = fit_servos(
+        model,
+        data.train,
+        fit.servos,
+        fit.free,
+        window=candidate.window or options.window,
+        shared=("delay",),
+        own=candidate.own_delay,
+        relinearise=False,
+        iterations=APART,
+        scales=False,
+        usual=candidate.usual,
+        assumptions=replace(candidate.assumptions, equal=()),
     )
-    said = []
-    for members in candidate.assumptions.equal:
-        worse = []
-        for j in map(data.joints.index, members):
-            gain, base = tied[:, j] - own[:, j], float(np.mean(own[:, j]))
-            error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.inf
-            if gain.mean() > SURE * error and gain.mean() > (GROWS**2 - 1) * base:
-                worse.append(j)
-        if worse:
-            before, after = (float(np.sqrt(np.mean(x[:, worse]))) for x in (tied, own))
-            said.append(
-                f"{shorten(members)}: the recordings contradict equal drives: with its own numbers the rms error over "
-                f"windows of {shorten([data.joints[j] for j in worse])} is {after:.2g} instead of {before:.2g}; leave "
-                f"joints that differ out of --equal"
-            )
-    return tuple(said)
+    std = {name: number_std(alone, name) for name in SERVO_NUMBERS}
+    return {
+        joint: {name: (getattr(alone.servos[joint], name), s[joint]) for name, s in std.items() if s.get(joint, 0) > 0}
+        for members in candidate.assumptions.equal
+        for joint in members
+    }
 
 
 def block(fit: ServoFit, joint: str) -> tuple[tuple[str, ...], Array]:

@@ -27,7 +27,7 @@ from ..search.searcher import KnownLimits, Searcher, ServoOptions
 from .assess import whole_rms
 from .conclude import JudgedFit, Known, conclude, facts_of, judge
 from .facts import full_duty_errors
-from .fits import equality_flags, final_fit, weigh_bodies
+from .fits import final_fit, own_numbers, weigh_bodies
 from .flags import worse_than_stated
 from .result import LoggedRows, ServoIdentification
 from .scale import connected_sets
@@ -127,13 +127,22 @@ def identify_servos(
     fit = final_fit(weighed, replace(data, train=thinned(data.train, fitted)), chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.9)
     remarks = (*audit_flags(model.robot, (*given, *unseen)), *remarks)
-    remarks = (*remarks, *equality_flags(weighed, few, fit, chosen.candidate, options))
     zeros, notes = joint_zeros(plain, data, starts[PLAIN], options.seed) if scale == "masses" else ((), ())
     remarks = (*remarks, *zero_flags(zeros, _position_columns(given[0])))
     logs = tuple(map(_logged_rows, (*given, *unseen)))
     slow = FINER * min(log.content_rate for log in logs) < data.train[0].rate
     late = command_timing(weighed, few, fit, options.window) if slow else {}
-    case = Known(scale, wanted, fixed, limits.laws, duty, sets, late, assumed)
+    case = Known(
+        scale,
+        wanted,
+        fixed,
+        limits.laws,
+        duty,
+        sets,
+        late,
+        assumed,
+        own_numbers(weighed, few, fit, chosen.candidate, options),
+    )
     judged = judge((plain, weighed), data, fit, case)
     if (not unseen if refit is None else refit) and data.held_out is not data.train:
         _say(progress, "fitting servos to all rows", 0.95)
