@@ -256,7 +256,9 @@ def test_equal_legs_are_hinted_at(files: tuple[str, str], capfd: pytest.CaptureF
     said = " ".join(found["notes"])
     assert "left_hip, right_hip: no number differs beyond its interval; --equal '.*_hip' fits" in said
     both = identified(files, "--equal", ".*_hip", "--equal", ".*_knee", capfd=capfd)
-    assert "equal" not in " ".join((*both["notes"], *both["flags"]))
+    said = " ".join((*both["notes"], *both["flags"]))
+    assert "left_hip, right_hip: fitted as equal drives" in said
+    assert "--equal" not in said and "contradict" not in said
 
 
 def test_drives_that_are_not_equal_are_flagged(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -20,6 +20,7 @@ from .assess import closed_loops, nominal_servos
 from .facts import joint_facts
 from .fits import block, number_at_bound, number_std
 from .flags import (
+    assumption_notes,
     duty_notes,
     joint_flags,
     joint_notes,
@@ -28,7 +29,6 @@ from .flags import (
     law_notes,
     prior_notes,
     rollout_flags,
-    unused_notes,
     worse_flag,
     worse_than_stated,
 )
@@ -127,7 +127,7 @@ def conclude(
     added += unequal_flags(_identified(known.own, joints), known.assumptions.equal)
     unsure = [joint for joint, fact in facts.items() if fact.held_out_torque > 0]
     notes = (*joint_notes(joints), *law_notes(joints, known.laws, [*limited, *unsure]), *prior_notes(joints))
-    notes = (*notes, *unused_notes(known.assumptions, fit.free))
+    notes = (*notes, *assumption_notes(known.assumptions, fit.free))
     notes = (*notes, *equal_hints({one.joint: _estimates(one) for one in joints}, known.assumptions.equal))
     return ServoIdentification(
         robot=robot,
@@ -146,11 +146,16 @@ def conclude(
 
 
 def _estimates(one: ServoJoint) -> dict[str, tuple[float, float]]:
-    """Measured numbers of a drive with their standard deviations, but the sum lag and the offset of the joint alone."""
+    """Measured numbers of a drive with their standard deviations, but the sum lag and the offset of the joint alone.
+
+    None of a joint with a number at its bound, since the others hold only for that value.
+    """
+    if any(number.at_bound for number in one.numbers.values()):
+        return {}
     return {
         name: (number.value, number.std)
         for name, number in one.numbers.items()
-        if number.value is not None and number.std and name not in ("lag", OWN)
+        if number.value is not None and number.std and not number.prior and name not in ("lag", OWN)
     }
 
 

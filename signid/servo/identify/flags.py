@@ -147,8 +147,7 @@ def _against_prior(number: ServoNumber) -> str:
     unit = number.unit
     return (
         f"is {alone:.3g} +- {1.96 * error:.2g} {unit} by the recordings alone, and {mean:.3g} +- {1.96 * wide:.2g} "
-        f"{unit} by its prior ({z:.1f} standard deviations apart); the value between them fits neither, so check the "
-        f"prior, the masses and the law"
+        f"{unit} by its prior ({z:.1f} standard deviations apart); check the prior, the masses and the law"
     )
 
 
@@ -162,8 +161,10 @@ def _at_bound(number: ServoNumber) -> str:
     )
 
 
-def unused_notes(assumptions: Assumptions, free: Sequence[Name]) -> Iterator[str]:
-    """Priors and bounds of numbers that the fitted drives do not have free."""
+def assumption_notes(assumptions: Assumptions, free: Sequence[Name]) -> Iterator[str]:
+    """Joints that were fitted as equal, and priors and bounds of numbers that the fitted drives do not have free."""
+    for members in assumptions.equal:
+        yield f"{shorten(members)}: fitted as equal drives, each number but the torque offset to all of them"
     for what, given in (("prior", assumptions.priors), ("bounds", assumptions.bounds)):
         unused: dict[str, list[str]] = {}
         for joint, number in given:
