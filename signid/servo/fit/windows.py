@@ -28,6 +28,7 @@ class FitWindows:
     q0: Array  # (W, n) [rad or m] smoothed, at the start
     v0: Array  # (W, n) [rad/s or m/s] smoothed, at the start
     longest: int  # T - 1
+    branches: tuple[tuple[tuple[int, ...], FitWindows], ...] = ()  # independent ones: their joints, and these alone
 
     @cached_property
     def inside(self) -> Mask:
@@ -49,7 +50,21 @@ class FitWindows:
 
     def part(self, some: slice) -> FitWindows:
         """Some of the windows."""
-        return replace(self, first=self.first[some], rows=self.rows[some], q0=self.q0[some], v0=self.v0[some])
+        branches = tuple((joints, branch.part(some)) for joints, branch in self.branches)
+        new = replace(self, first=self.first[some], rows=self.rows[some], branches=branches)
+        return replace(new, q0=self.q0[some], v0=self.v0[some])
+
+    def apart(self, branches: Sequence[Sequence[int]]) -> FitWindows:
+        """The same, whose branches are simulated one by one: joints that share no moved body."""
+        return replace(self, branches=tuple((tuple(joints), self._only(list(joints))) for joints in branches))
+
+    def _only(self, joints: list[int]) -> FitWindows:
+        x, square = self.bodies, np.ix_(range(len(self.bodies.bias)), joints, joints)
+        mass, by_q, by_v = (np.ascontiguousarray(one[square]) for one in (x.mass, x.by_q, x.by_v))
+        bias, q, v = (np.ascontiguousarray(one[:, joints]) for one in (x.bias, x.q, x.v))
+        joined = JoinedGrids(self.joined.grids, tuple(self.joined.joints[j] for j in joints), self.joined.parts)
+        bodies = LoopBodies(mass, bias, by_q, by_v, q, v, x.wave[joints])
+        return replace(self, joined=joined, bodies=bodies, q0=self.q0[:, joints], v0=self.v0[:, joints])
 
 
 def windows_of(
@@ -106,6 +121,24 @@ def shoot(
 
     q0: (C, W, n) [rad or m]; v0: (C, W, n) [rad/s or m/s]; bodies: other ones.
     """
+    if windows.branches and bodies is None:
+        return _shoot_apart(windows, copies, q0, v0)
     starts = Starts(windows.first, windows.rows, windows.longest, np.ascontiguousarray(q0), np.ascontiguousarray(v0))
     positions, saturated = simulate(bodies or windows.bodies, windows.joined.drives(copies), starts)
+    return positions, saturated
+
+
+def _shoot_apart(windows: FitWindows, copies: Copies, q0: Array, v0: Array) -> tuple[Array, Array]:
+    """As `shoot`, a branch at a time; copies that are the same in a branch are simulated there once."""
+    count = len(copies.numbers)
+    positions = np.empty((count, *windows.measured.shape))
+    saturated = np.empty((count, *windows.q0.shape))
+    for joints, branch in windows.branches:
+        own = list(joints)
+        numbers, laws, q, v = copies.numbers[:, own], copies.laws[:, own], q0[:, :, own], v0[:, :, own]
+        rows = np.concatenate([x.reshape(count, -1) for x in (numbers, laws, q, v)], axis=1)
+        _, first, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        drives = Copies(numbers[first], laws[first], tuple(copies.kd_on[j] for j in own))
+        found = shoot(branch, drives, q[first], v[first])
+        positions[..., own], saturated[..., own] = (x[same.ravel()] for x in found)
     return positions, saturated

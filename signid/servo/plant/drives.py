@@ -19,9 +19,7 @@ TURN = 0.35  # [rad] of the fastest oscillation in a substep
 KEPT = 20_000_000  # values of commands that are kept, [160 MB]
 
 
-def substeps(
-    step: float, servos: Sequence[Servo], inertia: Array, finer: int = 1, longest: float = LONGEST
-) -> int:
+def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 1, longest: float = LONGEST) -> int:
     """Substeps of a row: of at most `longest` [s], and short against the fastest oscillation of the loop.
 
     step: of a row [s]; inertia: (n,) of the robot at the joints [kg.m2 or kg]; finer: their number is a multiple of it.

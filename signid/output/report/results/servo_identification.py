@@ -89,6 +89,7 @@ def _joint(one: ServoJoint) -> Document:
         **damping,
         "effort_limit": {**limit, "saturated_share": one.saturated_share},
         "known_load_share": one.known_load_share,
+        **({"equal": list(one.equal)} if one.equal else {}),
         "not_identifiable": list(one.not_identifiable),
     }
 
@@ -111,6 +112,9 @@ def _number(number: ServoNumber) -> Document:
         "std": number.std if known else None,
         "unit": number.unit,
         **({"stated": number.value} if number.stated else {}),
+        **({"prior": number.prior._asdict()} if number.prior else {}),
+        **({"bounds": [x if np.isfinite(x) else None for x in number.bounds]} if number.bounds else {}),
+        **({"at_bound": True} if number.at_bound else {}),
         **({"sentence": number.sentence} if number.sentence else {}),
     }
 
@@ -250,9 +254,12 @@ def _number_cell(number: ServoNumber | None) -> str:
         return ""
     if number.value is None:
         return UNKNOWN
+    if number.at_bound:
+        return f"{figure(number.value)} (bound)"
     if number.stated or number.std is None:
         return f"{figure(number.value)} (stated)" if number.stated else f"({figure(number.value)})"
-    return " ± ".join(text for text in with_interval(number.value, number.std) if text != "-")
+    text = " ± ".join(text for text in with_interval(number.value, number.std) if text != "-")
+    return f"{text} (with prior)" if number.prior else text
 
 
 def _scale_basis(result: ServoIdentification) -> Section:
