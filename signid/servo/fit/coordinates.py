@@ -32,6 +32,7 @@ class Kind(NamedTuple):
     low: float = 0.0  # lower bound
     longest: float | None = 1.0  # largest step of the coordinate [1, or unit of the number]; None: its typical size
     difference: float = 0.003  # smallest difference
+    high: float = LARGEST  # upper bound
 
 
 POSITIVE = Kind(soft=0.0, low=1e-6)
@@ -47,6 +48,9 @@ KINDS = {
     "stribeck_velocity": POSITIVE,
     "position_phase": SIGNED,
     "spring_rest": SIGNED,
+    "encoder_offset": SIGNED,
+    "gear_exponent": Kind(soft=0.0, low=0.5, longest=0.5, high=5.0),
+    "gear_velocity": Kind(soft=0.0, low=0.02, longest=0.5, high=2.0),  # faster ones are viscous friction
     "mass": POSITIVE,
     "first_moment_x": SIGNED,
     "first_moment_y": SIGNED,
@@ -82,7 +86,7 @@ class Slot:
     @property
     def high(self) -> float:
         """Upper bound of the coordinate: without it an unidentifiable scale could run away."""
-        return float(np.log(LARGEST * self.typical + self.soft)) if self.kind.logarithmic else np.inf
+        return float(np.log(self.kind.high * self.typical + self.soft)) if self.kind.logarithmic else np.inf
 
     @property
     def longest(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import OptionError, shorten
 from ...frozen import Frozen
 from ...model import Model
-from ...servos import SERVO_NUMBERS, Servo, ServoGrid
+from ...servos import LOOP_NUMBERS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..plant.course import Moved, RobotCourse, bodies_of, course, groups, part, recorded_course, single
 from .coordinates import Coordinates, slots
@@ -70,7 +70,7 @@ def fit_servos(
         model: bodies and laws of the robot.
         grids: recordings, all of the same joints and one rate.
         servos: drives to start from, by joint; joints without one follow the recorded motion.
-        free: joint and number, one of SERVO_NUMBERS; a number that starts at zero or infinity gets a typical start.
+        free: joint and number, one of LOOP_NUMBERS; a number that starts at zero or infinity gets a typical start.
         window: length of a window [s]; use .2 first where drives saturate.
         shared: numbers with one value for all joints of a branch, "delay".
         own: joints whose branches share nothing.
@@ -133,8 +133,8 @@ def _check(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], free: Sequen
         if joint not in joints or not all(grid.driven[joints.index(joint)] for grid in grids):
             raise OptionError(f"joint {joint!r} has no commands; choose from {shorten(joints)}")
     for joint, number in free:
-        if joint not in servos or number not in SERVO_NUMBERS:
-            raise OptionError(f"no number {number!r} of a servo at {joint!r}; choose from {shorten(SERVO_NUMBERS, 20)}")
+        if joint not in servos or number not in LOOP_NUMBERS:
+            raise OptionError(f"no number {number!r} of a servo at {joint!r}; choose from {shorten(LOOP_NUMBERS, 20)}")
 
 
 def _fit_group(

@@ -38,7 +38,7 @@ def substeps(step: float, servos: Sequence[Servo], inertia: Array) -> int:
 class Copies(NamedTuple):
     """C copies of the drives of n joints."""
 
-    numbers: Array  # (C, n, 21) [LOOP_UNITS] in the order of LOOP_NUMBERS
+    numbers: Array  # (C, n, 31) [LOOP_UNITS] in the order of LOOP_NUMBERS
     laws: Indices  # (C, n) index in DRIVE_LAWS
     kd_on: tuple[str, ...]  # n
 

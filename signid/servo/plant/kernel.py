@@ -36,6 +36,16 @@ from .friction import LOOP, advance_speeds, new_state
     STIFFNESS,
     REST,
     GAP,
+    ZERO,
+    GEAR_EXPONENT,
+    GEAR_VELOCITY,
+    GEAR_LEVEL,
+    GEAR_LOAD,
+    GEAR_EXTERNAL,
+    GEAR_LOAD_AT_REST,
+    GEAR_EXTERNAL_AT_REST,
+    GEAR_QUADRATIC_MOTOR,
+    GEAR_QUADRATIC_EXTERNAL,
 ) = range(len(LOOP_NUMBERS))  # columns of the numbers of a drive and its joint, in the order of LOOP_NUMBERS
 DUTY, TORQUE_SPEED = DRIVE_LAWS.index("duty"), DRIVE_LAWS.index("torque_speed")
 HALF, SIDE, DEFLECTION, LINK_SPEED, LOAD_OF_LINK = range(5)  # rows of `State.play`
@@ -48,7 +58,7 @@ PASSES = 5  # of a substep, until it is consistent which drives are at their lim
 class Drives(NamedTuple):
     """C copies of the drives of n joints on the substeps of R rows, `parts` of each row."""
 
-    numbers: Array  # (C, n, 21) [LOOP_UNITS]
+    numbers: Array  # (C, n, 31) [LOOP_UNITS]
     laws: Indices  # (C, n) index in DRIVE_LAWS
     variant: Indices  # (C, n) which of the V commands acts
     commands: Array  # (7, V, S) [any] on S = R parts substeps, as `commands_at` gives them
@@ -88,7 +98,7 @@ class Starts(NamedTuple):
 def drive_torque(p, law, at, command, supply):  # type: ignore[no-untyped-def]
     """Constant torque, damping, torque and kind of limit of a drive that is on.
 
-    Numbers p (21,); at: position and speed; command: command, its speed and feed-forward; supply: voltage and gain.
+    Numbers p (31,); at: position and speed; command: command, its speed and feed-forward; supply: voltage and gain.
     """
     (q, v), (u, reference, forward), (voltage, gain) = at, command, supply
     limit, dead, damping, kind = p[EFFORT], p[DEAD], p[KD], 0.0
@@ -117,35 +127,58 @@ def drive_torque(p, law, at, command, supply):  # type: ignore[no-untyped-def]
 
 
 @LOOP
-def actuate(drives, c, step, q, v, out):  # type: ignore[no-untyped-def]
-    """Drives of copy c in a substep at q and v (n,): out (5, n) constant torque, damping, friction bound, two limits.
+def gear_bound(p, torque, load, v):  # type: ignore[no-untyped-def]
+    """Bound of the friction of a gear under the torque of its motor and the load of the bodies, at speed v.
+
+    Source: Duclusaud et al., arXiv 2410.08650, model M6; their external torque is minus the load.
+    """
+    rest = p[GEAR_LEVEL] + p[GEAR_LOAD_AT_REST] * abs(torque + p[GEAR_EXTERNAL_AT_REST] * load)
+    if torque * load > 0.0:
+        if abs(torque) > abs(load):
+            rest += p[GEAR_QUADRATIC_EXTERNAL] * load**2
+        else:
+            rest += p[GEAR_QUADRATIC_MOTOR] * torque**2
+    decay = np.exp(-(abs(v / p[GEAR_VELOCITY]) ** p[GEAR_EXPONENT])) if rest != 0.0 else 0.0
+    return p[GEAR_LOAD] * abs(torque + p[GEAR_EXTERNAL] * load) + decay * rest
+
+
+@LOOP
+def actuate(drives, c, step, at, out):  # type: ignore[no-untyped-def]
+    """Drives of copy c in a substep: out (5, n) constant torque, damping, friction bound, two limits.
+
+    at: position, speed and torque of the bodies, (n,) each.
 
     The torque is constant - damping v. A kind of limit is 0 or, with the sign of the torque: 1 a fixed torque, 2 a
     torque that falls with speed, 3 none beyond the largest speed. Where a command changes within a substep, a drive
     that is not linear in it counts with both commands, by their shares of the substep: out[3] is the kind with the
     command after the change, out[4] with the one before, 0 without a change.
     """
-    r = step // drives.parts
+    r, (q, v, loads) = step // drives.parts, at
     for i in range(len(q)):
         p = drives.numbers[c, i]
-        constant, damping, torque, kind, first = 0.0, 0.0, 0.0, 0.0, 0.0
+        constant, damping, torque, kind, first, gear = 0.0, 0.0, 0.0, 0.0, 0.0, p[GEAR_EXPONENT] > 0.0
+        t0, earlier = 0.0, 0.0
         if drives.on[r, i] > 0.5:
-            law, at, supply = drives.laws[c, i], (q[i], v[i]), (drives.voltage[r, i], drives.gain[r, i])
+            law, moves, supply = drives.laws[c, i], (q[i], v[i]), (drives.voltage[r, i], drives.gain[r, i])
             held, j = drives.commands, drives.variant[c, i]
             a, b, f, share = held[0, j, step], held[1, j, step], held[2, j, step], held[6, j, step]
             da, db, df = held[3, j, step], held[4, j, step], held[5, j, step]
-            bent = p[EFFORT] < np.inf or p[DEAD] > 0.0 or p[DROOP] > 0.0 or p[LOAD] > 0.0
+            bent = p[EFFORT] < np.inf or p[DEAD] > 0.0 or p[DROOP] > 0.0 or p[LOAD] > 0.0 or gear
             if bent and share > 0.0 and (da != 0.0 or db != 0.0 or df != 0.0):
                 rest = 1.0 - share
                 after = (a - share * da, b - share * db, f - share * df)
                 before = (a + rest * da, b + rest * db, f + rest * df)
-                constant, damping, torque, kind = drive_torque(p, law, at, after, supply)
-                c0, d0, t0, first = drive_torque(p, law, at, before, supply)
+                constant, damping, torque, kind = drive_torque(p, law, moves, after, supply)
+                c0, d0, t0, first = drive_torque(p, law, moves, before, supply)
                 constant, damping = share * c0 + rest * constant, share * d0 + rest * damping
-                torque = share * abs(t0) + rest * abs(torque)
+                earlier = share
             else:
-                constant, damping, torque, kind = drive_torque(p, law, at, (a, b, f), supply)
-        dry = p[COULOMB] + p[LOAD] * abs(torque)
+                constant, damping, torque, kind = drive_torque(p, law, moves, (a, b, f), supply)
+        dry = p[COULOMB] + p[LOAD] * (earlier * abs(t0) + (1.0 - earlier) * abs(torque))
+        if gear:
+            dry += (1.0 - earlier) * gear_bound(p, torque, loads[i], v[i])
+            if earlier > 0.0:
+                dry += earlier * gear_bound(p, t0, loads[i], v[i])
         if p[STRIBECK] != 0.0:
             dry += p[STRIBECK] * np.exp(-((v[i] / p[STRIBECK_VELOCITY]) ** 2))
         if p[AMPLITUDE] != 0.0:
@@ -167,7 +200,7 @@ def change_limits(drives, c, step, state):  # type: ignore[no-untyped-def]
     act, again, wrong = state.act, state.again, False
     for i in range(len(state.v)):
         state.middle[i] = 0.5 * (state.v[i] + state.before[i])
-    actuate(drives, c, step, state.half, state.middle, again)
+    actuate(drives, c, step, (state.half, state.middle, state.loads), again)
     for i in range(len(state.v)):
         if again[3, i] != act[3, i] or again[4, i] != act[4, i]:
             wrong = True
@@ -185,7 +218,7 @@ def advance(drives, c, step, mass, state):  # type: ignore[no-untyped-def]
     for i in range(len(state.v)):
         state.before[i] = state.v[i]
         limits = limits or (drives.laws[c, i] != DUTY and drives.numbers[c, i, EFFORT] < np.inf)
-    actuate(drives, c, step, state.half, state.v, state.act)
+    actuate(drives, c, step, (state.half, state.v, state.loads), state.act)
     for _ in range(PASSES):
         advance_speeds(state, mass, drives.step)
         if not limits or not change_limits(drives, c, step, state):
@@ -201,7 +234,7 @@ def advance_links(drives, c, step, mass, state):  # type: ignore[no-untyped-def]
     """
     play, act, h, n = state.play, state.act, drives.step, len(state.v)
     if play[SIDE, 0] == BEGIN:
-        actuate(drives, c, step, state.half, state.v, act)
+        actuate(drives, c, step, (state.half, state.v, state.loads), act)
     for i in range(n):
         if play[HALF, i] > 0.0 and play[SIDE, i] == BEGIN:
             push = act[0, i] - act[1, i] * state.v[i] - act[2, i] * np.sign(state.v[i])
@@ -319,7 +352,7 @@ def simulate(bodies, drives, starts):  # type: ignore[no-untyped-def]
                         step = k // pieces
                         for i in range(n):
                             half[i] = q[i] + 0.5 * h * v[i]
-                            state.link[i] = half[i] + state.play[DEFLECTION, i]
+                            state.link[i] = half[i] + state.play[DEFLECTION, i] - drives.numbers[c, i, ZERO]
                         load_links(bodies, r, rest[step], waves, state)
                         if loose:
                             advance_links(acting, c, step, mass, state)

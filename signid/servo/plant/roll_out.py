@@ -23,6 +23,7 @@ from .kernel import (
     GAP,
     HALF,
     SIDE,
+    ZERO,
     Drives,
     Starts,
     actuate,
@@ -93,10 +94,10 @@ def saturated_share(servos: Mapping[str, Servo], grid: ServoGrid, v: Array) -> A
     """
     driven = [j for j, joint in enumerate(grid.joints) if joint in servos]
     drives = JoinedGrids((grid,), tuple(driven), 1).drives(copies_of([[servos[grid.joints[j]] for j in driven]]))
-    act, cut = np.empty((5, len(driven))), np.zeros(len(grid.joints))
+    act, cut, loads = np.empty((5, len(driven))), np.zeros(len(grid.joints)), np.zeros(len(driven))
     q, v = (np.ascontiguousarray(x[:, driven]) for x in (grid.q, v))
     for k in range(len(grid)):
-        actuate(drives, 0, k, q[k], v[k], act)
+        actuate(drives, 0, k, (q[k], v[k], loads), act)
         cut[driven] += np.any(act[3:] != 0.0, axis=0)
     return cut / len(grid)
 
@@ -148,7 +149,7 @@ class _Loop:
             far = (s + 0.5) / drives.parts
             q, v, a = ((1 - far) * x[k] + far * x[k + 1] for x in self.motion)
             state.half[:] = state.q + 0.5 * drives.step * state.v
-            q[j], v[j], a[j] = state.half + state.play[DEFLECTION], state.v, 0.0
+            q[j], v[j], a[j] = state.half + state.play[DEFLECTION] - drives.numbers[0, :, ZERO], state.v, 0.0
             mass, state.loads[:] = self._dynamics(q, v, a)
             state.of[0] = 0.0
             step = advance_links if self.loose else advance
