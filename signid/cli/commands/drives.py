@@ -32,7 +32,8 @@ def identify_drives(
     seed: int,
     json: bool,
 ) -> ServoIdentification:
-    """Identify position drives; `robot` is the description with its actuators file."""
+    """Identify position drives, and compare friction models if asked; `robot` has its actuators file."""
+    from ...servo.compare import compare_models
     from ...servo.identify import ServoOptions, identify_servos
     from ...servo.validate import need_commands
 
@@ -40,7 +41,7 @@ def identify_drives(
     described, known = _known(robot, drives.known or ())
     laws = _laws(robot, drives.law or ())
     with bars(json) as progress:
-        return identify_servos(
+        found = identify_servos(
             described,
             given,
             held_out=held_out,
@@ -50,6 +51,7 @@ def identify_drives(
             options=ServoOptions(seed=seed),
             progress=progress,
         )
+        return compare_models(found, given, held_out=held_out, progress=progress) if drives.compare_models else found
 
 
 def revised_columns(

@@ -16,7 +16,7 @@ from ...servos import LOOP_NUMBERS, Servo
 from ...types import Array
 from ..plant.drives import Copies, copies_of
 
-SCALED = ("kp", "kd", "viscous_friction", "coulomb_friction", "armature", "torque_offset", "effort_limit")
+SCALED = ("kp", "kd", "viscous_friction", "coulomb_friction", "armature", "torque_offset", "effort_limit", "gear_level")
 BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")  # numbers of a body [kg, kg.m]
 LARGEST = 100.0  # number over its typical size
 SPREAD = 1.5  # standard deviation of the logarithm of a kp over its usual size: a scale that nothing sets stays

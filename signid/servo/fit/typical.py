@@ -40,10 +40,12 @@ def typical(servo: Servo, joint: int, grids: Sequence[ServoGrid], motions: Seque
         "spring_stiffness": kp,
         "spring_rest": 1.0,
         "backlash_gap": 0.1,
-        "encoder_offset": 0.05,
+        "encoder_offset": 1.0,
         "gear_exponent": 2.0,
         "gear_velocity": v,
         "gear_level": torque,
+        "gear_load": 1.0,
+        "gear_load_at_rest": 1.0,
         "gear_quadratic_motor": 1.0 / torque,
         "gear_quadratic_external": 1.0 / torque,
     }

@@ -20,7 +20,7 @@ from ...types import Progress, Recording
 from ..fit import start_servos
 from ..plant.drives import LONGEST
 from ..search.choice import LOUDER, Candidate
-from ..search.data import servo_data, thinned
+from ..search.data import ServoData, servo_data, thinned
 from ..search.run import EQUAL, search
 from ..search.searcher import KnownLimits, Searcher, ServoOptions
 from .assess import whole_rms
@@ -89,8 +89,7 @@ def identify_servos(
     _say(progress, "starting servos", 0.0)
     size = max(len(members) for members in sets) ** 2
     options = replace(options, window=options.window or (ALONE if size == 1 else COUPLED))
-    cost = size * int(np.ceil(data.train[0].step / LONGEST - 1e-9))  # of a row
-    most, fitted = SEARCHED // cost, FITTED // cost
+    most, fitted = SEARCHED // row_cost(sets, data), FITTED // row_cost(sets, data)
     folds = tuple((thinned(a, most), thinned(b, most)) for a, b in data.folds)
     few = replace(data, train=thinned(data.train, most), folds=folds)
     plain, _ = command_model(model, {joint: Servo() for joint in data.driven}, complete=True)
@@ -124,6 +123,11 @@ def identify_servos(
         notes = (*notes, *reasons)
     found = conclude((plain, weighed), judged, chosen, case, remarks, options).with_zeros(zeros, notes)
     return replace(found, logs=logs)
+
+
+def row_cost(sets: Sequence[Sequence[str]], data: ServoData) -> int:
+    """Substeps of a row, times squared joints of the largest set."""
+    return max(len(members) for members in sets) ** 2 * int(np.ceil(data.train[0].step / LONGEST - 1e-9))
 
 
 def _logged_rows(recording: Recording) -> LoggedRows:

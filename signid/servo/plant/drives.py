@@ -31,7 +31,8 @@ def substeps(step: float, servos: Sequence[Servo], inertia: Array) -> int:
         ),
         default=0.0,
     )
-    longest = SHORT if any(servo.backlash_gap > 0 for servo in servos) else LONGEST
+    short = any(servo.backlash_gap > 0 or servo.gear_exponent > 0 for servo in servos)
+    longest = SHORT if short else LONGEST
     return int(np.clip(np.ceil(step * max(1 / longest, fastest / TURN) - 1e-9), 1, MOST))
 
 

@@ -50,7 +50,7 @@ from .friction import LOOP, advance_speeds, new_state
 DUTY, TORQUE_SPEED = DRIVE_LAWS.index("duty"), DRIVE_LAWS.index("torque_speed")
 HALF, SIDE, DEFLECTION, LINK_SPEED, LOAD_OF_LINK = range(5)  # rows of `State.play`
 BEGIN = 2.0  # side of a gap at which a window begins: where the motor pushes
-SHORT = 5e-4  # [s] longest substep with backlash: 2 ms shift the meeting of a link by mrad
+SHORT = 5e-4  # [s] longest substep with backlash or gears: 2 ms shift the meeting of a link, and stops, by mrad
 ROTOR = 1e-3  # [1] least inertia of a motor with backlash over that of its link
 PASSES = 5  # of a substep, until it is consistent which drives are at their limits
 
