@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from .regression.reduced import encode_factors as encode_factors, load_factors as load_factors, reduce as reduce
     from .regression.session import Options as Options
     from .robot import load_robot as load_robot, urdf_from_dh as urdf_from_dh
-    from .servo.compare import compare_models as compare_models
     from .servo.diagnose import diagnose_servos as diagnose_servos
     from .servo.identify import identify_servos as identify_servos
     from .servo.simulate import simulate_servos as simulate_servos

@@ -19,7 +19,7 @@ from ..types import Array, Progress
 from .diagnose.evidence import half_log_of, limited, price_of
 from .fit import ServoFit
 from .fit.typical import typical
-from .friction_models import MODELS, NamedModel, starts
+from .friction_models import AS_FOUND, MODELS, NamedModel, starts
 from .identify.fits import block
 from .identify.identifiable import SCALED, SIGNED, VAGUE, unit_of
 from .identify.result import FrictionModel, ServoIdentification, ServoNumber
@@ -122,9 +122,9 @@ def _fitted(task: _Task, model: NamedModel, before: Mapping[str, _Fitted]) -> _F
     """Fit from the best of the starts."""
     assert task.found.start is not None
     begin = time.process_time()
-    start = before[model.before].candidate if model.before else task.found.start
+    last = before[model.before].candidate if model.before else task.found.start
     speeds = {joint: sizes["gear_velocity"] for joint, sizes in task.sizes.items()}
-    tries = list(starts(model, start, speeds))
+    tries = list(starts(model, last, task.found.start, speeds))
     if len(tries) > 1:
         coarse = [fit_candidate(task.model, task.data.train, one, 0.0, STEPS, coarse=True) for one in tries]
         tries = [min(coarse, key=lambda end: float(np.nansum(np.log(end[1].residual_rms))))[0]]
@@ -141,13 +141,14 @@ def _compared(task: _Task, fitted: Sequence[_Fitted]) -> Iterator[FrictionModel]
     common = set.intersection(*(set(one.fit.names) for one in fitted))
     prices = [_price(task, one.fit, common) for one in fitted]
     evidence = [price - half_log_of(s, floor, task.rows) for price, s in zip(prices, squares, strict=True)]
-    best = int(np.argmax(evidence))
+    named = np.array([one.model.name != AS_FOUND for one in fitted])
+    best = int(np.argmax(np.where(named, evidence, -np.inf)))
     sigma2 = np.mean(squares[best], axis=0) + floor**2
     differences = [task.rows * np.sum((s - squares[best]) / sigma2, axis=1) for s in squares]
-    weights = [np.exp(-limited(evidence[best] - e, 0.0, x)) for e, x in zip(evidence, differences, strict=True)]
+    odds = [limited(evidence[best] - e, 0.0, x) for e, x in zip(evidence, differences, strict=True)]
+    weights = np.where(named, np.exp(-np.array(odds)), np.nan)
     for one, e, weight in zip(fitted, evidence, weights, strict=True):
         absolute, rms = _errors(task, one.fit.servos)
-        share = float(weight / np.sum(weights))
         numbers = {joint: _numbers(task, one, joint) for joint in one.fit.servos}
         yield FrictionModel(
             one.model.name,
@@ -157,7 +158,7 @@ def _compared(task: _Task, fitted: Sequence[_Fitted]) -> Iterator[FrictionModel]
             absolute,
             rms,
             float(e - evidence[0]),
-            share,
+            float(weight / np.nansum(weights)),
             one.seconds,
         )
 

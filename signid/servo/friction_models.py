@@ -6,10 +6,11 @@ Bjelonic et al., Towards bridging the gap: systematic sim-to-real transfer for d
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from ..servos import Servo
 from .search.choice import Candidate
 
 STRIBECK = ("gear_velocity", "gear_level", "gear_exponent")
@@ -45,32 +46,57 @@ MODELS = (
 )
 
 
-def starts(model: NamedModel, before: Candidate, speeds: Mapping[str, float]) -> Sequence[Candidate]:
+def starts(
+    model: NamedModel, before: Candidate, identified: Candidate, speeds: Mapping[str, float]
+) -> Sequence[Candidate]:
     """Drives that the fit of a model starts from.
 
-    before: the fitted drives of `model.before`, else those of the identification; speeds: rms by joint [rad/s or m/s].
+    before: the fitted drives of `model.before`; identified: those of the identification, where M1 begins; speeds: rms
+    by joint [rad/s or m/s].
     """
     if model.name == AS_FOUND:
-        return [before]
+        return [identified]
     if not model.before:
-        before = _without(before, "load_friction", before.servos)
+        return [_without(identified, "load_friction", identified.servos)]
     if "encoder_offset" in model.numbers:
         before = _without(before, "torque_offset", [joint for joint, name in before.free if name == "torque_offset"])
     held = {name for _, name in before.free}
     new = [name for name in model.numbers if name not in held]
-    if "gear_velocity" in new:
-        begun = [{j: {"gear_velocity": share * speeds[j]} for j in before.servos} for share in SPEEDS]
-    elif "gear_external" in new:
-        begun = [dict.fromkeys(before.servos, {"gear_external": weight}) for weight in WEIGHTS]
-    else:
-        begun = [dict.fromkeys(before.servos, dict[str, float]())]
-    if any(name.startswith("gear_") for name in new):
-        servos = before.servos.items()
-        begun = [
-            {j: {"gear_exponent": servo.gear_exponent or SQUARE, **one[j]} for j, servo in servos} for one in begun
-        ]
     free = [(joint, name) for joint in before.servos for name in new]
-    return [before.changed({j: before.servos[j].with_(**x) for j, x in one.items()}, free) for one in begun]
+    return [
+        before.changed({joint: servo.with_(**one[joint]) for joint, servo in before.servos.items()}, free)
+        for one in _begun(new, before, identified, speeds)
+    ]
+
+
+def _begun(
+    new: Sequence[str], before: Candidate, identified: Candidate, speeds: Mapping[str, float]
+) -> Iterator[dict[str, dict[str, float]]]:
+    """Numbers by joint of each start; new ones that stay zero get theirs from the fit."""
+    joints = before.servos
+    if "gear_velocity" in new:
+        for share in SPEEDS:
+            yield {joint: {"gear_exponent": SQUARE, "gear_velocity": share * speeds[joint]} for joint in joints}
+    elif "gear_external" in new:
+        for weight in WEIGHTS:
+            yield dict.fromkeys(joints, {"gear_external": weight})
+        yield {joint: _by_motor(identified.servos[joint]) for joint in joints}
+    elif "gear_load" in new:
+        yield dict.fromkeys(joints, {"gear_exponent": SQUARE})
+    else:
+        yield dict.fromkeys(joints, {})
+
+
+def _by_motor(servo: Servo) -> dict[str, float]:
+    """Numbers of an identified drive, whose friction is by the torque of its motor alone."""
+    same = {name: getattr(servo, name) for name in ("kp", "kd", "viscous_friction", "armature", "coulomb_friction")}
+    return {
+        **same,
+        "gear_load": servo.load_friction,
+        "gear_external": 0.05,
+        "gear_level": 0.0,
+        "gear_load_at_rest": 0.0,
+    }
 
 
 def _without(candidate: Candidate, number: str, joints: Collection[str]) -> Candidate:

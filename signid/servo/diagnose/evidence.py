@@ -41,7 +41,10 @@ def tempered(setting: Setting, best: Offer, rival: Offer) -> float:
 
 
 def limited(odds: float, prior: float, difference: Array) -> float:
-    """Log odds of likelihood and prior, at most what the differences (W,) [1] of the windows' squares allow."""
+    """Log odds of likelihood and prior, at most what the differences of the windows allow.
+
+    difference: (W,) [1] of the weighted squares of each window.
+    """
     error = float(np.std(difference)) * np.sqrt(len(difference)) + 1e-300
     z = max(float(np.sum(difference)) / error, 0.0)
     return float(max(prior + min(odds, 0.5 * z * z + SLACK), 0.0))
@@ -63,7 +66,10 @@ def half_log(squares: Array, floor: Array, setting: Setting) -> float:
 
 
 def half_log_of(mean: Array, floor: Array, rows: int) -> float:
-    """The same by mean squares (W, n) [rad2 or m2] of windows of some rows."""
+    """The same by mean squares of windows of some rows.
+
+    mean: (W, n) [rad2 or m2]; floor: (n,) [rad or m].
+    """
     whole = np.log(np.mean(mean, axis=0) + 0.1 * floor**2)
     return float(0.5 * len(mean) * min(rows, PER_WINDOW) * np.sum(whole))
 
@@ -78,7 +84,10 @@ def price(setting: Setting, last: Attempt, trial: Attempt) -> float:
 
 
 def price_of(whole: Array, new: Sequence[int], sizes: Sequence[float], rows: int) -> float:
-    """The same by the information of all numbers (P, P) [1/unit2], in windows of some rows, and typical sizes."""
+    """The same by the information of all numbers, in windows of some rows, and typical sizes of the new ones.
+
+    whole: (P, P) [inverse products of SERVO_UNITS].
+    """
     whole = whole * min(rows, PER_WINDOW) / rows
     old = [k for k in range(len(whole)) if k not in new]
     across = whole[np.ix_(old, new)]

@@ -110,7 +110,7 @@ class FrictionModel(Frozen):
     )
     rms: Array  # (n,) [rad or m]
     log_bayes_factor: float  # [1] over the first model, of the windows of the training rows
-    probability: float  # [1] among the models, limited by the differences of windows
+    probability: float  # [1] among the named models, limited by differences of windows; NaN of the identification
     seconds: float  # processor time [s]
 
 

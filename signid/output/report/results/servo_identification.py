@@ -315,7 +315,7 @@ def _models(result: ServoIdentification) -> Section:
             _by_unit(result.rollout, one.mean_absolute),
             _by_unit(result.rollout, one.rms),
             f"{one.log_bayes_factor:.1f}",
-            f"{one.probability:.2f}",
+            "-" if np.isnan(one.probability) else f"{one.probability:.2f}",
             f"{one.seconds:.1f}",
         )
         for one in result.friction_models
