@@ -34,7 +34,7 @@ def test_every_law_is_registered() -> None:
     assert {twin for effect in EFFECTS for twin in effect.twins} <= set(EFFECTS.names)
 
 
-@pytest.mark.parametrize("effect", list(EFFECTS), ids=lambda e: e.name)
+@pytest.mark.parametrize("effect", [*EFFECTS, EFFECTS["gear_friction"]], ids=lambda e: e.name)
 def test_effect_obeys(effect: Effect) -> None:
     assert list(faults(effect)) == []
 

@@ -2,37 +2,45 @@
 
 import numpy as np
 
-from ..types import Array, Shape, View
+from ..types import Array, Coefficient, Shape, View
 from .base import TorqueLaw
 
 AT_REST = "exp(-(abs(v / velocity) ** exponent))"
-QUADRATIC = "where(load * v > 0, quadratic_external, quadratic_motor) * load**2"
-LEVEL = f"level + coefficient_at_rest * (1 + external_at_rest) * abs(load) + {QUADRATIC}"
+SQUARES = "where(load * v > 0, quadratic_external, quadratic_motor) * load**2"
+LEVEL = f"level + coefficient_at_rest * (1 + external_at_rest) * abs(load) + {SQUARES}"
 
 
 class GearFriction(TorqueLaw):
-    """Slow motion of D sign(v), where the motor's torque and the load are equal; the closed loop of a drive has both.
+    """Dry friction D sign(v); its equation is that of slow motion, where the torques of motor and bodies are the load.
 
-    D = coefficient |motor + external load| + exp(-|v / velocity|^exponent) [level + coefficient_at_rest
-    |motor + external_at_rest load| + quadratic], quadratic while the two act against each other: quadratic_external
-    load^2 if the motor is stronger, else quadratic_motor motor^2.
+    In the closed loop of a drive, D = coefficient |motor + external load| + exp(-|v / velocity|^exponent) [level +
+    coefficient_at_rest |motor + external_at_rest load| + squares]; while the two act against each other, the squares
+    are quadratic_external load^2 if the motor is stronger, else quadratic_motor motor^2.
     """
 
     name, equation = "gear_friction", f"(coefficient * (1 + external) * abs(load) + {AT_REST} * ({LEVEL})) * sign(v)"
     source = "Duclusaud, Passault, Padois, Ly, Extended friction models for servo actuators, arXiv 2410.08650, M2 to M6"
-    headline = "friction of the gear of {joint} by load: {coefficient}"
     typical = "coefficient up to 0.5, exponent 1 to 3 (servo actuators)"
-    units = {"exponent": "1", "velocity": "rad/s", "level": "N.m", "coefficient": "1", "external": "1"}
-    units |= {"coefficient_at_rest": "1", "external_at_rest": "1", "quadratic_motor": "1/N.m"}
-    parameters = {key: Shape(unit, ()) for key, unit in {**units, "quadratic_external": "1/N.m"}.items()}
-    reverses = True
+    parameters = {"exponent": Shape("1", ()), "velocity": Shape("rad/s", ()), "level": Coefficient("N.m", True)}
+    parameters |= {"coefficient": Coefficient("1", True), "external": Shape("1", (), positive=False)}
+    parameters |= {"coefficient_at_rest": Coefficient("1", True), "external_at_rest": Shape("1", (), positive=False)}
+    parameters |= {"quadratic_motor": Coefficient("1/N.m", True), "quadratic_external": Coefficient("1/N.m", True)}
+    example = {"exponent": 1.4, "velocity": 0.3, "level": 0.1, "coefficient": 0.2, "external": 0.4}
+    example |= {
+        "coefficient_at_rest": 0.1,
+        "external_at_rest": 0.5,
+        "quadratic_motor": 0.01,
+        "quadratic_external": 0.02,
+    }
+    dissipative, reverses = True, True
 
-    def columns(self, x: View, **gear: float) -> list[Array]:
-        load = np.abs(x.load)
-        square = np.where(x.load * x.direction > 0, gear["quadratic_external"], gear["quadratic_motor"]) * load**2
-        rest = gear["level"] + gear["coefficient_at_rest"] * (1 + gear["external_at_rest"]) * load + square
-        rest = rest * np.exp(-(np.abs(x.v / gear["velocity"]) ** gear["exponent"]))
-        return [(gear["coefficient"] * (1 + gear["external"]) * load + rest) * x.direction]
+    def columns(
+        self, x: View, exponent: float, velocity: float, external: float, external_at_rest: float
+    ) -> list[Array]:
+        load, rest = np.abs(x.load), x.direction * np.exp(-(np.abs(x.v / velocity) ** exponent))
+        drives = x.load * x.direction > 0
+        level = [rest, (1 + external) * load * x.direction, (1 + external_at_rest) * load * rest]
+        return [*level, ~drives * load**2 * rest, drives * load**2 * rest]
 
 
 PLUGIN = GearFriction()
