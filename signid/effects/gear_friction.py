@@ -13,9 +13,8 @@ LEVEL = f"level + coefficient_at_rest * (1 + external_at_rest) * abs(load) + {SQ
 class GearFriction(TorqueLaw):
     """Dry friction D sign(v); its equation is that of slow motion, where the torques of motor and bodies are the load.
 
-    In the closed loop of a drive, D = coefficient |motor + external load| + exp(-|v / velocity|^exponent) [level +
-    coefficient_at_rest |motor + external_at_rest load| + squares]; while the two act against each other, the squares
-    are quadratic_external load^2 if the motor is stronger, else quadratic_motor motor^2.
+    In a loop D = coefficient |motor + external load| + exp(-|v / velocity|^exponent) [level + coefficient_at_rest
+    |motor + external_at_rest load| + square], a square of the weaker of two torques that act against each other.
     """
 
     name, equation = "gear_friction", f"(coefficient * (1 + external) * abs(load) + {AT_REST} * ({LEVEL})) * sign(v)"
@@ -26,21 +25,15 @@ class GearFriction(TorqueLaw):
     parameters |= {"coefficient_at_rest": Coefficient("1", True), "external_at_rest": Shape("1", (), positive=False)}
     parameters |= {"quadratic_motor": Coefficient("1/N.m", True), "quadratic_external": Coefficient("1/N.m", True)}
     example = {"exponent": 1.4, "velocity": 0.3, "level": 0.1, "coefficient": 0.2, "external": 0.4}
-    example |= {
-        "coefficient_at_rest": 0.1,
-        "external_at_rest": 0.5,
-        "quadratic_motor": 0.01,
-        "quadratic_external": 0.02,
-    }
+    example |= {"coefficient_at_rest": 0.1, "external_at_rest": 0.5}
+    example |= {"quadratic_motor": 0.01, "quadratic_external": 0.02}
     dissipative, reverses = True, True
 
-    def columns(
-        self, x: View, exponent: float, velocity: float, external: float, external_at_rest: float
-    ) -> list[Array]:
-        load, rest = np.abs(x.load), x.direction * np.exp(-(np.abs(x.v / velocity) ** exponent))
-        drives = x.load * x.direction > 0
-        level = [rest, (1 + external) * load * x.direction, (1 + external_at_rest) * load * rest]
-        return [*level, ~drives * load**2 * rest, drives * load**2 * rest]
+    def columns(self, x: View, **shape: float) -> list[Array]:
+        load, drives = np.abs(x.load), x.load * x.direction > 0
+        rest = x.direction * np.exp(-(np.abs(x.v / shape["velocity"]) ** shape["exponent"]))
+        pressed = [(1 + shape["external"]) * load * x.direction, (1 + shape["external_at_rest"]) * load * rest]
+        return [rest, *pressed, ~drives * load**2 * rest, drives * load**2 * rest]
 
 
 PLUGIN = GearFriction()
