@@ -12,7 +12,8 @@ and tau_m is divided by 1 + droop |tau_m|. The joint obeys
 
     M a + armature a + bias + offset + viscous_friction v + (coulomb_friction + load_friction |tau_m|) sign v = tau_m
 
-and obeys these laws of `effects` where the model has them: Stribeck and position friction, a spring, backlash.
+and obeys these laws of `effects` where the model has them: Stribeck, gear and position friction, a spring, backlash,
+and an error of the encoder's zero.
 
 Torque off (`on` = 0): tau_m = 0. Source: methods of BAM (Duclusaud et al. 2025), PACE (2025) and Isaac Lab's actuators.
 """
@@ -67,6 +68,16 @@ class Servo:
     spring_stiffness: float = 0.0  # [N.m/rad]
     spring_rest: float = 0.0  # [rad]
     backlash_gap: float = 0.0  # [rad] between motor, whose position is measured, and link
+    encoder_offset: float = 0.0  # [rad] measured position minus true one
+    gear_exponent: float = 0.0  # [1] of speed in the decay of the friction of a gear; 0: no such friction
+    gear_velocity: float = 1.0  # [rad/s] of the decay
+    gear_level: float = 0.0  # [N.m] at rest
+    gear_load: float = 0.0  # [1] per torque of motor and bodies
+    gear_external: float = 1.0  # [1] weight of the bodies there
+    gear_load_at_rest: float = 0.0  # [1] the same at rest, in addition
+    gear_external_at_rest: float = 1.0  # [1]
+    gear_quadratic_motor: float = 0.0  # [1/N.m] at rest, per square of the motor's torque while the bodies drive it
+    gear_quadratic_external: float = 0.0  # [1/N.m] at rest, per square of the bodies' torque while the motor drives
     kp_register: float | None = None  # firmware gain that `kp` belongs to; a recording's own is relative to it
     # numbers that recordings do not identify, with the value that was stated before, if any [unit of the number]
     not_identifiable: Mapping[str, float | None] = field(default_factory=dict, compare=False)
@@ -113,6 +124,18 @@ JOINT_LAWS: Mapping[str, Mapping[str, str]] = {
     },
     "spring": {"stiffness": "spring_stiffness", "rest": "spring_rest"},
     "backlash": {"gap": "backlash_gap"},
+    "encoder_offset": {"offset": "encoder_offset"},
+    "gear_friction": {
+        "exponent": "gear_exponent",
+        "velocity": "gear_velocity",
+        "level": "gear_level",
+        "coefficient": "gear_load",
+        "external": "gear_external",
+        "coefficient_at_rest": "gear_load_at_rest",
+        "external_at_rest": "gear_external_at_rest",
+        "quadratic_motor": "gear_quadratic_motor",
+        "quadratic_external": "gear_quadratic_external",
+    },
 }
 JOINT_NUMBERS = tuple(number for numbers in JOINT_LAWS.values() for number in numbers.values())
 SERVO_NUMBERS = tuple(f.name for f in fields(Servo) if f.name not in (*WORDS, "kp_register", *MARKS, *JOINT_NUMBERS))
@@ -142,6 +165,16 @@ LOOP_UNITS = {
     "spring_stiffness": "N.m/rad",
     "spring_rest": "rad",
     "backlash_gap": "rad",
+    "encoder_offset": "rad",
+    "gear_exponent": "1",
+    "gear_velocity": "rad/s",
+    "gear_level": "N.m",
+    "gear_load": "1",
+    "gear_external": "1",
+    "gear_load_at_rest": "1",
+    "gear_external_at_rest": "1",
+    "gear_quadratic_motor": "1/N.m",
+    "gear_quadratic_external": "1/N.m",
 }
 
 

@@ -27,14 +27,14 @@ JUMPS_MOST = {"stribeck_friction": 0.12}  # first order in the step, and there i
 def test_every_law_is_registered() -> None:
     files = sorted(Path(str(signid.effects.__file__)).parent.glob("*.py"))
     there = {path.stem for path in files if "\nPLUGIN = " in path.read_text("utf-8")}
-    apart = {*DRIVE_EFFECTS.names, "empirical", "motor_friction"}
+    apart = {*DRIVE_EFFECTS.names, "empirical", "motor_friction", "gear_friction"}
     assert set(EFFECTS.names) == there - apart and apart < there
     assert EFFECTS.names[:4] == EFFECT_NAMES and len(EFFECTS.names) >= 31
     assert all(EFFECTS[name].name == name for name in EFFECTS.names)
     assert {twin for effect in EFFECTS for twin in effect.twins} <= set(EFFECTS.names)
 
 
-@pytest.mark.parametrize("effect", list(EFFECTS), ids=lambda e: e.name)
+@pytest.mark.parametrize("effect", [*EFFECTS, EFFECTS["gear_friction"]], ids=lambda e: e.name)
 def test_effect_obeys(effect: Effect) -> None:
     assert list(faults(effect)) == []
 

@@ -16,7 +16,8 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "cli": "app terminal completion options arguments files fleet demo commands run worker __init__",
     "faults": "result channels commands evidence description lag_and_gain search distortions gravity examine "
     "identified __init__",
-    "servo": "__init__ stated assumptions given hints plant simulate fit search zeros identify validate diagnose",
+    "servo": "__init__ stated assumptions given hints plant simulate fit search zeros identify validate diagnose "
+    "friction_models compare",
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay viewers export display",
     "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators lerobot code function __init__",

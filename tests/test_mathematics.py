@@ -33,7 +33,7 @@ from signid.servo.fit.solve import damped
 from signid.servo.identify.facts import known_load_share
 from signid.servo.identify.scale import mass_ratio
 from signid.servo.plant.friction import advance_speeds, new_state
-from signid.servo.plant.kernel import Drives, actuate, drive_torque
+from signid.servo.plant.torque import Drives, actuate, drive_torque
 from signid.servo.search.choice import law_probabilities
 from signid.servos import DRIVE_LAWS, LOOP_NUMBERS, Servo
 from signid.types import Array, Law
@@ -120,15 +120,20 @@ def test_friction_and_spring_of_a_joint_are_those_of_the_page() -> None:
     own = {"kp": 10.0, "effort_limit": np.inf, "coulomb_friction": 0.2, "load_friction": 0.1, "viscous_friction": 0.05}
     own |= {"stribeck_level": 0.3, "stribeck_velocity": 0.4, "spring_stiffness": 2.0, "spring_rest": 0.1}
     own |= {"position_amplitude": 0.07, "position_frequency": 2.0, "position_phase": 0.5, "torque_offset": 0.6}
+    own |= {"gear_exponent": 1.4, "gear_velocity": 0.2, "gear_level": 0.05, "gear_load": 0.03, "gear_external": 0.7}
+    own |= {"gear_load_at_rest": 0.02, "gear_external_at_rest": 0.4}
+    own |= {"gear_quadratic_motor": 0.003, "gear_quadratic_external": 0.004}
     numbers = np.array([[[own.get(name, 0.0) for name in LOOP_NUMBERS]]])
     commands, one = np.zeros((7, 1, 1)), np.ones((1, 1))
     commands[0] = 0.9
     drives = Drives(numbers, np.zeros((1, 1), int), np.zeros((1, 1), int), commands, one, one, one, 1, 0.002)
-    out, q, v = np.zeros((5, 1)), 0.3, -0.25
-    actuate(drives, 0, 0, np.array([q]), np.array([v]), out)
-    tau = 10 * (0.9 - q)
-    dry = 0.2 + 0.1 * tau + 0.3 * np.exp(-((v / 0.4) ** 2)) + 0.07 * np.sin(2 * q + 0.5)
-    assert out[:3, 0] == pytest.approx([tau - 0.6 - 2.0 * (q - 0.1), 0.05, dry])
+    out, q, v, tau = np.zeros((5, 1)), 0.3, -0.25, 6.0
+    for load, quadratic in ((2.0, 0.004 * 2**2), (7.0, 0.003 * 6**2), (-2.0, 0.0)):
+        actuate(drives, 0, 0, (np.array([q]), np.array([v]), np.array([load])), out)
+        dry = 0.2 + 0.1 * tau + 0.3 * np.exp(-((v / 0.4) ** 2)) + 0.07 * np.sin(2 * q + 0.5)
+        at_rest = 0.05 + 0.02 * abs(tau + 0.4 * load) + quadratic
+        dry += 0.03 * abs(tau + 0.7 * load) + np.exp(-((0.25 / 0.2) ** 1.4)) * at_rest
+        assert out[:3, 0] == pytest.approx([tau - 0.6 - 2.0 * (q - 0.1), 0.05, dry])
 
 
 @pytest.mark.parametrize("v", [(0.0, 0.0), (0.002, 0.3), (0.5, -0.4)], ids=["rest", "stops", "slides"])

@@ -16,6 +16,7 @@ from signid.simulation.plant import simulate, track
 from signid.types import Law, Trajectory
 
 STATED = Servo(kp=20.0, kd=0.8, coulomb_friction=0.5, viscous_friction=0.1, armature=0.05)
+GEAR = EFFECTS["gear_friction"]
 STEP, EVERY, SECONDS = 5e-4, 20, 16.0  # [s] of the simulation; steps of a row; [s]
 PLANTED = {
     "stribeck_friction": {"level": 2.0, "velocity": 0.5},
@@ -73,8 +74,10 @@ def test_a_law_of_the_joint_is_named_first(name: str, tmp_path: Path) -> None:
 
 
 def test_a_saved_model_keeps_them(tmp_path: Path) -> None:
-    laws = tuple(law(name, **parameters) for name, parameters in PLANTED.items())
+    planted = {**PLANTED, "encoder_offset": {"offset": 0.01}, "gear_friction": GEAR.example}
+    laws = tuple(law(name, **parameters) for name, parameters in planted.items())
     model = with_servos(Model(load_model("1r").robot, load_model("1r").inertials, laws), {"joint_1": STATED})
     again = load_model(model.save(tmp_path / "model.json"))
     assert again.servos == model.servos and again.servos["joint_1"].backlash_gap == 0.05
-    assert {one.effect.name for one in again.laws_beside_drives} == set(PLANTED)
+    assert (again.servos["joint_1"].gear_external, again.servos["joint_1"].encoder_offset) == (0.4, 0.01)
+    assert {one.effect.name for one in again.laws_beside_drives} == set(planted)

@@ -1,4 +1,4 @@
-"""Command: `python -m benchmarks.servo [truth] [real] [rival] [--seeds 1 2] [--robots pendulum] [--json FILE]`."""
+"""Command: `python -m benchmarks.servo [truth] [real] [rival] [models] [--seeds 1 2] [--robots NAME] [--json F]`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..summary import command_line, frame, print_targets, write_json
 from .drive import Truth
 from .identified import KNOWN_LOAD, NUMBERS, RATE, SECONDS, Row, Trial, run
 from .plant import record
-from .real import sets
+from .real import friction_models, sets
 from .rival import race
 from .robots import Bench, benches, motion
 
@@ -29,7 +29,7 @@ WIDTH = 150  # of the tables
 def main() -> int:
     """Run the parts that were asked for; return 1 if a target is missed."""
     parser = command_line("servo", __doc__)
-    parser.add_argument("parts", nargs="*", default=["truth", "real", "rival"])
+    parser.add_argument("parts", nargs="*", default=["truth", "real", "rival", "models"])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--robots", nargs="+", default=["pendulum", "go2_leg", "so101"])
     given, console, kept, met = parser.parse_args(), Console(width=WIDTH), dict[str, object](), True
@@ -44,6 +44,8 @@ def main() -> int:
             kept["real"] = show_real(console, Path(place))
         if "rival" in given.parts and find_spec("cma"):
             kept["rival"] = show_rival(console)
+        if "models" in given.parts:
+            kept["models"] = show_models(console, Path(place))
     write_json(given.json, kept)
     return 0 if met else 1
 
@@ -93,6 +95,22 @@ def show_real(console: Console, folder: Path) -> list[dict[str, object]]:
         sizes = (f"{x:.4f}" for x in (row.whole, row.second, row.ideal))
         table.add_row(row.name, str(row.joints), *sizes, row.target, f"{row.seconds:.1f}", row.missing)
         kept.append(asdict(row))
+    console.print(table)
+    return kept
+
+
+def show_models(console: Console, folder: Path) -> list[dict[str, object]]:
+    """Friction models of a real servo beside each other."""
+    table = frame(
+        "XL330, friction models: errors in mrad of held-out recordings from commands alone",
+        ["held out", "model", "mean |error|", "rms", "log Bayes factor", "probability", "s"],
+    )
+    kept = list[dict[str, object]]()
+    for held, one in friction_models(folder):
+        sizes = (1e3 * float(one.mean_absolute[0]), 1e3 * float(one.rms[0]), one.log_bayes_factor)
+        share = "-" if np.isnan(one.probability) else f"{one.probability:.2f}"
+        table.add_row(held, one.name, *(f"{x:.1f}" for x in sizes), share, f"{one.seconds:.1f}")
+        kept.append({"held_out": held, "model": one.name, "errors": sizes, "seconds": one.seconds})
     console.print(table)
     return kept
 

@@ -12,13 +12,15 @@ import numpy as np
 
 from signid.recording import read_recording
 from signid.robot import load_robot
+from signid.servo.compare import compare_models
 from signid.servo.diagnose import diagnose_servos
-from signid.servo.identify import ServoIdentification, identify_servos
+from signid.servo.identify import FrictionModel, ServoIdentification, identify_servos
 from signid.types import Robot
 
 from .robots import data_folder
 
 XL330 = ("lift_and_drop", "sin_sin", "sin_time_square", "up_and_down")
+HELD = ("sin_time_square", "up_and_down")  # of these, at both gains
 MAUICV = (("chirp", "prbs_small", "square_large", "square_small", "step_large", "triangle"), ("prbs_large", "ramp"))
 SO101 = (
     (
@@ -62,7 +64,7 @@ def sets(folder: Path) -> Iterator[RealRow]:
     data = data_folder()
     if data is None:
         return
-    for held in ("sin_time_square", "up_and_down"):
+    for held in HELD:
         robot = xl330(data, folder)
         files = [data / "bam_xl330" / f"kp{kp}_{name}.csv.gz" for kp in (100, 400) for name in XL330]
         unseen = [file for file in files if held in file.name]
@@ -77,6 +79,20 @@ def sets(folder: Path) -> Iterator[RealRow]:
     yield _row(
         "SO-101, whole arm, other motions", load_robot(place / "so101.urdf"), train, unseen, ".010", SO101_JOINTS
     )
+
+
+def friction_models(folder: Path) -> Iterator[tuple[str, FrictionModel]]:
+    """Friction models of the XL330 beside each other, by the held-out motion."""
+    data = data_folder()
+    if data is None:
+        return
+    robot, place = xl330(data, folder), data / "bam_xl330"
+    for held in HELD:
+        files = {name: [place / f"kp{kp}_{name}.csv.gz" for kp in (100, 400)] for name in XL330}
+        unseen = [read_recording(file, robot) for file in files.pop(held)]
+        learned = [read_recording(file, robot) for some in files.values() for file in some]
+        found = compare_models(identify_servos(robot, learned, held_out=unseen), learned, held_out=unseen)
+        yield from ((held, one) for one in found.friction_models)
 
 
 def xl330(data: Path, folder: Path) -> Robot:

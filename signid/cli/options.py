@@ -157,6 +157,11 @@ class DriveOptions:
         "Law of the drives, or J=LAW: effort, duty or torque_speed. Default: by evidence. Repeatable.",
         metavar="LAW",
     )
+    compare_models: bool = option(
+        False,
+        "Compare friction models (M1 to M6 of BAM, PACE) by held-out error and evidence.",
+        "--compare-models",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -45,7 +45,7 @@ DRIVE_EFFECTS: Registry[DriveLaw] = Registry(
         _DRIVE_LAWS,
     ),
 )
-UNLISTED = f"empirical motor_friction {' '.join(DRIVE_EFFECTS.names)}"
+UNLISTED = f"empirical motor_friction gear_friction {' '.join(DRIVE_EFFECTS.names)}"
 EFFECTS: Registry[Effect] = Registry(
     "effects",
     __name__,

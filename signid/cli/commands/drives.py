@@ -32,14 +32,15 @@ def identify_drives(
     seed: int,
     json: bool,
 ) -> ServoIdentification:
-    """Identify position drives; `robot` is the description with its actuators file."""
+    """Identify position drives, and compare friction models if asked; `robot` has its actuators file."""
+    from ...servo.compare import compare_models
     from ...servo.identify import ServoOptions, identify_servos
     from ...servo.validate import need_commands
 
     need_commands((*given, *held_out), moving=True)
     laws = _laws(robot, drives.law or ())
     with bars(json) as progress:
-        return identify_servos(
+        found = identify_servos(
             robot,
             given,
             held_out=held_out,
@@ -52,6 +53,7 @@ def identify_drives(
             options=ServoOptions(seed=seed),
             progress=progress,
         )
+        return compare_models(found, given, held_out=held_out, progress=progress) if drives.compare_models else found
 
 
 def revised_columns(

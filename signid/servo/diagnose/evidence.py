@@ -36,8 +36,15 @@ def rejected(last: Attempt, offers: Sequence[Offer]) -> list[tuple[str, int, flo
 def tempered(setting: Setting, best: Offer, rival: Offer) -> float:
     """Log odds of the best over a rival, at most what the differences across windows allow (Vuong 1989)."""
     prior = best.prior - rival.prior
-    odds = best.evidence - rival.evidence - prior
     difference = np.sum((rival.trial.squares - best.trial.squares) / setting.sigma**2, axis=1)
+    return limited(best.evidence - rival.evidence - prior, prior, difference)
+
+
+def limited(odds: float, prior: float, difference: Array) -> float:
+    """Log odds of likelihood and prior, at most what the differences of the windows allow.
+
+    difference: (W,) [1] of the weighted squares of each window.
+    """
     error = float(np.std(difference)) * np.sqrt(len(difference)) + 1e-300
     z = max(float(np.sum(difference)) / error, 0.0)
     return float(max(prior + min(odds, 0.5 * z * z + SLACK), 0.0))
@@ -54,9 +61,17 @@ def half_log(squares: Array, floor: Array, setting: Setting) -> float:
 
     squares: (W, n) [rad2 or m2]; floor: (n,) [rad or m].
     """
-    windows, rows = squares.shape[0], setting.loop.rows + 1
-    mean = np.sum(squares, axis=0) / (windows * rows)
-    return float(0.5 * windows * min(rows, PER_WINDOW) * np.sum(np.log(mean + 0.1 * floor**2)))
+    rows = setting.loop.rows + 1
+    return half_log_of(squares / rows, floor, rows)
+
+
+def half_log_of(mean: Array, floor: Array, rows: int) -> float:
+    """The same by mean squares of windows of some rows.
+
+    mean: (W, n) [rad2 or m2]; floor: (n,) [rad or m].
+    """
+    whole = np.log(np.mean(mean, axis=0) + 0.1 * floor**2)
+    return float(0.5 * len(mean) * min(rows, PER_WINDOW) * np.sum(whole))
 
 
 def price(setting: Setting, last: Attempt, trial: Attempt) -> float:
@@ -64,14 +79,23 @@ def price(setting: Setting, last: Attempt, trial: Attempt) -> float:
     new = [k for k, slot in enumerate(trial.where.slots) if slot not in last.where.slots]
     if not new:
         return 0.0
-    rows = setting.loop.rows + 1
-    whole = information(setting, trial.where) * min(rows, PER_WINDOW) / rows
+    sizes = [trial.where.slots[k].typical for k in new]
+    return price_of(information(setting, trial.where), new, sizes, setting.loop.rows + 1)
+
+
+def price_of(whole: Array, new: Sequence[int], sizes: Sequence[float], rows: int) -> float:
+    """The same by the information of all numbers, in windows of some rows, and typical sizes of the new ones.
+
+    whole: (P, P) [inverse products of SERVO_UNITS].
+    """
+    whole = whole * min(rows, PER_WINDOW) / rows
     old = [k for k in range(len(whole)) if k not in new]
     across = whole[np.ix_(old, new)]
     own = whole[np.ix_(new, new)] - across.T @ np.linalg.pinv(whole[np.ix_(old, old)], hermitian=True) @ across
-    sizes = np.diag([trial.where.slots[k].typical for k in new])[None]
     nothing = np.zeros((1, len(new)))
-    return float(log_bayes_factor(StackedPriors(sizes, nothing, nothing * np.nan), own[None], nothing)[0])
+    return float(
+        log_bayes_factor(StackedPriors(np.diag(sizes)[None], nothing, nothing * np.nan), own[None], nothing)[0]
+    )
 
 
 def weighed(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> Offer:

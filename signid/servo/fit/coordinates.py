@@ -17,7 +17,7 @@ from ...types import Array, Mask
 from ..assumptions import Bounds, Prior
 from ..plant.drives import Copies, copies_of
 
-SCALED = ("kp", "kd", "viscous_friction", "coulomb_friction", "armature", "torque_offset", "effort_limit")
+SCALED = ("kp", "kd", "viscous_friction", "coulomb_friction", "armature", "torque_offset", "effort_limit", "gear_level")
 BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")  # numbers of a body [kg, kg.m]
 LARGEST = 100.0  # number over its typical size
 SPREAD = 1.5  # standard deviation of the logarithm of a kp over its usual size: a scale that nothing sets stays
@@ -34,6 +34,7 @@ class Kind(NamedTuple):
     low: float = 0.0  # lower bound
     longest: float | None = 1.0  # largest step of the coordinate [1, or unit of the number]; None: its typical size
     difference: float = 0.003  # smallest difference
+    high: float = LARGEST  # upper bound
 
 
 POSITIVE = Kind(soft=0.0, low=1e-6)
@@ -49,6 +50,9 @@ KINDS = {
     "stribeck_velocity": POSITIVE,
     "position_phase": SIGNED,
     "spring_rest": SIGNED,
+    "encoder_offset": SIGNED,
+    "gear_exponent": Kind(soft=0.0, low=0.5, longest=0.5, high=5.0),
+    "gear_velocity": Kind(soft=0.0, low=0.02, longest=0.5, high=2.0),  # faster ones are viscous friction
     "mass": POSITIVE,
     "first_moment_x": SIGNED,
     "first_moment_y": SIGNED,
@@ -92,7 +96,7 @@ class Slot:
     @property
     def high(self) -> float:
         """Upper bound of the coordinate: without it an unidentifiable scale could run away."""
-        high = LARGEST * self.typical if self.kind.logarithmic else np.inf
+        high = self.kind.high * self.typical if self.kind.logarithmic else np.inf
         high = high if self.bounds is None else self.bounds.high
         return float(np.log(high + self.soft)) if self.kind.logarithmic else high
 

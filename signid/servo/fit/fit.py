@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import OptionError, shorten
 from ...frozen import Frozen
 from ...model import Model
-from ...servos import SERVO_NUMBERS, Servo, ServoGrid
+from ...servos import LOOP_NUMBERS, Servo, ServoGrid
 from ...types import Array, Mask, Robot
 from ..assumptions import OWN, Assumptions, Name, unions
 from ..plant.course import RobotCourse, bodies_of, course, groups, part, recorded_course, refined, single
@@ -80,7 +80,7 @@ def fit_servos(
         model: bodies and laws of the robot.
         grids: recordings, all of the same joints and one rate.
         servos: drives to start from, by joint; joints without one follow the recorded motion.
-        free: joint and number, one of SERVO_NUMBERS; a number that starts at zero or infinity gets a typical start.
+        free: joint and number, one of LOOP_NUMBERS; a number that starts at zero or infinity gets a typical start.
         window: length of a window [s]; use .2 first where drives saturate.
         relinearise: whether to fit again about the simulated motion.
         iterations: most steps of the first fit.
@@ -147,8 +147,8 @@ def _check(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], free: Sequen
         if joint not in joints or not all(grid.driven[joints.index(joint)] for grid in grids):
             raise OptionError(f"joint {joint!r} has no commands; choose from {shorten(joints)}")
     for joint, number in free:
-        if joint not in servos or number not in SERVO_NUMBERS:
-            raise OptionError(f"no number {number!r} of a servo at {joint!r}; choose from {shorten(SERVO_NUMBERS, 20)}")
+        if joint not in servos or number not in LOOP_NUMBERS:
+            raise OptionError(f"no number {number!r} of a servo at {joint!r}; choose from {shorten(LOOP_NUMBERS, 20)}")
 
 
 def _linked(task: _Task) -> tuple[tuple[int, ...], ...]:
@@ -163,7 +163,7 @@ def _same(task: _Task, names: Sequence[str]) -> dict[str, list[int]]:
     """Labels of the joints of a group by number: those with the same label share it."""
     equal = [[joint for joint in members if joint in names] for members in task.assumptions.equal]
     out = {}
-    for number in SERVO_NUMBERS:
+    for number in LOOP_NUMBERS:
         sets = unions([*([name] for name in names), *(filter(None, equal) if number != OWN else ())])
         out[number] = [next(k for k, members in enumerate(sets) if name in members) for name in names]
     return out

@@ -19,7 +19,7 @@ from ...types import Array, Mask
 from ..plant.commands import commands_at
 from ..plant.course import RobotCourse, bodies_of, groups, part, recorded_course
 from ..plant.drives import copies_of
-from ..plant.kernel import EFFORT
+from ..plant.torque import EFFORT
 from .windows import shoot, window_places, windows_of
 
 DELAYS = tuple(k * 0.005 for k in range(13))  # [s]

@@ -40,6 +40,14 @@ def typical(servo: Servo, joint: int, grids: Sequence[ServoGrid], motions: Seque
         "spring_stiffness": kp,
         "spring_rest": 1.0,
         "backlash_gap": 0.1,
+        "encoder_offset": 1.0,
+        "gear_exponent": 2.0,
+        "gear_velocity": v,
+        "gear_level": torque,
+        "gear_load": 1.0,
+        "gear_load_at_rest": 1.0,
+        "gear_quadratic_motor": 1.0 / torque,
+        "gear_quadratic_external": 1.0 / torque,
     }
 
 
@@ -55,6 +63,11 @@ STARTS = {
     "load_friction": 0.05,
     "armature": 0.05,
     "droop": 0.05,
+    "gear_level": 0.05,
+    "gear_load": 0.05,
+    "gear_load_at_rest": 0.05,
+    "gear_quadratic_motor": 0.02,
+    "gear_quadratic_external": 0.02,
 }  # over the typical size, where a free number is zero or infinite
 
 

@@ -1,10 +1,11 @@
 """Identify position drives from commanded and measured positions: law, numbers, intervals, what is identifiable."""
 
 from ..search.searcher import ServoOptions
-from .result import ServoIdentification, ServoJoint, ServoNumber, ServoRollOut, ServoScale, ServoTrace
+from .result import FrictionModel, ServoIdentification, ServoJoint, ServoNumber, ServoRollOut, ServoScale, ServoTrace
 from .run import identify_servos
 
 __all__ = [
+    "FrictionModel",
     "ServoIdentification",
     "ServoJoint",
     "ServoNumber",

@@ -142,6 +142,7 @@ def conclude(
         notes=(*model.robot.notes, *notes, *duty_notes(known.tied), *fit.notes),
         seed=options.seed,
         refit=judged.refit,
+        start=replace(chosen.candidate, window=chosen.candidate.window or options.window),
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...parameters import Array
-from ...servos import SERVO_UNITS, Servo
+from ...servos import LOOP_UNITS, SERVO_UNITS, Servo
 from ..assumptions import Bounds, Prior
 from .result import ServoNumber
 
@@ -62,7 +62,7 @@ class JointFacts:
 
 def unit_of(name: str, prismatic: bool) -> str:
     """Unit of a number, N and m in place of N.m and rad at a prismatic joint."""
-    unit = {**SERVO_UNITS, "damping": "N.m.s/rad", "lag": "s"}[name]
+    unit = {**LOOP_UNITS, "damping": "N.m.s/rad", "lag": "s"}[name]
     if not prismatic:
         return unit
     return {

@@ -12,6 +12,7 @@ from ...parameters import Array
 from ...servos import Servo
 from ...types import Input, Robot
 from ..assumptions import Bounds, Prior
+from ..search.choice import Candidate
 from ..zeros import JointZero
 
 BY_INERTIALS = "inertials of the description"  # what the scale of torque is known by
@@ -102,6 +103,23 @@ class ServoTrace(Frozen):
 
 
 @dataclass(frozen=True, eq=False)
+class FrictionModel(Frozen):
+    """A named friction model, fitted in the place of the friction of the identified drives; n joints."""
+
+    name: str
+    terms: str  # what it has
+    numbers: Mapping[str, Mapping[str, ServoNumber]]  # by joint and name
+    servos: Mapping[str, Servo]  # by joint, fitted to the training rows
+    mean_absolute: (
+        Array  # (n,) [rad or m] error of held-out recordings, whole, from commands alone; NaN without a drive
+    )
+    rms: Array  # (n,) [rad or m]
+    log_bayes_factor: float  # [1] over the first model, of the windows of the training rows
+    probability: float  # [1] among the named models, limited by differences of windows; NaN of the identification
+    seconds: float  # processor time [s]
+
+
+@dataclass(frozen=True, eq=False)
 class ServoIdentification(Result):
     """Drives of a robot, identified from commands and positions. `flags` say what not to rely on."""
 
@@ -119,6 +137,8 @@ class ServoIdentification(Result):
     refit: bool = False  # whether the model was fitted again to all rows; `rollout` and `traces` are of the fit before
     logs: tuple[LoggedRows, ...] = ()  # rows of the recordings
     zeros: tuple[JointZero, ...] = ()  # signs and zeros of positions, where gravity was compared with them
+    start: Candidate | None = None  # drives of the search and their free numbers, by the training rows
+    friction_models: tuple[FrictionModel, ...] = ()  # where they were compared
 
     def with_zeros(self, zeros: tuple[JointZero, ...], notes: tuple[str, ...]) -> ServoIdentification:
         """The same with signs and zeros of positions, and notes on them."""

@@ -21,7 +21,7 @@ from ..fit import start_servos
 from ..given import given_texts
 from ..plant.drives import LONGEST
 from ..search.choice import LOUDER, Candidate
-from ..search.data import servo_data, thinned
+from ..search.data import ServoData, servo_data, thinned
 from ..search.run import EQUAL, search
 from ..search.searcher import KnownLimits, Searcher, ServoOptions
 from .assess import whole_rms
@@ -104,8 +104,7 @@ def identify_servos(
     _say(progress, "starting servos", 0.0)
     size = max(len(members) for members in sets) ** 2
     options = replace(options, window=options.window or (ALONE if size == 1 else COUPLED))
-    cost = size * int(np.ceil(data.train[0].step / LONGEST - 1e-9))  # of a row
-    most, fitted = SEARCHED // cost, FITTED // cost
+    most, fitted = SEARCHED // row_cost(sets, data), FITTED // row_cost(sets, data)
     folds = tuple((thinned(a, most), thinned(b, most)) for a, b in data.folds)
     few = replace(data, train=thinned(data.train, most), folds=folds)
     plain, _ = command_model(model, {joint: Servo() for joint in data.driven}, complete=True)
@@ -127,8 +126,8 @@ def identify_servos(
     _say(progress, "fitting servos", 0.8)
     final = replace(data, train=thinned(data.train, fitted))
     fit = final_fit(weighed, final, chosen.candidate, options)
-    if reached := [joint for joint, error in duty.items() if exceeded(data.train, joint, error) >= RARE]:
-        duty = {joint: error for joint, error in duty.items() if joint not in reached}
+    tied = {joint: error for joint, error in duty.items() if exceeded(data.train, joint, error) < RARE}
+    if reached := [joint for joint in duty if joint not in tied]:
         chosen = replace(chosen, candidate=chosen.candidate.follow(fit.servos).with_limits(reached))
         fit = final_fit(weighed, final, chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.9)
@@ -138,17 +137,8 @@ def identify_servos(
     logs = tuple(map(_logged_rows, (*given, *unseen)))
     slow = FINER * min(log.content_rate for log in logs) < data.train[0].rate
     late = command_timing(weighed, few, fit, options.window) if slow else {}
-    case = Known(
-        scale,
-        wanted,
-        fixed,
-        limits.laws,
-        duty,
-        sets,
-        late,
-        assumed,
-        own_numbers(weighed, few, fit, chosen.candidate, options),
-    )
+    own = own_numbers(weighed, few, fit, chosen.candidate, options)
+    case = Known(scale, wanted, fixed, limits.laws, tied, sets, late, assumed, own)
     judged = judge((plain, weighed), data, fit, case)
     if (not unseen if refit is None else refit) and data.held_out is not data.train:
         _say(progress, "fitting servos to all rows", 0.95)
@@ -156,6 +146,11 @@ def identify_servos(
         notes = (*notes, *reasons)
     found = conclude((plain, weighed), judged, chosen, case, remarks, options).with_zeros(zeros, notes)
     return replace(found, logs=logs)
+
+
+def row_cost(sets: Sequence[Sequence[str]], data: ServoData) -> int:
+    """Substeps of a row, times squared joints of the largest set."""
+    return max(len(members) for members in sets) ** 2 * int(np.ceil(data.train[0].step / LONGEST - 1e-9))
 
 
 def _logged_rows(recording: Recording) -> LoggedRows:

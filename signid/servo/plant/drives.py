@@ -12,7 +12,8 @@ import numpy as np
 from ...servos import DRIVE_LAWS, LOOP_NUMBERS, Servo, ServoGrid
 from ...types import Array, Indices
 from .commands import commands_at
-from .kernel import DELAY, PROFILE, SHORT, Drives
+from .kernel import SHORT
+from .torque import DELAY, PROFILE, Drives
 
 LONGEST, COARSE, MOST = 0.002, 0.004, 32  # [s] of a substep, in fits and in searches for laws; substeps of a row
 TURN = 0.35  # [rad] of the fastest oscillation in a substep
@@ -31,7 +32,8 @@ def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 
         ),
         default=0.0,
     )
-    longest = SHORT if any(servo.backlash_gap > 0 for servo in servos) else longest
+    short = any(servo.backlash_gap > 0 or servo.gear_exponent > 0 for servo in servos)
+    longest = min(SHORT, longest) if short else longest
     count = np.clip(np.ceil(step * max(1 / longest, fastest / TURN) - 1e-9), 1, MOST)
     return finer * int(np.ceil(count / finer))
 
@@ -39,7 +41,7 @@ def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 
 class Copies(NamedTuple):
     """C copies of the drives of n joints."""
 
-    numbers: Array  # (C, n, 21) [LOOP_UNITS] in the order of LOOP_NUMBERS
+    numbers: Array  # (C, n, 31) [LOOP_UNITS] in the order of LOOP_NUMBERS
     laws: Indices  # (C, n) index in DRIVE_LAWS
     kd_on: tuple[str, ...]  # n
 

@@ -10,54 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ...servos import DRIVE_LAWS, LOOP_NUMBERS
 from ...types import Array, Indices
 from .friction import LOOP, advance_speeds, new_state
+from .torque import ARMATURE, DUTY, EFFORT, GAP, ZERO, actuate
 
-(
-    KP,
-    KD,
-    DELAY,
-    EFFORT,
-    SPEED,
-    DEAD,
-    PROFILE,
-    COULOMB,
-    VISCOUS,
-    LOAD,
-    ARMATURE,
-    OFFSET,
-    DROOP,
-    STRIBECK,
-    STRIBECK_VELOCITY,
-    AMPLITUDE,
-    PHASE,
-    FREQUENCY,
-    STIFFNESS,
-    REST,
-    GAP,
-) = range(len(LOOP_NUMBERS))  # columns of the numbers of a drive and its joint, in the order of LOOP_NUMBERS
-DUTY, TORQUE_SPEED = DRIVE_LAWS.index("duty"), DRIVE_LAWS.index("torque_speed")
 HALF, SIDE, DEFLECTION, LINK_SPEED, LOAD_OF_LINK = range(5)  # rows of `State.play`
 BEGIN = 2.0  # side of a gap at which a window begins: where the motor pushes
-SHORT = 5e-4  # [s] longest substep with backlash: 2 ms shift the meeting of a link by mrad
+SHORT = 5e-4  # [s] longest substep with backlash or gears: 2 ms shift the meeting of a link, and stops, by mrad
 ROTOR = 1e-3  # [1] least inertia of a motor with backlash over that of its link
 EDGE = 1e-3  # [1] share of a substep at its ends, in which a turn is not looked for
 PASSES = 5  # of a substep, until it is consistent which drives are at their limits
-
-
-class Drives(NamedTuple):
-    """C copies of the drives of n joints on the substeps of R rows, `parts` of each row."""
-
-    numbers: Array  # (C, n, 21) [LOOP_UNITS]
-    laws: Indices  # (C, n) index in DRIVE_LAWS
-    variant: Indices  # (C, n) which of the V commands acts
-    commands: Array  # (7, V, S) [any] on S = R parts substeps, as `commands_at` gives them
-    on: Array  # (R, n) [1]
-    voltage: Array  # (R, n) relative to the nominal supply [1]
-    gain: Array  # (R, n) relative to the nominal one [1]
-    parts: int
-    step: float  # [s] of a substep
 
 
 class LoopBodies(NamedTuple):
@@ -86,79 +48,6 @@ class Starts(NamedTuple):
 
 
 @LOOP
-def drive_torque(p, law, at, command, supply):  # type: ignore[no-untyped-def]
-    """Constant torque, damping, torque and kind of limit of a drive that is on.
-
-    Numbers p (21,); at: position and speed; command: command, its speed and feed-forward; supply: voltage and gain.
-    """
-    (q, v), (u, reference, forward), (voltage, gain) = at, command, supply
-    limit, dead, damping, kind = p[EFFORT], p[DEAD], p[KD], 0.0
-    error = max(u - q - dead, 0.0) + min(u - q + dead, 0.0)
-    constant = gain * p[KP] * error
-    if law == DUTY:
-        kind = 1.0 if abs(constant) > limit else 0.0
-        constant = voltage * min(max(constant, -limit), limit) + damping * reference
-    else:
-        constant += damping * reference + forward
-        torque = constant - damping * v
-        bound = limit
-        along = law == TORQUE_SPEED and torque * v > 0.0
-        if along:
-            bound = limit * max(1.0 - abs(v) / p[SPEED], 0.0)
-        if abs(torque) > bound:
-            side = 1.0 if torque > 0.0 else -1.0
-            kind = (1.0 if not along else 2.0 if bound > 0.0 else 3.0) * side
-            constant = side * limit if bound > 0.0 else 0.0
-            damping = limit / p[SPEED] if along and bound > 0.0 else 0.0
-    torque = constant - damping * v
-    if p[DROOP] > 0.0:
-        share = 1.0 / (1.0 + p[DROOP] * abs(torque))
-        constant, damping, torque = share * constant, share * damping, share * torque
-    return constant, damping, torque, kind
-
-
-@LOOP
-def actuate(drives, c, step, q, v, out):  # type: ignore[no-untyped-def]
-    """Drives of copy c in a substep at q and v (n,): out (5, n) constant torque, damping, friction bound, two limits.
-
-    The torque is constant - damping v. A kind of limit is 0 or, with the sign of the torque: 1 a fixed torque, 2 a
-    torque that falls with speed, 3 none beyond the largest speed. Where a command changes within a substep, a drive
-    that is not linear in it counts with both commands, by their shares of the substep: out[3] is the kind with the
-    command after the change, out[4] with the one before, 0 without a change.
-    """
-    r = step // drives.parts
-    for i in range(len(q)):
-        p = drives.numbers[c, i]
-        constant, damping, torque, kind, first = 0.0, 0.0, 0.0, 0.0, 0.0
-        if drives.on[r, i] > 0.5:
-            law, at, supply = drives.laws[c, i], (q[i], v[i]), (drives.voltage[r, i], drives.gain[r, i])
-            held, j = drives.commands, drives.variant[c, i]
-            a, b, f, share = held[0, j, step], held[1, j, step], held[2, j, step], held[6, j, step]
-            da, db, df = held[3, j, step], held[4, j, step], held[5, j, step]
-            bent = p[EFFORT] < np.inf or p[DEAD] > 0.0 or p[DROOP] > 0.0 or p[LOAD] > 0.0
-            if bent and share > 0.0 and (da != 0.0 or db != 0.0 or df != 0.0):
-                rest = 1.0 - share
-                after = (a - share * da, b - share * db, f - share * df)
-                before = (a + rest * da, b + rest * db, f + rest * df)
-                constant, damping, torque, kind = drive_torque(p, law, at, after, supply)
-                c0, d0, t0, first = drive_torque(p, law, at, before, supply)
-                constant, damping = share * c0 + rest * constant, share * d0 + rest * damping
-                torque = share * abs(t0) + rest * abs(torque)
-            else:
-                constant, damping, torque, kind = drive_torque(p, law, at, (a, b, f), supply)
-        dry = p[COULOMB] + p[LOAD] * abs(torque)
-        if p[STRIBECK] != 0.0:
-            dry += p[STRIBECK] * np.exp(-((v[i] / p[STRIBECK_VELOCITY]) ** 2))
-        if p[AMPLITUDE] != 0.0:
-            dry += p[AMPLITUDE] * np.sin(p[FREQUENCY] * q[i] + p[PHASE])
-        out[0, i] = constant - p[OFFSET] - p[STIFFNESS] * (q[i] - p[REST])
-        out[1, i] = damping + p[VISCOUS]
-        out[2, i] = max(dry, 0.0)
-        out[3, i] = kind
-        out[4, i] = first
-
-
-@LOOP
 def change_limits(drives, c, step, state):  # type: ignore[no-untyped-def]
     """Whether limits of torque were wrong in a substep; if so, mend them in `state.act` and set the speeds back.
 
@@ -168,7 +57,7 @@ def change_limits(drives, c, step, state):  # type: ignore[no-untyped-def]
     act, again, wrong = state.act, state.again, False
     for i in range(len(state.v)):
         state.middle[i] = 0.5 * (state.v[i] + state.before[i])
-    actuate(drives, c, step, state.half, state.middle, again)
+    actuate(drives, c, step, (state.half, state.middle, state.loads), again)
     for i in range(len(state.v)):
         if again[3, i] != act[3, i] or again[4, i] != act[4, i]:
             wrong = True
@@ -186,7 +75,7 @@ def advance(drives, c, step, mass, state, h):  # type: ignore[no-untyped-def]
     for i in range(len(state.v)):
         state.before[i] = state.v[i]
         limits = limits or (drives.laws[c, i] != DUTY and drives.numbers[c, i, EFFORT] < np.inf)
-    actuate(drives, c, step, state.half, state.v, state.act)
+    actuate(drives, c, step, (state.half, state.v, state.loads), state.act)
     for _ in range(PASSES):
         advance_speeds(state, mass, h)
         if not limits or not change_limits(drives, c, step, state):
@@ -202,7 +91,7 @@ def advance_links(drives, c, step, mass, state, h):  # type: ignore[no-untyped-d
     """
     play, act, n = state.play, state.act, len(state.v)
     if play[SIDE, 0] == BEGIN:
-        actuate(drives, c, step, state.half, state.v, act)
+        actuate(drives, c, step, (state.half, state.v, state.loads), act)
     for i in range(n):
         if play[HALF, i] > 0.0 and play[SIDE, i] == BEGIN:
             push = act[0, i] - act[1, i] * state.v[i] - act[2, i] * np.sign(state.v[i])
@@ -306,7 +195,7 @@ def substep(bodies, drives, place, loads, state, how):  # type: ignore[no-untype
     while left > 0.0:
         for i in range(n):
             half[i] = q[i] + 0.5 * part * v[i]
-            state.link[i] = half[i] + state.play[DEFLECTION, i]
+            state.link[i] = half[i] + state.play[DEFLECTION, i] - drives.numbers[c, i, ZERO]
         load_links(bodies, row, rest, waves, state)
         if loose:
             advance_links(drives, c, step, mass, state, part)

@@ -16,20 +16,8 @@ from ...types import Array, Robot
 from .course import Moved, RobotCourse, bodies_of, course, motion_of, part, single
 from .drives import JoinedGrids, copies_of, substeps
 from .friction import new_state
-from .kernel import (
-    ARMATURE,
-    BEGIN,
-    DEFLECTION,
-    GAP,
-    HALF,
-    SIDE,
-    Drives,
-    Starts,
-    actuate,
-    advance,
-    advance_links,
-    simulate,
-)
+from .kernel import BEGIN, DEFLECTION, HALF, SIDE, Starts, advance, advance_links, simulate
+from .torque import ARMATURE, GAP, ZERO, Drives, actuate
 
 
 def roll_out(model: Model, servos: Mapping[str, Servo], grid: ServoGrid, horizon: float | None = None) -> Array:
@@ -93,10 +81,10 @@ def saturated_share(servos: Mapping[str, Servo], grid: ServoGrid, v: Array) -> A
     """
     driven = [j for j, joint in enumerate(grid.joints) if joint in servos]
     drives = JoinedGrids((grid,), tuple(driven), 1).drives(copies_of([[servos[grid.joints[j]] for j in driven]]))
-    act, cut = np.empty((5, len(driven))), np.zeros(len(grid.joints))
+    act, cut, loads = np.empty((5, len(driven))), np.zeros(len(grid.joints)), np.zeros(len(driven))
     q, v = (np.ascontiguousarray(x[:, driven]) for x in (grid.q, v))
     for k in range(len(grid)):
-        actuate(drives, 0, k, q[k], v[k], act)
+        actuate(drives, 0, k, (q[k], v[k], loads), act)
         cut[driven] += np.any(act[3:] != 0.0, axis=0)
     return cut / len(grid)
 
@@ -148,7 +136,7 @@ class _Loop:
             far = (s + 0.5) / drives.parts
             q, v, a = ((1 - far) * x[k] + far * x[k + 1] for x in self.motion)
             state.half[:] = state.q + 0.5 * drives.step * state.v
-            q[j], v[j], a[j] = state.half + state.play[DEFLECTION], state.v, 0.0
+            q[j], v[j], a[j] = state.half + state.play[DEFLECTION] - drives.numbers[0, :, ZERO], state.v, 0.0
             mass, state.loads[:] = self._dynamics(q, v, a)
             state.of[0] = 0.0
             step = advance_links if self.loose else advance

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,8 +52,8 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
         laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
     for k, name in enumerate(by.options.additional):
         by.say(f"trying {name} of servos", 0.6 + 0.2 * k / len(by.options.additional))
-        base = _try_number(by, base, name)
-    base = base if base.candidate.window else by.lengthen(base)
+        base = _try_without(by, _try_number(by, base, name), name)
+    base = by.shorten(base) if base.candidate.window else by.lengthen(base)
     return Chosen(base.candidate, laws)
 
 
@@ -77,3 +78,14 @@ def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
         near = by.near(kept)
         new = by.score(by.fit(start.only(near).changed({}, [(joint, name) for joint in kept]), MORE), near)
     return base.with_joints(new)
+
+
+def _try_without(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
+    """Give a free number up where the training data are fitted as well without it, by now that others are free."""
+    start, neutral = base.candidate, getattr(Servo(), name)
+    joints = [joint for joint, number in start.free if number == name]
+    if not joints:
+        return base
+    plain = start.changed({joint: start.servos[joint].with_(**{name: neutral}) for joint in joints})
+    new = by.fit(replace(plain, free=tuple(one for one in start.free if one[1] != name)), MORE)
+    return base if worth(new, base, joints) else new

@@ -89,6 +89,12 @@ class Searcher:
             best, whole = new, after
         return best
 
+    def shorten(self, trial: ServoTrial) -> ServoTrial:
+        """Fit again over short windows, whose cost is smooth, unless whole recordings are then fitted worse."""
+        new = self.fit(replace(trial.candidate, window=0.0))
+        before, after = (self._whole_rms(one.candidate) for one in (trial, new))
+        return trial if np.mean([np.log(after[joint] / before[joint]) for joint in before]) > 0.0 else new
+
     def _whole_rms(self, candidate: Candidate) -> dict[str, float]:
         """Rms error by joint [rad or m] of whole recordings from commands alone."""
         grids = self.data.train

@@ -17,10 +17,10 @@ from ..documents import Document, description, ending, opening, picked, stamps_c
 from ..layout import UNKNOWN, figure, heading, plural, share, with_interval
 from ..plots.courses import loop_blocks, worst_joints
 from ..plots.frame import Header, sections_page, shared
-from ..sections import Card, Cells, Legend, Section, Sentences, terminal
+from ..sections import Block, Card, Cells, Legend, Section, Sentences, terminal
 
 if TYPE_CHECKING:
-    from ....servo.identify import ServoIdentification, ServoJoint, ServoNumber, ServoRollOut
+    from ....servo.identify import FrictionModel, ServoIdentification, ServoJoint, ServoNumber, ServoRollOut
     from ....servo.zeros import JointZero
 
 FIRST = ("kp", "damping", "delay", "lag", "effort_limit", "armature", "coulomb_friction", "load_friction")
@@ -29,6 +29,11 @@ ROUNDING = 1e-9  # eigenvalue over trace of a pseudo-inertia that counts as 0
 LEGEND = (
     "damping: kd of the drive, viscous friction and back-EMF together; lag: delay + damping / kp; saturated: share of "
     "samples in which the drive gives its limit."
+)
+MODELS = (
+    "Each model takes the place of the friction of the drives and is fitted to the same windows of the training rows. "
+    "The log Bayes factor is that of these rows over the first model; the probability allows for their differences. "
+    "M1 to M6: Duclusaud et al., arXiv 2410.08650; PACE: Bjelonic et al., 2025."
 )
 DAMPING = "kd + viscous_friction + back_emf"
 
@@ -55,6 +60,11 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
             "joints": [_joint(one) for one in result.joints],
             "rollout": {**rollout_document(result.rollout), "held_out": result.rollout.held_out},
             **({"zeros": [_zero(one) for one in result.zeros]} if result.zeros else {}),
+            **(
+                {"friction_models": [_model(x, result) for x in result.friction_models]}
+                if result.friction_models
+                else {}
+            ),
         },
         **ending(result, result.inputs, inputs or [description(robot)], result.seed),
     }
@@ -101,6 +111,17 @@ def _zero(one: JointZero) -> Document:
         "sign_probability": one.sign_probability,
         "zero": {"value": one.zero, "std": one.std, "unit": "rad"},
         "identifiable": one.identifiable,
+    }
+
+
+def _model(one: FrictionModel, result: ServoIdentification) -> Document:
+    return {
+        "model": one.name,
+        **picked(one, "terms mean_absolute rms"),
+        "held_out": result.rollout.held_out,
+        **picked(one, "log_bayes_factor probability"),
+        "processor_seconds": one.seconds,
+        "joints": {joint: {name: _number(x) for name, x in numbers.items()} for joint, numbers in one.numbers.items()},
     }
 
 
@@ -157,6 +178,7 @@ def rollout_document(found: ServoRollOut) -> Document:
 def servo_identification_tables(result: ServoIdentification) -> list[RenderableType]:
     """Drives with their intervals, one joint a line; what is not identifiable; errors of closed loops."""
     sections = [_drives(result)._replace(title=""), _scale_basis(result), _unidentifiable(result), _loops(result)]
+    sections += [_models(result)]
     title = f"{result.robot.name}: position drives of {plural(len(result.joints), 'joint')}, ± 95 %"
     return [heading(title, below=False), *terminal(sections, _notes(result))]
 
@@ -177,6 +199,7 @@ def servo_identification_page(result: ServoIdentification, inputs: Sequence[Inpu
         ),
         _unidentifiable(result),
         Section("Laws of the drives that were compared", (Cells(("joint", "law", "probability>"), _compared(result)),)),
+        _models(result).beside(*_model_numbers(result)),
     ]
     header = Header(f"{name}: {counted}", over, list(_cards(result)), "unreliable" if result.flags else "", headline)
     return sections_page(header, sections, shared(result, [result.robot], inputs, command) | {"notes": _notes(result)})
@@ -287,3 +310,50 @@ def _compared(result: ServoIdentification) -> list[tuple[str, str, str]]:
         for one in result.joints
         for law, probability in sorted(one.laws.items(), key=lambda item: -item[1])
     ]
+
+
+def _models(result: ServoIdentification) -> Section:
+    """One row per friction model: errors of whole recordings, evidence, time."""
+    heads = ("model", "has", "mean |error|>", "rms>", "log Bayes factor>", "probability>", "processor s>")
+    rows = [
+        (
+            one.name,
+            one.terms,
+            _by_unit(result.rollout, one.mean_absolute),
+            _by_unit(result.rollout, one.rms),
+            f"{one.log_bayes_factor:.1f}",
+            "-" if np.isnan(one.probability) else f"{one.probability:.2f}",
+            f"{one.seconds:.1f}",
+        )
+        for one in result.friction_models
+    ]
+    data = "held-out data" if result.rollout.held_out else "data of the fit (none was held out)"
+    return Section(f"Friction models: errors from commands alone, {data}", (Cells(heads, rows),) if rows else ())
+
+
+def _by_unit(found: ServoRollOut, errors: Array) -> str:
+    """Mean error of the joints of each unit; "-" where it diverges."""
+    each = {unit: errors[[u == unit for u in found.units]] for unit in dict.fromkeys(found.units)}
+    means = {unit: x[~np.isnan(x)] for unit, x in each.items()}
+    return ", ".join(f"{figure(float(np.mean(x)))} {unit}" for unit, x in means.items() if x.size)
+
+
+def _model_numbers(result: ServoIdentification) -> Iterator[Block]:
+    """Numbers of each friction model by joint, those that are not identifiable last."""
+    rows = [
+        (
+            one.name,
+            joint,
+            ", ".join(f"{_word(x.name)} {_number_cell(x)} {x.unit}" for x in numbers.values() if x.value is not None),
+            ", ".join(_word(x.name) for x in numbers.values() if x.value is None),
+        )
+        for one in result.friction_models
+        for joint, numbers in one.numbers.items()
+    ]
+    if rows:
+        yield Cells(("model", "joint", "numbers, ± 95 %", "not identifiable"), rows)
+        yield Legend(MODELS)
+
+
+def _word(name: str) -> str:
+    return name.replace("_", " ")

@@ -1,0 +1,202 @@
+"""Identified drives and their recordings -> named friction models beside each other: numbers, errors, evidence."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..deadline import ends_in_time, time_is_up
+from ..errors import OptionError
+from ..model import Model
+from ..recording import Recordings, as_recordings
+from ..regression.session import only_once
+from ..servos import LOOP_UNITS, Servo
+from ..typed import typed
+from ..types import Array, Progress
+from .diagnose.evidence import half_log_of, limited, price_of
+from .fit import ServoFit
+from .fit.typical import typical
+from .friction_models import AS_FOUND, MODELS, NamedModel, starts
+from .identify.fits import block
+from .identify.identifiable import SCALED, SIGNED, VAGUE, unit_of
+from .identify.result import FrictionModel, ServoIdentification, ServoNumber
+from .identify.run import FITTED, row_cost
+from .identify.scale import connected_sets
+from .plant import roll_out
+from .plant.course import recorded_course
+from .search.choice import Candidate, fit_candidate
+from .search.data import ServoData, position_noise, servo_data, thinned
+
+STEPS = 6  # most iterations from each start, of several
+POSITIVE = frozenset((*LOOP_UNITS, "damping")).difference(SIGNED, ("encoder_offset",))
+TORQUES = (*SCALED, "gear_level", "gear_quadratic_motor", "gear_quadratic_external")  # unknown without their scale
+WHOLE = ("kd", "viscous_friction")  # listed as damping
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """A model, fitted to the training rows."""
+
+    model: NamedModel
+    candidate: Candidate
+    fit: ServoFit
+    seconds: float
+
+    @property
+    def loss(self) -> float:
+        """Sum of the log residuals of the joints [1]."""
+        return float(np.nansum(np.log(self.fit.residual_rms)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """Identified drives, and the rows that all models share."""
+
+    found: ServoIdentification
+    model: Model
+    data: ServoData
+    rows: int  # of a window
+    sets: Sequence[Sequence[str]]  # connected joints
+    sizes: Mapping[str, Mapping[str, float]]  # typical numbers by joint
+
+
+@typed
+@ends_in_time
+def compare_models(
+    found: ServoIdentification,
+    recordings: Recordings,
+    *,
+    held_out: Recordings = (),
+    progress: Progress | None = None,
+) -> ServoIdentification:
+    """Compare the friction models M1 to M6 of BAM and PACE: `found` with `friction_models`.
+
+    Each model takes the place of the friction of the identified drives, whose law and limits stay. All are fitted to
+    the same windows of the training rows and simulate the held-out rows from commands alone. Numbers that are stated
+    stay: PACE was published for stated gains.
+
+    Args:
+        found: result of `identify_servos`.
+        recordings: those that it was identified from.
+        held_out: its held-out recordings.
+        progress: called with the current step and the share that is done.
+
+    Raises:
+        OptionError: other recordings than those of the identification.
+        RecordingError: a recording cannot be used.
+    """
+    given = as_recordings(recordings, found.robot, "compare_models")
+    unseen = as_recordings(held_out, found.robot, "compare_models")
+    only_once((*given, *unseen))
+    task = _task(found, servo_data(found.robot, given, unseen))
+    fitted = dict[str, _Fitted]()
+    for k, model in enumerate(MODELS):
+        if fitted and time_is_up("the comparison of friction models"):
+            break
+        if progress is not None:
+            progress(f"fitting friction model {model.name}", k / len(MODELS))
+        fitted[model.name] = _fitted(task, model, fitted)
+    return replace(found, friction_models=tuple(_compared(task, list(fitted.values()))))
+
+
+def _task(found: ServoIdentification, data: ServoData) -> _Task:
+    if found.start is None or [x[:2] for x in data.inputs] != [x[:2] for x in found.inputs]:
+        raise OptionError(
+            "compare_models got other recordings than identify_servos; give the same recordings and held_out to both"
+        )
+    sets = connected_sets(found.model, data.joints, data.driven)
+    data = replace(data, train=thinned(data.train, FITTED // row_cost(sets, data)))
+    motions = [recorded_course(found.model, grid).motion for grid in data.train]
+    sizes = {
+        joint: typical(servo, data.joints.index(joint), data.train, motions)
+        for joint, servo in found.start.servos.items()
+    }
+    rows = round(found.start.window * data.train[0].rate) + 1
+    return _Task(found, found.model, data, rows, sets, sizes)
+
+
+def _fitted(task: _Task, model: NamedModel, before: Mapping[str, _Fitted]) -> _Fitted:
+    """Fit from the best of the starts."""
+    assert task.found.start is not None
+    begin = time.process_time()
+    last = before[model.before].candidate if model.before else task.found.start
+    speeds = {joint: sizes["gear_velocity"] for joint, sizes in task.sizes.items()}
+    tries = list(starts(model, last, task.found.start, speeds))
+    if len(tries) > 1:
+        coarse = [fit_candidate(task.model, task.data.train, one, 0.0, STEPS, coarse=True) for one in tries]
+        tries = [min(coarse, key=lambda end: float(np.nansum(np.log(end[1].residual_rms))))[0]]
+    candidate, fit = fit_candidate(task.model, task.data.train, tries[0], 0.0, relinearise=True)
+    return _Fitted(model, candidate.follow(fit.servos), fit, time.process_time() - begin)
+
+
+def _compared(task: _Task, fitted: Sequence[_Fitted]) -> Iterator[FrictionModel]:
+    """Errors and evidence of fitted models."""
+    data = task.data
+    driven = [data.joints.index(joint) for joint in fitted[0].fit.servos]
+    floor = position_noise(data.train)[driven]
+    squares = [one.fit.window_squares[:, driven] for one in fitted]
+    common = set.intersection(*(set(one.fit.names) for one in fitted))
+    prices = [_price(task, one.fit, common) for one in fitted]
+    evidence = [price - half_log_of(s, floor, task.rows) for price, s in zip(prices, squares, strict=True)]
+    named = np.array([one.model.name != AS_FOUND for one in fitted])
+    best = int(np.argmax(np.where(named, evidence, -np.inf)))
+    sigma2 = np.mean(squares[best], axis=0) + floor**2
+    differences = [task.rows * np.sum((s - squares[best]) / sigma2, axis=1) for s in squares]
+    odds = [limited(evidence[best] - e, 0.0, x) for e, x in zip(evidence, differences, strict=True)]
+    weights = np.where(named, np.exp(-np.array(odds)), np.nan)
+    for one, e, weight in zip(fitted, evidence, weights, strict=True):
+        absolute, rms = _errors(task, one.fit.servos)
+        numbers = {joint: _numbers(task, one, joint) for joint in one.fit.servos}
+        yield FrictionModel(
+            one.model.name,
+            one.model.terms,
+            numbers,
+            one.fit.servos,
+            absolute,
+            rms,
+            float(e - evidence[0]),
+            float(weight / np.nansum(weights)),
+            one.seconds,
+        )
+
+
+def _price(task: _Task, fit: ServoFit, common: set[tuple[str, str]]) -> float:
+    """Log prior of the numbers that not all models have."""
+    new = [k for k, name in enumerate(fit.names) if name not in common]
+    if not new:
+        return 0.0
+    sizes = [task.sizes[joint].get(name, 1.0) for joint, name in (fit.names[k] for k in new)]
+    return price_of(fit.information, new, sizes, task.rows)
+
+
+def _errors(task: _Task, servos: Mapping[str, Servo]) -> tuple[Array, Array]:
+    """Mean absolute and rms errors (n,) [rad or m] of held-out rows from commands alone; NaN without a drive."""
+    with np.errstate(all="ignore"):
+        error = np.concatenate([roll_out(task.model, servos, grid) - grid.q for grid in task.data.held_out])
+        absolute, rms = np.mean(np.abs(error), axis=0), np.sqrt(np.mean(error**2, axis=0))
+    driven = np.array([joint in servos for joint in task.data.joints])
+    return np.where(driven, absolute, np.nan), np.where(driven, rms, np.nan)
+
+
+def _numbers(task: _Task, one: _Fitted, joint: str) -> dict[str, ServoNumber]:
+    """Free numbers of a joint; those that the recordings do not identify have no value."""
+    servo, prismatic = one.fit.servos[joint], task.model.robot.prismatic[task.model.robot.index(joint)]
+    names, covariance = block(one.fit, joint)
+    known = next(other.numbers for other in task.found.joints if other.joint == joint)
+    unknown = {name for name in ("kp", "delay") if name in known and known[name].value is None}
+    unknown |= set(TORQUES) if "kp" in unknown else set()
+    values = {name: float(getattr(servo, name)) for name in names if name not in WHOLE}
+    spread = dict(zip(names, np.sqrt(np.maximum(np.nan_to_num(np.diag(covariance), nan=np.inf), 0.0)), strict=True))
+    damping = np.array([float(name in WHOLE) for name in names])
+    if damping.any():
+        values["damping"] = servo.damping
+        spread["damping"] = np.sqrt(max(float(damping @ np.nan_to_num(covariance, nan=np.inf) @ damping), 0.0))
+    found = {}
+    for name, value in values.items():
+        std = float(spread[name])
+        lost = name in unknown or not np.isfinite(std) or (name in POSITIVE and std > VAGUE * value)
+        found[name] = ServoNumber(name, unit_of(name, prismatic), None if lost else value, None if lost else std)
+    return found
