@@ -24,9 +24,15 @@ T = TypeVar("T")
 class Given:
     """Knowledge of drives before a fit."""
 
-    scale: str | None  # what sets the scale of torque, one of KNOWN; None: as the actuators file states
+    scale: str  # what sets the scale of torque, one of KNOWN
     stated: Mapping[str, Mapping[str, float]]  # numbers by joint [SERVO_UNITS], also those of the actuators file
     assumptions: Assumptions
+
+    @property
+    def fixed(self) -> dict[str, dict[str, float]]:
+        """Stated numbers that a fit keeps: gains only if they set the scale."""
+        gains = self.scale == "kp"
+        return {j: {name: x for name, x in of.items() if gains or name != "kp"} for j, of in self.stated.items()}
 
 
 @dataclass(frozen=True)
@@ -88,14 +94,15 @@ def given_texts(
     return Given(scale, by_joint, Assumptions(groups, priors, ranges))
 
 
-def _scale(words: Sequence[str], given: Mapping[Name, float], gains: bool) -> str | None:
-    """Source of the scale of torque; gains: whether the user states any."""
+def _scale(words: Sequence[str], given: Mapping[Name, float], gains: bool) -> str:
+    """Source of the scale of torque, by default stated gains, else masses; gains: whether the user states any."""
     if wrong := next((word for word in words if word not in KNOWN), None):
         raise OptionError(f"known is {wrong!r}; give one of {', '.join(KNOWN)}, or NAME=VALUE: kp=20, for example")
     if len(set(words) | ({"kp"} if gains else set())) > 1:
         raise OptionError("the scale of torque is known from one source; give --known masses, nothing or a gain kp=20")
-    word = "kp" if gains else next(iter(words), None)
-    if word == "kp" and not any(name == "kp" for _, name in given):
+    stated = any(name == "kp" for _, name in given)
+    word = "kp" if gains else next(iter(words), "kp" if stated else "masses")
+    if word == "kp" and not stated:
         raise OptionError("known is 'kp', and no kp is stated; state it in the actuators file, or give kp=20")
     return word
 

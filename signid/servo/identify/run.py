@@ -95,10 +95,8 @@ def identify_servos(
     only_once((*given, *unseen))
     data = servo_data(model.robot, given, unseen, options.rate)
     stated = stated_numbers(model.robot, data.driven)
-    given_of = given_texts(model.robot, data.driven, stated, known=known, prior=prior, bounds=bounds, equal=equal)
-    wanted, assumed = given_of.stated, given_of.assumptions
-    scale = given_of.scale or ("kp" if any("kp" in of for of in wanted.values()) else "masses")
-    fixed = wanted if scale == "kp" else {j: {k: x for k, x in of.items() if k != "kp"} for j, of in wanted.items()}
+    known_of = given_texts(model.robot, data.driven, stated, known=known, prior=prior, bounds=bounds, equal=equal)
+    scale, wanted, fixed, assumed = known_of.scale, known_of.stated, known_of.fixed, known_of.assumptions
     law = stated_laws(model.robot, data.driven, laws, assumed)
     sets = connected_sets(model, data.joints, data.driven)
     _say(progress, "starting servos", 0.0)
@@ -115,9 +113,7 @@ def identify_servos(
         weighed, remarks = weigh_bodies(plain, few, starts[PLAIN], fixed, sets, options)
     duty = _recorded_duty(full_duty_errors(model.robot, given), fixed, law)
     laws_known = {**law, **dict.fromkeys(assumed.with_peers(duty), "duty")}
-    first = {
-        law: first_candidate(model.robot, data, servos, fixed, laws_known, assumed) for law, servos in starts.items()
-    }
+    first = {k: first_candidate(model.robot, data, x, fixed, laws_known, assumed) for k, x in starts.items()}
     limits = KnownLimits({law: _limited(one, starts[law]) for law, one in first.items()}, laws_known)
     start = replace(first[PLAIN], tied=duty).follow(first[PLAIN].servos)
     if any(_has_voltage(recording) for recording in given):
