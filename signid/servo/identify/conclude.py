@@ -128,6 +128,7 @@ def conclude(
         notes=(*model.robot.notes, *notes, *duty_notes(known.tied), *fit.notes),
         seed=options.seed,
         refit=judged.refit,
+        far=tuple(joint for joint, error in judged.errors.items() if error.far),
     )
 
 

@@ -36,6 +36,8 @@ class ServoNumber:
     std: float | None = None  # None where the number is stated or not identifiable
     stated: bool = False  # known before, not estimated
     sentence: str = ""
+    below: float | None = None  # [its unit] bound of a number that is not identifiable
+    above: float | None = None  # [its unit] the same
 
     @property
     def interval(self) -> tuple[float, float] | None:
@@ -80,6 +82,7 @@ class ServoRollOut(Frozen):
     nominal_one_second_rms: Array  # (n,) [rad or m] the same every second
     nominal: str  # "stated numbers" or "q = q_des"
     held_out: bool  # whether the recordings took no part in the fit
+    tracking_rms: Array  # (n,) [rad or m] of command - position while the drives are on
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +116,7 @@ class ServoIdentification(Result):
     seed: int
     refit: bool = False  # whether the model was fitted again to all rows; `rollout` and `traces` are of the fit before
     logs: tuple[LoggedRows, ...] = ()  # rows of the recordings
+    far: tuple[str, ...] = ()  # joints whose held-out motion is predicted far worse than that of the training data
     zeros: tuple[JointZero, ...] = ()  # signs and zeros of positions, where gravity was compared with them
 
     def with_zeros(self, zeros: tuple[JointZero, ...], notes: tuple[str, ...]) -> ServoIdentification:
