@@ -170,7 +170,7 @@ def test_friction_that_locks_the_joint_is_not_drawn() -> None:
 def test_friction_is_drawn_where_it_is_identifiable() -> None:
     found = invented()
     (plot,) = friction_plots(found, found.rollout.joints)
-    assert plot.name == "joint_1: dry friction; viscous friction is not identifiable, at most 0.055 N.m.s/rad"
+    assert plot.name == "joint_1: dry friction; viscous at most 0.055 N.m.s/rad"
     assert {note["text"] for note in plot.layout["annotations"]} == {"drive", "back-drive"}
 
 
@@ -179,3 +179,11 @@ def test_json_has_bounds_and_tracking_errors() -> None:
     drives = content["servo"]
     assert drives["joints"][1]["effort_limit"]["above"] == 1.3 and "below" not in drives["joints"][1]["effort_limit"]
     assert drives["rollout"]["tracking_rms"] == pytest.approx([0.0615, 0.228, 0.03945])
+
+
+def test_dependent_numbers_and_the_scale_are_no_warnings() -> None:
+    idle = "without effect in these recordings, so not identifiable: kp of joint_1"
+    result = invented(flags=[idle, "The masses of the URDF are assumed.", "another flag"])
+    page = signid.report(result)
+    assert page.count(idle) == page.count("The masses of the URDF are assumed.") == 1
+    assert re.findall(r'class="flags".*?</div>', page, re.DOTALL)[0].count("<li>") == 1

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import decimals
+from ...errors import decimals, shorten
 from ...parameters import Array
 from ...servos import SERVO_UNITS, Servo
 from .result import ServoNumber
@@ -19,6 +19,8 @@ LEAST_UNIQUE, CLEAR = 0.01, 10.0  # this, and this multiple of the relative resi
 VAGUE = 0.5  # std over value of a positive number beyond which it is not identifiable
 SPLIT = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
 ONE_NUMBER = "kd and viscous friction are one number here"
+IDLE = "without effect in these recordings, so not identifiable"
+COMBINED = "identifiable only in combination"
 VAGUELY = "not identifiable from this motion"
 UNREACHED = "no sample saturates, so the effort limit is above"
 RARE = 2e-3  # share of saturated samples below which the limit is not identifiable
@@ -164,9 +166,16 @@ def _vague(
         if vague or late or not np.isfinite(std.get(name, 0.0)):
             words, unit = name.replace("_", " "), unit_of(name, facts.prismatic)
             most = values[name] + 1.96 * std[name]
-            below = float(most) if np.isfinite(most) and name not in (*LIMITS, *LATE, "kp") else None
+            useful = np.isfinite(most) and name not in (*LIMITS, *LATE, "kp") and not most >= _largest(name, facts)
+            below = float(most) if useful else None
             limit = "" if below is None else f": it is below {decimals(below, 2)} {unit}".removesuffix(" 1")
             yield Lost(name, f"{facts.joint}: {words} is {VAGUELY}{limit}", below)
+
+
+def _largest(name: str, facts: JointFacts) -> float:
+    """Size of a number from which on an upper bound says nothing: friction as large as what moves the joint."""
+    sizes = {"load_friction": 1.0, "coulomb_friction": facts.largest_torque}
+    return sizes.get(name) or np.inf
 
 
 def _apart(servo: Servo, facts: JointFacts) -> bool:
@@ -259,12 +268,15 @@ def dependent_numbers(information: Array, names: Sequence[Name]) -> tuple[tuple[
 
 
 def dependence(sets: Sequence[Sequence[Name]]) -> tuple[str, ...]:
-    """One sentence for each set of `dependent_numbers`."""
-    said = []
+    """One sentence on the numbers that do not act, and one for each other set of `dependent_numbers`."""
+    idle: dict[str, list[str]] = {}  # joints by number
     for members in sets:
-        listed = ", ".join(f"{number.replace('_', ' ')} of {joint}" for joint, number in members)
         if len(members) == 1:
-            said.append(f"{listed} does not act in these recordings, so it is not identifiable")
-        else:
-            said.append(f"{listed} are identifiable only in combination; state one of them")
+            idle.setdefault(members[0][1].replace("_", " "), []).append(members[0][0])
+    each = "; ".join(f"{number} of {shorten(joints)}" for number, joints in idle.items())
+    said = [f"{IDLE}: {each}"] if idle else []
+    for members in sets:
+        if len(members) > 1:
+            listed = ", ".join(f"{number.replace('_', ' ')} of {joint}" for joint, number in members)
+            said.append(f"{listed} are {COMBINED}; state one of them")
     return tuple(said)

@@ -82,7 +82,7 @@ class ServoRollOut(Frozen):
     nominal_one_second_rms: Array  # (n,) [rad or m] the same every second
     nominal: str  # "stated numbers" or "q = q_des"
     held_out: bool  # whether the recordings took no part in the fit
-    tracking_rms: Array  # (n,) [rad or m] of command - position while the drives are on
+    tracking_rms: Array  # (n,) [rad or m] of command - position, on the same rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ LOADS = ((0.0, FLOOR), (0.5, AFTER), (1.0, BEFORE))  # shares of the torque that
 FRICTION = (
     "Torque against the motion at steady speed by the model, up to the speeds and torques of the held-out "
     "data. Drive: the motor moves the load; back-drive: the load moves the motor. Joints without identifiable dry "
-    "friction are not drawn."
+    "friction are not drawn, and viscous friction is left out where it is one number with kd."
 )
 
 
@@ -89,8 +89,9 @@ def _words(one: ServoJoint, split: bool) -> str:
     if split:
         return "dry and viscous friction"
     damping = one.numbers.get("damping")
-    most = "" if damping is None or damping.value is None else f", at most {figure(damping.value, 2)} {damping.unit}"
-    return f"dry friction; viscous friction is not identifiable{most}"
+    if damping is None or damping.value is None:
+        return "dry friction"
+    return f"dry friction; viscous at most {figure(damping.value, 2)} {damping.unit}"
 
 
 def _layout(unit: str) -> dict[str, object]:

@@ -134,7 +134,7 @@ def _cells(one: ServoFinding) -> list[str]:
     numbers, stated = [], []
     for key, number in one.parameters.items():
         value = figure(number.value) if not number.std else " ± ".join(with_interval(number.value, number.std))
-        numbers.append(f"{key} {value} {number.unit}")
+        numbers.append(f"{key} {value} {number.unit}".removesuffix(" 1"))
         stated.append("-" if number.stated is None else figure(number.stated))
     sure = "> 99.9 %" if one.probability > FINE else share(one.probability)
     explained = share(one.share.get(one.joint, 0.0))

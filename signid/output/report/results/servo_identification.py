@@ -11,6 +11,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ....effects import EFFECTS
+from ....errors import decimals
 from ....model import standard_parameters
 from ....parameters import Array, pseudo_inertia
 from ....servos import PASSIVE
@@ -184,8 +185,8 @@ def servo_identification_page(result: ServoIdentification, inputs: Sequence[Inpu
 
 
 def servo_warnings(result: ServoIdentification) -> list[str]:
-    """Flags that are no sentence on what is not identifiable."""
-    said = _unidentifiable_lines(result)
+    """Flags that are no sentence on what is not identifiable, or on the scale."""
+    said = [*_unidentifiable_lines(result), result.scale.sentence]
     return [flag for flag in result.flags if flag not in said]
 
 
@@ -327,7 +328,7 @@ def _number_cell(number: ServoNumber | None) -> str:
     scale = 1e3 if number.unit == "s" else 1.0
     if number.value is None:
         bounds = (("<", number.below), (">", number.above))
-        return next((f"{sign} {figure(scale * bound, 2)}" for sign, bound in bounds if bound is not None), "-")
+        return next((f"{sign} {decimals(scale * bound, 2)}" for sign, bound in bounds if bound is not None), "-")
     value = scale * number.value
     if number.stated or number.std is None:
         return f"{figure(value)} (stated)" if number.stated else f"({figure(value)})"
@@ -336,12 +337,11 @@ def _number_cell(number: ServoNumber | None) -> str:
 
 def _scale_basis(result: ServoIdentification) -> Section:
     """Basis of the scale of torque, and its alternatives."""
-    given = (result.scale.sentence, *result.scale.alternatives)
-    said = [text if text.startswith("kp") else f"{text[:1].upper()}{text[1:]}" for text in given if text]
+    said = [text for text in (result.scale.sentence, *result.scale.alternatives) if text]
     known = sorted(one.known_load_share for one in result.joints if isfinite(one.known_load_share))
     if known:
         to = f"{share(known[0])} to " if len(known) > 1 else ""
-        said.append(f"The masses of the description explain {to}{share(known[-1])} of the torque of the drives")
+        said.append(f"the masses of the description explain {to}{share(known[-1])} of the torque of the drives")
     return Section("Scale of torque and mass", (Sentences(said),))
 
 
@@ -352,8 +352,10 @@ def _unidentifiable(result: ServoIdentification) -> Section:
 def _unidentifiable_lines(result: ServoIdentification) -> list[str]:
     """Sentences on what is not identifiable, each once, with its joints."""
     from ....servo.identify.flags import by_sentence
+    from ....servo.identify.identifiable import COMBINED, IDLE
 
-    return list(by_sentence(result.joints))
+    dependent = [flag for flag in result.flags if IDLE in flag or COMBINED in flag]
+    return [*by_sentence(result.joints), *dependent]
 
 
 def _laws(result: ServoIdentification) -> Section:

@@ -139,7 +139,7 @@ def _loop_cards(result: ServoValidation) -> Iterator[Card]:
     """Key figures of each model's worst joint."""
     for one in result.models:
         found = one.rollout
-        for j in worst_joints(found)[:1]:
+        for j in worst_joints(found)[:1] if len(result.models) > 1 or len(found.joints) > 1 else ():
             size, short, usual = (
                 thousandths(float(rms[j])) for rms in (found.whole_rms, found.one_second_rms, found.nominal_whole_rms)
             )
