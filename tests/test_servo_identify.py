@@ -76,7 +76,7 @@ def test_delay_and_damping_are_one_number_in_slow_motion() -> None:
 @pytest.mark.parametrize(
     ("facts", "words"),
     [
-        (JointFacts("gripper", known_load_share=0.07), "only 7% of the torque"),
+        (JointFacts("gripper", known_load_share=0.07), "only 7 % of the torque"),
         (JointFacts("gripper", scale_known=False), "only relative to each other"),
     ],
 )

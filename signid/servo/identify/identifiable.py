@@ -228,12 +228,12 @@ def _scale_sentence(servo: Servo, facts: JointFacts) -> str:
     if facts.known_load_share >= LIGHT:
         return (
             f"{facts.joint}: the known load acts like armature and friction of the joint, except "
-            f"{facts.unique_load_share:.0%} of its torque, so its scale is not identifiable; state its kp or move it "
-            f"against gravity{known}"
+            f"{100 * facts.unique_load_share:.0f} % of its torque, so its scale is not identifiable; state its kp or "
+            f"move it against gravity{known}"
         )
     return (
-        f"{facts.joint}: only {facts.known_load_share:.0%} of the torque of this joint is known load, so its scale is "
-        f"not identifiable; state its kp or add a known payload{known}"
+        f"{facts.joint}: only {100 * facts.known_load_share:.0f} % of the torque of this joint is known load, so its "
+        f"scale is not identifiable; state its kp or add a known payload{known}"
     )
 
 
@@ -268,15 +268,17 @@ def dependent_numbers(information: Array, names: Sequence[Name]) -> tuple[tuple[
 
 
 def dependence(sets: Sequence[Sequence[Name]]) -> tuple[str, ...]:
-    """One sentence on the numbers that do not act, and one for each other set of `dependent_numbers`."""
+    """One sentence on the numbers that do not act, and one on the other sets of `dependent_numbers`."""
     idle: dict[str, list[str]] = {}  # joints by number
+    combined = list[str]()
     for members in sets:
         if len(members) == 1:
             idle.setdefault(members[0][1].replace("_", " "), []).append(members[0][0])
+        else:
+            numbers: dict[str, list[str]] = {}  # by joint
+            for joint, number in members:
+                numbers.setdefault(joint, []).append(number.replace("_", " "))
+            combined.append(", ".join(f"{', '.join(each)} of {joint}" for joint, each in numbers.items()))
     each = "; ".join(f"{number} of {shorten(joints)}" for number, joints in idle.items())
-    said = [f"{IDLE}: {each}"] if idle else []
-    for members in sets:
-        if len(members) > 1:
-            listed = ", ".join(f"{number.replace('_', ' ')} of {joint}" for joint, number in members)
-            said.append(f"{listed} are {COMBINED}; state one of them")
-    return tuple(said)
+    said = (f"{IDLE}: {each}", f"{COMBINED}, of which one has to be stated: {'; '.join(combined)}")
+    return tuple(sentence for sentence, some in zip(said, (idle, combined), strict=True) if some)

@@ -330,7 +330,7 @@ def _number_cell(number: ServoNumber | None) -> str:
         bounds = (("<", number.below), (">", number.above))
         return next((f"{sign} {decimals(scale * bound, 2)}" for sign, bound in bounds if bound is not None), "-")
     value = scale * number.value
-    if number.stated or number.std is None:
+    if number.stated or not number.std:
         return f"{figure(value)} (stated)" if number.stated else f"({figure(value)})"
     return " ± ".join(text for text in with_interval(value, scale * number.std) if text != "-")
 
