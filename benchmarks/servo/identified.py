@@ -109,11 +109,11 @@ def saturated(
     return out
 
 
-def _truth(drive: Drive, name: str) -> float:
-    """Number of a drive; a step of MuJoCo lets a command that begins with it act half a step early."""
+def truth_of(drive: Drive, name: str, step: float = STEP) -> float:
+    """Number of a drive; a step [s] of the plant lets a command that begins with it act half a step early."""
     if name == "damping":
         return drive.kd + drive.viscous_friction
-    return float(getattr(drive, name)) - (STEP / 2 if name == "delay" else 0.0)
+    return float(getattr(drive, name)) - (step / 2 if name == "delay" else 0.0)
 
 
 def _rows(
@@ -122,7 +122,7 @@ def _rows(
     for one in found.joints:
         drive = drives[one.joint]
         for name in NUMBERS:
-            truth = _truth(drive, name)
+            truth = truth_of(drive, name)
             number = one.numbers.get(name)
             if np.isfinite(truth) and number is not None:
                 yield Row(

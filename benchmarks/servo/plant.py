@@ -45,6 +45,7 @@ def record(
     step: float = 2e-4,
     on: Array | None = None,
     tick: float = TICK,
+    noise: float = NOISE,
 ) -> dict[str, Array]:
     """Columns t, q_J, q_des_J of a recording; `command` (N, n) is held from row to row."""
     model, names = build(urdf, truth, step)
@@ -55,7 +56,7 @@ def record(
         else _stepped(model, names, drives, command, rate)
     )
     rng = np.random.default_rng([seed, 7])
-    q = np.round((q + NOISE * rng.standard_normal(q.shape)) / tick) * tick
+    q = np.round((q + noise * rng.standard_normal(q.shape)) / tick) * tick
     columns = {"t": np.arange(len(q)) / rate}
     for j, name in enumerate(names):
         columns |= {f"q_{name}": q[:, j], f"q_des_{name}": command[:, j]}

@@ -12,7 +12,7 @@ from ...frozen import Frozen
 from ...model import Model
 from ...servos import SERVO_NUMBERS, Servo, ServoGrid
 from ...types import Array, Robot
-from ..plant.course import Moved, RobotCourse, bodies_of, course, groups, part, recorded_course, single
+from ..plant.course import RobotCourse, bodies_of, course, groups, part, recorded_course, refined, single
 from .coordinates import Coordinates, slots
 from .intervals import covariance
 from .normal import FitPoint, normal
@@ -47,6 +47,7 @@ class ServoFit(Frozen):
 
 
 AGAIN = 8  # most steps about the simulated motion
+FINE = 0.002  # [s] of the rows that a fit about the simulated motion is linear in
 
 
 def fit_servos(
@@ -93,7 +94,7 @@ def fit_servos(
     joints = groups(robot, acting)
     fits = [_fit_group(task, group, iterations, scales=scales) for group in joints]
     steps = 0
-    if relinearise and not single(robot):
+    if relinearise:
         steps = max(f.solved.steps for f in fits)
         task = replace(task, about=_about(task, joints, fits))
         fits = [_fit_group(task, g, min(AGAIN, iterations), f) for g, f in zip(joints, fits, strict=True)]
@@ -125,10 +126,14 @@ class _Group:
 def _check(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], free: Sequence[tuple[str, str]]) -> None:
     if not grids:
         raise OptionError("no recording was given to the fit of servos; give at least one")
-    joints = grids[0].joints
+    joints, rate = grids[0].joints, grids[0].rate
     for grid in grids:
         if grid.joints != joints:
             raise OptionError(f"{grid.path or 'a recording'} moves other joints; fit recordings of the same joints")
+        if grid.rate != rate:
+            raise OptionError(
+                f"{grid.path or 'a grid'} has {grid.rate:g} Hz, the first one {rate:g}; give all one rate"
+            )
     for joint in servos:
         if joint not in joints or not all(grid.driven[joints.index(joint)] for grid in grids):
             raise OptionError(f"joint {joint!r} has no commands; choose from {shorten(joints)}")
@@ -154,19 +159,19 @@ def _fit_group(
 
 
 def _about(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Group]) -> tuple[RobotCourse, ...]:
-    """Courses along the simulated motions."""
-    q, v = (np.concatenate([one.motion[k] for one in task.courses]) for k in range(2))
-    step, out, row = task.grids[0].step, list[RobotCourse](), 0
+    """Courses along the simulated motions, on finer rows."""
+    rate = task.grids[0].rate
+    finer = int(np.ceil(1 / (FINE * rate) - 1e-9))
+    motions = [refined(along.motion.q, rate, finer) for along in task.courses]
+    if single(task.robot):  # linear about any motion
+        return tuple(course(task.robot, motion) for motion in motions)
     for group, fit in zip(joints, fits, strict=True):
         paths = fit.solved.residual + fit.windows.measured
-        for first, rows, path in zip(fit.windows.first, fit.windows.rows, paths, strict=True):
-            places = np.ix_(np.arange(first, first + rows + 1), np.array(group))
-            q[places], v[places] = path[: rows + 1], np.gradient(path[: rows + 1], step, axis=0)
-    for grid in task.grids:
-        some = slice(row, row + len(grid))
-        out.append(course(task.robot, Moved(q[some], v[some], np.gradient(v[some], step, axis=0))))
-        row += len(grid)
-    return tuple(out)
+        for (grid, first, rows), path in zip(task.places, paths, strict=True):
+            some = slice(first * finer, (first + rows) * finer)
+            for kept, simulated in zip(motions[grid], refined(path[: rows + 1], rate, finer), strict=True):
+                kept[some, group] = simulated[: rows * finer]
+    return tuple(course(task.robot, motion) for motion in motions)
 
 
 def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Group], steps: int) -> ServoFit:

@@ -68,10 +68,12 @@ def windows_of(
         servos: n drives, the stiffest ones of the fit.
         courses: of the joints along each recorded motion.
         places: of the windows.
-        about: courses along the motions that the robot is linear about; default: along the recorded ones.
+        about: courses along the motions that the robot is linear about, of as many rows as the grids or a multiple;
+            default: along the recorded ones.
     """
     inertia = np.min([np.diagonal(along.mass, axis1=1, axis2=2).min(0) for along in courses], axis=0)
-    joined = JoinedGrids(tuple(grids), tuple(joints), substeps(grids[0].step, servos, inertia))
+    finer = sum(len(along.bias) for along in about) // sum(map(len, grids)) if about else 1
+    joined = JoinedGrids(tuple(grids), tuple(joints), substeps(grids[0].step, servos, inertia, finer))
     grid, first, rows = np.array(places).T
     first = np.cumsum([0, *map(len, grids)])[grid] + first
     q, v = (np.concatenate([along.motion[k] for along in courses])[first] for k in range(2))

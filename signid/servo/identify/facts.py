@@ -137,6 +137,13 @@ def full_duty_errors(robot: Robot, recordings: Sequence[Recording]) -> dict[str,
     return {joint: error for joint, error in found.items() if error > 0}
 
 
+def exceeded(grids: Sequence[ServoGrid], joint: str, error: float) -> float:
+    """Share of rows with the drive on in which its error exceeds one [rad or m at the nominal gain]."""
+    j = grids[0].joints.index(joint)
+    beyond = np.concatenate([(g.gain[j] * np.abs(g.command - g.q)[:, j] > error)[g.on[:, j] > 0.5] for g in grids])
+    return float(beyond.mean()) if len(beyond) else 0.0
+
+
 def _error_of_one(error: Array, duty: Array) -> float:
     """Error of full duty; 0 unless the duty is proportional to the error."""
     if len(error) < ROWS or not np.any(error):

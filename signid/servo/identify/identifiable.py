@@ -24,6 +24,7 @@ COMBINED = "identifiable only in combination"
 VAGUELY = "not identifiable from this motion"
 UNREACHED = "no sample saturates, so the effort limit is above"
 RARE = 2e-3  # share of saturated samples below which the limit is not identifiable
+TICK = 2e-5  # [s] std of when, within a tick of its loop, a drive uses a command and a speed: no log says it
 RANK = 1e-9  # eigenvalue of the normalised information, relative to 1, below which a direction is not identifiable
 MEMBER = 0.1  # component of a unit direction beyond which a number belongs to it
 
@@ -101,21 +102,25 @@ def joint_numbers(
     if facts.full_duty_error > 0 and "kp" in std:
         std["effort_limit"] = facts.full_duty_error * std["kp"]
     lost = {one.name: one for one in _lost(servo, free, values, std, facts)}
-    for name in {"delay", "lag"} & set(std):
-        std[name] = float(np.hypot(std[name], facts.command_timing / 1.96))
+    for name, least in {"delay": TICK, "lag": TICK, "armature": TICK * servo.damping}.items():
+        if name in std:
+            timing = facts.command_timing / 1.96 if name != "armature" else 0.0
+            std[name] = float(np.linalg.norm([std[name], least, timing]))
     numbers = {}
     for name in ("kp", "damping", *[n for n in SERVO_UNITS if n != "kp"], "lag"):
         if name in lost or name in std or name in facts.stated:
             stated = name in facts.stated and name not in std
             keep = name not in lost and np.isfinite(values[name])
-            none = Lost(name, _remark(name, servo, facts))
+            why = lost.get(name, Lost(name, _remark(name, servo, facts)))
             numbers[name] = ServoNumber(
                 name,
                 unit_of(name, facts.prismatic),
                 float(values[name]) if keep else None,
                 float(std[name]) if keep and name in std else None,
                 stated,
-                *lost.get(name, none)[1:],
+                sentence=why.sentence,
+                below=why.below,
+                above=why.above,
             )
     return numbers, tuple(dict.fromkeys(one.sentence for one in lost.values()))
 

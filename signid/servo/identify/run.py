@@ -25,9 +25,10 @@ from ..search.run import EQUAL, search
 from ..search.searcher import KnownLimits, Searcher, ServoOptions
 from .assess import whole_rms
 from .conclude import JudgedFit, Known, conclude, facts_of, judge
-from .facts import full_duty_errors
+from .facts import exceeded, full_duty_errors
 from .fits import final_fit, weigh_bodies
 from .flags import worse_than_stated
+from .identifiable import RARE
 from .result import LoggedRows, ServoIdentification
 from .scale import connected_sets
 from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
@@ -108,7 +109,12 @@ def identify_servos(
         options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
     chosen = search(Searcher(weighed, few, sets, options, progress), start, limits)
     _say(progress, "fitting servos", 0.8)
-    fit = final_fit(weighed, replace(data, train=thinned(data.train, fitted)), chosen.candidate, options)
+    final = replace(data, train=thinned(data.train, fitted))
+    fit = final_fit(weighed, final, chosen.candidate, options)
+    if reached := [joint for joint, error in duty.items() if exceeded(data.train, joint, error) >= RARE]:
+        duty = {joint: error for joint, error in duty.items() if joint not in reached}
+        chosen = replace(chosen, candidate=chosen.candidate.follow(fit.servos).with_limits(reached))
+        fit = final_fit(weighed, final, chosen.candidate, options)
     _say(progress, "simulating held-out recordings", 0.9)
     remarks = (*audit_flags(model.robot, (*given, *unseen)), *remarks)
     zeros, notes = joint_zeros(plain, data, starts[PLAIN], options.seed) if scale == "masses" else ((), ())

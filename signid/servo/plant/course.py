@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import CubicSpline
 from scipy.signal import butter, filtfilt
 
 from ...model import Model
@@ -69,6 +70,13 @@ def smooth(q: Array, rate: float, cutoff: float = CUTOFF) -> Moved:
     return Moved(even, v, np.gradient(v, 1 / rate, axis=0, edge_order=2))
 
 
+def refined(q: Array, rate: float, finer: int) -> Moved:
+    """Motion through positions q (N, n) [rad or m] by splines, at `finer` times as many rows; the last ones repeat."""
+    path = CubicSpline(np.arange(len(q)) / rate, q)
+    at = np.minimum(np.arange(len(q) * finer) / finer, len(q) - 1) / rate
+    return Moved(path(at), path(at, 1), path(at, 2))
+
+
 def course(robot: Robot, motion: Moved) -> RobotCourse:
     """Mass, bias and derivatives along a motion of all joints of a robot."""
     q = configuration(robot, motion.q)
@@ -86,9 +94,10 @@ def course(robot: Robot, motion: Moved) -> RobotCourse:
 
 
 @lru_cache(maxsize=32)
-def recorded_course(model: Model, grid: ServoGrid) -> RobotCourse:
-    """Course of all joints along the smooth motion of a grid; the last ones are kept."""
-    return course(bodies_of(model, grid.joints), motion_of(grid))
+def recorded_course(model: Model, grid: ServoGrid, finer: int = 1) -> RobotCourse:
+    """Course of all joints along the smooth motion of a grid, `finer` rows for each of its rows; the last are kept."""
+    motion = motion_of(grid)
+    return course(bodies_of(model, grid.joints), motion if finer == 1 else refined(motion.q, grid.rate, finer))
 
 
 def part(whole: RobotCourse, joints: Sequence[int]) -> RobotCourse:

@@ -19,10 +19,10 @@ TURN = 0.35  # [rad] of the fastest oscillation in a substep
 KEPT = 20_000_000  # values of commands that are kept, [160 MB]
 
 
-def substeps(step: float, servos: Sequence[Servo], inertia: Array) -> int:
+def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 1) -> int:
     """Substeps of a row: at most 2 ms long, and short against the fastest oscillation of the loop.
 
-    step: of a row [s]; inertia: (n,) of the robot at the joints [kg.m2 or kg].
+    step: of a row [s]; inertia: (n,) of the robot at the joints [kg.m2 or kg]; finer: their number is a multiple of it.
     """
     fastest = max(
         (
@@ -32,7 +32,8 @@ def substeps(step: float, servos: Sequence[Servo], inertia: Array) -> int:
         default=0.0,
     )
     longest = SHORT if any(servo.backlash_gap > 0 for servo in servos) else LONGEST
-    return int(np.clip(np.ceil(step * max(1 / longest, fastest / TURN) - 1e-9), 1, MOST))
+    count = np.clip(np.ceil(step * max(1 / longest, fastest / TURN) - 1e-9), 1, MOST)
+    return finer * int(np.ceil(count / finer))
 
 
 class Copies(NamedTuple):

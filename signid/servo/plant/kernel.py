@@ -42,6 +42,7 @@ HALF, SIDE, DEFLECTION, LINK_SPEED, LOAD_OF_LINK = range(5)  # rows of `State.pl
 BEGIN = 2.0  # side of a gap at which a window begins: where the motor pushes
 SHORT = 5e-4  # [s] longest substep with backlash: 2 ms shift the meeting of a link by mrad
 ROTOR = 1e-3  # [1] least inertia of a motor with backlash over that of its link
+EDGE = 1e-3  # [1] share of a substep at its ends, in which a turn is not looked for
 PASSES = 5  # of a substep, until it is consistent which drives are at their limits
 
 
@@ -60,7 +61,7 @@ class Drives(NamedTuple):
 
 
 class LoopBodies(NamedTuple):
-    """Torque of the bodies of n joints, linear about a motion of R rows.
+    """Torque of the bodies of n joints, linear about a motion of R rows: those of the drives, or a multiple of them.
 
     It is mass a + bias + by_q (q - q of the motion) + by_v (v - v of the motion) + wave (sin q, cos q).
     """
@@ -179,27 +180,27 @@ def change_limits(drives, c, step, state):  # type: ignore[no-untyped-def]
 
 
 @LOOP
-def advance(drives, c, step, mass, state):  # type: ignore[no-untyped-def]
-    """Advance the speeds of a state by a substep, at `state.half` under `state.loads`; mass (n, n)."""
+def advance(drives, c, step, mass, state, h):  # type: ignore[no-untyped-def]
+    """Advance the speeds of a state by h [s] in a substep, at `state.half` under `state.loads`; mass (n, n)."""
     limits = False
     for i in range(len(state.v)):
         state.before[i] = state.v[i]
         limits = limits or (drives.laws[c, i] != DUTY and drives.numbers[c, i, EFFORT] < np.inf)
     actuate(drives, c, step, state.half, state.v, state.act)
     for _ in range(PASSES):
-        advance_speeds(state, mass, drives.step)
+        advance_speeds(state, mass, h)
         if not limits or not change_limits(drives, c, step, state):
             break
 
 
 @LOOP
-def advance_links(drives, c, step, mass, state):  # type: ignore[no-untyped-def]
-    """Advance a substep where joints have backlash: play (5, n) half the gap, side, deflection, link speed and load.
+def advance_links(drives, c, step, mass, state, h):  # type: ignore[no-untyped-def]
+    """Advance by h [s] where joints have backlash: play (5, n) half the gap, side, deflection, link speed and load.
 
     A link at a side of its gap moves with its motor as long as the motor pushes it; then it flies, and the motor turns
     alone, until the link meets a side of the gap, without rebound. A side of 0 is flight, 2 the beginning.
     """
-    play, act, h, n = state.play, state.act, drives.step, len(state.v)
+    play, act, n = state.play, state.act, len(state.v)
     if play[SIDE, 0] == BEGIN:
         actuate(drives, c, step, state.half, state.v, act)
     for i in range(n):
@@ -219,7 +220,7 @@ def advance_links(drives, c, step, mass, state):  # type: ignore[no-untyped-def]
             if play[SIDE, i] == 0.0:
                 state.loads[i] = 0.0
     state.of[0] = 0.0
-    advance(drives, c, step, state.mass, state)
+    advance(drives, c, step, state.mass, state, h)
     for i in range(n):
         if play[HALF, i] == 0.0:
             continue
@@ -256,25 +257,73 @@ def constant_torque(bodies, parts):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True)
-def in_steps(drives, h):  # type: ignore[no-untyped-def]
-    """The same drives in substeps of h [s]; it holds references to arrays, so it is none of `LOOP`."""
-    numbers, laws, variant, commands, on, voltage, gain, parts, _ = drives
-    return Drives(numbers, laws, variant, commands, on, voltage, gain, parts, h)
-
-
 @LOOP
 def load_links(bodies, r, rest, waves, state):  # type: ignore[no-untyped-def]
     """Torque of the bodies in row r at the links' positions; rest (n,) of it does not depend on position and speed."""
-    link, v, n = state.link, state.v, len(state.v)
+    link, v, before, n = state.link, state.v, state.before, len(state.v)
     by_q, by_v = bodies.by_q[r], bodies.by_v[r]
     for i in range(n):
         load = rest[i]
         if waves:
             load += bodies.wave[i, 0] * np.sin(link[i]) + bodies.wave[i, 1] * np.cos(link[i])
         for j in range(n):
-            load += by_q[i, j] * link[j] + by_v[i, j] * v[j]
+            load += by_q[i, j] * link[j] + by_v[i, j] * (1.5 * v[j] - 0.5 * before[j])  # the middle of the substep
         state.loads[i] = load
+
+
+@LOOP
+def first_turn(state, mass, h):  # type: ignore[no-untyped-def]
+    """Share of a substep of h after which the first joint stops or turns, and that joint; -1 if none does.
+
+    Dry friction changes its sign there: a substep across it would shift each reversal by a part of the substep.
+    """
+    v, before, n = state.v, state.before, len(state.v)
+    share, first = 1.0 - EDGE, -1
+    for i in range(n):
+        if before[i] * v[i] < 0.0 or (v[i] == 0.0 and before[i] != 0.0):
+            rest = state.right[i]
+            for j in range(n):
+                if j != i:
+                    rest -= mass[i, j] * v[j]
+            friction = h * state.act[2, i] * np.sign(before[i])
+            on = (rest - friction) / (mass[i, i] + state.inertia[i])  # speed if friction kept its sign
+            at = before[i] / (before[i] - on)
+            if EDGE < at < share:
+                share, first = at, i
+    return share, first
+
+
+@LOOP
+def substep(bodies, drives, place, loads, state, how):  # type: ignore[no-untyped-def]
+    """Advance positions and speeds by a substep, in two parts where a joint stops or turns within it.
+
+    place: copy, substep and row of the bodies; loads: mass matrix (n, n), and torque (n,) without its parts along
+    position and speed; how: length [s], whether joints have backlash, whether `bodies` has waves.
+    """
+    (c, step, row), (mass, rest), (h, loose, waves) = place, loads, how
+    q, v, half, n = state.q, state.v, state.half, len(state.v)
+    left, part, turns = h, h, -1
+    while left > 0.0:
+        for i in range(n):
+            half[i] = q[i] + 0.5 * part * v[i]
+            state.link[i] = half[i] + state.play[DEFLECTION, i]
+        load_links(bodies, row, rest, waves, state)
+        if loose:
+            advance_links(drives, c, step, mass, state, part)
+        else:
+            advance(drives, c, step, mass, state, part)
+        if not loose and turns < 0:
+            share, turns = first_turn(state, mass, h)
+            if turns >= 0:  # once again, up to where that joint turns
+                part = share * h
+                for i in range(n):
+                    v[i] = state.before[i]
+                continue
+        for i in range(n):
+            q[i] = half[i] + 0.5 * part * v[i]
+        left -= part
+        if left > 0.0:
+            v[turns], part = 0.0, left
 
 
 @njit(cache=True, error_model="numpy")
@@ -287,8 +336,9 @@ def simulate(bodies, drives, starts):  # type: ignore[no-untyped-def]
     out = np.zeros((copies, windows, starts.longest + 1, n))
     saturated = np.zeros((copies, windows, n))
     state, parts = new_state(n), drives.parts
-    q, v, half, act = state.q, state.v, state.half, state.act
-    rest, waves = constant_torque(bodies, parts), np.any(bodies.wave != 0.0)
+    q, v, act = state.q, state.v, state.act
+    finer = len(bodies.q) // len(drives.on)  # rows of the bodies in a row of the drives
+    rest, waves = constant_torque(bodies, parts // finer), np.any(bodies.wave != 0.0)
     sides, misfit, last = np.empty(n), np.zeros((3, n)), len(bodies.q) - 1
     for c in range(copies):
         loose = False
@@ -296,8 +346,7 @@ def simulate(bodies, drives, starts):  # type: ignore[no-untyped-def]
             state.armature[i] = drives.numbers[c, i, ARMATURE]
             loose = loose or drives.numbers[c, i, GAP] > 0.0
         pieces = int(np.ceil(drives.step / SHORT - 1e-9)) if loose else 1
-        h = drives.step / pieces
-        acting = in_steps(drives, h)
+        h, held = drives.step / pieces, parts * pieces // finer  # substeps of a row of the bodies
         for w in range(windows):
             follows = w > 0 and starts.first[w] == starts.first[w - 1] + starts.rows[w - 1]
             tries = 3 if loose and not follows else 1  # both sides of each gap, and the better ones
@@ -308,29 +357,23 @@ def simulate(bodies, drives, starts):  # type: ignore[no-untyped-def]
                         state.play[HALF, i], state.play[SIDE, i], state.play[DEFLECTION, i] = gap, side, side * gap
                 for i in range(n):
                     q[i], v[i] = starts.q[c, w, i], starts.v[c, w, i]
+                    state.before[i] = v[i]
                     out[c, w, 0, i] = q[i]
                     saturated[c, w, i] = 0.0
                     misfit[attempt, i] = 0.0
                 for row in range(starts.rows[w]):
                     r = starts.first[w] + row
-                    mass = bodies.mass[r]
-                    state.of[0] = 0.0
                     for k in range(r * parts * pieces, (r + 1) * parts * pieces):
-                        step = k // pieces
-                        for i in range(n):
-                            half[i] = q[i] + 0.5 * h * v[i]
-                            state.link[i] = half[i] + state.play[DEFLECTION, i]
-                        load_links(bodies, r, rest[step], waves, state)
-                        if loose:
-                            advance_links(acting, c, step, mass, state)
-                        else:
-                            advance(acting, c, step, mass, state)
+                        step, place = k // pieces, k // held
+                        if k % held == 0:
+                            mass = bodies.mass[place]
+                            state.of[0] = 0.0
+                        substep(bodies, drives, (c, step, place), (mass, rest[step]), state, (h, loose, waves))
                         for i in range(n):
                             saturated[c, w, i] += 1.0 / pieces if act[3, i] != 0.0 or act[4, i] != 0.0 else 0.0
-                            q[i] = half[i] + 0.5 * h * v[i]
                     for i in range(n):
                         out[c, w, row + 1, i] = q[i]
-                        misfit[attempt, i] += (q[i] - bodies.q[min(r + 1, last), i]) ** 2
+                        misfit[attempt, i] += (q[i] - bodies.q[min((r + 1) * finer, last), i]) ** 2
                 for i in range(n):
                     sides[i] = -1.0 if misfit[0, i] <= misfit[1, i] else 1.0
     return out, saturated

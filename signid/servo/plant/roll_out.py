@@ -152,7 +152,7 @@ class _Loop:
             mass, state.loads[:] = self._dynamics(q, v, a)
             state.of[0] = 0.0
             step = advance_links if self.loose else advance
-            step(drives, 0, k * drives.parts + s, mass, state)
+            step(drives, 0, k * drives.parts + s, mass, state, drives.step)
             state.q[:] = state.half + 0.5 * drives.step * state.v
 
     def _dynamics(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:

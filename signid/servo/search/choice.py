@@ -56,6 +56,11 @@ class Candidate:
             self.window,
         )
 
+    def with_limits(self, joints: Collection[str]) -> Candidate:
+        """With limits of their own at joints where they were tied to gains: a supply that sags gives less torque."""
+        tied = {joint: error for joint, error in self.tied.items() if joint not in joints}
+        return replace(self.changed({}, [(joint, "effort_limit") for joint in joints]), tied=tied)
+
     def follow(self, servos: Mapping[str, Servo]) -> Candidate:
         """With other drives, whose tied limits follow their gains."""
         tied = {j: servos[j].with_(effort_limit=servos[j].kp * error) for j, error in self.tied.items()}

@@ -51,10 +51,10 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
         by.say("trying laws of servos", 0.4)
         base, found = try_laws(by, base, again, limits)
         laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
-    base = base if base.candidate.window else by.lengthen(base)
     for k, name in enumerate(by.options.additional):
         by.say(f"trying {name} of servos", 0.6 + 0.2 * k / len(by.options.additional))
         base = _try_number(by, base, name)
+    base = base if base.candidate.window else by.lengthen(base)
     return Chosen(base.candidate, laws)
 
 
