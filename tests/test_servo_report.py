@@ -28,7 +28,7 @@ def head(page: str) -> str:
     """Classes and headline of a page."""
     found = re.search(r'<header class="([^"]*)">.*?<h1>(.*?)</h1>', page, re.DOTALL)
     assert found is not None
-    return " | ".join(found.groups()).replace("\N{NO-BREAK SPACE}", " ")
+    return " | ".join(found.groups())
 
 
 def with_errors(whole: Any, nominal: str = "q = q_des", **more: Any) -> ServoIdentification:
