@@ -42,7 +42,7 @@ class Model(Result):
     laws: tuple[Law, ...] = ()
     covariance: Covariance | None = None  # of the identified base parameters
     misfit: Misfit | None = None  # torque that the laws left when the model was identified
-    marks: Mapping[str, Marks] = field(default_factory=dict)  # by joint: numbers of its drive that are unidentifiable
+    marks: Mapping[str, Marks] = field(default_factory=dict)  # by joint: certainty of the numbers of its drive
 
     @cached_property
     def servos(self) -> Mapping[str, Servo]:
@@ -272,7 +272,7 @@ def with_servos(model: Model, servos: Mapping[str, Servo], complete: bool = Fals
     laws = [*kept, *(law for j, servo in sorted(at.items()) for law in drive_laws(servo, j))]
     whole = packed_drives(laws)
     laws = [motor_friction(whole[law.joints[0]], law.joints[0]) if law.effect.name == MOTOR else law for law in laws]
-    marks = {joint: Marks(servo.not_identifiable, servo.combined) for joint, servo in servos.items()}
+    marks = {joint: Marks(servo.not_identifiable, servo.combined, servo.std) for joint, servo in servos.items()}
     return replace(model, laws=tuple(laws), marks={**model.marks, **marks})
 
 

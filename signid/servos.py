@@ -71,6 +71,7 @@ class Servo:
     # numbers that recordings do not identify, with the value that was stated before, if any [unit of the number]
     not_identifiable: Mapping[str, float | None] = field(default_factory=dict, compare=False)
     combined: tuple[str, ...] = field(default=(), compare=False)  # of SUMS, those that recordings identify only whole
+    std: Mapping[str, float] = field(default_factory=dict, compare=False)  # of identified numbers [unit of the number]
 
     @property
     def damping(self) -> float:
@@ -85,17 +86,19 @@ class Servo:
     def with_(self, **numbers: float) -> Servo:
         """The same drive with other numbers, which are no longer marked as not identifiable."""
         marks: dict[str, Any] = {}
-        if self.not_identifiable or self.combined:
+        if self.not_identifiable or self.combined or self.std:
+            marks["std"] = {name: x for name, x in self.std.items() if name not in numbers}
             marks["not_identifiable"] = {name: x for name, x in self.not_identifiable.items() if name not in numbers}
             marks["combined"] = tuple(name for name in self.combined if not numbers.keys() & set(SUMS[name]))
         return replace(self, **numbers, **marks)  # type: ignore[arg-type]
 
 
 class Marks(NamedTuple):
-    """Numbers of a drive that recordings do not identify, as `Servo` holds them."""
+    """Certainty of the numbers of a drive, as `Servo` holds it."""
 
     not_identifiable: Mapping[str, float | None] = MappingProxyType({})
     combined: tuple[str, ...] = ()
+    std: Mapping[str, float] = MappingProxyType({})
 
 
 MARKS = Marks._fields
@@ -194,7 +197,8 @@ def _document(servo: Servo) -> dict[str, Any]:
     register = {} if servo.kp_register is None else {"kp_register": float(servo.kp_register)}
     unknown = {"not_identifiable": dict(servo.not_identifiable)} if servo.not_identifiable else {}
     combined = {"combined": list(servo.combined)} if servo.combined else {}
-    return {"law": servo.law, "kd_on": servo.kd_on, **finite, **register, **unknown, **combined}
+    std = {"std": dict(servo.std)} if servo.std else {}
+    return {"law": servo.law, "kd_on": servo.kd_on, **finite, **register, **unknown, **combined, **std}
 
 
 def servos_from(content: Mapping[str, Mapping[str, Any]], joints: Sequence[str]) -> dict[str, Servo]:
@@ -214,8 +218,9 @@ def servos_from(content: Mapping[str, Mapping[str, Any]], joints: Sequence[str])
         for key, known in WORDS.items():
             if getattr(servo, key) not in known:
                 raise ValueError(f"servos.{joint}.{key}: {getattr(servo, key)!r} is none of {', '.join(known)}")
-        if strangers := [name for name in servo.not_identifiable if name not in SERVO_NUMBERS]:
-            raise ValueError(f"servos.{joint}.not_identifiable: a drive has no number {strangers[0]!r}")
+        for key in ("not_identifiable", "std"):
+            if strangers := [name for name in getattr(servo, key) if name not in SERVO_NUMBERS]:
+                raise ValueError(f"servos.{joint}.{key}: a drive has no number {strangers[0]!r}")
         if strangers := [name for name in servo.combined if name not in SUMS]:
             raise ValueError(f"servos.{joint}.combined: {strangers[0]!r} is none of {', '.join(SUMS)}")
         given = {name: value for name, value in content[joint].items() if name not in (*WORDS, *MARKS)}

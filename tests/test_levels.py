@@ -16,7 +16,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "cli": "app terminal completion options arguments files fleet demo commands run worker __init__",
     "faults": "result channels commands evidence description lag_and_gain search distortions gravity examine "
     "identified __init__",
-    "servo": "__init__ stated plant simulate fit search zeros identify validate diagnose",
+    "servo": "__init__ stated assumptions given hints plant simulate fit search zeros identify validate diagnose",
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay viewers export display",
     "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators lerobot code function __init__",
@@ -27,7 +27,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "regression": "__init__ bandwidth projection motion base_parameters rows factors covariance session reduced",
     "recording": "names streams formats source columns sampling noticed joining gallery read bare __init__ convert "
     "draft",
-    "robot": "joints dynamics actuators description locate load __init__",
+    "robot": "alike joints dynamics actuators description locate load __init__",
     "signs": "thresholds result observations segments search samples infer tree rows_of_file torque_constants "
     "recover __init__",
     "simulation": "__init__ plant excite rollout refine",

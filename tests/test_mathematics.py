@@ -223,7 +223,7 @@ def test_the_covariance_of_drives_is_the_sandwich_of_the_page() -> None:
     white = random.normal(size=(count, 2)) @ np.array([[2.0, 0.4], [0.0, 1.0]])
     g = white + 0.8 * np.vstack([np.zeros((1, 2)), white[:-1]])
     information = np.array([[90.0, 12.0], [12.0, 30.0]])
-    inverse, factor = np.linalg.inv(information), 0.8**2 * count / (count - 0.4 * 2)
+    inverse, factor = np.linalg.inv(information), count / (count - 0.4 * 2)
     plain, near = g.T @ g, g.T @ g
     for k in range(1, 4):
         product = g[k:].T @ g[:-k]

@@ -136,7 +136,13 @@ def test_masses_that_a_stated_gain_implies() -> None:
     args = ([("hip", "thigh")], servos, {"hip": 9.0, "thigh": 0.3}, {"hip": 20.0, "thigh": 20.0})
     (said,) = alternatives(*args)
     assert said.startswith("if the firmware's kp is 20 as stated, the part that hip, thigh move is 1.39")
+    assert said.endswith("--known kp=20 assumes that gain")
     assert alternatives(args[0], servos, {}, args[3]) == ()
+    apart = [("hip",), ("thigh",)]
+    servos = {"hip": ELBOW.with_(kp=14.2), "thigh": ELBOW.with_(kp=15.4)}
+    (said,) = alternatives(apart, servos, {"hip": 0.5, "thigh": 0.9}, args[3])
+    assert "hip, thigh move is 1.38 +- 0.08 times" in said, "one factor, so one sentence"
+    assert len(alternatives(apart, servos, {"hip": 0.1, "thigh": 0.1}, args[3])) == 2
 
 
 PENDULUM = """<robot name="pendulum"><link name="base"/>

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 FARTHEST = 1e4  # position of a held joint [rad or m]
 TORQUE_ONLY = (  # options of `identify` that act on torque
-    *("method", "estimator", "robust", "unsigned", "signs", "bounds", "global_algorithm", "local_algorithm"),
+    *("method", "estimator", "robust", "unsigned", "signs", "global_algorithm", "local_algorithm"),
     *("total_mass", "effects", "cutoff", "derivatives", "no_instruments", "white", "refine"),
 )
 

@@ -27,5 +27,17 @@ def complete_data(incomplete: str) -> list[str]:
     return _beginning(incomplete, (one.name for one in DATA))
 
 
+def complete_number(incomplete: str) -> list[str]:
+    """Names of numbers of a drive that begin with a text, up to their value."""
+    from ..servos import SERVO_NUMBERS
+
+    return _beginning(incomplete, (f"{name}=" for name in SERVO_NUMBERS))
+
+
+def complete_known(incomplete: str) -> list[str]:
+    """Sources of the scale of torque, and names of numbers of a drive."""
+    return [*_beginning(incomplete, ("masses", "nothing")), *complete_number(incomplete)]
+
+
 def _beginning(text: str, names: Iterable[str]) -> list[str]:
     return [name for name in names if name.startswith(text)]

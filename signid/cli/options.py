@@ -9,7 +9,7 @@ import typer
 
 from ..effects import EFFECT_NAMES
 from .app import Text, Texts, option
-from .completion import complete_law, complete_robot
+from .completion import complete_known, complete_law, complete_number, complete_robot
 
 SimulationName = Annotated[
     str,
@@ -136,8 +136,21 @@ class DriveOptions:
     servo: bool = option(False, "Identify position drives even if torque is recorded.", "--servo")
     known: Texts = option(
         None,
-        "Scale of torque in servo mode: masses, kp=20 or kp.J=20 [N.m/rad]. Default: stated kp, else masses.",
+        "Servo mode: scale of torque, masses, nothing or kp=20 [N.m/rad]; default: stated kp, else masses. Or a number "
+        "that is not fitted: NAME=VALUE, or NAME@PATTERN=VALUE at joints that a pattern matches. Repeatable.",
         metavar="WHAT",
+        autocompletion=complete_known,
+    )
+    prior: Texts = option(
+        None,
+        "Prior of a number of a drive: NAME=MEAN+-STD or NAME@PATTERN=MEAN+-STD. Repeatable.",
+        metavar="PRIOR",
+        autocompletion=complete_number,
+    )
+    equal: Texts = option(
+        None,
+        "Regular expression of joints with equal drives, fitted as one: '.*_hip_joint'. Repeatable.",
+        metavar="PATTERN",
     )
     law: Texts = option(
         None,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,6 +27,7 @@ def identify_drives(
     held_out: Sequence[Recording],
     drives: DriveOptions,
     *,
+    bounds: Sequence[str] | None,
     refit: bool | None,
     seed: int,
     json: bool,
@@ -37,15 +37,17 @@ def identify_drives(
     from ...servo.validate import need_commands
 
     need_commands((*given, *held_out), moving=True)
-    described, known = _known(robot, drives.known or ())
     laws = _laws(robot, drives.law or ())
     with bars(json) as progress:
         return identify_servos(
-            described,
+            robot,
             given,
             held_out=held_out,
             laws=laws,
-            known=known,
+            known=drives.known,
+            prior=drives.prior or (),
+            bounds=bounds or (),
+            equal=drives.equal or (),
             refit=refit,
             options=ServoOptions(seed=seed),
             progress=progress,
@@ -111,24 +113,6 @@ def registers_beside(actuators: str | None, models: Sequence[str]) -> tuple[str 
     if found is None or not Path(found).is_file():
         return found, []
     return found, [Input(readable(found), digest_of(Path(found)), "actuators")]
-
-
-def _known(robot: Robot, texts: Sequence[str]) -> tuple[Robot, str | None]:
-    """Robot with the gains kp.JOINT=VALUE stated, and what sets the scale of torque."""
-    from ...servo.identify.start import known_gain
-
-    servo: dict[str, Mapping[str, float | str]] = dict(robot.servo)
-    general = [text for text in texts if not text.startswith("kp.")]
-    if len(general) > 1 or (general and len(general) < len(texts)):
-        raise OptionError("--known sets the scale once; give masses, kp=20, or kp.JOINT=20 for single joints")
-    for text in (text for text in texts if text.startswith("kp.")):
-        joint, _, number = text[3:].rpartition("=")
-        if not joint:
-            raise OptionError(f"--known {text!r} is no gain of a joint; write kp.JOINT=20, in N.m/rad")
-        value = known_gain(text, number)
-        name = _joint(joint, robot)
-        servo[name] = {**servo.get(name, {}), "kp": value}
-    return replace(robot, servo=servo), general[0] if general else "kp" if texts else None
 
 
 def _laws(robot: Robot, texts: Sequence[str]) -> Mapping[str, str] | str | None:

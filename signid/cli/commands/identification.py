@@ -161,7 +161,12 @@ class IdentifyOptions:
     robust: bool = option(False, "Down-weight outliers.", "--robust")
     unsigned: Unsigned = False
     signs: str = option("exact", "Recovery of lost signs: exact, or tree (sequential heuristic).", metavar="HOW")
-    bounds: Text = option(None, "TOML of parameter bounds for pbrp. Default: around ROBOT's values.", metavar="FILE")
+    bounds: Texts = option(
+        None,
+        "TOML of parameter bounds for pbrp. Default: around ROBOT's values. Servo mode: bounds of a number of a drive, "
+        "NAME=LOW..HIGH or NAME@PATTERN=LOW..HIGH. Repeatable.",
+        metavar="FILE",
+    )
     global_algorithm: str = option("GN_CRS2_LM", "Global NLopt algorithm for pbrp.", metavar="NAME")
     local_algorithm: str = option("LD_LBFGS", "Local NLopt algorithm for pbrp.", metavar="NAME")
     refit: bool | None = option(
@@ -209,7 +214,9 @@ def identify(
     held_out = given_recordings(fit.held_out, described, rows.columns, fit.unsigned)
     servo = reduced is None and has_drives((*given, *held_out), drives.servo)
     check_options(context, servo)
-    read = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns, bounds=fit.bounds)
+    read = given_inputs(
+        robot.robot, described, robot.actuators, columns=rows.columns, bounds=None if servo else _bounds(fit)
+    )
     command = given_command(context)
 
     def identify_drives(notes: Sequence[str] = ()) -> int:
@@ -266,7 +273,9 @@ def _deliver_drives(
 
     robot, given, held_out, inputs = recorded
     with time_limit(fit.time_limit):
-        found = identify_drives(robot, given, held_out, drives, refit=fit.refit, seed=run.seed, json=run.json)
+        found = identify_drives(
+            robot, given, held_out, drives, bounds=fit.bounds, refit=fit.refit, seed=run.seed, json=run.json
+        )
         more, own = revised_columns(found, (*given, *held_out), rows.columns, fit.output)
         found = replace(found, notes=(*notes, *found.notes, *own))
         return deliver_servos(found, inputs, fit.output, run.json, command, more)
@@ -279,6 +288,17 @@ def _candidates(text: str | None) -> tuple[str, ...] | None:
     from ...simulation.refine import LAWS
 
     return LAWS if text == "all" else tuple(name.strip() for name in text.split(","))
+
+
+def _bounds(fit: IdentifyOptions) -> str | None:
+    """File of bounds for penalty-based parameter retrieval."""
+    texts = fit.bounds or []
+    if len(texts) > 1 or any("=" in text and not Path(text).exists() for text in texts):
+        raise OptionError(
+            f"--bounds {texts[0]!r} applies to position drives, and the recordings have torque; give one TOML file, or "
+            f"add --servo"
+        )
+    return texts[0] if texts else None
 
 
 def _search(fit: IdentifyOptions) -> Search:
@@ -294,4 +314,4 @@ def _search(fit: IdentifyOptions) -> Search:
         if not 0 <= low <= high:
             raise OptionError(f"--total-mass {fit.total_mass!r} is not a range; write LO,HI in kg with LO <= HI")
         total = (low, high)
-    return Search(fit.bounds, fit.global_algorithm, fit.local_algorithm, total)
+    return Search(_bounds(fit), fit.global_algorithm, fit.local_algorithm, total)

@@ -30,6 +30,7 @@ _APART = 1.0 + 1e-9  # keeps MuJoCo from reading a positive coefficient of the s
 def with_known_numbers(model: Model, gain: bool) -> tuple[Model, list[str]]:
     """Model without numbers of drives that the recordings did not identify, and notes on them.
 
+    With `gain`, identified numbers have as many digits as two digits of their standard deviations.
     The value that was stated before takes its place, else none: no friction, armature, offset, limit or delay; writers
     leave out the numbers of `left_out`. A drive has no use without its `gain` kp, so that must be known.
 
@@ -41,10 +42,16 @@ def with_known_numbers(model: Model, gain: bool) -> tuple[Model, list[str]]:
     servos: dict[str, Servo] = {}
     for joint, servo in model.servos.items():
         known = {name: getattr(Servo, name) if x is None else x for name, x in servo.not_identifiable.items()}
-        servos[joint] = replace(servo, **known)  # type: ignore[arg-type]
+        servos[joint] = replace(servo, **known, **(_rounded(servo) if gain else {}))  # type: ignore[arg-type]
     return with_servos(model, servos, complete=True), list(
         _unknown_notes(model.servos, SERVO_NUMBERS if gain else PASSIVE)
     )
+
+
+def _rounded(servo: Servo) -> dict[str, float]:
+    """Identified numbers of a drive with the digits that their intervals carry."""
+    digits = {name: 1 - int(np.floor(np.log10(x))) for name, x in servo.std.items() if np.isfinite(x) and x > 0}
+    return {name: round(getattr(servo, name), n) for name, n in digits.items() if name not in servo.not_identifiable}
 
 
 def _unknown_notes(servos: Mapping[str, Servo], names: Sequence[str]) -> Iterator[str]:

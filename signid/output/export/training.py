@@ -10,10 +10,12 @@ import numpy as np
 
 from ...errors import one_line
 from ...model import Model
+from ...robot.alike import name_pattern
 from ...servos import Servo
 from .beyond import Exported, beyond, remarks, summed
 from .drives import curved, lacked_notes, left_out
 
+_Drive = tuple[str, list[str]]  # class and arguments
 FIELDS = {"armature": "armature", "viscous_friction": "viscous_friction", "coulomb_friction": "friction"}
 _ISAACLAB_HEAD = '''\
 """Actuators of {name} for Isaac Lab 2.2 or newer on Isaac Sim 5: ArticulationCfg(actuators=ACTUATORS, ...).
@@ -59,7 +61,10 @@ def write_isaaclab(model: Model) -> Exported:
     subject = "an actuator group of Isaac Lab"
     notes = beyond(subject, model, FIELDS)
     notes += _isaaclab_notes(subject, servos)
-    groups = {joint: _isaaclab_drive(joint, servo) for joint, servo in servos.items()}
+    groups = {
+        pattern: (kind, [f"joint_names_expr=[{_text(pattern)}]", *lines])
+        for pattern, kind, lines in _grouped(model, {j: _isaaclab_drive(servo) for j, servo in servos.items()})
+    }
     others = [joint for joint in model.robot.joints if joint not in servos]
     if others:
         rest = "others" if servos else "all"
@@ -83,7 +88,7 @@ def write_mjlab(model: Model) -> Exported:
     notes = beyond(subject, model, FIELDS) + lacked_notes(subject, servos)
     if any(servo.coulomb_friction > 0 for servo in servos.values()):
         notes.append('dry friction creeps unless joints have solreffriction="0.001 1" solimpfriction="0.9999 0.9999"')
-    made = []
+    made = dict[str, _Drive]()
     for j, joint in enumerate(model.robot.joints):
         unknown = left_out(servos[joint]) if joint in servos else ()
         numbers = {
@@ -94,14 +99,16 @@ def write_mjlab(model: Model) -> Exported:
         kind, loop = _mjlab_drive(servos.get(joint), float(model.robot.effort_limit[j]))
         if joint in servos and servos[joint].law == "duty":
             numbers["viscous_damping"] = servos[joint].damping
-        lines = [f"target_names_expr=({_text(re.escape(joint))},)", *loop, *(f"{k}={x!r}" for k, x in numbers.items())]
-        made.append((kind, lines))
-    body = "".join(f"    {_call(kind, lines)},\n" for kind, lines in made)
+        made[joint] = kind, [*loop, *(f"{k}={x!r}" for k, x in numbers.items())]
+    body = "".join(
+        f"    {_call(kind, [f'target_names_expr=({_text(pattern)},)', *lines])},\n"
+        for pattern, kind, lines in _grouped(model, made)
+    )
     head = _MJLAB_HEAD.format(
         name=_name(model),
         gains=_LOOP if servos else "",
         imports=_IMPORT if servos else "",
-        classes=", ".join(sorted({kind for kind, _ in made})),
+        classes=", ".join(sorted({kind for kind, _ in made.values()})),
     ).replace("N. \n", "N.\n")
     step = _STEP.format(least="delay_min_lag", most="delay_max_lag") if servos else ""
     return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = (\n{body})\n", tuple(notes))
@@ -114,7 +121,15 @@ def _servos(model: Model) -> dict[str, Servo]:
     return {joint: model.servos[joint] for joint in model.robot.joints if joint in model.servos}
 
 
-def _isaaclab_drive(joint: str, servo: Servo) -> tuple[str, list[str]]:
+def _grouped(model: Model, drives: Mapping[str, _Drive]) -> list[tuple[str, str, list[str]]]:
+    """Pattern of names, class and arguments of each set of joints whose drives are the same."""
+    joints, groups = model.robot.joints, dict[str, list[str]]()
+    for joint, drive in drives.items():
+        groups.setdefault(repr(drive), []).append(joint)
+    return [(name_pattern(members, joints), *drives[members[0]]) for members in groups.values()]
+
+
+def _isaaclab_drive(servo: Servo) -> _Drive:
     """Class and arguments of a drive; below a duty limit, damping of the drive is friction, since it is not clipped.
 
     Numbers that are left out are those of the asset.
@@ -129,7 +144,6 @@ def _isaaclab_drive(joint: str, servo: Servo) -> tuple[str, list[str]]:
     }
     damping = None if "kd" in unknown and not duty else 0.0 if duty else float(servo.kd)
     lines = [
-        f"joint_names_expr=[{_text(re.escape(joint))}]",
         f"stiffness={float(servo.kp)!r}",
         f"damping={damping!r}",
         *_limit(servo),

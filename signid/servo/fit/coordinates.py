@@ -6,14 +6,15 @@ are x = z. One direction of each joint is its common scale of torque: all its to
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ...servos import LOOP_NUMBERS, Servo
-from ...types import Array
+from ...types import Array, Mask
+from ..assumptions import Bounds, Prior
 from ..plant.drives import Copies, copies_of
 
 SCALED = ("kp", "kd", "viscous_friction", "coulomb_friction", "armature", "torque_offset", "effort_limit")
@@ -22,6 +23,7 @@ LARGEST = 100.0  # number over its typical size
 SPREAD = 1.5  # standard deviation of the logarithm of a kp over its usual size: a scale that nothing sets stays
 CENTRE = 0.1  # [m] standard deviation of the centre of a body about the last link
 DIFFERENCE = 0.01  # difference over the number
+AT_BOUND = 1e-6  # distance of a coordinate from its bound, over its size, below which it is there
 
 
 class Kind(NamedTuple):
@@ -56,13 +58,20 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Slot:
-    """A free number: of one joint, of all joints of a group, or of the body (joint -1)."""
+    """A free number: of one joint, of several joints of a group, or of the body (joint -1)."""
 
     joint: int  # first joint in the group
     number: str
     typical: float  # in SERVO_UNITS
-    shared: bool = False
+    others: tuple[int, ...] = ()  # joints of the group that have the same number
     usual: float = 0.0  # of a kp [SERVO_UNITS]: centre of its weak prior; 0: none
+    prior: Prior | None = None
+    bounds: Bounds | None = None
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """All joints that have the number."""
+        return (self.joint, *self.others)
 
     @property
     def kind(self) -> Kind:
@@ -77,12 +86,15 @@ class Slot:
     def low(self) -> float:
         """Lower bound of the coordinate."""
         low = self.kind.low * self.typical
+        low = low if self.bounds is None else max(low, self.bounds.low)
         return float(np.log(self.soft + low)) if self.kind.logarithmic else low
 
     @property
     def high(self) -> float:
         """Upper bound of the coordinate: without it an unidentifiable scale could run away."""
-        return float(np.log(LARGEST * self.typical + self.soft)) if self.kind.logarithmic else np.inf
+        high = LARGEST * self.typical if self.kind.logarithmic else np.inf
+        high = high if self.bounds is None else self.bounds.high
+        return float(np.log(high + self.soft)) if self.kind.logarithmic else high
 
     @property
     def longest(self) -> float:
@@ -103,8 +115,7 @@ class Coordinates:
         out = copies_of([self.servos] * len(values))
         for i, slot in enumerate(self.slots):
             if slot.joint >= 0:
-                joints = slice(None) if slot.shared else slice(slot.joint, slot.joint + 1)
-                out.numbers[:, joints, LOOP_NUMBERS.index(slot.number)] = values[:, i, None]
+                out.numbers[:, list(slot.joints), LOOP_NUMBERS.index(slot.number)] = values[:, i, None]
         return out
 
     def at(self, values: Array) -> Coordinates:
@@ -116,7 +127,7 @@ class Coordinates:
                 assert body is not None
                 body[BODY.index(slot.number)] = value
                 continue
-            for j in range(len(self.servos)) if slot.shared else (slot.joint,):
+            for j in slot.joints:
                 changed[j][slot.number] = value
         servos = tuple(servo.with_(**new) for servo, new in zip(self.servos, changed, strict=True))
         return replace(self, servos=servos, body=None if body is None else (body[0], body[1], body[2], body[3]))
@@ -127,6 +138,12 @@ class Coordinates:
         body = dict(zip(BODY, self.body or (), strict=False))
         each = [body[s.number] if s.joint < 0 else getattr(self.servos[s.joint], s.number) for s in self.slots]
         return np.array(each, float)
+
+    @property
+    def start(self) -> Array:
+        """Values (P,) [SERVO_UNITS], within the bounds of the user."""
+        each = zip(self.values.tolist(), self.slots, strict=True)
+        return np.array([z if s.bounds is None else min(max(z, s.bounds.low), s.bounds.high) for z, s in each])
 
     def x(self, values: Array) -> Array:
         """Coordinates (P,) of values (P,) [SERVO_UNITS]."""
@@ -145,11 +162,14 @@ class Coordinates:
     def prior(self, values: Array) -> tuple[Array, Array]:
         """Prior at values (P,) [SERVO_UNITS]: precision (P,) of the coordinates, distances (P,) from their centres.
 
-        A kp, and with it the scale of its joint, has a usual size; a body hangs near the last link.
+        A number may have a prior of the user. Without it a kp, and with it the scale of its joint, has a usual size; a
+        body hangs near the last link.
         """
-        precision, off = np.zeros(len(values)), np.zeros(len(values))
+        precision, off, slope = np.zeros(len(values)), np.zeros(len(values)), self.slope(values)
         for k, (z, slot) in enumerate(zip(values, self.slots, strict=True)):
-            if slot.usual > 0:
+            if slot.prior is not None:
+                precision[k], off[k] = (slope[k] / slot.prior.std) ** 2, (z - slot.prior.mean) / slope[k]
+            elif slot.usual > 0:
                 precision[k], off[k] = SPREAD**-2, np.log(z / slot.usual)
             elif slot.number in BODY[1:]:
                 mass = next(m for m, other in zip(values, self.slots, strict=True) if other.number == "mass")
@@ -161,6 +181,19 @@ class Coordinates:
         precision, off = self.prior(values)
         return float(precision @ off**2)
 
+    @property
+    def stated_precision(self) -> Array:
+        """Precision (P,) of the priors of the user [inverse squares of SERVO_UNITS]; 0 without one."""
+        return np.array([0.0 if s.prior is None else s.prior.std**-2 for s in self.slots])
+
+    def at_bounds(self, values: Array) -> Mask:
+        """Which of the values (P,) [SERVO_UNITS] stand at a bound of the user."""
+        at = [
+            s.bounds is not None and min(abs(x - s.low), abs(x - s.high)) < AT_BOUND * max(abs(x), s.longest)
+            for x, s in zip(self.x(values), self.slots, strict=True)
+        ]
+        return np.array(at, bool)
+
     def differences(self, values: Array) -> Array:
         """Steps (P,) of finite differences at values (P,) [SERVO_UNITS]."""
         each = zip(values, self.slots, strict=True)
@@ -171,7 +204,7 @@ class Coordinates:
         own = self.slots[i]
         if own.number != "kp":
             return []
-        return [k for k, s in enumerate(self.slots) if s.number in SCALED and s.joint == own.joint and not s.shared]
+        return [k for k, s in enumerate(self.slots) if s.number in SCALED and set(s.joints) <= set(own.joints)]
 
     def ratios(self, values: Array) -> Array:
         """Matrix (P, P): coordinates from ratios to kp and common scales, at values (P,) [SERVO_UNITS]."""
@@ -183,16 +216,32 @@ class Coordinates:
 
 
 def slots(
-    free: Sequence[Sequence[str]], sizes: Sequence[dict[str, float]], shared: Sequence[str], usual: Sequence[float]
+    free: Sequence[Sequence[str]],
+    sizes: Sequence[dict[str, float]],
+    same: Mapping[str, Sequence[int]],
+    usual: Sequence[float],
+    priors: Mapping[tuple[int, str], Prior],
+    bounds: Mapping[tuple[int, str], Bounds],
 ) -> tuple[Slot, ...]:
-    """Free numbers of the joints of a branch: their names and sizes by joint, numbers that all share, and usual kp."""
-    out, common = [], set()
+    """Free numbers of the n joints of a group.
+
+    Args:
+        free: names by joint.
+        sizes: typical sizes by joint and name [SERVO_UNITS].
+        same: by name, a label (n,) of each joint; those with the same label share the number.
+        usual: kp by joint [SERVO_UNITS]; 0: none.
+        priors: by joint and name.
+        bounds: by joint and name.
+    """
+    members: dict[tuple[int, str], list[int]] = {}
     for j, names in enumerate(free):
         for number in names:
-            if number in shared and number in common:
-                continue
-            if number in shared:
-                common.add(number)
-            typical = sizes[j].get(number, 1.0)
-            out.append(Slot(j, number, typical, number in shared, usual[j] if number == "kp" else 0.0))
-    return tuple(out)
+            members.setdefault((same[number][j], number), []).append(j)
+
+    def slot(joints: Sequence[int], number: str) -> Slot:
+        j, centre = joints[0], usual[joints[0]] if number == "kp" else 0.0
+        prior = next((priors[k, number] for k in joints if (k, number) in priors), None)
+        limits = next((bounds[k, number] for k in joints if (k, number) in bounds), None)
+        return Slot(j, number, sizes[j].get(number, 1.0), tuple(joints[1:]), centre, prior, limits)
+
+    return tuple(slot(joints, number) for (_, number), joints in members.items())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,8 +11,10 @@ from ...errors import OptionError, shorten
 from ...frozen import Frozen
 from ...model import Model
 from ...servos import SERVO_NUMBERS, Servo, ServoGrid
-from ...types import Array, Robot
+from ...types import Array, Mask, Robot
+from ..assumptions import OWN, Assumptions, Name, unions
 from ..plant.course import RobotCourse, bodies_of, course, groups, part, recorded_course, refined, single
+from ..plant.drives import COARSE, LONGEST
 from .coordinates import Coordinates, slots
 from .intervals import covariance
 from .normal import FitPoint, normal
@@ -25,11 +27,12 @@ from .windows import FitWindows, shoot, window_places, windows_of
 class ServoFit(Frozen):
     """Fitted drives: P free numbers, n joints of the grids, W windows.
 
-    Joints of independent branches are fitted apart; the covariance between branches is zero.
+    Independent branches without a common number are fitted apart; the covariance between them is zero.
     """
 
     servos: Mapping[str, Servo]  # by joint, fitted
-    names: tuple[tuple[str, str], ...]  # P: joint, number
+    names: tuple[Name, ...]  # P: joint, number
+    owners: tuple[tuple[str, ...], ...]  # P: all joints that have the number
     values: Array  # (P,) [SERVO_UNITS]
     covariance: Array  # (P, P) [products of SERVO_UNITS] robust, never below the classical one; NaN of a coarse fit
     information: Array  # (P, P) [inverse products of SERVO_UNITS] Gauss-Newton, states eliminated; NaN of a coarse fit
@@ -38,7 +41,14 @@ class ServoFit(Frozen):
     window_squares: Array  # (W, n) mean square of the residual of each window [rad2 or m2]; NaN without a servo
     saturated_share: Array  # (n,) share of samples at the effort limit while on [1]
     iterations: int
+    at_bound: Mask  # (P,) whether a number stands at a bound of `assumptions`: it then has no variance
     notes: tuple[str, ...] = ()
+
+    @property
+    def free(self) -> tuple[Name, ...]:
+        """Free numbers of every joint."""
+        each = zip(self.names, self.owners, strict=True)
+        return tuple((joint, number) for (_, number), joints in each for joint in joints)
 
     @property
     def std(self) -> Array:
@@ -47,7 +57,7 @@ class ServoFit(Frozen):
 
 
 AGAIN = 8  # most steps about the simulated motion
-FINE = 0.002  # [s] of the rows that a fit about the simulated motion is linear in
+FINE = 0.001  # [s] of the rows that a fit about the simulated motion is linear in
 
 
 def fit_servos(
@@ -57,13 +67,12 @@ def fit_servos(
     free: Sequence[tuple[str, str]],
     *,
     window: float = 0.8,
-    shared: Sequence[str] = (),
-    own: Collection[str] = (),
     relinearise: bool = True,
     iterations: int = 15,
     scales: bool = True,
     coarse: bool = False,
     usual: Mapping[str, float] | None = None,
+    assumptions: Assumptions | None = None,
 ) -> ServoFit:
     """Fit the free numbers of drives to the measured positions.
 
@@ -73,13 +82,12 @@ def fit_servos(
         servos: drives to start from, by joint; joints without one follow the recorded motion.
         free: joint and number, one of SERVO_NUMBERS; a number that starts at zero or infinity gets a typical start.
         window: length of a window [s]; use .2 first where drives saturate.
-        shared: numbers with one value for all joints of a branch, "delay".
-        own: joints whose branches share nothing.
         relinearise: whether to fit again about the simulated motion.
         iterations: most steps of the first fit.
         scales: whether to start again from other scales of joints whose scale is weakly identifiable.
-        coarse: whether to end where a step gains little, without intervals.
+        coarse: whether to end where a step gains little, without intervals, in longer substeps.
         usual: kp by joint [N.m/rad or N/m], about which a scale that the data do not set stays.
+        assumptions: joints with equal numbers, also of different branches; priors and bounds.
 
     Raises:
         OptionError: unknown joint or number, or no free number.
@@ -89,9 +97,10 @@ def fit_servos(
     robot = bodies_of(model, grids[0].joints)
     courses = tuple(recorded_course(model, grid) for grid in grids)
     acting = [j for j, joint in enumerate(grids[0].joints) if joint in servos]
-    rest = tuple(shared), frozenset(own), coarse, usual or {}
+    branches, assumed = groups(robot, acting), assumptions or Assumptions()
+    rest = branches, coarse, usual or {}, assumed
     task = _Task(grids, robot, courses, dict(servos), tuple(free), tuple(window_places(grids, window)), *rest)
-    joints = groups(robot, acting)
+    joints = _linked(task)
     fits = [_fit_group(task, group, iterations, scales=scales) for group in joints]
     steps = 0
     if relinearise:
@@ -109,10 +118,10 @@ class _Task:
     servos: Mapping[str, Servo]
     free: tuple[tuple[str, str], ...]
     places: tuple[tuple[int, int, int], ...]  # of the windows
-    shared: tuple[str, ...]
-    own: frozenset[str]
+    branches: tuple[tuple[int, ...], ...]  # joints that share moved bodies
     coarse: bool
     usual: Mapping[str, float]
+    assumptions: Assumptions
     about: tuple[RobotCourse, ...] = ()  # along the simulated motion
 
 
@@ -142,6 +151,24 @@ def _check(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], free: Sequen
             raise OptionError(f"no number {number!r} of a servo at {joint!r}; choose from {shorten(SERVO_NUMBERS, 20)}")
 
 
+def _linked(task: _Task) -> tuple[tuple[int, ...], ...]:
+    """Joints in groups that share a moved body or a number."""
+    names = task.robot.joints
+    branches = [[names[j] for j in branch] for branch in task.branches]
+    equal = [[joint for joint in members if joint in task.servos] for members in task.assumptions.equal]
+    return tuple(sorted(tuple(sorted(map(names.index, one))) for one in unions([*branches, *filter(None, equal)])))
+
+
+def _same(task: _Task, names: Sequence[str]) -> dict[str, list[int]]:
+    """Labels of the joints of a group by number: those with the same label share it."""
+    equal = [[joint for joint in members if joint in names] for members in task.assumptions.equal]
+    out = {}
+    for number in SERVO_NUMBERS:
+        sets = unions([*([name] for name in names), *(filter(None, equal) if number != OWN else ())])
+        out[number] = [next(k for k, members in enumerate(sets) if name in members) for name in names]
+    return out
+
+
 def _fit_group(
     task: _Task, joints: tuple[int, ...], iterations: int, before: _Group | None = None, scales: bool = True
 ) -> _Group:
@@ -149,11 +176,18 @@ def _fit_group(
     sizes = [typical(task.servos[name], j, task.grids, motions) for name, j in zip(names, joints, strict=True)]
     free = [[number for joint, number in task.free if joint == name] for name in names]
     drives = tuple(started(task.servos[name], mine, size) for name, mine, size in zip(names, free, sizes, strict=True))
-    shared = () if task.own.intersection(names) else task.shared
-    where = Coordinates(drives, slots(free, sizes, shared, [task.usual.get(name, 0.0) for name in names]))
+    branches = [[joints.index(j) for j in branch] for branch in task.branches if branch[0] in joints]
+    same = _same(task, names)
+    usual = [task.usual.get(name, 0.0) for name in names]
+    assumed = task.assumptions
+    priors = {(names.index(j), number): x for (j, number), x in assumed.priors.items() if j in names}
+    bounds = {(names.index(j), number): x for (j, number), x in assumed.bounds.items() if j in names}
+    where = Coordinates(drives, slots(free, sizes, same, usual, priors, bounds))
     recorded, about = ([part(one, joints) for one in some] for some in (task.courses, task.about))
-    windows = windows_of(task.grids, joints, drives, recorded, task.places, about)
-    point = before.solved.point if before else FitPoint(where.values, windows.q0, windows.v0)
+    longest = COARSE if task.coarse else LONGEST
+    windows = windows_of(task.grids, joints, drives, recorded, task.places, about, longest=longest)
+    windows = windows.apart(branches) if len(branches) > 1 else windows
+    point = before.solved.point if before else FitPoint(where.start, windows.q0, windows.v0)
     solved = solve(windows, where, point, iterations if where.slots else 0, task.coarse)
     return _Group(windows, where, solved if before or not scales else scan(windows, where, solved, iterations))
 
@@ -190,11 +224,17 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
         share[columns] = _saturated(fit)
         for j, servo in zip(group, fit.where.at(fit.solved.point.values).servos, strict=True):
             servos[task.robot.joints[j]] = servo
+    owners = [
+        tuple(task.robot.joints[g[j]] for j in s.joints)
+        for g, f in zip(joints, fits, strict=True)
+        for s in f.where.slots
+    ]
     certain = [_certainty(fit, task.coarse) for fit in fits]
     rms = np.sqrt(np.average(squares, axis=0, weights=lengths))
     return ServoFit(
         servos,
         tuple(flat[i] for i in order),
+        tuple(owners[i] for i in order),
         np.concatenate([f.solved.point.values for f in fits])[order],
         _blocks([spread for spread, _ in certain], order),
         _blocks([information for _, information in certain], order),
@@ -203,15 +243,22 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
         squares,
         share,
         steps + max(f.solved.steps for f in fits),
+        np.concatenate([f.where.at_bounds(f.solved.point.values) for f in fits])[order],
     )
 
 
 def _certainty(fit: _Group, coarse: bool) -> tuple[Array, Array]:
-    """Covariance and information (P, P) of a group; NaN of a coarse fit."""
+    """Covariance and information (P, P) of a group, with its priors; NaN of a coarse fit.
+
+    The others are those about a number at its bound, which has no variance.
+    """
     if coarse:
         return (np.full((len(fit.where.slots),) * 2, np.nan),) * 2
-    at = normal(fit.windows, fit.where, fit.solved.point, fit.solved.noise)
-    return covariance(at.information, at.scores), at.information
+    at, precision = normal(fit.windows, fit.where, fit.solved.point, fit.solved.noise), fit.where.stated_precision
+    inside = ~fit.where.at_bounds(fit.solved.point.values)
+    rows, spread = np.ix_(inside, inside), np.zeros_like(at.information)
+    spread[rows] = covariance(at.information[rows], at.scores[:, inside], precision[inside])
+    return spread, at.information + np.diag(precision)
 
 
 def _saturated(fit: _Group) -> Array:

@@ -15,19 +15,21 @@ import numpy as np
 from ...types import Array
 
 LOST = 0.4  # windows that each fitted number takes from the sandwich
-SHARE = 0.8  # of the deviations of the sandwich
 NEIGHBOURS = 3  # windows apart that may be correlated
 LEAST = 1e-24  # variance over the widest one, below which it counts as this
 NOTHING = 1e-12  # influence over the largest one, below which a number is not identifiable
 WEAK = 1e-12  # relative eigenvalue of the information below which a direction is not identifiable
 
 
-def covariance(information: Array, scores: Array) -> Array:
+def covariance(information: Array, scores: Array, precision: Array | None = None) -> Array:
     """Covariance (P, P) in the units of the values; infinite variance without influence.
 
     information: (P, P) of white residuals [inverse products of SERVO_UNITS].
     scores: (W, P) gradient of each window at the optimum, in time order [1/SERVO_UNITS].
+    precision: (P,) of independent priors [inverse squares of SERVO_UNITS]; default: none.
     """
+    prior = np.diag(np.zeros(len(information)) if precision is None else precision)
+    information = information + prior
     size = np.sqrt(np.diag(information))
     seen = size > NOTHING * size.max(initial=0.0)
     out = np.diag(np.where(seen, 0.0, np.inf))
@@ -38,7 +40,7 @@ def covariance(information: Array, scores: Array) -> Array:
     inverse = _inverse(information[np.ix_(seen, seen)] / scale) / scale
     factor = windows / max(windows - LOST * count, windows / 4)
     meat = [factor * _meat(scores, lags) for lags in (0, min(NEIGHBOURS, windows // (2 * NEIGHBOURS)))]
-    robust = [SHARE**2 * inverse @ one @ inverse for one in meat]
+    robust = [inverse @ (one + prior[np.ix_(seen, seen)]) @ inverse for one in meat]
     widest = np.max([np.diag(one) for one in (*robust, inverse)], axis=0)
     wider = np.sqrt(widest / np.maximum(np.diag(robust[0]), LEAST * widest))
     out[np.ix_(seen, seen)] = robust[0] * np.outer(wider, wider)

@@ -96,18 +96,22 @@ def damped(where: Coordinates, here: Normal, values: Array, damping: float) -> A
     size = np.diag(ratios.T @ information @ ratios) + 1e-12
     back = np.linalg.inv(ratios)
     low, high, longest = np.array([(s.low, s.high, s.longest) for s in where.slots]).reshape(-1, 3).T
-    dx = _bounded(information + damping * back.T @ (size[:, None] * back), gradient, low - x, longest)
+    room = low - x, np.maximum(high - x, 0.0)
+    dx = _bounded(information + damping * back.T @ (size[:, None] * back), gradient, room, longest)
     return where.values_at(np.clip(x + dx, low, np.maximum(high, x)))
 
 
-def _bounded(matrix: Array, gradient: Array, room: Array, most: Array) -> Array:
-    """Step (P,) of a quadratic model; coordinates that would leave their bounds stay there."""
+def _bounded(matrix: Array, gradient: Array, room: tuple[Array, Array], most: Array) -> Array:
+    """Step (P,) of a quadratic model; coordinates that would leave their bounds stay there.
+
+    room: (P,) each, the least and the largest step.
+    """
     step, free = np.zeros(len(gradient)), np.ones(len(gradient), dtype=bool)
     for _ in range(len(gradient)):
-        step[~free] = room[~free]
+        step[~free] = np.clip(step, *room)[~free]
         rest = gradient + matrix[:, ~free] @ step[~free]
         step[free] = -np.linalg.solve(matrix[np.ix_(free, free)], rest[free])
-        out = free & (step < room)
+        out = free & ((step < room[0]) | (step > room[1]))
         if not out.any() or (free & ~out).sum() == 0:
             break
         free &= ~out
@@ -135,16 +139,12 @@ def scan(windows: FitWindows, where: Coordinates, solved: Solved, iterations: in
 def weakest(where: Coordinates, solved: Solved, at: Normal) -> list[int]:
     """Slots of the stiffnesses with the widest intervals, if these are wide: at most SCANNED."""
     std = np.sqrt(np.diag(covariance(at.information, at.scores)))
-    share = {
-        i: float(std[i] / solved.point.values[i])
-        for i, slot in enumerate(where.slots)
-        if slot.number == "kp" and not slot.shared
-    }
+    share = {i: float(std[i] / solved.point.values[i]) for i, slot in enumerate(where.slots) if slot.number == "kp"}
     return sorted((i for i in share if share[i] > WEAK), key=lambda i: -share[i])[:SCANNED]
 
 
 def untouched(where: Coordinates, solved: Solved, at: Normal) -> list[int]:
     """Slots of the limits of torque without influence, at joints with the largest residuals: at most SCANNED."""
     weight = np.diag(at.information) * solved.point.values**2
-    found = [i for i, s in enumerate(where.slots) if s.number == "effort_limit" and not s.shared and weight[i] < SEEN]
+    found = [i for i, s in enumerate(where.slots) if s.number == "effort_limit" and weight[i] < SEEN]
     return sorted(found, key=lambda i: -float(solved.noise[where.slots[i].joint]))[:SCANNED]

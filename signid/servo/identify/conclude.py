@@ -7,22 +7,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...errors import shorten
 from ...model import Model, command_model
 from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo
 from ...types import Robot
+from ..assumptions import OWN, Assumptions, Name
 from ..fit import ServoFit
+from ..hints import Estimates, equal_hints, unequal_flags
 from ..search.data import ServoData, loop_error
 from ..search.searcher import Chosen, ServoOptions
 from .assess import closed_loops, nominal_servos
 from .facts import joint_facts
-from .fits import block, number_std
+from .fits import block, number_at_bound, number_std
 from .flags import (
+    assumption_notes,
     duty_notes,
     joint_flags,
     joint_notes,
     lag_flags,
     law_flags,
     law_notes,
+    prior_notes,
     rollout_flags,
     worse_flag,
     worse_than_stated,
@@ -45,6 +50,8 @@ class Known:
     tied: Mapping[str, float]  # error of full duty [rad or m] by joint, from the recorded PWM
     sets: Sequence[Sequence[str]]  # connected joints
     timing: Mapping[str, float]  # time [s] by which the delay of a joint may be longer, as commands change between rows
+    assumptions: Assumptions
+    own: Mapping[str, Estimates]  # of joints that are fitted as equal: numbers without that assumption
 
 
 @dataclass(frozen=True)
@@ -81,6 +88,10 @@ def facts_of(model: Model, data: ServoData, fit: ServoFit, known: Known) -> dict
             fact,
             full_duty_error=known.tied.get(joint, 0.0),
             command_timing=known.timing.get(joint, 0.0),
+            priors={name: x for (one, name), x in known.assumptions.priors.items() if one == joint},
+            bounds={name: x for (one, name), x in known.assumptions.bounds.items() if one == joint},
+            masses_set_scale=fact.masses_set_scale and (joint, "kp") not in known.assumptions.priors,
+            at_bound=frozenset(number_at_bound(fit, joint)),
             unexplained=float(fit.residual_rms[data.joints.index(joint)]) / max(loop_error(data, joint), 1e-12),
         )
         for joint, fact in joint_facts(
@@ -100,7 +111,7 @@ def conclude(
     """Result of a fit. models: as described, and with the masses that were used; remarks: flags of earlier steps."""
     described, model = models
     data, fit, facts, rolled = judged.data, judged.fit, judged.facts, judged.rollout
-    joints = tuple(_joint(joint, fit, chosen, facts[joint], known.sets) for joint in fit.servos)
+    joints = tuple(_joint(joint, fit, chosen, facts[joint], known.assumptions) for joint in fit.servos)
     robot, added = model.robot, list(remarks)
     servos = _marked(fit.servos, joints, known.stated, robot)
     if worse_than_stated(rolled):
@@ -113,8 +124,11 @@ def conclude(
     scale = known_scale(known.scale, gains, other)
     added += [scale.sentence] if known.scale == "nothing" else []
     added += far_flags(judged.errors)
+    added += unequal_flags(_identified(known.own, joints), known.assumptions.equal)
     unsure = [joint for joint, fact in facts.items() if fact.held_out_torque > 0]
-    notes = (*joint_notes(joints), *law_notes(joints, known.laws, [*limited, *unsure]))
+    notes = (*joint_notes(joints), *law_notes(joints, known.laws, [*limited, *unsure]), *prior_notes(joints))
+    notes = (*notes, *assumption_notes(known.assumptions, fit.free))
+    notes = (*notes, *equal_hints({one.joint: _estimates(one) for one in joints}, known.assumptions.equal))
     return ServoIdentification(
         robot=robot,
         model=command_model(model, servos, complete=True)[0],
@@ -132,6 +146,30 @@ def conclude(
     )
 
 
+def _estimates(one: ServoJoint) -> dict[str, tuple[float, float]]:
+    """Measured numbers of a drive with their standard deviations, but the sum lag and the offset of the joint alone.
+
+    None of a joint with a number at its bound, since the others hold only for that value.
+    """
+    if any(number.at_bound for number in one.numbers.values()):
+        return {}
+    return {
+        name: (number.value, number.std)
+        for name, number in one.numbers.items()
+        if number.value is not None and number.std and not number.prior and name not in ("lag", OWN)
+    }
+
+
+def _identified(own: Mapping[str, Estimates], joints: Sequence[ServoJoint]) -> dict[str, Estimates]:
+    """Numbers of joints, without those that are not identifiable even if they are common; kd as part of the damping."""
+    whole = {part: name for name, parts in SUMS.items() if name == "damping" for part in parts}
+    lost = {(one.joint, name) for one in joints for name, number in one.numbers.items() if number.value is None}
+    return {
+        joint: {name: x for name, x in numbers.items() if (joint, whole.get(name, name)) not in lost and name != OWN}
+        for joint, numbers in own.items()
+    }
+
+
 def _marked(
     servos: Mapping[str, Servo], joints: Sequence[ServoJoint], stated: Stated, robot: Robot
 ) -> dict[str, Servo]:
@@ -144,7 +182,10 @@ def _marked(
         combined = tuple(name for name, parts in SUMS.items() if _has(one, name) and lost.issuperset(parts))
         lost = lost.difference(*(SUMS[name] for name in combined))
         unknown = {name: known.get(name) for name in SERVO_NUMBERS if name in lost}
-        out[one.joint] = replace(out[one.joint], not_identifiable=unknown, combined=combined)
+        std = {name: number.std for name, number in one.numbers.items() if name in SERVO_NUMBERS}
+        std |= {part: one.numbers[name].std for name in combined for part in SUMS[name]}
+        found = {name: float(x) for name, x in std.items() if x}
+        out[one.joint] = replace(out[one.joint], not_identifiable=unknown, combined=combined, std=found)
     return out
 
 
@@ -152,9 +193,8 @@ def _has(one: ServoJoint, name: str) -> bool:
     return name in one.numbers and one.numbers[name].value is not None
 
 
-def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, sets: Sequence[Sequence[str]]) -> ServoJoint:
-    members = next((some for some in sets if joint in some), (joint,))
-    names, covariance = block(fit, joint, members)
+def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, assumptions: Assumptions) -> ServoJoint:
+    names, covariance = block(fit, joint)
     servo = fit.servos[joint]
     numbers, lost = joint_numbers(servo, names, covariance, facts)
     laws = dict(chosen.laws.get(joint, {}))
@@ -167,11 +207,17 @@ def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, sets: S
         saturated_share=facts.saturated_share,
         known_load_share=facts.known_load_share,
         not_identifiable=lost,
+        equal=tuple(other for other in assumptions.peers(joint) if other != joint),
     )
 
 
 def _has_value(joints: Sequence[ServoJoint], name: str) -> bool:
     return any(one.joint == name and one.numbers["kp"].value is not None for one in joints if "kp" in one.numbers)
+
+
+def _said_names(fit: ServoFit) -> list[Name]:
+    """Free numbers with all their joints."""
+    return [(shorten(joints), number) for (_, number), joints in zip(fit.names, fit.owners, strict=True)]
 
 
 def _flags(
@@ -186,7 +232,7 @@ def _flags(
     flags = (
         *added,
         *joint_flags(joints),
-        *dependence(dependent_numbers(fit.information, fit.names)),
+        *dependence(dependent_numbers(fit.information, _said_names(fit))),
         *law_flags(joints, limited),
         *lag_flags(joints, data),
         *rollout_flags(rolled),

@@ -10,13 +10,15 @@ import numpy as np
 from ...errors import shorten
 from ...model import Model
 from ...parameters import Array
-from ...servos import Servo
+from ...servos import SERVO_NUMBERS, Servo
 from ..fit import ServoFit, fit_servos
 from ..search.choice import Candidate, fit_candidate
 from ..search.data import ServoData
 from ..search.searcher import ServoOptions
 from .scale import implied_ratios, scaled_masses
 from .start import Stated, first_candidate
+
+APART = 6  # most iterations of a fit of equal joints with own numbers
 
 
 def final_fit(model: Model, data: ServoData, candidate: Candidate, options: ServoOptions) -> ServoFit:
@@ -28,7 +30,8 @@ def final_fit(model: Model, data: ServoData, candidate: Candidate, options: Serv
 def number_std(fit: ServoFit, name: str) -> dict[str, float]:
     """Standard deviation of one number of each joint where it is free."""
     std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    return {joint: float(s) for (joint, number), s in zip(fit.names, std, strict=True) if number == name}
+    each = zip(fit.names, fit.owners, std, strict=True)
+    return {joint: float(s) for (_, number), joints, s in each if number == name for joint in joints}
 
 
 def weigh_bodies(
@@ -42,7 +45,7 @@ def weigh_bodies(
     """Model whose bodies have the weight that stated gains imply, and a sentence on each part that changes."""
     free_gains = {joint: {key: x for key, x in of.items() if key != "kp"} for joint, of in stated.items()}
     start = first_candidate(model.robot, data, started, free_gains, {})
-    fit = fit_servos(model, data.train, start.servos, start.free, window=options.window, shared=("delay",))
+    fit = fit_servos(model, data.train, start.servos, start.free, window=options.window)
     gains = {joint: of["kp"] for joint, of in stated.items() if "kp" in of}
     said = []
     for members, ratio, error in implied_ratios(sets, fit.servos, number_std(fit, "kp"), gains):
@@ -55,9 +58,40 @@ def weigh_bodies(
     return model, tuple(said)
 
 
-def block(fit: ServoFit, joint: str, members: Sequence[str]) -> tuple[tuple[str, ...], Array]:
-    """Free numbers of a joint and their covariance; the delay that connected joints share counts for each of them."""
-    own = [k for k, (owner, _) in enumerate(fit.names) if owner == joint]
-    if (joint, "delay") not in fit.names:
-        own += [k for k, (owner, name) in enumerate(fit.names) if name == "delay" and owner in members]
+def own_numbers(
+    model: Model, data: ServoData, fit: ServoFit, candidate: Candidate, options: ServoOptions
+) -> dict[str, dict[str, tuple[float, float]]]:
+    """Numbers of equal joints with their standard deviations, fitted again without that assumption; empty if none."""
+    if not candidate.assumptions.equal:
+        return {}
+    alone = fit_servos(
+        model,
+        data.train,
+        fit.servos,
+        fit.free,
+        window=candidate.window or options.window,
+        relinearise=False,
+        iterations=APART,
+        scales=False,
+        usual=candidate.usual,
+        assumptions=replace(candidate.assumptions, equal=()),
+    )
+    std = {name: number_std(alone, name) for name in SERVO_NUMBERS}
+    return {
+        joint: {name: (getattr(alone.servos[joint], name), s[joint]) for name, s in std.items() if s.get(joint, 0) > 0}
+        for members in candidate.assumptions.equal
+        for joint in members
+    }
+
+
+def block(fit: ServoFit, joint: str) -> tuple[tuple[str, ...], Array]:
+    """Free numbers of a joint within their bounds, and their covariance; a shared number counts for each joint."""
+    owned = enumerate(zip(fit.owners, fit.at_bound, strict=True))
+    own = [k for k, (joints, bound) in owned if joint in joints and not bound]
     return tuple(fit.names[k][1] for k in own), np.asarray(fit.covariance[np.ix_(own, own)])
+
+
+def number_at_bound(fit: ServoFit, joint: str) -> list[str]:
+    """Numbers of a joint that stand at their bounds."""
+    each = zip(fit.names, fit.owners, fit.at_bound, strict=True)
+    return [number for (_, number), joints, bound in each if bound and joint in joints]

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from ...errors import decimals, shorten
+from ..assumptions import Assumptions, Name
 from ..search.data import ServoData
 from .assess import STATED
 from .facts import shortest_period
@@ -16,6 +17,8 @@ from .result import ServoJoint, ServoNumber, ServoRollOut
 
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")  # that stands alone in a sentence
 UNSURE = 0.95  # probability of a law below which it is said
+DISAGREES = 3.0  # standard deviations between recordings and prior from which it is said
+INFORMS = 0.98  # standard deviation over that of the prior below which recordings say something of a number
 SLOW = 0.25  # lag over the shortest period of the commands from which it is said
 
 
@@ -154,3 +157,56 @@ def law_notes(joints: Sequence[ServoJoint], given: Mapping[str, str], limited: S
     if same:
         listed = _named(same, [joint.joint for joint in joints])
         yield f"{listed}: nothing saturates, so the laws effort and duty are the same here; effort is written"
+
+
+def prior_notes(joints: Sequence[ServoJoint]) -> Iterator[str]:
+    """Numbers of which the recordings alone say otherwise than their priors, and numbers at their bounds."""
+    said: dict[str, list[str]] = {}
+    for joint in joints:
+        for name, number in joint.numbers.items():
+            sentence = _against_prior(number) or _at_bound(number)
+            if sentence:
+                said.setdefault(f"{name.replace('_', ' ')} {sentence}", []).append(joint.joint)
+    return (f"{shorten(names)}: {sentence}" for sentence, names in said.items())
+
+
+def _against_prior(number: ServoNumber) -> str:
+    """Sentence on a prior that is far from what the recordings alone give; "" if it is not."""
+    if number.prior is None or number.value is None or number.std is None:
+        return ""
+    (mean, wide), value, std = number.prior, number.value, number.std
+    if not std < INFORMS * wide:
+        return ""
+    own = 1 / std**2 - 1 / wide**2
+    alone, error = (value / std**2 - mean / wide**2) / own, own**-0.5
+    z = abs(alone - mean) / np.hypot(error, wide)
+    if z <= DISAGREES:
+        return ""
+    unit = number.unit
+    return (
+        f"is {alone:.3g} +- {1.96 * error:.2g} {unit} by the recordings alone, and {mean:.3g} +- {1.96 * wide:.2g} "
+        f"{unit} by its prior ({z:.1f} standard deviations apart); check the prior, the masses and the law"
+    )
+
+
+def _at_bound(number: ServoNumber) -> str:
+    if not number.at_bound or number.bounds is None or number.value is None:
+        return ""
+    side = "upper" if number.value > (number.bounds.low + min(number.bounds.high, 1e300)) / 2 else "lower"
+    return (
+        f"is at its {side} bound of {number.value:.4g} {number.unit}, so it has no interval, and those of the other "
+        f"numbers hold only for that value"
+    )
+
+
+def assumption_notes(assumptions: Assumptions, free: Sequence[Name]) -> Iterator[str]:
+    """Joints that were fitted as equal, and priors and bounds of numbers that the fitted drives do not have free."""
+    for members in assumptions.equal:
+        yield f"{shorten(members)}: fitted as equal drives, each number but the torque offset to all of them"
+    for what, given in (("prior", assumptions.priors), ("bounds", assumptions.bounds)):
+        unused: dict[str, list[str]] = {}
+        for joint, number in given:
+            if (joint, number) not in free:
+                unused.setdefault(number, []).append(joint)
+        for number, names in unused.items():
+            yield f"{shorten(names)}: {what} of {number} not used: the law that was chosen has no such free number"

@@ -11,6 +11,7 @@ import numpy as np
 from ...errors import decimals, shorten
 from ...parameters import Array
 from ...servos import SERVO_UNITS, Servo
+from ..assumptions import Bounds, Prior
 from .result import ServoNumber
 
 LIGHT = 0.15  # share of the torque that is known load, below which the scale is not identifiable (MuJoCo so101)
@@ -68,6 +69,9 @@ class JointFacts:
     command_speed: bool = False  # whether the law contains a recorded speed of the command
     full_duty_error: float = 0.0  # [rad or m] at the nominal gain, where the recorded PWM shows it; else 0
     stated: Mapping[str, float] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    bounds: Mapping[str, Bounds] = field(default_factory=dict)
+    at_bound: frozenset[str] = frozenset()  # numbers that stand at their bounds
 
 
 def unit_of(name: str, prismatic: bool) -> str:
@@ -106,12 +110,15 @@ def joint_numbers(
         if name in std:
             timing = facts.command_timing / 1.96 if name != "armature" else 0.0
             std[name] = float(np.linalg.norm([std[name], least, timing]))
-    numbers = {}
+    numbers, at_bound = {}, set(facts.at_bound)
+    if at_bound & {"kd", "viscous_friction"} and "damping" not in std:
+        at_bound.add("damping")
     for name in ("kp", "damping", *[n for n in SERVO_UNITS if n != "kp"], "lag"):
-        if name in lost or name in std or name in facts.stated:
+        if name in lost or name in std or name in facts.stated or name in at_bound:
             stated = name in facts.stated and name not in std
             keep = name not in lost and np.isfinite(values[name])
-            why = lost.get(name, Lost(name, _remark(name, servo, facts)))
+            remark = "at its bound" if name in at_bound else _remark(name, servo, facts)
+            why = lost.get(name, Lost(name, remark))
             numbers[name] = ServoNumber(
                 name,
                 unit_of(name, facts.prismatic),
@@ -121,6 +128,9 @@ def joint_numbers(
                 sentence=why.sentence,
                 below=why.below,
                 above=why.above,
+                prior=facts.priors.get(name),
+                bounds=facts.bounds.get(name),
+                at_bound=keep and name in at_bound,
             )
     return numbers, tuple(dict.fromkeys(one.sentence for one in lost.values()))
 
@@ -155,7 +165,8 @@ def _lost(
             f"{facts.joint}: delay and damping/kp are one number here, the lag of {decimals(1e3 * values['lag'])} ms; "
             f"their split needs faster motion, near sqrt(kp/inertia)",
         )
-    if not ("effort_limit" in facts.stated or facts.full_duty_error) and facts.saturated_share < RARE:
+    given = "effort_limit" in facts.stated or "effort_limit" in facts.priors
+    if not (given or facts.full_duty_error) and facts.saturated_share < RARE:
         known = _scale_known(facts) and not facts.held_out_torque > 0
         yield Lost("effort_limit", _limit_sentence(facts), above=facts.largest_torque if known else None)
     if sentence := _scale_sentence(servo, facts):
@@ -186,7 +197,8 @@ def _largest(name: str, facts: JointFacts) -> float:
 def _apart(servo: Servo, facts: JointFacts) -> bool:
     """Whether damping of the drive and of the joint are separate numbers."""
     limited = servo.law != "duty" and facts.saturated_share >= RARE
-    return limited or facts.torque_off or facts.command_speed or bool({"kd", "viscous_friction"} & set(facts.stated))
+    known = {"kd", "viscous_friction"} & {*facts.stated, *facts.priors}
+    return bool(limited or facts.torque_off or facts.command_speed or known)
 
 
 def _one_with_lag(free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float]) -> bool:

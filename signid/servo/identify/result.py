@@ -11,6 +11,7 @@ from ...model import Model
 from ...parameters import Array
 from ...servos import Servo
 from ...types import Input, Robot
+from ..assumptions import Bounds, Prior
 from ..zeros import JointZero
 
 BY_INERTIALS = "inertials of the description"  # what the scale of torque is known by
@@ -36,6 +37,9 @@ class ServoNumber:
     std: float | None = None  # None where the number is stated or not identifiable
     stated: bool = False  # known before, not estimated
     sentence: str = ""
+    prior: Prior | None = None  # that `std` contains
+    bounds: Bounds | None = None
+    at_bound: bool = False  # whether `value` is one of its bounds, and not measured
     below: float | None = None  # [its unit] bound of a number that is not identifiable
     above: float | None = None  # [its unit] the same
 
@@ -59,6 +63,7 @@ class ServoJoint:
     saturated_share: float  # share of samples in which the drive gives its limit [1]
     known_load_share: float  # share of the rms torque of the joint that its known masses explain [1]
     not_identifiable: tuple[str, ...]  # one sentence each
+    equal: tuple[str, ...] = ()  # other joints with which it shares all numbers but the torque offset
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from ...servos import Servo
 from ...typed import typed
 from ...types import Progress, Recording
 from ..fit import start_servos
+from ..given import given_texts
 from ..plant.drives import LONGEST
 from ..search.choice import LOUDER, Candidate
 from ..search.data import servo_data, thinned
@@ -26,12 +27,12 @@ from ..search.searcher import KnownLimits, Searcher, ServoOptions
 from .assess import whole_rms
 from .conclude import JudgedFit, Known, conclude, facts_of, judge
 from .facts import exceeded, full_duty_errors
-from .fits import final_fit, weigh_bodies
+from .fits import final_fit, own_numbers, weigh_bodies
 from .flags import worse_than_stated
 from .identifiable import RARE
 from .result import LoggedRows, ServoIdentification
 from .scale import connected_sets
-from .start import Stated, first_candidate, known_scale_of, stated_laws, stated_numbers
+from .start import Stated, first_candidate, stated_laws, stated_numbers
 from .timing import command_timing
 from .zeros import joint_zeros, zero_flags
 
@@ -50,7 +51,10 @@ def identify_servos(
     *,
     held_out: Recordings = (),
     laws: Mapping[str, str] | str | None = None,
-    known: str | None = None,
+    known: str | Sequence[str] | None = None,
+    prior: Sequence[str] = (),
+    bounds: Sequence[str] = (),
+    equal: Sequence[str] = (),
     refit: bool | None = None,
     options: ServoOptions | None = None,
     progress: Progress | None = None,
@@ -65,7 +69,14 @@ def identify_servos(
         held_out: held-out recordings; without any, the last of several recordings or the last 30 % of the only one.
         laws: law of all drives, or by joint: effort, duty or torque_speed. None: as stated, else by evidence.
         known: what sets the scale of torque: "masses" of the description, stated "kp", "kp=20" for all joints, or
-            "nothing". None: stated gains where there are any, else masses.
+            "nothing"; None: stated gains where there are any, else masses. And numbers that are stated instead of
+            fitted, any of SERVO_NUMBERS in SERVO_UNITS: "armature=.01", or "armature@.*_hip_joint=.01" for the joints
+            whose names a regular expression matches.
+        prior: normal priors of numbers, "armature=.01+-.005" (mean and standard deviation), with @PATTERN for some
+            joints; such a number is free.
+        bounds: ranges of numbers, "kp=5..30", with @PATTERN for some joints.
+        equal: regular expressions; the joints whose names one of them matches have the same drive, so all its numbers
+            but the torque offset are one number each, fitted to all of them, also in different branches.
         refit: whether the model is fitted again to all rows after its held-out errors are known; None: unless
             held-out recordings are given. It is not if these errors are far above the training errors, or if only
             held-out rows reach a limit.
@@ -73,7 +84,8 @@ def identify_servos(
         progress: called with the current step and the share that is done.
 
     Raises:
-        OptionError: unknown law, joint or scale; a recording given twice.
+        OptionError: unknown law, joint, scale or number; a text that cannot be read; a pattern of equal joints that
+            matches fewer than two; contradictions; a recording given twice.
         RecordingError: no joint has commands, or a recording is too short.
     """
     options = options or ServoOptions()
@@ -83,9 +95,11 @@ def identify_servos(
     only_once((*given, *unseen))
     data = servo_data(model.robot, given, unseen, options.rate)
     stated = stated_numbers(model.robot, data.driven)
-    scale, wanted = known_scale_of(known, stated)
+    given_of = given_texts(model.robot, data.driven, stated, known=known, prior=prior, bounds=bounds, equal=equal)
+    wanted, assumed = given_of.stated, given_of.assumptions
+    scale = given_of.scale or ("kp" if any("kp" in of for of in wanted.values()) else "masses")
     fixed = wanted if scale == "kp" else {j: {k: x for k, x in of.items() if k != "kp"} for j, of in wanted.items()}
-    law = stated_laws(model.robot, data.driven, laws)
+    law = stated_laws(model.robot, data.driven, laws, assumed)
     sets = connected_sets(model, data.joints, data.driven)
     _say(progress, "starting servos", 0.0)
     size = max(len(members) for members in sets) ** 2
@@ -101,13 +115,15 @@ def identify_servos(
         _say(progress, "weighing bodies", 0.05)
         weighed, remarks = weigh_bodies(plain, few, starts[PLAIN], fixed, sets, options)
     duty = _recorded_duty(full_duty_errors(model.robot, given), fixed, law)
-    laws_known = {**law, **dict.fromkeys(duty, "duty")}
-    first = {law: first_candidate(model.robot, data, servos, fixed, laws_known) for law, servos in starts.items()}
+    laws_known = {**law, **dict.fromkeys(assumed.with_peers(duty), "duty")}
+    first = {
+        law: first_candidate(model.robot, data, servos, fixed, laws_known, assumed) for law, servos in starts.items()
+    }
     limits = KnownLimits({law: _limited(one, starts[law]) for law, one in first.items()}, laws_known)
     start = replace(first[PLAIN], tied=duty).follow(first[PLAIN].servos)
     if any(_has_voltage(recording) for recording in given):
         options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
-    chosen = search(Searcher(weighed, few, sets, options, progress), start, limits)
+    chosen = search(Searcher(weighed, few, sets, options, progress, assumed), start, limits)
     _say(progress, "fitting servos", 0.8)
     final = replace(data, train=thinned(data.train, fitted))
     fit = final_fit(weighed, final, chosen.candidate, options)
@@ -122,7 +138,17 @@ def identify_servos(
     logs = tuple(map(_logged_rows, (*given, *unseen)))
     slow = FINER * min(log.content_rate for log in logs) < data.train[0].rate
     late = command_timing(weighed, few, fit, options.window) if slow else {}
-    case = Known(scale, wanted, fixed, limits.laws, duty, sets, late)
+    case = Known(
+        scale,
+        wanted,
+        fixed,
+        limits.laws,
+        duty,
+        sets,
+        late,
+        assumed,
+        own_numbers(weighed, few, fit, chosen.candidate, options),
+    )
     judged = judge((plain, weighed), data, fit, case)
     if (not unseen if refit is None else refit) and data.held_out is not data.train:
         _say(progress, "fitting servos to all rows", 0.95)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from ...errors import shorten
 from ...model import Model
@@ -18,6 +19,7 @@ from .result import BY_GAIN, BY_INERTIALS, BY_NOTHING, ServoScale
 
 NOTABLE = 1.1  # ratio of masses from which it is said
 FEW_DEVIATIONS = 3.0
+COMMON = 0.05  # probability of such different ratios, from which they count as one
 
 
 def connected_sets(model: Model, joints: Sequence[str], driven: Sequence[str]) -> tuple[tuple[str, ...], ...]:
@@ -89,13 +91,24 @@ def alternatives(
     std: Mapping[str, float],
     stated: Mapping[str, float],
 ) -> tuple[str, ...]:
-    """One sentence for each connected set: the masses if the stated gains are true. Arguments as `implied_ratios`."""
-    said = []
-    for members, ratio, error in implied_ratios(sets, servos, std, stated):
-        gain = ", ".join(dict.fromkeys(f"{stated[j]:.4g}" for j in members if j in stated))
+    """One sentence for each connected set: the masses if the stated gains are true. Arguments as `implied_ratios`.
+
+    Sets whose masses would change by the same factor, within its uncertainty, share a sentence.
+    """
+    found, said = implied_ratios(sets, servos, std, stated), []
+    if len(found) == len(sets) > 1:
+        logs = np.log([ratio for _, ratio, _ in found])
+        weight = np.array([(ratio / error) ** 2 for _, ratio, error in found])
+        mean = float(np.average(logs, weights=weight))
+        if chi2.sf(np.sum(weight * (logs - mean) ** 2), len(found) - 1) > COMMON:
+            every = [joint for members, _, _ in found for joint in members]
+            found = [(every, float(np.exp(mean)), float(np.exp(mean) / np.sqrt(weight.sum())))]
+    for members, ratio, error in found:
+        gains = list(dict.fromkeys(f"{stated[j]:.4g}" for j in members if j in stated))
+        option = f"kp={gains[0]}" if len(gains) == 1 else "kp"
         which = f"the part that {shorten(list(members))} move{'s' if len(members) == 1 else ''}"
         said.append(
-            f"if the firmware's kp is {gain} as stated, {which} is {ratio:.2f} +- {1.96 * error:.2f} times as heavy as "
-            f"the description says"
+            f"if the firmware's kp is {', '.join(gains)} as stated, {which} is {ratio:.2f} +- {1.96 * error:.2f} times "
+            f"as heavy as the description says; --known {option} assumes that gain"
         )
     return tuple(said)

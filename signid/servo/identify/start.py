@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ...errors import OptionError, shorten
-from ...servos import DRIVE_LAWS, KD_ON, SERVO_NUMBERS, Servo, ServoGrid, number_fault
+from ...servos import DRIVE_LAWS, KD_ON, SERVO_NUMBERS, Servo, ServoGrid
 from ...types import Robot
+from ..assumptions import Assumptions
 from ..search.choice import Candidate
 from ..search.data import ServoData
 
@@ -18,7 +19,6 @@ ALWAYS = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")
 LEAST_LAG = 0.005  # [s] kd over kp to start from: a fit hardly leaves zero
 LEAST_WAVE = 6e-4  # [s2] the same for armature over kp: 40 rad/s, the slowest of hobby servos have 12 to 41
 MOVES = 0.02  # [rad/s or m/s] rms speed from which friction of a free joint acts
-KNOWN = ("masses", "kp", "nothing")
 
 Stated = Mapping[str, Mapping[str, float]]  # number by joint and name
 
@@ -42,11 +42,13 @@ def stated_drive(robot: Robot, joint: str) -> Servo:
     ).with_(**numbers)
 
 
-def stated_laws(robot: Robot, joints: Sequence[str], laws: Mapping[str, str] | str | None) -> dict[str, str]:
-    """Law of each joint whose law is given, or stated by the actuators file.
+def stated_laws(
+    robot: Robot, joints: Sequence[str], laws: Mapping[str, str] | str | None, assumptions: Assumptions
+) -> dict[str, str]:
+    """Law of each joint whose law is given, or stated by the actuators file; equal joints have the same.
 
     Raises:
-        OptionError: unknown law or joint.
+        OptionError: unknown law or joint, or equal joints of different laws.
     """
     given = dict.fromkeys(joints, laws) if isinstance(laws, str) else dict(laws or {})
     if unknown := [joint for joint in given if joint not in joints]:
@@ -56,52 +58,30 @@ def stated_laws(robot: Robot, joints: Sequence[str], laws: Mapping[str, str] | s
     if wrong := [law for law in given.values() if law not in DRIVE_LAWS]:
         raise OptionError(f"law {wrong[0]!r} is none of {', '.join(DRIVE_LAWS)}")
     filed = {joint: str(_entries(robot, joint)["law"]) for joint in joints if "law" in _entries(robot, joint)}
-    return {**filed, **given}
-
-
-def known_scale_of(known: str | None, stated: Stated) -> tuple[str, dict[str, dict[str, float]]]:
-    """Origin of the scale, one of KNOWN, and the stated numbers with a gain that `known` gives, as in "kp=20".
-
-    Raises:
-        OptionError: unknown value.
-    """
-    numbers = {joint: dict(of) for joint, of in stated.items()}
-    gains = any("kp" in of for of in numbers.values())
-    if known is None:
-        return ("kp" if gains else "masses"), numbers
-    word, _, value = known.partition("=")
-    if word == "kp" and value:
-        gain = known_gain(known, value)
-        return "kp", {joint: {**of, "kp": gain} for joint, of in numbers.items()}
-    if word not in KNOWN or value:
-        raise OptionError(f"known is {known!r}; give one of {', '.join(KNOWN)}, or kp=20, for example")
-    if word == "kp" and not gains:
-        raise OptionError("known is 'kp', and no kp is stated; state it in the actuators file, or give kp=20")
-    return word, numbers
-
-
-def known_gain(given: str, text: str) -> float:
-    """Gain kp [N.m/rad] that a text states; `given` is the whole text of the user.
-
-    Raises:
-        OptionError: no number, or one that no drive has.
-    """
-    try:
-        gain = float(text)
-    except ValueError:
-        gain = -1.0
-    if fault := number_fault("kp", gain, positive=True):
-        raise OptionError(f"known is {given!r}; {fault} as the gain, in N.m/rad; give kp=20, for example")
-    return gain
+    found = {**filed, **given}
+    for members in assumptions.equal:
+        stated = {found[joint] for joint in members if joint in found}
+        if len(stated) > 1:
+            raise OptionError(
+                f"{shorten(members)} are equal, and have the laws {' and '.join(sorted(stated))}; give one"
+            )
+        found |= {joint: law for joint in members for law in stated}
+    return found
 
 
 def first_candidate(
-    robot: Robot, data: ServoData, servos: Mapping[str, Servo], stated: Stated, laws: Mapping[str, str]
+    robot: Robot,
+    data: ServoData,
+    servos: Mapping[str, Servo],
+    stated: Stated,
+    laws: Mapping[str, str],
+    assumptions: Assumptions = Assumptions(),  # noqa: B008
 ) -> Candidate:
-    """Drives to start from, with stated numbers, and the numbers that are free with every law."""
+    """Drives to start from, with stated numbers and means of priors, and the numbers that are free with every law."""
     started, free = {}, list[tuple[str, str]]()
     for joint, servo in servos.items():
         numbers, nominal = stated.get(joint, {}), stated_drive(robot, joint)
+        means = {name: prior.mean for (one, name), prior in assumptions.priors.items() if one == joint}
         if "kp" in numbers and servo.kp > 0:
             scale = numbers["kp"] / servo.kp
             servo = servo.with_(**{key: scale * getattr(servo, key) for key in ("kd", "coulomb_friction", "armature")})
@@ -110,14 +90,15 @@ def first_candidate(
         servo = servo.with_(kd=max(servo.kd, LEAST_LAG * servo.kp), armature=max(servo.armature, LEAST_WAVE * servo.kp))
         law = laws.get(joint, DRIVE_LAWS[0])
         servo = replace(servo, law=law, kd_on=nominal.kd_on, kp_register=nominal.kp_register).with_(
-            **{"effort_limit": np.inf, "speed_limit": np.inf, **numbers}
+            **{"effort_limit": np.inf, "speed_limit": np.inf, **numbers, **means}
         )
         started[joint] = servo
-        names = [name for name in ALWAYS if name not in numbers]
-        if ("kd" in numbers or moves_while_off(data, joint)) and "viscous_friction" not in numbers:
+        names = [name for name in (*ALWAYS, *means) if name not in numbers]
+        if ({"kd"} & {*numbers, *means} or moves_while_off(data, joint)) and "viscous_friction" not in numbers:
             names.append("viscous_friction")
         free += [(joint, name) for name in names]
-    return Candidate(started, tuple(free), usual={joint: servo.kp for joint, servo in started.items()})
+    usual = {joint: servo.kp for joint, servo in started.items()}
+    return Candidate(started, tuple(dict.fromkeys(free)), usual=usual, assumptions=assumptions)
 
 
 def moves_while_off(data: ServoData, joint: str) -> bool:

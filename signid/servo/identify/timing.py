@@ -53,13 +53,11 @@ def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window:
         model,
         grids,
         servos,
-        fit.names,
+        fit.free,
         window=window,
-        shared=("delay",),
         relinearise=False,
         iterations=STEPS,
         scales=False,
-        coarse=True,
     )
     return new.window_squares
 

@@ -14,13 +14,13 @@ from ...types import Array, Indices
 from .commands import commands_at
 from .kernel import DELAY, PROFILE, SHORT, Drives
 
-LONGEST, MOST = 0.002, 32  # [s] of a substep; substeps of a row
+LONGEST, COARSE, MOST = 0.002, 0.004, 32  # [s] of a substep, in fits and in searches for laws; substeps of a row
 TURN = 0.35  # [rad] of the fastest oscillation in a substep
 KEPT = 20_000_000  # values of commands that are kept, [160 MB]
 
 
-def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 1) -> int:
-    """Substeps of a row: at most 2 ms long, and short against the fastest oscillation of the loop.
+def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 1, longest: float = LONGEST) -> int:
+    """Substeps of a row: of at most `longest` [s], and short against the fastest oscillation of the loop.
 
     step: of a row [s]; inertia: (n,) of the robot at the joints [kg.m2 or kg]; finer: their number is a multiple of it.
     """
@@ -31,7 +31,7 @@ def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 
         ),
         default=0.0,
     )
-    longest = SHORT if any(servo.backlash_gap > 0 for servo in servos) else LONGEST
+    longest = SHORT if any(servo.backlash_gap > 0 for servo in servos) else longest
     count = np.clip(np.ceil(step * max(1 / longest, fastest / TURN) - 1e-9), 1, MOST)
     return finer * int(np.ceil(count / finer))
 

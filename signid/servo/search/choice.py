@@ -10,6 +10,7 @@ import numpy as np
 from ...model import Model
 from ...parameters import Array
 from ...servos import Servo, ServoGrid
+from ..assumptions import OWN, Assumptions
 from ..fit import ServoFit, fit_servos
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
@@ -37,9 +38,9 @@ class Candidate:
     servos: Mapping[str, Servo]
     free: tuple[tuple[str, str], ...]
     tied: Mapping[str, float] = field(default_factory=dict)  # effort limit over kp [rad or m], by joint
-    own_delay: frozenset[str] = frozenset()  # joints with delays of their own; those of other branches share one
     usual: Mapping[str, float] = field(default_factory=dict)  # kp by joint, about which an unknown scale stays
     window: float = 0.0  # [s] of the windows of its fits; 0: that of the search
+    assumptions: Assumptions = Assumptions()
 
     def changed(self, servos: Mapping[str, Servo], free: Sequence[tuple[str, str]] = ()) -> Candidate:
         """With other drives at some joints, and more free numbers."""
@@ -47,19 +48,30 @@ class Candidate:
 
     def only(self, joints: Collection[str]) -> Candidate:
         """The same for some joints; the others follow the recorded motion."""
-        return Candidate(
-            {joint: servo for joint, servo in self.servos.items() if joint in joints},
-            tuple(name for name in self.free if name[0] in joints),
-            {joint: error for joint, error in self.tied.items() if joint in joints},
-            self.own_delay.intersection(joints),
-            self.usual,
-            self.window,
+        return replace(
+            self,
+            servos={joint: servo for joint, servo in self.servos.items() if joint in joints},
+            free=tuple(name for name in self.free if name[0] in joints),
+            tied={joint: error for joint, error in self.tied.items() if joint in joints},
         )
 
     def with_limits(self, joints: Collection[str]) -> Candidate:
         """With limits of their own at joints where they were tied to gains: a supply that sags gives less torque."""
         tied = {joint: error for joint, error in self.tied.items() if joint not in joints}
         return replace(self.changed({}, [(joint, "effort_limit") for joint in joints]), tied=tied)
+
+    def united(self) -> Candidate:
+        """With the law, the free numbers and the mean of each number of equal joints."""
+        servos, free = dict(self.servos), list(self.free)
+        for members in ([j for j in group if j in servos] for group in self.assumptions.equal):
+            names = dict.fromkeys(name for joint, name in self.free if joint in members and name != OWN)
+            means = dict[str, float]()
+            for name in names:
+                finite = [x for joint in members if np.isfinite(x := getattr(servos[joint], name))]
+                means |= {name: float(np.mean(finite))} if finite else {}
+            servos |= {j: replace(servos[j], law=servos[members[0]].law).with_(**means) for j in members}
+            free += [(joint, name) for joint in members for name in names]
+        return replace(self, servos=servos, free=tuple(dict.fromkeys(free)))
 
     def follow(self, servos: Mapping[str, Servo]) -> Candidate:
         """With other drives, whose tied limits follow their gains."""
@@ -84,8 +96,7 @@ class ServoTrial:
     def with_joints(self, other: ServoTrial) -> ServoTrial:
         """With some joints of another trial."""
         candidate = self.candidate.changed(other.candidate.servos, other.candidate.free)
-        own = candidate.own_delay.difference(other.candidate.servos) | other.candidate.own_delay
-        candidate = replace(candidate, own_delay=own, window=max(candidate.window, other.candidate.window))
+        candidate = replace(candidate, window=max(candidate.window, other.candidate.window))
         return ServoTrial(candidate, {**self.residual, **other.residual}, {**self.scores, **other.scores})
 
 
@@ -101,7 +112,7 @@ def fit_candidate(
     coarse: bool = False,
 ) -> tuple[Candidate, ServoFit]:
     """Fit a candidate; limits that are tied to gains follow them; `coarse`: without intervals."""
-    rounds = rounds if candidate.tied else 1
+    candidate, rounds = candidate.united(), rounds if candidate.tied else 1
     for k in range(rounds):
         fit = fit_servos(
             model,
@@ -109,13 +120,12 @@ def fit_candidate(
             candidate.servos,
             candidate.free,
             window=candidate.window or window,
-            shared=("delay",),
-            own=candidate.own_delay,
             relinearise=relinearise and k == rounds - 1,
             iterations=steps,
             scales=False,
             coarse=coarse,
             usual=candidate.usual,
+            assumptions=candidate.assumptions,
         )
         candidate = candidate.follow(fit.servos)
     return candidate, fit
@@ -124,10 +134,15 @@ def fit_candidate(
 def tried(
     model: Model, data: ServoData, candidate: Candidate, window: float, steps: int = STEPS, coarse: bool = True
 ) -> ServoTrial:
-    """Fit a candidate to all training data; `coarse`: until a step gains little."""
+    """Fit a candidate to all training data; `coarse`: until a step gains little.
+
+    Equal joints have the residual and the scores of all of them, so that they are judged together.
+    """
     candidate, fit = fit_candidate(model, data.train, candidate, window, steps, coarse=coarse)
+    squares = {joint: float(fit.residual_rms[data.joints.index(joint)]) ** 2 for joint in candidate.servos}
+    peers = {joint: [j for j in candidate.assumptions.peers(joint) if j in squares] for joint in squares}
     return ServoTrial(
-        candidate, {joint: float(fit.residual_rms[data.joints.index(joint)]) for joint in candidate.servos}
+        candidate, {joint: float(np.sqrt(np.mean([squares[j] for j in some]))) for joint, some in peers.items()}
     )
 
 
@@ -140,7 +155,11 @@ def scored(model: Model, data: ServoData, trial: ServoTrial, window: float) -> S
             scores = roll_out_scores(model, candidate.servos, grid)
             for joint in found:
                 found[joint].append(scores[:, grid.joints.index(joint)])
-    return replace(trial, scores={joint: np.concatenate(some) for joint, some in found.items() if some})
+    peers = {joint: [j for j in trial.candidate.assumptions.peers(joint) if j in found] for joint in found}
+    return replace(
+        trial,
+        scores={joint: np.concatenate([x for j in peers[joint] for x in found[j]]) for joint in found if found[joint]},
+    )
 
 
 def roll_out_scores(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) -> Array:

@@ -31,7 +31,7 @@ def try_laws(
     """
     given, stated = limits.laws, [j for j in suspects if base.candidate.servos[j].effort_limit < np.inf]
     trials, near = dict[str, ServoTrial](), by.near(suspects)
-    start = replace(base.candidate.only(near), own_delay=frozenset(by.sharing(base.candidate, near)), window=0.0)
+    start = replace(base.candidate.only(near), window=0.0)
     for law in ("effort", "duty", "torque_speed"):  # where no limit of the effort helps, one of the duty does not
         if own := _with(given, law, suspects):
             new = by.fit(_law_start(by, start, own, law, limits, trials))
@@ -44,7 +44,7 @@ def try_laws(
     near = by.near(keep)
     base = by.score(base, near)
     trials = {law: by.score(trial.only(near), near) for law, trial in trials.items()}
-    chosen, found = replace(base.candidate.only(near), own_delay=start.own_delay.intersection(near)), {}
+    chosen, found = base.candidate.only(near), {}
     for joint in keep:
         top = _top_speed(by, joint)
         allowed = _apart({law: trial for law, trial in trials.items() if given.get(joint, law) == law}, joint, top)
@@ -58,9 +58,6 @@ def try_laws(
     if not found:
         return base, found
     new = by.fit(chosen, coarse=False)
-    if new.candidate.own_delay:
-        shared = by.fit(replace(new.candidate, own_delay=frozenset()))
-        new = new if worth(shared, new, sorted(near)) else shared
     new, found = _simpler(new, found, given)
     return base.with_joints(by.score(new, near)), found
 

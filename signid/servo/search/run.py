@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -33,21 +32,20 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
     base = by.fit(start)
     if not by.data.folds:
         return Chosen(base.candidate, laws)
-    suspects = limits.joints(start.tied)
+    suspects = by.assumptions.with_peers(limits.joints(start.tied))
     loose = by.near([joint for joint in suspects if base.residual[joint] > LOOSE * loop_error(by.data, joint)])
     if first := [joint for joint in suspects if joint in loose]:
         by.say("trying laws of servos", 0.15)
         base, found = try_laws(by, base, first, limits, loose)
         laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
-    by.say("trying a delay of each servo", 0.3)
-    before = base = _try_own_delays(by, base, loose)
+    before = base.candidate.free
     if by.options.additional[:1] == (FIRST,):
         by.say(f"trying {FIRST} of servos", 0.35)
         base = _try_number(by, base, FIRST)
     by.say("trying limits of servos", 0.4)
     limits, rare = rare_limits(by, base, limits)
     has = [joint for joint in suspects if base.candidate.servos[joint].effort_limit < np.inf]
-    if again := [*(joint for joint in has if joint not in loose or base is not before), *rare]:
+    if again := [*(joint for joint in has if joint not in loose or base.candidate.free != before), *rare]:
         by.say("trying laws of servos", 0.4)
         base, found = try_laws(by, base, again, limits)
         laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
@@ -79,22 +77,3 @@ def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
         near = by.near(kept)
         new = by.score(by.fit(start.only(near).changed({}, [(joint, name) for joint in kept]), MORE), near)
     return base.with_joints(new)
-
-
-def _try_own_delays(by: Searcher, base: ServoTrial, but: Collection[str]) -> ServoTrial:
-    """Give each joint of a branch its own delay, and keep that where windows that took no part improve.
-
-    Branches with some joints `but` are left as they are.
-    """
-    joints = by.sharing(base.candidate, set(base.candidate.servos).difference(by.near(but)))
-    if not joints:
-        return base
-    free = {joint for joint, name in base.candidate.free if name == "delay"}
-    new = by.fit(replace(base.candidate.only(joints), own_delay=frozenset(free.intersection(joints))), MORE)
-    near = by.near(worth(base, new, joints))
-    if not near:
-        return base
-    new = by.fit(new.candidate.only(near), coarse=False)
-    base, new = by.score(base, near), by.score(new, near)
-    kept = by.near(improved(base, new, sorted(near)))
-    return base.with_joints(new.only(kept)) if kept else base

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...model import Model
 from ...types import Progress
+from ..assumptions import Assumptions, unions
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
 from .choice import DIVERGED, STEPS, Candidate, ServoTrial, scored, tried
@@ -63,6 +64,7 @@ class Searcher:
     sets: Sequence[Sequence[str]]  # connected joints
     options: ServoOptions
     progress: Progress | None = None
+    assumptions: Assumptions = Assumptions()
 
     def fit(self, candidate: Candidate, steps: int = STEPS, coarse: bool = True) -> ServoTrial:
         """Fit to all training data."""
@@ -102,15 +104,11 @@ class Searcher:
         return trial.with_joints(scored(self.model, self.data, trial.only(joints), self.options.window))
 
     def near(self, joints: Collection[str]) -> set[str]:
-        """Joints that share moved bodies with some joints, and these."""
-        return {joint for members in self.sets if any(j in joints for j in members) for joint in members}
+        """Joints that share moved bodies or numbers with some joints, and these."""
+        sets = unions((*self.sets, *self.assumptions.equal))
+        return {joint for members in sets if any(j in joints for j in members) for joint in members}
 
     def say(self, step: str, share: float) -> None:
         """Report progress."""
         if self.progress is not None:
             self.progress(step, share)
-
-    def sharing(self, candidate: Candidate, joints: Collection[str]) -> list[str]:
-        """Some joints, of those in branches where several have a free delay."""
-        free = {joint for joint, name in candidate.free if name == "delay"}
-        return [j for members in self.sets if len(free.intersection(members)) > 1 for j in members if j in joints]

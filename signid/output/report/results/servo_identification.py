@@ -97,6 +97,7 @@ def _joint(one: ServoJoint) -> Document:
         **damping,
         "effort_limit": {**limit, "saturated_share": one.saturated_share},
         "known_load_share": one.known_load_share,
+        **({"equal": list(one.equal)} if one.equal else {}),
         "not_identifiable": list(one.not_identifiable),
     }
 
@@ -120,6 +121,9 @@ def _number(number: ServoNumber) -> Document:
         "unit": number.unit,
         **({"stated": number.value} if number.stated else {}),
         **{key: x for key in ("below", "above") if (x := getattr(number, key)) is not None},
+        **({"prior": number.prior._asdict()} if number.prior else {}),
+        **({"bounds": [x if np.isfinite(x) else None for x in number.bounds]} if number.bounds else {}),
+        **({"at_bound": True} if number.at_bound else {}),
         **({"sentence": number.sentence} if number.sentence else {}),
     }
 
@@ -330,9 +334,12 @@ def _number_cell(number: ServoNumber | None) -> str:
         bounds = (("<", number.below), (">", number.above))
         return next((f"{sign} {decimals(scale * bound, 2)}" for sign, bound in bounds if bound is not None), "-")
     value = scale * number.value
+    if number.at_bound:
+        return f"{figure(value)} (bound)"
     if number.stated or not number.std:
         return f"{figure(value)} (stated)" if number.stated else f"({figure(value)})"
-    return " ± ".join(text for text in with_interval(value, scale * number.std) if text != "-")
+    text = " ± ".join(text for text in with_interval(value, scale * number.std) if text != "-")
+    return f"{text} (with prior)" if number.prior else text
 
 
 def _scale_basis(result: ServoIdentification) -> Section:

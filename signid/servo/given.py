@@ -1,0 +1,203 @@
+"""Texts of a user about drives: known numbers, priors, bounds and equal joints."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf, isfinite, nan
+from typing import TypeVar
+
+from ..errors import OptionError, shorten
+from ..robot.joints import find
+from ..servos import LARGEST, LIMITS, SERVO_NUMBERS, SERVO_UNITS, number_fault
+from ..types import Robot
+from .assumptions import OWN, Assumptions, Bounds, Name, Prior, unions
+
+KNOWN = ("masses", "kp", "nothing")
+POSITIVE = ("kp", *LIMITS)  # numbers that cannot be zero
+EXAMPLES = {"known": "kp=20", "prior": "armature=.01+-.005", "bounds": "kp=5..30"}
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Given:
+    """Knowledge of drives before a fit."""
+
+    scale: str | None  # what sets the scale of torque, one of KNOWN; None: as the actuators file states
+    stated: Mapping[str, Mapping[str, float]]  # numbers by joint [SERVO_UNITS], also those of the actuators file
+    assumptions: Assumptions
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A text NAME[@PATTERN]=VALUE of an option."""
+
+    option: str
+    text: str
+    number: str
+    joints: tuple[str, ...]
+    value: str
+
+    def wrong(self, fault: str) -> OptionError:
+        """Error of the value."""
+        given = f"{self.option} is {self.text!r}; {fault}, in {SERVO_UNITS[self.number]}"
+        return OptionError(f"{given}; give {EXAMPLES[self.option]}, for example")
+
+
+def given_texts(
+    robot: Robot,
+    joints: Sequence[str],
+    stated: Mapping[str, Mapping[str, float]],
+    *,
+    known: str | Sequence[str] | None = None,
+    prior: Sequence[str] = (),
+    bounds: Sequence[str] = (),
+    equal: Sequence[str] = (),
+) -> Given:
+    """Read texts of a user about drives; of several texts on one number of a joint the last one holds.
+
+    Args:
+        robot: robot of the drives.
+        joints: servo joints.
+        stated: numbers by joint that the actuators file states.
+        known: one of KNOWN, and NAME=VALUE, NAME@PATTERN=VALUE or NAME.JOINT=VALUE.
+        prior: NAME=MEAN+-STD or NAME@PATTERN=MEAN+-STD.
+        bounds: NAME=LOW..HIGH or NAME@PATTERN=LOW..HIGH.
+        equal: regular expressions that match whole names of joints, at least two each.
+
+    Raises:
+        OptionError: a text of another form, an unknown number, a pattern without joints, or a contradiction.
+    """
+    texts = [known] if isinstance(known, str) else list(known or ())
+    words, numbers = [x for x in texts if "=" not in x], [x for x in texts if "=" in x]
+    groups = tuple(unions(_equal(pattern, robot, joints) for pattern in equal))
+    said = _read("known", numbers, robot, joints, _number)
+    given = {(joint, name): x for joint, of in stated.items() for name, x in of.items()} | said
+    given = _spread(given, groups, "stated values")
+    priors = _spread(_read("prior", prior, robot, joints, _prior), groups, "priors")
+    ranges = _spread(_read("bounds", bounds, robot, joints, _bounds), groups, "bounds")
+    for joint, name in given:
+        if (joint, name) in priors or (joint, name) in ranges:
+            raise OptionError(f"{name} of {joint} is stated, and has a prior or bounds as well; give one of them")
+    for key, (mean, _) in priors.items():
+        if key in ranges and not ranges[key].low <= mean <= ranges[key].high:
+            raise OptionError(f"the prior of {key[1]} of {key[0]} has its mean outside the bounds; move one of them")
+    scale = _scale(words, given, any(name == "kp" for _, name in said))
+    by_joint = {joint: {name: x for (one, name), x in given.items() if one == joint} for joint in joints}
+    return Given(scale, by_joint, Assumptions(groups, priors, ranges))
+
+
+def _scale(words: Sequence[str], given: Mapping[Name, float], gains: bool) -> str | None:
+    """Source of the scale of torque; gains: whether the user states any."""
+    if wrong := next((word for word in words if word not in KNOWN), None):
+        raise OptionError(f"known is {wrong!r}; give one of {', '.join(KNOWN)}, or NAME=VALUE: kp=20, for example")
+    if len(set(words) | ({"kp"} if gains else set())) > 1:
+        raise OptionError("the scale of torque is known from one source; give --known masses, nothing or a gain kp=20")
+    word = "kp" if gains else next(iter(words), None)
+    if word == "kp" and not any(name == "kp" for _, name in given):
+        raise OptionError("known is 'kp', and no kp is stated; state it in the actuators file, or give kp=20")
+    return word
+
+
+def _read(
+    option: str, texts: Sequence[str], robot: Robot, joints: Sequence[str], value: Callable[[_Entry], T]
+) -> dict[Name, T]:
+    """Values by joint and number of the texts of an option."""
+    entries = [_entry(option, text, robot, joints) for text in texts]
+    return {(joint, entry.number): read for entry in entries for read in [value(entry)] for joint in entry.joints}
+
+
+def _entry(option: str, text: str, robot: Robot, joints: Sequence[str]) -> _Entry:
+    head, equals, value = text.rpartition("=")
+    number, mark, which = head.partition("@") if "@" in head else head.partition(".")
+    if not equals or (mark and not which):
+        raise OptionError(
+            f"{option} is {text!r}; write NAME{_tail(option)}, or NAME@PATTERN{_tail(option)} for the joints whose "
+            f"names a regular expression matches; give {EXAMPLES[option]}, for example"
+        )
+    if number not in SERVO_NUMBERS:
+        raise OptionError(
+            f"{option} is {text!r}, and a drive has no {number!r}; choose from {', '.join(SERVO_NUMBERS)}"
+        )
+    own = tuple(joints)
+    if mark == "@":
+        own = _matched(which, joints)
+    elif mark:
+        own = (robot.joints[find(which, robot)],)
+    if not own or not set(own) <= set(joints):
+        raise OptionError(f"{option} is {text!r}, and {which!r} is no servo joint; they are {shorten(joints)}")
+    return _Entry(option, text, number, own, value)
+
+
+def _tail(option: str) -> str:
+    return "=" + EXAMPLES[option].partition("=")[2]
+
+
+def _matched(pattern: str, joints: Sequence[str]) -> tuple[str, ...]:
+    """Joints whose whole names a regular expression matches."""
+    try:
+        return tuple(joint for joint in joints if re.fullmatch(pattern, joint))
+    except re.error as error:
+        raise OptionError(f"{pattern!r} is no regular expression: {error}; write '.*_hip_joint', for example") from None
+
+
+def _equal(pattern: str, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
+    """Servo joints of one kind that a pattern matches."""
+    found = _matched(pattern, joints)
+    if len(found) < 2:
+        which = f"only the servo joint {found[0]}" if found else "no servo joint"
+        raise OptionError(f"equal is {pattern!r}, which matches {which}; match two or more of {shorten(joints)}")
+    if len({bool(robot.prismatic[robot.index(joint)]) for joint in found}) > 1:
+        raise OptionError(f"equal is {pattern!r}, which matches joints that turn and joints that slide; match one kind")
+    return found
+
+
+def _spread(given: Mapping[Name, T], groups: Sequence[Sequence[str]], what: str) -> dict[Name, T]:
+    """The same with what is given for one of several equal joints at all of them."""
+    out = dict(given)
+    for members in groups:
+        for number in (name for name in SERVO_NUMBERS if name != OWN):
+            values = [given[joint, number] for joint in members if (joint, number) in given]
+            if any(value != values[0] for value in values):
+                raise OptionError(f"{shorten(members)} are equal, and have different {what} of {number}; give one")
+            out |= {(joint, number): values[0] for joint in members if values}
+    return out
+
+
+def _number(entry: _Entry) -> float:
+    value = _float(entry.value)
+    if fault := number_fault(entry.number, value, entry.number in POSITIVE):
+        raise entry.wrong(fault)
+    return value
+
+
+def _prior(entry: _Entry) -> Prior:
+    mean, std = _pair(entry, r"\+-|±|\+/-")
+    if fault := number_fault(entry.number, mean, entry.number in POSITIVE):
+        raise entry.wrong(f"{fault} as the mean")
+    if not 0 < std <= LARGEST:
+        raise entry.wrong("expected a positive standard deviation after +-")
+    return Prior(mean, std)
+
+
+def _bounds(entry: _Entry) -> Bounds:
+    low, high = _pair(entry, r"\.\.(?=[^.]|\.\d)")
+    if fault := number_fault(entry.number, low):
+        raise entry.wrong(f"{fault} as the lower bound")
+    if not low < high:
+        raise entry.wrong("expected LOW..HIGH with LOW below HIGH")
+    return Bounds(low, high)
+
+
+def _pair(entry: _Entry, between: str) -> tuple[float, float]:
+    parts = re.split(between, entry.value, maxsplit=1)
+    return (_float(parts[0]), _float(parts[1])) if len(parts) == 2 else (nan, nan)
+
+
+def _float(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        return nan
+    return value if isfinite(value) or value == inf else nan
