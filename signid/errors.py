@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from decimal import Decimal
 
 # control characters, and separators of lines and paragraphs: they end comments of code and steer terminals
 CONTROL = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u2028\\u2029]")
@@ -62,6 +63,15 @@ def unexpected(verb: str, wanted: str, given: object, advice: str) -> OptionErro
     """Error about an argument of another type: what the verb needs, what was given, and how to make it."""
     kind = "None" if given is None else type(given).__name__
     return OptionError(f"{verb} needs {wanted}, not {kind}; give {advice}")
+
+
+def decimals(value: float, digits: int = 3) -> str:
+    """Number with significant digits, without an exponent.
+
+    >>> decimals(1172.3), decimals(0.000042, 1), decimals(2.0)
+    ('1170', '0.00004', '2')
+    """
+    return format(Decimal(f"{value:.{digits}g}"), "f")
 
 
 def shorten(names: Sequence[str], most: int = 8) -> str:

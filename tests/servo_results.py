@@ -23,7 +23,7 @@ def invented(
     servos = {joint: Servo(law="duty", kp=20.0, kd=0.5, delay=0.01, coulomb_friction=0.1) for joint in names}
     joints = (_identified(names[0]), _stated(names[1]), _unknown(names[2]))
     rms = np.array([0.0123, 0.0456, 0.00789])
-    rollout = ServoRollOut(names, ("rad",) * 3, rms, rms / 2, 5 * rms, 4 * rms, "q = q_des", True)
+    rollout = ServoRollOut(names, ("rad",) * 3, rms, rms / 2, 5 * rms, 4 * rms, "q = q_des", True, 5 * rms)
     return ServoIdentification(
         robot=model.robot,
         model=with_servos(model, servos),
@@ -59,7 +59,7 @@ def _stated(joint: str) -> ServoJoint:
         "damping": ServoNumber("damping", "N.m.s/rad", 1.5, 0.1),
         "delay": ServoNumber("delay", "s", 0.0, 0.01),
         "lag": ServoNumber("lag", "s", 0.075, 0.001),
-        "effort_limit": ServoNumber("effort_limit", "N.m", None, sentence="no sample saturated"),
+        "effort_limit": ServoNumber("effort_limit", "N.m", None, sentence="joint_2: no limit", above=1.3),
     }
     return ServoJoint(joint, "effort", None, {}, numbers, 0.0, 0.9, ("kd apart", "no limit"))
 

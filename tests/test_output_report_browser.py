@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from chromium import Chromium
 from servo_logs import drive, recording
+from servo_results import invented
 from test_output_report_diagnosis import made
 
 import signid
@@ -22,8 +23,8 @@ ROOT = Path(__file__).parents[1]
 DRAWN = "[...document.querySelectorAll('.plot')].filter(box => box.querySelector('.main-svg'))"
 HIDDEN = "[...document.querySelectorAll('details:not([open]) .plot')]"
 MARK = "'.js-line[d], .point path, .bars path[d], .hm image'"
-PAGES = ("diagnosis", "identification", "unsigned", "validation", "check", "audit")
-PLOTS = {"validation": 6, "check": 9, "audit": 3}  # at least, of a robot of three joints; two for each
+PAGES = ("diagnosis", "identification", "unsigned", "validation", "check", "audit", "drives")
+PLOTS = {"validation": 6, "check": 9, "audit": 3, "drives": 7}  # at least, of a robot of three joints; two for each
 EMPTY = f"{DRAWN}.filter(box => !box.querySelector({MARK})).map(box => box.ariaLabel)"
 COLLIDE = """
 [...document.querySelectorAll('.plot')].flatMap(plot => {
@@ -56,6 +57,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "validation": validation_page(signid.validate([signid.load_model("3r")] * 2, given)),
         "check": check_page(signid.check(robot, given)),
         "audit": audit_page(audit_servos(recording(drive(seconds=20)))),
+        "drives": signid.report(invented()),
     }
     for name, text in texts.items():
         assert len(text) < 6e6, name
@@ -111,6 +113,14 @@ def test_no_letters_run_into_each_other(browser: Chromium, pages: dict[str, Path
     show(browser, pages[name], width)
     assert browser.value("document.documentElement.scrollWidth") <= width
     assert browser.value(COLLIDE) == []
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_all_columns_of_the_drives_are_on_the_screen(browser: Chromium, pages: dict[str, Path], width: int) -> None:
+    show(browser, pages["drives"], width)
+    cells = "[...document.querySelector('table').querySelectorAll('tbody tr:first-child td')]"
+    shown = browser.value(f"{cells}.map(cell => [cell.dataset.head, cell.getBoundingClientRect().right])")
+    assert len(shown) >= 9 and shown[0][0] == "joint" and all(0 < right <= width for _, right in shown)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -16,7 +16,7 @@ from signid.effects.bodies import point_inertia
 from signid.effects.drive import Reach
 from signid.errors import OptionError, RecordingError
 from signid.model import Model, load_model, with_servos
-from signid.output.report import figure
+from signid.output.report.layout import thousandths
 from signid.servo.diagnose import diagnose_servos
 from signid.servo.diagnose.closed_loop import LINEAR, ClosedLoop
 from signid.servo.diagnose.hypotheses import HYPOTHESES
@@ -108,8 +108,8 @@ def test_a_gain_of_a_power_of_two_may_be_a_register(tmp_path: Path) -> None:
 
 def test_the_curves_of_a_page_begin_with_the_error_of_the_given_simulation(tmp_path: Path) -> None:
     found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", FAULTS["servo_gain"])))
-    rms = [figure(float(each.whole_rms[0])) for each in (found.rollout_before, found.rollout_after)]
-    assert f"{rms[0]} → {rms[1]} rad, whole recordings" in signid.report(found)
+    rms = [thousandths(float(each.whole_rms[0])) for each in (found.rollout_before, found.rollout_after)]
+    assert f"{rms[0]} → {rms[1]} mrad rms, whole recordings" in signid.report(found)
 
 
 def test_skipped_effects_are_not_named(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def test_delay_and_damping_are_one_number_in_slow_motion() -> None:
 @pytest.mark.parametrize(
     ("facts", "words"),
     [
-        (JointFacts("gripper", known_load_share=0.07), "only 7% of the torque"),
+        (JointFacts("gripper", known_load_share=0.07), "only 7 % of the torque"),
         (JointFacts("gripper", scale_known=False), "only relative to each other"),
     ],
 )
@@ -84,7 +84,7 @@ def test_without_a_scale_only_ratios_are_given(facts: JointFacts, words: str) ->
     numbers, said = joint_numbers(ELBOW, FREE, np.diag(STD**2), facts)
     assert all(numbers[name].value is None for name in ("kp", "damping", "armature", "coulomb_friction"))
     assert numbers["delay"].value == 0.01 and numbers["lag"].value == pytest.approx(0.06)
-    assert any(words in line and "kp/armature 2e+03" in line for line in said)
+    assert any(words in line and "kp/armature 2000 1/s2" in line for line in said)
 
 
 def test_a_stated_gain_gives_light_joints_their_scale() -> None:
@@ -99,6 +99,8 @@ def test_vague_numbers_are_bounds() -> None:
     numbers, said = joint_numbers(ELBOW, FREE, vague, JointFacts("elbow"))
     assert numbers["coulomb_friction"].value is None
     assert "elbow: coulomb friction is not identifiable from this motion: it is below 0.79 N.m" in said
+    _, said = joint_numbers(ELBOW, FREE, vague, JointFacts("elbow", largest_torque=0.7))
+    assert "elbow: coulomb friction is not identifiable from this motion" in said, "it never moves against more"
 
 
 def test_times_with_intervals_of_many_times_their_size_are_not_given() -> None:
@@ -120,7 +122,10 @@ def test_null_directions_of_the_information_name_their_numbers() -> None:
     found = dependent_numbers(columns.T @ columns, names)
     assert found == ((names[3],), (names[1], names[2]))
     lines = dependence(found)
-    assert "dead band of wrist does not act" in lines[0] and "only in combination" in lines[1]
+    assert "not identifiable: dead band of wrist" in lines[0] and "only in combination" in lines[1]
+    assert dependence([[names[0]], [names[1]], [("wrist", "kp")]]) == (
+        "without effect in these recordings, so not identifiable: kp of elbow, wrist; kd of elbow",
+    )
     assert dependent_numbers(np.eye(4), names) == ()
 
 

@@ -112,7 +112,8 @@ def test_the_schema_accepts_the_names_of_version_0_1() -> None:
 
 def test_what_is_not_identifiable_has_no_number_on_the_terminal() -> None:
     shown = repr(invented())
-    assert "not identifiable" in shown and "20.0 (stated)" in shown and "1.10 ± 0.12" in shown
+    assert "Not identifiable\n" in shown and "20.0 (stated)" in shown and "1.10 ± 0.12" in shown
+    assert "> 1.3" in shown and "< and > are bounds" in shown, "what no sample reaches has a bound"
     assert "joint_1, joint_2: kd apart" in shown
     assert len(shown.splitlines()) <= 40
 
@@ -128,7 +129,8 @@ def test_results_have_tables_and_figures() -> None:
     result = invented()
     assert result.to_frame("drives").filter(pl.col("value").is_null()).height == 6
     assert result.to_frame("closed_loops").height == 3 and result.to_frame("positions").height == 1500
-    assert len(result.plot("positions", joint="joint_2").data) == 10
+    assert len(result.plot("positions", joint="joint_2").data) == 9, "q = q_des is the command, drawn once"
+    assert result.plot("friction").data[0]["name"] == "any load"
     assert "not identifiable" in result._repr_html_()
 
 

@@ -66,8 +66,8 @@ def deliver_servos(
     if output is not None:
         known, left = with_known_numbers(result.model, gain=False)
         described, notes = _urdf(known.robot, known.inertials, torque_model(known).laws)
-        notes = (*notes, *(f"robot.urdf: {note}" for note in left))
-        result = replace(result, notes=(*result.notes, *notes))
+        unknown = "robot.urdf leaves out the numbers that are not identifiable, unless they were stated before"
+        result = replace(result, notes=(*result.notes, *notes, *([unknown] if left else [])))
         files = {**described, "report.html": page(result, inputs, command), **more}
     text = to_json(document(result, inputs))
     files = {"identification.json": text, "model.json": to_json(result.model.document()), **files}

@@ -70,8 +70,13 @@ def show(shown: str | Sequence[RenderableType], flags: Sequence[str] = (), writt
         Screen().write(shown)
     else:
         Screen().print(*shown, sep="\n")
+    said = {getattr(block, "plain", "") for block in shown}
     for flag in flags:
-        write_error(flag)
+        if flag not in said:
+            write_error(flag)
+    if repeated := len(said.intersection(flags)):
+        say = "a sentence of the result says" if repeated == 1 else f"{repeated} sentences of the result say"
+        write_error(f"{say} what not to rely on")
     if written and not isinstance(shown, str):
         Screen().write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
     return FLAGGED if flags else DONE

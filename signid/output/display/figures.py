@@ -125,6 +125,12 @@ def _positions(result: Any, joints: Sequence[str]) -> Plots:
     return _of(closed_loop_plots(result.traces, result.rollout), joints, slice(None))
 
 
+def _friction(result: Any, joints: Sequence[str]) -> Plots:
+    from ..report.plots.friction import friction_plots
+
+    return friction_plots(result, joints)
+
+
 def _correlation(result: Any, joints: Sequence[str]) -> Plots:
     from ..report.plots.heat import correlation_plot
 
@@ -164,7 +170,7 @@ FIGURES: dict[str, dict[str, Maker]] = {
     },
     "Recording": {"samples": _samples},
     "RollOut": {"rollouts": _rollouts},
-    "ServoIdentification": {"positions": _positions},
+    "ServoIdentification": {"positions": _positions, "friction": _friction},
     "ServoValidatedModel": {"positions": _positions},
     "Signs": {"signs": _signs},
     "Validation": {"residuals": _validated, "rollouts": _validated_rollouts},

@@ -25,23 +25,27 @@ CELL = "text-align:{};white-space:nowrap;padding:2px 10px 2px 0"
 
 def text(result: Any) -> str:
     """Text of a result as the terminal shows it, without colours; long sections are shortened."""
-    flags = [line for flag in _flags(result) for line in _lines(Text(f"flag: {flag}"))]
+    shown = tables(result)
+    flags = [line for flag in _flags(result, shown) for line in _lines(Text(f"flag: {flag}"))]
     last = [line for names in _names(result) for line in _lines(Text(names))]
-    return "\n".join([*_shortened([*_sections(tables(result)), flags], MOST - len(last)), *last])
+    return "\n".join([*_shortened([*_sections(shown), flags], MOST - len(last)), *last])
 
 
 def html(result: Any) -> str:
     """HTML of a result for notebooks; names and sentences are escaped, long tables shortened."""
-    shown = [_element(each) for each in tables(result)]
+    blocks = tables(result)
+    shown = [_element(each) for each in blocks]
     if len(shown) > (most := SENTENCES + 8):
         shown = [*shown[:most], _paragraph(f"and {len(shown) - most} more")]
-    flags = [_paragraph(f"flag: {flag}", "color:#b3261e") for flag in _flags(result)]
+    flags = [_paragraph(f"flag: {flag}", "color:#b3261e") for flag in _flags(result, blocks)]
     parts = [*flags[:SENTENCES], *shown, *(_paragraph(names, "color:#8a94a0") for names in _names(result))]
     return f'<div class="signid">{"".join(parts)}</div>'
 
 
-def _flags(result: Any) -> Sequence[str]:
-    return tuple(getattr(result, "flags", ()))
+def _flags(result: Any, shown: Sequence[RenderableType]) -> list[str]:
+    """Flags that are no sentence of the tables."""
+    said = {_plain(block) for block in shown}
+    return [flag for flag in getattr(result, "flags", ()) if flag not in said]
 
 
 def _names(result: Any) -> list[str]:

@@ -171,6 +171,15 @@ def figure(value: float, digits: int = 3) -> str:
     return f"{value:.{max(0, digits - 1 - power)}f}"
 
 
+def thousandths(value: float, digits: int = 3) -> str:
+    """Format a position error in thousandths of its unit.
+
+    >>> thousandths(0.00172), thousandths(float("inf")), thousandths(float("nan"))
+    ('1.72', 'diverges', '-')
+    """
+    return "diverges" if value == float("inf") else figure(1e3 * value, digits)
+
+
 def with_interval(value: float, std: float) -> tuple[str, str]:
     """Format a value and the half-width of its 95 % interval, to two significant digits of the half-width.
 

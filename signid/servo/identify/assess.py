@@ -44,7 +44,8 @@ def closed_loops(
         _rms(np.vstack(each) - measured, driven) for each in zip(*positions, strict=True)
     )
     name = IDEAL if nominal is None else STATED
-    return ServoRollOut(joints, units, own, own_short, usual, usual_short, name, held_out), tuple(traces)
+    tracking = _rms(np.vstack([grid.command - grid.q for grid in grids]), driven)
+    return ServoRollOut(joints, units, own, own_short, usual, usual_short, name, held_out, tracking), tuple(traces)
 
 
 def _both(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) -> tuple[Array, Array]:

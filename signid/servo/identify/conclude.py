@@ -143,6 +143,7 @@ def conclude(
         seed=options.seed,
         refit=judged.refit,
         start=replace(chosen.candidate, window=chosen.candidate.window or options.window),
+        far=tuple(joint for joint, error in judged.errors.items() if error.far),
     )
 
 

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ...errors import shorten
+from ...errors import decimals, shorten
 from ..assumptions import Assumptions, Name
 from ..search.data import ServoData
 from .assess import STATED
 from .facts import shortest_period
-from .identifiable import ONE_NUMBER
+from .identifiable import ONE_NUMBER, UNREACHED, VAGUELY
 from .result import ServoJoint, ServoNumber, ServoRollOut
 
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")  # that stands alone in a sentence
@@ -33,18 +33,55 @@ def joint_notes(joints: Sequence[ServoJoint]) -> Iterator[str]:
 
 
 def by_sentence(joints: Sequence[ServoJoint]) -> Iterator[str]:
-    """Sentences on numbers that are not identifiable; those that differ in figures only are one, with their ranges."""
+    """Sentences on numbers that are not identifiable, one for each reason, with their joints and ranges of figures."""
+    every = [one.joint for one in joints]
+    if vague := _lost_numbers(joints, VAGUELY):
+        listed = [f"{key.replace('_', ' ')} of {_named(list(of), every)}{_bounds(of)}" for key, of in vague.items()]
+        yield f"{VAGUELY}: {'; '.join(listed)}"
+    if limits := _lost_numbers(joints, UNREACHED).get("effort_limit", {}):
+        known = [number for number in limits.values() if number.above is not None]
+        size = _range([decimals(number.above or 0.0, 2) for number in known]) + f" {known[0].unit}" if known else ""
+        where = " where their scale is known" if len(known) < len(limits) else ""
+        above = f"{size}{where}" if size else "all torques of the recordings"
+        yield f"{_named(list(limits), every)}: {UNREACHED} {above}"
     shared: dict[tuple[str, ...], list[tuple[str, str]]] = {}
     for joint in joints:
         for sentence in joint.not_identifiable:
             plain = sentence.removeprefix(f"{joint.joint}: ")
-            shared.setdefault(tuple(NUMBER.split(plain)), []).append((joint.joint, plain))
+            if VAGUELY not in plain and UNREACHED not in plain:
+                shared.setdefault(tuple(NUMBER.split(plain)), []).append((joint.joint, plain))
     for words, said in shared.items():
         numbers = zip(*(NUMBER.findall(plain) for _, plain in said), strict=True)
         ranges = [*map(_range, numbers), ""]
         text = "".join(word + number for word, number in zip(words, ranges, strict=True))
-        names = list(dict.fromkeys(name for name, _ in said))
-        yield f"{'all joints' if len(names) == len(joints) > 2 else shorten(names)}: {text}"
+        yield f"{_named(list(dict.fromkeys(name for name, _ in said)), every)}: {text}"
+
+
+def _lost_numbers(joints: Sequence[ServoJoint], why: str) -> dict[str, dict[str, ServoNumber]]:
+    """Numbers that are not identifiable for a reason, by their name and joint."""
+    found: dict[str, dict[str, ServoNumber]] = {}
+    for joint in joints:
+        for name, number in joint.numbers.items():
+            if number.value is None and why in number.sentence:
+                found.setdefault(name, {})[joint.joint] = number
+    return found
+
+
+def _bounds(numbers: Mapping[str, ServoNumber]) -> str:
+    """Upper bounds in brackets, if there are any."""
+    known = [number for number in numbers.values() if number.below is not None]
+    if not known:
+        return ""
+    sizes = _range([decimals(number.below or 0.0, 2) for number in known])
+    return f" (below {f'{sizes} {known[0].unit}'.removesuffix(' 1')})"
+
+
+def _named(names: Sequence[str], every: Sequence[str]) -> str:
+    """Some of all joints, by exception if there are few others."""
+    others = [name for name in every if name not in names]
+    if len(names) <= max(2, 2 * len(others)):
+        return shorten(names)
+    return f"all joints but {shorten(others)}" if others else "all joints"
 
 
 def _range(numbers: Sequence[str]) -> str:
@@ -71,8 +108,8 @@ def lag_flags(joints: Sequence[ServoJoint], data: ServoData) -> Iterator[str]:
         period = shortest_period(data.train, joint.joint)
         if lag is not None and lag > SLOW * period:
             yield (
-                f"{joint.joint}: the lag of {1e3 * lag:.3g} ms is more than a quarter of the shortest period of the "
-                f"commands ({period:.2g} s); the joint does not follow such motion"
+                f"{joint.joint}: the lag of {decimals(1e3 * lag)} ms is more than a quarter of the shortest period of "
+                f"the commands ({decimals(period, 2)} s); the joint does not follow such motion"
             )
 
 
@@ -103,22 +140,23 @@ def worse_flag(rolled: ServoRollOut) -> str:
     """Sentence where the stated numbers are handed out."""
     own, usual = (np.sqrt(np.nanmean(x**2)) for x in (rolled.whole_rms, rolled.nominal_whole_rms))
     return (
-        f"the numbers found predict held-out recordings worse than the stated ones (rms {own:.3g} against "
-        f"{usual:.3g}), so the model has the stated ones; give more recordings"
+        f"the numbers found predict held-out recordings worse than the stated ones (rms {decimals(own)} against "
+        f"{decimals(usual)}), so the model has the stated ones; give more recordings"
     )
 
 
 def duty_notes(errors: Mapping[str, float]) -> Iterator[str]:
     """Joints whose recorded PWM shows the law and the error of full duty [rad or m]."""
     for joint, error in errors.items():
-        yield f"{joint}: the recorded PWM is proportional to the error, full at {error:.3g}: the law is duty"
+        yield f"{joint}: the recorded PWM is proportional to the error, full at {decimals(error)}: the law is duty"
 
 
 def law_notes(joints: Sequence[ServoJoint], given: Mapping[str, str], limited: Sequence[str]) -> Iterator[str]:
     """Joints where the law does not matter."""
     same = [joint.joint for joint in joints if joint.joint not in given and joint.joint not in limited]
     if same:
-        yield f"{shorten(same)}: nothing saturates, so the laws effort and duty are the same here; effort is written"
+        listed = _named(same, [joint.joint for joint in joints])
+        yield f"{listed}: nothing saturates, so the laws effort and duty are the same here; effort is written"
 
 
 def prior_notes(joints: Sequence[ServoJoint]) -> Iterator[str]:

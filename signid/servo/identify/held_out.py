@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import shorten
+from ...errors import decimals, shorten
 from ...model import Model
 from ...servos import Servo, ServoGrid
 from ...types import Array
@@ -60,7 +60,9 @@ def held_out_errors(model: Model, data: ServoData, servos: Mapping[str, Servo]) 
 def far_flags(errors: Mapping[str, HeldOutError]) -> Iterator[str]:
     """A sentence on the joints whose held-out positions are predicted far worse than those of the fit."""
     if far := [one for one in errors.values() if one.far]:
-        each = [f"{x.joint} ({x.held_out:.3g} {x.unit} instead of {x.trained:.3g})" for x in far]
+        each = [
+            f"{x.joint} ({decimals(1e3 * x.held_out)} m{x.unit} instead of {decimals(1e3 * x.trained)})" for x in far
+        ]
         yield (
             f"the held-out motion of {shorten(each, 4)} is predicted far worse than that of the training data, in rms "
             f"over one second: the model lacks an effect that acts there; run signid diagnose with model.json and the "

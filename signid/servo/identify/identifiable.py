@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
+from ...errors import decimals, shorten
 from ...parameters import Array
 from ...servos import LOOP_UNITS, SERVO_UNITS, Servo
 from ..assumptions import Bounds, Prior
@@ -18,6 +20,10 @@ LEAST_UNIQUE, CLEAR = 0.01, 10.0  # this, and this multiple of the relative resi
 VAGUE = 0.5  # std over value of a positive number beyond which it is not identifiable
 SPLIT = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
 ONE_NUMBER = "kd and viscous friction are one number here"
+IDLE = "without effect in these recordings, so not identifiable"
+COMBINED = "identifiable only in combination"
+VAGUELY = "not identifiable from this motion"
+UNREACHED = "no sample saturates, so the effort limit is above"
 RARE = 2e-3  # share of saturated samples below which the limit is not identifiable
 TICK = 2e-5  # [s] std of when, within a tick of its loop, a drive uses a command and a speed: no log says it
 RANK = 1e-9  # eigenvalue of the normalised information, relative to 1, below which a direction is not identifiable
@@ -28,10 +34,18 @@ INVERSE_SCALED = ("droop",)
 SIGNED = ("torque_offset", "delay", "lag")
 LATE, LATEST = ("delay", "lag"), 0.1  # times; [s] half width of a 95 % interval beyond which a small one says nothing
 LIMITS = ("effort_limit", "speed_limit", "profile_speed")
-WORDS = {"effort_limit": "effort limit", "speed_limit": "speed limit", "profile_speed": "profile speed"}
 
 
 Name = tuple[str, str]  # joint, number
+
+
+class Lost(NamedTuple):
+    """A number that is not identifiable, and its bound where there is one."""
+
+    name: str
+    sentence: str
+    below: float | None = None  # [unit of the number]
+    above: float | None = None  # [unit of the number]
 
 
 @dataclass(frozen=True)
@@ -91,7 +105,7 @@ def joint_numbers(
         std.update(_derived(servo, free, covariance))
     if facts.full_duty_error > 0 and "kp" in std:
         std["effort_limit"] = facts.full_duty_error * std["kp"]
-    lost = dict(_lost(servo, free, values, std, facts))
+    lost = {one.name: one for one in _lost(servo, free, values, std, facts)}
     for name, least in {"delay": TICK, "lag": TICK, "armature": TICK * servo.damping}.items():
         if name in std:
             timing = facts.command_timing / 1.96 if name != "armature" else 0.0
@@ -103,18 +117,22 @@ def joint_numbers(
         if name in lost or name in std or name in facts.stated or name in at_bound:
             stated = name in facts.stated and name not in std
             keep = name not in lost and np.isfinite(values[name])
+            remark = "at its bound" if name in at_bound else _remark(name, servo, facts)
+            why = lost.get(name, Lost(name, remark))
             numbers[name] = ServoNumber(
                 name,
                 unit_of(name, facts.prismatic),
                 float(values[name]) if keep else None,
                 float(std[name]) if keep and name in std else None,
                 stated,
-                lost.get(name, "at its bound" if name in at_bound else _remark(name, servo, facts)),
-                facts.priors.get(name),
-                facts.bounds.get(name),
-                keep and name in at_bound,
+                sentence=why.sentence,
+                below=why.below,
+                above=why.above,
+                prior=facts.priors.get(name),
+                bounds=facts.bounds.get(name),
+                at_bound=keep and name in at_bound,
             )
-    return numbers, tuple(dict.fromkeys(lost.values()))
+    return numbers, tuple(dict.fromkeys(one.sentence for one in lost.values()))
 
 
 def _derived(servo: Servo, free: Sequence[str], covariance: Array) -> dict[str, float]:
@@ -132,41 +150,48 @@ def _derived(servo: Servo, free: Sequence[str], covariance: Array) -> dict[str, 
 
 def _lost(
     servo: Servo, free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float], facts: JointFacts
-) -> Iterator[tuple[str, str]]:
-    """Name and sentence of each number that is not identifiable; later ones replace earlier ones."""
+) -> Iterator[Lost]:
+    """Numbers that are not identifiable; later ones replace earlier ones."""
     yield from _vague(free, values, std, facts)
     if not _apart(servo, facts):
         said = (
             f"{facts.joint}: {ONE_NUMBER}, the damping; torque off or at its limit while the joint "
             f"moves, or a recorded speed of the command, separates them"
         )
-        yield from ((name, said) for name in ("kd", "viscous_friction") if name not in facts.stated)
+        yield from (Lost(name, said) for name in ("kd", "viscous_friction") if name not in facts.stated)
     if _one_with_lag(free, values, std):
-        yield (
+        yield Lost(
             "delay",
-            f"{facts.joint}: delay and damping/kp are one number here, the lag of {1e3 * values['lag']:.3g} ms; their "
-            f"split needs faster motion, near sqrt(kp/inertia)",
+            f"{facts.joint}: delay and damping/kp are one number here, the lag of {decimals(1e3 * values['lag'])} ms; "
+            f"their split needs faster motion, near sqrt(kp/inertia)",
         )
     given = "effort_limit" in facts.stated or "effort_limit" in facts.priors
     if not (given or facts.full_duty_error) and facts.saturated_share < RARE:
-        yield "effort_limit", _limit_sentence(facts)
+        known = _scale_known(facts) and not facts.held_out_torque > 0
+        yield Lost("effort_limit", _limit_sentence(facts), above=facts.largest_torque if known else None)
     if sentence := _scale_sentence(servo, facts):
-        yield from ((n, sentence) for n in (*SCALED, *INVERSE_SCALED) if n in std or n in free)
+        yield from (Lost(n, sentence) for n in (*SCALED, *INVERSE_SCALED) if n in std or n in free)
 
 
 def _vague(
     free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float], facts: JointFacts
-) -> Iterator[tuple[str, str]]:
+) -> Iterator[Lost]:
     for name in (*free, "damping", "lag"):
         vague = name in std and name not in SIGNED and not std[name] <= VAGUE * abs(values[name])
         late = name in LATE and name in std and 1.96 * std[name] > max(abs(values[name]), LATEST)
         if vague or late or not np.isfinite(std.get(name, 0.0)):
-            words, unit = WORDS.get(name, name.replace("_", " ")), unit_of(name, facts.prismatic)
+            words, unit = name.replace("_", " "), unit_of(name, facts.prismatic)
             most = values[name] + 1.96 * std[name]
-            limit = (
-                f": it is below {most:.2g} {unit}" if np.isfinite(most) and name not in (*LIMITS, *LATE, "kp") else ""
-            )
-            yield name, f"{facts.joint}: {words} is not identifiable from this motion{limit}"
+            useful = np.isfinite(most) and name not in (*LIMITS, *LATE, "kp") and not most >= _largest(name, facts)
+            below = float(most) if useful else None
+            limit = "" if below is None else f": it is below {decimals(below, 2)} {unit}".removesuffix(" 1")
+            yield Lost(name, f"{facts.joint}: {words} is {VAGUELY}{limit}", below)
+
+
+def _largest(name: str, facts: JointFacts) -> float:
+    """Size of a number from which on an upper bound says nothing: friction as large as what moves the joint."""
+    sizes = {"load_friction": 1.0, "coulomb_friction": facts.largest_torque}
+    return sizes.get(name) or np.inf
 
 
 def _apart(servo: Servo, facts: JointFacts) -> bool:
@@ -189,14 +214,14 @@ def _limit_sentence(facts: JointFacts) -> str:
     if facts.held_out_torque > 0:
         shown = "asks for more torque, and is predicted far worse"
         if facts.held_out_limit < np.inf:
-            size = f" near {facts.held_out_limit:.2g} {unit}" if known else ""
+            size = f" near {decimals(facts.held_out_limit, 2)} {unit}" if known else ""
             shown = f"is predicted better with an effort limit{size}"
         return (
             f"{facts.joint}: no sample of the training data saturates, so the effort limit is not identifiable, but "
             f"held-out motion {shown}; learn from such motion as well"
         )
-    above = f"above {facts.largest_torque:.3g} {unit}" if known else "above all torques of the recordings"
-    return f"{facts.joint}: no sample saturates, so the effort limit is {above}"
+    above = f"{decimals(facts.largest_torque, 2)} {unit}" if known else "all torques of the recordings"
+    return f"{facts.joint}: {UNREACHED} {above}"
 
 
 def _scale_known(facts: JointFacts) -> bool:
@@ -208,9 +233,9 @@ def _scale_known(facts: JointFacts) -> bool:
 def _scale_sentence(servo: Servo, facts: JointFacts) -> str:
     if _scale_known(facts):
         return ""
-    ratios = [f"damping/kp {servo.damping / servo.kp:.3g} s"] if servo.kp > 0 else []
+    ratios = [f"damping/kp {decimals(servo.damping / servo.kp)} s"] if servo.kp > 0 else []
     if servo.armature > 0:
-        ratios.append(f"kp/armature {servo.kp / servo.armature:.3g} 1/s2")
+        ratios.append(f"kp/armature {decimals(servo.kp / servo.armature)} 1/s2")
     known = f"; known ratios: {', '.join(ratios)}" if ratios else ""
     if not facts.scale_known:
         return (
@@ -220,18 +245,20 @@ def _scale_sentence(servo: Servo, facts: JointFacts) -> str:
     if facts.known_load_share >= LIGHT:
         return (
             f"{facts.joint}: the known load acts like armature and friction of the joint, except "
-            f"{facts.unique_load_share:.0%} of its torque, so its scale is not identifiable; state its kp or move it "
-            f"against gravity{known}"
+            f"{100 * facts.unique_load_share:.0f} % of its torque, so its scale is not identifiable; state its kp or "
+            f"move it against gravity{known}"
         )
     return (
-        f"{facts.joint}: only {facts.known_load_share:.0%} of the torque of this joint is known load, so its scale is "
-        f"not identifiable; state its kp or add a known payload{known}"
+        f"{facts.joint}: only {100 * facts.known_load_share:.0f} % of the torque of this joint is known load, so its "
+        f"scale is not identifiable; state its kp or add a known payload{known}"
     )
 
 
 def _remark(name: str, servo: Servo, facts: JointFacts) -> str:
     if name == "delay" and facts.command_timing > 0:
-        return f"up to {1e3 * facts.command_timing:.3g} ms longer if the command changes between the rows of the log"
+        return (
+            f"up to {decimals(1e3 * facts.command_timing)} ms longer if the command changes between the rows of the log"
+        )
     if name == "damping":
         return "kd + viscous_friction + back_emf" if servo.law == "duty" else "kd + viscous_friction"
     if name == "torque_offset":
@@ -258,12 +285,17 @@ def dependent_numbers(information: Array, names: Sequence[Name]) -> tuple[tuple[
 
 
 def dependence(sets: Sequence[Sequence[Name]]) -> tuple[str, ...]:
-    """One sentence for each set of `dependent_numbers`."""
-    said = []
+    """One sentence on the numbers that do not act, and one on the other sets of `dependent_numbers`."""
+    idle: dict[str, list[str]] = {}  # joints by number
+    combined = list[str]()
     for members in sets:
-        listed = ", ".join(f"{number.replace('_', ' ')} of {joint}" for joint, number in members)
         if len(members) == 1:
-            said.append(f"{listed} does not act in these recordings, so it is not identifiable")
+            idle.setdefault(members[0][1].replace("_", " "), []).append(members[0][0])
         else:
-            said.append(f"{listed} are identifiable only in combination; state one of them")
-    return tuple(said)
+            numbers: dict[str, list[str]] = {}  # by joint
+            for joint, number in members:
+                numbers.setdefault(joint, []).append(number.replace("_", " "))
+            combined.append(", ".join(f"{', '.join(each)} of {joint}" for joint, each in numbers.items()))
+    each = "; ".join(f"{number} of {shorten(joints)}" for number, joints in idle.items())
+    said = (f"{IDLE}: {each}", f"{COMBINED}, of which one has to be stated: {'; '.join(combined)}")
+    return tuple(sentence for sentence, some in zip(said, (idle, combined), strict=True) if some)

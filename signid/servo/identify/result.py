@@ -41,6 +41,8 @@ class ServoNumber:
     prior: Prior | None = None  # that `std` contains
     bounds: Bounds | None = None
     at_bound: bool = False  # whether `value` is one of its bounds, and not measured
+    below: float | None = None  # [its unit] bound of a number that is not identifiable
+    above: float | None = None  # [its unit] the same
 
     @property
     def interval(self) -> tuple[float, float] | None:
@@ -86,6 +88,7 @@ class ServoRollOut(Frozen):
     nominal_one_second_rms: Array  # (n,) [rad or m] the same every second
     nominal: str  # "stated numbers" or "q = q_des"
     held_out: bool  # whether the recordings took no part in the fit
+    tracking_rms: Array  # (n,) [rad or m] of command - position, on the same rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +139,7 @@ class ServoIdentification(Result):
     seed: int
     refit: bool = False  # whether the model was fitted again to all rows; `rollout` and `traces` are of the fit before
     logs: tuple[LoggedRows, ...] = ()  # rows of the recordings
+    far: tuple[str, ...] = ()  # joints whose held-out motion is predicted far worse than that of the training data
     zeros: tuple[JointZero, ...] = ()  # signs and zeros of positions, where gravity was compared with them
     start: Candidate | None = None  # drives of the search and their free numbers, by the training rows
     friction_models: tuple[FrictionModel, ...] = ()  # where they were compared

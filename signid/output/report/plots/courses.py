@@ -13,7 +13,7 @@ from ....recording.sampling import split
 from ....recording.sampling.clock import CHUNK
 from ....regression.session import Part, Session
 from ....types import Array, Indices, Recording
-from ..layout import determination, figure
+from ..layout import determination, figure, thousandths
 from ..policy import plot_markup
 from ..sections import INK, Folds, JointPlots, Key, Plot
 from .frame import AFTER, BEFORE, FAINT, FLOOR, axis, curve, packed, thinned
@@ -31,6 +31,7 @@ MOST = 60  # maximum number of points per line of a roll-out
 OPEN = 3  # maximum number of unfolded joints
 TOP, GAP = 0.42, 0.06  # share of a plot taken by the residual, and half of the gap above it
 SPAN = 6.0  # largest drawn position error, as a multiple of the largest error of the identified loop
+LATEST = 1e5  # [s] stamps beyond, as those since 1970, are shown after their first whole second
 MOST_TRACES = 4  # maximum number of recordings that are drawn
 FROM_COMMANDS = (
     "The robot starts at the measured state and follows the commands alone. Error is measured - simulated position."
@@ -56,6 +57,7 @@ class Panes(NamedTuple):
     units: tuple[str, str]
     share: float = TOP  # of the height, for the lower pane [1]
     height: int = 360  # [pixels]
+    time: str = "time [s]"
 
     def plot(self, title: str, t: Array, lines: Sequence[Line], **lower: Any) -> Plot:
         """Plot lines over t: (M,) [s]; `lower`: further properties of the lower axis."""
@@ -66,7 +68,7 @@ class Panes(NamedTuple):
             data.append({**curve(line.name, x, packed(line.values), style, hovertemplate=hover), "yaxis": line.axis})
         zero = {"zeroline": True, "zerolinecolor": FAINT}
         layout = {
-            "xaxis": axis("time [s]", anchor="y2"),
+            "xaxis": axis(self.time, anchor="y2"),
             "yaxis": axis(f"{self.upper} [{self.units[0]}]", domain=[self.share + GAP, 1], nticks=6),
             "yaxis2": axis(
                 f"{self.lower} [{self.units[1]}]", domain=[0, self.share - GAP], nticks=5, **{**zero, **lower}
@@ -219,8 +221,8 @@ def closed_loop_plots(traces: Sequence[ServoTrace], found: ServoRollOut) -> Iter
         joint, unit = found.joints[j], found.units[j]
         plots = [plot for trace in drawn if joint in trace.joints for plot in _loop_plots(trace, joint, unit, most)]
         sizes = (found.nominal_whole_rms[j], found.whole_rms[j])
-        summary = " → ".join(figure(float(rms)) for rms in sizes)
-        yield JointPlots(joint, f"{summary} {unit}, whole recordings", j in order[:OPEN], tuple(plots))
+        summary = " → ".join(thousandths(float(rms)) for rms in sizes)
+        yield JointPlots(joint, f"{summary} m{unit} rms, whole recordings", j in order[:OPEN], tuple(plots))
 
 
 def loop_blocks(
@@ -245,10 +247,9 @@ def _loop_plots(trace: ServoTrace, joint: str, unit: str, most: int) -> Iterator
         Line("command", "y", FLOOR, {"width": 1.2, "dash": "dash", "shape": "hv"}, trace.command[:, j]),
         Line("measured", "y", INK, {"width": 1.6}, measured),
     ]
-    before = [
-        Line("before", "y", BEFORE, {"width": 1.3, "dash": "dot"}, nominal),
-        Line("measured - before", "y2", BEFORE, {"width": 1.2, "dash": "dot"}, measured - nominal),
-    ]
+    before = [Line("measured - before", "y2", BEFORE, {"width": 1.2, "dash": "dot"}, measured - nominal)]
+    if not np.array_equal(nominal, trace.command[:, j], equal_nan=True):
+        before.append(Line("before", "y", BEFORE, {"width": 1.3, "dash": "dot"}, nominal))
     title = f"{joint}, {trace.path.rpartition('/')[2] or 'recording'}"
     whole = [*first, *before, *_simulated(measured, trace.simulated[:, j])]
     yield _positions(f"{title}: whole recording from commands alone", trace.t, unit, whole, most)
@@ -265,13 +266,15 @@ def _simulated(measured: Array, simulated: Array) -> list[Line]:
 
 
 def _positions(title: str, t: Array, unit: str, lines: Sequence[Line], most: int) -> Plot:
-    """Plot positions over time, with errors below."""
+    """Plot positions over the time of the recording, with errors below."""
+    origin = float(np.floor(t[0])) if len(t) and t[0] > LATEST else 0.0
+    clock = f"time after {origin:.0f} s [s]" if origin else "time of the recording [s]"
     lines = [line._replace(values=np.where(np.isfinite(line.values), line.values, np.nan)) for line in lines]
-    t, lines = _thinned(t - t[:1], lines, np.zeros(1, dtype=np.intp), most)
+    t, lines = _thinned(t - origin, lines, np.zeros(1, dtype=np.intp), most)
     errors = {line.name: float(np.nanmax(np.abs(line.values), initial=0.0)) for line in lines}
     span = SPAN * errors["measured - identified"]
     cut = {"range": [-span, span]} if 0 < span < errors.get("measured - before", 0.0) else {}
-    return Panes("position", "error", (unit, unit)).plot(title, t, lines, **cut)
+    return Panes("position", "error", (unit, unit), time=clock).plot(title, t, lines, **cut)
 
 
 def held_out_rows(session: Session, after: Model) -> tuple[Course, bool]:

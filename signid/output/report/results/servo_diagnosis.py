@@ -13,10 +13,11 @@ from ....servo.diagnose.conclude import VISIBLE
 from ....servo.identify.assess import HORIZON
 from ....types import Input
 from ..documents import Document, description, ending, fit_document, opening, picked
-from ..layout import figure, share, with_interval
+from ..layout import figure, share, thousandths, with_interval
 from ..plots.courses import loop_blocks, worst_joints
 from ..plots.frame import Header, sections_page, shared
 from ..sections import Card, Cells, Section, Sentences, terminal
+from .servo_identification import all_joints, loop_units, poor_joints
 
 if TYPE_CHECKING:
     from ....servo.diagnose import FoundNumber, ServoDiagnosis, ServoFinding, ServoRepeats
@@ -80,7 +81,7 @@ def _number(number: FoundNumber) -> Document:
 
 def servo_diagnosis_tables(result: ServoDiagnosis) -> list[RenderableType]:
     """Verdict, findings, alternatives, unexplained mismatch, and errors before and after."""
-    verdict = Text(_title(result), "bold red" if result.flags else "bold")
+    verdict = Text(_title(result), "bold red" if poor_joints(result.rollout_after) else "bold")
     rivals = Section("Alternatives", (Sentences(_alternatives(result)),))
     sections = [_findings(result), rivals, _unexplained(result), _repeated(result), _errors(result)]
     return [verdict, *terminal(sections, result.notes)]
@@ -98,18 +99,22 @@ def servo_diagnosis_page(result: ServoDiagnosis, inputs: Sequence[Input] = (), c
         _repeated(result),
         _errors(result).beside(*loops),
     ]
-    header = Header(_title(result), over, list(_cards(result)), "unreliable" if result.flags else "")
+    kind = "unreliable" if poor_joints(result.rollout_after) else result.verdict
+    header = Header(_title(result), over, list(_cards(result)), kind)
     return sections_page(header, sections, shared(result, [result.robot], inputs, command))
 
 
 def _cards(result: ServoDiagnosis) -> Iterator[Card]:
-    """Error of the worst joint before and after."""
+    """Errors of all joints, and of the worst one, before and after."""
     before, after = result.rollout_before, result.rollout_after
-    for j in worst_joints(before)[:1]:
-        rms = " → ".join(figure(float(x.whole_rms[j])) for x in (before, after))
-        yield Card(f"closed loop of {before.joints[j]}, held out", f"{rms} {before.units[j]}", "whole recordings, rms")
-        rms = " → ".join(figure(float(x.one_second_rms[j])) for x in (before, after))
-        yield Card("the same joint, windows of 1 s", f"{rms} {before.units[j]}", "rms position error")
+    for unit, tracking in all_joints(before, before.tracking_rms).items():
+        each = [all_joints(x, x.whole_rms)[unit] for x in (before, after)]
+        rms = " → ".join(thousandths(x, 2) for x in each)
+        part = " → ".join(share(x / tracking) for x in each if tracking > 0)
+        yield Card("closed loop, held out, whole recordings", f"{rms} m{unit} rms", f"{part} of the tracking error")
+    for j in worst_joints(before)[:1] if len(before.joints) > 1 else ():
+        rms = " → ".join(thousandths(float(x.whole_rms[j])) for x in (before, after))
+        yield Card(f"worst joint: {before.joints[j]}", f"{rms} m{before.units[j]} rms", "whole recordings")
 
 
 def _title(result: ServoDiagnosis) -> str:
@@ -129,7 +134,7 @@ def _cells(one: ServoFinding) -> list[str]:
     numbers, stated = [], []
     for key, number in one.parameters.items():
         value = figure(number.value) if not number.std else " ± ".join(with_interval(number.value, number.std))
-        numbers.append(f"{key} {value} {number.unit}")
+        numbers.append(f"{key} {value} {number.unit}".removesuffix(" 1"))
         stated.append("-" if number.stated is None else figure(number.stated))
     sure = "> 99.9 %" if one.probability > FINE else share(one.probability)
     explained = share(one.share.get(one.joint, 0.0))
@@ -153,8 +158,9 @@ def _unexplained(result: ServoDiagnosis) -> Section:
     for left in result.unexplained:
         unit = units[left.joint]
         sentences.append(
-            f"{left.joint}: {figure(left.rms)} {unit} rms remain over windows, {share(left.share)} of the mismatch "
-            f"before; it depends most on {left.variable}: {figure(left.region_rms)} {unit} in the {left.region}"
+            f"{left.joint}: {thousandths(left.rms)} m{unit} rms remain over windows, {share(left.share)} of the "
+            f"mismatch before; it depends most on {left.variable}: {thousandths(left.region_rms)} m{unit} in the "
+            f"{left.region}"
         )
         if left.tried:
             each = ", ".join(f"{effect} {share(max(part, 0.0))}" for effect, part in left.tried.items())
@@ -171,8 +177,9 @@ def _repeated(result: ServoDiagnosis) -> Section:
     if found is not None:
         units = dict(zip(result.rollout_after.joints, result.rollout_after.units, strict=True))
         said = [
-            f"{joint}: repeats of the same command differ by {figure(float(rms))} {units[joint]} rms ({found.pairs} "
-            f"pairs, {figure(found.seconds)} s); the mismatch there is {figure(float(mismatch))} {units[joint]}, so no "
+            f"{joint}: repeats of the same command differ by {thousandths(float(rms))} m{units[joint]} rms "
+            f"({found.pairs} pairs, {figure(found.seconds)} s); the mismatch there is "
+            f"{thousandths(float(mismatch))} m{units[joint]}, so no "
             f"model of these commands explains {share(float(part))} of its mean square"
             for joint, rms, mismatch, part in zip(found.joints, found.rms, found.mismatch_rms, found.share, strict=True)
         ]
@@ -185,6 +192,6 @@ def _errors(result: ServoDiagnosis) -> Section:
     a, b = result.rollout_before, result.rollout_after
     sizes = (a.whole_rms, b.whole_rms, a.one_second_rms, b.one_second_rms)
     fits = (result.before.held_out_rms, result.after.held_out_rms, result.after.noise_floor)
-    rows = [[joint, *(figure(float(x[j])) for x in (*sizes, *fits)), a.units[j]] for j, joint in enumerate(a.joints)]
-    title = "Held-out data: rms position error of closed loops from commands alone"
-    return Section(title, (Cells(["joint", *pairs, "noise>", "unit"], rows),))
+    rows = [[joint, *(thousandths(float(x[j])) for x in (*sizes, *fits))] for j, joint in enumerate(a.joints)]
+    title = f"Held-out data: rms position error of closed loops from commands alone [{loop_units(a)}]"
+    return Section(title, (Cells(["joint", *pairs, "noise>"], rows),))

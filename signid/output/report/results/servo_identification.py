@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
+from rich.text import Text
 
 from ....effects import EFFECTS
 from ....model import standard_parameters
@@ -14,10 +16,13 @@ from ....parameters import Array, pseudo_inertia
 from ....servos import PASSIVE
 from ....types import Input
 from ..documents import Document, description, ending, opening, picked, stamps_clock
-from ..layout import UNKNOWN, figure, heading, plural, share, with_interval
+from ..layout import Worse, plural, share, thousandths
 from ..plots.courses import loop_blocks, worst_joints
 from ..plots.frame import Header, sections_page, shared
-from ..sections import Block, Card, Cells, Legend, Section, Sentences, terminal
+from ..plots.friction import FRICTION, friction_plots
+from ..sections import Card, Cells, Legend, Plain, Plots, Section, Sentences, terminal
+from .friction_models import models_section, number_cell
+from .sentences import WORSE
 
 if TYPE_CHECKING:
     from ....servo.identify import FrictionModel, ServoIdentification, ServoJoint, ServoNumber, ServoRollOut
@@ -30,11 +35,9 @@ LEGEND = (
     "damping: kd of the drive, viscous friction and back-EMF together; lag: delay + damping / kp; saturated: share of "
     "samples in which the drive gives its limit."
 )
-MODELS = (
-    "Each model takes the place of the friction of the drives and is fitted to the same windows of the training rows. "
-    "The log Bayes factor is that of these rows over the first model; the probability allows for their differences. "
-    "M1 to M6: Duclusaud et al., arXiv 2410.08650; PACE: Bjelonic et al., 2025."
-)
+PREDICTED = ("predicted", "of tracking", "every second")  # heads of `loop_cells`
+BOUNDS = "< and > are bounds of numbers that are not identifiable; - is one without a bound."
+IDEAL = "q = q_des"  # the nominal loop where no gain is stated
 DAMPING = "kd + viscous_friction + back_emf"
 
 
@@ -133,6 +136,7 @@ def _number(number: ServoNumber) -> Document:
         "std": number.std if known else None,
         "unit": number.unit,
         **({"stated": number.value} if number.stated else {}),
+        **{key: x for key in ("below", "above") if (x := getattr(number, key)) is not None},
         **({"prior": number.prior._asdict()} if number.prior else {}),
         **({"bounds": [x if np.isfinite(x) else None for x in number.bounds]} if number.bounds else {}),
         **({"at_bound": True} if number.at_bound else {}),
@@ -171,55 +175,106 @@ def position_fit(found: ServoRollOut) -> Document:
 
 def rollout_document(found: ServoRollOut) -> Document:
     """Rms position error per joint of closed loops from commands alone."""
-    sizes = picked(found, "whole_rms one_second_rms nominal nominal_whole_rms nominal_one_second_rms")
+    sizes = picked(found, "whole_rms one_second_rms nominal nominal_whole_rms nominal_one_second_rms tracking_rms")
     return {"joints": list(found.joints), **sizes, "unit": list(found.units)}
 
 
 def servo_identification_tables(result: ServoIdentification) -> list[RenderableType]:
     """Drives with their intervals, one joint a line; what is not identifiable; errors of closed loops."""
-    sections = [_drives(result)._replace(title=""), _scale_basis(result), _unidentifiable(result), _loops(result)]
-    sections += [_models(result)]
-    title = f"{result.robot.name}: position drives of {plural(len(result.joints), 'joint')}, ± 95 %"
-    return [heading(title, below=False), *terminal(sections, _notes(result))]
+    sections = [_drives(result), _unidentifiable(result), _scale_basis(result), _loops(result.rollout), _laws(result)]
+    sections += [models_section(result)]
+    return [Text(_headline(result), loop_style(result.rollout, result.far)), *terminal(sections, _notes(result))]
 
 
 def servo_identification_page(result: ServoIdentification, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a servo identification; `inputs` besides the recordings default to the description."""
-    name, counted = result.robot.name, plural(len(result.joints), "position drive")
+    name, found = result.robot.name, result.rollout
     over = f"identification of {name}: position drives from commands and positions, without torque"
-    headline = f"{name}: {counted} identified from commanded and measured positions"
     sections = [
-        _loops(result).beside(*loop_blocks(result.traces, result.rollout, result.rollout.nominal, "identified")),
         _drives(result).beside(Legend(LEGEND)),
-        _scale_basis(result).beside(
-            Cells(
-                ("joint", "torque that known masses explain>", "saturated samples>"),
-                [(one.joint, share(one.known_load_share), share(one.saturated_share)) for one in result.joints],
-            )
-        ),
         _unidentifiable(result),
-        Section("Laws of the drives that were compared", (Cells(("joint", "law", "probability>"), _compared(result)),)),
-        _models(result).beside(*_model_numbers(result)),
+        _scale_basis(result),
+        _loops(found).beside(*loop_blocks(result.traces, found, found.nominal, "identified")),
+        Section("Friction over speed and load", (Legend(FRICTION), Plots(friction_plots(result, found.joints)))),
+        _laws(result),
+        models_section(result, pages=True),
     ]
-    header = Header(f"{name}: {counted}", over, list(_cards(result)), "unreliable" if result.flags else "", headline)
-    return sections_page(header, sections, shared(result, [result.robot], inputs, command) | {"notes": _notes(result)})
+    kind = "unreliable" if poor_joints(found, result.far) else ""
+    title = f"{name}: {plural(len(result.joints), 'position drive')}"
+    header = Header(title, over, list(_cards(result)), kind, _headline(result))
+    content = shared(result, [result.robot], inputs, command)
+    return sections_page(header, sections, content | {"notes": _notes(result), "flags": servo_warnings(result)})
+
+
+def servo_warnings(result: ServoIdentification) -> list[str]:
+    """Flags that are no sentence on what is not identifiable, or on the scale."""
+    said = [*_unidentifiable_lines(result), result.scale.sentence]
+    return [flag for flag in result.flags if flag not in said]
+
+
+def _headline(result: ServoIdentification) -> str:
+    data = " of held-out motion" if result.rollout.held_out else " of the motion of the fit"
+    return f"{result.robot.name}: {plural(len(result.joints), 'drive')}, {loop_words(result.rollout, data)}"
+
+
+def loop_words(found: ServoRollOut, data: str = "") -> str:
+    """How well closed loops predict whole recordings: rms over all joints, and as a share of the tracking error."""
+    whole = all_joints(found, found.whole_rms)
+    if not all(map(isfinite, whole.values())):
+        return "whose simulation diverges"
+    sizes = " and ".join(f"{thousandths(rms, 2)} m{unit}" for unit, rms in whole.items())
+    tracking = all_joints(found, found.tracking_rms)
+    shares = " and ".join(share(rms / tracking[unit]) for unit, rms in whole.items() if tracking[unit] > 0)
+    of = "their" if len(found.joints) > 1 else "its"
+    return f"predicted to {sizes} rms{data}" + (f", {shares} of {of} tracking error" if shares else "")
+
+
+def all_joints(found: ServoRollOut, rms: Array) -> dict[str, float]:
+    """Root mean square over the joints with drives, by unit; rms: (n,) [rad or m]."""
+    driven = {
+        unit: [u == unit and not np.isnan(x) for u, x in zip(found.units, rms, strict=True)] for unit in found.units
+    }
+    return {unit: float(np.sqrt(np.mean(rms[some] ** 2))) for unit, some in driven.items() if any(some)}
+
+
+def poor_joints(found: ServoRollOut, far: Sequence[str] = ()) -> list[str]:
+    """Joints whose loop is predicted badly: no better than q = q_des or the stated numbers, or `far` from training."""
+    usual = np.fmin(found.nominal_whole_rms, found.tracking_rms)
+    worse = dict(zip(found.joints, (found.whole_rms > WORSE * usual).tolist(), strict=True))
+    return [joint for joint, bad in worse.items() if bad or joint in far]
+
+
+def loop_cells(found: ServoRollOut, j: int) -> list[str]:
+    """Error of a joint over whole recordings, its share of the tracking error, and the error from every second on."""
+    whole, short = (thousandths(float(rms[j])) for rms in (found.whole_rms, found.one_second_rms))
+    part = share(float(found.whole_rms[j] / found.tracking_rms[j])) if found.tracking_rms[j] > 0 else "-"
+    return [Worse(whole) if found.joints[j] in poor_joints(found) else whole, part, short]
+
+
+def loop_units(found: ServoRollOut) -> str:
+    """Units of position errors in tables."""
+    return " or ".join(dict.fromkeys(f"m{unit}" for unit in found.units))
+
+
+def loop_style(found: ServoRollOut, far: Sequence[str] = ()) -> str:
+    """Style of a headline on the terminal: red where the prediction is bad."""
+    return "bold red" if poor_joints(found, far) else "bold"
 
 
 def _cards(result: ServoIdentification) -> Iterator[Card]:
-    """Key figures of the joint with the largest error after the fit."""
+    """Key figures beside those of the headline."""
     found = result.rollout
-    for j in worst_joints(found)[:1]:
-        joint, unit = found.joints[j], found.units[j]
-        columns = (found.whole_rms, found.nominal_whole_rms, found.one_second_rms, found.nominal_one_second_rms)
-        whole, before, short, short_before = (figure(float(rms[j])) for rms in columns)
-        data = "held out" if found.held_out else "data of the fit"
-        beside = f"worst joint, {data}; {found.nominal}: {before}"
-        yield Card(f"closed loop of {joint}, whole recordings", f"{whole} {unit}", beside)
-        beside = f"rms position error; {found.nominal}: {short_before}"
-        yield Card("the same joint, windows of 1 s", f"{short} {unit}", beside)
-        for one in result.joints:
-            if one.joint == joint and (kp := one.numbers.get("kp")) is not None:
-                yield Card(f"stiffness kp of {joint}", _number_cell(kp), f"{kp.unit}, ± 95 %; law {one.law}")
+    for j in worst_joints(found)[:1] if len(found.joints) > 1 else ():
+        unit, tracking = found.units[j], float(found.tracking_rms[j])
+        part = f"{share(float(found.whole_rms[j]) / tracking)} of its tracking error" if tracking > 0 else ""
+        yield Card(f"worst joint: {found.joints[j]}", f"{thousandths(float(found.whole_rms[j]))} m{unit} rms", part)
+    short = all_joints(found, found.one_second_rms)
+    size = ", ".join(f"{thousandths(rms, 2)} m{unit}" for unit, rms in short.items())
+    yield Card("restarted from the measured state every second", f"{size} rms", "position error of all joints")
+    if found.nominal != IDEAL:
+        size = ", ".join(f"{thousandths(x, 2)} m{u}" for u, x in all_joints(found, found.nominal_whole_rms).items())
+        yield Card(found.nominal, f"{size} rms", "whole recordings")
+    yield Card("scale of torque and mass", result.scale.known_by, "positions alone give ratios")
 
 
 def _notes(result: ServoIdentification) -> list[str]:
@@ -228,35 +283,50 @@ def _notes(result: ServoIdentification) -> list[str]:
     return [note for note in result.notes if note not in lines]
 
 
-def _loops(result: ServoIdentification) -> Section:
-    """Rms of the nominal and of the identified loop, whole recordings and 1 s windows."""
-    found = result.rollout
-    columns = (found.nominal_whole_rms, found.whole_rms, found.nominal_one_second_rms, found.one_second_rms)
+def _loops(found: ServoRollOut) -> Section:
+    """Tracking error, and rms error of the predicted loop over whole recordings and from every second on."""
+    units = loop_units(found)
+    stated = [found.nominal_whole_rms] if found.nominal != IDEAL else []
     rows = [
-        [joint, *(figure(float(rms[j])) for rms in columns), found.units[j]] for j, joint in enumerate(found.joints)
+        [joint, *(thousandths(float(rms[j])) for rms in (found.tracking_rms, *stated)), *loop_cells(found, j)]
+        for j, joint in enumerate(found.joints)
     ]
-    before = found.nominal or "before"
-    heads = ["joint", f"whole,\n{before}>", "whole,\nidentified>", f"1 s,\n{before}>", "1 s,\nidentified>", "unit"]
+    names = ["tracking", *([found.nominal] if stated else []), *PREDICTED]
+    heads = [f"{name}\n[{units}]>" if name != PREDICTED[1] else f"{name}>" for name in names]
     data = "held-out data" if found.held_out else "data of the fit (none was held out)"
-    return Section(f"Closed loop from commands alone, {data}: rms position error", (Cells(heads, rows),))
+    return Section(f"Closed loop from commands alone, {data}: rms position error", (Cells(["joint", *heads], rows),))
 
 
 def _drives(result: ServoIdentification) -> Section:
-    """One row per joint: law, numbers with 95 % intervals, saturated share."""
+    """One row per joint: law, numbers with 95 % intervals or bounds, saturated share."""
     names = [
         name
         for name in _ordered_numbers(result.joints)
         if name in FIRST[:5] or any(_shown(one.numbers.get(name)) for one in result.joints)
     ]
-    units = {
-        name: dict.fromkeys(one.numbers[name].unit for one in result.joints if name in one.numbers) for name in names
-    }
-    heads = [f"{name.replace('_', ' ')}\n[{' or '.join(units[name])}]>" for name in names]
+    laws = [_law(one) for one in result.joints]
+    alike, limited = len({*laws}) == 1, any(one.saturated_share > 0 for one in result.joints)
     rows = [
-        [one.joint, _law(one), *(_number_cell(one.numbers.get(name)) for name in names), share(one.saturated_share)]
-        for one in result.joints
+        [
+            one.joint,
+            *([] if alike else [law]),
+            *(number_cell(one.numbers.get(name)) for name in names),
+            *([share(one.saturated_share)] if limited else []),
+        ]
+        for one, law in zip(result.joints, laws, strict=True)
     ]
-    return Section("Drives, ± 95 %", (Cells(["joint", "law", *heads, "saturated>"], rows),))
+    heads = [_head(name, result.joints) for name in names]
+    heads = ["joint", *([] if alike else ["law\n(probability)"]), *heads, *(["saturated>"] if limited else [])]
+    bounded = any(cell[:1] in ("<", ">", "-") for row in rows for cell in row[1:] if not cell[1:2].isdigit())
+    title = f"Drives by the law {laws[0]}, ± 95 %" if alike else "Drives, ± 95 %"
+    return Section(title, (Cells(heads, rows), Plain(BOUNDS if bounded else "")))
+
+
+def _head(name: str, joints: Sequence[ServoJoint]) -> str:
+    """Name of a number with its units; times are in ms."""
+    units = dict.fromkeys(one.numbers[name].unit for one in joints if name in one.numbers)
+    shown = " or ".join("ms" if unit == "s" else unit for unit in units if unit != "1")
+    return name.replace("_", " ") + (f"\n[{shown}]>" if shown else ">")
 
 
 def _shown(number: ServoNumber | None) -> bool:
@@ -267,93 +337,45 @@ def _shown(number: ServoNumber | None) -> bool:
 def _law(one: ServoJoint) -> str:
     if one.law_probability is None:
         return f"{one.law} (stated)"
-    sure = ">0.999" if one.law_probability > 0.999 else f"{one.law_probability:.3g}"
+    if len(one.laws) > 1 and len({*one.laws.values()}) == 1:
+        return " or ".join(sorted(one.laws, key=lambda law: law != one.law))
+    sure = ">0.999" if one.law_probability > 0.999 else f"{one.law_probability:.2f}"
     return f"{one.law} ({sure})"
-
-
-def _number_cell(number: ServoNumber | None) -> str:
-    """Value with the half-width of its 95 % interval; words where it is stated or not identifiable."""
-    if number is None:
-        return ""
-    if number.value is None:
-        return UNKNOWN
-    if number.at_bound:
-        return f"{figure(number.value)} (bound)"
-    if number.stated or number.std is None:
-        return f"{figure(number.value)} (stated)" if number.stated else f"({figure(number.value)})"
-    text = " ± ".join(text for text in with_interval(number.value, number.std) if text != "-")
-    return f"{text} (with prior)" if number.prior else text
 
 
 def _scale_basis(result: ServoIdentification) -> Section:
     """Basis of the scale of torque, and its alternatives."""
-    given = (result.scale.sentence, *result.scale.alternatives)
-    said = [text if text.startswith("kp") else f"{text[:1].upper()}{text[1:]}" for text in given if text]
+    said = [text for text in (result.scale.sentence, *result.scale.alternatives) if text]
+    known = sorted(one.known_load_share for one in result.joints if isfinite(one.known_load_share))
+    if known:
+        to = f"{share(known[0])} to " if len(known) > 1 else ""
+        said.append(f"the masses of the description explain {to}{share(known[-1])} of the torque of the drives")
     return Section("Scale of torque and mass", (Sentences(said),))
 
 
 def _unidentifiable(result: ServoIdentification) -> Section:
-    return Section("Not identifiable from these recordings", (Sentences(_unidentifiable_lines(result)),))
+    return Section("Not identifiable", (Sentences(_unidentifiable_lines(result)),))
 
 
 def _unidentifiable_lines(result: ServoIdentification) -> list[str]:
     """Sentences on what is not identifiable, each once, with its joints."""
     from ....servo.identify.flags import by_sentence
+    from ....servo.identify.identifiable import COMBINED, IDLE
 
-    return list(by_sentence(result.joints))
-
-
-def _compared(result: ServoIdentification) -> list[tuple[str, str, str]]:
-    """Posterior of each law that was tried, per joint."""
-    return [
-        (one.joint, law, ">0.999" if probability > 0.999 else figure(probability))
-        for one in result.joints
-        for law, probability in sorted(one.laws.items(), key=lambda item: -item[1])
-    ]
+    dependent = [flag for flag in result.flags if IDLE in flag or COMBINED in flag]
+    return [*by_sentence(result.joints), *dependent]
 
 
-def _models(result: ServoIdentification) -> Section:
-    """One row per friction model: errors of whole recordings, evidence, time."""
-    heads = ("model", "has", "mean |error|>", "rms>", "log Bayes factor>", "probability>", "processor s>")
-    rows = [
-        (
-            one.name,
-            one.terms,
-            _by_unit(result.rollout, one.mean_absolute),
-            _by_unit(result.rollout, one.rms),
-            f"{one.log_bayes_factor:.1f}",
-            "-" if np.isnan(one.probability) else f"{one.probability:.2f}",
-            f"{one.seconds:.1f}",
-        )
-        for one in result.friction_models
-    ]
-    data = "held-out data" if result.rollout.held_out else "data of the fit (none was held out)"
-    return Section(f"Friction models: errors from commands alone, {data}", (Cells(heads, rows),) if rows else ())
+def _laws(result: ServoIdentification) -> Section:
+    """Posterior of each law that was tried, of the joints where the laws differ."""
+    tried = [one for one in result.joints if len({*one.laws.values()}) > 1]
+    laws = list(dict.fromkeys(law for one in tried for law in one.laws))
+    rows = [[one.joint, *(_probability(one.laws.get(law)) for law in laws)] for one in tried]
+    title = "Probability of the laws that were compared"
+    return Section(title, (Cells(["joint", *(f"{law}>" for law in laws)], rows),))
 
 
-def _by_unit(found: ServoRollOut, errors: Array) -> str:
-    """Mean error of the joints of each unit; "-" where it diverges."""
-    each = {unit: errors[[u == unit for u in found.units]] for unit in dict.fromkeys(found.units)}
-    means = {unit: x[~np.isnan(x)] for unit, x in each.items()}
-    return ", ".join(f"{figure(float(np.mean(x)))} {unit}" for unit, x in means.items() if x.size)
-
-
-def _model_numbers(result: ServoIdentification) -> Iterator[Block]:
-    """Numbers of each friction model by joint, those that are not identifiable last."""
-    rows = [
-        (
-            one.name,
-            joint,
-            ", ".join(f"{_word(x.name)} {_number_cell(x)} {x.unit}" for x in numbers.values() if x.value is not None),
-            ", ".join(_word(x.name) for x in numbers.values() if x.value is None),
-        )
-        for one in result.friction_models
-        for joint, numbers in one.numbers.items()
-    ]
-    if rows:
-        yield Cells(("model", "joint", "numbers, ± 95 %", "not identifiable"), rows)
-        yield Legend(MODELS)
-
-
-def _word(name: str) -> str:
-    return name.replace("_", " ")
+def _probability(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return ">0.999" if value > 0.999 else f"{value:.3f}" if value >= 0.0005 else "<0.001"

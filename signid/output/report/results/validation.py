@@ -7,15 +7,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import RenderableType
+from rich.text import Text
 
 from ....types import Input
 from ..documents import Document, description, ending, fit_document
-from ..layout import determination, figure, heading, paragraph, plural
+from ..layout import determination, figure, heading, paragraph, plural, thousandths
 from ..plots.courses import FEWEST, OPEN, POINTS, Line, loop_blocks, rollout_plots, torque_plot, worst, worst_joints
 from ..plots.frame import AFTER, BEFORE, FLOOR, Header, sections_page, shared
 from ..sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Plots, Section, terminal
 from .identification import cutoff_words
-from .servo_identification import position_fit, rollout_document
+from .servo_identification import (
+    PREDICTED,
+    all_joints,
+    loop_cells,
+    loop_units,
+    loop_words,
+    poor_joints,
+    position_fit,
+    rollout_document,
+)
 
 if TYPE_CHECKING:
     from ....servo.validate import ServoValidation
@@ -77,7 +87,8 @@ def validation_tables(result: Validation) -> list[RenderableType]:
 def servo_validation_tables(result: ServoValidation) -> list[RenderableType]:
     """Errors of closed loops of every model, per joint, beside those of q = q_des."""
     loops = _loops(result).beside(Plain(NOTHING_FITTED))
-    return [*_top(result, "closed loop validated"), *terminal([loops], result.notes)]
+    title = Text(_loop_title(result), "bold red" if _poor(result) else "bold")
+    return [title, *_listed(result), *terminal([loops], result.notes)]
 
 
 def validation_page(result: Validation, inputs: Sequence[Input] = (), command: str = "") -> str:
@@ -109,7 +120,8 @@ def servo_validation_page(result: ServoValidation, inputs: Sequence[Input] = (),
         sections += [Section("", (key,))] if number == 1 else []
         sections.append(Section(f"{number}: {one.name}" if len(models) > 1 else "", tuple(folds), level=3))
     over = "validation of models with position drives, from commands alone, without fitting"
-    header = Header(_title(result, "closed loop validated"), over, list(_loop_cards(result)))
+    kind = "unreliable" if _poor(result) else ""
+    header = Header(_title(result, "closed loop validated"), over, list(_loop_cards(result)), kind, _loop_title(result))
     return sections_page(header, sections, shared(result, (one.model.robot for one in models), inputs, command))
 
 
@@ -127,10 +139,12 @@ def _loop_cards(result: ServoValidation) -> Iterator[Card]:
     """Key figures of each model's worst joint."""
     for one in result.models:
         found = one.rollout
-        for j in worst_joints(found)[:1]:
-            size = f"{figure(float(found.whole_rms[j]))} {found.units[j]}"
-            beside = f"{figure(float(found.one_second_rms[j]))} in 1 s; {figure(float(found.nominal_whole_rms[j]))} of "
-            yield Card(f"{one.name}: worst joint, {found.joints[j]}", size, f"{beside}{found.nominal}")
+        for j in worst_joints(found)[:1] if len(result.models) > 1 or len(found.joints) > 1 else ():
+            size, short, usual = (
+                thousandths(float(rms[j])) for rms in (found.whole_rms, found.one_second_rms, found.nominal_whole_rms)
+            )
+            beside = f"{short} restarted every second; {usual} by {found.nominal}"
+            yield Card(f"{one.name}: worst joint, {found.joints[j]}", f"{size} m{found.units[j]} rms", beside)
 
 
 def _title(result: Any, what: str) -> str:
@@ -139,10 +153,30 @@ def _title(result: Any, what: str) -> str:
     return f"{models}: {what} on {plural(len(result.inputs), 'recording')}"
 
 
+def _loop_title(result: ServoValidation) -> str:
+    """How well the loops of the only model are predicted, or of the best one of several."""
+    best = min(
+        result.models, key=lambda one: sum(x**2 for x in all_joints(one.rollout, one.rollout.whole_rms).values())
+    )
+    name = best.name if len(result.models) == 1 else f"{plural(len(result.models), 'model')}, best {best.name}"
+    on = f"on {plural(len(result.inputs), 'recording')}"
+    return f"{name}: {plural(len(best.model.servos), 'drive')}, {loop_words(best.rollout)} {on}"
+
+
+def _poor(result: ServoValidation) -> bool:
+    """Whether a model predicts a joint badly."""
+    return any(poor_joints(one.rollout) for one in result.models)
+
+
 def _top(result: Any, what: str) -> list[RenderableType]:
     """Title, and the numbers of several models."""
+    return [heading(_title(result, what), below=False), *_listed(result)]
+
+
+def _listed(result: Any) -> list[RenderableType]:
+    """Several models with their numbers."""
     listed = [f"{number}  {one.name}" for number, one in enumerate(result.models, 1)]
-    return [heading(_title(result, what), below=False), *map(paragraph, listed if len(listed) > 1 else [])]
+    return [paragraph(line) for line in (listed if len(listed) > 1 else [])]
 
 
 def _torque(result: Validation) -> Section:
@@ -184,13 +218,16 @@ def _errors(one: ValidatedModel, horizon: float | str) -> Mapping[str, tuple[flo
 
 
 def _loops(result: ServoValidation) -> Section:
-    """Errors of q = q_des and of every model."""
-    marks = _marks(result.models)
-    first, loops = result.models[0].rollout, [one.rollout for one in result.models]
-    heads = ["joint", f"{first.nominal}>", *(f"whole{m}>" for m in marks), *(f"1 s{m}>" for m in marks), "unit"]
-    sizes = [first.nominal_whole_rms, *(r.whole_rms for r in loops), *(r.one_second_rms for r in loops)]
-    rows = [[joint, *(figure(float(rms[j])) for rms in sizes), first.units[j]] for j, joint in enumerate(first.joints)]
-    return Section("Closed loop from commands alone: rms position error", (Cells(heads, rows),))
+    """Tracking error, and errors of every model and their shares of it."""
+    loops = [one.rollout for one in result.models]
+    units, tracking = loop_units(loops[0]), loops[0].tracking_rms
+    names = [f"{name}{mark}" for mark in _marks(result.models) for name in PREDICTED]
+    heads = [f"{name}>" if PREDICTED[1] in name else f"{name}\n[{units}]>" for name in ("tracking", *names)]
+    rows = [
+        [joint, thousandths(float(tracking[j])), *(cell for one in loops for cell in loop_cells(one, j))]
+        for j, joint in enumerate(loops[0].joints)
+    ]
+    return Section("Closed loop from commands alone: rms position error", (Cells(["joint", *heads], rows),))
 
 
 def _joints(models: Sequence[ValidatedModel]) -> list[str]:
