@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,9 @@ from signid.errors import OptionError
 from signid.model import Model
 from signid.output.export import check_loop, export
 from signid.recording import read_recording
+from signid.servo.fit.first_state import first_state
 from signid.servo.plant import roll_out
+from signid.servo.plant.course import motion_of
 from signid.servos import Servo, ServoGrid
 
 SPEED, RATE = 1.0, 100.0  # [rad/s] least speed of the first row, in motion; [Hz]
@@ -64,8 +67,19 @@ def errors(arguments: list[str]) -> list[list[float]]:
 def test_mujoco_repeats_the_loop_from_the_first_row(name: str, tmp_path: Path) -> None:
     (found,) = errors(exported(driven(pendulum(), {"swing": LOOPS[name]}), tmp_path))
     assert found[FIRST] < CLOSE and found[WHOLE] < CLOSE
+    assert found[FIRST + 1] < CLOSE and found[WHOLE + 1] < CLOSE, "from the recording"
     there = mujoco.MjModel.from_xml_path(str(tmp_path / "mjcf.xml"))
     assert abs(there.key("start").qvel[0]) > SPEED / 2, "the recording begins in motion"
+
+
+def test_the_first_state_is_at_rest_where_the_recording_begins_at_rest() -> None:
+    model = driven(pendulum(), {"swing": SWING})
+    grid = motion(model, seed=3, seconds=2.0)
+    recorded = replace(grid, q=roll_out(model, model.servos, grid)[::10], command=grid.command[::10], rate=RATE)
+    recorded = replace(recorded, **{name: getattr(grid, name)[::10] for name in ("on", "voltage", "command_speed")})
+    (q,), (v,) = first_state(model, recorded)
+    assert abs(q - grid.q[0, 0]) < 1e-4
+    assert abs(v) < 0.2 * abs(motion_of(recorded).v[0, 0]), "smoothed positions seem to move before"
 
 
 @pytest.mark.parametrize("kind", ["isaaclab", "mjlab"])

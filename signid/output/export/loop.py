@@ -15,6 +15,7 @@ from ...errors import one_line, shorten
 from ...model import Model, with_servos
 from ...recording import Recordings, as_recording
 from ...robot import resting
+from ...servo.fit.first_state import first_state
 from ...servo.plant import roll_out, servo_grid, servo_grids
 from ...servo.plant.commands import command_speed, commands_at, held_before
 from ...servo.plant.course import Moved, motion_of
@@ -75,7 +76,7 @@ def loop_of(model: Model, recording: Recordings) -> Loop:
     if len(servo_grids(given, robot)) > 1:
         notes.append("only the longest stretch of the recording without gaps is written")
     written = with_servos(model, {**model.servos, **dry}, complete=True) if dry else model
-    return Loop(driven, written, grid, motion.q[0], motion.v[0], held, tuple(notes))
+    return Loop(driven, written, grid, *first_state(driven, grid), held, tuple(notes))
 
 
 def _mean_torque(servo: Servo, grid: ServoGrid, joint: int, motion: Moved) -> float:
@@ -119,7 +120,9 @@ def _rows(loop: Loop) -> str:
     """Rows of the recording as JSON: stamps, positions, commands and signid's roll-out [s, rad or m, rad/s or m/s]."""
     grid, servos = loop.grid, loop.model.servos
     columns = {"t": np.arange(len(grid)) * grid.step}
-    for j, (joint, rolled) in enumerate(zip(grid.joints, roll_out(loop.model, servos, grid).T, strict=True)):
+    for j, (joint, rolled) in enumerate(
+        zip(grid.joints, roll_out(loop.model, servos, grid, start=(loop.q, loop.v)).T, strict=True)
+    ):
         columns |= {f"q_{joint}": grid.q[:, j], f"signid_{joint}": rolled}
         if joint in servos:
             columns[f"q_des_{joint}"] = grid.command[:, j]
