@@ -21,8 +21,9 @@ from ...servo.plant.commands import command_speed, commands_at, held_before
 from ...servo.plant.course import Moved, motion_of
 from ...servo.validate import prepared_model
 from ...servos import Servo, ServoGrid
-from ...types import Array
+from ...types import Array, Frozen
 from .beyond import Exported
+from .drives import annotated
 from .shapes import words
 
 SCHEMA = "signid.loop/1"
@@ -36,7 +37,7 @@ HELD = {held}
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
+class Loop(Frozen):
     """A recording of n joints from whose first row exported drives start."""
 
     model: Model  # of these joints, with its drives
@@ -93,14 +94,15 @@ def with_loop(kind: str, made: Exported, loop: Loop) -> Exported:
     rolls it out in MuJoCo without signid. Files of Isaac Lab and mjlab get START and HELD.
     """
     if kind != "mjcf":
-        return replace(made, text=made.text + _python(loop), notes=(*made.notes, *loop.notes))
+        made = replace(made, text=made.text + _python(loop))
+        return annotated(kind, made, list(loop.notes)) if loop.notes else made
     script = files(__package__).joinpath("check_loop.py").read_text(encoding="utf-8")
     note = (
-        f"the keyframe start is the state of {_named(loop)} at its first row; it does not hold the commands "
-        f"before it, so call mj_initCtrlHistory with its ctrl, as FILE_check_loop.py does"
+        f"the keyframe start is the state of {_named(loop)} at its first row; it does not hold the commands before it: "
+        f"call mj_initCtrlHistory with its ctrl, as FILE_check_loop.py does"
     )
     beside = {**made.beside, "_loop.json": _rows(loop), "_check_loop.py": script}
-    return replace(made, text=_keyed(made.text, loop), notes=(*made.notes, note, *loop.notes), beside=beside)
+    return annotated(kind, replace(made, text=_keyed(made.text, loop), beside=beside), [note, *loop.notes])
 
 
 def _unlike(model: Model, grid: ServoGrid) -> list[str]:
