@@ -138,7 +138,9 @@ def rolled(case: Case, folder: Path) -> Iterator[Row]:
     for kind in STARTING[1:]:
         text = (folder / files[kind]).read_text(encoding="utf-8")
         for step in STEPS:
-            (folder / "set.py").write_text(text.replace("PHYSICS_STEP = 0.005", f"PHYSICS_STEP = {step}"))
+            (folder / "set.py").write_text(
+                text.replace("PHYSICS_STEP = 0.005", f"PHYSICS_STEP = {step}"), encoding="utf-8"
+            )
             each = _errors([*arguments, "--actuators", str(folder / "set.py")])
             best = min(each, key=lambda numbers: numbers[-1])  # of delays rounded down and up
             yield Row(*name, f"{kind}, {1e3 * step:g} ms", *best)
@@ -146,7 +148,7 @@ def rolled(case: Case, folder: Path) -> Iterator[Row]:
 
 def _errors(arguments: Sequence[str]) -> list[list[float]]:
     """Numbers of all joints together that the script prints, one list a roll-out; signid cannot be imported there."""
-    done = subprocess.run([sys.executable, "-I", *arguments], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-I", *arguments], capture_output=True, encoding="utf-8", check=True)
     return [[float(x) for x in line.split()[1:]] for line in done.stdout.splitlines() if line.startswith("all ")]
 
 
