@@ -120,7 +120,8 @@ def test_isaac_lab_gets_the_loops(monkeypatch: pytest.MonkeyPatch) -> None:
     groups = executed(made.text, "isaaclab.actuators", monkeypatch)["ACTUATORS"]
     first, second, third = (groups[f"joint_{k}"] for k in (1, 2, 3))
     assert (first.kind, first.stiffness, first.damping, first.friction) == ("DelayedPDActuatorCfg", 8.0, 0.15, 0.08)
-    assert (first.min_delay, first.max_delay, first.armature) == (2, 3, 0.004), "12.3 ms in steps of 5 ms"
+    assert (first.min_delay, first.max_delay) == (2, 3), "12.3 ms and half a step, in steps of 5 ms"
+    assert first.armature == 0.004 + 0.0025 * 0.15, "explicit damping takes half a step of it"
     assert (second.damping, second.viscous_friction, second.effort_limit) == (0.0, duty.damping, 0.9), (
         "kd is not clipped"
     )

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from ...errors import OptionError, OutputError
 from ..app import Text, command, option
-from ..arguments import given_model, simulation_inputs
-from ..options import Gravity, Json, PackageDir, SimulationArguments, SimulationName, Xacro
+from ..arguments import given_model, given_recordings, simulation_inputs
+from ..options import Columns, Gravity, Json, PackageDir, SimulationArguments, SimulationName, Xacro
 from ..terminal import DONE, check_unread
 
 if TYPE_CHECKING:
@@ -43,11 +43,24 @@ class MjcfOptions:
     floating: bool = option(False, "Put the base link of --mjcf on a free joint, with its mass.", "--floating")
 
 
+@dataclass(frozen=True, kw_only=True)
+class StartOptions:
+    """Recording that exported position drives start from."""
+
+    start: Text = option(
+        None,
+        "Recording that drives of --mjcf, --isaaclab and --mjlab start from; with a script that checks them.",
+        metavar="RECORDING",
+    )
+    columns: Columns = None
+
+
 @command("signid export result/model.json --urdf arm.urdf --mjcf arm.xml")
 def export(
     simulation: SimulationName,
     exports: ExportFiles,
     mjcf: MjcfOptions,
+    first: StartOptions,
     *,
     package_dir: PackageDir = None,
     gravity: Gravity = None,
@@ -59,19 +72,21 @@ def export(
     Options can be combined; content that a format cannot hold is listed. The URDF gets inertials (including a payload),
     damping and friction, and is otherwise unchanged. The MJCF also gets armature, springs, gravity, ranges and motors,
     or position drives with their delay and limits. --function needs only NumPy and holds the laws that both lack.
+    With --start, a script beside the MJCF rolls the drives out in MuJoCo and compares them with the recording.
     """
-    from ...output.export import export as write
+    from ...output.export import STARTING, export as write
     from ...output.report import Screen, to_json
     from ...output.report.documents import provenance
 
     asked: dict[str, Text] = asdict(exports)
     paths = {kind: Path(file) for kind, file in asked.items() if file is not None}
-    _check_exports(asked, paths, mjcf.copy_meshes or mjcf.floating)
+    _check_exports(asked, paths, mjcf, first)
     packages = None if simulation.endswith(".json") else package_dir
     source = SimulationArguments(simulation=simulation, package_dir=packages, gravity=gravity, xacro=xacro)
     model, _ = given_model(source)
     for kind, path in paths.items():
-        check_unread(path, [simulation, model.robot.path], f"--{kind}")
+        check_unread(path, [simulation, model.robot.path, *([first.start] if first.start else [])], f"--{kind}")
+    recording = given_recordings([first.start], model.robot, first.columns)[0] if first.start else None
     made = {
         kind: write(
             model,
@@ -80,6 +95,7 @@ def export(
             name=path.stem,
             floating=mjcf.floating,
             meshes=f"{path.stem}_meshes" if mjcf.copy_meshes else None,
+            start=recording if kind in STARTING else None,
         )
         for kind, path in paths.items()
     }
@@ -98,8 +114,9 @@ def export(
     return DONE
 
 
-def _check_exports(asked: dict[str, Text], paths: dict[str, Path], of_mjcf: bool) -> None:
+def _check_exports(asked: dict[str, Text], paths: dict[str, Path], mjcf: MjcfOptions, first: StartOptions) -> None:
     """Check that the files can be written."""
+    from ...output.export import STARTING
     from ...output.report import probe_folder
 
     if not paths:
@@ -110,7 +127,13 @@ def _check_exports(asked: dict[str, Text], paths: dict[str, Path], of_mjcf: bool
         if kind == "c" and (path.suffix != ".c" or not path.stem.isidentifier()):
             raise OptionError(f"--c {asked[kind]!r} is no name of a C file; give one such as arm.c, without spaces")
         probe_folder(path.parent, f"--{kind}")
-    if of_mjcf and "mjcf" not in paths:
+    if first.start is not None and not set(STARTING) & paths.keys():
+        raise OptionError(
+            f"--start belongs to {', '.join(f'--{kind}' for kind in STARTING)}; add one of them with a FILE"
+        )
+    if first.columns is not None and first.start is None:
+        raise OptionError("--columns names the columns of --start RECORDING; add it")
+    if (mjcf.copy_meshes or mjcf.floating) and "mjcf" not in paths:
         raise OptionError("--copy-meshes and --floating belong to an MJCF; add --mjcf FILE")
     if len({path.resolve() for path in paths.values()}) < len(paths):
         raise OptionError("two of the files have the same name; give each its own")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ...errors import OptionError
 from ...model import ModelSource, as_model
+from ...recording import Recordings
 from ...typed import typed
 from .beyond import Exported
 from .drives import annotated, with_known_numbers
@@ -33,6 +34,7 @@ _WRITERS = {  # module below this folder, and function in it
     "arrays": ("code.arrays", "write_arrays"),
 }
 KINDS = tuple(_WRITERS)
+STARTING = ("mjcf", "isaaclab", "mjlab")  # loops that can start from a recording
 OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
 
 
@@ -45,6 +47,7 @@ def export(
     name: str | None = None,
     floating: bool = False,
     meshes: str | None = None,
+    start: Recordings | None = None,
 ) -> Exported:
     """Export a model; return the text of the file and notes on the content that the format cannot hold.
 
@@ -60,9 +63,12 @@ def export(
         floating: whether the base link of an MJCF is a body on a free joint, with its mass.
         meshes: folder beside an MJCF that its meshes are read from; `meshes` of the result has the files to copy there.
             Default: they are read from their place.
+        start: recording whose first state "mjcf", "isaaclab" and "mjlab" state, for position drives on a fixed base;
+            `beside` of an MJCF then has its commands, signid's roll-out, and a script that repeats it in MuJoCo.
 
     Raises:
-        OptionError: the kind is unknown, or the gain of a position drive.
+        OptionError: the kind is unknown, or the gain of a position drive; `start` does not fit the kind or the model.
+        RecordingError: `start` cannot be used.
         RobotError: the format cannot hold the bodies of the model, the robot has no URDF, or a floating base no mass.
     """
     model = as_model(model, "export")
@@ -71,7 +77,23 @@ def export(
     unknown: list[str] = []
     if model.servos:
         model, unknown = with_known_numbers(model, gain=kind not in (*OF_TORQUE, "urdf"))
+    loop = None
+    if start is not None:
+        if kind not in STARTING or floating:
+            raise OptionError(
+                f"a start belongs to {', '.join(STARTING)} on a fixed base; leave `start` or `floating` out"
+            )
+        if not model.servos:
+            raise OptionError(
+                f"{model.robot.name} has no position drive that starts from a recording; give the model.json that "
+                f"`signid identify` wrote from commands"
+            )
+        from .loop import loop_of, with_loop
+
+        loop = loop_of(model, start)
+        model = loop.written
     module, function = _WRITERS[kind]
     more = {"mjcf": (package_dirs, floating, meshes), "c": (name,)}.get(kind, ())
     made: Exported = getattr(import_module(f"{__name__}.{module}"), function)(model, *more)
+    made = with_loop(kind, made, loop) if loop else made
     return annotated(kind, made, unknown) if unknown else made

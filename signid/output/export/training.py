@@ -8,11 +8,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...errors import one_line
+from ...errors import one_line, shorten
 from ...model import Model
 from ...robot.alike import name_pattern
 from ...servos import Servo
-from .beyond import Exported, beyond, remarks, summed
+from .beyond import MOST, Exported, beyond, remarks, summed
 from .drives import curved, lacked_notes, left_out
 
 _Drive = tuple[str, list[str]]  # class and arguments
@@ -44,12 +44,22 @@ PHYSICS_STEP = 0.005  # s; set it to the time step of the physics
 
 
 def delayed(seconds):
-    """Delay in physics steps, rounded down and up."""
-    steps = seconds / PHYSICS_STEP
+    """Delay in physics steps, rounded down and up; half a step more, since a step applies a command that much early."""
+    steps = seconds / PHYSICS_STEP + 0.5
     return {{"{least}": math.floor(steps + 1e-6), "{most}": math.ceil(steps - 1e-6)}}
 
 
+def inertia(armature, damping):
+    """Armature that, with the share of `damping` in a step (explicit: less, implicit: more), is as stated."""
+    return max(armature + 0.5 * PHYSICS_STEP * damping, 0.0)
+
+
 '''
+
+_OFFSETS = """
+# Add these to the targets of positions: constant torque, which no actuator holds, over stiffness [rad or m].
+TARGET_OFFSETS = {}
+"""
 
 
 def write_isaaclab(model: Model) -> Exported:
@@ -79,13 +89,13 @@ def write_isaaclab(model: Model) -> Exported:
         classes=", ".join(sorted({x for x, _ in groups.values()})),
     )
     step = _STEP.format(least="min_delay", most="max_delay") if servos else ""
-    return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = {{\n{body}}}\n", tuple(notes))
+    return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = {{\n{body}}}\n{_offsets(servos)}", tuple(notes))
 
 
 def write_mjlab(model: Model) -> Exported:
     """Write a Python file with an actuator of mjlab for each joint; joints without a drive get a motor."""
     servos, subject = _servos(model), "an actuator of mjlab"
-    notes = beyond(subject, model, FIELDS) + lacked_notes(subject, servos)
+    notes = beyond(subject, model, FIELDS) + lacked_notes(subject, servos) + _offset_notes(servos)
     if any(servo.coulomb_friction > 0 for servo in servos.values()):
         notes.append('dry friction creeps unless joints have solreffriction="0.001 1" solimpfriction="0.9999 0.9999"')
     made = dict[str, _Drive]()
@@ -99,7 +109,10 @@ def write_mjlab(model: Model) -> Exported:
         kind, loop = _mjlab_drive(servos.get(joint), float(model.robot.effort_limit[j]))
         if joint in servos and servos[joint].law == "duty":
             numbers["viscous_damping"] = servos[joint].damping
-        made[joint] = kind, [*loop, *(f"{k}={x!r}" for k, x in numbers.items())]
+        written = {key: repr(x) for key, x in numbers.items()}
+        if joint in servos and "armature" in numbers:
+            written["armature"] = f"inertia({numbers['armature']!r}, {_behind(kind, servos[joint])!r})"
+        made[joint] = kind, [*loop, *(f"{k}={x}" for k, x in written.items())]
     body = "".join(
         f"    {_call(kind, [f'target_names_expr=({_text(pattern)},)', *lines])},\n"
         for pattern, kind, lines in _grouped(model, made)
@@ -111,7 +124,32 @@ def write_mjlab(model: Model) -> Exported:
         classes=", ".join(sorted({kind for kind, _ in made.values()})),
     ).replace("N. \n", "N.\n")
     step = _STEP.format(least="delay_min_lag", most="delay_max_lag") if servos else ""
-    return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = (\n{body})\n", tuple(notes))
+    return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = (\n{body})\n{_offsets(servos)}", tuple(notes))
+
+
+def _behind(kind: str, servo: Servo) -> float:
+    """Damping on the speed before a step less damping on the speed after it [N.m.s/rad], in an actuator of mjlab."""
+    if servo.law == "duty" or kind == "BuiltinPositionActuatorCfg":
+        return -float(servo.damping)
+    return float(servo.kd - servo.viscous_friction)
+
+
+def _offsets(servos: Mapping[str, Servo]) -> str:
+    """Offsets of the targets that stand for torque offsets, as Python; "" without any."""
+    shifts = {joint: float(f"{-x.torque_offset / x.kp:.6g}") for joint, x in servos.items() if x.torque_offset}
+    return _OFFSETS.format(json.dumps(shifts, ensure_ascii=False, indent=4)) if shifts else ""
+
+
+def _offset_notes(servos: Mapping[str, Servo]) -> list[str]:
+    """Notes on the offsets of the targets."""
+    shifted = [joint for joint, servo in servos.items() if servo.torque_offset]
+    limited = [joint for joint in shifted if np.isfinite(servos[joint].effort_limit)]
+    notes = ["TARGET_OFFSETS, to add to position targets, stand for torque_offset"] if shifted else []
+    if limited:
+        notes.append(
+            f"torque_offset of {shorten(limited, MOST)} is within the effort limit, so limited torque differs by it"
+        )
+    return notes
 
 
 _MJLAB = {"armature": "armature", "viscous_friction": "viscous_damping", "coulomb_friction": "frictionloss"}
@@ -143,11 +181,14 @@ def _isaaclab_drive(servo: Servo) -> _Drive:
         "viscous_friction": ("viscous_friction", float(servo.damping if duty else servo.viscous_friction)),
     }
     damping = None if "kd" in unknown and not duty else 0.0 if duty else float(servo.kd)
+    written = {field: repr(value) for field, (name, value) in passive.items() if name not in unknown or value}
+    if "armature" in written:
+        written["armature"] = f"inertia({written['armature']}, {damping or 0.0!r})"
     lines = [
         f"stiffness={float(servo.kp)!r}",
         f"damping={damping!r}",
         *_limit(servo),
-        *(f"{field}={value!r}" for field, (name, value) in passive.items() if name not in unknown or value),
+        *(f"{field}={value}" for field, value in written.items()),
     ]
     if curved(servo):
         return "DCMotorCfg", lines
@@ -178,7 +219,7 @@ def _isaaclab_free(model: Model, joints: list[str]) -> tuple[str, list[str]]:
 
 
 def _isaaclab_notes(subject: str, servos: Mapping[str, Servo]) -> list[str]:
-    notes = lacked_notes(subject, servos)
+    notes = lacked_notes(subject, servos) + _offset_notes(servos)
     late = [f"{joint} ({1e3 * x.delay:.4g} ms)" for joint, x in servos.items() if curved(x) and x.delay > 0]
     if late:
         notes.append(f"DCMotorCfg cannot hold the delay of {', '.join(late)}")

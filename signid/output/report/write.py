@@ -15,12 +15,13 @@ from ...errors import OutputError
 Content = str | bytes | Iterable[str]
 MARK = ".signid-"  # prefix of temporary files and folders
 _NAME = re.compile(rf"{re.escape(MARK)}\w{{8}}")  # temporary files, as named by mkstemp
-WRITTEN = "written by signid"  # in a comment of an XML or C file
+WRITTEN = "written by signid"  # in a comment of an XML, C or Python file
 _SIGNS = {  # what a file that signid wrote has near its beginning
     ".json": '"schema": "signid.',
     ".html": '<meta name="generator" content="signid">',
     ".urdf": WRITTEN,
     ".h": WRITTEN,
+    ".py": WRITTEN,
     ".c": WRITTEN,
 }
 _BEGINNING = 4096  # [bytes] in which it stands

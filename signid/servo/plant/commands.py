@@ -28,13 +28,14 @@ def commands_at(grid: ServoGrid, joint: int, kd_on: str, delay: float, profile: 
     held[6] = late - np.floor(late)
     held[0], held[3] = _delayed(u, late, held_before(grid, joint))
     if kd_on == "error":
-        held[1], held[4] = _delayed(np.repeat(_speed(grid, joint), parts), late)
+        held[1], held[4] = _delayed(np.repeat(command_speed(grid, joint), parts), late)
     if grid.feed_forward is not None:
         held[2], held[5] = _delayed(np.repeat(grid.feed_forward[:, joint], parts), late)
     return held
 
 
-def _speed(grid: ServoGrid, joint: int) -> Array:
+def command_speed(grid: ServoGrid, joint: int) -> Array:
+    """Speed of the command (N,) [rad/s or m/s] as recorded, else from row to row."""
     if grid.command_speed is not None:
         return grid.command_speed[:, joint]
     return np.diff(grid.command[:, joint], prepend=grid.command[0, joint]) * grid.rate

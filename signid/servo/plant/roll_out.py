@@ -20,7 +20,13 @@ from .kernel import BEGIN, DEFLECTION, HALF, SIDE, Starts, advance, advance_link
 from .torque import ARMATURE, GAP, ZERO, Drives, actuate
 
 
-def roll_out(model: Model, servos: Mapping[str, Servo], grid: ServoGrid, horizon: float | None = None) -> Array:
+def roll_out(
+    model: Model,
+    servos: Mapping[str, Servo],
+    grid: ServoGrid,
+    horizon: float | None = None,
+    start: tuple[Array, Array] | None = None,
+) -> Array:
     """Simulate a recording from its commands alone.
 
     Args:
@@ -28,12 +34,16 @@ def roll_out(model: Model, servos: Mapping[str, Servo], grid: ServoGrid, horizon
         servos: drives by joint; joints without one follow the recorded motion.
         grid: the recording.
         horizon: time [s] after which the state is set to the measured one again; None: never.
+        start: positions (n,) [rad or m] and speeds (n,) [rad/s or m/s] of the first row; None: the measured ones.
 
     Returns:
         Positions (N, n) [rad or m]; the recorded ones where the robot is set to them.
     """
     robot = bodies_of(model, grid.joints)
     motion = motion_of(grid)
+    if start is not None:
+        for x, first in zip(motion, start, strict=False):
+            x[0] = first
     if single(robot):  # its course is exact
         return roll_out_along(course(robot, motion), servos, grid, horizon)
     driven = [j for j, joint in enumerate(grid.joints) if joint in servos]

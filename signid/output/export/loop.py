@@ -1,0 +1,171 @@
+"""Start, commands and roll-out of a recording beside exported position drives, and a script that checks them."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import one_line, shorten
+from ...model import Model, with_servos
+from ...recording import Recordings, as_recording
+from ...robot import resting
+from ...servo.fit.first_state import first_state
+from ...servo.plant import roll_out, servo_grid, servo_grids
+from ...servo.plant.commands import command_speed, commands_at, held_before
+from ...servo.plant.course import Moved, motion_of
+from ...servo.validate import prepared_model
+from ...servos import Servo, ServoGrid
+from ...types import Array, Frozen
+from .beyond import Exported
+from .drives import annotated
+from .shapes import words
+
+SCHEMA = "signid.loop/1"
+_START = """
+# Start of {name}: init_state=InitialStateCfg(**START). HELD are the commands in force before the first one
+# [rad or m]; a delay buffer is full of the first command that it gets after a reset, so give it these once
+# (Isaac Lab: positions_delay_buffer.compute; mjlab: apply_delay) before the first step.
+START = {{"joint_pos": {q}, "joint_vel": {v}}}
+HELD = {held}
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Loop(Frozen):
+    """A recording of n joints from whose first row exported drives start."""
+
+    model: Model  # of these joints, with its drives
+    written: Model  # of all joints, as exports hold it
+    grid: ServoGrid
+    q: Array  # (n,) [rad or m] at the first row
+    v: Array  # (n,) [rad/s or m/s]
+    held: dict[str, float]  # command before the first row, by driven joint [rad or m]
+    notes: tuple[str, ...]
+
+
+def loop_of(model: Model, recording: Recordings) -> Loop:
+    """A recording as the closed loop of a model starts and commands it.
+
+    No simulator has friction per motor torque: exports hold dry friction of its mean over the recording instead.
+
+    Raises:
+        OptionError: the model has no drive of a joint that the recording commands.
+        RecordingError: the recording cannot be used.
+    """
+    given = as_recording(recording, model.robot, "export")
+    driven, robot, flags, notes = prepared_model(model.robot.name, model, [given], None)
+    grid = servo_grid(given, robot)
+    motion = motion_of(grid)
+    held, dry = dict[str, float](), dict[str, Servo]()
+    for j, joint in enumerate(grid.joints):
+        if servo := driven.servos.get(joint):
+            held[joint] = held_before(grid, j)
+            if servo.load_friction > 0:
+                level = servo.coulomb_friction + servo.load_friction * _mean_torque(servo, grid, j, motion)
+                dry[joint] = servo.with_(load_friction=0.0, coulomb_friction=level)
+    notes = [*flags, *notes, *_unlike(driven, grid)]
+    if dry:
+        notes.append(
+            f"dry friction of {shorten(list(dry))} has load_friction in it, at the mean torque of the recording"
+        )
+    if len(servo_grids(given, robot)) > 1:
+        notes.append("only the longest stretch of the recording without gaps is written")
+    written = with_servos(model, {**model.servos, **dry}, complete=True) if dry else model
+    return Loop(driven, written, grid, *first_state(driven, grid), held, tuple(notes))
+
+
+def _mean_torque(servo: Servo, grid: ServoGrid, joint: int, motion: Moved) -> float:
+    """Mean absolute torque of a drive along a motion [N.m or N]."""
+    command = commands_at(grid, joint, servo.kd_on, servo.delay, servo.profile_speed, 1)
+    torque = servo.kp * (command[0] - motion.q[:, joint]) + servo.kd * (command[1] - motion.v[:, joint])
+    return float(np.mean(np.abs(np.clip(torque, -servo.effort_limit, servo.effort_limit))))
+
+
+def with_loop(kind: str, made: Exported, loop: Loop) -> Exported:
+    """An export of drives that states the start of a recording.
+
+    An MJCF gets a keyframe, the commands and signid's roll-out as `_loop.json`, and the script `_check_loop.py`, which
+    rolls it out in MuJoCo without signid. Files of Isaac Lab and mjlab get START and HELD.
+    """
+    if kind != "mjcf":
+        made = replace(made, text=made.text + _python(loop))
+        return annotated(kind, made, list(loop.notes)) if loop.notes else made
+    script = files(__package__).joinpath("check_loop.py").read_text(encoding="utf-8")
+    note = (
+        f"the keyframe start is the state of {_named(loop)} at its first row; it does not hold the commands before it: "
+        f"call mj_initCtrlHistory with its ctrl, as FILE_check_loop.py does"
+    )
+    beside = {**made.beside, "_loop.json": _rows(loop), "_check_loop.py": script}
+    return annotated(kind, replace(made, text=_keyed(made.text, loop), beside=beside), [note, *loop.notes])
+
+
+def _unlike(model: Model, grid: ServoGrid) -> list[str]:
+    """A note on conditions of a recording that no exported drive knows."""
+    at = [j for j, joint in enumerate(grid.joints) if joint in model.servos]
+    conditions = {
+        "firmware gain": bool((grid.gain[at] != 1).any()),
+        "supply voltage": bool((grid.voltage[:, at] != 1).any()),
+        "torque off": bool((grid.on[:, at] < 0.5).any()),
+        "feed-forward torque": grid.feed_forward is not None and bool(grid.feed_forward[:, at].any()),
+    }
+    some = [name for name, differs in conditions.items() if differs]
+    return [f"the roll-out of signid has the {' and '.join(some)} of the recording, the drives do not"] if some else []
+
+
+def _rows(loop: Loop) -> str:
+    """Rows of the recording as JSON: stamps, positions, commands and signid's roll-out [s, rad or m, rad/s or m/s]."""
+    grid, servos = loop.grid, loop.model.servos
+    columns = {"t": np.arange(len(grid)) * grid.step}
+    for j, (joint, rolled) in enumerate(
+        zip(grid.joints, roll_out(loop.model, servos, grid, start=(loop.q, loop.v)).T, strict=True)
+    ):
+        columns |= {f"q_{joint}": grid.q[:, j], f"signid_{joint}": rolled}
+        if joint in servos:
+            columns[f"q_des_{joint}"] = grid.command[:, j]
+            if servos[joint].kd_on == "error" and servos[joint].kd > 0:
+                columns[f"dq_des_{joint}"] = command_speed(grid, j)
+    numbers = {name: [float(f"{x:.9g}") for x in column] for name, column in columns.items()}
+    return json.dumps({"schema": SCHEMA, "joints": grid.joints, "columns": numbers}, ensure_ascii=False) + "\n"
+
+
+def _keyed(text: str, loop: Loop) -> str:
+    """MJCF with a keyframe: joints without a recorded position rest, mimic joints are where their leader puts them."""
+    from lxml import etree
+
+    root: Any = etree.fromstring(text)
+    recorded = dict(zip(loop.grid.joints, zip(loop.q, loop.v, strict=True), strict=True))
+    state = {joint: (x, 0.0) for joint, x in resting(loop.written.robot).items()} | recorded
+    for tie in root.iterfind("equality/joint"):
+        offset, scale, *_ = map(float, tie.get("polycoef").split())
+        q, v = state[tie.get("joint2")]
+        state[tie.get("joint1")] = (offset + scale * q, scale * v)
+    q, v = zip(*(state[joint.get("name")] for joint in root.iterfind("worldbody//joint")), strict=True)
+    inputs = [item.get("name") for item in root.find("actuator") if item.get("input") != "none"]
+    speeds = {f"{joint}_speed": command_speed(loop.grid, j)[0] for j, joint in enumerate(loop.grid.joints)}
+    control = [(speeds | loop.held).get(name, 0.0) for name in inputs]
+    key = etree.SubElement(etree.SubElement(root, "keyframe"), "key")
+    for name, values in {"name": "start", "qpos": words(q), "qvel": words(v), "ctrl": words(control)}.items():
+        key.set(name, values)
+    etree.indent(root)
+    return str(etree.tostring(root, encoding="unicode")) + "\n"
+
+
+def _python(loop: Loop) -> str:
+    """START and HELD, as Python."""
+    names = [re.escape(joint) for joint in loop.grid.joints]
+    each = {"q": zip(names, loop.q, strict=True), "v": zip(names, loop.v, strict=True), "held": loop.held.items()}
+    written = {
+        key: json.dumps({name: float(f"{x:.6g}") for name, x in pairs}, ensure_ascii=False, indent=4)
+        for key, pairs in each.items()
+    }
+    return _START.format(name=_named(loop), **written)
+
+
+def _named(loop: Loop) -> str:
+    return one_line(Path(loop.grid.path).name) or "the recording"
