@@ -52,8 +52,9 @@ def try_laws(
         law = max(p, key=lambda name: p[name])
         if joint in stated or improved(base, allowed[law], [joint]):
             mine = allowed[law].candidate
-            chosen = chosen.changed({joint: mine.servos[joint]}, [name for name in mine.free if name[0] == joint])
-            chosen = replace(chosen, window=max(chosen.window, mine.window))
+            servos = {j: servo for j, servo in mine.servos.items() if j == joint or j not in keep}  # and its neighbours
+            chosen = chosen.changed(servos, [name for name in mine.free if name[0] == joint])
+            chosen = replace(chosen, window=max(chosen.window if found else 0.0, mine.window))
             found[joint] = p
     if not found:
         return base, found
