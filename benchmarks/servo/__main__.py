@@ -1,9 +1,9 @@
-"""Command: `python -m benchmarks.servo [truth] [real] [rival] [models] [--seeds 1 2] [--robots NAME] [--json F]`."""
+"""Command: `python -m benchmarks.servo [truth] [coverage] [real] [rival] [models] [--seeds 1 2] [--json F]`."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,6 +13,7 @@ import polars as pl
 from rich.console import Console
 
 from ..summary import command_line, frame, print_targets, write_json
+from .coverage import Interval, cases, intervals
 from .drive import Truth
 from .identified import KNOWN_LOAD, NUMBERS, RATE, SECONDS, Row, Trial, run
 from .plant import record
@@ -23,13 +24,22 @@ from .robots import Bench, benches, motion
 WORST = {"kp": 0.03, "damping": 0.03, "coulomb_friction": 0.03, "armature": 0.05, "delay": 3e-4}
 MEDIAN = {"kp": 0.01, "damping": 0.01, "coulomb_friction": 0.01, "armature": 0.02, "delay": 3e-4}
 LAWS = ("effort", "duty")
+SIDES = 1.96  # standard deviations of a 95 % interval
+COVERED: dict[str, Callable[[Interval], object]] = {
+    "": lambda row: row.number,
+    "bits": lambda row: row.case.bits,
+    "command": lambda row: row.case.kind,
+    "rate": lambda row: row.case.rate,
+    "plant": lambda row: row.case.plant,
+    "saturated": lambda row: row.case.limited,
+}  # what intervals are grouped by
 WIDTH = 150  # of the tables
 
 
 def main() -> int:
     """Run the parts that were asked for; return 1 if a target is missed."""
     parser = command_line("servo", __doc__)
-    parser.add_argument("parts", nargs="*", default=["truth", "real", "rival", "models"])
+    parser.add_argument("parts", nargs="*", default=["truth", "coverage", "real", "rival", "models"])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--robots", nargs="+", default=["pendulum", "go2_leg", "so101"])
     given, console, kept, met = parser.parse_args(), Console(width=WIDTH), dict[str, object](), True
@@ -40,6 +50,9 @@ def main() -> int:
             clipped = [t for law in LAWS for t in _trials(found, given.seeds[:2], Path(place), law)]
             met &= show_truth(console, free, clipped)
             kept["truth"] = [asdict(row) for trial in (*free, *clipped) for row in trial.rows]
+        if "coverage" in given.parts:
+            held, kept["coverage"] = show_coverage(console, given.seeds, Path(place))
+            met &= held
         if "real" in given.parts:
             kept["real"] = show_real(console, Path(place))
         if "rival" in given.parts and find_spec("cma"):
@@ -82,6 +95,26 @@ def show_truth(console: Console, free: Sequence[Trial], clipped: Sequence[Trial]
     seconds = [trial.seconds for trial in free]
     console.print(f"processor seconds a robot: {min(seconds):.1f} to {max(seconds):.1f}", highlight=False)
     return print_targets(console, targets)
+
+
+def show_coverage(console: Console, seeds: Sequence[int], folder: Path) -> tuple[bool, list[dict[str, object]]]:
+    """Coverage of 95 % intervals on two plants: whether it is as it should be, and all intervals."""
+    rows = [one for case in cases(seeds) for one in intervals(case, folder)[0]]
+    table = frame("95 % intervals of drives in two plants", ["", "held", "of", "rms of error / std"])
+    table.add_row("all", *_held(rows))
+    for title, kind in COVERED.items():
+        for value in sorted({kind(row) for row in rows}):
+            table.add_row(f"{title} {value}".strip(), *_held([row for row in rows if kind(row) == value]))
+    console.print(table)
+    share = float(np.mean([abs(row.score) <= SIDES for row in rows]))
+    said = f"coverage {share:.3f} of {len(rows)} intervals (target .93 to .97)"
+    kept: list[dict[str, object]] = [asdict(row) for row in rows]
+    return print_targets(console, [(said, 0.93 <= share <= 0.97)]), kept
+
+
+def _held(rows: Sequence[Interval]) -> tuple[str, str, str]:
+    score = np.array([row.score for row in rows])
+    return f"{np.mean(np.abs(score) <= SIDES):.3f}", str(len(score)), f"{np.sqrt(np.mean(score**2)):.2f}"
 
 
 def show_real(console: Console, folder: Path) -> list[dict[str, object]]:

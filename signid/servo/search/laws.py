@@ -44,7 +44,7 @@ def try_laws(
     near = by.near(keep)
     base = by.score(base, near)
     trials = {law: by.score(trial.only(near), near) for law, trial in trials.items()}
-    chosen, found = base.candidate.only(near), {}
+    chosen, found = base.candidate.only(near), dict[str, dict[str, float]]()
     for joint in keep:
         top = _top_speed(by, joint)
         allowed = _apart({law: trial for law, trial in trials.items() if given.get(joint, law) == law}, joint, top)
