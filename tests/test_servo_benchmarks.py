@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+from benchmarks.servo.coverage import Case, cases, intervals
 from benchmarks.servo.drive import Drive, Torque, Truth
 from benchmarks.servo.identified import Row
 from benchmarks.servo.plant import build, record
@@ -90,3 +91,11 @@ def test_rows_know_their_error_and_coverage() -> None:
     assert row.error == pytest.approx(0.02) and row.covered
     assert replace(row, value=None).covered is None and np.isnan(replace(row, value=None).error)
     assert replace(row, number="delay", truth=0.01, value=0.0101).error == pytest.approx(1e-4)
+
+
+@pytest.mark.parametrize("case", [*cases([6], ["pendulum"]), *cases([2], ["arm"])], ids=lambda case: case.plant)
+def test_numbers_of_other_plants_lie_in_their_intervals(case: Case, tmp_path: Path) -> None:
+    rows, _, rms = intervals(case, tmp_path)
+    assert {row.number for row in rows} >= {"kp", "damping", "armature", "delay"} and rms < 2e-3
+    assert max(abs(row.score) for row in rows) < 4.0
+    assert all(row.std < 0.02 * row.truth for row in rows if row.number != "delay")

@@ -198,6 +198,8 @@ def held_out(loads: Loads, noise: Array, fit: ZeroFit) -> Array:
     out = np.zeros(len(names))
     for mine in (half, ~half):
         here, there = loads.part(mine), loads.part(~mine)
+        if not here.lines:  # nothing to learn from
+            continue
         own = fit_zeros(here, noise, fit.signs, fit.zeros, fit.free)
         load, other = (x.torque(own.signs, own.zeros) for x in (here, there))
         for line in here.lines:
