@@ -53,6 +53,7 @@ class Odd(NamedTuple):
 class _Answer(NamedTuple):
     episode: Episode
     grids: list[Grid]
+    range: float  # [unit] largest one of the command
     moves: bool
     correlation: float  # [1] at the usual shift, with its sign
     scale: float  # [1] motion per command
@@ -64,12 +65,13 @@ class _Answer(NamedTuple):
 def odd_episodes(episodes: Mapping[str, Sequence[Episode]], period: float, units: Mapping[str, str]) -> tuple[Odd, ...]:
     """Episodes of joints that differ from the others; period of the grid [s], units of joints ("" if unknown)."""
     grids = {joint: [[on_grid(part, period) for part in each.parts] for each in own] for joint, own in episodes.items()}
+    places = {joint: _places(own, grids[joint]) for joint, own in episodes.items()}
     found: list[Odd] = []
     for joint, own in episodes.items():
         answers = _answers(own, grids[joint])
         for k, one in enumerate(answers):
             others = [*answers[:k], *answers[k + 1 :]]
-            commands = {name: _same(grids[name], episodes[name], one) for name in episodes if name != joint}
+            commands = {name: _same(places[name], one) for name in episodes if name != joint}
             said = next(_differences(one, others, commands, period), "") or _moved(one, others, units.get(joint, "rad"))
             found += [Odd(joint, one.episode, f"{joint} {said}")] if said else []
     return tuple(found)
@@ -84,12 +86,11 @@ def _answers(episodes: Sequence[Episode], grids: Sequence[list[Grid]]) -> list[_
     found = [x.seconds for x in shifts if np.isfinite(x.seconds) and x.correlation > FOLLOWS]
     usual = float(np.median(found)) if found else 0.0
     answers = []
-    for k, shift, moving in zip(lasting, shifts, moves, strict=True):
+    for k, shift, size, moving in zip(lasting, shifts, ranges, moves, strict=True):
         r, scale = _at(grids[k], [grid.command for grid in grids[k]], usual)
         error = np.concatenate([_late(grid.command, usual, grid.period) - grid.q for grid in grids[k]])
-        answers.append(
-            _Answer(episodes[k], grids[k], moving, r, scale, float(error.mean()), shift.seconds, shift.correlation)
-        )
+        zero = float(error.mean())
+        answers.append(_Answer(episodes[k], grids[k], size, moving, r, scale, zero, shift.seconds, shift.correlation))
     return answers
 
 
@@ -108,14 +109,22 @@ def _at(grids: Sequence[Grid], commands: Sequence[Array], shift: float) -> tuple
     return (float(x @ y) / size**0.5, float(x @ y) / float(x @ x)) if size > 0 else (0.0, 0.0)
 
 
-def _same(grids: Sequence[list[Grid]], episodes: Sequence[Episode], one: _Answer) -> list[Array] | None:
+_Place = tuple[int, float, int]  # recording, first time and rows of a part
+
+
+def _places(episodes: Sequence[Episode], grids: Sequence[list[Grid]]) -> dict[_Place, Grid]:
+    """Grids of one joint by the places of their parts."""
+    each = [pair for own, some in zip(episodes, grids, strict=True) for pair in zip(own.parts, some, strict=True)]
+    return {_place(part, grid): grid for part, grid in each}
+
+
+def _place(part: Part, grid: Grid) -> _Place:
+    return part.recording, float(part.t[0]), len(grid.q)
+
+
+def _same(places: Mapping[_Place, Grid], one: _Answer) -> list[Array] | None:
     """Commands of another joint in the rows of an episode; None if it lacks some of them."""
-    place = {
-        (part.recording, part.t[0], len(grid.q)): grid
-        for own, each in zip(episodes, grids, strict=True)
-        for part, grid in zip(own.parts, each, strict=True)
-    }
-    found = [place.get((p.recording, p.t[0], len(g.q))) for p, g in zip(one.episode.parts, one.grids, strict=True)]
+    found = [places.get(_place(part, grid)) for part, grid in zip(one.episode.parts, one.grids, strict=True)]
     return [grid.command for grid in found if grid is not None] if all(grid is not None for grid in found) else None
 
 
@@ -155,7 +164,7 @@ def _moved(one: _Answer, others: Sequence[_Answer], unit: str) -> str:
     if len(others) < FEWEST - 1 or (one.moves and one.correlation < FOLLOWS):
         return ""
     usual, apart = _middle([each.zero for each in others]), _spread([each.zero for each in others])
-    span = max(float(np.ptp(grid.command)) for each in (one, *others) for grid in each.grids)
+    span = max(each.range for each in (one, *others))
     if not abs(one.zero - usual) > max(ZERO_LEAST if unit else 0.0, ZERO * span, APART * apart):
         return ""
     size, way = f"{abs(one.zero - usual):.3g} {unit}".rstrip(), "below" if one.zero > usual else "above"
@@ -169,10 +178,14 @@ def _agree(others: Sequence[_Answer]) -> bool:
 
 
 def _middle(values: Sequence[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.median(known)) if known else 0.0
+    known = _finite(values)
+    return float(np.median(known)) if len(known) else 0.0
 
 
 def _spread(values: Sequence[float]) -> float:
     """Largest difference from the median."""
-    return max((abs(value - _middle(values)) for value in values if np.isfinite(value)), default=0.0)
+    return float(np.abs(_finite(values) - _middle(values)).max(initial=0.0))
+
+
+def _finite(values: Sequence[float]) -> Array:
+    return np.asarray(values, float)[np.isfinite(values)]

@@ -329,11 +329,12 @@ def _holds(part: Part, lag: float, quantum: float, span: float) -> list[tuple[fl
     settle = max(SETTLE, LAGS * lag if np.isfinite(lag) else 0.0)
     changed = np.flatnonzero(np.abs(np.diff(part.command)) > CHANGE * span) + 1
     edges = np.concatenate([[0], changed, [len(part.t)]])
+    starts = np.searchsorted(part.t, part.t[edges[:-1]] + settle)
+    last = part.t[edges[1:] - 1]
+    long = (edges[1:] - starts >= 3) & (last - part.t[np.minimum(starts, len(part.t) - 1)] >= STILL)
     holds = []
-    for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        first = int(np.searchsorted(part.t, part.t[low] + settle))
-        if high - first < 3 or part.t[high - 1] - part.t[first] < STILL:
-            continue
+    for k in np.flatnonzero(long).tolist():
+        low, first, high = int(edges[k]), int(starts[k]), int(edges[k + 1])
         q = _still(part.t[first:high], part.q[first:high], quantum)
         if len(q):
             step = float(part.command[low] - part.command[low - 1]) if low else 0.0

@@ -40,29 +40,11 @@ class State(NamedTuple):
     of: Array  # (M,) [any] 2 n + 1 values: 1 if there is a factor, and the inertias and the moving joints that it is of
 
 
-@njit(cache=True)
-def new_state(n):  # type: ignore[no-untyped-def]
+def new_state(n: int) -> State:
     """State of n joints at rest, without a factor."""
-    zero = np.zeros((11, n))
-    return State(
-        zero[0],
-        zero[1],
-        zero[2],
-        zero[3],
-        zero[4],
-        zero[5],
-        zero[6],
-        np.zeros((5, n)),
-        np.zeros((5, n)),
-        zero[7],
-        zero[8],
-        zero[9],
-        np.zeros((n, n)),
-        zero[10],
-        np.zeros((5, n)),
-        np.zeros((n, n)),
-        np.zeros(2 * n + 1),
-    )
+    one, five, square = np.zeros((11, n)), np.zeros((3, 5, n)), np.zeros((2, n, n))
+    fields = [*one[:7], *five[:2], *one[7:10], square[0], one[10], five[2], square[1], np.zeros(2 * n + 1)]
+    return State(*fields)
 
 
 @LOOP

@@ -12,7 +12,7 @@ from numba import njit
 
 from ...types import Array, Indices
 from .friction import LOOP, advance_speeds, new_state
-from .torque import ARMATURE, DUTY, EFFORT, GAP, ZERO, actuate
+from .torque import ARMATURE, DUTY, EFFORT, GAP, ZERO, Drives, actuate
 
 HALF, SIDE, DEFLECTION, LINK_SPEED, LOAD_OF_LINK = range(5)  # rows of `State.play`
 BEGIN = 2.0  # side of a gap at which a window begins: where the motor pushes
@@ -183,13 +183,13 @@ def first_turn(state, mass, h):  # type: ignore[no-untyped-def]
 
 
 @LOOP
-def substep(bodies, drives, place, loads, state, how):  # type: ignore[no-untyped-def]
+def substep(bodies, drives, place, how, state, loose):  # type: ignore[no-untyped-def]
     """Advance positions and speeds by a substep, in two parts where a joint stops or turns within it.
 
-    place: copy, substep and row of the bodies; loads: mass matrix (n, n), and torque (n,) without its parts along
-    position and speed; how: length [s], whether joints have backlash, whether `bodies` has waves.
+    place: copy, substep and row of the bodies; how: mass matrix (n, n), torque (n,) without its parts along position
+    and speed, length [s], whether `bodies` has waves; loose: (C,) as in `simulate_copies`.
     """
-    (c, step, row), (mass, rest), (h, loose, waves) = place, loads, how
+    (c, step, row), (mass, rest, h, waves) = place, how
     q, v, half, n = state.q, state.v, state.half, len(state.v)
     left, part, turns = h, h, -1
     while left > 0.0:
@@ -197,17 +197,17 @@ def substep(bodies, drives, place, loads, state, how):  # type: ignore[no-untype
             half[i] = q[i] + 0.5 * part * v[i]
             state.link[i] = half[i] + state.play[DEFLECTION, i] - drives.numbers[c, i, ZERO]
         load_links(bodies, row, rest, waves, state)
-        if loose:
+        if loose is not None and loose[c]:
             advance_links(drives, c, step, mass, state, part)
         else:
             advance(drives, c, step, mass, state, part)
-        if not loose and turns < 0:
-            share, turns = first_turn(state, mass, h)
-            if turns >= 0:  # once again, up to where that joint turns
-                part = share * h
-                for i in range(n):
-                    v[i] = state.before[i]
-                continue
+            if turns < 0:
+                share, turns = first_turn(state, mass, h)
+                if turns >= 0:  # once again, up to where that joint turns
+                    part = share * h
+                    for i in range(n):
+                        v[i] = state.before[i]
+                    continue
         for i in range(n):
             q[i] = half[i] + 0.5 * part * v[i]
         left -= part
@@ -215,31 +215,39 @@ def substep(bodies, drives, place, loads, state, how):  # type: ignore[no-untype
             v[turns], part = 0.0, left
 
 
-@njit(cache=True, error_model="numpy")
-def simulate(bodies, drives, starts):  # type: ignore[no-untyped-def]
-    """Positions (C, W, longest + 1, n), zero after the rows of a window, and saturated substeps (C, W, n).
+def simulate(bodies: LoopBodies, drives: Drives, starts: Starts) -> tuple[Array, Array]:
+    """Positions (C, W, longest + 1, n), zero after the rows of a window, and saturated substeps (C, W, n)."""
+    first, rows = (np.ascontiguousarray(x) for x in (starts.first, starts.rows))  # one type: compiled once
+    starts, state = starts._replace(first=first, rows=rows), new_state(starts.q.shape[2])
+    loose = np.any(drives.numbers[..., GAP] > 0.0, axis=1)
+    found = simulate_copies(bodies, drives, starts, state, bool(bodies.wave.any()), loose if loose.any() else None)
+    return found[0], found[1]
 
-    Arguments: `LoopBodies`, `Drives` and `Starts`.
+
+@njit(cache=True, error_model="numpy")
+def simulate_copies(bodies, drives, starts, state, waves, loose):  # type: ignore[no-untyped-def]
+    """As `simulate`; waves: whether `bodies` has some; loose: (C,) whether joints of a copy have backlash.
+
+    Where none has, loose is None, and the code for it is not compiled, which would take half of the time.
     """
     copies, windows, n = starts.q.shape
     out = np.zeros((copies, windows, starts.longest + 1, n))
     saturated = np.zeros((copies, windows, n))
-    state, parts = new_state(n), drives.parts
+    parts = drives.parts
     q, v, act = state.q, state.v, state.act
     finer = len(bodies.q) // len(drives.on)  # rows of the bodies in a row of the drives
-    rest, waves = constant_torque(bodies, parts // finer), np.any(bodies.wave != 0.0)
+    rest = constant_torque(bodies, parts // finer)
     sides, misfit, last = np.empty(n), np.zeros((3, n)), len(bodies.q) - 1
     for c in range(copies):
-        loose = False
         for i in range(n):
             state.armature[i] = drives.numbers[c, i, ARMATURE]
-            loose = loose or drives.numbers[c, i, GAP] > 0.0
-        pieces = int(np.ceil(drives.step / SHORT - 1e-9)) if loose else 1
+        pieces, tries = 1, 1
+        if loose is not None and loose[c]:
+            pieces, tries = int(np.ceil(drives.step / SHORT - 1e-9)), 3  # both sides of each gap, and the better ones
         h, held = drives.step / pieces, parts * pieces // finer  # substeps of a row of the bodies
         for w in range(windows):
             follows = w > 0 and starts.first[w] == starts.first[w - 1] + starts.rows[w - 1]
-            tries = 3 if loose and not follows else 1  # both sides of each gap, and the better ones
-            for attempt in range(tries):
+            for attempt in range(1 if follows else tries):
                 if not follows:  # else links are where the window before left them
                     for i in range(n):
                         gap, side = 0.5 * drives.numbers[c, i, GAP], sides[i] if attempt == 2 else 2.0 * attempt - 1.0
@@ -257,7 +265,7 @@ def simulate(bodies, drives, starts):  # type: ignore[no-untyped-def]
                         if k % held == 0:
                             mass = bodies.mass[place]
                             state.of[0] = 0.0
-                        substep(bodies, drives, (c, step, place), (mass, rest[step]), state, (h, loose, waves))
+                        substep(bodies, drives, (c, step, place), (mass, rest[step], h, waves), state, loose)
                         for i in range(n):
                             saturated[c, w, i] += 1.0 / pieces if act[3, i] != 0.0 or act[4, i] != 0.0 else 0.0
                     for i in range(n):
