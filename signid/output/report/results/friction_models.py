@@ -9,7 +9,7 @@ import numpy as np
 
 from ....errors import decimals
 from ....parameters import Array
-from ..layout import figure, with_interval
+from ..layout import figure, thousandths, with_interval
 from ..sections import Block, Cells, Legend, Section
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ MODELS = (
     "The log Bayes factor is that of these rows over the first model; the probability allows for their differences. "
     "M1 to M6: Duclusaud et al., arXiv 2410.08650; PACE: Bjelonic et al., 2025."
 )
+UNITS = {"s": "ms", "1": ""}  # as `number_cell` writes them
 
 
 def models_section(result: ServoIdentification, *, pages: bool = False) -> Section:
@@ -46,7 +47,7 @@ def _by_unit(found: ServoRollOut, errors: Array) -> str:
     """Mean error of the joints of each unit; "-" where it diverges."""
     each = {unit: errors[[u == unit for u in found.units]] for unit in dict.fromkeys(found.units)}
     means = {unit: x[~np.isnan(x)] for unit, x in each.items()}
-    return ", ".join(f"{figure(float(np.mean(x)))} {unit}" for unit, x in means.items() if x.size)
+    return ", ".join(f"{thousandths(float(np.mean(x)))} m{unit}" for unit, x in means.items() if x.size)
 
 
 def _model_numbers(result: ServoIdentification) -> Iterator[Block]:
@@ -55,7 +56,11 @@ def _model_numbers(result: ServoIdentification) -> Iterator[Block]:
         (
             one.name,
             joint,
-            ", ".join(f"{_word(x.name)} {number_cell(x)} {x.unit}" for x in numbers.values() if x.value is not None),
+            ", ".join(
+                f"{_word(x.name)} {number_cell(x)} {UNITS.get(x.unit, x.unit)}".rstrip()
+                for x in numbers.values()
+                if x.value is not None
+            ),
             ", ".join(_word(x.name) for x in numbers.values() if x.value is None),
         )
         for one in result.friction_models
