@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 pytest.importorskip("mujoco")
@@ -15,6 +16,7 @@ from benchmarks.servo.drive import Drive, Torque, Truth
 from benchmarks.servo.identified import Row
 from benchmarks.servo.plant import build, record
 from benchmarks.servo.robots import Bench, benches, leg, motion
+from benchmarks.servo.times import EPISODE, ROWS, long_log, measure
 from benchmarks.servo_faults.faults import FAULTS, injected
 from benchmarks.servo_faults.trial import run_trial, simulation, stated
 from signid.servo.plant import grids_of_arrays, roll_out
@@ -99,3 +101,17 @@ def test_numbers_of_other_plants_lie_in_their_intervals(case: Case, tmp_path: Pa
     assert {row.number for row in rows} >= {"kp", "damping", "armature", "delay"} and rms < 2e-3
     assert max(abs(row.score) for row in rows) < 4.0
     assert all(row.std < 0.02 * row.truth for row in rows if row.number != "delay")
+
+
+def test_a_log_is_repeated_with_pauses_between_episodes() -> None:
+    table = pl.DataFrame({"t": [0.0, 0.01, 0.02], "q_a": [1.0, 2.0, 3.0]})
+    log = long_log(table, pause=3.0)
+    assert log["q_a"].to_list()[:7] == [1, 2, 3, 1, 2, 3, 1] and len(log) == ROWS
+    steps = np.diff(log["t"].to_numpy())
+    assert np.flatnonzero(steps > 1.0).tolist()[:2] == [EPISODE - 1, 2 * EPISODE - 1]
+    assert steps.max() == pytest.approx(3.01) and steps.min() == pytest.approx(0.01)
+
+
+def test_a_command_is_measured_as_a_process(tmp_path: Path) -> None:
+    found = measure("version", ["--version"], tmp_path)
+    assert found.command == "version" and 0.1 < found.seconds < 60 and found.memory > 20

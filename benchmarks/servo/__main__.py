@@ -1,4 +1,4 @@
-"""Command: `python -m benchmarks.servo [truth] [coverage] [real] [rival] [models] [--seeds 1 2] [--json F]`."""
+"""Command: `python -m benchmarks.servo [truth coverage real rival models times] [--seeds 1 2] [--json F]`."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from .plant import record
 from .real import friction_models, sets
 from .rival import race
 from .robots import Bench, benches, motion
+from .times import times
 
 WORST = {"kp": 0.03, "damping": 0.03, "coulomb_friction": 0.03, "armature": 0.05, "delay": 3e-4}
 MEDIAN = {"kp": 0.01, "damping": 0.01, "coulomb_friction": 0.01, "armature": 0.02, "delay": 3e-4}
@@ -39,7 +40,7 @@ WIDTH = 150  # of the tables
 def main() -> int:
     """Run the parts that were asked for; return 1 if a target is missed."""
     parser = command_line("servo", __doc__)
-    parser.add_argument("parts", nargs="*", default=["truth", "coverage", "real", "rival", "models"])
+    parser.add_argument("parts", nargs="*", default=["truth", "coverage", "real", "rival", "models", "times"])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--robots", nargs="+", default=["pendulum", "go2_leg", "so101"])
     given, console, kept, met = parser.parse_args(), Console(width=WIDTH), dict[str, object](), True
@@ -59,6 +60,8 @@ def main() -> int:
             kept["rival"] = show_rival(console)
         if "models" in given.parts:
             kept["models"] = show_models(console, Path(place))
+        if "times" in given.parts:
+            kept["times"] = show_times(console, found, Path(place))
     write_json(given.json, kept)
     return 0 if met else 1
 
@@ -144,6 +147,16 @@ def show_models(console: Console, folder: Path) -> list[dict[str, object]]:
         share = "-" if np.isnan(one.probability) else f"{one.probability:.2f}"
         table.add_row(held, one.name, *(f"{x:.1f}" for x in sizes), share, f"{one.seconds:.1f}")
         kept.append({"held_out": held, "model": one.name, "errors": sizes, "seconds": one.seconds})
+    console.print(table)
+    return kept
+
+
+def show_times(console: Console, found: Sequence[Bench], folder: Path) -> list[dict[str, object]]:
+    """Processor time and memory of whole commands."""
+    table, kept = frame("Whole processes", ["command", "processor time [s]", "memory [MB]"]), []
+    for one in times(found, folder):
+        table.add_row(one.command, f"{one.seconds:.1f}", f"{one.memory:.0f}")
+        kept.append(asdict(one))
     console.print(table)
     return kept
 
