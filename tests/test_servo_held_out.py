@@ -6,6 +6,7 @@ The plant is the simulated closed loop, and MuJoCo with the benchmark's drives. 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -71,6 +72,23 @@ def test_a_held_out_error_far_above_that_of_the_fit_is_flagged() -> None:
     assert result.rollout.one_second_rms[0] > 100 * NOISE
     (flag,) = far(result)
     assert flag.startswith("the held-out motion of swing (") and "signid diagnose with model.json" in flag
+
+
+def test_a_limit_that_pwm_shows_is_in_the_model_though_only_held_out_motion_reaches_it() -> None:
+    drive = SWING.with_(effort_limit=0.8, viscous_friction=0.0, delay=0.0)
+    model, u = driven(pendulum(), {"swing": replace(drive, law="duty")}), command(5.0, 0.12)
+    t = np.arange(len(u)) / RATE
+    made = simulate_servos(model, signid.read_recording({"t": t, "q_swing": u, "q_des_swing": u}, model.robot)).columns
+    q = made["q_swing"]
+    duty = drive.kp * (u - q) / drive.effort_limit
+    assert np.abs(duty[: int(0.7 * len(u))]).max() < 1 < np.abs(duty).max()
+    columns = {"t": t, "q_swing": q + NOISE * np.random.default_rng(2).standard_normal(len(q)), "q_des_swing": u}
+    given = signid.read_recording({**columns, "pwm_swing": np.clip(duty, -1, 1)}, model.robot)
+    result = signid.identify_servos(model.robot, given, options=OPTIONS)
+    limit, gain = (result.joints[0].numbers[name] for name in ("effort_limit", "kp"))
+    assert result.servos["swing"].law == "duty" and not about_limits(result)
+    assert limit.value is not None and limit.std is not None and 0 < limit.std < 0.05
+    assert limit.value == pytest.approx(0.8, abs=3 * limit.std) and gain.value == pytest.approx(8.0, rel=0.02)
 
 
 @pytest.mark.parametrize("grows", [1.0, 3.0])

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...servos import LOOP_NUMBERS, Servo
+from ...servos import LARGEST as PLAUSIBLE, LOOP_NUMBERS, Servo
 from ...types import Array, Mask
 from ..assumptions import Bounds, Prior
 from ..plant.drives import Copies, copies_of
@@ -69,6 +69,7 @@ class Slot:
     typical: float  # in SERVO_UNITS
     others: tuple[int, ...] = ()  # joints of the group that have the same number
     usual: float = 0.0  # of a kp [SERVO_UNITS]: centre of its weak prior; 0: none
+    scale: float = 1.0  # usual kp over that of the typical sizes: a chain of fits keeps its bounds of torque
     prior: Prior | None = None
     bounds: Bounds | None = None
 
@@ -89,14 +90,14 @@ class Slot:
     @property
     def low(self) -> float:
         """Lower bound of the coordinate."""
-        low = self.kind.low * self.typical
+        low = self.kind.low * self.typical * self.scale
         low = low if self.bounds is None else max(low, self.bounds.low)
         return float(np.log(self.soft + low)) if self.kind.logarithmic else low
 
     @property
     def high(self) -> float:
         """Upper bound of the coordinate: without it an unidentifiable scale could run away."""
-        high = self.kind.high * self.typical if self.kind.logarithmic else np.inf
+        high = min(self.kind.high * self.typical * self.scale, PLAUSIBLE) if self.kind.logarithmic else np.inf
         high = high if self.bounds is None else self.bounds.high
         return float(np.log(high + self.soft)) if self.kind.logarithmic else high
 
@@ -246,6 +247,7 @@ def slots(
         j, centre = joints[0], usual[joints[0]] if number == "kp" else 0.0
         prior = next((priors[k, number] for k in joints if (k, number) in priors), None)
         limits = next((bounds[k, number] for k in joints if (k, number) in bounds), None)
-        return Slot(j, number, sizes[j].get(number, 1.0), tuple(joints[1:]), centre, prior, limits)
+        scale = usual[j] / sizes[j]["kp"] if number in SCALED and usual[j] > 0 else 1.0
+        return Slot(j, number, sizes[j].get(number, 1.0), tuple(joints[1:]), centre, scale, prior, limits)
 
     return tuple(slot(joints, number) for (_, number), joints in members.items())
