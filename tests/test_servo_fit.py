@@ -8,7 +8,9 @@ import pytest
 from signid.errors import OptionError
 from signid.model import Model, load_model
 from signid.servo.fit import fit_servos, solve, start_servos
+from signid.servo.fit.coordinates import slots
 from signid.servo.plant import grids_of_arrays, roll_out
+from signid.servo.search.data import thinned
 from signid.servos import Servo, ServoGrid
 
 RATE = 100.0
@@ -87,6 +89,24 @@ def test_numbers_without_influence_have_infinite_variance() -> None:
     start = {joint: replace(truth[joint], effort_limit=1e4)}
     fit = fit_servos(model, [grid], start, [(joint, "kp"), (joint, "effort_limit")])
     assert np.isinf(fit.std[1]) and fit.std[0] < 5 and fit.covariance[0, 1] == 0
+
+
+def test_a_chain_of_fits_keeps_the_bounds_of_torque() -> None:
+    names = ("kp", "coulomb_friction")
+    for kp in (10.0, 1e3, 1e9):  # of the last fit, which the typical sizes follow
+        found = slots([names], [{"kp": kp, "coulomb_friction": kp / 20}], dict.fromkeys(names, [0]), [10.0], {}, {})
+        largest = {slot.number: np.exp(slot.high) - slot.soft for slot in found}
+        assert largest == pytest.approx({"kp": 1e3, "coulomb_friction": 50.0}, rel=1e-3)
+
+
+def test_rows_are_left_out_where_nothing_moves() -> None:
+    t, u = np.arange(6000) / RATE, np.zeros((6000, 2))
+    u[1500:2000, 0], u[4200:4700, 1] = 0.1 * np.sin(t[:500]), 0.5 * np.sin(t[:500])
+    (grid,) = grids_of_arrays(["a", "b"], t, u, u)
+    blocks = thinned([grid], 1200)
+    assert len(blocks) == 4 and sum(map(len, blocks)) == 1200
+    kept = np.concatenate([block.command for block in blocks])
+    assert np.all(np.ptp(kept, axis=0) > 0.5 * np.ptp(u, axis=0)), "each joint moves somewhere else"
 
 
 def test_steps_that_are_no_numbers_leave_the_start(monkeypatch: pytest.MonkeyPatch) -> None:

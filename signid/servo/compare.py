@@ -23,7 +23,7 @@ from .friction_models import AS_FOUND, MODELS, NamedModel, starts
 from .identify.fits import block
 from .identify.identifiable import SCALED, SIGNED, VAGUE, unit_of
 from .identify.result import FrictionModel, ServoIdentification, ServoNumber
-from .identify.run import FITTED, row_cost
+from .identify.run import FITTED, rows_used
 from .identify.scale import connected_sets
 from .plant import roll_out
 from .plant.course import recorded_course
@@ -108,7 +108,7 @@ def _task(found: ServoIdentification, data: ServoData) -> _Task:
             "compare_models got other recordings than identify_servos; give the same recordings and held_out to both"
         )
     sets = connected_sets(found.model, data.joints, data.driven)
-    data = replace(data, train=thinned(data.train, FITTED // row_cost(sets, data)))
+    data = replace(data, train=thinned(data.train, rows_used(sets, data, FITTED)))
     motions = [recorded_course(found.model, grid).motion for grid in data.train]
     sizes = {
         joint: typical(servo, data.joints.index(joint), data.train, motions)

@@ -40,6 +40,7 @@ ALONE, COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits
 PLAIN = "duty"  # its regression has one number less
 FINER = 0.7  # rows of the log over those of the grid [1], below which the grid averages known changes of commands
 SEARCHED, FITTED = 60_000, 180_000  # substeps times squared joints of a branch
+LEAST_SHARE, LEAST_TIME = 0.1, 10.0  # of the rows, [s] a joint of a branch: the less of both is used (SO-101)
 KEPT = "the model was not fitted again to the held-out rows"
 
 
@@ -102,7 +103,7 @@ def identify_servos(
     _say(progress, "starting servos", 0.0)
     size = max(len(members) for members in sets) ** 2
     options = replace(options, window=options.window or (ALONE if size == 1 else COUPLED))
-    most, fitted = SEARCHED // row_cost(sets, data), FITTED // row_cost(sets, data)
+    most, fitted = (rows_used(sets, data, budget) for budget in (SEARCHED, FITTED))
     folds = tuple((thinned(a, most), thinned(b, most)) for a, b in data.folds)
     few = replace(data, train=thinned(data.train, most), folds=folds)
     plain, _ = command_model(model, {joint: Servo() for joint in data.driven}, complete=True)
@@ -144,9 +145,11 @@ def identify_servos(
     return replace(found, logs=logs)
 
 
-def row_cost(sets: Sequence[Sequence[str]], data: ServoData) -> int:
-    """Substeps of a row, times squared joints of the largest set."""
-    return max(len(members) for members in sets) ** 2 * int(np.ceil(data.train[0].step / LONGEST - 1e-9))
+def rows_used(sets: Sequence[Sequence[str]], data: ServoData, budget: int) -> int:
+    """Most rows of a fit within a budget of substeps times squared joints of the largest set, and at least some."""
+    joints, grid = max(len(members) for members in sets), data.train[0]
+    least = min(LEAST_SHARE * sum(map(len, data.train)), LEAST_TIME * joints * grid.rate)
+    return max(budget // (joints**2 * int(np.ceil(grid.step / LONGEST - 1e-9))), int(least))
 
 
 def _logged_rows(recording: Recording) -> LoggedRows:

@@ -20,6 +20,7 @@ FOLDS = 4  # of whole recordings
 HALVES = 2  # of blocks of the only recording
 SHORTEST = 1.0  # [s] of a grid that can be held out or validate
 NORMAL = 0.6745  # median of |x| of a standard normal variable
+LEAST_WAY = 1e-3  # [rad or m] way of the commands below which a joint stands still
 LEAST_NOISE = 1e-5  # [rad or m]
 
 
@@ -78,9 +79,11 @@ def loop_error(data: ServoData, joint: str) -> float:
 
 
 def thinned(grids: Sequence[ServoGrid], most: int) -> tuple[ServoGrid, ...]:
-    """Blocks of a few seconds, spread evenly over all grids, with `most` rows in all; the grids if they are shorter.
+    """Blocks of a few seconds in which joints move, from all parts of all grids; the grids if they are shorter.
 
-    Of many short grids, some are kept whole.
+    They have about `most` rows in all, and are those of their part with the longest way of the commands, each joint's
+    way over that in all grids: joints that move one after another all move there. Of many short grids, some are kept
+    whole.
     """
     share = most / max(sum(map(len, grids)), 1)
     if share >= 1:
@@ -88,13 +91,16 @@ def thinned(grids: Sequence[ServoGrid], most: int) -> tuple[ServoGrid, ...]:
     if share * len(grids) > MANY and max(len(grid) / grid.rate for grid in grids) <= RUN:
         before = np.floor(share * np.arange(len(grids) + 1))
         return tuple(grid for grid, new in zip(grids, np.diff(before), strict=True) if new)
-    blocks = []
-    for grid in grids:
+    blocks, ways = [], [np.abs(np.diff(grid.command, axis=0, prepend=grid.command[:1])) for grid in grids]
+    whole = np.maximum(np.sum([way.sum(0) for way in ways], axis=0), LEAST_WAY)
+    for grid, way in zip(grids, ways, strict=True):
         count = max(int(len(grid) / grid.rate / BLOCK * share), 1)
         edges = np.linspace(0, len(grid), count + 1).astype(int).tolist()
         for start, stop in zip(edges[:-1], edges[1:], strict=True):
             kept = max(int((stop - start) * share), min(round(SHORTEST * grid.rate), stop - start))
-            blocks.append(rows_of(grid, start, start + kept))
+            moved = np.convolve((way[start:stop] / whole).sum(1), np.ones(kept), mode="valid")
+            first = start + int(np.argmax(moved))
+            blocks.append(rows_of(grid, first, first + kept))
     return tuple(blocks)
 
 
