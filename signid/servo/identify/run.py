@@ -40,7 +40,7 @@ ALONE, COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits
 PLAIN = "duty"  # its regression has one number less
 FINER = 0.7  # rows of the log over those of the grid [1], below which the grid averages known changes of commands
 SEARCHED, FITTED = 60_000, 180_000  # substeps times squared joints of a branch
-LEAST_SHARE, LEAST_TIME = 0.1, 10.0  # of the rows, [s] a joint of a branch: the less of both is used (SO-101)
+LEAST_SHARE, LEAST_TIME = 0.1, 10.0  # of the rows, [s] a joint of a branch: the less of both is fitted (SO-101)
 KEPT = "the model was not fitted again to the held-out rows"
 
 
@@ -149,7 +149,7 @@ def rows_used(sets: Sequence[Sequence[str]], data: ServoData, budget: int) -> in
     """Most rows of a fit within a budget of substeps times squared joints of the largest set, and at least some."""
     joints, grid = max(len(members) for members in sets), data.train[0]
     least = min(LEAST_SHARE * sum(map(len, data.train)), LEAST_TIME * joints * grid.rate)
-    return max(budget // (joints**2 * int(np.ceil(grid.step / LONGEST - 1e-9))), int(least))
+    return max(budget // (joints**2 * int(np.ceil(grid.step / LONGEST - 1e-9))), int(least * budget / FITTED))
 
 
 def _logged_rows(recording: Recording) -> LoggedRows:
