@@ -35,15 +35,15 @@ class State(NamedTuple):
     new: Array  # (n,) [rad/s or m/s] speeds if no joint starts, stops or turns
     factor: Array  # (n, n) [any] Cholesky factor with the inverse of its diagonal
     link: Array  # (n,) [rad or m] positions of the links in the middle of the substep
-    play: Array  # (5, n) [any] of joints with backlash, as `backlash` leaves it
-    mass: Array  # (n, n) [kg.m2 or kg] that the motors feel where links are in flight
+    seen: Array  # (n,) [rad or m] positions that the drives measure in the middle of the substep
+    play: Array  # (6, n) [any] of joints with backlash
     of: Array  # (M,) [any] 2 n + 1 values: 1 if there is a factor, and the inertias and the moving joints that it is of
 
 
 @njit(cache=True)
 def new_state(n):  # type: ignore[no-untyped-def]
     """State of n joints at rest, without a factor."""
-    zero = np.zeros((11, n))
+    zero = np.zeros((12, n))
     return State(
         zero[0],
         zero[1],
@@ -59,8 +59,8 @@ def new_state(n):  # type: ignore[no-untyped-def]
         zero[9],
         np.zeros((n, n)),
         zero[10],
-        np.zeros((5, n)),
-        np.zeros((n, n)),
+        zero[11],
+        np.zeros((6, n)),
         np.zeros(2 * n + 1),
     )
 
