@@ -67,7 +67,7 @@ class Servo:
     position_frequency: float = 0.0  # [1/rad]
     spring_stiffness: float = 0.0  # [N.m/rad]
     spring_rest: float = 0.0  # [rad]
-    backlash_gap: float = 0.0  # [rad] between motor, whose position is measured, and link
+    backlash_gap: float = 0.0  # [rad] between motor and link
     encoder_offset: float = 0.0  # [rad] measured position minus true one
     gear_exponent: float = 0.0  # [1] of speed in the decay of the friction of a gear; 0: no such friction
     gear_velocity: float = 1.0  # [rad/s] of the decay
@@ -78,6 +78,7 @@ class Servo:
     gear_external_at_rest: float = 1.0  # [1]
     gear_quadratic_motor: float = 0.0  # [1/N.m] at rest, per square of the motor's torque while the bodies drive it
     gear_quadratic_external: float = 0.0  # [1/N.m] at rest, per square of the bodies' torque while the motor drives
+    link_encoder: float = 0.0  # [1] 1: the position of the link behind backlash is measured, 0: that of the motor
     kp_register: float | None = None  # firmware gain that `kp` belongs to; a recording's own is relative to it
     # numbers that recordings do not identify, with the value that was stated before, if any [unit of the number]
     not_identifiable: Mapping[str, float | None] = field(default_factory=dict, compare=False)
@@ -138,8 +139,10 @@ JOINT_LAWS: Mapping[str, Mapping[str, str]] = {
     },
 }
 JOINT_NUMBERS = tuple(number for numbers in JOINT_LAWS.values() for number in numbers.values())
-SERVO_NUMBERS = tuple(f.name for f in fields(Servo) if f.name not in (*WORDS, "kp_register", *MARKS, *JOINT_NUMBERS))
-LOOP_NUMBERS = (*SERVO_NUMBERS, *JOINT_NUMBERS)  # of the closed loop
+SERVO_NUMBERS = tuple(
+    f.name for f in fields(Servo) if f.name not in (*WORDS, "kp_register", "link_encoder", *MARKS, *JOINT_NUMBERS)
+)
+LOOP_NUMBERS = (*SERVO_NUMBERS, *JOINT_NUMBERS, "link_encoder")  # of the closed loop
 SERVO_UNITS = {
     "kp": "N.m/rad",
     "kd": "N.m.s/rad",
@@ -175,6 +178,7 @@ LOOP_UNITS = {
     "gear_external_at_rest": "1",
     "gear_quadratic_motor": "1/N.m",
     "gear_quadratic_external": "1/N.m",
+    "link_encoder": "1",
 }
 
 
@@ -210,6 +214,8 @@ class ServoGrid(Frozen):
 
 def number_fault(name: str, value: float, positive: bool = False) -> str:
     """Expectation that a number of a drive misses, "" if it is plausible; `positive`: it cannot be zero."""
+    if name == "link_encoder":
+        return "" if value in (0.0, 1.0) else "expected 1 or 0"
     if name == "delay":
         return "" if 0 <= value <= LONGEST_DELAY else f"expected a delay from 0 to {LONGEST_DELAY:g} s"
     if name == "torque_offset":
@@ -231,7 +237,8 @@ def _document(servo: Servo) -> dict[str, Any]:
     unknown = {"not_identifiable": dict(servo.not_identifiable)} if servo.not_identifiable else {}
     combined = {"combined": list(servo.combined)} if servo.combined else {}
     std = {"std": dict(servo.std)} if servo.std else {}
-    return {"law": servo.law, "kd_on": servo.kd_on, **finite, **register, **unknown, **combined, **std}
+    encoder = {"link_encoder": float(servo.link_encoder)} if servo.link_encoder else {}
+    return {"law": servo.law, "kd_on": servo.kd_on, **finite, **encoder, **register, **unknown, **combined, **std}
 
 
 def servos_from(content: Mapping[str, Mapping[str, Any]], joints: Sequence[str]) -> dict[str, Servo]:

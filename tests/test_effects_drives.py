@@ -17,11 +17,12 @@ from signid.effects.naming import law_syntax
 from signid.errors import OptionError
 from signid.model import Model, load_model, with_servos
 from signid.servo.simulate import simulate_servos
-from signid.servos import SERVO_NUMBERS, SERVO_UNITS, Servo
+from signid.servos import LOOP_NUMBERS, SERVO_UNITS, Servo
 from signid.simulation.plant import Torques, simulate, track
 from signid.types import Array, Law, Trajectory
 
-DRIVES = [law for law in DRIVE_EFFECTS if type(law).name]
+DRIVES = list(DRIVE_EFFECTS)
+ALONE = [law for law in DRIVES if law.name != "link_encoder"]  # which acts beside backlash
 STEP, SECONDS = 2e-4, 3.0  # [s]
 # values at which each law changes the loop of the pendulum visibly
 LOOP = {
@@ -85,7 +86,7 @@ def test_the_card_is_complete(law: DriveLaw) -> None:
     assert EFFECTS[law.name] is law and law.stage in STAGES and law.scope == "joint"
     assert law.equation and law.typical and type(law).__doc__ and set(law.example) == set(law.parameters)
     assert len(law.source) > 30 and "," in law.source
-    assert set(law.numbers) == set(law.parameters) and set(law.numbers.values()) <= {*SERVO_NUMBERS, "kp_register"}
+    assert set(law.numbers) == set(law.parameters) and set(law.numbers.values()) <= {*LOOP_NUMBERS, "kp_register"}
     for key, number in law.numbers.items():
         assert law.parameters[key].unit == SERVO_UNITS.get(number, "1"), key
     assert bool(law.fault) == bool(law.variable), "a law that a diagnosis names says what its mismatch depends on"
@@ -102,7 +103,7 @@ def test_the_equation_is_what_the_code_does(law: DriveLaw) -> None:
     np.testing.assert_allclose(eval(law.equation, names), law.acts(x, **law.example), rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("law", DRIVES, ids=ids)
+@pytest.mark.parametrize("law", ALONE, ids=ids)
 def test_both_modes_simulate_one_loop(law: DriveLaw) -> None:
     laws = (drive(law.name, **LOOP[law.name]),)
     fine, plain = by_torque(laws), by_torque(())
@@ -126,6 +127,22 @@ def test_laws_of_the_joint_act_in_both_modes(name: str) -> None:
     late = slice(1300, here)  # a gap begins on another side
     change, far = np.abs(fine - plain).max(), np.abs(fine[::every][late] - loop[late]).max()
     assert change > 0.004 and far < max(2e-3, 0.15 * change), (far, change)
+
+
+def test_an_encoder_on_the_link_is_one_loop_in_both_modes() -> None:
+    laws = (
+        drive("coulomb_friction", level=1.0),
+        drive("armature", inertia=0.3),
+        drive("backlash", gap=0.05),
+        drive("link_encoder", side=1.0),
+    )
+    damping = drive("servo_damping", kd=6.0)
+    bare = Model(pendulum().robot, pendulum().inertials, ())
+    controller = track(bare, asked(), gains=(np.array([80.0]), np.array([6.0])), feed_forward=0.0)
+    fine = simulate(Model(bare.robot, bare.inertials, (damping, *laws)), controller, SECONDS, step=STEP).q[:, 0]
+    loop = simulate_servos(pendulum(), asked(), inject=laws).q[:, 0]
+    here = slice(1300, min(len(loop), len(fine[::5])))
+    assert np.abs(fine[::5][here] - loop[here]).max() < 0.008
 
 
 def test_laws_of_drives_need_commands() -> None:

@@ -45,7 +45,7 @@ def record(path: Path, *planted: Law) -> Path:
     gains = np.array([STATED.kp]), np.zeros(1)
     asked = Trajectory(model.robot.joints, t, u[:, None], still, still)
     moved = simulate(robot, track(model, asked, gains=gains, feed_forward=0.0), SECONDS, step=STEP)
-    q = moved.true_q[::EVERY, 0] + 2e-4 * rng.standard_normal(len(t[::EVERY]))
+    q = moved.q[::EVERY, 0] + 2e-4 * rng.standard_normal(len(t[::EVERY]))
     pl.DataFrame({"t": t[::EVERY], "q_joint_1": q, "q_des_joint_1": u[::EVERY]}).write_csv(path)
     return path
 
@@ -64,13 +64,26 @@ def test_a_law_of_the_joint_is_named_first(name: str, tmp_path: Path) -> None:
     found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", law(name, **PLANTED[name]))))
     first = found.causes[0]
     assert (found.verdict, first.effect, first.joint) == ("named", name, "joint_1")
-    assert set(first.parameters) == set(JOINT_LAWS[name])
+    assert set(first.parameters) == {*JOINT_LAWS[name], *(["link_encoder"] if name == "backlash" else [])}
     if name in WITHIN:
         key = next(iter(JOINT_LAWS[name]))
         assert first.parameters[key].value == pytest.approx(PLANTED[name][key], rel=WITHIN[name])
     assert found.rollout_after.whole_rms[0] < 0.3 * found.rollout_before.whole_rms[0]
     extended = [one for one in found.model.laws_beside_drives if one.effect.name == name]
     assert len(extended) == 1, "the extended simulation has the law"
+
+
+@pytest.mark.parametrize("name", ["backlash", "dead_band"])
+def test_backlash_before_the_encoder_is_distinguished_from_a_dead_band(name: str, tmp_path: Path) -> None:
+    gap, band = (law("backlash", gap=0.05), law("link_encoder", side=1.0)), law("dead_band", band=0.025)
+    found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", *(gap if name == "backlash" else [band]))))
+    first = found.causes[0]
+    assert (first.effect, first.joint) == (name, "joint_1") and first.probability > 0.9
+    assert not {"backlash", "dead_band"} & {rival.effect for rival in first.alternatives}
+    if name == "backlash":
+        assert first.parameters["gap"].value == pytest.approx(0.05, rel=0.15)  # the stops of this plant are soft
+        assert first.parameters["link_encoder"].value == 1.0
+        assert load_model(found.model.save(tmp_path / "model.json")).servos["joint_1"].link_encoder == 1.0
 
 
 def test_a_saved_model_keeps_them(tmp_path: Path) -> None:

@@ -27,8 +27,6 @@ def main() -> int:
         for bench in benches(Path(place), tuple(given.robots)):
             for seed in given.seeds:
                 for fault in (None, *FAULTS):
-                    if fault is not None and fault.level and bench.name != "so101":
-                        continue
                     if given.faults and (fault.name if fault else "healthy") not in given.faults:
                         continue
                     outcomes.append(run_trial(bench, fault, seed, Path(place)))

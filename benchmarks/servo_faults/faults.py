@@ -23,7 +23,6 @@ class Fault:
     name: str
     found: tuple[str, ...]
     change: Change
-    level: bool = False  # whether it needs a joint without gravity torque
 
 
 def _more(drive: Drive, number: str, change: float) -> dict[str, object]:
@@ -53,7 +52,7 @@ FAULTS = (
     Fault("profile", ("profile_limit",), lambda d, e, r: {"profile_speed": r.uniform(1.2, 2.5)}),
     Fault("load_friction", ("load_friction",), lambda d, e, r: {"load_friction": r.uniform(0.15, 0.4)}),
     Fault("droop", ("voltage_droop",), lambda d, e, r: {"droop": r.uniform(0.25, 0.5) / e}),
-    Fault("backlash", ("backlash",), lambda d, e, r: {"backlash": r.uniform(0.03, 0.06)}, level=True),
+    Fault("backlash", ("backlash",), lambda d, e, r: {"backlash": r.uniform(0.03, 0.06)}),
     Fault("coulomb", ("coulomb_friction",), lambda d, e, r: _more(d, "coulomb_friction", e * r.uniform(0.03, 0.08))),
     Fault("viscous", ("viscous_friction",), lambda d, e, r: _more(d, "viscous_friction", d.kd * r.uniform(0.4, 0.8))),
     Fault("armature", ("armature",), lambda d, e, r: {"armature": d.armature * r.uniform(1.6, 2.5)}),
@@ -73,7 +72,7 @@ def injected(bench: Bench, fault: Fault, effort: dict[str, float], rng: np.rando
         mass = PAYLOADS[bench.name] * float(rng.uniform(0.7, 1.4))
         return Truth(dict(bench.drives), mass, CENTRES[bench.name]), joints[-1]
     loaded = joints[: JOINTS[bench.name]]
-    joint = joints[0] if fault.level else str(rng.choice(loaded))
+    joint = str(rng.choice(loaded))
     drive = bench.drives[joint]
     changed = replace(drive, **fault.change(drive, effort[joint], rng))  # type: ignore[arg-type]
     return Truth({**bench.drives, joint: changed}), joint

@@ -40,7 +40,7 @@ DRIVE_EFFECTS: Registry[DriveLaw] = Registry(
     _listed(
         """
         servo_gain register_gain servo_damping error_damping command_delay effort_limit duty_limit speed_limit dead_band
-        profile_limit voltage_droop
+        profile_limit voltage_droop link_encoder
         """,
         _DRIVE_LAWS,
     ),

@@ -6,9 +6,7 @@ import numpy as np
 
 from ..servos import Servo
 from ..types import Array, Shape
-from .drive import DriveLaw, DriveState, Reach, Twin
-
-LOADS = "repeat with another load: a dead band is left on the side of the load, play changes with the sign of the load"
+from .drive import DriveLaw, DriveState, Reach
 
 
 class DeadBand(DriveLaw):
@@ -23,7 +21,6 @@ class DeadBand(DriveLaw):
     stage, numbers = "error", {"band": "dead_band"}
     fault, variable, region = "position errors below the band give no torque", "position", "small errors"
     tolerance, relative = 1e-3, False
-    rivals = (Twin("backlash", LOADS, 0.8),)
 
     def acts(self, x: DriveState, band: float) -> Array:
         return x.error - np.clip(x.error, -band, band)

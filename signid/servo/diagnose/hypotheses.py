@@ -109,7 +109,8 @@ def _spring(servo: Servo, reach: Reach) -> list[Servo]:
 
 
 def _backlash(servo: Servo, reach: Reach) -> list[Servo]:
-    return [servo.with_(backlash_gap=servo.backlash_gap + x) for x in (0.005, 0.015, 0.04, 0.1)]
+    gaps = ((0.0, 0.005), (0.0, 0.015), (0.0, 0.04), (0.0, 0.1), (1.0, 0.015), (1.0, 0.05))  # link encoder, gap [rad]
+    return [servo.with_(backlash_gap=servo.backlash_gap + gap, link_encoder=side) for side, gap in gaps]
 
 
 def of_joint(effect: str, meaning: str, variable: str, trials: Trials, shape: tuple[str, ...] = ()) -> DriveHypothesis:
@@ -180,5 +181,7 @@ HYPOTHESES: tuple[DriveHypothesis, ...] = (
         shape=("position_frequency",),
     ),
     of_joint("spring", "a spring acts at the joint", "position", _spring),
-    of_joint("backlash", "the link moves freely within a gap of the gear", "position", _backlash),
+    of_joint(
+        "backlash", "the link moves freely within a gap of the gear", "position", _backlash, shape=("link_encoder",)
+    ),
 )

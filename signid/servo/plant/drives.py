@@ -41,7 +41,7 @@ def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 
 class Copies(NamedTuple):
     """C copies of the drives of n joints."""
 
-    numbers: Array  # (C, n, 31) [LOOP_UNITS] in the order of LOOP_NUMBERS
+    numbers: Array  # (C, n, 32) [LOOP_UNITS] in the order of LOOP_NUMBERS
     laws: Indices  # (C, n) index in DRIVE_LAWS
     kd_on: tuple[str, ...]  # n
 

@@ -35,15 +35,15 @@ class State(NamedTuple):
     new: Array  # (n,) [rad/s or m/s] speeds if no joint starts, stops or turns
     factor: Array  # (n, n) [any] Cholesky factor with the inverse of its diagonal
     link: Array  # (n,) [rad or m] positions of the links in the middle of the substep
-    play: Array  # (5, n) [any] of joints with backlash, as `backlash` leaves it
-    mass: Array  # (n, n) [kg.m2 or kg] that the motors feel where links are in flight
+    seen: Array  # (n,) [rad or m] positions that the drives measure in the middle of the substep
+    play: Array  # (6, n) [any] of joints with backlash
     of: Array  # (M,) [any] 2 n + 1 values: 1 if there is a factor, and the inertias and the moving joints that it is of
 
 
 def new_state(n: int) -> State:
     """State of n joints at rest, without a factor."""
-    one, five, square = np.zeros((11, n)), np.zeros((3, 5, n)), np.zeros((2, n, n))
-    fields = [*one[:7], *five[:2], *one[7:10], square[0], one[10], five[2], square[1], np.zeros(2 * n + 1)]
+    one, five = np.zeros((12, n)), np.zeros((2, 5, n))
+    fields = [*one[:7], *five, *one[7:10], np.zeros((n, n)), *one[10:], np.zeros((6, n)), np.zeros(2 * n + 1)]
     return State(*fields)
 
 

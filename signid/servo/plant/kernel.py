@@ -12,9 +12,11 @@ from numba import njit
 
 from ...types import Array, Indices
 from .friction import LOOP, advance_speeds, new_state
-from .torque import ARMATURE, DUTY, EFFORT, GAP, ZERO, Drives, actuate
+from .torque import ARMATURE, DUTY, EFFORT, GAP, LINK_ENCODER, VISCOUS, ZERO, Drives, actuate
 
-HALF, SIDE, DEFLECTION, LINK_SPEED, LOAD_OF_LINK = range(5)  # rows of `State.play`
+# rows of `State.play`: half the gap, side of the link, link minus motor and its speed, new speed of the motor, and the
+# momentum that links which were met add to the joints
+HALF, SIDE, DEFLECTION, RELATIVE, MOTOR, IMPULSE = range(6)
 BEGIN = 2.0  # side of a gap at which a window begins: where the motor pushes
 SHORT = 5e-4  # [s] longest substep with backlash or gears: 2 ms shift the meeting of a link, and stops, by mrad
 ROTOR = 1e-3  # [1] least inertia of a motor with backlash over that of its link
@@ -57,7 +59,8 @@ def change_limits(drives, c, step, state):  # type: ignore[no-untyped-def]
     act, again, wrong = state.act, state.again, False
     for i in range(len(state.v)):
         state.middle[i] = 0.5 * (state.v[i] + state.before[i])
-    actuate(drives, c, step, (state.half, state.middle, state.loads), again)
+    actuate(drives, c, step, (state.seen, state.middle, state.loads), again)
+    release(state, again)
     for i in range(len(state.v)):
         if again[3, i] != act[3, i] or again[4, i] != act[4, i]:
             wrong = True
@@ -69,13 +72,22 @@ def change_limits(drives, c, step, state):  # type: ignore[no-untyped-def]
 
 
 @LOOP
+def release(state, act):  # type: ignore[no-untyped-def]
+    """Take torque, damping and friction of the motors from links in flight."""
+    for i in range(len(state.v)):
+        if state.play[HALF, i] > 0.0 and state.play[SIDE, i] == 0.0:
+            act[0, i], act[1, i], act[2, i] = 0.0, 0.0, 0.0
+
+
+@LOOP
 def advance(drives, c, step, mass, state, h):  # type: ignore[no-untyped-def]
     """Advance the speeds of a state by h [s] in a substep, at `state.half` under `state.loads`; mass (n, n)."""
     limits = False
     for i in range(len(state.v)):
         state.before[i] = state.v[i]
         limits = limits or (drives.laws[c, i] != DUTY and drives.numbers[c, i, EFFORT] < np.inf)
-    actuate(drives, c, step, (state.half, state.v, state.loads), state.act)
+    actuate(drives, c, step, (state.seen, state.v, state.loads), state.act)
+    release(state, state.act)
     for _ in range(PASSES):
         advance_speeds(state, mass, h)
         if not limits or not change_limits(drives, c, step, state):
@@ -83,49 +95,87 @@ def advance(drives, c, step, mass, state, h):  # type: ignore[no-untyped-def]
 
 
 @LOOP
+def turn_motors(drives, c, step, state, h):  # type: ignore[no-untyped-def]
+    """Advance motors whose links are in flight by h [s], then put the speeds of their links in their place in `v`.
+
+    A drive that measures its link damps the speed of the link.
+    """
+    v, play, act, middle = state.v, state.play, state.again, state.middle
+    for i in range(len(v)):
+        middle[i] = v[i] + drives.numbers[c, i, LINK_ENCODER] * play[RELATIVE, i]
+    actuate(drives, c, step, (state.seen, middle, state.loads), act)
+    for i in range(len(v)):
+        play[MOTOR, i] = v[i]
+        if play[HALF, i] > 0.0 and play[SIDE, i] == 0.0:
+            damping = act[1, i] - drives.numbers[c, i, VISCOUS]  # of the drive
+            pull = act[0, i] - (damping * middle[i] if drives.numbers[c, i, LINK_ENCODER] == 1.0 else 0.0)
+            half = 0.5 * h * (drives.numbers[c, i, VISCOUS] if drives.numbers[c, i, LINK_ENCODER] == 1.0 else act[1, i])
+            right, bound = (state.armature[i] - half) * v[i] + h * pull, h * act[2, i]
+            play[MOTOR, i] = (max(right - bound, 0.0) + min(right + bound, 0.0)) / (state.armature[i] + half)
+            v[i] += play[RELATIVE, i]
+
+
+@LOOP
 def advance_links(drives, c, step, mass, state, h):  # type: ignore[no-untyped-def]
-    """Advance by h [s] where joints have backlash: play (5, n) half the gap, side, deflection, link speed and load.
+    """Advance by h [s] where joints have backlash; `state.play` holds the gaps.
 
     A link at a side of its gap moves with its motor as long as the motor pushes it; then it flies, and the motor turns
     alone, until the link meets a side of the gap, without rebound. A side of 0 is flight, 2 the beginning.
     """
-    play, act, n = state.play, state.act, len(state.v)
+    v, play, act, n = state.v, state.play, state.act, len(state.v)
     if play[SIDE, 0] == BEGIN:
-        actuate(drives, c, step, (state.half, state.v, state.loads), act)
+        actuate(drives, c, step, (state.seen, v, state.loads), act)
     for i in range(n):
         if play[HALF, i] > 0.0 and play[SIDE, i] == BEGIN:
-            push = act[0, i] - act[1, i] * state.v[i] - act[2, i] * np.sign(state.v[i])
+            push = act[0, i] - act[1, i] * v[i] - act[2, i] * np.sign(v[i])
             play[SIDE, i] = -1.0 if push >= 0.0 else 1.0
             play[DEFLECTION, i] = play[SIDE, i] * play[HALF, i]
+            state.half[i] -= drives.numbers[c, i, LINK_ENCODER] * play[DEFLECTION, i]
         elif play[SIDE, i] == BEGIN:
             play[SIDE, i] = 0.0
-        play[LOAD_OF_LINK, i] = state.loads[i]
-    for i in range(n):
-        for j in range(n):
-            flies = (play[HALF, i] > 0.0 and play[SIDE, i] == 0.0) or (play[HALF, j] > 0.0 and play[SIDE, j] == 0.0)
-            state.mass[i, j] = 0.0 if flies else mass[i, j]
+        state.armature[i] = drives.numbers[c, i, ARMATURE]
         if play[HALF, i] > 0.0:
-            state.armature[i] = max(drives.numbers[c, i, ARMATURE], ROTOR * mass[i, i])
-            if play[SIDE, i] == 0.0:
-                state.loads[i] = 0.0
-    state.of[0] = 0.0
-    advance(drives, c, step, state.mass, state, h)
+            state.armature[i] = max(state.armature[i], ROTOR * mass[i, i])
+    turn_motors(drives, c, step, state, h)
     for i in range(n):
-        if play[HALF, i] == 0.0:
-            continue
-        if play[SIDE, i] != 0.0:
-            push = play[LOAD_OF_LINK, i]
+        state.loads[i] -= play[IMPULSE, i] / h
+        play[IMPULSE, i] = 0.0
+        if play[HALF, i] > 0.0 and play[SIDE, i] == 0.0:
+            state.armature[i] = 0.0
+    state.of[0] = 0.0
+    advance(drives, c, step, mass, state, h)
+    for i in range(n):
+        if play[HALF, i] > 0.0 and play[SIDE, i] != 0.0:
+            push = state.loads[i]
             for j in range(n):
-                push += state.mass[i, j] * (state.v[j] - state.before[j]) / h
+                push += mass[i, j] * (v[j] - state.before[j]) / h
+            play[MOTOR, i] = v[i]
             if push * play[SIDE, i] > 0.0:  # the motor would have to pull
-                play[SIDE, i], play[LINK_SPEED, i] = 0.0, state.v[i]
-            continue
-        play[LINK_SPEED, i] -= h * play[LOAD_OF_LINK, i] / mass[i, i]
-        play[DEFLECTION, i] += h * (play[LINK_SPEED, i] - state.v[i])
-        if abs(play[DEFLECTION, i]) >= play[HALF, i]:
-            side, rotor = np.sign(play[DEFLECTION, i]), state.armature[i]
-            play[SIDE, i], play[DEFLECTION, i] = side, side * play[HALF, i]
-            state.v[i] = (rotor * state.v[i] + mass[i, i] * play[LINK_SPEED, i]) / (rotor + mass[i, i])
+                play[SIDE, i] = 0.0
+    for i in range(n):
+        if play[HALF, i] > 0.0 and play[SIDE, i] == 0.0:
+            meet(drives, c, i, mass, state, h)
+
+
+@LOOP
+def meet(drives, c, i, mass, state, h):  # type: ignore[no-untyped-def]
+    """Turn the speed of the link of joint i, after a flight of h [s], into that of its motor, and end the flight."""
+    v, play = state.v, state.play
+    relative = v[i] - play[MOTOR, i]
+    play[DEFLECTION, i] += 0.5 * h * (relative + play[RELATIVE, i])
+    state.before[i] -= play[RELATIVE, i]
+    v[i], play[RELATIVE, i] = play[MOTOR, i], relative
+    beyond = abs(play[DEFLECTION, i]) - play[HALF, i]
+    side = np.sign(play[DEFLECTION, i])
+    if beyond >= 0.0 and relative * side > 0.0:
+        rotor = max(drives.numbers[c, i, ARMATURE], ROTOR * mass[i, i])
+        share = mass[i, i] / (rotor + mass[i, i])
+        play[SIDE, i], play[DEFLECTION, i], play[RELATIVE, i] = side, side * play[HALF, i], 0.0
+        state.half[i] += side * beyond * share  # both moved on at one speed since they met
+        v[i] += share * relative
+        for j in range(len(v)):
+            if j != i:  # the link's change of speed acts on the other joints in the next substep
+                play[IMPULSE, j] += mass[j, i] * (1.0 - share) * relative
 
 
 @njit(cache=True, error_model="numpy")
@@ -149,14 +199,16 @@ def constant_torque(bodies, parts):  # type: ignore[no-untyped-def]
 @LOOP
 def load_links(bodies, r, rest, waves, state):  # type: ignore[no-untyped-def]
     """Torque of the bodies in row r at the links' positions; rest (n,) of it does not depend on position and speed."""
-    link, v, before, n = state.link, state.v, state.before, len(state.v)
+    link, v, before, beyond, n = state.link, state.v, state.before, state.play[RELATIVE], len(state.v)
     by_q, by_v = bodies.by_q[r], bodies.by_v[r]
     for i in range(n):
         load = rest[i]
         if waves:
             load += bodies.wave[i, 0] * np.sin(link[i]) + bodies.wave[i, 1] * np.cos(link[i])
         for j in range(n):
-            load += by_q[i, j] * link[j] + by_v[i, j] * (1.5 * v[j] - 0.5 * before[j])  # the middle of the substep
+            load += by_q[i, j] * link[j] + by_v[i, j] * (
+                1.5 * v[j] - 0.5 * before[j] + beyond[j]
+            )  # the middle of the substep
         state.loads[i] = load
 
 
@@ -195,7 +247,9 @@ def substep(bodies, drives, place, how, state, loose):  # type: ignore[no-untype
     while left > 0.0:
         for i in range(n):
             half[i] = q[i] + 0.5 * part * v[i]
-            state.link[i] = half[i] + state.play[DEFLECTION, i] - drives.numbers[c, i, ZERO]
+            beyond = state.play[DEFLECTION, i] + 0.5 * part * state.play[RELATIVE, i]
+            state.link[i] = half[i] + beyond - drives.numbers[c, i, ZERO]
+            state.seen[i] = half[i] + drives.numbers[c, i, LINK_ENCODER] * beyond
         load_links(bodies, row, rest, waves, state)
         if loose is not None and loose[c]:
             advance_links(drives, c, step, mass, state, part)
@@ -237,10 +291,10 @@ def simulate_copies(bodies, drives, starts, state, waves, loose):  # type: ignor
     q, v, act = state.q, state.v, state.act
     finer = len(bodies.q) // len(drives.on)  # rows of the bodies in a row of the drives
     rest = constant_torque(bodies, parts // finer)
-    sides, misfit, last = np.empty(n), np.zeros((3, n)), len(bodies.q) - 1
+    sides, beyond, misfit, last = np.empty(n), np.empty(n), np.zeros((3, n)), len(bodies.q) - 1
     for c in range(copies):
         for i in range(n):
-            state.armature[i] = drives.numbers[c, i, ARMATURE]
+            state.armature[i], beyond[i] = drives.numbers[c, i, ARMATURE], drives.numbers[c, i, LINK_ENCODER]
         pieces, tries = 1, 1
         if loose is not None and loose[c]:
             pieces, tries = int(np.ceil(drives.step / SHORT - 1e-9)), 3  # both sides of each gap, and the better ones
@@ -253,9 +307,16 @@ def simulate_copies(bodies, drives, starts, state, waves, loose):  # type: ignor
                         gap, side = 0.5 * drives.numbers[c, i, GAP], sides[i] if attempt == 2 else 2.0 * attempt - 1.0
                         state.play[HALF, i], state.play[SIDE, i], state.play[DEFLECTION, i] = gap, side, side * gap
                 for i in range(n):
-                    q[i], v[i] = starts.q[c, w, i], starts.v[c, w, i]
+                    q[i] = starts.q[c, w, i] - beyond[i] * state.play[DEFLECTION, i]
+                    flies, measured = follows and state.play[RELATIVE, i] != 0.0, starts.v[c, w, i]
+                    other = v[i] + (1.0 - beyond[i]) * state.play[RELATIVE, i]  # speed of what is not measured
+                    state.play[IMPULSE, i], state.play[RELATIVE, i] = 0.0, 0.0
+                    v[i] = measured
+                    if flies:
+                        v[i] = other if beyond[i] == 1.0 else measured
+                        state.play[RELATIVE, i] = measured - other if beyond[i] == 1.0 else other - measured
                     state.before[i] = v[i]
-                    out[c, w, 0, i] = q[i]
+                    out[c, w, 0, i] = starts.q[c, w, i]
                     saturated[c, w, i] = 0.0
                     misfit[attempt, i] = 0.0
                 for row in range(starts.rows[w]):
@@ -269,8 +330,9 @@ def simulate_copies(bodies, drives, starts, state, waves, loose):  # type: ignor
                         for i in range(n):
                             saturated[c, w, i] += 1.0 / pieces if act[3, i] != 0.0 or act[4, i] != 0.0 else 0.0
                     for i in range(n):
-                        out[c, w, row + 1, i] = q[i]
-                        misfit[attempt, i] += (q[i] - bodies.q[min((r + 1) * finer, last), i]) ** 2
+                        at = q[i] + beyond[i] * state.play[DEFLECTION, i]
+                        out[c, w, row + 1, i] = at
+                        misfit[attempt, i] += (at - bodies.q[min((r + 1) * finer, last), i]) ** 2
                 for i in range(n):
                     sides[i] = -1.0 if misfit[0, i] <= misfit[1, i] else 1.0
     return out, saturated

@@ -16,8 +16,8 @@ from ...types import Array, Robot
 from .course import Moved, RobotCourse, bodies_of, course, motion_of, part, single
 from .drives import JoinedGrids, copies_of, substeps
 from .friction import new_state
-from .kernel import BEGIN, DEFLECTION, HALF, SIDE, Starts, advance, advance_links, simulate
-from .torque import ARMATURE, GAP, ZERO, Drives, actuate
+from .kernel import BEGIN, DEFLECTION, HALF, RELATIVE, SIDE, Starts, advance, advance_links, simulate
+from .torque import ARMATURE, GAP, LINK_ENCODER, ZERO, Drives, actuate
 
 
 def roll_out(
@@ -123,6 +123,7 @@ class _Loop:
         self.grid, self.state = rows.grids[0], new_state(len(rows.joints))
         self.state.armature[:] = drives.numbers[0, :, ARMATURE]
         self.state.play[HALF], self.state.play[SIDE] = 0.5 * drives.numbers[0, :, GAP], BEGIN
+        self.beyond = drives.numbers[0, :, LINK_ENCODER]
         self.loose = bool(np.any(drives.numbers[0, :, GAP] > 0))
         self.data = robot.model.createData()
         self.plain = all(is_plain(joint) for joint in list(robot.model.joints)[1:])
@@ -133,10 +134,10 @@ class _Loop:
         for k in range(len(out) - 1):
             if k % restart == 0:
                 q[:], v[:] = self.motion.q[k, self.driven], self.motion.v[k, self.driven]
-                self.state.play[SIDE:] = [[BEGIN], [0.0], [0.0], [0.0]]
+                self.state.play[SIDE:] = [[BEGIN], *4 * [[0.0]]]
                 out[k, self.driven] = q
             self._row(k)
-            out[k + 1, self.driven] = q
+            out[k + 1, self.driven] = q + self.beyond * self.state.play[DEFLECTION]
         return out
 
     def _row(self, k: int) -> None:
@@ -146,7 +147,10 @@ class _Loop:
             far = (s + 0.5) / drives.parts
             q, v, a = ((1 - far) * x[k] + far * x[k + 1] for x in self.motion)
             state.half[:] = state.q + 0.5 * drives.step * state.v
-            q[j], v[j], a[j] = state.half + state.play[DEFLECTION] - drives.numbers[0, :, ZERO], state.v, 0.0
+            relative = state.play[RELATIVE]
+            beyond = state.play[DEFLECTION] + 0.5 * drives.step * relative
+            state.seen[:] = state.half + self.beyond * beyond
+            q[j], v[j], a[j] = state.half + beyond - drives.numbers[0, :, ZERO], state.v + relative, 0.0
             mass, state.loads[:] = self._dynamics(q, v, a)
             state.of[0] = 0.0
             step = advance_links if self.loose else advance

@@ -42,6 +42,7 @@ from .friction import LOOP
     GEAR_EXTERNAL_AT_REST,
     GEAR_QUADRATIC_MOTOR,
     GEAR_QUADRATIC_EXTERNAL,
+    LINK_ENCODER,
 ) = range(len(LOOP_NUMBERS))  # columns of the numbers of a drive and its joint, in the order of LOOP_NUMBERS
 DUTY, TORQUE_SPEED = DRIVE_LAWS.index("duty"), DRIVE_LAWS.index("torque_speed")
 
@@ -49,7 +50,7 @@ DUTY, TORQUE_SPEED = DRIVE_LAWS.index("duty"), DRIVE_LAWS.index("torque_speed")
 class Drives(NamedTuple):
     """C copies of the drives of n joints on the substeps of R rows, `parts` of each row."""
 
-    numbers: Array  # (C, n, 31) [LOOP_UNITS]
+    numbers: Array  # (C, n, 32) [LOOP_UNITS]
     laws: Indices  # (C, n) index in DRIVE_LAWS
     variant: Indices  # (C, n) which of the V commands acts
     commands: Array  # (7, V, S) [any] on S = R parts substeps, as `commands_at` gives them
@@ -64,7 +65,7 @@ class Drives(NamedTuple):
 def drive_torque(p, law, at, command, supply):  # type: ignore[no-untyped-def]
     """Constant torque, damping, torque and kind of limit of a drive that is on.
 
-    Numbers p (31,); at: position and speed; command: command, its speed and feed-forward; supply: voltage and gain.
+    Numbers p (32,); at: position and speed; command: command, its speed and feed-forward; supply: voltage and gain.
     """
     (q, v), (u, reference, forward), (voltage, gain) = at, command, supply
     limit, dead, damping, kind = p[EFFORT], p[DEAD], p[KD], 0.0

@@ -100,10 +100,18 @@ class Plant:
     @property
     def link(self) -> Array:
         """Positions (B, n) of the links, behind elastic joints [rad or m]."""
+        return self._links(self.state)
+
+    @property
+    def link_speed(self) -> Array:
+        """Speeds (B, n) of the links, behind elastic joints [rad/s or m/s]."""
+        return self._links(self.speed)
+
+    def _links(self, signal: Array) -> Array:
         if self.direct:
-            return self.state
-        found = self._joints(self.state).copy()
-        found[:, self.bodies.soft] += self.state[:, self.bodies.flex]
+            return signal
+        found = self._joints(signal).copy()
+        found[:, self.bodies.soft] += signal[:, self.bodies.flex]
         return found
 
     def _joints(self, signal: Array) -> Array:
@@ -312,13 +320,17 @@ def simulate_many(
     torque, desired, speed = (np.stack([getattr(p, key) for p in plans], 1) for key in ("torque", "desired", "speed"))
     stiffness, damping = (np.stack([getattr(p, key) for p in plans]) for key in ("stiffness", "damping"))
     motors = JointDrives(laws, stiffness, damping)
+    beyond = [law.joints[0] for law in laws if law.effect.name == "link_encoder" and law.parameters["side"]]
     plant.start(*(np.stack(x) for x in zip(*(drive.start() for drive in drives), strict=True)))
     log = np.empty((7, len(t), len(drives), len(joints)))  # seen, q, v, a, link, command, applied
     for k, now in enumerate(t):
         q, v = plant.q, plant.v
-        seen = _seen(reading, q)
-        command = torque[k] + stiffness * (desired[k] - seen) + damping * (speed[k] - v)
-        command = motors.torque(command, seen, v, desired[k], speed[k], torque[k])
+        seen, felt = _seen(reading, q), v
+        if beyond:
+            seen, felt = seen.copy(), v.copy()
+            seen[:, beyond], felt[:, beyond] = plant.link[:, beyond], plant.link_speed[:, beyond]
+        command = torque[k] + stiffness * (desired[k] - seen) + damping * (speed[k] - felt)
+        command = motors.torque(command, seen, felt, desired[k], speed[k], torque[k])
         applied = apply_actuators(acting, command)
         log[:3, k], log[4:, k] = (seen, q, v), (plant.link, command, applied)
         plant.advance(float(now), applied)
