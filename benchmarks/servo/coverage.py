@@ -16,14 +16,14 @@ from signid.servo.identify import identify_servos
 
 from .arm import positions, write_arm
 from .drive import Array, Drive, Truth
-from .identified import KNOWN_LOAD, NUMBERS, SECONDS, truth_of
+from .identified import KNOWN_LOAD, NUMBERS, SECONDS, drawn, truth_of
 from .plant import record
 from .robots import Bench, benches, motion
 
 STEP, ARM_STEP = 5e-5, 1e-5  # [s] of MuJoCo and of the arm
 RATES, BITS, KINDS = (50.0, 100.0, 200.0), (12, 14), ("sines", "steps", "teleoperation")
 PLANTS = ("pendulum", "arm", "go2_leg")
-DELAYS = (0.004, 0.04)  # [s]
+FACTORS, DELAYS = (0.6, 1.5), (0.004, 0.04)  # of the numbers of healthy drives; [s]
 LEADER = 0.02  # [s] between commands of a teleoperation
 
 
@@ -68,7 +68,7 @@ def intervals(case: Case, folder: Path) -> tuple[list[Interval], float, float]:
     rng = np.random.default_rng([case.seed, 23, PLANTS.index(case.plant)])
     bench = _bench(case.plant, folder)
     command = _command(bench, case, rng)
-    drives = {joint: drawn(drive, rng) for joint, drive in bench.drives.items()}
+    drives = {joint: drawn(drive, rng, FACTORS, DELAYS) for joint, drive in bench.drives.items()}
     if case.limited:
         drives = _limited(bench, drives, command, case, rng)
     columns = _recorded(bench, drives, command, case)
@@ -89,20 +89,6 @@ def intervals(case: Case, folder: Path) -> tuple[list[Interval], float, float]:
         and number.std
     ]
     return rows, seconds, float(np.sqrt(np.nanmean(found.rollout.one_second_rms**2)))
-
-
-def drawn(drive: Drive, rng: np.random.Generator) -> Drive:
-    """Drive with other numbers; delays differ between joints."""
-    kp, kd, dry, viscous, rotor = rng.uniform(0.6, 1.5, 5)
-    return replace(
-        drive,
-        kp=drive.kp * kp,
-        kd=drive.kd * kd,
-        coulomb_friction=drive.coulomb_friction * dry,
-        viscous_friction=drive.viscous_friction * viscous,
-        armature=drive.armature * rotor,
-        delay=round(float(rng.uniform(*DELAYS)), 4),
-    )
 
 
 def _bench(plant: str, folder: Path) -> Bench:

@@ -77,9 +77,14 @@ def run(bench: Bench, seed: int, folder: Path, law: str | None = None) -> Trial:
     return Trial(tuple(_rows(bench, seed, drives, found, law is not None)), named, seconds)
 
 
-def drawn(drive: Drive, rng: np.random.Generator) -> Drive:
-    """Drive with other numbers."""
-    kp, kd, dry, viscous, rotor = rng.uniform(0.7, 1.4, 5)
+def drawn(
+    drive: Drive,
+    rng: np.random.Generator,
+    factors: tuple[float, float] = (0.7, 1.4),
+    delays: tuple[float, float] = (0.01, 0.03),
+) -> Drive:
+    """Drive with other numbers: gains, frictions and armature times a factor, and a delay [s], each within a range."""
+    kp, kd, dry, viscous, rotor = rng.uniform(*factors, 5)
     return replace(
         drive,
         kp=drive.kp * kp,
@@ -87,7 +92,7 @@ def drawn(drive: Drive, rng: np.random.Generator) -> Drive:
         coulomb_friction=drive.coulomb_friction * dry,
         viscous_friction=drive.viscous_friction * viscous,
         armature=drive.armature * rotor,
-        delay=round(float(rng.uniform(0.01, 0.03)), 4),  # whole steps of the simulator
+        delay=round(float(rng.uniform(*delays)), 4),  # whole steps of the simulator
     )
 
 
