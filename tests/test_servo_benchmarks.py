@@ -114,4 +114,4 @@ def test_a_log_is_repeated_with_pauses_between_episodes() -> None:
 
 def test_a_command_is_measured_as_a_process(tmp_path: Path) -> None:
     found = measure("version", ["--version"], tmp_path)
-    assert found.command == "version" and 0.1 < found.seconds < 60 and found.memory > 20
+    assert found.command == "version" and found.seconds > 0 and found.memory > 5
