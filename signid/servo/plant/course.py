@@ -94,10 +94,9 @@ def course(robot: Robot, motion: Moved) -> RobotCourse:
 
 
 @lru_cache(maxsize=32)
-def recorded_course(model: Model, grid: ServoGrid, finer: int = 1) -> RobotCourse:
-    """Course of all joints along the smooth motion of a grid, `finer` rows for each of its rows; the last are kept."""
-    motion = motion_of(grid)
-    return course(bodies_of(model, grid.joints), motion if finer == 1 else refined(motion.q, grid.rate, finer))
+def recorded_course(model: Model, grid: ServoGrid) -> RobotCourse:
+    """Course of all joints along the smooth motion of a grid; the last ones are kept."""
+    return course(bodies_of(model, grid.joints), motion_of(grid))
 
 
 def part(whole: RobotCourse, joints: Sequence[int]) -> RobotCourse:
