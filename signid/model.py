@@ -16,11 +16,12 @@ from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw, of_kind
 from .effects.bodies import body_inertia
 from .effects.drive import DriveLaw
 from .effects.law import law_torque
-from .effects.naming import law_at, law_name, law_place, possible
+from .effects.naming import law_at, law_name, law_place, parse_law, possible
 from .effects.packing import MOTOR, drive_laws, motor_friction, packed_drives
 from .errors import OptionError, RobotError, SignidError, shorten, unexpected
 from .frozen import show_with
 from .regression.covariance import Covariance, Misfit, read_covariance, read_misfit
+from .regression.joint_dynamics import JointDynamics
 from .regression.motion import Motion
 from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text, with_gravity
@@ -28,13 +29,13 @@ from .robot.dynamics import joint_of_row, own_row, standard_parameters as standa
 from .servos import JOINT_LAWS, PASSIVE, Marks, Servo, servos_document, servos_from
 from .toml_json import check_numbers, check_schema, read_json
 from .typed import typed
-from .types import Array, Law, Parameters, Result, Robot
+from .types import Array, Law, Parameters, Robot
 
 SCHEMA = "signid.model/1"
 
 
 @dataclass(frozen=True, eq=False)
-class Model(Result):
+class Model(JointDynamics):
     """Rigid bodies and laws: recorded torque = rigid-body torque + sum of the laws."""
 
     robot: Robot
@@ -119,6 +120,17 @@ class Model(Result):
             q[:, j], true = effect.acted_q(x, **law.parameters), effect.acted_torque(x, **law.parameters)
             torque[:, j] = np.where(lost, np.nan, true)
         return replace(motion, q=q, recorded=None if motion.recorded is None else torque)
+
+    def with_laws(self, *texts: str) -> Model:
+        """Model with further laws, each EFFECT[@JOINT][:key=value,...] as `signid simulate --inject` takes it.
+
+        `model.with_laws("coulomb_friction@joint_2:level=1.5", "payload:mass=0.3")`. Without numbers a law has typical
+        ones; `signid effects` lists the laws with their units.
+
+        Raises:
+            OptionError: the text of a law cannot be read, or its effect, joint or parameters do not exist.
+        """
+        return replace(self, laws=(*self.laws, *(parse_law(text, self.robot) for text in texts)))
 
     def save(self, path: str | Path) -> Path:
         """Save as a model.json, which `load_model` reads: the same bytes as those of `signid identify`.
