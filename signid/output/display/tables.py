@@ -86,10 +86,11 @@ def _drives(servos: Any) -> Renderables:
 
 
 def _base(base: Any) -> Renderables:
-    sees = ([str(j + 1) for j in range(len(base.sees)) if base.sees[j, k]] for k in range(base.rank))
-    rows = zip(map(_brief, base.expressions), base.units, (", ".join(joints) for joints in sees), strict=True)
+    sees = (plural(int(count), "joint") for count in base.sees.sum(axis=0))
+    rows = zip(map(_brief, base.expressions), base.units, sees, strict=True)
     title = f"{plural(base.rank, 'base parameter')} of {len(base.labels)} standard parameters"
-    return [heading(title, below=False), new_table("base parameter", "unit", "in the torque of joints", rows=rows)]
+    table = new_table("base parameter", "unit", "in the torque of", rows=rows)
+    return [heading(title, below=False), table, paragraph("Values and intervals: estimate of an identification.")]
 
 
 def _estimate(found: Any) -> Renderables:
