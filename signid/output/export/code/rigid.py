@@ -84,7 +84,7 @@ def _body(whole: pin.Model, k: int, link: str) -> Body:
 
 
 def exact(x: Array) -> Array:
-    """Entries of rotations; 0, 1 and -1 where rounding alone makes them differ from that. x: any shape [1]."""
+    """Entries of rotations; 0, 1 and -1 where rounding alone makes them differ from that. x: (...) [1]."""
     near = np.round(x)
     return np.where(np.abs(x - near) < ROUNDING, near, x)
 
