@@ -91,9 +91,9 @@ def export(
         raise OptionError(f"there is no export to {kind!r}; choose from {', '.join(KINDS)}")
     if unwritten := [name for name in functions if name not in FURTHER]:
         raise OptionError(f"C code has no further function {unwritten[0]!r}; choose from {', '.join(FURTHER)}")
-    if (functions or link) and kind != "c":
+    if (functions or link is not None) and kind != "c":
         raise OptionError("further functions and their link belong to C code; export to 'c'")
-    if link and not {"jacobian", "payload"} & set(functions):
+    if link is not None and not {"jacobian", "payload"} & set(functions):
         raise OptionError(f"link {link!r} is that of a Jacobian or a payload; add the function jacobian or payload")
     code = {"digest": model_digest(model), "further": functions, "link": link} if kind == "c" else {}
     unknown: list[str] = []

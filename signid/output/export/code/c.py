@@ -145,7 +145,8 @@ def _header(model: Model, program: Program, name: str, digest: str) -> str:
 def _formulas(model: Model) -> Iterator[str]:
     """Equation of motion, and the equations of the laws with their numbers."""
     yield "tau = M(q) a + h(q, v) + laws(q, v, 0), with M the mass matrix, rotors (armature) included, and h Coriolis,"
-    yield "centrifugal and gravity torque of the bodies. Laws (load: torque of the bodies at q, v, a):"
+    yield "centrifugal and gravity torque of the bodies; laws that depend on load, the torque of the bodies, act at a."
+    yield "Laws:"
     laws = [law for law in torque_model(model).laws if writable(law)]
     for law in laws:
         numbers = ", ".join(f"{key} = {x:.6g}" for key, x in law.effect.filled(law.parameters).items())

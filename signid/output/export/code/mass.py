@@ -39,6 +39,7 @@ def mass_matrix(graph: Graph, tree: Bodies, q: Expressions) -> Expressions:
             moments[body.parent] = moments[body.parent] + first + mass * offset
             turned = _turned(body, inertia, angles[k])
             inertias[body.parent] = inertias[body.parent] + turned + _shift(offset, first + 0.5 * mass * offset)
+    graph.section = "mass matrix with rotors"
     return tree.drive.T @ (matrix + np.diag(tree.rotors)) @ tree.drive
 
 

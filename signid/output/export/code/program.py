@@ -83,18 +83,23 @@ def program_of(
     q, v, a = motion = tuple(_vector(graph, key, n) for key in "qva")
     load = rigid_torque(graph, tree, q, v, a)
     signals = dict(zip(("q", "v", "a", "load"), (*motion, load), strict=True))
+    weight = rigid_torque(graph, tree, q, zero, zero)
+    graph.section = "rotors"
     rotors = rotor_torque(tree, a)
     laws = rotors + law_expressions(graph, model, signals)
     matrix = mass_matrix(graph, tree, q) + _coupled(graph, model, q)
+    graph.section = "sum"
     functions = [
         _function("inverse_dynamics", "q v a", "tau", load + laws, "torque of the bodies and of all laws"),
-        _function("gravity", "q", "tau", rigid_torque(graph, tree, q, zero, zero), "torque of gravity"),
+        _function("gravity", "q", "tau", weight, "torque of gravity"),
         _function("laws", "q v a", "tau", laws, LAWS),
         _function("mass_matrix", "q", "mass", matrix.ravel(), MASS),
     ]
     if tracking:
+        graph.section = "inverse width"
         rate = 1.0 / binary("maximum", graph.variable("width"), graph.constant(SMALLEST))
         smooth = law_expressions(graph, model, signals, (_vector(graph, "v_desired", n), rate))
+        graph.section = "sum"
         functions.append(_function("tracking_torque", "q v a v_desired width", "tau", load + rotors + smooth, TRACKING))
     bias = rigid_torque(graph, tree, q, v, zero)
     if "nonlinear" in further:
@@ -102,7 +107,7 @@ def program_of(
     if "forward" in further:
         _check_mass(model)
         still = law_expressions(graph, model, {**signals, "a": zero, "load": bias})
-        graph.section = "accelerations"
+        graph.section = "accelerations by the factors of the mass matrix"
         solved = accelerations(graph, matrix, _vector(graph, "tau", n) - bias - still)
         functions.append(_function("forward_dynamics", "q v tau", "a", solved, FORWARD))
     frame = frame_of(model, link)
