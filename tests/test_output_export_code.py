@@ -45,6 +45,8 @@ LAWS = {
     "stribeck_friction": {"level": 0.2, "velocity": 0.3},
     "asymmetric_friction": EFFECTS["asymmetric_friction"].example,
     "load_friction": {"coefficient": 0.1},
+    "gear_friction": EFFECTS["gear_friction"].example,
+    "motor_friction": {"coefficient": 0.2, "inertia": 0.02, "viscous": 0.1, "coulomb": 0.3, "offset": 0.05},
     "position_friction": EFFECTS["position_friction"].example,
     "quadratic_friction": {"coefficient": 0.2},
     "cable_torque": EFFECTS["cable_torque"].example,
@@ -173,7 +175,7 @@ def smoothing(model: Model, motion: Motion) -> Any:
         def torque(v: Any, direction: Any, law: Law = law, j: list[int] = j) -> Any:
             view = Trial(motion.q[:, j], v[:, j], a=motion.a[:, j], load=load[:, j], direction=direction[:, j])
             columns = law.effect.columns(view, **law.effect.shape(law.parameters))
-            return sum(map(np.multiply, law.effect.coefficients(law.parameters), columns))
+            return sum(map(np.multiply, law.effect.coefficients(law.parameters) or [1.0], columns))
 
         if law.effect.name == "joint_coupling":  # its dry friction is that of a sum of velocities
             before, after = (
