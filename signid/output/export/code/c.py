@@ -85,10 +85,8 @@ def _argument(key: str, size: int | None) -> str:
 
 def _definition(program: Program, function: Function, name: str, joints: Sequence[str]) -> str:
     lines, outputs = statements(program, function, _C)
-    read = {
-        str(x).partition("[")[0]
-        for _, x, *_ in map(program.graph.nodes.__getitem__, program.graph.used(function.outputs))
-    }
+    nodes = [program.graph.nodes[number] for number in program.graph.used(function.outputs)]
+    read = {node[1].partition("[")[0] for node in nodes if node[0] == "variable"}
     unused = [f"    (void){key};" for key in function.arguments if key not in read]
     results = [
         f"    {function.result}[{k}] = {x}; /* {c_comment(label)} */"

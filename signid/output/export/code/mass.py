@@ -79,8 +79,8 @@ def accelerations(graph: Graph, matrix: Expressions, torque: Expressions) -> Exp
 
     Source: Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.5.
     """
-    rest, n = matrix.copy(), len(matrix)
-    factor, inverse, a = np.full((n, n), graph.constant(0.0)), [1.0 / graph.constant(1.0)] * n, list(torque)
+    rest, n, a = matrix.copy(), len(matrix), list(torque)
+    factor, inverse = np.full((n, n), graph.constant(0.0)), dict[int, Scalar]()
     for k in reversed(range(n)):
         inverse[k] = 1.0 / rest[k, k]
         for i in range(k):
