@@ -95,7 +95,7 @@ def test_an_identified_model_is_less_sure_of_its_last_link() -> None:
 def test_impossible_loads_are_refused() -> None:
     with pytest.raises(OptionError, match=r"carries 0 kg, so 1\.2 kg cannot be taken off"):
         with_payload(load_model("3r"), -BOX)
-    with pytest.raises(OptionError, match="4 or 10 numbers and a square covariance, not 4 numbers and a covariance of"):
+    with pytest.raises(OptionError, match=r"has 4 or 10 finite numbers .*, not shapes \(4,\) and \(10, 10\)"):
         with_payload(load_model("3r"), BOX[:4], ERRORS)
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..effects import EFFECTS
 from ..errors import OptionError
-from ..model import Model
+from ..model import Model, ModelSource, as_model
 from ..robot.dynamics import own_body
 from ..types import INERTIAL, Array, Law
 from .load import Load
@@ -29,7 +30,7 @@ def carried(model: Model) -> Load | None:
     return Load(total, np.zeros((len(INERTIAL),) * 2) if known is None else known)
 
 
-def with_payload(model: Model, inertial: Array, covariance: Array | None = None) -> Model:
+def with_payload(model: ModelSource, inertial: ArrayLike, covariance: ArrayLike | None = None) -> Model:
     """Model that carries a further load at its last link, in one law with what it carries already.
 
     A negative mass takes a load off. If nothing is left within three standard deviations, the model carries none. The
@@ -43,33 +44,31 @@ def with_payload(model: Model, inertial: Array, covariance: Array | None = None)
             unidentifiable. None: unknown, then also of the sum.
 
     Raises:
-        OptionError: the array has another shape, or more is taken off than the model carries.
+        OptionError: an array has another shape, a number is not finite, or more is taken off than the model carries.
     """
-    effect, k = EFFECTS["payload"], len(inertial)
-    if k not in (4, len(INERTIAL)) or not (covariance is None or np.shape(covariance) == (k, k)):
+    model = as_model(model, "with_payload")
+    effect, numbers = EFFECTS["payload"], np.asarray(inertial, float)
+    shapes = [numbers.shape, (len(numbers),) * 2 if covariance is None else np.shape(covariance)]
+    if shapes not in ([(4,), (4, 4)], [(10,), (10, 10)]) or not np.isfinite(numbers).all():
         raise OptionError(
-            f"a payload has 4 or 10 numbers and a square covariance, not {k} numbers"
-            f"{'' if covariance is None else f' and a covariance of shape {np.shape(covariance)}'}"
+            f"a payload has 4 or 10 finite numbers and a covariance of as many rows and columns, not shapes "
+            f"{shapes[0]} and {shapes[1]}"
         )
-    added = np.array(effect.coefficients(dict(zip(effect.parameters, map(float, inertial), strict=False))))
-    before = carried(model)
-    total = added if before is None else before.inertial + added
-    whole = None if covariance is None else _ten(np.asarray(covariance, float))
-    errors = None if before is not None and model.payload_covariance is None else whole
-    if errors is not None and before is not None:
-        errors = errors + before.covariance
-    least = 0.0 if errors is None else -CERTAIN * np.sqrt(errors[0, 0])
-    if total[0] < least:
+    added = np.array(effect.coefficients(dict(zip(effect.parameters, numbers.tolist(), strict=False))))
+    own = np.zeros((len(INERTIAL),) * 2) if covariance is None else _ten(np.asarray(covariance, float))
+    before = carried(model) or Load(np.zeros(len(INERTIAL)), np.zeros_like(own))
+    total, errors = before.inertial + added, before.covariance + own
+    if total[0] < -CERTAIN * np.sqrt(errors[0, 0]):
         raise OptionError(
-            f"the model of {model.robot.name} carries {total[0] - added[0]:.3g} kg, so {-added[0]:.3g} kg cannot be "
+            f"the model of {model.robot.name} carries {before.inertial[0]:.3g} kg, so {-added[0]:.3g} kg cannot be "
             f"taken off; give a smaller load"
         )
     laws = tuple(law for law in model.laws if law.effect.name != "payload")
     if total[0] <= 0:
         return replace(model, laws=laws, payload_covariance=None)
     law = Law(effect, (len(model.robot.joints) - 1,), dict(zip(effect.parameters, total.tolist(), strict=True)))
-    less_sure = model if whole is None else _less_sure(model, whole)
-    return replace(less_sure, laws=(*laws, law), payload_covariance=errors)
+    unknown = covariance is None or (before.inertial[0] > 0 and model.payload_covariance is None)
+    return replace(_less_sure(model, own), laws=(*laws, law), payload_covariance=None if unknown else errors)
 
 
 def _ten(covariance: Array) -> Array:
