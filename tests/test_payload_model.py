@@ -95,6 +95,8 @@ def test_an_identified_model_is_less_sure_of_its_last_link() -> None:
 def test_impossible_loads_are_refused() -> None:
     with pytest.raises(OptionError, match=r"carries 0 kg, so 1\.2 kg cannot be taken off"):
         with_payload(load_model("3r"), -BOX)
+    with pytest.raises(OptionError, match="variance that is not positive"):
+        with_payload(load_model("3r"), BOX, 0 * ERRORS)
     with pytest.raises(OptionError, match=r"has 4 or 10 finite numbers .*, not shapes \(4,\) and \(10, 10\)"):
         with_payload(load_model("3r"), BOX[:4], ERRORS)
 

@@ -44,7 +44,8 @@ def with_payload(model: ModelSource, inertial: ArrayLike, covariance: ArrayLike 
             unidentifiable. None: unknown, then also of the sum.
 
     Raises:
-        OptionError: an array has another shape, a number is not finite, or more is taken off than the model carries.
+        OptionError: an array has another shape, a number is not finite, a variance is not positive, or more is taken
+            off than the model carries.
     """
     model = as_model(model, "with_payload")
     effect, numbers = EFFECTS["payload"], np.asarray(inertial, float)
@@ -54,6 +55,8 @@ def with_payload(model: ModelSource, inertial: ArrayLike, covariance: ArrayLike 
             f"a payload has 4 or 10 finite numbers and a covariance of as many rows and columns, not shapes "
             f"{shapes[0]} and {shapes[1]}"
         )
+    if covariance is not None and not np.all(np.diag(covariance) > 0):
+        raise OptionError("a payload has a variance that is not positive; leave out a covariance that is not known")
     added = np.array(effect.coefficients(dict(zip(effect.parameters, numbers.tolist(), strict=False))))
     own = np.zeros((len(INERTIAL),) * 2) if covariance is None else _ten(np.asarray(covariance, float))
     before = carried(model) or Load(np.zeros(len(INERTIAL)), np.zeros_like(own))
