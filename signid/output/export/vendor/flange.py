@@ -55,11 +55,11 @@ def flange_of(model: Model, names: str, flange: str | None, tool: str | None) ->
         )
     name, place = _frame(model, names, flange)
     seen = load.seen_from(place)
-    inertia, doubt = _inertia(seen)
+    inertia, warning = _inertia(seen)
     notes = [
         f"the payload is in the frame {name}; check that this is the flange frame of the controller",
         "the payload is what the model carries beyond its description: add tools that the description holds",
-        *doubt,
+        *warning,
     ]
     where = None if tool is None else place.actInv(_placed(model, tool, "--tool"))
     digest = sha256(to_json(model.document()).encode()).hexdigest()
