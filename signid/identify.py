@@ -280,23 +280,24 @@ def _conclude(
 ) -> Identification:
     """Estimate, standard parameters, fit and flags from factors."""
     session, train, seed = given.session, given.factors, given.session.options.seed
+    base = session.task.base
     found = way.estimate(given)
     excitation = judge_excitation(session.task, train, found, seed)
     with steps_shown(given.progress):
         chosen, method = choose_in_time(session, train, found, method, search, seed)
     parameters = chosen.parameters
-    base_value = session.task.base.combination @ parameters.values
+    base_value = base.combination @ parameters.values
     fit = judge_fit(session, train, test, base_value)
-    widened = recovered.widen(found, train, session.task.base, given.whiten)
+    widened = recovered.widen(found, train, base, given.whiten)
     model = replace(
         fitted_model(session.task, parameters),
-        covariance=base_covariance(session.task.base, base_value, widened.covariance),
+        covariance=base_covariance(base, base_value, widened.covariance),
         misfit=None if session.judges_itself else measure_misfit(session.task, test, base_value),
     )
     return Identification(
         robot=session.robot,
-        base=session.task.base,
-        estimate=widened,
+        base=base,
+        estimate=replace(widened, names=base.expressions, units=base.units),
         base_value=base_value,
         parameters=parameters,
         model=model,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .frozen import Frozen
+from .frozen import Frozen, Result
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -33,7 +33,7 @@ class Label:
 
 
 @dataclass(frozen=True, eq=False)
-class BaseMap(Frozen):
+class BaseMap(Result):
     """Identifiable combinations of the standard parameters: base = combination @ standard."""
 
     labels: tuple[Label, ...]  # p
@@ -57,7 +57,7 @@ class BaseMap(Frozen):
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate(Frozen):
+class Estimate(Result):
     """Estimated base parameters and their covariance."""
 
     value: Array  # (b,) [units of base]
@@ -68,6 +68,8 @@ class Estimate(Frozen):
     method: str = "weighted least squares"
     notes: tuple[str, ...] = ()
     flags: tuple[str, ...] = ()  # limitations of the result
+    names: tuple[str, ...] = ()  # b formulas of an identification, "Izz_2 + 0.09 m_3"
+    units: tuple[str, ...] = ()  # b
 
     @property
     def std(self) -> Array:

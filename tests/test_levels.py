@@ -20,13 +20,14 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "friction_models compare",
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay viewers export display",
-    "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators lerobot code function check_loop "
-    "loop __init__",
+    "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators lerobot code vendor function "
+    "check_loop loop __init__",
     "output/report": "layout policy write documents sections plots results __init__",
     "output/report/results": "__init__ laws recordings sentences signs simulation identification friction_models "
     "servo_identification check payload fleet inspection validation diagnosis servo_diagnosis",
     "estimation": "__init__ fit_quality excitation feasible pbrp least_squares standard estimators",
-    "regression": "__init__ bandwidth projection motion base_parameters rows factors covariance session reduced",
+    "regression": "__init__ bandwidth projection motion joint_dynamics base_parameters rows factors covariance session "
+    "reduced",
     "recording": "names streams formats source columns sampling noticed joining gallery read bare __init__ convert "
     "draft",
     "robot": "alike joints dynamics actuators description locate load __init__",

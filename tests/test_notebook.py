@@ -1,4 +1,4 @@
-"""The notebook runs in one namespace, and what its cells show is short, escaped and true."""
+"""The notebook runs in one namespace; what its cells show is short, escaped and true, and stored with it."""
 
 from __future__ import annotations
 
@@ -6,18 +6,22 @@ import ast
 import json
 import shutil
 import tomllib
+from base64 import b64decode
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import plotly.graph_objects as go
 import polars as pl
 import pytest
+from test_size import HOSTS, MACHINE
 
 import signid
+from signid.types import Result
 
 HERE = Path(__file__).parents[1] / "robots" / "3r"
 NOTEBOOK = json.loads((HERE / "tutorial.ipynb").read_text(encoding="utf-8"))
-CODE = ["".join(cell["source"]) for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
+CELLS = [cell for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
+CODE = ["".join(cell["source"]) for cell in CELLS]
 
 
 class Ran(NamedTuple):
@@ -50,11 +54,12 @@ def cell(source: str, names: dict[str, Any]) -> Any:
 
 def test_the_cells_show_results_tables_and_figures(ran: Ran) -> None:
     kinds = [type(value).__name__ for value in ran.shown if value is not None]
-    assert {"Robot", "Identification", "Validation", "Diagnosis", "DataFrame", "Figure"} == set(kinds)
+    results = {"Robot", "Identification", "Estimate", "Validation", "Diagnosis"}
+    assert results | {"DataFrame", "Figure", "tuple", "dict"} == set(kinds)
     for value in ran.shown:
         if isinstance(value, go.Figure):
             assert len(value.data) and value.layout.height > 200
-        elif not isinstance(value, pl.DataFrame | None):
+        elif type(value).__name__ in results:
             assert len(repr(value).splitlines()) <= 40 and "<table>" in value._repr_html_()
 
 
@@ -71,10 +76,22 @@ def test_the_notebook_writes_its_files(ran: Ran) -> None:
     assert ran.files == {"recording.parquet", "held_out.parquet", "model.json", "extended.json", "report.html"}
 
 
-def test_the_notebook_is_stored_without_outputs() -> None:
-    assert NOTEBOOK["nbformat"] == 4 and all(not each.get("outputs") for each in NOTEBOOK["cells"])
+def test_the_notebook_is_stored_with_what_its_cells_show(ran: Ran) -> None:
+    """robots/README.md says how; figures are pictures, since static converters run no scripts."""
+    for each, value in zip(CELLS, ran.shown, strict=True):
+        shown = [output["data"] for output in each["outputs"]]
+        assert len(shown) == (value is not None) and not each["metadata"], "no messages, no times of execution"
+        if isinstance(value, go.Figure):
+            assert set(shown[0]) == {"image/png"} and b64decode(shown[0]["image/png"]).startswith(b"\x89PNG")
+        elif isinstance(value, Result):
+            assert "".join(shown[0]["text/plain"]) == repr(value) and "<table>" in "".join(shown[0]["text/html"])
+    text = (HERE / "tutorial.ipynb").read_text(encoding="utf-8")
+    assert len(text) < 600_000 and not MACHINE.search(text) and not HOSTS.search(text) and "<script" not in text
+
+
+def test_the_notebook_is_short_and_its_cells_have_names() -> None:
     identifiers = [each["id"] for each in NOTEBOOK["cells"]]
-    assert len(set(identifiers)) == len(identifiers)
+    assert NOTEBOOK["nbformat"] == 4 and len(set(identifiers)) == len(identifiers)
     assert sum(each["cell_type"] == "markdown" for each in NOTEBOOK["cells"]) >= 6
     assert all(len(source.splitlines()) <= 5 for source in CODE), "short cells"
     assert all(name in dir(signid) for name in ("load_robot", "identify", "diagnose", "validate", "report"))

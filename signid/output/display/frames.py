@@ -69,6 +69,16 @@ def _base(result: Any) -> pl.DataFrame:
     return table_of("expression:s value:f std:f estimate:f unit:s", rows)
 
 
+def _estimated(found: Any) -> pl.DataFrame:
+    count = len(found.value)
+    names, units = found.names or map(str, range(1, count + 1)), found.units or [None] * count
+    return table_of("expression:s value:f std:f unit:s", zip(names, found.value, found.std, units, strict=True))
+
+
+def _mapped(base: Any) -> pl.DataFrame:
+    return table_of("expression:s unit:s", zip(base.expressions, base.units, strict=True))
+
+
 def _checked(result: Any) -> pl.DataFrame:
     rows = zip(result.base.expressions, result.std, result.base.units, result.verdicts, strict=True)
     return table_of("expression:s std:f unit:s verdict:s", rows)
@@ -238,6 +248,7 @@ def _validated_loops(result: Any) -> pl.DataFrame:
 
 
 FRAMES: dict[str, dict[str, Maker]] = {
+    "BaseMap": {"base_parameters": _mapped},
     "Check": {"base_parameters": _checked, "segments": _segments},
     "Diagnosis": {
         "findings": _findings,
@@ -249,6 +260,7 @@ FRAMES: dict[str, dict[str, Maker]] = {
         "residuals": held_out_residuals,
         "segments": _segments,
     },
+    "Estimate": {"base_parameters": _estimated},
     "Excitation": {"motion": motion_rows, "base_parameters": _predicted},
     "Fit": {"fit": _fit},
     "Fleet": {"robots": _robots, "sessions": _sessions},

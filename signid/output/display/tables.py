@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from math import inf
 from pathlib import Path
@@ -13,7 +14,17 @@ from ...model import stated_inertials
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import Input, Recording, Robot
 from ..report.documents import rms, tables as command_tables
-from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, torque_units
+from ..report.layout import (
+    figure,
+    heading,
+    new_table,
+    note_lines,
+    paragraph,
+    plural,
+    share,
+    torque_units,
+    with_interval,
+)
 from ..report.results.fleet import fleet_tables
 from ..report.results.identification import fit_rows
 from ..report.results.inspection import joint_table
@@ -21,6 +32,7 @@ from ..report.results.laws import law_document
 from ..report.results.signs import signs_tables
 
 Renderables = list[RenderableType]
+LONGEST = 60  # characters of a formula, before the number of its other terms
 
 
 def tables(result: Any) -> Renderables:
@@ -71,6 +83,34 @@ def _drives(servos: Any) -> Renderables:
     heads = [f"{name.replace('_', ' ')}\n[{SERVO_UNITS[name]}]>" for name in used]
     rows = ([joint, x.law, *(figure(getattr(x, name)) for name in used)] for joint, x in servos.items())
     return [heading("Position drives"), new_table("joint", "law", *heads, rows=rows)]
+
+
+def _base(base: Any) -> Renderables:
+    sees = (plural(int(count), "joint") for count in base.sees.sum(axis=0))
+    rows = zip(map(_brief, base.expressions), base.units, sees, strict=True)
+    title = f"{plural(base.rank, 'base parameter')} of {len(base.labels)} standard parameters"
+    table = new_table("base parameter", "unit", "in the torque of", rows=rows)
+    return [heading(title, below=False), table, paragraph("Values and intervals: estimate of an identification.")]
+
+
+def _estimate(found: Any) -> Renderables:
+    count = len(found.value)
+    names, units = found.names or [str(k + 1) for k in range(count)], found.units or [""] * count
+    numbers = (with_interval(float(x), float(std)) for x, std in zip(found.value, found.std, strict=True))
+    rows = ((_brief(name), *number, unit) for name, number, unit in zip(names, numbers, units, strict=True))
+    title = heading(f"{plural(count, 'base parameter')} by {found.method}", below=False)
+    return [title, new_table("base parameter", "value>", "± (95 %)>", "unit", rows=rows), *note_lines(found.notes)]
+
+
+def _brief(formula: str) -> str:
+    """A formula of at most LONGEST characters: its first terms, and the number of the others."""
+    terms = re.split(r" (?=[+-] )", formula)
+    if len(formula) <= LONGEST or len(terms) == 1:
+        return formula
+    kept, text = 1, terms[0]
+    while len(longer := f"{text} {terms[kept]}") <= LONGEST - len(" ... and 99 more"):
+        kept, text = kept + 1, longer
+    return f"{text} ... and {len(terms) - kept} more"
 
 
 def _fit(fit: Any) -> Renderables:
@@ -143,6 +183,8 @@ def _reduced(reduced: Any) -> Renderables:
 
 
 TABLES: dict[str, Callable[[Any], Renderables]] = {
+    "BaseMap": _base,
+    "Estimate": _estimate,
     "Excitation": _motion,
     "Fit": _fit,
     "Fleet": lambda fleet: fleet_tables(fleet.document()),

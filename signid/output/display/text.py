@@ -65,7 +65,15 @@ def _sections(blocks: Iterable[RenderableType]) -> list[list[str]]:
 
 
 def _lines(block: RenderableType) -> list[str]:
-    console = Console(file=StringIO(), width=WIDTH, color_system=None, markup=False, highlight=False, emoji=False)
+    console = Console(
+        file=StringIO(),
+        width=WIDTH,
+        color_system=None,
+        markup=False,
+        highlight=False,
+        emoji=False,
+        force_jupyter=False,  # in a notebook, rich would show each block as an output of its own
+    )
     with console.capture() as shown:
         console.print(block)
     return [line.rstrip() for line in shown.get().splitlines()]
