@@ -111,6 +111,25 @@ def refuse_all(orders: Sequence[Order], *_: object) -> Iterator[tuple[int, Answe
         yield k, Answer(None, (" ".join(order.arguments),), {})
 
 
+def test_a_missing_file_is_reported_before_any_session_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said: list[str] = []
+
+    def refuse(orders: Sequence[Order], *_: object) -> Iterator[tuple[int, Answer]]:
+        said.append(capsys.readouterr().err)
+        yield from refuse_all(orders)
+
+    monkeypatch.setattr(run_module, "spread", refuse)
+    path = manifest(tmp_path, f"3r,{record(tmp_path, 1)[0]},arm,,identify", "3r,none.csv,arm 2,,")
+    assert run(["fleet", str(path), "-o", str(tmp_path / "out")]) == 3
+    assert said == ["signid: session arm-2_none.csv (line 3) failed: cannot read none.csv: No such file or directory\n"]
+    assert (
+        capsys.readouterr().err
+        == "signid: session arm_day_0.parquet_identify (line 2) failed: identify 3r day_0.parquet\n"
+    )
+
+
 def test_finished_sessions_are_not_repeated(done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_module, "spread", refuse_all)
     path, out = done / "manifest.csv", done / "out"
