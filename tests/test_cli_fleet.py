@@ -92,7 +92,7 @@ def test_the_page_leads_to_every_report_and_needs_no_network(done: Path, tmp_pat
     text = (done / "out/index.html").read_text("utf-8")
     links = set(_Links(text).found)
     assert len(links) == 5 and all((done / "out" / link).is_file() for link in links)
-    assert "cannot read none.csv" in text and len(text) < 6e6
+    assert "cannot read none.csv" in text and len(text) < 2e6
     browser = Chromium(tmp_path, 1200, 900)
     try:
         for width in (390, 1200):

@@ -33,7 +33,7 @@ def test_the_page_says_the_same_and_loads_nothing() -> None:
     inputs = ("x.csv", "0" * 64, "recording, learned from", "signid diagnose 3r x.csv -o DIR", "seed 7", "robot.urdf")
     for words in (*says, *inputs, source, FINDINGS[0].law.effect.equation, "first_moment_x", "kg.m", "joint_3: 5 % of"):
         assert words in text, words
-    assert "of" not in read.tags and "note" not in read.tags and len(page) < 6e6
+    assert "of" not in read.tags and "note" not in read.tags and len(page) < 2e6
     assert page == diagnosis_page(made(), command="signid diagnose 3r x.csv -o DIR")
     for result in (made(verdict="unknown"), made(verdict="nothing_missing", findings=(), unexplained=(), flags=())):
         assert f'<header class="top {result.verdict}' in diagnosis_page(result)
