@@ -1,7 +1,7 @@
 """The momentum observer as textbooks have it, with constant thresholds: what any watch should beat.
 
-De Luca, Albu-Schaeffer, Haddadin, Hirzinger, IEEE/RSJ IROS 2006: r' = K (M(q) v integrated torque - r), with friction by
-the model and one threshold a joint.
+De Luca, Albu-Schaeffer, Haddadin, Hirzinger, IEEE/RSJ IROS 2006: r = K (momentum - integral of
+the known torque and r), with friction by the model and one threshold a joint.
 """
 
 from __future__ import annotations

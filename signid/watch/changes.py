@@ -154,15 +154,16 @@ class Changes:
         if best.joint == TIP and value[0] > 0 and len(value) == INERTIAL:
             value[len(more) :] = point_inertia(float(value[0]), value[1 : len(more)].tolist())
         self.known[-1] = better = best._replace(value=value, covariance=covariance)
+        self._forget()
+        beside = dict(event.alternatives)
         if best.joint == TIP:
             self._loaded(value - best.value)
-        else:
-            self.base[best.joint, list(best.columns)] += more
-        self._forget()
-        if best.joint == TIP:
-            return [replace(self._payload(t, better, event.probability, dict(event.alternatives)), corrects=event.t)]
+            return [replace(self._payload(t, better, event.probability, beside), corrects=event.t)]
+        self.base[best.joint, list(best.columns)] -= best.value
         k = next(i for i, column in enumerate(best.columns) if LOCAL[column] == event.law)
-        return [replace(self._local(t, better, k, event.probability, dict(event.alternatives)), corrects=event.t)]
+        corrected = self._local(t, better, k, event.probability, beside)
+        self.base[best.joint, list(best.columns)] += value
+        return [replace(corrected, corrects=event.t)]
 
     def std(self, frames: Frames) -> Array:
         """Standard deviation (n,) of the torque of the changes that are known, at the last frame [N.m or N]."""

@@ -17,7 +17,7 @@ class Observed(NamedTuple):
     """K blocks of n joints after the observer."""
 
     residual: Array  # (K, n) [N.m or N]
-    columns: Array  # (K, 4, n) velocity, direction, predicted torque and 1: the changes of a joint's own laws
+    columns: Array  # (K, 4, n) [rad/s or m/s, 1, N.m or N, 1] of the changes of a joint's own laws: frames.LOCAL
     low: Array  # (K, n) [N.m or N] least residual that unknown friction leaves
     high: Array  # (K, n) [N.m or N] the largest
     rate: Array  # (K, n) [N.m/s or N/s] of the predicted torque, its largest of the last moments

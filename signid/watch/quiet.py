@@ -57,7 +57,7 @@ class Quiet:
         t, residual, columns, usable, errors = (np.concatenate(x) for x in zip(*self.frames, strict=True))
         n, moved = residual.shape[1], self.moved_long()
         base, noise, inflation = np.zeros((n, len(LOCAL))), np.zeros(n), np.ones((n, COLUMNS))
-        precision = np.eye(errors.shape[2])
+        precision: Array = np.eye(errors.shape[2])
         batch = ((t - t[0]) // BATCH).astype(int)
         for j in range(n):
             here = usable[:, j] if moved[j] else np.ones(len(t), dtype=bool)
@@ -85,12 +85,13 @@ def _changed(own: Array, e: Array, friction: Array, correlated: float) -> Array:
     little = LITTLE * torque
     usual = np.array([little / max(speed, 1e-9), little, GAIN, little]) + 1e-12
     usual[:2] += CHANGE * np.abs(friction)
-    variance, found = float(np.mean(e**2)) + 1e-24, np.zeros(len(LOCAL))
+    found: Array = np.zeros(len(LOCAL))
+    variance = float(np.mean(e**2)) + 1e-24
     for _ in range(ROUNDS):
         normal = own.T @ own / (variance * correlated)
-        found = np.linalg.solve(normal + np.diag(usual**-2), own.T @ e / (variance * correlated))
+        found = np.asarray(np.linalg.solve(normal + np.diag(usual**-2), own.T @ e / (variance * correlated)))
         variance = float(np.mean((e - own @ found) ** 2)) + 1e-24
-    return np.asarray(found)
+    return found
 
 
 def _inflation(x: Array, rest: Array, batch: Indices) -> Array:

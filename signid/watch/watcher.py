@@ -26,6 +26,7 @@ from .observer import Observed, Observer
 from .quiet import Quiet
 from .sources import Stream, open_stream
 from .thresholds import Discrepancy, learn
+from .windows import TIP
 
 QUIET = 10.0  # [s] of motion that give the noise
 PATIENCE = 6.0  # [1] longest quiet stretch, over the motion that it should have
@@ -88,6 +89,18 @@ class Watcher:
                 if (blocks := self.cutter.cut(rows)) is not None:
                     events += self._blocks(blocks)
         return events
+
+    @property
+    def load(self) -> tuple[Array, Array] | None:
+        """Payload that was named and is there now: mass and first moment (4,) [kg, kg.m], covariance; None without one.
+
+        Of the last joint that the stream has; (4, 4) covariance [products of the units].
+        """
+        named = [] if self.changes is None else [one for one in self.changes.known if one.joint == TIP]
+        if not named or self.changes is None:
+            return None
+        size = len(named[-1].covariance)
+        return self.changes.carried[:size], np.asarray(sum(one.covariance for one in named))
 
     def finish(self) -> list[Event]:
         """Events at the end of the stream: the end of a contact that is going on."""
@@ -232,8 +245,8 @@ def watch(
         OptionError: rclpy is missing, or a number is out of range.
         RecordingError: the stream has no rows that can be used.
     """
-    given = {"columns": columns, "follow": follow, "idle": idle}
-    watcher, opened = open_watch(as_model(model, "watch"), stream, quiet, sensitivity, **given)
+    model = as_model(model, "watch")
+    watcher, opened = open_watch(model, stream, quiet, sensitivity, columns=columns, follow=follow, idle=idle)
     return _events(watcher, opened)
 
 
@@ -293,4 +306,8 @@ def _of_joints(model: Model, joints: tuple[str, ...]) -> Model:
         names = [robot.joints[j] for j in law.joints]
         if all(name in joints for name in names):
             laws.append(Law(law.effect, tuple(joints.index(name) for name in names), law.parameters))
-    return Model(moving, model.inertials, tuple(laws), model.covariance)
+    misfit = model.misfit
+    if misfit is not None:
+        kept = [robot.joints.index(name) for name in moving.joints]
+        misfit = replace(misfit, size=misfit.size[kept], length=misfit.length[kept])
+    return Model(moving, model.inertials, tuple(laws), model.covariance, misfit)
