@@ -6,6 +6,8 @@ the known torque and r), with friction by the model and one threshold a joint.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 from scipy.signal import savgol_filter
@@ -14,9 +16,11 @@ from signid.model import Model
 from signid.robot import configuration
 
 from ..plants.control import Array
+from .plant import Push
 
 GAIN = 50.0  # [1/s]
 WINDOW, ORDER = 17, 2  # rows and order of the polynomial whose slope is the velocity
+SETTLED = 3.0  # [s] after which the observer has settled
 SLOW = 0.02  # [rad/s or m/s] over which the sign of dry friction is smoothed
 
 
@@ -50,6 +54,18 @@ def residual(model: Model, t: Array, q: Array, tau: Array) -> Array:
     return -r
 
 
-def largest(r: Array, t: Array, first: float, last: float) -> Array:
-    """Largest magnitude (n,) [N.m or N] of a residual between two times [s]."""
-    return np.asarray(np.abs(r[(t >= first) & (t < last)]).max(axis=0))
+def plain_hits(model: Model, pushed: dict[str, Array], calm: dict[str, Array], planned: Sequence[Push]) -> int:
+    """Pushes in which the residual exceeds the largest one of the same stream without pushes.
+
+    These thresholds are the lowest ones without a false alarm; no watch can know them in advance.
+    """
+    n = len(model.robot.joints)
+
+    def of(columns: dict[str, Array]) -> Array:
+        q, tau = (np.column_stack([columns[f"{key}_{j + 1}"] for j in range(n)]) for key in ("q", "tau"))
+        return residual(model, columns["t"], q, tau)
+
+    late = calm["t"] > SETTLED
+    over = (np.abs(of(pushed)) > np.abs(of(calm)[late]).max(axis=0)).any(axis=1)
+    t = pushed["t"]
+    return sum(bool(over[(t >= one.start) & (t < one.start + one.duration)].any()) for one in planned)
