@@ -294,14 +294,16 @@ def _show_real(console: Console, streams: list[Stream], put_on: list[Load]) -> N
         console.print(f"{robot}: {false} false alarms in {len(own)} streams of {seconds:.0f} s", highlight=False)
     named = [one for one in put_on if one.named]
     middle = {key: float(np.median([getattr(one, key) for one in named])) for key in ("after", "width", "narrower")}
-    errors = [
-        float(np.sqrt(np.mean([(getattr(one, key) - MASS) ** 2 for one in named]))) for key in ("mass", "corrected")
-    ]
+    first, second = (
+        float(np.sqrt(np.mean([(x - MASS) ** 2 for x in masses])))
+        for masses in ([one.mass for one in named], [one.corrected for one in named])
+    )
     inside = sum(abs(one.corrected - MASS) <= one.narrower for one in named)
     console.print(
-        f"load of {MASS} kg: {len(named)} of {len(put_on)} named first within {PROMPT:g} s, after {middle['after']:.1f} s "
-        f"(median), ± {middle['width']:.2f} kg (rms error {errors[0]:.2f}), then ± {middle['narrower']:.2f} kg (rms error "
-        f"{errors[1]:.2f}, {inside} of {len(named)} intervals hold it); {sum(one.later for one in put_on)} contacts later",
+        f"load of {MASS} kg: {len(named)} of {len(put_on)} named first within {PROMPT:g} s, after "
+        f"{middle['after']:.1f} s (median), ± {middle['width']:.2f} kg (rms error {first:.2f}), then "
+        f"± {middle['narrower']:.2f} kg (rms error {second:.2f}, {inside} of {len(named)} intervals hold it); "
+        f"{sum(one.later for one in put_on)} contacts later",
         highlight=False,
     )
 
