@@ -1,4 +1,4 @@
-"""Generated C beside Pinocchio's compiled loop over the same states: time of inverse dynamics, in one run."""
+"""Time of generated C: inverse dynamics beside Pinocchio's compiled loop over the same states, and other functions."""
 
 from __future__ import annotations
 
@@ -20,26 +20,34 @@ from signid.robot import configuration
 
 ROBOTS = ("ur5", "panda", "tiago_no_hand")
 STATES, ROUNDS, CHECKED = 20_000, 9, 200
-LOOP = """#include "dynamics.h"
-void many(const double *q, const double *v, const double *a, double *tau, int count)
+FUNCTIONS = {  # arguments; those of inverse dynamics write each state's torque, others overwrite one result
+    "inverse_dynamics": "q + k * {n}, v + k * {n}, a + k * {n}, out + k * {n}",
+    "tracking_torque": "q + k * {n}, v + k * {n}, a + k * {n}, v + k * {n}, 0.1, out",
+    "mass_matrix": "q + k * {n}, out",
+    "forward_dynamics": "q + k * {n}, v + k * {n}, a + k * {n}, out",
+    "frame_jacobian": "q + k * {n}, out",
+}
+LOOP = """
+void many_{function}(const double *q, const double *v, const double *a, double *out, int count)
 {{
     for (int k = 0; k < count; k++) {{
-        {name}_inverse_dynamics(q + k * {n}, v + k * {n}, a + k * {n}, tau + k * {n});
+        {name}_{function}({arguments});
     }}
 }}
 """
 
 
-def compiled(model: Model, folder: Path) -> Callable[..., None]:
-    """Compile the C code of a model with a loop over states."""
-    made = export(model, "c", name="dynamics")
-    loop = LOOP.format(name=identifier(model.robot.name), n=len(model.robot.joints))
+def compiled(model: Model, folder: Path) -> ctypes.CDLL:
+    """Compile the C code of a model with a loop over states for each function."""
+    made = export(model, "c", name="dynamics", functions=("forward", "jacobian"))
+    name, n = identifier(model.robot.name), len(model.robot.joints)
+    loops = [LOOP.format(function=key, name=name, arguments=x.format(n=n)) for key, x in FUNCTIONS.items()]
+    loop = '#include "dynamics.h"\n' + "".join(loops)
     for name, text in {"dynamics.c": made.text, "dynamics.h": made.beside[".h"], "loop.c": loop}.items():
         (folder / name).write_text(text, encoding="utf-8")
     build = ["cc", "-std=c99", "-O2", "-shared", "-fPIC", "dynamics.c", "loop.c", "-lm", "-o", "dynamics.so"]
     subprocess.run(build, cwd=folder, check=True)
-    many: Callable[..., None] = ctypes.CDLL(str(folder / "dynamics.so")).many
-    return many
+    return ctypes.CDLL(str(folder / "dynamics.so"))
 
 
 def seconds(run: Callable[[], object]) -> float:
@@ -57,11 +65,15 @@ def compare(name: str) -> None:
     model = load_model(name)
     robot, n = model.robot, len(model.robot.joints)
     q, v, a = np.random.default_rng(0).normal(size=(3, STATES, n))
-    tau = np.zeros((STATES, n))
+    tau, other = np.zeros((STATES, n)), np.zeros(6 * n * n)
     with tempfile.TemporaryDirectory() as folder:
-        many = compiled(model, Path(folder))
-        given = [x.ctypes.data_as(ctypes.c_void_p) for x in (q, v, a, tau)]
-        own = seconds(lambda: many(*given, STATES))
+        library = compiled(model, Path(folder))
+        given = [x.ctypes.data_as(ctypes.c_void_p) for x in (q, v, a)]
+        results = [(tau if key == "inverse_dynamics" else other).ctypes.data_as(ctypes.c_void_p) for key in FUNCTIONS]
+        own, *times = (
+            seconds(lambda many=library[f"many_{key}"], out=out: many(*given, out, STATES))  # type: ignore[misc]
+            for key, out in zip(FUNCTIONS, results, strict=True)
+        )
     whole = model.bodies()
     pool = pin.ModelPool(whole, 1)
     turned = [np.asfortranarray(x) for x in (configuration(robot, q).T, (v @ robot.drive.T).T, (a @ robot.drive.T).T)]
@@ -70,10 +82,14 @@ def compare(name: str) -> None:
     few = slice(CHECKED)
     expected = model.inverse(Motion(robot, np.arange(CHECKED) * 1.0, q[few], v[few], a[few]))
     off = np.abs(expected - tau[few]).max() / np.abs(expected).max()
-    print(f"{name:14s} {n:2d} {own / STATES * 1e6:8.3f} {theirs / STATES * 1e6:8.3f} {theirs / own:6.1f} {off:9.1e}")
+    print(
+        f"{name:14s} {n:2d} {own / STATES * 1e6:8.3f} {theirs / STATES * 1e6:8.3f} {theirs / own:6.1f} {off:9.1e}",
+        end="",
+    )
+    print("".join(f"{x / STATES * 1e6:9.3f}" for x in times))
 
 
 if __name__ == "__main__":
-    print("robot          n   C [us]  pinocchio [us] ratio  difference")
+    print("robot          n   C [us]  pinocchio [us] ratio  difference; then C of", *list(FUNCTIONS)[1:], "[us]")
     for robot_name in ROBOTS:
         compare(robot_name)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import ctypes
 import shutil
 import subprocess
 from dataclasses import replace
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
 
@@ -18,6 +21,7 @@ from signid.cli import run
 from signid.effects import EFFECTS
 from signid.effects.base import BodyLaw, TorqueLaw
 from signid.effects.naming import law_at
+from signid.effects.trial import Trial
 from signid.errors import RobotError
 from signid.model import Model, load_model
 from signid.output.export import export
@@ -25,10 +29,15 @@ from signid.output.export.code.c import identifier
 from signid.output.export.code.graph import Graph, unary, where
 from signid.output.export.code.program import program_of
 from signid.regression.motion import Motion
-from signid.robot import robot_from_text
+from signid.robot import configuration, robot_from_text
+from signid.robot.dynamics import own_body
+from signid.types import Law
 
 ROOT = Path(__file__).parents[1]
 COMPILER = shutil.which("cc") or shutil.which("gcc")
+FURTHER = ("nonlinear", "forward", "jacobian", "payload")
+BODY = (2.0, 0.1, 0.04, 0.16, 0.02, -0.002, 0.03, -0.008, -0.003, 0.04)  # of the written test program
+WIDTH = 0.1  # [rad/s], and half of v as the desired velocity
 STRICT = "-std=c99 -pedantic -O1 -Wall -Wextra -Wconversion -Wshadow -Werror".split()
 LAWS = {
     "viscous_friction": {"coefficient": 0.4},
@@ -36,6 +45,8 @@ LAWS = {
     "stribeck_friction": {"level": 0.2, "velocity": 0.3},
     "asymmetric_friction": EFFECTS["asymmetric_friction"].example,
     "load_friction": {"coefficient": 0.1},
+    "gear_friction": EFFECTS["gear_friction"].example,
+    "motor_friction": {"coefficient": 0.2, "inertia": 0.02, "viscous": 0.1, "coulomb": 0.3, "offset": 0.05},
     "position_friction": EFFECTS["position_friction"].example,
     "quadratic_friction": {"coefficient": 0.2},
     "cable_torque": EFFECTS["cable_torque"].example,
@@ -99,7 +110,7 @@ def states(model: Model, count: int = 20) -> Motion:
 
 def compiled(model: Model, folder: Path) -> Path:
     """Write, compile and link the C code of a model and its test program."""
-    made = export(model, "c", name="arm")
+    made = export(model, "c", name="arm", functions=FURTHER)
     for end, text in {".c": made.text, **made.beside}.items():
         (folder / f"arm{end}").write_text(text)
     command = [str(COMPILER), *STRICT, "arm.c", "arm_test.c", "-lm", "-o", "arm"]
@@ -117,7 +128,7 @@ def test_the_c_code_agrees_with_the_model(name: str, tmp_path: Path) -> None:
     out = subprocess.run([compiled(model, tmp_path)], input=lines, capture_output=True, text=True, check=True).stdout
     found = {
         function: np.array([line.split()[1:] for line in out.splitlines() if line.split()[0] == function], dtype=float)
-        for function in ("inverse_dynamics", "gravity", "laws", "mass_matrix")
+        for function in dict.fromkeys(line.split()[0] for line in out.splitlines())
     }
     expected = model.inverse(motion)
     assert_allclose(found["inverse_dynamics"], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
@@ -129,6 +140,52 @@ def test_the_c_code_agrees_with_the_model(name: str, tmp_path: Path) -> None:
     if name != "laws":  # friction that depends on load is not linear in the acceleration
         change = model.inverse(replace(motion, a=motion.a + 1.0)) - expected
         assert_allclose(mass.sum(-1), change, atol=1e-8 * np.abs(change).max())
+        assert_allclose(found["forward_dynamics"], motion.a, rtol=1e-8, atol=1e-8)
+    bodies, scale = without_laws(model), np.abs(expected).max()
+    bias = bodies.inverse(replace(motion, a=0 * motion.a))
+    assert_allclose(found["nonlinear_effects"], bias, atol=1e-9 * scale)
+    still = model.inverse(replace(motion, a=0 * motion.a))
+    assert_allclose(np.einsum("kij,kj->ki", mass, found["forward_dynamics"]), expected - still, atol=1e-8 * scale)
+    assert_allclose(found["tracking_torque"], expected + smoothing(model, motion), atol=1e-9 * scale)
+    payload = law_at(EFFECTS["payload"], model.robot, None, dict(zip(EFFECTS["payload"].parameters, BODY, strict=True)))
+    carried = replace(bodies, laws=(*bodies.laws, payload)).inverse(motion) - bodies.inverse(motion)
+    assert_allclose(found["payload_torque"], carried, atol=1e-9 * np.abs(carried).max())
+    tip = own_body(model.robot, n - 1) + 1
+    rows = found["frame_jacobian"].reshape(-1, 6, n)
+    for q, jacobian in zip(configuration(model.robot, motion.q), rows, strict=True):
+        assert_allclose(jacobian, pinocchio_jacobian(model, q, tip), atol=1e-12)
+
+
+def pinocchio_jacobian(model: Model, q: Any, joint: int) -> Any:
+    """Jacobian (6, n) of the frame of a joint of the pin.Model at a configuration."""
+    whole = model.robot.model
+    data = whole.createData()
+    pin.computeJointJacobians(whole, data, q)
+    jacobian = pin.getJointJacobian(whole, data, joint, pin.LOCAL_WORLD_ALIGNED)
+    return np.reshape(jacobian, (6, whole.nv)) @ model.robot.drive
+
+
+def smoothing(model: Model, motion: Motion) -> Any:
+    """Change of torque (N, n) by friction of a desired velocity, v / 2, from the columns of the laws."""
+    load, desired = without_laws(model).inverse(motion), 0.5 * motion.v
+    none, change = 0 * desired, np.zeros_like(desired)
+    for law in (law for law in model.laws if isinstance(law.effect, TorqueLaw)):
+        j = list(law.joints)
+
+        def torque(v: Any, direction: Any, law: Law = law, j: list[int] = j) -> Any:
+            view = Trial(motion.q[:, j], v[:, j], a=motion.a[:, j], load=load[:, j], direction=direction[:, j])
+            columns = law.effect.columns(view, **law.effect.shape(law.parameters))
+            return sum(map(np.multiply, law.effect.coefficients(law.parameters) or [1.0], columns))
+
+        if law.effect.name == "joint_coupling":  # its dry friction is that of a sum of velocities
+            before, after = (
+                np.tanh(v[:, j].sum(1, keepdims=True) / w) for v, w in ((motion.v, 0.01), (desired, WIDTH))
+            )
+            change[:, j] += law.parameters["coulomb"] * (after - before)
+        else:
+            jump = torque(desired, np.tanh(desired / WIDTH)) - torque(desired, none)
+            change[:, j] += torque(motion.v, none) + jump - torque(motion.v, np.sign(motion.v))
+    return change
 
 
 def without_laws(model: Model) -> Model:
@@ -229,9 +286,106 @@ def test_floating_bases_are_refused_in_one_sentence() -> None:
         program_of(replace(model, robot=replace(model.robot, model=free)))
 
 
-def test_the_command_writes_all_files_or_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["export", "3r", "--c", str(tmp_path / "arm.c"), "--arrays", str(tmp_path / "arm.py")]) == 0
+def library(model: Model, folder: Path, **options: Any) -> tuple[Any, int]:
+    """Functions of a model in a shared library: they take and return arrays; and the number of joints."""
+    made, n = export(model, "c", name="arm", **options), len(model.robot.joints)
+    (folder / "arm.c").write_text(made.text)
+    (folder / "arm.h").write_text(made.beside[".h"])
+    subprocess.run([str(COMPILER), "-O1", "-shared", "-fPIC", "arm.c", "-lm", "-o", "arm.so"], cwd=folder, check=True)
+    whole = ctypes.CDLL(str(folder / "arm.so"))
+
+    def call(function: str, *given: Any, size: int = n) -> Any:
+        out = np.zeros(size)
+        numbers = [ctypes.c_double(x) if np.isscalar(x) else np.ascontiguousarray(x, float) for x in (*given, out)]
+        passed = [x.ctypes.data_as(ctypes.c_void_p) if isinstance(x, np.ndarray) else x for x in numbers]
+        getattr(whole, f"{identifier(model.robot.name)}_{function}")(*passed)
+        return numbers[-1]
+
+    return call, n
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+def test_friction_by_a_desired_velocity_does_not_chatter_at_rest(tmp_path: Path) -> None:
+    model = a_model("laws")
+    call, n = library(model, tmp_path)
+    q, a, still, noise = 0.3 * np.ones(n), np.zeros(n), np.zeros(n), 1e-6 * np.ones(n)
+    held, jumps = (
+        np.ptp([call(name, q, v, a, *more) for v in (-noise, noise)], axis=0)
+        for name, more in (("tracking_torque", (still, 0.05)), ("inverse_dynamics", ()))
+    )
+    assert jumps[1] > 1.0 and held.max() < 1e-4  # dry friction of joint_2 to both sides; viscous friction alone
+    fast = 0.5 + noise
+    assert_allclose(call("tracking_torque", q, fast, a, fast, 0.0), call("inverse_dynamics", q, fast, a), rtol=1e-12)
+    assert np.isfinite(call("tracking_torque", q, still, a, still, 0.0)).all()
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+def test_a_link_by_name_has_the_jacobian_and_the_payload(tmp_path: Path) -> None:
+    model, link = load_model("panda"), "panda_hand_tcp"
+    call, n = library(model, tmp_path, functions=("jacobian", "payload"), link=link)
+    motion, whole = states(model, 1), model.robot.model.copy()
+    frame, q = whole.frames[whole.getFrameId(link)], configuration(model.robot, motion.q)[0]
+    found = call("frame_jacobian", motion.q[0], size=6 * n).reshape(6, n)
+    data = whole.createData()
+    expected = pin.computeFrameJacobian(whole, data, q, whole.getFrameId(link), pin.LOCAL_WORLD_ALIGNED)
+    assert_allclose(found, expected @ model.robot.drive, atol=1e-12)
+    dynamics = [model.robot.drive @ x[0] for x in (motion.v, motion.a)]
+    before = pin.rnea(whole, data, q, *dynamics)
+    whole.inertias[frame.parentJoint] += frame.placement.act(pin.Inertia.FromDynamicParameters(np.array(BODY)))
+    carried = model.robot.drive.T @ (pin.rnea(whole, whole.createData(), q, *dynamics) - before)
+    assert_allclose(call("payload_torque", motion.q[0], motion.v[0], motion.a[0], BODY), carried, atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "most"), [("ur5", 184), ("panda", 612), ("tiago_no_hand", 557), ("go2", 268)])
+def test_the_mass_matrix_is_that_of_composite_bodies(name: str, most: int) -> None:
+    program = program_of(load_model(name))
+    matrix = next(function for function in program.functions if function.name == "mass_matrix")
+    used = (program.graph.nodes[k][0] for k in program.graph.used(matrix.outputs))
+    assert sum(operation not in ("variable", "constant", "negate") for operation in used) <= most
+
+
+def test_comments_name_joints_links_laws_and_the_model(tmp_path: Path) -> None:
+    model = identified()
+    made = export(model, "c", functions=FURTHER)
+    assert made == export(model, "c", functions=FURTHER)
+    digest = sha256(model.save(tmp_path / "model.json").read_bytes()).hexdigest()
+    header = made.beside[".h"]
+    assert digest in header and "M(q) a + h(q, v) + laws(q, v, 0)" in header and "0 0 -9.81" in header
+    assert "coulomb_friction of joint_2: level * sign(v); level = " in header
+    for comment in ("joint_2 (link_2): motion", "joint_3 (link_3): mass matrix", "coulomb_friction of joint_1"):
+        assert f"    /* {comment} */\n" in made.text
+    assert "; /* angular velocity z, joint_3 */" in made.text and "; /* joint_2, joint_3 */" in made.text
+
+
+def test_forward_dynamics_without_inertia_is_refused() -> None:
+    model = load_model("3r")
+    with pytest.raises(RobotError, match="not positive definite"):
+        export(replace(model, inertials=0 * model.inertials), "c", functions=("forward",))
+
+
+@pytest.mark.parametrize(
+    ("options", "fault"),
+    [
+        (["--c", "3r.c"], "no digit at the beginning, and .c at the end; name it robot_3r.c"),
+        (["--c", "two words.c"], "name it two_words.c"),
+        (["--c", "arm.cpp"], "name it arm.c"),
+        (["--c", "arm.c", "--with", "inverse"], "choose from nonlinear, forward, jacobian, payload"),
+        (["--c", "arm.c", "--with", "payload", "--link", "lnk_3"], "did you mean link_3"),
+        (["--c", "arm.c", "--link", "link_3"], "add the function jacobian or payload"),
+        (["--urdf", "arm.urdf", "--with", "forward"], "add --c FILE.c"),
+    ],
+)
+def test_options_of_code_are_refused_in_one_sentence(
+    options: list[str], fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(["export", "3r", *options]) == 2
+    assert fault in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+def test_the_command_writes_all_files_or_none(tmp_path: Path) -> None:
+    files = ["--c", str(tmp_path / "arm.c"), "--with", "forward, jacobian", "--arrays", str(tmp_path / "arm.py")]
+    assert run(["export", "3r", *files]) == 0
+    assert "robot_3r_frame_jacobian" in (tmp_path / "arm_test.c").read_text()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["arm.c", "arm.h", "arm.py", "arm_test.c"]
     assert '#include "arm.h"' in (tmp_path / "arm.c").read_text()
-    assert run(["export", "3r", "--c", str(tmp_path / "two words.c")]) == 2
-    assert "no name of a C file" in capsys.readouterr().err

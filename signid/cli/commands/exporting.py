@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -16,6 +17,8 @@ from ..terminal import DONE, check_unread
 
 if TYPE_CHECKING:
     from ...output.export import Exported
+
+C_FILE = re.compile(r"[A-Za-z_]\w*\.c", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +47,19 @@ class MjcfOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CodeOptions:
+    """Content of C code."""
+
+    further: Text = option(
+        None,
+        "Further functions of --c, with commas between: nonlinear (h(q, v)), forward, jacobian, payload.",
+        "--with",
+        metavar="LIST",
+    )
+    link: Text = option(None, "Link of jacobian and payload of --with, instead of the last joint's.", metavar="LINK")
+
+
+@dataclass(frozen=True, kw_only=True)
 class StartOptions:
     """Recording that exported position drives start from."""
 
@@ -60,6 +76,7 @@ def export(
     simulation: SimulationName,
     exports: ExportFiles,
     mjcf: MjcfOptions,
+    code: CodeOptions,
     first: StartOptions,
     *,
     package_dir: PackageDir = None,
@@ -80,7 +97,7 @@ def export(
 
     asked: dict[str, Text] = asdict(exports)
     paths = {kind: Path(file) for kind, file in asked.items() if file is not None}
-    _check_exports(asked, paths, mjcf, first)
+    _check_exports(asked, paths, mjcf, code, first)
     packages = None if simulation.endswith(".json") else package_dir
     source = SimulationArguments(simulation=simulation, package_dir=packages, gravity=gravity, xacro=xacro)
     model, _ = given_model(source)
@@ -96,6 +113,10 @@ def export(
             floating=mjcf.floating,
             meshes=f"{path.stem}_meshes" if mjcf.copy_meshes else None,
             start=recording if kind in STARTING else None,
+            functions=[name.strip() for name in code.further.split(",")]
+            if code.further is not None and kind == "c"
+            else (),
+            link=code.link if kind == "c" else None,
         )
         for kind, path in paths.items()
     }
@@ -114,9 +135,12 @@ def export(
     return DONE
 
 
-def _check_exports(asked: dict[str, Text], paths: dict[str, Path], mjcf: MjcfOptions, first: StartOptions) -> None:
+def _check_exports(
+    asked: dict[str, Text], paths: dict[str, Path], mjcf: MjcfOptions, code: CodeOptions, first: StartOptions
+) -> None:
     """Check that the files can be written."""
     from ...output.export import STARTING
+    from ...output.export.code.c import identifier
     from ...output.report import probe_folder
 
     if not paths:
@@ -124,8 +148,11 @@ def _check_exports(asked: dict[str, Text], paths: dict[str, Path], mjcf: MjcfOpt
     for kind, path in paths.items():
         if not asked[kind] or path.is_dir():
             raise OptionError(f"--{kind} {asked[kind]!r} is not a file name; give the path of the file to write")
-        if kind == "c" and (path.suffix != ".c" or not path.stem.isidentifier()):
-            raise OptionError(f"--c {asked[kind]!r} is no name of a C file; give one such as arm.c, without spaces")
+        if kind == "c" and not C_FILE.fullmatch(path.name):
+            raise OptionError(
+                f"--c {asked[kind]!r} is no name of a C file: letters, digits and underscores, no digit at the "
+                f"beginning, and .c at the end; name it {identifier(path.stem)}.c"
+            )
         probe_folder(path.parent, f"--{kind}")
     if first.start is not None and not set(STARTING) & paths.keys():
         raise OptionError(
@@ -133,6 +160,8 @@ def _check_exports(asked: dict[str, Text], paths: dict[str, Path], mjcf: MjcfOpt
         )
     if first.columns is not None and first.start is None:
         raise OptionError("--columns names the columns of --start RECORDING; add it")
+    if (code.further is not None or code.link is not None) and "c" not in paths:
+        raise OptionError("--with and --link belong to C code; add --c FILE.c")
     if (mjcf.copy_meshes or mjcf.floating) and "mjcf" not in paths:
         raise OptionError("--copy-meshes and --floating belong to an MJCF; add --mjcf FILE")
     if len({path.resolve() for path in paths.values()}) < len(paths):

@@ -7,11 +7,12 @@ laws that neither URDF nor MJCF can express, and needs only NumPy.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
 
 from ...errors import OptionError
-from ...model import ModelSource, as_model
+from ...model import Model, ModelSource, as_model
 from ...recording import Recordings
 from ...typed import typed
 from .beyond import Exported
@@ -35,7 +36,15 @@ _WRITERS = {  # module below this folder, and function in it
 }
 KINDS = tuple(_WRITERS)
 STARTING = ("mjcf", "isaaclab", "mjlab")  # loops that can start from a recording
+FURTHER = ("nonlinear", "forward", "jacobian", "payload")  # functions of C code on request
 OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
+
+
+def model_digest(model: Model) -> str:
+    """SHA-256 of the model.json that `model.save` writes."""
+    from ..report import to_json
+
+    return sha256(to_json(model.document()).encode()).hexdigest()
 
 
 @typed
@@ -48,6 +57,8 @@ def export(
     floating: bool = False,
     meshes: str | None = None,
     start: Recordings | None = None,
+    functions: Sequence[str] = (),
+    link: str | None = None,
 ) -> Exported:
     """Export a model; return the text of the file and notes on the content that the format cannot hold.
 
@@ -65,15 +76,26 @@ def export(
             Default: they are read from their place.
         start: recording whose first state "mjcf", "isaaclab" and "mjlab" state, for position drives on a fixed base;
             `beside` of an MJCF then has its commands, signid's roll-out, and a script that repeats it in MuJoCo.
+        functions: further functions of "c": "nonlinear" (h(q, v)), "forward" (accelerations at a torque), "jacobian"
+            (of a link's frame) and "payload" (torque of a body that is given at run time).
+        link: link whose frame Jacobian and payload have; default: the frame of the last joint.
 
     Raises:
-        OptionError: the kind is unknown, or the gain of a position drive; `start` does not fit the kind or the model.
+        OptionError: the kind is unknown, a function, or the gain of a position drive; `start`, `functions` or `link` do
+            not fit the kind or the model.
         RecordingError: `start` cannot be used.
         RobotError: the format cannot hold the bodies of the model, the robot has no URDF, or a floating base no mass.
     """
     model = as_model(model, "export")
     if kind not in _WRITERS:
         raise OptionError(f"there is no export to {kind!r}; choose from {', '.join(KINDS)}")
+    if unwritten := [name for name in functions if name not in FURTHER]:
+        raise OptionError(f"C code has no further function {unwritten[0]!r}; choose from {', '.join(FURTHER)}")
+    if (functions or link is not None) and kind != "c":
+        raise OptionError("further functions and their link belong to C code; export to 'c'")
+    if link is not None and not {"jacobian", "payload"} & set(functions):
+        raise OptionError(f"link {link!r} is that of a Jacobian or a payload; add the function jacobian or payload")
+    code = {"digest": model_digest(model), "further": functions, "link": link} if kind == "c" else {}
     unknown: list[str] = []
     if model.servos:
         model, unknown = with_known_numbers(model, gain=kind not in (*OF_TORQUE, "urdf"))
@@ -94,6 +116,6 @@ def export(
         model = loop.written
     module, function = _WRITERS[kind]
     more = {"mjcf": (package_dirs, floating, meshes), "c": (name,)}.get(kind, ())
-    made: Exported = getattr(import_module(f"{__name__}.{module}"), function)(model, *more)
+    made: Exported = getattr(import_module(f"{__name__}.{module}"), function)(model, *more, **code)
     made = with_loop(kind, made, loop) if loop else made
     return annotated(kind, made, unknown) if unknown else made

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from ....errors import one_line
 from ....model import Model
 from ....version import __version__
 from ...report.layout import torque_units
 from ..beyond import Exported
 from .graph import UNARY
-from .program import Function, Program, program_of, statements
+from .program import Function, Language, Program, program_of, statements
 
 _WORDS = {
     "add": "{0} + {1}",
@@ -23,6 +24,7 @@ _WORDS = {
     **{name: f"xp.{name}({{0}})" for name in UNARY},
     "arctan2": "xp.arctan2({0}, {1})",
 }
+_PYTHON = Language(_WORDS, lambda x: x.replace("[", "[..., "), "    {} = {}", lambda text: f"    # {one_line(text)}")
 _HEAD = '''"""Dynamics of {name}, written by signid {version}, over an array namespace.
 
 Every function takes arrays (..., {n}) in the order of JOINTS [rad or m, per s, per s2]; torques are in UNITS.
@@ -42,7 +44,7 @@ def write_arrays(model: Model) -> Exported:
     Raises:
         RobotError: a joint is neither revolute nor prismatic.
     """
-    program, robot = program_of(model, True), model.robot
+    program, robot = program_of(model), model.robot
     notes = "".join(f"\n\nNote: {note}." for note in program.notes)
     head = _HEAD.format(
         name=_plain(robot.name),
@@ -62,7 +64,7 @@ def _plain(text: str) -> str:
 
 
 def _definition(program: Program, function: Function, n: int) -> str:
-    lines, outputs = statements(program, function, _WORDS, lambda x: x.replace("[", "[..., "), "    {} = {}")
+    lines, outputs = statements(program, function, _PYTHON)
     first = function.arguments[0]
     rows = ", ".join(f"{x} + zero" for x in outputs)
     shape = f".reshape((*{first}.shape[:-1], {n}, {n}))" if len(outputs) != n else ""

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
+from textwrap import fill
 
-from ....model import Model
+from ....effects.naming import law_name
+from ....model import Model, torque_model
 from ....types import Robot
 from ....version import __version__
 from ...report.layout import torque_units
 from ..beyond import Exported, c_comment
-from .program import Function, Program, program_of, statements
+from .laws import writable
+from .program import Function, Language, Program, program_of, statements
 
 _WORDS = {
     "add": "{0} + {1}",
@@ -31,8 +34,15 @@ _WORDS = {
 }
 
 
-def write_c(model: Model, stem: str | None = None, *, mass_matrix: bool = True) -> Exported:
-    """Write inverse dynamics, gravity, laws and the mass matrix as C99 functions.
+_C = Language(_WORDS, str, "    const double {} = {};", lambda text: f"    /* {c_comment(text)} */")
+_SIZES = {"width": None, "payload": 10}  # of arguments that have no number for each joint; None: a number
+TWIST = tuple(f"{kind} velocity {axis}" for kind in ("linear", "angular") for axis in "xyz")  # rows of a Jacobian
+
+
+def write_c(
+    model: Model, stem: str | None = None, *, digest: str = "", further: Collection[str] = (), link: str | None = None
+) -> Exported:
+    """Write inverse dynamics, gravity, laws, the mass matrix and friction by a desired velocity as C99 functions.
 
     The text is the source; `beside` holds the header and a test program, by the ends of their names (".h", "_test.c").
     Functions are straight-line code over constants; they read and write only the arrays that they are given.
@@ -40,18 +50,21 @@ def write_c(model: Model, stem: str | None = None, *, mass_matrix: bool = True) 
     Args:
         model: rigid bodies and laws.
         stem: name of the files without ".c"; None: the robot's name as an identifier.
-        mass_matrix: whether the mass matrix is written.
+        digest: SHA-256 of the model, for the header.
+        further: functions beside these: "nonlinear", "forward", "jacobian", "payload".
+        link: link whose frame Jacobian and payload have; None: the frame of the last joint.
 
     Raises:
-        RobotError: a joint is neither revolute nor prismatic.
+        RobotError: a joint is neither revolute nor prismatic, no link has that name, or the mass matrix that "forward"
+            inverts is not positive definite.
     """
-    program, robot = program_of(model, mass_matrix), model.robot
+    program, robot = program_of(model, tracking=True, further=further, link=link), model.robot
     name, n = identifier(robot.name), len(robot.joints)
     stem = name if stem is None else stem
     head = f"/* Dynamics of {c_comment(robot.name)}, written by signid {__version__}. "
-    body = "".join(_definition(program, function, name, n) for function in program.functions)
+    body = "".join(_definition(program, function, name, robot.joints) for function in program.functions)
     source = f'{head}See {stem}.h. */\n#include "{stem}.h"\n\n#include <math.h>\n{body}'
-    header = f"{head}C99, no dependencies but math.h (-lm). */\n{_header(robot, program, name)}"
+    header = f"{head}C99, no dependencies but math.h (-lm). */\n{_header(model, program, name, digest)}"
     return Exported(source, program.notes, {".h": header, "_test.c": head + "*/\n" + _test(program, name, stem, n)})
 
 
@@ -62,28 +75,50 @@ def identifier(name: str) -> str:
 
 
 def _signature(function: Function, name: str, n: int) -> str:
-    given = (f"const double {key}[{n}]" for key in function.arguments)
+    given = (_argument(key, _SIZES.get(key, n)) for key in function.arguments)
     return f"void {name}_{function.name}({', '.join(given)}, double {function.result}[{len(function.outputs)}])"
 
 
-def _definition(program: Program, function: Function, name: str, n: int) -> str:
-    lines, outputs = statements(program, function, _WORDS, str, "    const double {} = {};")
-    read = "\n".join([*lines, *outputs])
-    unused = [f"    (void){key};" for key in function.arguments if f"{key}[" not in read]
-    results = [f"    {function.result}[{k}] = {x};" for k, x in enumerate(outputs)]
-    return f"\n{_signature(function, name, n)}\n{{\n" + "\n".join([*unused, *lines, *results]) + "\n}\n"
+def _argument(key: str, size: int | None) -> str:
+    return f"double {key}" if size is None else f"const double {key}[{size}]"
 
 
-def _header(robot: Robot, program: Program, name: str) -> str:
+def _definition(program: Program, function: Function, name: str, joints: Sequence[str]) -> str:
+    lines, outputs = statements(program, function, _C)
+    nodes = [program.graph.nodes[number] for number in program.graph.used(function.outputs)]
+    read = {node[1].partition("[")[0] for node in nodes if node[0] == "variable"}
+    unused = [f"    (void){key};" for key in function.arguments if key not in read]
+    results = [
+        f"    {function.result}[{k}] = {x}; /* {c_comment(label)} */"
+        for k, (x, label) in enumerate(zip(outputs, _labels(function, joints), strict=True))
+    ]
+    signature = _signature(function, name, len(joints))
+    return f"\n{signature}\n{{\n" + "\n".join([*unused, *lines, *results]) + "\n}\n"
+
+
+def _labels(function: Function, joints: Sequence[str]) -> list[str]:
+    """Names of the outputs: joints, or rows and columns of a matrix."""
+    rows = {"mass": joints, "jacobian": TWIST}.get(function.result)
+    return list(joints) if rows is None else [f"{row}, {joint}" for row in rows for joint in joints]
+
+
+def _header(model: Model, program: Program, name: str, digest: str) -> str:
+    robot = model.robot
     guard, n = f"{name.upper()}_DYNAMICS_H", len(robot.joints)
     comment = [
         "Arrays are in this order of joints (index, name, unit of position, unit of torque):",
         *(f"  {k}  {line}" for k, line in enumerate(_joints(robot))),
         "q: positions, v: velocities [per s], a: accelerations [per s2]; a = 0 compensates gravity and friction.",
         "At rest (v = 0) dry friction is 0. Outputs may not overlap inputs.",
+        *_formulas(model),
+        f"Gravity in the frame of the base [m/s2]: {' '.join(f'{x:.10g}' for x in model.robot.model.gravity.linear)}",
+        *([f"SHA-256 of the model.json of this model: {digest}"] if digest else []),
         *(f"Note: {note}." for note in program.notes),
     ]
-    declared = [f"/* {function.meaning} */\n{_signature(function, name, n)};" for function in program.functions]
+    declared = [
+        f"/* {fill(c_comment(function.meaning), 100, subsequent_indent='   ')} */\n{_signature(function, name, n)};"
+        for function in program.functions
+    ]
     return "\n".join(
         [
             f"#ifndef {guard}",
@@ -105,11 +140,36 @@ def _header(robot: Robot, program: Program, name: str) -> str:
     )
 
 
+def _formulas(model: Model) -> Iterator[str]:
+    """Equation of motion, and the equations of the laws with their numbers."""
+    yield "tau = M(q) a + h(q, v) + laws(q, v, 0), with M the mass matrix, rotors (armature) included, and h Coriolis,"
+    yield "centrifugal and gravity torque of the bodies; laws that depend on load, the torque of the bodies, act at a."
+    yield "Laws:"
+    laws = [law for law in torque_model(model).laws if writable(law)]
+    for law in laws:
+        numbers = ", ".join(f"{key} = {x:.6g}" for key, x in law.effect.filled(law.parameters).items())
+        yield f"  {c_comment(f'{law_name(law, model.robot)}: {law.effect.equation}; {numbers}')}"
+    if not laws:
+        yield "  none"
+
+
 def _joints(robot: Robot) -> Iterator[str]:
     for joint, prismatic, unit in zip(robot.joints, robot.prismatic, torque_units(robot), strict=True):
         yield f"{c_comment(joint)}  {'m' if prismatic else 'rad'}  {unit}"
 
 
+_FURTHER = {  # arguments beside q, v and a
+    "width": "    const double width = 0.1;\n",
+    "payload": "    const double payload[10] = {2.0, 0.1, 0.04, 0.16, 0.02, -0.002, 0.03, -0.008, -0.003, 0.04};\n",
+    "v_desired": """    double v_desired[COUNT];
+    for (int j = 0; j < COUNT; j++) {
+        v_desired[j] = 0.5 * v[j];
+    }
+""",
+    "tau": """    double tau[COUNT];
+    NAME_inverse_dynamics(q, v, a, tau);
+""",
+}
 _TEST = """/* Reads lines of q, v and a from standard input; without any, uses one motion. */
 #include "STEM.h"
 
@@ -136,7 +196,8 @@ static int scan(double *x, int n)
 static void all(const double *q, const double *v, const double *a)
 {
     double out[SIZE];
-CALLS}
+CALLS
+}
 
 int main(void)
 {
@@ -164,6 +225,10 @@ def _test(program: Program, name: str, stem: str, n: int) -> str:
         f'    {name}_{f.name}({", ".join(f.arguments)}, out);\n    show("{f.name}", out, {len(f.outputs)});\n'
         for f in program.functions
     )
+    used = {key for f in program.functions for key in f.arguments}
+    further = (
+        "".join(text for key, text in _FURTHER.items() if key in used).replace("NAME", name).replace("COUNT", str(n))
+    )
     size = max(len(f.outputs) for f in program.functions)
-    filled = {"STEM": stem, "SIZE": str(size), "CALLS": calls, "COUNT": str(n)}
-    return re.sub("|".join(filled), lambda found: filled[found[0]], _TEST)
+    filled = {"STEM": stem, "SIZE": str(size), "COUNT": str(n)}
+    return re.sub("|".join(filled), lambda found: filled[found[0]], _TEST).replace("CALLS\n", further + calls)

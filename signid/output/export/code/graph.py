@@ -39,12 +39,15 @@ class Graph:
 
     nodes: list[Node] = field(default_factory=list)
     numbers: dict[Node, int] = field(default_factory=dict)
+    section: str = ""  # what is being computed, for comments
+    sections: list[str] = field(default_factory=list)  # of the nodes
 
     def add(self, node: Node) -> Scalar:
         """Node of the graph, new unless there is an equal one."""
         if node not in self.numbers:
             self.numbers[node] = len(self.nodes)
             self.nodes.append(node)
+            self.sections.append(self.section)
         return Scalar(self, self.numbers[node])
 
     def variable(self, name: str) -> Scalar:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import ast
 import operator
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ....effects.base import BodyLaw, TorqueLaw
+from ....effects.naming import law_name
 from ....model import Model, torque_model
 from ....types import Law
 from .graph import BINARY, UNARY, Graph, Scalar, binary, unary, where
@@ -25,6 +26,7 @@ OPERATORS: dict[type[ast.AST], Any] = {
     ast.Gt: operator.gt,
     ast.Lt: operator.lt,
 }
+SIGN = "sign of velocity"  # function in the place of sign(v)
 _VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
 
 
@@ -47,23 +49,41 @@ def inertial(law: Law) -> bool:
     return isinstance(law.effect, BodyLaw)
 
 
-def law_expressions(graph: Graph, model: Model, motion: Mapping[str, Expressions]) -> Expressions:
+def law_expressions(
+    graph: Graph,
+    model: Model,
+    motion: Mapping[str, Expressions],
+    tracking: tuple[Expressions, Scalar] | None = None,
+) -> Expressions:
     """Torque (n,) of the laws that can be written.
 
-    motion: "q", "v", "a" and "load" (n,) [rad or m, and their derivatives; N.m or N].
+    motion: "q", "v", "a" and "load" (n,) [rad or m, and their derivatives; N.m or N]. tracking: desired velocity (n,)
+    [rad/s or m/s] and inverse width of smoothing, or None. With them, a law f(v, sign(v)) is f(v, 0) + f(v_desired, s)
+    - f(v_desired, 0), s = tanh(v_desired / width): the part that jumps with the sign of v depends on v_desired alone.
     """
     total = np.array([graph.constant(0.0)] * len(model.robot.joints))
     for law in filter(writable, torque_model(model).laws):
         joints = list(law.joints)
         single = len(joints) == 1
-        signals = {key: x[joints[0]] if single else x[joints] for key, x in motion.items()}
-        torque = _evaluate(graph, law, signals)
+        graph.section = law_name(law, model.robot)
+        here = joints[0] if single else joints
+        signals = {key: x[here] for key, x in motion.items()}
+        if tracking is None:
+            torque = _evaluate(graph, law, signals)
+        else:
+            smooth, none = partial(_smooth_sign, tracking[1]), partial(_no_sign, graph)
+            desired = {**signals, "v": tracking[0][here]}
+            jump = _evaluate(graph, law, desired, smooth) - _evaluate(graph, law, desired, none)
+            torque = _evaluate(graph, law, signals, none) + jump
         for row, joint in enumerate(joints):
             total[joint] = total[joint] + (torque if single else torque[row])
     return total
 
 
-def _evaluate(graph: Graph, law: Law, signals: Mapping[str, Any]) -> Any:
+def _evaluate(
+    graph: Graph, law: Law, signals: Mapping[str, Any], sign: Callable[[Scalar], Scalar] | None = None
+) -> Any:
+    """Torque of a law; sign: in the place of the sign of a velocity and of a tanh that stands for one."""
     numbers: dict[str, Any] = {key: float(x) for key, x in law.effect.filled(law.parameters).items()}
     if law.effect.name == "empirical":
         lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
@@ -75,6 +95,8 @@ def _evaluate(graph: Graph, law: Law, signals: Mapping[str, Any]) -> Any:
         "interp": partial(_interpolate, graph),
         "sum": sum,
     }
+    if sign is not None:
+        functions[SIGN] = np.frompyfunc(sign, 1, 1)
     return _value(ast.parse(law.effect.equation, mode="eval").body, {**functions, **signals, **numbers})
 
 
@@ -91,11 +113,33 @@ def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
             return OPERATORS[type(node.op)](_value(node.left, names), _value(node.right, names))
         case ast.Compare(ops=[ast.Gt() | ast.Lt()]):
             return OPERATORS[type(node.ops[0])](_value(node.left, names), _value(node.comparators[0], names))
+        case ast.Call() if SIGN in names and (velocity := _signed_velocity(node)):
+            return names[SIGN](_value(velocity, names))
         case ast.Call():
             return _value(node.func, names)(*(_value(x, names) for x in node.args))
         case ast.Subscript():
             return _value(node.value, names)[::-1]
     raise ValueError(f"an equation with {ast.dump(node)} cannot be written as code")
+
+
+def _smooth_sign(rate: Scalar, x: Scalar) -> Scalar:
+    return unary("tanh", x * rate)
+
+
+def _no_sign(graph: Graph, x: Scalar) -> Scalar:
+    return graph.constant(0.0)
+
+
+def _signed_velocity(call: ast.Call) -> ast.expr | None:
+    """Velocity (or sum of two) x in sign(x), or in tanh(x / scale), which stands for it; None for other calls."""
+    match call:
+        case (
+            ast.Call(func=ast.Name(id="sign"), args=[x])
+            | ast.Call(func=ast.Name(id="tanh"), args=[ast.BinOp(left=x, op=ast.Div())])
+        ):
+            names = {part.id for part in ast.walk(x) if isinstance(part, ast.Name)}
+            return x if "v" in names and names <= {"v", "sum"} else None
+    return None
 
 
 def _unary(graph: Graph, name: str, x: Any) -> Scalar:
