@@ -30,6 +30,7 @@ def test_the_ros_parameters_give_the_torque_of_the_model() -> None:
     made = signid.export(MODEL, "ros")
     assert made.notes == ()
     parameters = yaml.safe_load(made.text)["/**"]["ros__parameters"]["dynamics"]
+    assert [parameters["joint"][joint]["effort_limit"] for joint in ROBOT.joints] == ROBOT.effort_limit.tolist()
     robot = ROBOT.model.copy()
     for body, link in enumerate(ROBOT.links, 1):
         robot.inertias[body] = inertia(parameters["link"][link])
