@@ -208,15 +208,20 @@ def test_wrong_parameters_are_refused(drive: Any, changes: dict[str, Any], reaso
     assert reason in said and result == str(FAILURE)
 
 
-def test_the_robot_follows_a_trajectory_and_holds_its_end(drive: Any) -> None:
-    order = [2, 0, 1]
-    numbers = [np.array(part)[order].tolist() for part in (GOAL, np.zeros(N), np.zeros(N))]
-    sent = trajectory((1.0, numbers), joints=[JOINTS[j] for j in order])
+@pytest.mark.parametrize(("powers", "derivatives"), [((0, 0, 10, -15, 6), 2), ((0, 3, -2, 0, 0), 1)])
+def test_the_robot_follows_a_trajectory_and_holds_its_end(drive: Any, powers: Sequence[int], derivatives: int) -> None:
+    course, order = np.polynomial.Polynomial([0, *powers]), [2, 0, 1]  # share of the way, 0 to 1 s
+
+    def point(t: float) -> tuple[float, list[list[float]]]:
+        shares = [course(t), *(course.deriv(k)(t) for k in range(1, derivatives + 1))]
+        numbers = [(k == 0) * REST + share * (GOAL - REST) for k, share in enumerate(shares)]
+        return t, [part[order].tolist() for part in numbers]
+
+    sent = trajectory(point(0.3), point(1.0), joints=[JOINTS[j] for j in order])
     found = rows(drive(*STARTED, "run", 200, *sent, "run", 1500)[3:])
     assert not found.result.any() and not found.allocations.any()
-    s = np.clip((np.arange(len(found.q)) - 200) * 1e-3, 0, 1)[:, None]
-    wanted = REST + (GOAL - REST) * s**3 * (10 - 15 * s + 6 * s**2)
-    assert np.abs(found.q - wanted).max() < 1.5e-3  # 1.1 of it the period
+    t = np.clip((np.arange(len(found.q)) - 200) * 1e-3, 0, 1)[:, None]
+    assert np.abs(found.q - (REST + (GOAL - REST) * course(t))).max() < 1.5e-3  # 1.1 of it the period
     assert np.ptp(found.q[:200], axis=0).max() < 1e-4
     assert np.abs(found.v[-100:]).max() < 1e-2
 

@@ -102,6 +102,7 @@ def write_ros(model: Model) -> Exported:
         **({"servo": known_document(model.servos, robot.joints)} if model.servos else {}),
         "link": {link: _inertial(body) for link, body in zip(robot.links, bodies, strict=True)},
     }
+    parameters = {key: x for key, x in parameters.items() if x}  # rcl takes what follows an empty map for its content
     lacks = beyond("a ROS parameter file", model, FIELDS, ("torque_offset", *BODIES))
     lacks += fixed_note(robot, "their links are listed nevertheless")
     text = safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)
