@@ -276,9 +276,12 @@ def test_nothing_is_commanded_from_a_state_that_is_no_number(drive: Any, column:
 
 
 def test_a_controller_that_is_not_active_commands_nothing(drive: Any) -> None:
-    lines = drive(*STARTED, "update", "deactivate", *trajectory((1.0, [GOAL])), *state(GOAL), "activate", "update")
-    assert lines[4:7] == [str(SUCCESS), "trajectory refused: the controller is not active", str(SUCCESS)]
-    assert_allclose(rows(lines[7:]).tau, MODEL.gravity(GOAL[None]), atol=1e-9)  # the position at activation is held
+    sent = trajectory((1.0, [GOAL]))
+    script = [*STARTED, *sent, "run", 5, *sent, "deactivate", *sent, *state(-REST), "activate", "update"]
+    *_, stopped, refused, started, row = drive(*script)
+    assert (stopped, started) == (str(SUCCESS),) * 2
+    assert refused == "trajectory refused: the controller is not active"
+    assert_allclose(rows([row]).tau, MODEL.gravity(-REST[None]), atol=1e-9)  # the position at activation is held
     *_, before, _, after = drive(*STARTED, "run", 3, "deactivate", "show")
     assert rows([before]).tau.any() and not rows([after]).tau.any()
     assert drive(*configured(), *state(REST * np.nan), "activate")[-1] == str(FAILURE)
