@@ -15,6 +15,7 @@ SLOWEST = 0.03  # [s] period above which a stream is too slow
 LONGEST = 0.1  # [s] time without rows that is noted; slower streams: `PERIODS`
 PERIODS = 8.0  # [1] the same, in sampling periods
 LOST, LEAST = 3.5, 0.008  # [1], [s] time without rows after which the state is reset: in usual steps, and the least
+HELD = 1.0  # [s] for which rows that repeat the last one are left out; a robot stands still for longer
 USUAL, FIRST = 90, 20  # [%] of the first steps that are at most as long as the usual one; number of these steps
 FAST = 3.0  # [1] speed over the velocity limit that is a jump of the position, not a motion
 FASTEST = 100.0  # [rad/s or m/s] the same for a joint without a limit
@@ -51,6 +52,7 @@ class Intake:
         self.joints = robot.joints
         self.period = self.usual = np.nan
         self.steps: list[float] = []
+        self.held = False  # whether rows since the last one repeated it
         self.last: StreamRows | None = None
         self.noted: dict[str, float] = {}
 
@@ -87,16 +89,19 @@ class Intake:
                 slow = f"rows come at {1 / self.period:.3g} Hz, too slowly for contacts and fast motion"
                 notes += self._note("slow", float(rows.t[-1]), f"{slow}; give 50 Hz or more")
         cuts, more = self._cuts(rows, before, step)
-        self.last = rows.at(slice(-1, None))
+        self.last, self.held = rows.at(slice(-1, None)), False
         return list(_pieces(rows, cuts, first)), [*notes, *more]
 
     def _new(self, rows: StreamRows) -> StreamRows:
-        """Rows without those that only hold the last one, as some logs do where a packet is lost."""
+        """Rows without those that only hold the last one, as some logs do where packets are lost."""
         last = rows.at(slice(0, 1)) if self.last is None else self.last
         values = np.concatenate([np.column_stack([one.q, one.tau]) for one in (last, rows)])
-        held = (np.diff(values, axis=0) == 0).all(axis=1) & (rows.t - last.t[0] < LONGEST)
-        held[:1] &= self.last is not None
-        return rows.at(~held) if held.any() else rows
+        same = (np.diff(values, axis=0) == 0).all(axis=1)
+        same[:1] &= self.last is not None
+        at = np.maximum.accumulate(np.where(same, -1, np.arange(len(same))))
+        since = rows.t - np.where(at < 0, last.t[0], rows.t[np.maximum(at, 0)])
+        self.held |= bool(same.any())
+        return rows.at(~(same & (since < HELD))) if same.any() else rows
 
     def _cuts(self, rows: StreamRows, before: StreamRows, step: Array) -> tuple[Indices, list[Note]]:
         """Indices of rows that begin a new stretch."""
@@ -109,6 +114,8 @@ class Intake:
         notes: list[Note] = []
         for k in np.flatnonzero(late | back | jumped.any(axis=1)).tolist():
             t = float(rows.t[k])
+            if late[k] and self.held:
+                continue
             if late[k]:
                 notes += self._note("gap", t, f"the stream stopped for {step[k]:.3g} s; the observer starts again")
             elif back[k]:
