@@ -63,21 +63,22 @@ class Cutter:
 
 
 def _blocks(rows: StreamRows, edges: Indices, half: int) -> Blocks:
-    """Edges with the velocity of a local line, and torque through the filter that this line is.
+    """Edges with the velocity of a local line; position, torque and time through the filter that this line is.
 
-    The slope of a line through samples is their velocity under a parabolic window; torque passes the same window, so
-    that both have the same acceleration in them.
+    The slope of a line through samples is a weighted mean of the velocities between them, for any stamps; torque has the
+    same weights, so that both have the same acceleration in them, also where rows were lost.
     """
-    reach = np.arange(-half, half + 1)
-    around = edges[:, None] + reach
-    t = rows.t[edges]
-    if rows.dq is None:
-        times = rows.t[around] - t[:, None]
-        times -= times.mean(axis=1, keepdims=True)
-        weight = times / np.sum(times**2, axis=1, keepdims=True)
-        v = np.einsum("kw,kwn->kn", weight, rows.q[around] - rows.q[edges][:, None])
-    else:
-        v = rows.dq[around].mean(axis=1)
-    window = (half + 0.5) ** 2 - reach**2 if rows.dq is None else np.ones(len(reach))
-    tau = np.einsum("w,kwn->kn", window / window.sum(), rows.tau[around])
-    return Blocks(t, rows.q[edges], v, tau, float(rows.t[edges[-1] + half] - t[-1]))
+    around = edges[:, None] + np.arange(-half, half + 1)
+    times = rows.t[around] - rows.t[edges][:, None]
+    slope = times - times.mean(axis=1, keepdims=True)
+    slope /= np.sum(slope**2, axis=1, keepdims=True)
+    between = (np.cumsum(slope[:, ::-1], axis=1)[:, ::-1][:, 1:] * np.diff(times, axis=1)) / 2
+    weight = np.zeros_like(slope)
+    weight[:, 1:] += between
+    weight[:, :-1] += between
+    moved = rows.q[around] - rows.q[edges][:, None]
+    mean = ("kw,kwn->kn", weight)
+    v = np.einsum("kw,kwn->kn", slope, moved) if rows.dq is None else np.einsum(*mean, rows.dq[around])
+    q, tau = rows.q[edges] + np.einsum(*mean, moved), np.einsum(*mean, rows.tau[around])
+    t = rows.t[edges] + np.sum(weight * times, axis=1)
+    return Blocks(t, q, v, tau, float(rows.t[edges[-1] + half] - t[-1]))

@@ -35,6 +35,7 @@ class Changes:
         self.model, self.robot, self.noise = model, model.robot, noise
         n = len(model.robot.joints)
         self.base, self.first = noise.base.copy(), noise.base
+        self.raised = np.ones(n)  # [1] of the thresholds, by unknown changes
         self.mass, self.load = 0.0, np.zeros(INERTIAL)  # payload: total mass, and what was found last
         self.windows = [Window(n, memory) for memory in MEMORIES]
         self.after: Window | None = None  # frames since a change was noticed
@@ -142,7 +143,7 @@ class Changes:
         j = int(np.argmax(np.where(lasting, mean, -np.inf)))
         name, rms = self.robot.joints[j], float(self.noise.frame[j] * np.sqrt(mean[j]))
         raised = np.where(lasting, np.sqrt(np.maximum(mean, 1.0)), 1.0)
-        for part in (self.noise.frame, self.noise.filtered, self.noise.peak):
+        for part in (self.noise.frame, self.raised):
             part *= raised
         self._forget()
         sentence = f"unknown change at {name}: residual of {rms:.3g} {self._unit(j)}"

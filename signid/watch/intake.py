@@ -12,8 +12,10 @@ from .events import Note
 
 SHORTEST = 1e-6  # [s] period below which a stamp counts as repeated; no log is faster
 SLOWEST = 0.03  # [s] period above which a stream is too slow
-LONGEST = 0.1  # [s] time without rows after which the state is reset; slower streams: `PERIODS`
+LONGEST = 0.1  # [s] time without rows that is noted; slower streams: `PERIODS`
 PERIODS = 8.0  # [1] the same, in sampling periods
+LOST, LEAST = 3.5, 0.008  # [1], [s] time without rows after which the state is reset: in usual steps, and the least
+USUAL, FIRST = 90, 20  # [%] of the first steps that are at most as long as the usual one; number of these steps
 FAST = 3.0  # [1] speed over the velocity limit that is a jump of the position, not a motion
 FASTEST = 100.0  # [rad/s or m/s] the same for a joint without a limit
 LARGEST = 1e9  # [SI units] magnitude of a position, velocity or torque; beyond it a row is damaged; heuristic
@@ -47,7 +49,8 @@ class Intake:
         limit = np.where(np.isfinite(robot.velocity_limit) & (robot.velocity_limit > 0), robot.velocity_limit, np.inf)
         self.limit = np.where(np.isfinite(limit), FAST * limit, FASTEST)
         self.joints = robot.joints
-        self.period = np.nan
+        self.period = self.usual = np.nan
+        self.steps: list[float] = []
         self.last: StreamRows | None = None
         self.noted: dict[str, float] = {}
 
@@ -61,6 +64,7 @@ class Intake:
             when = self.last.t[-1] if self.last is not None else 0.0
             notes += self._note("missing", float(when), "rows without a number in t, q or tau are left out")
             rows = rows.at(known)
+        rows = self._new(rows)
         if not len(rows.t):
             return [], notes
         first = self.last is None
@@ -74,8 +78,10 @@ class Intake:
             if not len(rows.t):
                 return [], notes
             step = np.diff(rows.t, prepend=before.t)
-        if np.isnan(self.period) and (step > 0).sum() >= 2:
-            self.period = float(np.median(step[step > 0]))
+        if np.isnan(self.period):
+            self.steps += step[step > 0].tolist()
+        if np.isnan(self.period) and len(self.steps) >= FIRST:
+            self.period, self.usual = float(np.median(self.steps)), float(np.percentile(self.steps, USUAL))
             if self.period > SLOWEST:
                 slow = f"rows come at {1 / self.period:.3g} Hz, too slowly for contacts and fast motion"
                 notes += self._note("slow", float(rows.t[-1]), f"{slow}; give 50 Hz or more")
@@ -83,11 +89,20 @@ class Intake:
         self.last = rows.at(slice(-1, None))
         return list(_pieces(rows, cuts, first)), [*notes, *more]
 
+    def _new(self, rows: StreamRows) -> StreamRows:
+        """Rows without those that only hold the last one, as some logs do where a packet is lost."""
+        last = rows.at(slice(0, 1)) if self.last is None else self.last
+        values = np.concatenate([np.column_stack([one.q, one.tau]) for one in (last, rows)])
+        held = (np.diff(values, axis=0) == 0).all(axis=1) & (rows.t - last.t[0] < LONGEST)
+        held[:1] &= self.last is not None
+        return rows.at(~held) if held.any() else rows
+
     def _cuts(self, rows: StreamRows, before: StreamRows, step: Array) -> tuple[Indices, list[Note]]:
         """Indices of rows that begin a new stretch."""
         most = LONGEST if np.isnan(self.period) else max(LONGEST, PERIODS * self.period)
         moved = np.abs(np.diff(rows.q, axis=0, prepend=before.q))
         late, back = step > most, step < 0
+        lost = step > (most if np.isnan(self.period) else min(most, max(LEAST, LOST * self.usual)))
         near = np.maximum(np.abs(step), 0.0 if np.isnan(self.period) else self.period)[:, None]
         jumped = (moved > self.limit * near + 1e-12) & ~(late | back)[:, None]
         notes: list[Note] = []
@@ -100,7 +115,7 @@ class Intake:
             else:
                 joint = self.joints[int(np.argmax(jumped[k]))]
                 notes += self._note("jump", t, f"the position of {joint} jumps; the observer starts again")
-        return np.flatnonzero(late | back | jumped.any(axis=1)), notes
+        return np.flatnonzero(lost | back | jumped.any(axis=1)), notes
 
     def _note(self, kind: str, t: float, sentence: str) -> list[Note]:
         if abs(t - self.noted.get(kind, -np.inf)) < AGAIN:

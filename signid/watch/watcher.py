@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,25 +11,31 @@ from ..errors import InputError, OptionError
 from ..faults.identified import recording_flags
 from ..model import Model, ModelSource, as_model, torque_model
 from ..recording.names.mapping import ColumnMap
+from ..regression.covariance import Misfit
 from ..robot import hold, resting
 from ..typed import typed
-from ..types import Array, Law
+from ..types import Array, Law, Mask
 from .blocks import Blocks, Cutter
 from .changes import Changes
-from .contacts import PEAK, SIGMAS, Contacts, Momentum
+from .contacts import Contacts
 from .events import Event, Note
 from .frames import Framer, Frames
 from .intake import Intake, StreamRows
+from .momentum import Momentum
+from .observer import Observed, Observer
 from .sources import Stream, open_stream
-from .windows import Quiet, QuietNoise
+from .thresholds import Discrepancy, learn
+from .windows import Quiet
 
 QUIET = 10.0  # [s] of motion that give the noise
 PATIENCE = 6.0  # [1] longest quiet stretch, over the motion that it should have
 SLOWEST = 0.05  # [1] speed below which the direction of friction is uncertain, over the largest of the quiet stretch
+STILL = 0.01  # [rad/s or m/s] the same, at least
 JITTER = 4.0  # [standard deviations] of the velocity, the same
 WARM = 0.3  # [1] share of the quiet stretch that gives the speeds alone
 LONGEST, FEWEST = 0.1, 100  # [s] of rows that are processed together; rows, before the period is known
 FEWEST_USED = 2  # rows of a stream that can be watched
+CORRELATED = 0.1  # [s] of the misfit of a model that states none
 BRIEF = 3.0  # [s] a contact that is shorter is none of the changes
 
 
@@ -36,23 +43,25 @@ class Watcher:
     """Watch a robot: `feed` takes rows as they come and returns events.
 
     The first seconds of motion must be free of contacts: they give the noise of the residual, beside the covariance of
-    the model. `quiet` [s]: duration of that stretch.
+    the model. `quiet` [s]: duration of that stretch. `sensitivity` [1]: 2 halves the thresholds of contacts.
 
     Raises:
-        OptionError: no model, or a duration that is not positive.
+        OptionError: no model, or a number that is not positive.
     """
 
-    def __init__(self, model: ModelSource, *, quiet: float = QUIET) -> None:
-        self.model = _checked(model, quiet)
+    def __init__(self, model: ModelSource, *, quiet: float = QUIET, sensitivity: float = 1.0) -> None:
+        self.model = _checked(model, quiet, sensitivity)
         robot = self.model.robot
         self.momentum = Momentum(self.model)
         self.intake, self.cutter = Intake(robot), Cutter()
-        self.framer, self.contacts = Framer(self.model, self.momentum), Contacts(self.model)
+        self.observer, self.framer = Observer(len(robot.joints)), Framer(self.model, self.momentum)
+        self.contacts = Contacts(self.model)
         n = len(robot.joints)
         self.duration, self.quiet, self.warm = quiet, Quiet(n), False
-        self.noise: QuietNoise | None = None
+        self.sensitivity = sensitivity
+        self.seen: list[Observed] = []
+        self.sizes: Discrepancy | None = None
         self.changes: Changes | None = None
-        self.power, self.peak, self.blocks = np.zeros(n), np.zeros(n), 0
         self.std = np.zeros(n)
         self.residual, self.threshold = np.zeros(n), np.full(n, np.nan)  # for a display
         self.t = float("nan")
@@ -95,27 +104,24 @@ class Watcher:
         return max(1, round(LONGEST / period)) if period > 0 else FEWEST
 
     def _restart(self) -> None:
-        for part in (self.cutter, self.framer, self.contacts):
+        for part in (self.cutter, self.observer, self.framer, self.contacts):
             part.restart()
 
     def _blocks(self, blocks: Blocks) -> list[Event]:
-        if self.noise is None:
-            self._slow(blocks)
+        self._slow(blocks)
         found = self.momentum.residual(blocks)
-        frames = self.framer.frames(found)
-        step = float(np.mean(blocks.step))
+        frames, step = self.framer.frames(found), float(np.mean(blocks.step))
         if frames is not None:
             self.std = frames.std[-1]
-        rest = found.residual
-        if self.changes is not None:
-            rest = rest - self._known(found.motion.v, found.motion.direction, found.predicted)
-        r, margin = self.contacts.filtered(rest, found.uncertain, step)
-        self.residual = r[-1]
-        if self.noise is None or self.changes is None:
-            return self._calibrate(frames, r, margin, step)
-        self.threshold = np.maximum(SIGMAS * np.hypot(self.noise.filtered, self.std), PEAK * self.noise.peak)
+        seen = self.observer.observe(found, step)
+        if self.sizes is None or self.changes is None:
+            self.residual = seen.residual[-1]
+            return self._calibrate(frames, seen, step)
+        r, beyond = seen.beyond(self.changes.base)
+        threshold = self.sizes.threshold(seen, self.std) * self.changes.raised / self.sensitivity
+        self.residual, self.threshold = r[-1], threshold[-1]
         events: list[Event] = []
-        for contact in self.contacts.find(found.motion.t, r, margin, self.threshold, found.motion.q, blocks.late):
+        for contact in self.contacts.find(found.motion.t, r, beyond / threshold, found.motion.q, blocks.late):
             events.append(contact)
             if contact.end is not None and contact.end - contact.start < BRIEF:
                 self.changes.restart_after()
@@ -135,44 +141,50 @@ class Watcher:
             self.changes.load[:] = 0.0
             self.momentum.grown = np.maximum(self.changes.base[:, 1] - self.changes.first[:, 1], 0.0)
             self.contacts.restart()
+            self.observer.restart()
         return events
 
-    def _known(self, v: Array, direction: Array, predicted: Array) -> Array:
-        """Torque (K, n) of the changes that are known."""
-        assert self.changes is not None, "the noise is known"
-        base = self.changes.base
-        return np.asarray(base[:, 0] * v + base[:, 1] * direction + base[:, 2] * predicted + base[:, 3])
-
     def _slow(self, blocks: Blocks) -> None:
-        """Speed below which the direction of friction is uncertain, from the velocities of the quiet stretch."""
-        fastest = SLOWEST * np.abs(blocks.v).max(axis=0)
+        """Speed below which the direction of friction is uncertain, from the largest one and the noise so far."""
+        fastest = np.maximum(SLOWEST * np.abs(blocks.v).max(axis=0), STILL)
         noise = JITTER * np.std(np.diff(blocks.v, 2, axis=0), axis=0) / np.sqrt(6) if len(blocks.v) > 4 else 0.0
         self.momentum.slow = np.maximum(self.momentum.slow, np.maximum(fastest, noise))
 
-    def _calibrate(self, frames: Frames | None, r: Array, margin: Array, step: float) -> list[Event]:
+    def _calibrate(self, frames: Frames | None, seen: Observed, step: float) -> list[Event]:
+        if frames is not None:
+            self.quiet.add(frames, step * frames.blocks)
         if not self.warm:
-            if frames is not None:
-                self.quiet.add(frames, step * frames.blocks)
             if self.quiet.moved >= WARM * self.duration or self.quiet.total >= PATIENCE * WARM * self.duration:
                 self.quiet, self.warm = Quiet(len(self.std)), True
             return []
-        over = np.maximum(np.abs(r) - margin, 0.0)
-        self.power += np.sum(over**2, axis=0)
-        self.peak, self.blocks = np.maximum(self.peak, over.max(axis=0)), self.blocks + len(r)
-        if frames is None:
+        self.seen.append(seen)
+        if frames is None or (self.quiet.moved < self.duration and self.quiet.total < PATIENCE * self.duration):
             return []
-        self.quiet.add(frames, step * frames.blocks)
-        if self.quiet.moved < self.duration and self.quiet.total < PATIENCE * self.duration:
-            return []
-        base, frame, inflation = self.quiet.base()
-        self.noise = QuietNoise(np.sqrt(self.power / self.blocks), self.peak, frame, inflation, base)
-        self.changes = Changes(self.model, self.noise)
-        self.quiet = Quiet(len(base))
-        smallest = np.maximum(SIGMAS * np.hypot(self.noise.filtered, self.std), PEAK * self.peak)
+        level, moved, misfit = self.momentum.level, self.quiet.moved_long(), self._misfit()
+        friction = np.column_stack([level["viscous_friction"], level["coulomb_friction"]])
+        noise = self.quiet.noise(friction, misfit)
+        whole = Observed(*(np.concatenate(parts) for parts in zip(*self.seen, strict=True)))
+        self.sizes = learn(whole, whole.beyond(noise.base)[1], moved, misfit.size, self.intake.period)
+        self.changes = Changes(self.model, noise)
+        self.quiet, self.seen = Quiet(len(self.std)), []
+        return [self._watching(float(frames.t[-1]), whole, moved)]
+
+    def _misfit(self) -> Misfit:
+        """Misfit of the model; none where it states none."""
+        n, known = len(self.std), self.model.misfit
+        if known is None:
+            return Misfit(np.zeros(n), np.full(n, CORRELATED), np.nan)
+        return replace(known, size=np.nan_to_num(known.size), length=np.nan_to_num(known.length, nan=CORRELATED))
+
+    def _watching(self, t: float, seen: Observed, moved: Mask) -> Note:
+        assert self.sizes is not None, "the quiet stretch is over"
+        usual = np.median(self.sizes.threshold(seen, self.std), axis=0) / self.sensitivity
         robot = self.model.robot
         units = ["N" if p else "N.m" for p in robot.prismatic]
-        sizes = (f"{j} {x:.3g} {u}" for j, x, u in zip(robot.joints, smallest, units, strict=True))
-        return [Note(float(frames.t[-1]), f"watching; thresholds: {', '.join(sizes)}")]
+        sizes = (f"{j} {x:.3g} {u}" for j, x, u in zip(robot.joints, usual, units, strict=True))
+        still = [name for name, some in zip(robot.joints, moved, strict=True) if not some]
+        about = f"; {', '.join(still)} did not move: thresholds in motion are those of the model" if still else ""
+        return Note(t, f"watching; usual thresholds: {', '.join(sizes)}{about}")
 
 
 @typed
@@ -181,6 +193,7 @@ def watch(
     stream: object,
     *,
     quiet: float = QUIET,
+    sensitivity: float = 1.0,
     columns: ColumnMap | None = None,
     follow: bool = False,
     idle: float = np.inf,
@@ -195,6 +208,7 @@ def watch(
         stream: a recording (path, arrays, frame), a file that grows (with `follow`), "-" for standard input (CSV or
             JSON lines), "ros:TOPIC", or an iterable of texts with such lines.
         quiet: duration [s] of motion without contacts at the beginning, which gives the noise.
+        sensitivity: 2 halves the thresholds of contacts, with more false ones [1].
         columns: column map, as in `read_recording`.
         follow: whether a file is read on as it grows.
         idle: time [s] without rows after which a live stream ends.
@@ -203,7 +217,8 @@ def watch(
         OptionError: rclpy is missing, or a number is out of range.
         RecordingError: the stream has no rows that can be used.
     """
-    watcher, opened = open_watch(as_model(model, "watch"), stream, quiet, columns, follow, idle)
+    given = {"columns": columns, "follow": follow, "idle": idle}
+    watcher, opened = open_watch(as_model(model, "watch"), stream, quiet, sensitivity, **given)
     return _events(watcher, opened)
 
 
@@ -211,20 +226,24 @@ def open_watch(
     model: Model,
     stream: object,
     quiet: float = QUIET,
+    sensitivity: float = 1.0,
+    *,
     columns: ColumnMap | None = None,
     follow: bool = False,
     idle: float = np.inf,
 ) -> tuple[Watcher, Stream]:
     """The watcher of the joints of a stream, and the stream; arguments are those of `watch`."""
-    _checked(model, quiet)  # before waiting for the stream
+    _checked(model, quiet, sensitivity)  # before waiting for the stream
     opened = open_stream(stream, model.robot, columns, follow, idle)
-    return Watcher(_of_joints(model, opened.joints), quiet=quiet), opened
+    return Watcher(_of_joints(model, opened.joints), quiet=quiet, sensitivity=sensitivity), opened
 
 
-def _checked(model: ModelSource, quiet: float) -> Model:
-    """Model to watch with, if it and the duration of the quiet stretch [s] can be used."""
+def _checked(model: ModelSource, quiet: float, sensitivity: float) -> Model:
+    """Model to watch with, if it, the duration of the quiet stretch [s] and the sensitivity [1] can be used."""
     if not 0 < quiet < 1e5:
         raise OptionError(f"quiet is {quiet:g} s; give the duration of the stretch without contacts, such as 10")
+    if not 0 < sensitivity < 1e3:
+        raise OptionError(f"sensitivity is {sensitivity:g}; give a positive number, such as 2 for half the thresholds")
     return torque_model(as_model(model, "watch"))
 
 

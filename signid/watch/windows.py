@@ -8,13 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ..effects.bodies import INERTIA, point_inertia
-from ..types import Array, Indices
+from ..regression.covariance import Misfit
+from ..types import Array, Indices, Mask
 from .frames import COLUMNS, LOCAL, PAYLOAD, Frames
 
 BATCH = 1.0  # [s] residuals of different batches count as independent
 SHRINK = 2.0  # [batches] without correlation that are added to those measured
 NEAREST = 1e-9  # [1] smallest noise over the rms of the predicted torque
-ENOUGH = 20  # frames of a joint that give its noise
+MOVED = 2.0  # [s] of motion of a joint that give its noise
+CHANGE, LITTLE, GAIN = 0.1, 0.01, 0.02  # [1] usual change since the identification: of friction, over torque, of gain
 FRICTION = (0, 1)  # of LOCAL: viscous and Coulomb friction, which grow together when it gets cold or dry
 TIP = -1  # joint of the payload
 ROUNDS = 4  # of the inertia of a payload
@@ -26,8 +28,6 @@ LEAST = 1e-9  # [1] smallest eigenvalue of the payload's normal equations that c
 class QuietNoise:
     """Noise of n joints in the quiet stretch."""
 
-    filtered: Array  # (n,) [N.m or N] standard deviation of the observer's residual
-    peak: Array  # (n,) [N.m or N] its largest magnitude
     frame: Array  # (n,) [N.m or N] standard deviation of the residual of a frame
     inflation: Array  # (n, 14) [1] variance of the score of a column over that of white noise
     base: Array  # (n, 4) [units of the laws] coefficients of LOCAL that the quiet stretch has already
@@ -47,26 +47,51 @@ class Quiet:
         self.moved += step * float(frames.moving.any(axis=1).sum())
         self.total += step * len(frames.t)
 
-    def base(self) -> tuple[Array, Array, Array]:
-        """Coefficients (n, 4) of LOCAL by a ridge fit, frame noise (n,) without them, and inflation (n, 14)."""
+    def moved_long(self) -> Mask:
+        """Joints (n,) that moved for at least `MOVED`."""
+        frame = self.total / sum(len(t) for t, *_ in self.frames)
+        return np.asarray(sum(usable.sum(axis=0) for *_, usable in self.frames) * frame >= MOVED)
+
+    def noise(self, friction: Array, misfit: Misfit) -> QuietNoise:
+        """Changes of a joint's own laws since the model was identified, and the noise of frames without them.
+
+        friction: (n, 2) viscous [N.m.s/rad or N.s/m] and Coulomb friction [N.m or N] of the model. The changes are the
+        most likely ones with a prior of the usual size; their residual counts once in the correlation time of the
+        misfit. A joint that has not moved takes the misfit as noise.
+        """
         t, residual, columns, usable = (np.concatenate(x) for x in zip(*self.frames, strict=True))
-        n = residual.shape[1]
+        n, moved = residual.shape[1], self.moved_long()
         base, noise, inflation = np.zeros((n, len(LOCAL))), np.zeros(n), np.ones((n, COLUMNS))
         batch = ((t - t[0]) // BATCH).astype(int)
         for j in range(n):
-            here = usable[:, j]
-            if here.sum() < ENOUGH:
-                here = np.ones(len(t), dtype=bool)
+            here = usable[:, j] if moved[j] else np.ones(len(t), dtype=bool)
             x, e = columns[here, j], residual[here, j]
             own = x[:, : len(LOCAL)]
-            normal = own.T @ own
-            ridge = np.diag(np.diag(normal) / len(own) + 1e-300)
-            base[j] = np.linalg.lstsq(normal + ridge, own.T @ e, rcond=None)[0]
+            if moved[j]:
+                base[j] = _changed(own, e, friction[j], max(1.0, misfit.length[j] * len(t) / self.total))
             rest = e - own @ base[j]
             least = NEAREST * float(np.sqrt(np.mean(columns[:, j, 2] ** 2))) + 1e-12
-            noise[j] = max(float(np.sqrt(np.sum(rest**2) / max(len(rest) - len(LOCAL), 1))), least)
+            rms = float(np.sqrt(np.sum(rest**2) / max(len(rest) - len(LOCAL), 1)))
+            noise[j] = max(rms, least, misfit.size[j])
             inflation[j] = _inflation(x, rest / noise[j], batch[here])
-        return base, noise, inflation
+        return QuietNoise(noise, inflation, base)
+
+
+def _changed(own: Array, e: Array, friction: Array, correlated: float) -> Array:
+    """Most likely changes (4,) of a joint's laws [units of the laws] by its residual e (F,) [N.m or N].
+
+    own: (F, 4) columns of LOCAL; friction: (2,) of the model; correlated: frames that count as one.
+    """
+    speed, torque = (float(np.sqrt(np.mean(own[:, k] ** 2))) for k in (0, 2))
+    little = LITTLE * torque
+    usual = np.array([little / max(speed, 1e-9), little, GAIN, little]) + 1e-12
+    usual[:2] += CHANGE * np.abs(friction)
+    variance, found = float(np.mean(e**2)) + 1e-24, np.zeros(len(LOCAL))
+    for _ in range(ROUNDS):
+        normal = own.T @ own / (variance * correlated)
+        found = np.linalg.solve(normal + np.diag(usual**-2), own.T @ e / (variance * correlated))
+        variance = float(np.mean((e - own @ found) ** 2)) + 1e-24
+    return np.asarray(found)
 
 
 def _inflation(x: Array, rest: Array, batch: Indices) -> Array:
