@@ -130,16 +130,17 @@ void NAME_observer_reset(NAME_observer *o);
 /* Empty the filters and keep what was learned, as after a gap between rows. */
 void NAME_observer_restart(NAME_observer *o);
 
-/* Learn thresholds from the next rows with quiet s of motion without contacts (10 s, the usual motions): WARM of that
+/* Learn thresholds from the next rows with quiet s of motion without contacts (20 s, the usual motions): WARM of that
    time gives speeds, then half of it the sizes of the residual (noise, torque that is late, friction), then half of it
    the largest residual in units of these sizes. Threshold: the larger of SIGMAS sizes and PEAK of the largest; multiply
    factor for others. It ends after PATIENCE times as long in any case; joints that did not move take delay and factor
    of the others. */
 void NAME_observer_learn(NAME_observer *o, double quiet);
 
-/* Next row: positions q, velocities v [per s] and torques tau of one instant, dt [s] after the row before (also if that
-   was skipped). v and tau should have passed the same filter. A row with a number that is not finite is skipped; after
-   more than LEAST s and LOST usual steps without rows the filters are emptied. */
+/* Next row: positions q, velocities v [per s] and torques tau of one instant, dt [s] after the row before (also if
+   that was skipped). Noise of v sets the thresholds: use the slope of a line through the last 16 ms of positions, or
+   what the drive gives. A row with a number that is not finite is skipped (not with -ffast-math); after more than LEAST
+   s and LOST usual steps without rows the filters are emptied. */
 void NAME_observer_step(
     NAME_observer *o, const double q[COUNT], const double v[COUNT], const double tau[COUNT], double dt);
 """
@@ -294,7 +295,7 @@ static void NAME_observer_decide(NAME_observer *o, int j, double dt)
 }
 
 /* One joint: filters of the residual, of what unknown friction leaves, and of the rate of the predicted torque.
-   torque: mean of two rows; keep: what remains of the filters of GAIN, HALF and RINGING after a step. */
+   torque: mean of two rows; keep: what remains of the filters of GAIN, LASTING and RINGING after a step. */
 static void NAME_observer_filter(
     NAME_observer *o, int j, const double terms[TERMS], double v, double torque, double dt, const double keep[3])
 {
@@ -339,7 +340,7 @@ void NAME_observer_step(
     }
     o->period = o->period > 0.0 ? o->period + RECENT * (fmin(dt, 2.0 * o->period) - o->period) : dt;
     NAME_observer_terms(q, v, o->acceleration, o->load, o->slow, terms);
-    const double keep[3] = {exp(-GAIN * dt), exp(-dt / HALF), exp(-dt / RINGING)};
+    const double keep[3] = {exp(-GAIN * dt), exp(-dt / LASTING), exp(-dt / RINGING)};
     for (int j = 0; j < COUNT; j++) {
         const double change = v[j] - o->last_v[j], turn = change - o->change[j];
         if (o->begun) {
