@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .output.replay import replay as replay
     from .output.report import report as report
     from .output.viewers import viewer_log as viewer_log
-    from .payload import payload as payload
+    from .payload import payload as payload, with_payload as with_payload
     from .recording import read_recording as read_recording
     from .regression.reduced import encode_factors as encode_factors, load_factors as load_factors, reduce as reduce
     from .regression.session import Options as Options

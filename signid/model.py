@@ -20,7 +20,7 @@ from .effects.naming import law_at, law_name, law_place, parse_law, possible
 from .effects.packing import MOTOR, drive_laws, motor_friction, packed_drives
 from .errors import OptionError, RobotError, SignidError, shorten, unexpected
 from .frozen import show_with
-from .regression.covariance import Covariance, Misfit, read_covariance, read_misfit
+from .regression.covariance import Covariance, Misfit, from_lower_triangle, lower_triangle, read_covariance, read_misfit
 from .regression.joint_dynamics import JointDynamics
 from .regression.motion import Motion
 from .regression.rows import Task
@@ -29,9 +29,10 @@ from .robot.dynamics import joint_of_row, own_row, standard_parameters as standa
 from .servos import JOINT_LAWS, PASSIVE, Marks, Servo, servos_document, servos_from
 from .toml_json import check_numbers, check_schema, read_json
 from .typed import typed
-from .types import Array, Law, Parameters, Robot
+from .types import INERTIAL, Array, Law, Parameters, Robot
 
 SCHEMA = "signid.model/1"
+ESTIMATED = ("covariance", "misfit", "payload_covariance")  # keys whose numbers have no usual range
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,7 @@ class Model(JointDynamics):
     covariance: Covariance | None = None  # of the identified base parameters
     misfit: Misfit | None = None  # torque that the laws left when the model was identified
     marks: Mapping[str, Marks] = field(default_factory=dict)  # by joint: certainty of the numbers of its drive
+    payload_covariance: Array | None = None  # (10, 10) [their units] of the sum of payloads; inf: unidentifiable
 
     @cached_property
     def servos(self) -> Mapping[str, Servo]:
@@ -148,7 +150,7 @@ class Model(JointDynamics):
         Raises:
             RobotError: it has numbers that `load_model` refuses.
         """
-        robot = self.robot
+        robot, errors = self.robot, self.payload_covariance
         written = {
             "schema": SCHEMA,
             "robot": {"name": robot.name, "kind": robot.kind, "description": robot.document},
@@ -168,10 +170,11 @@ class Model(JointDynamics):
             ],
             **({} if self.covariance is None else {"covariance": self.covariance.document()}),
             **({} if self.misfit is None else {"misfit": self.misfit.document(robot.joints)}),
+            **({} if errors is None else {"payload_covariance": lower_triangle(errors)}),
             **({"servos": servos_document(self.servos, robot.joints)} if self.servos else {}),
         }
         try:
-            check_numbers({key: value for key, value in written.items() if key not in ("covariance", "misfit")})
+            check_numbers({key: value for key, value in written.items() if key not in ESTIMATED})
             if self.servos:
                 servos_from(written["servos"], robot.joints)
         except ValueError as error:
@@ -332,6 +335,9 @@ def _read(path: Path) -> Model:
             laws = tuple(map(possible, laws))
         servos = servos_from(content.get("servos", {}), robot.joints)
         misfit = read_misfit(content.get("misfit"), robot.joints)
+        errors = content.get("payload_covariance")
+        lower = None if errors is None else np.array([np.inf if x is None else float(x) for x in errors])
+        carried = None if lower is None else from_lower_triangle(lower, len(INERTIAL))
     except OSError as error:
         raise RobotError(f"cannot read {path}: {error.strerror}") from None
     except OptionError as error:
@@ -342,7 +348,7 @@ def _read(path: Path) -> Model:
         optional = isinstance(error, ValueError) and str(error).startswith("covariance")
         mend = "identify again, or remove the key `covariance`" if optional else "give one that `signid identify` wrote"
         raise RobotError(f"{path} is not a valid model.json ({error}); {mend}") from None
-    model = Model(robot, np.array(inertials), laws, covariance, misfit=misfit)
+    model = Model(robot, np.array(inertials), laws, covariance, misfit=misfit, payload_covariance=carried)
     return with_servos(model, servos) if servos else model
 
 

@@ -26,6 +26,7 @@ SOURCES = {  # file or folder that a command reads -> beginning of the block tha
     "motion.csv": "signid excite 3r",
     "bare.csv": "signid simulate 3r",
     "result/": "$ signid identify 3r robots",
+    "loaded/": "$ signid payload 3r",
     "diagnosis/": "$ signid diagnose 3r recording.csv",
     "manifest.csv": "robot,recording",
 }

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..identify import Identification
     from ..output.report import Content
     from ..output.viewers import ViewerLog
+    from ..payload import Payload
     from ..servo.diagnose import ServoDiagnosis
     from ..servo.identify import ServoIdentification
     from ..servo.validate import ServoValidation
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 Logs: TypeAlias = "tuple[ViewerLog, Mapping[str, Path]] | None"
 FRICTION = ("viscous_friction", "coulomb_friction")
 VALIDATED = ("validation.json", "report.html")
+WEIGHED = ("payload.json", "model.json")
 CHECKED = ("check.json", "report.html")
 DIAGNOSED = ("diagnosis.json", "model.json", "robot.urdf", "report.html", "signed.csv", "signs.html")
 IDENTIFIED = ("identification.json", *DIAGNOSED[1:])
@@ -121,6 +123,15 @@ def deliver_report(
     text, name = to_json(content), content["schema"].removeprefix("signid.").removesuffix("/1")
     files = {} if output is None else {f"{name}.json": text, "report.html": page(found, inputs, command, **given)}
     return show(text if json else tables(found, **named), found.flags, _written(output, files))
+
+
+def deliver_payload(found: Payload, inputs: Sequence[Input], output: str | None, json: bool) -> int:
+    """Write and print a payload, and the model with it if there is one; return the exit code."""
+    from ..output.report import document, tables, to_json
+
+    text = to_json(document(found, inputs))
+    files = {"payload.json": text, **({"model.json": to_json(found.model.document())} if found.found else {})}
+    return show(text if json else tables(found), found.flags, _written(output, files))
 
 
 def deliver_servo_diagnosis(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,9 +9,10 @@ import numpy as np
 
 from ..effects import EFFECTS
 from ..errors import OptionError
+from ..model import Model
 from ..types import Array, Input, Law, Result, Robot
-
-STEP = 1e-6  # [1] step of numerical derivatives, over a parameter's size
+from .carried import with_payload
+from .load import Load
 
 
 class LoadMoment(NamedTuple):
@@ -41,6 +41,7 @@ class Payload(Result):
     flags: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     moments: tuple[LoadMoment, ...] = ()  # in one recording; empty for separate recordings
+    bare: Model | None = None  # the given model
 
     @property
     def found(self) -> bool:
@@ -48,19 +49,24 @@ class Payload(Result):
         return bool(np.isfinite(self.inertial[0]))
 
     @property
+    def load(self) -> Load:
+        """Load about the frame of the last joint."""
+        return Load(self.inertial, self.covariance)
+
+    @property
     def mass(self) -> tuple[float, float]:
         """Mass of the load, and its standard deviation [kg]."""
-        return float(self.inertial[0]), float(self._std(lambda x: x[:1])[0])
+        return self.load.mass
 
     @property
     def centre(self) -> tuple[Array, Array]:
         """Centre of mass (3,) [m], and its standard deviation (3,) [m]."""
-        return self.inertial[1:4] / self.inertial[0], self._std(lambda x: x[1:4] / x[0])
+        return self.load.centre
 
     @property
     def inertia(self) -> tuple[Array, Array]:
         """Inertia (6,) about the centre of mass, xx, xy, yy, xz, yz, zz [kg.m2], and its standard deviation (6,)."""
-        return _about_centre(self.inertial), self._std(_about_centre)
+        return self.load.inertia
 
     @property
     def law(self) -> Law:
@@ -75,18 +81,13 @@ class Payload(Result):
         values = dict(zip(effect.parameters, self.inertial.tolist(), strict=True))
         return Law(effect, (len(self.robot.joints) - 1,), values)
 
-    def _std(self, of: Callable[[Array], Array]) -> Array:
-        """Standard deviations (k,) of a function of the ten numbers; infinite if unidentifiable."""
-        x, finite = self.inertial, np.isfinite(np.diag(self.covariance))
-        size = np.maximum(np.abs(x), 1e-3 * np.abs(x).max()) * STEP
-        slope = np.column_stack([(of(x + d) - of(x - d)) / (2 * s) for d, s in zip(np.diag(size), size, strict=True)])
-        known = np.where(np.outer(finite, finite), self.covariance, 0.0)
-        std = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slope, known, slope), 0.0))
-        return np.where(np.abs(slope[:, ~finite]).max(axis=1, initial=0.0) > 0, np.inf, std)
+    @property
+    def model(self) -> Model:
+        """The given model with the load, beside what it carried before.
 
-
-def _about_centre(inertial: Array) -> Array:
-    """Inertia (6,) about the centre of mass [kg.m2], in Pinocchio's order, of ten parameters about a frame's origin."""
-    m, (x, y, z) = inertial[0], inertial[1:4]
-    shift = np.array([y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y])
-    return np.asarray(inertial[4:] - shift / m)
+        Raises:
+            OptionError: no load was found.
+        """
+        if not self.found or self.bare is None:
+            raise OptionError("no load was found, so no model has it; see the flags of the result")
+        return with_payload(self.bare, self.inertial, self.covariance)

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ..deadline import ends_in_time
-from ..errors import OptionError, RecordingError
+from ..errors import OptionError, RecordingError, shorten
 from ..faults import recording_flags
-from ..model import Model, ModelSource, stated_inertials, stated_laws
+from ..model import Model, ModelSource, as_model, load_model
 from ..recording import Recordings, as_recordings
 from ..regression.session import Options, prepare
-from ..robot import as_robot
 from ..typed import typed
-from ..types import Input, Progress, Recording
+from ..types import Input, Progress, Recording, Robot
 from .pick_up import weigh_within
 from .result import Payload
 from .weigh import weigh
@@ -42,7 +43,7 @@ def payload(
     result). If there is none, the result has `found` False, a flag with the reason, and no numbers.
 
     Args:
-        robot: as `load_robot` gives it.
+        robot: as `load_robot` or `load_model` gives it; `model` of the result is it with the load.
         without: recordings of the robot alone, or the one in which it picks the load up.
         carrying: recordings of the robot with the load; None: the load is picked up in the other recording.
         options: effects, cut-off and the like.
@@ -54,7 +55,8 @@ def payload(
 
     Source: Khalil, Gautier, Lemoine, IEEE ICRA 2007; feasible bodies: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018.
     """
-    robot, options = as_robot(robot, "payload"), options or Options()
+    model, options = as_model(robot, "payload"), options or Options()
+    robot = model.robot
     without = as_recordings(without, robot, "payload")
     if carrying is None:
         if len(without) != 1:
@@ -64,19 +66,39 @@ def payload(
             )
         _check_signs(without)
         session = prepare(robot, without, without, options)
-        return weigh_within(session, _inputs((without, WITHIN)), progress)
+        bare = _bare(model, session.robot)
+        return replace(weigh_within(session, _inputs((without, WITHIN)), progress), bare=bare)
     carrying = as_recordings(carrying, robot, "payload")
     both = [*without, *carrying]
     _check(without, carrying)
     session = prepare(robot, both, both, options)
     sides = session.train[: len(without)], session.train[len(without) :]
+    bare = _bare(model, session.robot)
     found = weigh(session, sides, _inputs((without, ROLES[0]), (carrying, ROLES[1])), progress)
-    return replace(found, flags=(*_fault_flags(found, without, carrying), *found.flags))
+    return replace(found, flags=(*_fault_flags(bare, found, without, carrying), *found.flags), bare=bare)
 
 
-def _fault_flags(found: Payload, without: Sequence[Recording], carrying: Sequence[Recording]) -> tuple[str, ...]:
-    """Recording faults of either side: of the described robot alone, and with the load that was found."""
-    bare = Model(found.robot, stated_inertials(found.robot), stated_laws(found.robot))
+def _bare(model: Model, moving: Robot) -> Model:
+    """The given model; of a description, with the joints held that the recordings do not move.
+
+    Raises:
+        OptionError: the model was identified, and the recordings do not move all of its joints.
+    """
+    if moving.joints == model.robot.joints:
+        return model
+    described = load_model(model.robot)
+    if not (np.array_equal(model.inertials, described.inertials) and len(model.laws) == len(described.laws)):
+        lacking = shorten([joint for joint in model.robot.joints if joint not in moving.joints])
+        raise OptionError(
+            f"the recordings have no position of {lacking}, and the model moves all of its joints; give the description"
+        )
+    return load_model(moving)
+
+
+def _fault_flags(
+    bare: Model, found: Payload, without: Sequence[Recording], carrying: Sequence[Recording]
+) -> tuple[str, ...]:
+    """Recording faults of either side: of the given robot alone, and with the load that was found."""
     sides = ((bare, without), (replace(bare, laws=(*bare.laws, found.law)), carrying))
     return tuple(dict.fromkeys(flag for model, side in sides for flag in recording_flags(model, side)))
 

@@ -43,8 +43,6 @@ class Covariance(Frozen):
 
     def document(self) -> dict[str, Any]:
         """JSON object for model.json, with enough digits to stay positive definite; null stands for infinity."""
-        lower = self.matrix[np.tril_indices(len(self.matrix))]
-        digits = _digits(self.matrix)
         terms = [
             {self.labels[k]: _rounded(row[k], TERM_DIGITS) for k in map(int, np.flatnonzero(row))}
             for row in self.combination
@@ -53,8 +51,14 @@ class Covariance(Frozen):
             "names": list(self.expressions),
             "values": self.values.tolist(),
             "terms": terms,
-            "lower_triangle": [_rounded(x, digits) if np.isfinite(x) else None for x in lower],
+            "lower_triangle": lower_triangle(self.matrix),
         }
+
+
+def lower_triangle(matrix: Array) -> list[float | None]:
+    """Lower triangle, row by row, of a covariance matrix: (b, b) [its units], rounded yet definite; null: infinity."""
+    lower, digits = matrix[np.tril_indices(len(matrix))], _digits(matrix)
+    return [_rounded(x, digits) if np.isfinite(x) else None for x in lower]
 
 
 def base_covariance(base: BaseMap, values: Array, matrix: Array) -> Covariance:
@@ -96,7 +100,7 @@ def read_covariance(content: Mapping[str, Any], bodies: int) -> Covariance:
         row[[place[name] for name in entry]] = list(entry.values())
     if not (np.all(np.isfinite(values)) and np.all(np.isfinite(combination))):
         raise ValueError("a value or a coefficient of a term is no finite number")
-    return Covariance(labels, expressions, combination, values, _matrix(lower, b))
+    return Covariance(labels, expressions, combination, values, from_lower_triangle(lower, b))
 
 
 def _labels(terms: Sequence[Mapping[str, float]], bodies: int) -> tuple[str, ...]:
@@ -107,8 +111,14 @@ def _labels(terms: Sequence[Mapping[str, float]], bodies: int) -> tuple[str, ...
     return labels
 
 
-def _matrix(lower: Array, b: int) -> Array:
-    """Symmetric matrix from its lower triangle; eigenvalues that are negative by rounding are raised."""
+def from_lower_triangle(lower: Array, b: int) -> Array:
+    """Symmetric matrix (b, b) of its lower triangle; eigenvalues that are negative by rounding are raised.
+
+    lower: (t,) [its units] row by row, t = b (b + 1) / 2.
+
+    Raises:
+        ValueError: no covariance has this triangle.
+    """
     matrix = np.zeros((b, b))
     matrix[np.tril_indices(b)] = lower
     matrix += np.tril(matrix, -1).T

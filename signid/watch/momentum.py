@@ -21,8 +21,8 @@ from .blocks import HALF, Blocks
 
 USUAL = ("viscous_friction", "coulomb_friction", "torque_offset")  # computed for all joints at once
 SLOWED = ("time_delay", "torque_lag")  # laws with a memory along time: not used
-# friction of a joint that begins to creep is farther from the model: Armstrong-Helouvry et al., Automatica 30(7), 1994
-CREEP, BELOW = 6.0, 4.0  # [1] how much more its size counts at low speed, and below which multiple of the slow speed
+# friction of a joint that begins to creep, over that in motion: Armstrong-Helouvry et al., Automatica 30(7), 1994
+MORE, BELOW = 0.5, 3.0  # [1] how much larger it can be, and the multiple of the slow speed over which it fades
 
 
 class Residual(NamedTuple):
@@ -34,7 +34,7 @@ class Residual(NamedTuple):
     near: Mask  # (K, n) whether the direction of friction is uncertain
     low: Array  # (K, n) [N.m or N] least residual that friction of any direction, or of a joint at rest, leaves there
     high: Array  # (K, n) [N.m or N] the largest
-    friction: Array  # (K, n) [N.m or N] size of the predicted friction, more at low speed
+    friction: Array  # (K, n) [N.m or N] size of the predicted friction
 
 
 class Momentum:
@@ -97,9 +97,10 @@ class Momentum:
         laws, reversing = self._laws(motion)
         predicted = rigid + acceleration @ self.rotors + laws
         near = np.abs(v) < self.slow + HALF * np.abs(acceleration)
-        low, high = (np.where(near, (side - motion.direction) * reversing, 0.0) for side in (-1.0, 1.0))
-        creeping = np.where(near, 0.0, CREEP * np.exp(-np.abs(v) / (BELOW * self.slow)))
-        friction = np.abs(self.level["viscous_friction"] * v) + (1.0 + creeping) * reversing
+        low, high = (np.where(near, side - motion.direction, 0.0) for side in (-1.0, 1.0))
+        more = MORE * np.abs(motion.direction) * np.exp(-np.abs(v) / (BELOW * self.slow))
+        friction = np.abs(self.level["viscous_friction"] * v) + reversing
+        low, high = (low - more) * reversing, (high + more) * reversing
         return Residual(motion, predicted, tau - predicted, near, low, high, friction)
 
     def _terms(self, blocks: Blocks) -> tuple[Array, Array]:

@@ -36,6 +36,19 @@ class ExportFiles:
     expected: Text = option(None, "Python without packages: positions expected from commands.", metavar="FILE")
     c: Text = option(None, "C99: inverse dynamics; FILE.h and FILE_test.c beside it.", "--c", metavar="FILE.c")
     arrays: Text = option(None, "Python: inverse dynamics over numpy, jax.numpy or torch.", metavar="FILE")
+    franka: Text = option(None, "JSON: payload as end effector of Desk; FILE_load.h for libfranka.", metavar="FILE")
+    ur: Text = option(None, "URScript: payload of Universal Robots.", metavar="FILE")
+    kuka: Text = option(None, "KRL: load data of KUKA KR C.", metavar="FILE")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlangeOptions:
+    """Frames of a payload for a controller."""
+
+    flange: Text = option(
+        None, "Flange frame of --franka, --ur and --kuka. Default: link8 of Franka, tool0.", metavar="LINK"
+    )
+    tool: Text = option(None, "Tool frame of --franka, --ur and --kuka. Default: none.", metavar="LINK")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +99,7 @@ def export(
     exports: ExportFiles,
     mjcf: MjcfOptions,
     code: CodeOptions,
+    mounting: FlangeOptions,
     first: StartOptions,
     *,
     package_dir: PackageDir = None,
@@ -98,6 +112,7 @@ def export(
     Options can be combined; content that a format cannot hold is listed. The URDF gets inertials (including a payload),
     damping and friction, and is otherwise unchanged. The MJCF also gets armature, springs, gravity, ranges and motors,
     or position drives with their delay and limits. --function needs only NumPy and holds the laws that both lack.
+    --franka, --ur and --kuka need a payload, as signid payload -o DIR writes it into model.json.
     With --start, a script beside the MJCF rolls the drives out in MuJoCo and compares them with the recording.
     """
     from ...output.export import STARTING, export as write
@@ -106,7 +121,7 @@ def export(
 
     asked: dict[str, Text] = asdict(exports)
     paths = {kind: Path(file) for kind, file in asked.items() if file is not None}
-    _check_exports(asked, paths, mjcf, code, first)
+    _check_exports(asked, paths, mjcf, code, first, mounting)
     packages = None if simulation.endswith(".json") else package_dir
     source = SimulationArguments(simulation=simulation, package_dir=packages, gravity=gravity, xacro=xacro)
     model, _ = given_model(source)
@@ -124,6 +139,8 @@ def export(
             start=recording if kind in STARTING else None,
             functions=code.functions if kind == "c" else (),
             link=code.link if kind == "c" else None,
+            flange=mounting.flange,
+            tool=mounting.tool,
         )
         for kind, path in paths.items()
     }
@@ -143,10 +160,15 @@ def export(
 
 
 def _check_exports(
-    asked: dict[str, Text], paths: dict[str, Path], mjcf: MjcfOptions, code: CodeOptions, first: StartOptions
+    asked: dict[str, Text],
+    paths: dict[str, Path],
+    mjcf: MjcfOptions,
+    code: CodeOptions,
+    first: StartOptions,
+    mounting: FlangeOptions,
 ) -> None:
     """Check that the files can be written."""
-    from ...output.export import STARTING
+    from ...output.export import STARTING, VENDORS
     from ...output.export.code.c import identifier
     from ...output.report import probe_folder
 
@@ -171,6 +193,8 @@ def _check_exports(
         raise OptionError("--with, --observer and --link belong to C code; add --c FILE.c")
     if (mjcf.copy_meshes or mjcf.floating) and "mjcf" not in paths:
         raise OptionError("--copy-meshes and --floating belong to an MJCF; add --mjcf FILE")
+    if (mounting.flange or mounting.tool) and not set(VENDORS) & paths.keys():
+        raise OptionError("--flange and --tool belong to --franka, --ur and --kuka; add one of them with a FILE")
     if len({path.resolve() for path in paths.values()}) < len(paths):
         raise OptionError("two of the files have the same name; give each its own")
 

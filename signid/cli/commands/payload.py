@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from ...deadline import USUAL, time_limit
 from ...errors import OptionError
-from ..app import Texts, command, option
-from ..arguments import given_inputs, given_options, given_recordings, given_robot
-from ..options import OptionalRecordings, RobotArguments, RowOptions, RunOptions, TimeLimit
-from ..terminal import bars, show
+from ..app import Text, Texts, command, option, output_option
+from ..arguments import given_model, given_options, given_recordings, given_robot, simulation_inputs
+from ..options import OptionalRecordings, RowOptions, RunOptions, SimulationArguments, TimeLimit
+from ..terminal import bars, check_folder, check_unread
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,12 +20,13 @@ class PayloadOptions:
     without: Texts = option(None, "Recording without the load. Repeatable.", metavar="RECORDING")
     carrying: Texts = option(None, "Recording with the load. Repeatable.", "--with", metavar="RECORDING")
     time_limit: TimeLimit = USUAL
+    output: Text = output_option("Folder of payload.json and model.json, with the load. Default: none.")
 
 
 @command("signid payload 3r --without recording.csv --with loaded.csv")
 def payload(
     loads: PayloadOptions,
-    robot: RobotArguments,
+    simulation: SimulationArguments,
     rows: RowOptions,
     run: RunOptions,
     recordings: OptionalRecordings = None,
@@ -37,21 +39,26 @@ def payload(
 
     With one RECORDING in which the load is picked up, put down or both, the moments are found first. If no load is
     picked up, the command says so and ends with 3.
+
+    DIR gets payload.json and model.json: SIMULATION with the load beside those that it carries already.
     """
-    from ...output.report import document, tables, to_json
+    from ...model import load_model
     from ...payload import payload as identify_payload
+    from ..files import WEIGHED, deliver_payload
 
     _check_payload(loads, recordings)
-    described = given_robot(robot.robot, robot)
+    check_folder(loads.output, True, WEIGHED)
+    if loads.output is not None:
+        check_unread(Path(loads.output) / "model.json", [simulation.simulation])
+    described = None if simulation.saved else given_robot(simulation.simulation, simulation)
+    model = load_model(described) if described else given_model(simulation)[0]
     names = [recordings] if recordings else [loads.without, loads.carrying]
-    sides = [given_recordings(paths, described, rows.columns) for paths in names]
+    sides = [given_recordings(paths, model.robot, rows.columns) for paths in names]
     options = given_options(rows, run.seed)
     with time_limit(loads.time_limit), bars(run.json) as progress:
-        found = identify_payload(described, *sides, options=options, progress=progress)
-    if not run.json:
-        return show(tables(found), found.flags)
-    inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
-    return show(to_json(document(found, inputs)), found.flags)
+        found = identify_payload(model, *sides, options=options, progress=progress)
+    inputs = simulation_inputs(simulation, model.robot, columns=rows.columns)
+    return deliver_payload(found, inputs, loads.output, run.json)
 
 
 def _check_payload(loads: PayloadOptions, recordings: Texts) -> None:

@@ -1,4 +1,4 @@
-"""Export of models to URDF, MJCF, actuators.toml, Python functions, ROS 2, Isaac Lab, mjlab and LeRobot.
+"""Export of models to other programs: URDF, MJCF, actuators.toml, Python, ROS 2, Isaac Lab, mjlab, C, controllers.
 
 `Exported.notes` and a comment in the file list the content that a format cannot hold. The Python function holds the
 laws that neither URDF nor MJCF can express, and needs only NumPy.
@@ -33,10 +33,14 @@ _WRITERS = {  # module below this folder, and function in it
     "expected": ("lerobot", "write_expected"),
     "c": ("code.c", "write_c"),
     "arrays": ("code.arrays", "write_arrays"),
+    "franka": ("vendor.franka", "write_franka"),
+    "ur": ("vendor.ur", "write_ur"),
+    "kuka": ("vendor.kuka", "write_kuka"),
 }
 KINDS = tuple(_WRITERS)
 STARTING = ("mjcf", "isaaclab", "mjlab")  # loops that can start from a recording
 FURTHER = ("nonlinear", "forward", "jacobian", "payload", "observer")  # functions of C code on request
+VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
 OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
 
 
@@ -59,6 +63,8 @@ def export(
     start: Recordings | None = None,
     functions: Sequence[str] = (),
     link: str | None = None,
+    flange: str | None = None,
+    tool: str | None = None,
 ) -> Exported:
     """Export a model; return the text of the file and notes on the content that the format cannot hold.
 
@@ -68,7 +74,9 @@ def export(
             file for use with a URDF), "function" (laws as Python code that needs only NumPy), "ros" (parameters of a
             ROS 2 node), "isaaclab" (actuator groups), "mjlab" (actuators), "c" (inverse dynamics as C99; `beside` holds
             its header and a test program), "arrays" (inverse dynamics as Python over numpy, jax.numpy or torch); of
-            position drives alone, "lerobot" (numbers as JSON) and "expected" (Python function of the commands).
+            position drives alone, "lerobot" (numbers as JSON) and "expected" (Python function of the commands); of the
+            payload alone, "franka" (end effector as JSON; `beside` has the numbers of libfranka), "ur" (URScript) and
+            "kuka" (load data in KRL).
         package_dirs: folders to search for meshes of an MJCF, besides those of example-robot-data.
         name: name of the C files without ".c"; default: the robot's name as an identifier.
         floating: whether the base link of an MJCF is a body on a free joint, with its mass.
@@ -80,10 +88,12 @@ def export(
             (of a link's frame), "payload" (torque of a body that is given at run time) and "observer" (residual torque,
             thresholds that it learns, and contacts, row by row).
         link: link whose frame Jacobian and payload have; default: the frame of the last joint.
+        flange: link whose frame "franka", "ur" and "kuka" take as the flange. Default: link8 of Franka, tool0.
+        tool: link whose frame they take as the tool. Default: none.
 
     Raises:
         OptionError: the kind is unknown, a function, or the gain of a position drive; `start`, `functions` or `link` do
-            not fit the kind or the model.
+            not fit the kind or the model; the payload or flange of "franka", "ur" or "kuka" is not known.
         RecordingError: `start` cannot be used.
         RobotError: the format cannot hold the bodies of the model, the robot has no URDF, or a floating base no mass.
     """
@@ -98,7 +108,7 @@ def export(
         raise OptionError(f"link {link!r} is that of a Jacobian or a payload; add the function jacobian or payload")
     code = {"digest": model_digest(model), "further": functions, "link": link} if kind == "c" else {}
     unknown: list[str] = []
-    if model.servos:
+    if model.servos and kind not in VENDORS:
         model, unknown = with_known_numbers(model, gain=kind not in (*OF_TORQUE, "urdf"))
     loop = None
     if start is not None:
@@ -116,7 +126,7 @@ def export(
         loop = loop_of(model, start)
         model = loop.written
     module, function = _WRITERS[kind]
-    more = {"mjcf": (package_dirs, floating, meshes), "c": (name,)}.get(kind, ())
+    more = {"mjcf": (package_dirs, floating, meshes), "c": (name,)}.get(kind, (flange, tool) if kind in VENDORS else ())
     made: Exported = getattr(import_module(f"{__name__}.{module}"), function)(model, *more, **code)
     made = with_loop(kind, made, loop) if loop else made
     return annotated(kind, made, unknown) if unknown else made

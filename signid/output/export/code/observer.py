@@ -12,11 +12,11 @@ from ....types import Array
 from ....watch.blocks import HALF
 from ....watch.contacts import APART, LASTING, LEAVE
 from ....watch.intake import LEAST, LOST
-from ....watch.momentum import BELOW, CREEP
+from ....watch.momentum import BELOW, MORE
 from ....watch.observer import GAIN, RINGING
+from ....watch.quiet import MOVED
 from ....watch.thresholds import LITTLE, PEAK, SHARE, SIGMAS, STRANGE
 from ....watch.watcher import JITTER, PATIENCE, SLOWEST, STILL, WARM
-from ....watch.windows import MOVED
 from ..beyond import summed
 from .graph import Graph
 from .laws import directed_laws
@@ -80,7 +80,7 @@ _CONSTANTS = {
     "GAIN": GAIN,
     "RINGING": RINGING,
     "HALF": HALF,
-    "CREEP": CREEP,
+    "MORE": MORE,
     "BELOW": BELOW,
     "SIGMAS": SIGMAS,
     "PEAK": PEAK,
@@ -127,7 +127,7 @@ typedef struct {
 /* Forget everything. */
 void NAME_observer_reset(NAME_observer *o);
 
-/* Empty the filters and keep what was learned, as after a gap between rows. */
+/* Empty the filters of the residual and keep what was learned, as after a gap between rows. */
 void NAME_observer_restart(NAME_observer *o);
 
 /* Learn thresholds from the next rows with quiet s of motion without contacts (20 s, the usual motions): WARM of that
@@ -160,7 +160,7 @@ void NAME_observer_reset(NAME_observer *o)
 void NAME_observer_restart(NAME_observer *o)
 {
     for (int j = 0; j < COUNT; j++) {
-        o->residual[j] = o->excess[j] = o->low[j] = o->high[j] = o->friction[j] = o->rate[j] = o->peak[j] = 0.0;
+        o->residual[j] = o->excess[j] = o->low[j] = o->high[j] = o->rate[j] = 0.0;
         o->acceleration[j] = o->change[j] = o->above[j] = o->below[j] = 0.0;
         o->contact[j] = 0;
     }
@@ -306,7 +306,7 @@ static void NAME_observer_filter(
     const double predicted = (terms[COUNT + j] - last[COUNT + j]) / dt - force + laws;
     const double side = fmax(fmin(v / o->slow[j], 1.0), -1.0), acceleration = GAIN * (v - o->speed[j]);
     const int near = fabs(v) < o->slow[j] + HALF * fabs(acceleration);
-    const double creeping = near ? 0.0 : CREEP * exp(-fabs(v) / (BELOW * o->slow[j]));
+    const double more = MORE * fabs(side) * exp(-fabs(v) / (BELOW * o->slow[j])); /* of a joint that creeps */
     o->acceleration[j] = acceleration;
     o->speed[j] += new * (v - o->speed[j]);
     o->residual[j] += new * (torque - predicted - o->residual[j]);
@@ -314,9 +314,9 @@ static void NAME_observer_filter(
     o->predicted[j] += new * (predicted - before);
     o->rate[j] += (1.0 - keep[1]) * ((o->predicted[j] - before) / dt - o->rate[j]);
     o->peak[j] = fmax(fabs(o->rate[j]), keep[2] * o->peak[j]);
-    o->low[j] += new * ((near ? (-1.0 - side) * dry : 0.0) - o->low[j]);
-    o->high[j] += new * ((near ? (1.0 - side) * dry : 0.0) - o->high[j]);
-    o->friction[j] += new * (terms[5 * COUNT + j] + (1.0 + creeping) * dry - o->friction[j]);
+    o->low[j] += new * (((near ? -1.0 - side : 0.0) - more) * dry - o->low[j]);
+    o->high[j] += new * (((near ? 1.0 - side : 0.0) + more) * dry - o->high[j]);
+    o->friction[j] += new * (terms[5 * COUNT + j] + dry - o->friction[j]);
     o->excess[j] = fmax(fmax(o->residual[j] - o->high[j], o->low[j] - o->residual[j]), 0.0);
 }
 
@@ -352,6 +352,7 @@ void NAME_observer_step(
             o->speed[j] = v[j];
             o->load[j] = -terms[2 * COUNT + j];
             o->predicted[j] = terms[3 * COUNT + j] - terms[2 * COUNT + j];
+            o->friction[j] = terms[4 * COUNT + j] + terms[5 * COUNT + j];
         }
         o->last_v[j] = v[j];
         o->last_tau[j] = tau[j];

@@ -1,0 +1,158 @@
+"""Payload and tool of a model in the flange frame of a controller, with what every vendor's file states about them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from hashlib import sha256
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ....errors import OptionError, RobotError, decimals, one_line, shorten
+from ....model import Model
+from ....payload import Load, carried
+from ....robot.dynamics import own_body
+from ....types import INERTIAL, TWO_SIDED, Array
+from ...report import to_json
+from ..bodies import principal
+
+POINT = 1e-4  # [m] radius of gyration below which a load is a point mass
+DIGITS = 9  # significant digits of the largest number of a vector in a file
+
+
+class Flange(NamedTuple):
+    """Payload about its centre, along the axes of the flange."""
+
+    mass: float  # [kg]
+    centre: Array  # (3,) [m]
+    inertia: Array | None  # (3, 3) [kg.m2]; None: not known
+    tool: pin.SE3 | None  # placement of the tool frame; None: not named
+    said: tuple[str, ...]  # model, frames, units and intervals
+    notes: tuple[str, ...]  # limits
+
+
+def flange_of(model: Model, names: str, flange: str | None, tool: str | None) -> Flange:
+    """Payload of a model in its flange frame: `flange`, or the one whose name matches the expression `names`.
+
+    Raises:
+        OptionError: the model has no payload, its mass or centre is not identifiable, or a frame is not known.
+        RobotError: the payload has no positive mass.
+    """
+    load, robot = carried(model), model.robot
+    if load is None:
+        raise OptionError(
+            f"the model of {robot.name} has no payload to export; `signid payload` identifies one and writes it to a "
+            f"model.json (-o DIR)"
+        )
+    if not load.mass[0] > 0:
+        raise RobotError(f"the payload of {robot.name} has a mass of {load.mass[0]:.3g} kg; identify it again")
+    if not np.isfinite([load.mass[1], *load.centre[1]]).all():
+        raise OptionError(
+            f"mass and centre of the payload of {robot.name} are not identifiable; record motion of more joints for "
+            f"`signid payload`"
+        )
+    name, place = _frame(model, names, flange)
+    seen = load.seen_from(place)
+    inertia, warning = _inertia(seen)
+    notes = [
+        f"the payload is in the frame {name}; check that this is the flange frame of the controller",
+        "the payload is what the model carries beyond its description: add tools that the description holds",
+        *warning,
+    ]
+    where = None if tool is None else place.actInv(_placed(model, tool, "--tool"))
+    digest = sha256(to_json(model.document()).encode()).hexdigest()
+    said = [f"payload of {robot.name}, model.json with SHA-256 {digest}", *_stated(seen, inertia, model, name)]
+    if where is not None:
+        said.append(f"tool frame: {tool}")
+    return Flange(seen.mass[0], seen.centre[0], inertia, where, tuple(map(_plain, said)), tuple(map(_plain, notes)))
+
+
+def _plain(text: str) -> str:
+    """Text as a comment of a controller's file: one line of ASCII."""
+    return one_line(text).encode("ascii", "replace").decode()
+
+
+def _frames(model: Model) -> Mapping[str, pin.SE3]:
+    """Placements in the frame of the last joint, by name, of the frames that are fixed to its link."""
+    whole = model.robot.model
+    tip = own_body(model.robot, len(model.robot.joints) - 1) + 1
+    kinds = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+    return {frame.name: frame.placement for frame in whole.frames if frame.parentJoint == tip and frame.type in kinds}
+
+
+def _placed(model: Model, name: str, option: str) -> pin.SE3:
+    frames = _frames(model)
+    if name not in frames:
+        raise OptionError(
+            f"{option} {name!r} is no frame that is fixed to the last link of {model.robot.name}; give one of "
+            f"{shorten(list(frames))}"
+        )
+    return frames[name]
+
+
+def _frame(model: Model, names: str, flange: str | None) -> tuple[str, pin.SE3]:
+    """Name and placement of the flange frame."""
+    if flange is not None:
+        return flange, _placed(model, flange, "--flange")
+    frames = _frames(model)
+    found = [name for name in frames if re.fullmatch(rf"(.*[_/])?{names}", name)]
+    if len(found) != 1:
+        among = " or ".join(found) or f"none of {shorten(list(frames))} has a usual name"
+        raise OptionError(f"the flange frame of {model.robot.name} is not known ({among}); name it with --flange LINK")
+    return found[0], frames[found[0]]
+
+
+def _inertia(load: Load) -> tuple[Array | None, list[str]]:
+    """Inertia about the centre (3, 3) [kg.m2] with a note if it is uncertain, or why it is left out."""
+    (xx, xy, yy, xz, yz, zz), std = load.inertia
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    size = load.mass[0] * POINT**2
+    if np.abs(inertia).max() < size:
+        why = "the model knows no inertia about its centre, as of a point mass"
+    elif not np.isfinite(std).all():
+        why = "it is not identifiable"
+    elif principal(load.inertial) is None:
+        moments = ", ".join(f"{x:.3g}" for x in np.linalg.eigvalsh(inertia))
+        why = f"no body has its principal moments, {moments} kg.m2"
+    else:
+        zero = (np.abs([xx, yy, zz]) < TWO_SIDED * std[[0, 2, 5]]).all()
+        return inertia, ["the inertia of the payload is uncertain: its intervals contain zero"] if zero else []
+    return None, [f"the inertia of the payload is left out: {why}"]
+
+
+def _stated(load: Load, inertia: Array | None, model: Model, frame: str) -> Iterable[str]:
+    """Frame, and numbers with their intervals."""
+    yield f"centre of mass from the origin of the frame {frame}; inertia about the centre of mass, along its axes"
+    if model.payload_covariance is None:
+        yield "the model states no uncertainty of the payload"
+        return
+    parts: list[tuple[Sequence[str], Array, Array, str]] = [
+        (["mass"], np.array([load.mass[0]]), np.array([load.mass[1]]), "kg"),
+        (["x", "y", "z"], *load.centre, "m"),
+    ]
+    if inertia is not None:
+        parts.append((INERTIAL[4:], *load.inertia, "kg.m2"))
+    for names, values, stds, unit in parts:
+        each = zip(names, values, stds, strict=True)
+        pairs = ", ".join(f"{name} {_interval(float(value), TWO_SIDED * float(std))}" for name, value, std in each)
+        yield f"95 % intervals: {pairs} {unit}"
+
+
+def _interval(value: float, half: float) -> str:
+    """Value and half width of its interval, both with the decimals of two digits of the half width."""
+    places = max(0, 1 - int(np.floor(np.log10(half)))) if half > 0 else 6
+    return f"{value:.{places}f} +- {decimals(half, 2)}"
+
+
+def rounded(values: Array) -> list[float]:
+    """Round values: (k,) [one unit], to the digits of the largest one, without a negative zero."""
+    largest = float(np.abs(values).max(initial=0.0))
+    places = DIGITS - 1 - int(np.floor(np.log10(largest))) if largest > 0 else 0
+    return [float(x) + 0.0 for x in np.round(values, places)]
+
+
+def column_major(matrix: Array) -> list[float]:
+    """Entries of a matrix: (k, l) [any unit], column by column."""
+    return rounded(matrix.ravel(order="F"))
