@@ -27,9 +27,9 @@ from .watch.plant import Push
 ROBOTS = ("panda", "ur10", "3r")
 PUSHES, PART, PARTS = 40, 300.0, 4  # a robot; [s] of one quiet stream, streams
 WINDOWS = (16, 8, 4)  # [rows of 1 ms] that give a velocity, all of the past
-UR10E = (  # of other days and motions than those of the model; the first gives the thresholds
+UR10E = (  # none of those that the model was fitted to; the first gives the thresholds
     ("identification_data", HELD_OUT),
-    *(("identification_data", name) for name in ("20_02_12_40sec_12harm", "20_02_10_30sec_12harm", "20_01_31_unload")),
+    *(("identification_data", name) for name in ("20_02_12_40sec_12harm", "20_01_31_unload")),
     ("validation_data", "20_01_17_ptp_10_points"),
     *(("jointwise_motion", f"20_01_22_joint_{j}") for j in range(1, 7)),
 )
