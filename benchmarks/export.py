@@ -18,7 +18,7 @@ from signid.output.export.code.c import identifier
 from signid.regression.motion import Motion
 from signid.robot import configuration
 
-ROBOTS = ("ur5", "panda", "tiago_no_hand")
+ROBOTS = ("ur5", "xarm7", "panda", "tiago_no_hand")
 STATES, ROUNDS, CHECKED = 20_000, 9, 200
 FUNCTIONS = {  # arguments; those of inverse dynamics write each state's torque, others overwrite one result
     "inverse_dynamics": "q + k * {n}, v + k * {n}, a + k * {n}, out + k * {n}",
@@ -26,6 +26,7 @@ FUNCTIONS = {  # arguments; those of inverse dynamics write each state's torque,
     "mass_matrix": "q + k * {n}, out",
     "forward_dynamics": "q + k * {n}, v + k * {n}, a + k * {n}, out",
     "frame_jacobian": "q + k * {n}, out",
+    "observer_step": "&observer, q + k * {n}, v + k * {n}, a + k * {n}, 1e-3",
 }
 LOOP = """
 void many_{function}(const double *q, const double *v, const double *a, double *out, int count)
@@ -39,10 +40,11 @@ void many_{function}(const double *q, const double *v, const double *a, double *
 
 def compiled(model: Model, folder: Path) -> ctypes.CDLL:
     """Compile the C code of a model with a loop over states for each function."""
-    made = export(model, "c", name="dynamics", functions=("forward", "jacobian"))
+    made = export(model, "c", name="dynamics", functions=("forward", "jacobian", "observer"))
     name, n = identifier(model.robot.name), len(model.robot.joints)
     loops = [LOOP.format(function=key, name=name, arguments=x.format(n=n)) for key, x in FUNCTIONS.items()]
-    loop = '#include "dynamics.h"\n' + "".join(loops)
+    state = f"static {name}_observer observer;\nvoid start(void)\n{{\n    {name}_observer_reset(&observer);\n}}\n"
+    loop = '#include "dynamics.h"\n' + state + "".join(loops)
     for name, text in {"dynamics.c": made.text, "dynamics.h": made.beside[".h"], "loop.c": loop}.items():
         (folder / name).write_text(text, encoding="utf-8")
     build = ["cc", "-std=c99", "-O2", "-shared", "-fPIC", "dynamics.c", "loop.c", "-lm", "-o", "dynamics.so"]
@@ -68,6 +70,7 @@ def compare(name: str) -> None:
     tau, other = np.zeros((STATES, n)), np.zeros(6 * n * n)
     with tempfile.TemporaryDirectory() as folder:
         library = compiled(model, Path(folder))
+        library.start()
         given = [x.ctypes.data_as(ctypes.c_void_p) for x in (q, v, a)]
         results = [(tau if key == "inverse_dynamics" else other).ctypes.data_as(ctypes.c_void_p) for key in FUNCTIONS]
         own, *times = (

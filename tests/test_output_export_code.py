@@ -35,7 +35,7 @@ from signid.types import Law
 
 ROOT = Path(__file__).parents[1]
 COMPILER = shutil.which("cc") or shutil.which("gcc")
-FURTHER = ("nonlinear", "forward", "jacobian", "payload")
+FURTHER = ("nonlinear", "forward", "jacobian", "payload", "observer")
 BODY = (2.0, 0.1, 0.04, 0.16, 0.02, -0.002, 0.03, -0.008, -0.003, 0.04)  # of the written test program
 WIDTH = 0.1  # [rad/s], and half of v as the desired velocity
 STRICT = "-std=c99 -pedantic -O1 -Wall -Wextra -Wconversion -Wshadow -Werror".split()
@@ -369,10 +369,11 @@ def test_forward_dynamics_without_inertia_is_refused() -> None:
         (["--c", "3r.c"], "no digit at the beginning, and .c at the end; name it robot_3r.c"),
         (["--c", "two words.c"], "name it two_words.c"),
         (["--c", "arm.cpp"], "name it arm.c"),
-        (["--c", "arm.c", "--with", "inverse"], "choose from nonlinear, forward, jacobian, payload"),
+        (["--c", "arm.c", "--with", "inverse"], "choose from nonlinear, forward, jacobian, payload, observer"),
         (["--c", "arm.c", "--with", "payload", "--link", "lnk_3"], "did you mean link_3"),
         (["--c", "arm.c", "--link", "link_3"], "add the function jacobian or payload"),
         (["--urdf", "arm.urdf", "--with", "forward"], "add --c FILE.c"),
+        (["--urdf", "arm.urdf", "--observer"], "add --c FILE.c"),
     ],
 )
 def test_options_of_code_are_refused_in_one_sentence(

@@ -65,11 +65,20 @@ class CodeOptions:
 
     further: Text = option(
         None,
-        "Further functions of --c, with commas between: nonlinear (h(q, v)), forward, jacobian, payload.",
+        "Further functions of --c, with commas between: nonlinear (h(q, v)), forward, jacobian, payload, observer.",
         "--with",
         metavar="LIST",
     )
+    observer: bool = option(
+        False, "Momentum observer in --c: residual torque, learned thresholds and contacts, as `signid watch`."
+    )
     link: Text = option(None, "Link of jacobian and payload of --with, instead of the last joint's.", metavar="LINK")
+
+    @property
+    def functions(self) -> list[str]:
+        """Names of the functions on request."""
+        listed = [] if self.further is None else [name.strip() for name in self.further.split(",")]
+        return listed + ["observer"] * self.observer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,9 +137,7 @@ def export(
             floating=mjcf.floating,
             meshes=f"{path.stem}_meshes" if mjcf.copy_meshes else None,
             start=recording if kind in STARTING else None,
-            functions=[name.strip() for name in code.further.split(",")]
-            if code.further is not None and kind == "c"
-            else (),
+            functions=code.functions if kind == "c" else (),
             link=code.link if kind == "c" else None,
             flange=mounting.flange,
             tool=mounting.tool,
@@ -182,8 +189,8 @@ def _check_exports(
         )
     if first.columns is not None and first.start is None:
         raise OptionError("--columns names the columns of --start RECORDING; add it")
-    if (code.further is not None or code.link is not None) and "c" not in paths:
-        raise OptionError("--with and --link belong to C code; add --c FILE.c")
+    if code != CodeOptions() and "c" not in paths:
+        raise OptionError("--with, --observer and --link belong to C code; add --c FILE.c")
     if (mjcf.copy_meshes or mjcf.floating) and "mjcf" not in paths:
         raise OptionError("--copy-meshes and --floating belong to an MJCF; add --mjcf FILE")
     if (mounting.flange or mounting.tool) and not set(VENDORS) & paths.keys():

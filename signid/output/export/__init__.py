@@ -39,7 +39,7 @@ _WRITERS = {  # module below this folder, and function in it
 }
 KINDS = tuple(_WRITERS)
 STARTING = ("mjcf", "isaaclab", "mjlab")  # loops that can start from a recording
-FURTHER = ("nonlinear", "forward", "jacobian", "payload")  # functions of C code on request
+FURTHER = ("nonlinear", "forward", "jacobian", "payload", "observer")  # functions of C code on request
 VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
 OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
 
@@ -85,7 +85,8 @@ def export(
         start: recording whose first state "mjcf", "isaaclab" and "mjlab" state, for position drives on a fixed base;
             `beside` of an MJCF then has its commands, signid's roll-out, and a script that repeats it in MuJoCo.
         functions: further functions of "c": "nonlinear" (h(q, v)), "forward" (accelerations at a torque), "jacobian"
-            (of a link's frame) and "payload" (torque of a body that is given at run time).
+            (of a link's frame), "payload" (torque of a body that is given at run time) and "observer" (residual torque,
+            thresholds that it learns, and contacts, row by row).
         link: link whose frame Jacobian and payload have; default: the frame of the last joint.
         flange: link whose frame "franka", "ur" and "kuka" take as the flange. Default: link8 of Franka, tool0.
         tool: link whose frame they take as the tool. Default: none.

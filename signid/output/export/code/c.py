@@ -13,6 +13,7 @@ from ....version import __version__
 from ...report.layout import torque_units
 from ..beyond import Exported, c_comment
 from .laws import writable
+from .observer import TERMS, ObserverCode, observer_code, observer_terms
 from .program import Function, Language, Program, program_of, statements
 
 _WORDS = {
@@ -51,7 +52,8 @@ def write_c(
         model: rigid bodies and laws.
         stem: name of the files without ".c"; None: the robot's name as an identifier.
         digest: SHA-256 of the model, for the header.
-        further: functions beside these: "nonlinear", "forward", "jacobian", "payload".
+        further: functions beside these: "nonlinear", "forward", "jacobian", "payload", "observer" (which has loops and
+            branches, and a struct that the caller holds).
         link: link whose frame Jacobian and payload have; None: the frame of the last joint.
 
     Raises:
@@ -63,9 +65,15 @@ def write_c(
     stem = name if stem is None else stem
     head = f"/* Dynamics of {c_comment(robot.name)}, written by signid {__version__}. "
     body = "".join(_definition(program, function, name, robot.joints) for function in program.functions)
+    observer = observer_code(model, name) if "observer" in further else ObserverCode("", "", "")
+    if "observer" in further:
+        terms = observer_terms(model)
+        body += _definition(terms, terms.functions[0], name, robot.joints, "static ") + observer.source
     source = f'{head}See {stem}.h. */\n#include "{stem}.h"\n\n#include <math.h>\n{body}'
-    header = f"{head}C99, no dependencies but math.h (-lm). */\n{_header(model, program, name, digest)}"
-    return Exported(source, program.notes, {".h": header, "_test.c": head + "*/\n" + _test(program, name, stem, n)})
+    declared = _header(model, program, name, digest, observer.header)
+    header = f"{head}C99, no dependencies but math.h (-lm). */\n{declared}"
+    test = head + "*/\n" + _test(program, name, stem, n, observer.test)
+    return Exported(source, program.notes, {".h": header, "_test.c": test})
 
 
 def identifier(name: str) -> str:
@@ -83,7 +91,7 @@ def _argument(key: str, size: int | None) -> str:
     return f"double {key}" if size is None else f"const double {key}[{size}]"
 
 
-def _definition(program: Program, function: Function, name: str, joints: Sequence[str]) -> str:
+def _definition(program: Program, function: Function, name: str, joints: Sequence[str], linkage: str = "") -> str:
     lines, outputs = statements(program, function, _C)
     nodes = [program.graph.nodes[number] for number in program.graph.used(function.outputs)]
     read = {node[1].partition("[")[0] for node in nodes if node[0] == "variable"}
@@ -93,16 +101,16 @@ def _definition(program: Program, function: Function, name: str, joints: Sequenc
         for k, (x, label) in enumerate(zip(outputs, _labels(function, joints), strict=True))
     ]
     signature = _signature(function, name, len(joints))
-    return f"\n{signature}\n{{\n" + "\n".join([*unused, *lines, *results]) + "\n}\n"
+    return f"\n{linkage}{signature}\n{{\n" + "\n".join([*unused, *lines, *results]) + "\n}\n"
 
 
 def _labels(function: Function, joints: Sequence[str]) -> list[str]:
     """Names of the outputs: joints, or rows and columns of a matrix."""
-    rows = {"mass": joints, "jacobian": TWIST}.get(function.result)
+    rows = {"mass": joints, "jacobian": TWIST, "terms": TERMS}.get(function.result)
     return list(joints) if rows is None else [f"{row}, {joint}" for row in rows for joint in joints]
 
 
-def _header(model: Model, program: Program, name: str, digest: str) -> str:
+def _header(model: Model, program: Program, name: str, digest: str, observer: str) -> str:
     robot = model.robot
     guard, n = f"{name.upper()}_DYNAMICS_H", len(robot.joints)
     comment = [
@@ -130,7 +138,7 @@ def _header(model: Model, program: Program, name: str, digest: str) -> str:
             "#ifdef __cplusplus",
             'extern "C" {',
             "#endif\n",
-            "\n\n".join(declared),
+            "\n\n".join(declared) + observer.rstrip(),
             "\n#ifdef __cplusplus",
             "}",
             "#endif\n",
@@ -219,8 +227,8 @@ int main(void)
 """
 
 
-def _test(program: Program, name: str, stem: str, n: int) -> str:
-    """A program that reads q, v, a from standard input and prints the outputs of every function."""
+def _test(program: Program, name: str, stem: str, n: int, last: str) -> str:
+    """A program that reads q, v, a from standard input and prints the outputs of every function; last: more lines."""
     calls = "".join(
         f'    {name}_{f.name}({", ".join(f.arguments)}, out);\n    show("{f.name}", out, {len(f.outputs)});\n'
         for f in program.functions
@@ -231,4 +239,4 @@ def _test(program: Program, name: str, stem: str, n: int) -> str:
     )
     size = max(len(f.outputs) for f in program.functions)
     filled = {"STEM": stem, "SIZE": str(size), "COUNT": str(n)}
-    return re.sub("|".join(filled), lambda found: filled[found[0]], _TEST).replace("CALLS\n", further + calls)
+    return re.sub("|".join(filled), lambda found: filled[found[0]], _TEST).replace("CALLS\n", further + calls + last)

@@ -80,6 +80,40 @@ def law_expressions(
     return total
 
 
+def directed_laws(
+    graph: Graph, model: Model, motion: Mapping[str, Expressions], slow: Expressions
+) -> tuple[Expressions, Expressions]:
+    """Torque (n,) of the laws, the sign of v proportional to it below `slow`, and size (n,) of friction that reverses.
+
+    motion: "q", "v", "a" and "load" (n,), as in `law_expressions`; slow: (n,) [rad/s or m/s].
+    """
+    total, reversing = np.full((2, len(slow)), graph.constant(0.0))
+    for law in filter(writable, torque_model(model).laws):
+        graph.section = law_name(law, model.robot)
+        joints = list(law.joints)
+        here = joints[0] if len(joints) == 1 else joints
+        signals = {key: x[here] for key, x in motion.items()}
+        torque = _evaluate(graph, law, signals, partial(_direction, graph, sum(slow[joints])))
+        total[joints] = total[joints] + torque
+        if law.effect.reverses:
+            side = partial(_side, graph)
+            fast = np.array([side(motion["v"][j]) * binary("maximum", abs(motion["v"][j]), slow[j]) for j in joints])
+            torque = _evaluate(graph, law, {**signals, "v": fast[0] if len(joints) == 1 else fast}, side)
+            reversing[joints] = reversing[joints] + np.abs(torque)
+    return total, reversing
+
+
+def _direction(graph: Graph, slow: Scalar, x: Scalar) -> Scalar:
+    """Direction of a velocity [1]: its sign, proportional to it below `slow`."""
+    one = graph.constant(1.0)
+    return binary("minimum", binary("maximum", x / slow, -one), one)
+
+
+def _side(graph: Graph, x: Scalar) -> Scalar:
+    """Sign of a velocity [1] that is never 0."""
+    return where(graph.constant(0.0) > x, graph.constant(-1.0), graph.constant(1.0))
+
+
 def _evaluate(
     graph: Graph, law: Law, signals: Mapping[str, Any], sign: Callable[[Scalar], Scalar] | None = None
 ) -> Any:

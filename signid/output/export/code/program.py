@@ -80,7 +80,7 @@ def program_of(
     """
     graph, tree, n = Graph(), tree_of(model), len(model.robot.joints)
     zero = np.array([graph.constant(0.0)] * n)
-    q, v, a = motion = tuple(_vector(graph, key, n) for key in "qva")
+    q, v, a = motion = tuple(vector(graph, key, n) for key in "qva")
     load = rigid_torque(graph, tree, q, v, a)
     signals = dict(zip(("q", "v", "a", "load"), (*motion, load), strict=True))
     weight = rigid_torque(graph, tree, q, zero, zero)
@@ -98,7 +98,7 @@ def program_of(
     if tracking:
         graph.section = "inverse width"
         rate = 1.0 / binary("maximum", graph.variable("width"), graph.constant(SMALLEST))
-        smooth = law_expressions(graph, model, signals, (_vector(graph, "v_desired", n), rate))
+        smooth = law_expressions(graph, model, signals, (vector(graph, "v_desired", n), rate))
         graph.section = "sum"
         functions.append(_function("tracking_torque", "q v a v_desired width", "tau", load + rotors + smooth, TRACKING))
     bias = rigid_torque(graph, tree, q, v, zero)
@@ -108,14 +108,14 @@ def program_of(
         _check_mass(model)
         still = law_expressions(graph, model, {**signals, "a": zero, "load": bias})
         graph.section = "accelerations by the factors of the mass matrix"
-        solved = accelerations(graph, matrix, _vector(graph, "tau", n) - bias - still)
+        solved = accelerations(graph, matrix, vector(graph, "tau", n) - bias - still)
         functions.append(_function("forward_dynamics", "q v tau", "a", solved, FORWARD))
     frame = frame_of(model, link)
     if "jacobian" in further:
         rows = jacobian(graph, tree, frame, q).ravel()
         functions.append(_function("frame_jacobian", "q", "jacobian", rows, JACOBIAN.format(frame.name)))
     if "payload" in further:
-        torque = payload_torque(graph, tree, frame, motion, _vector(graph, "payload", 10))
+        torque = payload_torque(graph, tree, frame, motion, vector(graph, "payload", 10))
         functions.append(_function("payload_torque", "q v a payload", "tau", torque, PAYLOAD.format(frame.name)))
     return Program(graph, tuple(functions), tuple(_notes(model)))
 
@@ -135,7 +135,8 @@ def _check_mass(model: Model) -> None:
         )
 
 
-def _vector(graph: Graph, key: str, size: int) -> Expressions:
+def vector(graph: Graph, key: str, size: int) -> Expressions:
+    """Variables of an argument that is an array (size,)."""
     return np.array([graph.variable(f"{key}[{j}]") for j in range(size)])
 
 
