@@ -14,8 +14,8 @@ import typer
 from ...errors import OptionError
 from ..app import command, option
 from ..arguments import given_model
-from ..options import Columns, Json, SimulationArguments
-from ..terminal import DONE, FLAGGED, write_error
+from ..options import Columns, Json, Mcap, Rrd, SimulationArguments
+from ..terminal import DONE, FLAGGED, check_unread, write_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,6 +38,11 @@ class WatchOptions:
         None, "End a live stream after this time without rows [s]. Default: never.", metavar="S"
     )
     columns: Columns = None
+    mcap: Mcap = None
+    rrd: Rrd = None
+    publish: bool = option(
+        False, "Publish external torque, events and contacts on ROS 2 topics /signid/...", "--publish"
+    )
 
 
 @command("signid watch 3r recording.csv --json")
@@ -56,24 +61,43 @@ def watch(
     from the covariance of the model and from a first stretch of motion without contacts. Standard input and files that
     grow hold CSV with a header, or JSON objects, one per line. Events appear as lines of JSON, in a terminal as a live
     view. Ctrl-C ends the watch.
-    """
-    from ...watch import open_watch, stream_flags
 
+    --mcap and --rrd write torque, residuals, thresholds, events and the moving robot as a log.
+    """
+    from ...output.viewers import WatchLogs, check_ros
+    from ...watch import open_watch, stream_flags
+    from ..files import check_logs
+
+    files = check_logs(rrd=watching.rrd, mcap=watching.mcap)
+    for kind, path in files.items():
+        check_unread(path, [stream, watching.columns, simulation.simulation, simulation.actuators], f"--{kind}")
+    if watching.publish:
+        check_ros()
     model, _ = given_model(simulation)
     idle, flags = _idle(watching.idle), tuple[str, ...]()
     with ExitStack() as stack:
         try:
-            watcher, opened = open_watch(model, stream, watching.quiet, watching.columns, watching.follow, idle)
+            watcher, opened = open_watch(
+                model, stream, watching.quiet, columns=watching.columns, follow=watching.follow, idle=idle
+            )
+            logs = None
+            if files or watching.publish:
+                folders = simulation.package_dir or ()
+                logs = stack.enter_context(WatchLogs(watcher.model, files, watching.publish, _sentence, folders))
             for flag in (flags := stream_flags(watcher.model, opened)):
                 write_error(flag)
             live = not json and sys.stdout.isatty()
             emit, refresh = _view(watcher, stack) if live else (_print, None)
             for rows in opened.chunks:
                 if rows is not None and len(rows.t):
-                    emit(watcher.feed(*rows))
+                    emit(found := watcher.feed(*rows))
+                    if logs is not None:
+                        logs.take(watcher.blocks, found)
                 if refresh is not None:
                     refresh()
-            emit(watcher.finish())
+            emit(found := watcher.finish())
+            if logs is not None:
+                logs.take((), found)
             if not flags and (fault := watcher.fault()):
                 flags = (*flags, fault)
                 write_error(f"{'standard input' if stream == '-' else stream}: {fault}")
