@@ -122,7 +122,9 @@ def test_findings_stand_in_the_file_on_the_terminal_and_on_the_page(
     assert outlier["name"] == "arm 2" and "0.800 N.m in the other 2 robots (0.800)" in outlier["sentence"]
     assert document["comparison"]["prior"] == 0.01 and document["comparison"]["changes_tested"] == 3
     text = " ".join(shown(fleet_tables(document), 200).split())
-    assert said in text and "1 robot changed between sessions, 1 robot is an outlier" in text
+    headline = "arm 2: Coulomb friction of j2 changed from 0.80 ± 0.02 N.m to 2.40 ± 0.02 N.m (0.800 N.m in the other 2"
+    assert text.startswith(headline) and text.index(said) < text.index("Robots by mismatch")
+    assert "1 robot changed between sessions, 1 robot is an outlier" in text
     (tmp_path / "index.html").write_text(fleet_page(document), encoding="utf-8")
     browser = Chromium(tmp_path / "browser", 390, 900)
     try:

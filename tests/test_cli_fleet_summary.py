@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from chromium import Chromium
 from fleets import manifest, record
+from test_output_report import shown
 from test_output_report_browser import DRAWN, EMPTY, show
 
 from signid.cli.fleet import run as run_module
@@ -98,6 +99,24 @@ def test_equal_causes_are_grouped_over_the_last_sessions(tmp_path: Path, monkeyp
     assert "level 1.00 to 1.60, median 1.30 N.m" in page
     assert "7 of 12 robots lack Coulomb friction of j2" in page and "12 robots, 24 sessions" in page
     assert len(fleet_tables(found)) > 4
+
+
+def test_equal_robots_need_one_line_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record(tmp_path, 1)
+    causes = {"coulomb_friction": 1.0, "viscous_friction": 2.0, "torque_offset": 0.3}
+
+    def answer(orders: Sequence[Order], *_: object) -> Iterator[tuple[int, Answer]]:
+        for k in range(len(orders)):
+            named = {**causes, "stribeck_friction": 0.5} if k == 3 else causes
+            yield k, Answer(DONE, (), {"diagnosis.json": json.dumps(diagnosis(named, 1.0)).encode()})
+
+    monkeypatch.setattr(run_module, "spread", answer)
+    rows = [f"3r,day_0.parquet,r{k},,diagnose" for k in range(1, 13)]
+    text = shown(fleet_tables(fleet(manifest(tmp_path, *rows), tmp_path / "out").document()), 80)
+    lines = text[text.index("Robots by mismatch") :].splitlines()[2:14]
+    assert [line.split()[0] for line in lines] == [f"r{k}" for k in range(1, 13)]
+    assert all(line.rstrip().endswith("3 laws common to all") for k, line in enumerate(lines) if k != 3)
+    assert "Stribeck" in lines[3]
 
 
 def test_numbers_that_could_be_zero_are_counted() -> None:

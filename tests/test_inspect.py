@@ -36,8 +36,16 @@ def test_every_robot_is_inspected_or_refused_in_one_sentence(name: str) -> None:
 
 
 def test_long_names_of_links_lose_their_middle_and_keep_one_line() -> None:
-    robot, console = load_robot("g1"), Console(width=100, file=StringIO(), record=True)
-    console.print(joint_table(robot))
-    lines = console.export_text().splitlines()
-    assert len(lines) == len(robot.joints) + 1
-    assert any("…" in line.split()[3] for line in lines)
+    robot, console = load_robot("g1"), Console(width=76, file=StringIO(), record=True)
+    console.print(*joint_table(robot), sep="\n")
+    head, *lines, last = console.export_text().splitlines()
+    assert len(lines) == len(robot.joints)
+    assert any("…" in line.split()[2] for line in lines)
+    assert "type" not in head and last == "All joints are revolute: limits in rad, rad/s and N.m."
+
+
+def test_the_type_of_joints_that_differ_is_a_column() -> None:
+    console = Console(width=100, file=StringIO(), record=True)
+    console.print(*joint_table(load_robot("panda")), sep="\n")
+    text = console.export_text()
+    assert "type" in text and text.count("prismatic") == 1 and "All joints" not in text

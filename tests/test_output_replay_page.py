@@ -167,6 +167,29 @@ def test_findings_are_marked_at_their_place(page: Chromium) -> None:
     assert all(0 <= left < right <= 1000 and 0 <= top < bottom <= 700 for left, top, right, bottom in spots)
 
 
+@pytest.mark.parametrize(("width", "height", "crowded"), [(1000, 700, False), (1000, 330, True), (390, 560, True)])
+def test_labels_without_room_are_counted_and_named(
+    browser: Chromium, address: str, width: int, height: int, crowded: bool
+) -> None:
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+    browser.send("Emulation.setDeviceMetricsOverride", **size)
+    try:
+        browser.open(f"{address}#t=2.5", READY)
+        browser.until("player.labels.every(l => l.label.style.visibility)")
+        hidden = browser.value(
+            "player.labels.filter(l => l.label.style.visibility === 'hidden').map(l => l.mark.mark.title)"
+        )
+        assert bool(hidden) == crowded
+        box = "document.querySelector('#unlabelled')"
+        assert browser.value(f"{box}.style.visibility") == ("visible" if crowded else "hidden")
+        assert browser.value(f"{box}.textContent") == f"and {len(hidden)} more"
+        assert browser.value("document.querySelector('#others').textContent") == f"not labelled: {'; '.join(hidden)}"
+        edges = f"(r => [r.left, innerWidth - r.right, r.top, innerHeight - r.bottom])({box}.getBoundingClientRect())"
+        assert not crowded or min(browser.value(edges)) >= 0
+    finally:
+        browser.send("Emulation.setDeviceMetricsOverride", **{**size, "width": 1000, "height": 700})
+
+
 def test_links_have_the_colour_of_their_joint(page: Chromium) -> None:
     meant = (
         "residualColour(residualAt(player.content, player.state, b.joint, 132) / colourEnd(player.content, b.joint))"

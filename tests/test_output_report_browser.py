@@ -60,7 +60,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "drives": signid.report(invented()),
     }
     for name, text in texts.items():
-        assert len(text) < 6e6, name
+        assert len(text) < 2e6, name
         (folder / f"{name}.html").write_text(text, encoding="utf-8")
     return {name: folder / f"{name}.html" for name in texts}
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import gzip
+import hashlib
 import json
 import re
 from collections.abc import Iterator, Sequence
@@ -19,6 +21,7 @@ from signid.cli.fleet import run as run_module
 from signid.cli.fleet.process import DONE, Answer, Order
 from signid.cli.fleet.run import fleet
 from signid.output.replay import Replay
+from signid.output.report.plots.frame import PLOTLY, TEMPLATES
 from signid.output.report.policy import content_policy, plot_markup
 from signid.output.report.results.fleet import fleet_page
 from signid.output.report.sections import Plot
@@ -172,6 +175,13 @@ def test_a_replay_shows_bodies_with_names_of_javascript(browser: Chromium, folde
     (folder / "words.html").write_text(shown.page(), encoding="utf-8")
     browser.open((folder / "words.html").as_uri(), "window.player")
     assert browser.value("player.stage.recorded.length") == 3 and browser.errors == []
+
+
+def test_the_script_of_plots_is_that_of_its_publisher() -> None:
+    """npm pack plotly.js-cartesian-dist-min@4.1.1"""
+    script = gzip.decompress((TEMPLATES / PLOTLY).read_bytes())
+    assert b"(cartesian - minified) v4.1.1" in script[:100]
+    assert hashlib.sha256(script).hexdigest() == "79542150855a52c567260e3137095dbe2b744e6d702a5cabe67da246942fba7a"
 
 
 def test_plots_escape_all_but_their_own_markup() -> None:

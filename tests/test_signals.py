@@ -12,14 +12,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
+from queue import Queue
 from typing import NamedTuple
 
 import pytest
 
 import signid
-from signid.cli import run
-from signid.cli.terminal import remaining
+from signid.cli import run, terminal
+from signid.cli.terminal import bars, remaining
 from signid.deadline import OutOfTimeError, need_time, show_step, steps_shown, stop_searches, time_is_up, time_limit
 
 ROOT = Path(__file__).parents[1]
@@ -225,6 +227,42 @@ def test_steps_are_heard_in_their_share_and_never_go_back() -> None:
             show_step(f"step {share:g}", share)
     assert [what for what, _ in heard] == ["step 0", "step 0.5", "step 0.2", "step 2"]
     assert [share for _, share in heard] == pytest.approx([0.4, 0.5, 0.5, 0.6])
+
+
+def test_progress_is_a_line_a_minute_where_standard_error_is_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits: Queue[bool] = Queue()
+    now = 0.0
+    log = tmp_path / "log"
+
+    class FakeEvent:
+        def wait(self, seconds: float) -> bool:
+            assert seconds == 60.0
+            return waits.get(timeout=10)
+
+        def set(self) -> None:
+            waits.put(True)
+
+    monkeypatch.setattr(terminal, "Event", FakeEvent)
+    with log.open("w") as stream:
+        monkeypatch.setattr("sys.stderr", stream)
+        monkeypatch.setattr(terminal.time, "monotonic", lambda: now)
+        with bars(quiet=False, one=True) as progress:
+            assert progress is not None
+            progress("1 of 4 sessions", 0.25)
+            now = 180.0
+            progress("2 of 4 sessions", 0.5)
+            waits.put(False)
+            for _ in range(500):
+                if log.read_text():
+                    break
+                time.sleep(0.01)
+    monkeypatch.undo()
+    assert log.read_text() == "signid: 2 of 4 sessions: 50 %, about 6 min left, after 3 min\n"
+    monkeypatch.setattr("sys.stderr", StringIO())
+    with bars(quiet=False) as nothing:
+        assert nothing is None, "lines of a session of a fleet are its flags"
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from os.path import samefile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Any, TextIO
 
 from ..deadline import seconds_left
 from ..errors import OptionError, one_line, readable
@@ -25,7 +26,10 @@ WORD = 90  # length of a word that is left whole in a long line [characters]
 BRIEF = 1.0  # elapsed time below which no remaining time is estimated [s]
 LITTLE = 0.03  # completed share below which no remaining time is estimated
 DESCRIBED = ("robot.urdf", "actuators.toml")  # files that are read of a folder with a robot
+MINUTE = 60.0  # time between lines of progress where standard error is no terminal [s]
 NEAR = 5.0  # a time limit beyond this multiple of the estimated remaining time is not shown
+
+ShowProgress = Callable[[str, str, float, str], None]  # bar, stage, completed share [1], remaining time in words
 
 
 def write_error(sentence: str) -> None:
@@ -84,27 +88,67 @@ def show(shown: str | Sequence[RenderableType], flags: Sequence[str] = (), writt
 
 @contextmanager
 def bars(quiet: bool, one: bool = False) -> Iterator[Progress | None]:
-    """Show progress bars on standard error if it is a terminal: one per stage, or a single one for all."""
-    if quiet or not sys.stderr.isatty():
+    """Show progress on standard error: bars on a terminal, one per stage or a single one; else a line a minute.
+
+    Nothing is shown if `quiet`, or if standard error is kept in memory, as for the sessions of a fleet.
+    """
+    if quiet or not _is_open(sys.stderr):
         yield None
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
-
-    columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[left]}")
-    end = time.monotonic() + seconds_left()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, Any] = {}
+    with _drawn_bars() if sys.stderr.isatty() else _minute_lines() as show_progress:
+        end = time.monotonic() + seconds_left()
         begun: dict[str, tuple[float, float]] = {}
 
         def report(stage: str, share: float) -> None:
             which, now = "" if one else stage, time.monotonic()
-            if which not in tasks:
-                tasks[which], begun[which] = bars.add_task(stage, total=1.0, left=""), (now, share)
-            left = remaining(now - begun[which][0], share - begun[which][1], 1 - share, end - now)
-            bars.update(tasks[which], completed=share, description=stage, left=left)
+            since, first = begun.setdefault(which, (now, share))
+            show_progress(which, stage, share, remaining(now - since, share - first, 1 - share, end - now))
 
         yield report
+
+
+def _is_open(stream: TextIO) -> bool:
+    try:
+        return stream.fileno() >= 0
+    except (OSError, ValueError):
+        return False
+
+
+@contextmanager
+def _drawn_bars() -> Iterator[ShowProgress]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[left]}")
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, Any] = {}
+
+        def show_progress(which: str, stage: str, share: float, left: str) -> None:
+            if which not in tasks:
+                tasks[which] = bars.add_task(stage, total=1.0, left="")
+            bars.update(tasks[which], completed=share, description=stage, left=left)
+
+        yield show_progress
+
+
+@contextmanager
+def _minute_lines() -> Iterator[ShowProgress]:
+    """Write the last known progress as a plain line once a minute, also while a stage reports nothing."""
+    said, ended, start = "", Event(), time.monotonic()
+
+    def show_progress(which: str, stage: str, share: float, left: str) -> None:
+        nonlocal said
+        said = ", ".join(filter(None, [f"{stage}: {100 * share:.0f} %", left]))
+
+    def speak() -> None:
+        while not ended.wait(MINUTE):
+            write_error(f"{said or 'started'}, after {_duration(time.monotonic() - start)}")
+
+    Thread(target=speak, daemon=True).start()
+    try:
+        yield show_progress
+    finally:
+        ended.set()
 
 
 def remaining(elapsed: float, done: float, rest: float, limit: float) -> str:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Array, Indices
-from .intake import StreamRows
+from .intake import StreamRows, mean_step
 
 HALF = 0.008  # [s] half of the window of the velocity: a local line; the delay of the observer
 BLOCK = 0.002  # [s] shortest block
@@ -51,7 +51,7 @@ class Cutter:
         if not self.half:
             if len(rows.t) < FIRST:
                 return None
-            period = float(np.median(np.diff(rows.t)))
+            period = mean_step(np.diff(rows.t))
             self.half, self.every = max(1, round(HALF / period)), max(1, round(BLOCK / period))
             self.at = self.half
         edges = np.arange(self.at, len(rows.t) - self.half, self.every)
@@ -65,8 +65,8 @@ class Cutter:
 def _blocks(rows: StreamRows, edges: Indices, half: int) -> Blocks:
     """Edges with the velocity of a local line; position, torque and time through the filter that this line is.
 
-    The slope of a line through samples is a weighted mean of the velocities between them, for any stamps; torque has the
-    same weights, so that both have the same acceleration in them, also where rows were lost.
+    The slope of a line through samples is a weighted mean of the velocities between them, for any stamps; torque has
+    the same weights, so that both have the same acceleration in them, also where rows were lost.
     """
     around = edges[:, None] + np.arange(-half, half + 1)
     times = rows.t[around] - rows.t[edges][:, None]

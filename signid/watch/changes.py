@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..effects import EFFECTS
+from ..effects.bodies import point_inertia
 from ..model import Model
 from ..types import Array
 from .events import LastingChange
 from .frames import INERTIAL, LOCAL, PAYLOAD, Frames
-from .windows import FRICTION, TIP, QuietNoise, Sums, Suspect, Window, effect, gain, products
+from .quiet import QuietNoise
+from .windows import FRICTION, TIP, Sums, Suspect, Window, effect, gain, products
 
 MEMORIES = (4.0, 60.0)  # [s] of the windows: sudden changes, and slow ones
 EVERY = 0.5  # [s] between tests
 NOTICED = {1: 45.0, 2: 50.0, 4: 60.0}  # [1] by number of coefficients: chi-squared, once in 1e9 tests of noise
 SHORTEST, LONGEST = 3.0, 20.0  # [s] of frames that name a change
+MORE = 6.0  # [s] of further frames that make its numbers more certain
 GIVEN_UP = 8.0  # [s] after which a change that is not there any more is dropped
 SURE = 0.95  # [1] probability of a law that is named
 EXPLAINED = 0.6  # [1] share of the excess that a named law explains
@@ -36,18 +41,21 @@ class Changes:
         n = len(model.robot.joints)
         self.base, self.first = noise.base.copy(), noise.base
         self.raised = np.ones(n)  # [1] of the thresholds, by unknown changes
-        self.mass, self.load = 0.0, np.zeros(INERTIAL)  # payload: total mass, and what was found last
+        self.load = np.zeros(INERTIAL)  # payload that was found last
+        self.carried = np.zeros(INERTIAL)  # all of it
+        self.known: list[Suspect] = []
+        self.first_named: tuple[Suspect, LastingChange] | None = None  # whose numbers more frames will correct
         self.windows = [Window(n, memory) for memory in MEMORIES]
         self.after: Window | None = None  # frames since a change was noticed
         self.pieces: list[Array] = []  # sums of each second since then
         self.usual: list[Array] = []  # (n,) their squared residual without a change
         self.piece = Window(n)
-        self.restarts = 0
+        self.restarts, self.noticed = 0, -np.inf  # [s] when a change was noticed
         self.since = self.in_piece = self.untested = 0.0
 
     def restart_after(self) -> None:
         """A contact ended: what was noticed may have been the contact, once."""
-        if self.after is not None and not self.restarts:
+        if self.after is not None and not self.restarts and self.first_named is None:
             self._begin()
             self.restarts = 1
 
@@ -63,16 +71,19 @@ class Changes:
         if self.untested < EVERY:
             return []
         self.untested = 0.0
+        if self.first_named is not None:
+            return self._correct(float(frames.t[-1]))
         if self.after is not None:
             return self._name(float(frames.t[-1]))
-        if any(_noticed(one) for window in self.windows for one in window.candidates(self.noise)):
+        if any(_noticed(one) for window in self.windows for one in window.candidates(self.noise)[0]):
             self._begin()
-            self.restarts = 0
+            self.restarts, self.noticed = 0, float(frames.t[-1])
         return []
 
     def _begin(self) -> None:
         n = len(self.noise.frame)
-        self.after, self.piece, self.pieces, self.usual = Window(n), Window(n), [], []
+        self.after, self.piece = Window(n), Window(n)
+        self.pieces, self.usual = [], []
         self.since = self.in_piece = 0.0
 
     def _follow(self, sums: Sums, seconds: float) -> None:
@@ -92,12 +103,14 @@ class Changes:
         assert self.after is not None, "a change was noticed"
         if self.since < SHORTEST:
             return []
-        found = self.after.candidates(self.noise)
+        found, excess = self.after.candidates(self.noise)
         shares = _probabilities(found)
         for k, best in enumerate(found[:2]):
-            if _noticed(best) and self._clear(best, found, shares) and self._lasts(best):
+            if _noticed(best) and self._clear(best, _share(best, found, shares), excess) and self._lasts(best):
                 events = self._named(t, k, found, shares)
-                self._known(best)
+                self._add(best)
+                self._begin()
+                self.first_named = best, events[0]
                 return events
         if self.since >= GIVEN_UP and not any(map(_noticed, found)):
             self._forget()
@@ -105,11 +118,10 @@ class Changes:
             return self._unknown(t, found, shares)
         return []
 
-    def _clear(self, best: Suspect, found: list[Suspect], shares: list[float]) -> bool:
+    def _clear(self, best: Suspect, share: float, excess: float) -> bool:
         """Whether a law is sure, its main number settled, and most of the excess explained."""
-        assert self.after is not None, "a change was noticed"
         settled = bool(np.abs(best.value[0]) > SETTLED * best.std[0]) or len(best.columns) == len(FRICTION)
-        return settled and _share(best, found, shares) >= SURE and best.raw >= EXPLAINED * self.after.excess
+        return settled and share >= SURE and best.raw >= EXPLAINED * excess
 
     def _lasts(self, best: Suspect) -> bool:
         """Whether the law explains the residual in most pieces that it acts in, not in a single one."""
@@ -117,17 +129,54 @@ class Changes:
         acting = [gain(x, best) > 0 for x in sums if effect(x, best) > ACTING]
         return len(acting) >= FEWEST and float(np.mean(acting)) >= OFTEN
 
-    def _known(self, best: Suspect) -> None:
+    def _add(self, best: Suspect) -> None:
         """Add a change to the coefficients that are known."""
+        self.known.append(best)
         if best.joint == TIP:
-            self.load = np.zeros(INERTIAL)
-            self.load[: len(best.value)] = best.value
+            self._loaded(best.value)
         else:
             self.base[best.joint, list(best.columns)] += best.value
+
+    def _loaded(self, more: Array) -> None:
+        self.load = np.zeros(INERTIAL)
+        self.load[: len(more)] = more
+        self.carried += self.load
+
+    def _correct(self, t: float) -> list[LastingChange]:
+        """The change that was named, with numbers that further frames make more certain."""
+        assert self.after is not None and self.first_named is not None, "a change was named"
+        best, event = self.first_named
+        if self.since < MORE:
+            return []
+        more, covariance = self.after.narrowed(best, self.noise)
+        value = best.value.copy()
+        value[: len(more)] += more
+        if best.joint == TIP and value[0] > 0 and len(value) == INERTIAL:
+            value[len(more) :] = point_inertia(float(value[0]), value[1 : len(more)].tolist())
+        self.known[-1] = better = best._replace(value=value, covariance=covariance)
         self._forget()
+        beside = dict(event.alternatives)
+        if best.joint == TIP:
+            self._loaded(value - best.value)
+            return [replace(self._payload(t, better, event.probability, beside), corrects=event.t)]
+        self.base[best.joint, list(best.columns)] -= best.value
+        k = next(i for i, column in enumerate(best.columns) if LOCAL[column] == event.law)
+        corrected = self._local(t, better, k, event.probability, beside)
+        self.base[best.joint, list(best.columns)] += value
+        return [replace(corrected, corrects=event.t)]
+
+    def std(self, frames: Frames) -> Array:
+        """Standard deviation (n,) of the torque of the changes that are known, at the last frame [N.m or N]."""
+        variance = np.zeros(len(self.noise.frame))
+        for one in self.known:
+            c = list(one.columns[: len(one.covariance)])
+            at = slice(None) if one.joint == TIP else slice(one.joint, one.joint + 1)
+            columns = frames.columns[-1, at][:, c]
+            variance[at] += np.einsum("nk,kl,nl->n", columns, one.covariance, columns)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def _forget(self) -> None:
-        self.after = None
+        self.after = self.first_named = None
         for window in self.windows:
             window.restart()
 
@@ -158,17 +207,19 @@ class Changes:
         others = [(one, p) for one, p in zip(found, shares, strict=True) if not set(one.columns) & set(best.columns)]
         beside = self._alternatives([one for one, _ in others], [p for _, p in others])
         if best.joint == TIP:
-            values = dict(zip(PAYLOAD, map(float, best.value), strict=False))
-            stds = dict(zip(PAYLOAD, map(float, best.std), strict=False))
-            mass, std = values["mass"], stds["mass"]
-            self.mass += mass
-            what = f"a payload of {mass:.3g} ± {1.96 * std:.2g} kg" if mass > 0 else f"a load of {-mass:.3g} kg is gone"
-            return [LastingChange(t, "payload", self.robot.joints[-1], values, stds, share, what, beside)]
+            return [self._payload(t, best, share, beside)]
         assert self.after is not None, "a change was noticed"
         power = np.diag(self.after.sums[best.joint])[list(best.columns)] * best.value**2
         order = np.argsort(-power).tolist()  # the larger torque first
         settled = [i for i in order if abs(best.value[i]) > SETTLED * best.std[i]]
         return [self._local(t, best, i, share, beside) for i in settled or order[:1]]
+
+    def _payload(self, t: float, best: Suspect, probability: float, others: dict[str, float]) -> LastingChange:
+        values = dict(zip(PAYLOAD, map(float, best.value), strict=False))
+        stds = dict(zip(PAYLOAD, map(float, best.std), strict=False))
+        mass, size = values["mass"], f"{abs(values['mass']):.3g} ± {1.96 * stds['mass']:.2g} kg"
+        what = f"a payload of {size}" if mass > 0 else f"a load of {size} is gone"
+        return LastingChange(t, "payload", self.robot.joints[-1], values, stds, probability, what, others)
 
     def _local(self, t: float, best: Suspect, k: int, probability: float, others: dict[str, float]) -> LastingChange:
         name = LOCAL[best.columns[k]]

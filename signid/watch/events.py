@@ -44,6 +44,7 @@ class Contact(Event):
     start: float  # [s]
     end: float | None = None  # [s]
     cause: str = ""  # the change that explains it, if it was no contact
+    corrects: float | None = None  # [s] t of the event that this one replaces
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ class LastingChange(Event):
     probability: float  # posterior probability of the law against the others
     sentence: str
     alternatives: Mapping[str, float] = field(default_factory=dict)  # "law of joint" -> probability
+    corrects: float | None = None  # [s] t of the event that this one replaces, with the numbers of more motion
 
 
 def _plain(key: str, value: Any) -> Any:
@@ -67,5 +69,5 @@ def _plain(key: str, value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain("", x) for x in value]
     if isinstance(value, float):
-        return round(value, DECIMALS) if key in ("t", "start", "end") else float(f"{value:.{DIGITS}g}")
+        return round(value, DECIMALS) if key in ("t", "start", "end", "corrects") else float(f"{value:.{DIGITS}g}")
     return value

@@ -27,7 +27,8 @@ class Frames(NamedTuple):
     columns: Array  # (F, n, 14) [N.m or N per unit]: LOCAL, then those of the last link
     usable: Array  # (F, n) [1] False where the direction of friction is uncertain
     moving: Array  # (F, n) [1] whether it is faster than that
-    std: Array  # (F, n) [N.m or N] of the predicted torque, by the covariance of the model
+    errors: Array  # (F, n, b) [N.m or N] of the predicted torque by each error of the model of one standard deviation
+    std: Array  # (F, n) [N.m or N] of the predicted torque by all of them, after the quiet stretch
     blocks: int  # blocks of a frame
 
 
@@ -38,6 +39,7 @@ class Framer:
         self.momentum, self.robot = momentum, model.robot
         self.tip = own_body(model.robot, len(model.robot.joints) - 1)
         self.factor, self.friction = _factor(model)
+        self.spread = np.eye(self.factor.shape[1])  # (b, b) factor of the covariance of the errors
         self.waiting: list[Array] = []
         self.blocks = 0
 
@@ -68,26 +70,25 @@ class Framer:
         for k, signal in enumerate((v, direction, predicted, np.ones_like(v))):
             columns[:, :, k] = signal
         columns[:, :, len(LOCAL) :] = bodies[:, :, self.tip]
-        std = self._std(bodies, v, direction)
+        errors = self._errors(bodies, v, direction)
+        std = np.linalg.norm(errors @ self.spread, axis=2)
         moving = np.abs(v) > self.momentum.slow
-        return Frames(whole[:, -1, 0], residual, columns, near == 0, moving, std, self.blocks)
+        return Frames(whole[:, -1, 0], residual, columns, near == 0, moving, errors, std, self.blocks)
 
-    def _std(self, bodies: Array, v: Array, direction: Array) -> Array:
-        """Standard deviation (F, n) of the predicted torque by the covariance of the model; 0 without one."""
-        if self.factor is None:
-            return np.zeros_like(v)
+    def _errors(self, bodies: Array, v: Array, direction: Array) -> Array:
+        """Errors (F, n, b) of the predicted torque by the covariance of the model [N.m or N]."""
         count, n = v.shape
-        share = bodies.reshape(count, n, -1) @ self.factor
-        for signal, (rows, factors) in zip((v, direction, np.ones_like(v)), self.friction, strict=True):
-            share[:, rows] += signal[:, rows, None] * factors
-        return np.asarray(np.sqrt(np.einsum("fnb,fnb->fn", share, share)))
+        errors = bodies.reshape(count, n, -1) @ self.factor
+        for signal, (rows, factors) in zip((v, direction, np.ones_like(v)), self.friction, strict=False):
+            errors[:, rows] += signal[:, rows, None] * factors
+        return errors
 
 
-def _factor(model: Model) -> tuple[Array | None, list[tuple[list[int], Array]]]:
+def _factor(model: Model) -> tuple[Array, list[tuple[list[int], Array]]]:
     """Factor (10 nb, b) of the covariance of inertials, and those of viscous, Coulomb friction and offsets."""
     known = model.covariance
     if known is None or not len(known.values):
-        return None, []
+        return np.zeros((10 * len(model.robot.links), 0)), []
     matrix = np.array(known.matrix)
     lost = ~np.isfinite(np.diag(matrix))
     matrix[lost, :] = matrix[:, lost] = 0.0

@@ -81,7 +81,8 @@ class Intake:
         if np.isnan(self.period):
             self.steps += step[step > 0].tolist()
         if np.isnan(self.period) and len(self.steps) >= FIRST:
-            self.period, self.usual = float(np.median(self.steps)), float(np.percentile(self.steps, USUAL))
+            self.usual = float(np.percentile(self.steps, USUAL))
+            self.period = mean_step(np.array(self.steps))
             if self.period > SLOWEST:
                 slow = f"rows come at {1 / self.period:.3g} Hz, too slowly for contacts and fast motion"
                 notes += self._note("slow", float(rows.t[-1]), f"{slow}; give 50 Hz or more")
@@ -122,6 +123,11 @@ class Intake:
             return []
         self.noted[kind] = t
         return [Note(t, sentence)]
+
+
+def mean_step(steps: Array) -> float:
+    """Sampling period [s]: the mean step but for gaps, also where rows arrive in bursts; steps: (k,) [s]."""
+    return float(np.mean(steps[steps <= LOST * np.percentile(steps, USUAL)]))
 
 
 def _pieces(rows: StreamRows, cuts: Indices, first: bool) -> Iterator[StreamPiece]:

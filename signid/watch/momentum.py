@@ -100,7 +100,8 @@ class Momentum:
         low, high = (np.where(near, side - motion.direction, 0.0) for side in (-1.0, 1.0))
         more = MORE * np.abs(motion.direction) * np.exp(-np.abs(v) / (BELOW * self.slow))
         friction = np.abs(self.level["viscous_friction"] * v) + reversing
-        return Residual(motion, predicted, tau - predicted, near, (low - more) * reversing, (high + more) * reversing, friction)
+        low, high = (low - more) * reversing, (high + more) * reversing
+        return Residual(motion, predicted, tau - predicted, near, low, high, friction)
 
     def _terms(self, blocks: Blocks) -> tuple[Array, Array]:
         """Momentum M v and C' v - g of the bodies at each edge, (K+1, n) each."""

@@ -19,14 +19,15 @@ from ..types import Array, Law, Mask
 from .blocks import Blocks, Cutter
 from .changes import Changes
 from .contacts import Contacts
-from .events import Event, Note
+from .events import Contact, Event, LastingChange, Note
 from .frames import Framer, Frames
 from .intake import Intake, StreamRows
 from .momentum import Momentum, Residual
 from .observer import Observed, Observer
+from .quiet import Quiet
 from .sources import Stream, open_stream
 from .thresholds import Discrepancy, learn
-from .windows import Quiet
+from .windows import TIP
 
 QUIET = 10.0  # [s] of motion that give the noise
 PATIENCE = 6.0  # [1] longest quiet stretch, over the motion that it should have
@@ -36,6 +37,7 @@ JITTER = 4.0  # [standard deviations] of the velocity, the same
 WARM = 0.3  # [1] share of the quiet stretch that gives the speeds alone
 LONGEST, FEWEST = 0.1, 100  # [s] of rows that are processed together; rows, before the period is known
 FEWEST_USED = 2  # rows of a stream that can be watched
+BEFORE = 4.0  # [s] before a change is noticed in which it may have looked like a contact
 CORRELATED = 0.1  # [s] of the misfit of a model that states none
 BRIEF = 3.0  # [s] a contact that is shorter is none of the changes
 
@@ -75,6 +77,7 @@ class Watcher:
         self.seen: list[Observed] = []
         self.sizes: Discrepancy | None = None
         self.changes: Changes | None = None
+        self.past: list[Contact] = []  # that have ended, without a cause
         self.std = np.zeros(n)
         self.residual, self.threshold = np.zeros(n), np.full(n, np.nan)  # for a display
         self.blocks: list[WatchedBlocks] = []  # of the last `feed`
@@ -102,6 +105,18 @@ class Watcher:
                     events += self._blocks(blocks)
         return events
 
+    @property
+    def load(self) -> tuple[Array, Array] | None:
+        """Payload that was named and is there now: mass and first moment (4,) [kg, kg.m], covariance; None without one.
+
+        Of the last joint that the stream has; (4, 4) covariance [products of the units].
+        """
+        named = [] if self.changes is None else [one for one in self.changes.known if one.joint == TIP]
+        if not named or self.changes is None:
+            return None
+        size = len(named[-1].covariance)
+        return self.changes.carried[:size], np.asarray(sum(one.covariance for one in named))
+
     def finish(self) -> list[Event]:
         """Events at the end of the stream: the end of a contact that is going on."""
         return [] if self.contacts.begun is None else [self.contacts.close(self.t, self.t)]
@@ -128,6 +143,8 @@ class Watcher:
         frames, step = self.framer.frames(found), float(np.mean(blocks.step))
         if frames is not None:
             self.std = frames.std[-1]
+            if self.changes is not None:
+                self.std = np.hypot(self.std, self.changes.std(frames))
         seen = self.observer.observe(found, step)
         if self.sizes is None or self.changes is None:
             self._keep(found, seen.residual, np.full_like(seen.residual, np.nan))
@@ -138,8 +155,10 @@ class Watcher:
         events: list[Event] = []
         for contact in self.contacts.find(found.motion.t, r, beyond / threshold, found.motion.q, blocks.late):
             events.append(contact)
-            if contact.end is not None and contact.end - contact.start < BRIEF:
-                self.changes.restart_after()
+            if contact.end is not None:
+                self.past.append(contact)
+                if contact.end - contact.start < BRIEF:
+                    self.changes.restart_after()
         if frames is not None:
             events += self._changed(frames, step)
         return events
@@ -156,6 +175,8 @@ class Watcher:
             events.append(change)
             if self.contacts.begun is not None:
                 events.append(self.contacts.close(change.t, change.t, change.sentence))
+            if change.corrects is None:
+                events += self._explained(change)
         if events:
             self.momentum.load(self.changes.load)
             self.changes.load[:] = 0.0
@@ -163,6 +184,13 @@ class Watcher:
             self.contacts.restart()
             self.observer.restart()
         return events
+
+    def _explained(self, change: LastingChange) -> list[Event]:
+        """Contacts of the last seconds, which the change explains, with their cause."""
+        assert self.changes is not None, "the noise is known"
+        past, self.past = self.past, []
+        late = [contact for contact in past if contact.end is not None and contact.end > self.changes.noticed - BEFORE]
+        return [replace(one, t=change.t, cause=change.sentence, corrects=one.t) for one in late]
 
     def _slow(self, blocks: Blocks) -> None:
         """Speed below which the direction of friction is uncertain, from the largest one and the noise so far."""
@@ -185,7 +213,7 @@ class Watcher:
         noise = self.quiet.noise(friction, misfit)
         whole = Observed(*(np.concatenate(parts) for parts in zip(*self.seen, strict=True)))
         self.sizes = learn(whole, whole.beyond(noise.base)[1], moved, misfit.size, self.intake.period)
-        self.changes = Changes(self.model, noise)
+        self.changes, self.framer.spread = Changes(self.model, noise), noise.spread
         self.quiet, self.seen = Quiet(len(self.std)), []
         return [self._watching(float(frames.t[-1]), whole, moved)]
 
@@ -237,8 +265,8 @@ def watch(
         OptionError: rclpy is missing, or a number is out of range.
         RecordingError: the stream has no rows that can be used.
     """
-    given = {"columns": columns, "follow": follow, "idle": idle}
-    watcher, opened = open_watch(as_model(model, "watch"), stream, quiet, sensitivity, **given)
+    model = as_model(model, "watch")
+    watcher, opened = open_watch(model, stream, quiet, sensitivity, columns=columns, follow=follow, idle=idle)
     return _events(watcher, opened)
 
 
@@ -298,4 +326,8 @@ def _of_joints(model: Model, joints: tuple[str, ...]) -> Model:
         names = [robot.joints[j] for j in law.joints]
         if all(name in joints for name in names):
             laws.append(Law(law.effect, tuple(joints.index(name) for name in names), law.parameters))
-    return Model(moving, model.inertials, tuple(laws), model.covariance)
+    misfit = model.misfit
+    if misfit is not None:
+        kept = [robot.joints.index(name) for name in moving.joints]
+        misfit = replace(misfit, size=misfit.size[kept], length=misfit.length[kept])
+    return Model(moving, model.inertials, tuple(laws), model.covariance, misfit)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json as codec
 import sys
-from collections import deque
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -18,13 +18,15 @@ from ..options import Columns, Json, Mcap, Rrd, SimulationArguments
 from ..terminal import DONE, FLAGGED, check_unread, write_error
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     from rich.table import Table
 
+    from ...model import Model
+    from ...output.viewers import WatchLogs
+    from ...types import Robot
     from ...watch import Event, Watcher
 
-LINES = 12  # events that the live view shows
 RATE = 10.0  # [Hz] of the live view
 
 
@@ -34,6 +36,8 @@ class WatchOptions:
 
     follow: bool = option(False, "Read the file on as it grows, like tail -f.", "--follow", "-f")
     quiet: float = option(10.0, "Motion without contacts at the beginning, which gives the noise [s].", metavar="S")
+    sensitivity: float = option(1.0, "2 halves the thresholds of contacts, 0.5 doubles them.", metavar="FACTOR")
+    save: Path | None = option(None, "Write model.json with the load that was named.", metavar="FILE")
     idle: float | None = option(
         None, "End a live stream after this time without rows [s]. Default: never.", metavar="S"
     )
@@ -59,12 +63,11 @@ def watch(
 
     A momentum observer compares torque with the model, usually the model.json of signid identify. Thresholds follow
     from the covariance of the model and from a first stretch of motion without contacts. Standard input and files that
-    grow hold CSV with a header, or JSON objects, one per line. Events appear as lines of JSON, in a terminal as a live
-    view. Ctrl-C ends the watch.
+    grow hold CSV with a header, or JSON objects, one per line. Events appear as lines of text above a live view in a
+    terminal, else as lines of JSON. Ctrl-C ends the watch.
 
     --mcap and --rrd write torque, residuals, thresholds, events and the moving robot as a log.
     """
-    from ...output.viewers import WatchLogs, check_ros
     from ...watch import open_watch, stream_flags
     from ..files import check_logs
 
@@ -72,18 +75,26 @@ def watch(
     for kind, path in files.items():
         check_unread(path, [stream, watching.columns, simulation.simulation, simulation.actuators], f"--{kind}")
     if watching.publish:
+        from ...output.viewers import check_ros
+
         check_ros()
     model, _ = given_model(simulation)
     idle, flags = _idle(watching.idle), tuple[str, ...]()
     with ExitStack() as stack:
         try:
+            if watching.save is not None:
+                _check_save(watching.save)
             watcher, opened = open_watch(
-                model, stream, watching.quiet, columns=watching.columns, follow=watching.follow, idle=idle
+                model,
+                stream,
+                watching.quiet,
+                watching.sensitivity,
+                columns=watching.columns,
+                follow=watching.follow,
+                idle=idle,
             )
-            logs = None
-            if files or watching.publish:
-                folders = simulation.package_dir or ()
-                logs = stack.enter_context(WatchLogs(watcher.model, files, watching.publish, _sentence, folders))
+            stack.callback(_save, model, watcher, watching.save)
+            logs = _logs(watcher, files, watching.publish, simulation.package_dir or (), stack)
             for flag in (flags := stream_flags(watcher.model, opened)):
                 write_error(flag)
             live = not json and sys.stdout.isatty()
@@ -106,6 +117,19 @@ def watch(
     return FLAGGED if flags else DONE
 
 
+def _logs(
+    watcher: Watcher, files: Mapping[str, Path], publish: bool, package_dirs: Sequence[str], stack: ExitStack
+) -> WatchLogs | None:
+    """Logs that are asked for; the stack completes them."""
+    if not (files or publish):
+        return None
+    from ...output.viewers import WatchLogs
+
+    robot = watcher.model.robot
+    logs = WatchLogs(watcher.model, files, publish, lambda event: sentence(event, robot).strip(), package_dirs)
+    return stack.enter_context(logs)
+
+
 def _idle(seconds: float | None) -> float:
     if seconds is not None and not seconds > 0:
         raise OptionError(f"--idle is {seconds:g}; give a positive time in seconds")
@@ -120,37 +144,57 @@ def _print(events: list[Event]) -> None:
         Screen().write("".join(f"{line}\n" for line in lines))
 
 
+def _check_save(file: Path) -> None:
+    from ...output.report import probe_folder
+
+    if file.suffix != ".json":
+        raise OptionError(f"--save is {file}; give a name that ends in .json")
+    probe_folder(file.parent)
+
+
+def _save(model: Model, watcher: Watcher, file: Path | None) -> None:
+    """Write the model with the load that the watch named."""
+    if file is None:
+        return
+    if watcher.load is None:
+        write_error(f"no load was named, so {file} is not written")
+    elif watcher.model.robot.joints != model.robot.joints:
+        missing = sorted(set(model.robot.joints) - set(watcher.model.robot.joints))
+        write_error(f"the stream lacks {', '.join(missing)}, so the load has no place in the model; hold these joints")
+    else:
+        from ...payload import with_payload
+
+        write_error(f"wrote {with_payload(model, *watcher.load).save(file)}, with the load that was named")
+
+
 def _view(watcher: Watcher, stack: ExitStack) -> tuple[Callable[[list[Event]], None], Callable[[], None]]:
-    """Live view on the terminal: functions that take events, and that refresh it."""
+    """Live view on the terminal, below a line for each event: functions that take events, and that refresh it."""
     import time
 
     from rich.live import Live
 
     from ...output.report import Screen
 
-    seen: deque[str] = deque(maxlen=LINES)
-    live = stack.enter_context(Live(_table(watcher, seen), console=Screen(), auto_refresh=False))
+    live = stack.enter_context(Live(_table(watcher), console=Screen(), auto_refresh=False))
     last = [0.0]
 
     def emit(events: list[Event]) -> None:
-        seen.extend(_sentence(event) for event in events)
-        if events:
-            live.update(_table(watcher, seen), refresh=True)
+        for event in events:
+            live.console.print(sentence(event, watcher.model.robot), highlight=False, markup=False)
 
     def refresh() -> None:
         if time.monotonic() - last[0] > 1 / RATE:
             last[0] = time.monotonic()
-            live.update(_table(watcher, seen), refresh=True)
+            live.update(_table(watcher), refresh=True)
 
     return emit, refresh
 
 
-def _table(watcher: Watcher, seen: deque[str]) -> Table:
+def _table(watcher: Watcher) -> Table:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    title, lines = f"{watcher.model.robot.name} at {watcher.t:.2f} s", "\n".join(seen)
-    table = Table(box=SIMPLE_HEAD, title=title, caption=lines, caption_justify="left", expand=True)
+    table = Table(box=SIMPLE_HEAD, title=f"{watcher.model.robot.name} at {watcher.t:.2f} s", expand=True)
     for k, name in enumerate(("joint", "residual", "threshold", "")):
         table.add_column(name, justify="left" if k in (0, 3) else "right")
     robot = watcher.model.robot
@@ -162,13 +206,20 @@ def _table(watcher: Watcher, seen: deque[str]) -> Table:
     return table
 
 
-def _sentence(event: Event) -> str:
+def sentence(event: Event, robot: Robot) -> str:
+    """Line on an event, for a terminal."""
     from ...watch import Contact, LastingChange, Note
 
     if isinstance(event, Contact):
-        most = max(event.torque.values(), key=abs, default=0.0)
-        when = f"{event.start:.3f} s" if event.end is None else f"{event.start:.3f} to {event.end:.3f} s"
-        return f"contact at {event.link} ({', '.join(event.joints)}), {most:.3g} N.m, {when} {event.cause}"
+        units = {name: "N" if linear else "N.m" for name, linear in zip(robot.joints, robot.prismatic, strict=True)}
+        sizes = ", ".join(f"{name} {event.torque.get(name, 0.0):+.3g} {units[name]}" for name in event.joints)
+        if event.end is None:
+            return f"{event.start:9.3f} s  contact at {event.link}: {sizes}"
+        ended = f"{event.end:9.3f} s  end of the contact of {event.start:.3f} s at {event.link}: {sizes}"
+        return f"{ended}; it was none, but {event.cause}" if event.cause else ended
     if isinstance(event, LastingChange):
-        return f"{event.t:.2f} s: {event.sentence} (probability {event.probability:.3f})"
-    return f"{event.t:.2f} s: {event.sentence}" if isinstance(event, Note) else ""
+        lead = "with more motion: " if event.corrects is not None else ""
+        others = ", ".join(f"{name} {p:.2g}" for name, p in event.alternatives.items() if event.law not in name)
+        beside = f"; else {others}" if others else ""
+        return f"{event.t:9.3f} s  {lead}{event.sentence} (probability {event.probability:.3f}{beside})"
+    return f"{event.t:9.3f} s  {event.sentence}" if isinstance(event, Note) else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
@@ -60,6 +60,7 @@ def fleet(
                 seed=run.seed,
                 keep_going=options.keep_going,
                 progress=progress,
+                failed=_first(write_error),
             )
     except ManifestError as error:
         for sentence in error.sentences:
@@ -86,13 +87,17 @@ def _folder(output: str | None) -> str:
     return output
 
 
+def _first(write: Callable[[str], None]) -> Callable[[str], None]:
+    """Write the first sentences alone."""
+    left = iter(range(MOST))
+    return lambda sentence: None if next(left, None) is None else write(sentence)
+
+
 def _report(sessions: Sequence[Outcome]) -> None:
-    """Report failed sessions with their reasons, and flagged sessions."""
-    undone = [one for one in sessions if not one.done]
-    for one in undone[:MOST]:
-        write_error(f"session {one.entry.session} failed: {'; '.join(one.said)}")
-    if len(undone) > MOST:
-        write_error(f"and {len(undone) - MOST} more sessions failed; index.html lists them")
+    """Report how many more sessions failed than were named when they did, and flagged sessions."""
+    undone = sum(not one.done for one in sessions)
+    if undone > MOST:
+        write_error(f"and {undone - MOST} more sessions failed; index.html lists them")
     if flagged := [one.entry.session for one in sessions if one.done and one.code == FLAGGED]:
         write_error(
             f"the results of {shorten(flagged, 3)} are flagged; index.html marks them, their reports give the reasons"

@@ -50,12 +50,12 @@ class Fleet(Result):
 
     @property
     def robots(self) -> list[tuple[str, list[Outcome]]]:
-        """Robots with their sessions in order of time; the largest latest mismatch first."""
+        """Robots with their sessions in order of time; the largest latest mismatch first, then as in the manifest."""
         found: dict[str, list[Outcome]] = {}
         for outcome in self.outcomes:
             found.setdefault(outcome.entry.name, []).append(outcome)
         ordered = {name: sorted(some, key=_moment) for name, some in found.items()}
-        return sorted(ordered.items(), key=lambda robot: (-(_latest(robot[1]).summary.mismatch or -1.0), robot[0]))
+        return sorted(ordered.items(), key=lambda robot: -(_latest(robot[1]).summary.mismatch or -1.0))
 
     @property
     def causes(self) -> list[dict[str, Any]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
@@ -41,6 +41,7 @@ def fleet(
     seed: int = 0,
     keep_going: bool = True,
     progress: Progress | None = None,
+    failed: Callable[[str], None] | None = None,
 ) -> Fleet:
     """Diagnose or identify many robots and recordings, each session in a separate process.
 
@@ -55,6 +56,8 @@ def fleet(
         seed: seed of every session.
         keep_going: continue if a session fails.
         progress: callback with the number of completed sessions.
+        failed: callback with a sentence for each session that fails, at once: before any session runs if a file of it
+            cannot be read.
 
     Raises:
         ManifestError: rows of the manifest are invalid.
@@ -63,12 +66,15 @@ def fleet(
     """
     listed = read_manifest(manifest)
     report = progress or (lambda stage, share: None)
+    say = failed or (lambda sentence: None)
     tasks = _prepare(listed, seed, workers or cores(), report)
     with Store(folder) as store:
         store.check(task.entry.session for task in tasks)
         answers = {k: Answer(None, (task.fault,), {}) for k, task in enumerate(tasks) if task.fault}
         if answers and not keep_going:
             raise InputError(_sentence(tasks[min(answers)].entry, answers[min(answers)]))
+        for k, answer in answers.items():
+            say(_sentence(tasks[k].entry, answer))
         todo = [k for k, task in enumerate(tasks) if store.record(task.entry.session).get("key") != task.key != ""]
         done = len(tasks) - len(todo)
         report(f"{done} of {len(tasks)} sessions", done / len(tasks))
@@ -83,6 +89,7 @@ def fleet(
                     _keep(store, task, orders[number], answer)
                 elif keep_going:
                     answers[todo[number]] = answer
+                    say(_sentence(task.entry, answer))
                 else:
                     raise InputError(_sentence(task.entry, answer))
                 report(f"{done} of {len(tasks)} sessions", done / len(tasks))
@@ -141,4 +148,4 @@ def _outcome(store: Store, task: _Task, answer: Answer | None) -> Outcome:
 
 
 def _sentence(entry: Entry, answer: Answer) -> str:
-    return f"session {entry.session} (line {entry.line}) failed: {answer.said[0] if answer.said else 'no reason given'}"
+    return f"session {entry.session} (line {entry.line}) failed: {'; '.join(answer.said) or 'no reason given'}"

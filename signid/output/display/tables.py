@@ -43,7 +43,7 @@ def tables(result: Any) -> Renderables:
 
 def _robot(robot: Robot) -> Renderables:
     size = f"{plural(len(robot.joints), 'joint')}, {plural(len(robot.links), 'moving link')}"
-    return [heading(f"{robot.name}: {size}", below=False), joint_table(robot), *note_lines(robot.notes)]
+    return [heading(f"{robot.name}: {size}", below=False), *joint_table(robot), *note_lines(robot.notes)]
 
 
 def _recording(recording: Recording) -> Renderables:

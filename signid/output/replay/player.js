@@ -28,7 +28,7 @@ class Player {
     document.querySelector("#legend li:nth-child(2) span").textContent = ["simulated", content.command ? "from the commands alone" : "", often].filter(Boolean).join(", ").replace("simulated, from", "simulated from");
     $("commanded").hidden = !content.command;
     const small = content.marks.filter((mark) => !mark.cause).map((mark) => `small correction: ${mark.title}`);
-    $("notes").append(...[...small, ...content.notes, `grid: ${this.stage.grid} m`].map((note) => Object.assign(document.createElement("li"), { textContent: note })));
+    $("notes").append(Object.assign(document.createElement("li"), { id: "others", hidden: true }), ...[...small, ...content.notes, `grid: ${this.stage.grid} m`].map((note) => Object.assign(document.createElement("li"), { textContent: note })));
     const n = content.joints.length, height = Math.min(176, Math.max(26, 13 * n)), every = Math.ceil(11 * n / height);
     const names = content.joints.map(({ name }) => name), prefix = n < 2 ? "" : names[0].slice(0, names[0].lastIndexOf("_") + 1);
     const narrow = innerWidth < 760 && names.some((name) => name.length > 10) && names.every((name) => name.startsWith(prefix));
@@ -215,14 +215,23 @@ class Player {
     const narrow = innerWidth < 760; // labels then stand above the robot
     let below = 20 + $("switches").offsetTop + $("switches").offsetHeight;
     const ceiling = below, room = narrow ? Math.max(0.5 * (floor - ceiling), all[0]?.h ?? 0) : floor - ceiling;
-    let used = 0; // labels without room are left out; the text at the top names them
-    const fits = all.map((one) => (used += one.h + 8) - 8 <= room), spots = all.filter((_, k) => fits[k]);
+    const more = $("unlabelled"), whole = all.reduce((sum, one) => sum + one.h + 8, -8), kept = whole > room ? more.offsetHeight + 8 : 0;
+    let used = 0; // labels without room are counted, and named in the notes
+    const fits = all.map((one, k) => (used += one.h + 8) - 8 <= room - kept || k === 0), spots = all.filter((_, k) => fits[k]);
     for (const { label, line, dot } of all.filter((_, k) => !fits[k])) for (const part of [label, line, dot]) part.style.visibility = "hidden";
+    const others = all.filter((_, k) => !fits[k]).map((one) => one.mark.mark.title);
+    more.textContent = `and ${others.length} more`;
+    more.style.visibility = shown && others.length ? "visible" : "hidden";
+    $("others").hidden = !others.length;
+    $("others").textContent = `not labelled: ${others.join("; ")}`;
+    const foot = floor - more.offsetHeight;
+    if (others.length) floor = foot - 8;
     if (!narrow) spots.sort((a, b) => a.at.y - b.at.y);
     for (const spot of spots) {
       spot.y = narrow ? below : Math.max(below, spot.at.y - spot.h / 2);
       below = spot.y + spot.h + 8;
     }
+    more.style.transform = `translate(${innerWidth - 12 - more.offsetWidth}px, ${Math.round(narrow ? below : foot)}px)`;
     for (const spot of [...spots].reverse()) {
       spot.y = Math.max(ceiling, Math.min(spot.y, floor - spot.h));
       floor = spot.y - 8;

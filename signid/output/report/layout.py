@@ -232,6 +232,15 @@ def confidence(value: float) -> str:
     return f">{CERTAIN}" if value >= CERTAIN else f"{floor(1000 * value) / 1000:.3f}"
 
 
+def log_odds(odds: float) -> str:
+    """Log odds with at most three digits, beyond which they say no more.
+
+    >>> log_odds(5.04), log_odds(512.3), log_odds(425721.0)
+    ('5.0', '512', '> 999')
+    """
+    return "> 999" if odds >= 999.5 else f"{odds:.1f}" if abs(odds) < 99.95 else f"{odds:.0f}"
+
+
 def determination(r2: float) -> str:
     """Format R2 with two significant digits of 1 - R2.
 

@@ -113,7 +113,7 @@ class Fold(NamedTuple):
 
 
 class LawCard(NamedTuple):
-    """A law that was found, with its numbers and alternatives."""
+    """A law that was found, with its numbers and alternatives; its text is empty where another card has it."""
 
     title: str
     probability: str
@@ -122,8 +122,8 @@ class LawCard(NamedTuple):
     equation: str
     numbers: Cells
     evidence: str
-    compared: str  # heading of the alternatives
-    rivals: Sequence[tuple[str, Bar]]  # the law and its alternatives with their probabilities
+    source: str
+    rivals: Sequence[tuple[str, Bar]]  # the law and its alternatives with their probabilities; none without any
 
 
 class Laws(NamedTuple):

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 POINTS, DOTS = 16_000, 9_000  # total number of points of lines and of scatter plots
 FEWEST = 150  # minimum number of points per line
+SPARSE = 1000  # number of low-passed rows up to which a curve is drawn through them, instead of straight lines
 BINS = 24  # number of means per scatter plot
 DRAWN, FEW = 400_000, 20_000  # most samples drawn, and number below which no further part of a recording is drawn
 MOST = 60  # maximum number of points per line of a roll-out
@@ -105,7 +106,9 @@ def _plots(course: Course, j: int) -> Iterator[Plot]:
 
 
 def torque_plot(joint: str, rows: Course | ValidatedModel, unit: str, lines: Sequence[Line], most: int) -> Plot:
-    """Plot torque over the time of some rows, with residuals below."""
+    """Plot low-passed torque over the time of some rows, with residuals below; few rows are joined by a spline."""
+    if len(rows.t) <= min(SPARSE, most):
+        lines = [line._replace(style={**line.style, "shape": "spline"}) for line in lines]
     first = np.flatnonzero(np.diff(rows.stretch, prepend=rows.stretch[:1] - 1))
     t, lines = _thinned(clock(rows.t, rows.recording), lines, first, most)
     panes = Panes("torque", "residual", (unit, unit))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from ..policy import content_policy
 from ..sections import Card, Section
 
 TEMPLATES = Path(__file__).parent / "templates"
+PLOTLY = "plotly-cartesian.min.js.gz"  # scatter, bar and heat map: 1.5 MB of a page, of Plotly's 4.8 MB
 BEFORE, AFTER, FLOOR, FAINT = "#d1700e", "#2f7fc1", "#00876a", "#8a94a0"
 AXIS = {"showline": True, "linecolor": "#c5ccd3", "gridcolor": "#e3e8ec", "zeroline": False, "automargin": True}
 
@@ -36,13 +38,12 @@ def packed(values: Array) -> dict[str, Any]:
 def render(template: str, **content: Any) -> str:
     """Render a template as a self-contained page, reproducible to the byte; text is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
-    from plotly.offline import get_plotlyjs
 
     spaces: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
     jinja = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, **spaces)
     jinja.filters["share"] = share
     css, script = ((TEMPLATES / f"page.{name}").read_text(encoding="utf-8") for name in ("css", "js"))
-    scripts = [get_plotlyjs(), script]
+    scripts = [gzip.decompress((TEMPLATES / PLOTLY).read_bytes()).decode(), script]
     return jinja.get_template(template).render(policy=content_policy(scripts), scripts=scripts, css=css, **content)
 
 

@@ -14,7 +14,7 @@ from rich.text import Text
 from ....effects.naming import law_place
 from ....types import Input, Robot
 from ..documents import Document, description, fit_with_errors, opening, picked, provenance
-from ..layout import Worse, confidence, determination, figure, heading, new_table, paragraph, plural, share
+from ..layout import Worse, confidence, determination, figure, heading, log_odds, new_table, paragraph, plural, share
 from ..plots.courses import joint_plots, rollout_plots, worst
 from ..plots.frame import AFTER, BEFORE, Header, sections_page, shared
 from ..plots.heat import heat_maps, hottest
@@ -239,10 +239,11 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
     drawn = (Legend("Position error, rms over the windows."), Plots(rolled)) if rolled else ()
     sections = [
         *_places(result),
-        Section(roles["cause"], (Laws([_card(result, finding) for finding in result.causes]),)),
+        Section(roles["cause"], (Laws(list(_law_cards(result))),)),
         Section(roles["secondary"], (Cells(CORRECTED, corrections),)),
         Section("", (Sentences(words.trust_words(result)),)),
         Section("Alternatives, and motions that would separate them", tuple(_separating(result))),
+        Section("Unexplained residual", (Sentences(words.unexplained_words(result)),)),
         _fit(result).beside(Key(KEY), Folds(note, joint_plots(result.held_out, result.before, result.after, chosen))),
         _rolled(result).beside(*drawn),
     ]
@@ -270,7 +271,7 @@ def _places(result: Diagnosis) -> list[Section]:
 
 
 def _separating(result: Diagnosis) -> Iterator[Plain | Sentences | Fold]:
-    """Each finding with its most probable alternatives, the others folded; residual that no law explains."""
+    """Each finding with its most probable alternatives, the others folded."""
     for finding in result.findings:
         if shown := words.alternative_words(result.robot, finding):
             whole = words.alternative_words(result.robot, finding, None)
@@ -278,8 +279,6 @@ def _separating(result: Diagnosis) -> Iterator[Plain | Sentences | Fold]:
             law = sentence_case(subject(named(result.robot, finding.law, finding.std)))
             folded = [line for line in whole if line not in first]
             yield from (Plain(law), Sentences(first), Fold(f"{len(folded)} more for {law}", folded))
-    if left := words.unexplained_words(result):
-        yield from (Plain("Residual that no law explains:"), Sentences(left))
 
 
 def residual_maps(result: Diagnosis) -> tuple[list[Plot], list[Plot], float]:
@@ -313,6 +312,16 @@ def _row(result: Diagnosis, finding: Finding) -> tuple[str, ...]:
     return _title(result, finding), "; ".join(cells.numbers), *cells[2:]
 
 
+def _law_cards(result: Diagnosis) -> Iterator[LawCard]:
+    """A card per cause; what a law is stands in its first card only."""
+    described = set[str]()
+    for finding in result.causes:
+        card = _card(result, finding)
+        known = finding.law.effect.name in described
+        described.add(finding.law.effect.name)
+        yield card._replace(summary="", equation="", source="") if known else card
+
+
 def _card(result: Diagnosis, finding: Finding) -> LawCard:
     """A cause with its law, its numbers, its evidence and its alternatives."""
     effect, cells = finding.law.effect, words.finding_words(result.robot, finding)
@@ -322,13 +331,13 @@ def _card(result: Diagnosis, finding: Finding) -> LawCard:
     else:
         table = Cells(("parameter", "value>", "± 95 %>", "unit"), [(x.key, x.value, x.half, x.unit) for x in numbers])
     rivals, sure = _rivals(result, finding), finding.probability >= SURE
-    alone = "no alternative comes close" if sure else "no other law gives half of this torque"
+    alone = "No alternative comes close" if sure else "No other law gives half of this torque"
     where = f", mostly {cells.where}" if cells.where else ""
     evidence = (
         f"{cells.torque} of measured torque (rms){where}. "
         f"{'' if finding.in_model else 'Not in the extended simulation. '}"
         f"Reduces the held-out sum of squares by {share(finding.held_out_gain)}. "
-        f"Log odds {finding.statistic:.0f} (threshold: {finding.threshold:.0f}). Source: {effect.source}."
+        f"Log odds {log_odds(finding.statistic)} (threshold: {log_odds(finding.threshold)})."
     )
     return LawCard(
         title=_title(result, finding),
@@ -337,9 +346,9 @@ def _card(result: Diagnosis, finding: Finding) -> LawCard:
         summary=" ".join((getdoc(type(effect)) or "").split()),
         equation=effect.equation,
         numbers=table,
-        evidence=evidence,
-        compared="alternatives" if len(rivals) > 1 else alone,
-        rivals=rivals,
+        evidence=evidence if len(rivals) > 1 else f"{evidence} {alone}.",
+        source=effect.source,
+        rivals=rivals if len(rivals) > 1 else [],
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from urllib.parse import quote
 
 from rich.console import RenderableType
+from rich.text import Text
 
 from ....types import TWO_SIDED
 from ..layout import confidence, figure, heading, new_table, paragraph, plural, share, with_interval
@@ -19,6 +20,7 @@ from .sentences import listed, quantity
 
 UNDONE, FLAGGED = "not done", "flagged"  # states of a session in fleet.json
 SHOWN, FEW = 20, 4  # maximum number of rows per table and of parameters per cause
+HEADED = 2  # maximum number of robots in the headline
 DRAWN, LISTED = 24, 60  # maximum number of drifts drawn and listed
 FOUND = (("changes", "Changes between sessions of a robot"), ("outliers", "Outliers between robots of one kind"))
 REPORT = "report.html"
@@ -26,17 +28,32 @@ SHADE = "rgba(209,112,14,.16)"
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
+def fleet_headline(document: Mapping[str, Any]) -> str:
+    """Name the robots that changed, are outliers or drift, with one number each; without any, count the fleet."""
+    found: dict[str, str] = {}
+    outliers = findings(document, "outliers")
+    apart = {(one["name"], one["number"]): f" ({_others(one)})" for one in outliers}
+    for change in findings(document, "changes"):
+        found.setdefault(change["name"], change_headline(change) + apart.get((change["name"], change["number"]), ""))
+    for outlier in outliers:
+        found.setdefault(outlier["name"], outlier_headline(outlier))
+    for drift in drifting(document):
+        found.setdefault(drift["name"], f"{drift['name']}: {drift['number']} drifts by {drift_sentence(drift)}")
+    beyond = [f"and {plural(len(found) - HEADED, 'more robot')}"] if len(found) > HEADED else []
+    return "; ".join([*list(found.values())[:HEADED], *beyond]) or fleet_sentence(document)
+
+
 def fleet_sentence(document: Mapping[str, Any]) -> str:
     """Summarise a fleet in one sentence."""
     robots, sessions = document["robots"], document["sessions"]
     differ = sum(robot["verdict"] not in ("", "nothing_missing") for robot in robots)
-    drifting = len({drift["name"] for drift in document["drifts"] if drift["beyond_noise"]})
+    drifts = len({drift["name"] for drift in drifting(document)})
     undone = sum(session["state"] == UNDONE for session in sessions)
     parts = []
     if any(robot["verdict"] for robot in robots):
         parts.append(f"{plural(differ, 'robot')} {_do(differ, 'differs', 'differ')} from the simulation")
     if document["drifts"]:
-        parts.append(f"{plural(drifting, 'robot')} {_do(drifting, 'drifts', 'drift')}")
+        parts.append(f"{plural(drifts, 'robot')} {_do(drifts, 'drifts', 'drift')}")
     changed, apart = (len({one["name"] for one in findings(document, key)}) for key in ("changes", "outliers"))
     parts += [f"{plural(changed, 'robot')} changed between sessions"] if changed else []
     parts += [f"{plural(apart, 'robot')} {_do(apart, 'is an outlier', 'are outliers')}"] if apart else []
@@ -50,6 +67,17 @@ def findings(document: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
     return [one for one in document.get(key, ()) if one["finding"]]
 
 
+def drifting(document: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Drifts of a fleet that exceed the noise."""
+    return [drift for drift in document["drifts"] if drift["beyond_noise"]]
+
+
+def change_headline(change: Mapping[str, Any]) -> str:
+    """A change between sessions of a robot, in a headline."""
+    before, after = (quantity(change[key]["value"], change[key]["std"], change["unit"]) for key in ("before", "after"))
+    return f"{change['name']}: {change['title']} changed from {before} to {after}"
+
+
 def change_sentence(change: Mapping[str, Any]) -> str:
     """A change between sessions of a robot, with its probability."""
     before, after, unit = change["before"], change["after"], change["unit"]
@@ -60,13 +88,21 @@ def change_sentence(change: Mapping[str, Any]) -> str:
     return f"{change['name']}: {change['title']} changed {course}; {size}{_sure(change)}"
 
 
+def outlier_headline(outlier: Mapping[str, Any]) -> str:
+    """A robot that differs from the others of its kind, in a headline."""
+    own = quantity(outlier["value"], outlier["std"], outlier["unit"])
+    return f"{outlier['name']}: {outlier['title']} is {own}, {_others(outlier)}"
+
+
+def _others(outlier: Mapping[str, Any]) -> str:
+    others = outlier["others"]
+    return f"{figure(others['median'])} {outlier['unit']} in the other {len(others['robots'])} robots"
+
+
 def outlier_sentence(outlier: Mapping[str, Any]) -> str:
     """A robot that differs from the others of its kind, with its probability."""
-    others, unit = outlier["others"], outlier["unit"]
-    own = quantity(outlier["value"], outlier["std"], unit)
-    ends = " to ".join(dict.fromkeys(figure(others[key]) for key in ("least", "most")))
-    rest = f"{figure(others['median'])} {unit} in the other {len(others['robots'])} robots ({ends})"
-    return f"{outlier['name']}: {outlier['title']} is {own}, {rest}; {_sure(outlier)}"
+    ends = " to ".join(dict.fromkeys(figure(outlier["others"][key]) for key in ("least", "most")))
+    return f"{outlier_headline(outlier)} ({ends}); {_sure(outlier)}"
 
 
 def _sure(finding: Mapping[str, Any]) -> str:
@@ -94,32 +130,41 @@ def drift_change(drift: Mapping[str, Any]) -> str:
 
 
 def fleet_tables(document: Mapping[str, Any]) -> list[RenderableType]:
-    """Terminal tables of a fleet."""
-    robots = document["robots"]
+    """Terminal tables of a fleet: changes, outliers and drifts, then one line for each robot."""
+    robots, headline = document["robots"], fleet_headline(document)
+    shown = [paragraph(headline)]
+    if headline != fleet_sentence(document):
+        shown.append(paragraph(fleet_sentence(document)))
+    for key, title in FOUND:
+        if found := findings(document, key):
+            shown += [heading(title), *(paragraph(one["sentence"]) for one in found[:SHOWN]), *_more(len(found))]
+    if drifts := drifting(document):
+        sentences = (f"{drift['name']}: {drift['number']}: {drift_sentence(drift)}" for drift in drifts[:SHOWN])
+        shown += [heading("Significant drift"), *map(paragraph, sentences), *_more(len(drifts))]
     table = new_table("robot", "mismatch>", "joint", "after>", "explained>", "lacks")
     for robot in robots[:SHOWN]:
         mismatch, *after = mismatch_cells(robot)
-        table.add_row(robot["name"], mismatch, robot["joint"], *after, lacking(robot))
+        lacks = Text(lacking(robot, document["causes"]), no_wrap=True, overflow="ellipsis")
+        table.add_row(robot["name"], mismatch, robot["joint"], *after, lacks)
     legend = "Mismatch, after: held-out rms over the noise floor, before and after the extension (last session)."
-    shown = [paragraph(fleet_sentence(document)), table, *_more(len(robots)), paragraph(legend)]
+    shown += [heading("Robots by mismatch"), table, *_more(len(robots)), paragraph(legend)]
     if document["causes"]:
         shown += [heading("Common causes"), *map(paragraph, _causes(document["causes"]))]
-    for key, title in (("changes", "Changes between sessions"), ("outliers", "Outliers between robots of one kind")):
-        if found := findings(document, key):
-            shown += [heading(title), *(paragraph(one["sentence"]) for one in found[:SHOWN]), *_more(len(found))]
-    drifting = [drift for drift in document["drifts"] if drift["beyond_noise"]]
-    if drifting:
-        sentences = (f"{drift['name']}: {drift['number']}: {drift_sentence(drift)}" for drift in drifting[:SHOWN])
-        shown += [heading("Significant drift"), *map(paragraph, sentences), *_more(len(drifting))]
     return shown
 
 
-def lacking(robot: Mapping[str, Any]) -> str:
-    """Laws that a robot's simulation lacks, in words."""
+def lacking(robot: Mapping[str, Any], causes: Sequence[Mapping[str, Any]]) -> str:
+    """Laws that a robot's simulation lacks, in words; those that all robots of its kind lack are counted."""
     none = UNDONE if robot["undone"] == len(robot["sessions"]) else "-"
     words = {"nothing_missing": "nothing", "unknown": "physics that no law explains", "": none}
-    lacks = robot.get("lacks", robot["causes"])
-    return listed([(one, 1) for one in lacks], len(lacks)) or words.get(robot["verdict"], robot["verdict"])
+    common = {one["cause"] for one in causes if one["kind"] == robot["kind"] and 1 < one["of"] == len(one["robots"])}
+    lacks = zip(robot["causes"], robot.get("lacks", robot["causes"]), strict=True)
+    own = [said for cause, said in lacks if cause not in common]
+    shared = (
+        [f"{plural(len(robot['causes']) - len(own), 'law')} common to all"] if len(own) < len(robot["causes"]) else []
+    )
+    said = filter(None, [listed([(one, 1) for one in own], len(own)), *shared])
+    return "; ".join(said) or words.get(robot["verdict"], robot["verdict"])
 
 
 def number_ranges(cause: Mapping[str, Any]) -> list[str]:
@@ -161,18 +206,19 @@ def _do(count: int, one: str, many: str) -> str:
 
 def fleet_page(document: Mapping[str, Any], command: str = "") -> str:
     """Render index.html from the content of fleet.json, with links to the reports of its sessions."""
-    drifts = document["drifts"]
-    beyond = [drift for drift in drifts if drift["beyond_noise"]]
+    drifts, beyond, headline = document["drifts"], drifting(document), fleet_headline(document)
     sessions = {session["session"]: session for session in document["sessions"]}
     flagged = sum(session["state"] == FLAGGED for session in sessions.values())
     return render(
         "fleet.html",
-        title=fleet_sentence(document),
+        title=headline,
+        over="fleet of robots" if headline == fleet_sentence(document) else f"fleet: {fleet_sentence(document)}",
         cards=list(_cards(document)),
         undone=[(one["session"], one["said"]) for one in document["sessions"] if one["state"] == UNDONE],
         flagged=plural(flagged, "session") if flagged else "",
-        rows=list(_rows(document["robots"], sessions)),
-        causes=list(_cause_articles(document["causes"])),
+        rows=list(_rows(document, sessions)),
+        causes=list(_cause_rows(document["causes"])),
+        kinds=len({robot["kind"] for robot in document["robots"] if robot["kind"]}) > 1,
         found=[(title, [one["sentence"] for one in findings(document, key)[:LISTED]]) for key, title in FOUND],
         compared=document.get("comparison"),
         drifting=[_drift_plot(drift) for drift in beyond[:DRAWN]],
@@ -195,18 +241,16 @@ def _cards(document: Mapping[str, Any]) -> Iterator[Card]:
         cause = document["causes"][0]
         beside = cause.get("title", cause["cause"])
         yield Card("most common cause", f"{len(cause['robots'])} of {plural(cause['of'], 'robot')}", beside)
-    for key, title in FOUND:
-        if some := findings(document, key):
-            yield Card(title.lower(), plural(len(some), "parameter"), f"{some[0]['name']}: {some[0]['title']}")
     if document["drifts"]:
-        count = sum(drift["beyond_noise"] for drift in document["drifts"])
+        count = len(drifting(document))
         yield Card("significant drift", plural(count, "parameter"), f"of {len(document['drifts'])} tested")
     done = sum(session["state"] != UNDONE for session in document["sessions"])
     yield Card("sessions completed", f"{done} of {len(document['sessions'])}", "each with its own report")
 
 
-def _rows(robots: Sequence[Mapping[str, Any]], sessions: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def _rows(document: Mapping[str, Any], sessions: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """Yield the ranking of robots."""
+    robots = document["robots"]
     top = max([10.0, *(robot["mismatch"] for robot in robots if robot["mismatch"])])
     for robot in robots:
         (size, left, explained), mismatch = mismatch_cells(robot), robot["mismatch"]
@@ -217,20 +261,20 @@ def _rows(robots: Sequence[Mapping[str, Any]], sessions: Mapping[str, Any]) -> I
             "percent": 100 * max(0.0, log10(mismatch) / log10(top)) if mismatch else 0.0,
             "left": left,
             "explained": explained,
-            "lacks": "no report" if robot["task"] == "reduce" else lacking(robot),
+            "lacks": "no report" if robot["task"] == "reduce" else lacking(robot, document["causes"]),
             "link": _link(sessions[robot["latest"]]),
         }
 
 
-def _cause_articles(causes: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+def _cause_rows(causes: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
     kinds = len({cause["kind"] for cause in causes}) > 1
     for cause in causes:
-        yield {
-            "sentence": cause_sentence(cause) + (f" ({cause['kind']})" if kinds else ""),
-            "percent": 100 * len(cause["robots"]) / max(cause["of"], 1),
-            "numbers": number_ranges(cause),
-            "robots": cause["robots"],
-        }
+        which = "all" if 1 < cause["of"] == len(cause["robots"]) else ", ".join(cause["robots"])
+        yield (
+            cause_sentence(cause) + (f" ({cause['kind']})" if kinds else ""),
+            ", ".join(number_ranges(cause)),
+            which,
+        )
 
 
 def _drift_plot(drift: Mapping[str, Any]) -> Plot:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
-from rich.table import Table
 
 from ....types import Input, Robot
 from ..documents import Document, description, picked, provenance
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from ....inspect import Inspection
 
 VERDICTS = {"right": "green", "uncertain": "yellow", "wrong": "red"}
+HEADS = ("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")
 STYLES = {"identifiable": "green", "weak": "yellow", "unidentifiable": "red"}
 
 
@@ -39,7 +39,6 @@ def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: i
 def inspection_tables(found: Inspection) -> list[RenderableType]:
     """Joints, links, base parameters as formulas, and unidentifiable parameters."""
     robot, base = found.robot, found.base
-    joints = joint_table(robot)
     formulas = new_table("base parameter", "unit", rows=zip(base.expressions, base.units, strict=True))
     bodies: dict[int | None, list[str]] = {}
     for label in base.invisible:
@@ -51,7 +50,7 @@ def inspection_tables(found: Inspection) -> list[RenderableType]:
     counted = f"{base.rank} base parameters, combinations of {len(base.labels)} standard parameters"
     return [
         heading(f"{robot.name}: {size}", below=False),
-        joints,
+        *joint_table(robot),
         heading(f"{counted} (indices: moving links)"),
         formulas,
         *([heading("Unidentifiable from any motion"), hidden] if base.invisible else []),
@@ -60,13 +59,19 @@ def inspection_tables(found: Inspection) -> list[RenderableType]:
     ]
 
 
-def joint_table(robot: Robot) -> Table:
-    """Joints with their limits."""
-    table = new_table("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")
-    for joint in joint_documents(robot):
+def joint_table(robot: Robot) -> list[RenderableType]:
+    """Joints with their limits; a type or unit that all joints have stands once, below the table."""
+    joints = joint_documents(robot)
+    equal = {key: joints[0][key] for key in ("type", "unit") if len({joint[key] for joint in joints}) == 1}
+    common = ["type", "unit"] if len(equal) == 2 and len(joints) > 1 else []
+    table = new_table(*(head for head in HEADS if head not in common))
+    for joint in joints:
         name, number, kind, link, *limits, unit = joint.values()
-        table.add_row(name, str(number), kind, name_cell(link), *map(figure, limits), unit)
-    return table
+        cells = dict(zip(HEADS, (name, str(number), kind, name_cell(link), *map(figure, limits), unit), strict=True))
+        table.add_row(*(cell for head, cell in cells.items() if head not in common))
+    effort = "N" if equal.get("type") == "prismatic" else "N.m"
+    said = f"All joints are {equal.get('type')}: limits in {equal.get('unit')}, {equal.get('unit')}/s and {effort}."
+    return [table, *([paragraph(said)] if common else [])]
 
 
 def joint_documents(robot: Robot) -> list[Document]:

@@ -1,0 +1,104 @@
+"""Quiet stretch -> noise of frames, changes since the identification, and errors of the model that it shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..regression.covariance import Misfit
+from ..types import Array, Indices, Mask
+from .frames import COLUMNS, LOCAL, Frames
+
+BATCH = 1.0  # [s] residuals of different batches count as independent
+SHRINK = 2.0  # [batches] without correlation that are added to those measured
+NEAREST = 1e-9  # [1] smallest noise over the rms of the predicted torque
+MOVED = 2.0  # [s] of motion of a joint that give its noise
+CHANGE, LITTLE, GAIN = 0.1, 0.01, 0.02  # [1] usual change since the identification: of friction, over torque, of gain
+ROUNDS = 4  # of the noise
+
+
+@dataclass(frozen=True, eq=False)
+class QuietNoise:
+    """Noise of n joints in the quiet stretch."""
+
+    frame: Array  # (n,) [N.m or N] standard deviation of the residual of a frame
+    inflation: Array  # (n, 14) [1] variance of the score of a column over that of white noise
+    base: Array  # (n, 4) [units of the laws] coefficients of LOCAL that the quiet stretch has already
+    spread: Array  # (b, b) [standard deviations] factor of the covariance that is left of the errors of the model
+
+
+class Quiet:
+    """Sums over the quiet stretch; memory grows with its duration, which is limited."""
+
+    def __init__(self, joints: int) -> None:
+        self.frames: list[tuple[Array, ...]] = []  # t, residual, columns, usable, errors
+        self.moved = 0.0  # [s] with a moving joint
+        self.total = 0.0  # [s]
+
+    def add(self, frames: Frames, step: float) -> None:
+        """Count frames of `step` [s]."""
+        self.frames.append((frames.t, frames.residual, frames.columns, frames.usable, frames.errors))
+        self.moved += step * float(frames.moving.any(axis=1).sum())
+        self.total += step * len(frames.t)
+
+    def moved_long(self) -> Mask:
+        """Joints (n,) that moved for at least `MOVED`."""
+        frame = self.total / sum(len(t) for t, *_ in self.frames)
+        return np.asarray(sum(usable.sum(axis=0) for _, _, _, usable, _ in self.frames) * frame >= MOVED)
+
+    def noise(self, friction: Array, misfit: Misfit) -> QuietNoise:
+        """Changes of a joint's own laws since the model was identified, and the noise of frames without them.
+
+        friction: (n, 2) viscous [N.m.s/rad or N.s/m] and Coulomb friction [N.m or N] of the model. The changes are the
+        most likely ones with a prior of the usual size; their residual counts once in the correlation time of the
+        misfit. A joint that has not moved takes the misfit as noise.
+        """
+        t, residual, columns, usable, errors = (np.concatenate(x) for x in zip(*self.frames, strict=True))
+        n, moved = residual.shape[1], self.moved_long()
+        base, noise, inflation = np.zeros((n, len(LOCAL))), np.zeros(n), np.ones((n, COLUMNS))
+        precision: Array = np.eye(errors.shape[2])
+        batch = ((t - t[0]) // BATCH).astype(int)
+        for j in range(n):
+            here = usable[:, j] if moved[j] else np.ones(len(t), dtype=bool)
+            x, e = columns[here, j], residual[here, j]
+            own = x[:, : len(LOCAL)]
+            correlated = max(1.0, misfit.length[j] * len(t) / self.total)
+            if moved[j]:
+                base[j] = _changed(own, e, friction[j], correlated)
+            rest = e - own @ base[j]
+            least = NEAREST * float(np.sqrt(np.mean(columns[:, j, 2] ** 2))) + 1e-12
+            rms = float(np.sqrt(np.sum(rest**2) / max(len(rest) - len(LOCAL), 1)))
+            noise[j] = max(rms, least, misfit.size[j])
+            inflation[j] = _inflation(x, rest / noise[j], batch[here])
+            if moved[j]:
+                precision = precision + errors[here, j].T @ errors[here, j] / (noise[j] ** 2 * correlated)
+        return QuietNoise(noise, inflation, base, np.linalg.inv(np.linalg.cholesky(precision)).T)
+
+
+def _changed(own: Array, e: Array, friction: Array, correlated: float) -> Array:
+    """Most likely changes (4,) of a joint's laws [units of the laws] by its residual e (F,) [N.m or N].
+
+    own: (F, 4) columns of LOCAL; friction: (2,) of the model; correlated: frames that count as one.
+    """
+    speed, torque = (float(np.sqrt(np.mean(own[:, k] ** 2))) for k in (0, 2))
+    little = LITTLE * torque
+    usual = np.array([little / max(speed, 1e-9), little, GAIN, little]) + 1e-12
+    usual[:2] += CHANGE * np.abs(friction)
+    found: Array = np.zeros(len(LOCAL))
+    variance = float(np.mean(e**2)) + 1e-24
+    for _ in range(ROUNDS):
+        normal = own.T @ own / (variance * correlated)
+        found = np.asarray(np.linalg.solve(normal + np.diag(usual**-2), own.T @ e / (variance * correlated)))
+        variance = float(np.mean((e - own @ found) ** 2)) + 1e-24
+    return found
+
+
+def _inflation(x: Array, rest: Array, batch: Indices) -> Array:
+    """Variance (14,) of the sums of columns times white residual over batches, over that of white noise [1]."""
+    sums = np.zeros((batch.max() + 1, x.shape[1]))
+    np.add.at(sums, batch, x * rest[:, None])
+    power = np.sum(x**2, axis=0)
+    count = len(np.unique(batch))
+    measured = np.sum(sums**2, axis=0) / np.maximum(power, 1e-300)
+    return np.asarray(np.maximum((measured * count + SHRINK) / (count + SHRINK), 1.0))
