@@ -185,7 +185,7 @@ class Ros(ModuleType):
             signals = {"name": ["joint_1", "joint_2", "joint_3"], "position": row[1:4].tolist(), "velocity": []}
             state = self.message("sensor_msgs/msg/JointState")
             self.callback(state(header=header, **signals, effort=row[4:7].tolist()))
-            if self.interrupt and row[0] > 7.9:
+            if self.interrupt and row[0] > 8.8:
                 for context in self.contexts:
                     context.valid = False
                 raise KeyboardInterrupt
