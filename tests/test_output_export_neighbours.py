@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ def test_the_ros_parameters_give_the_torque_of_the_model() -> None:
     made = signid.export(MODEL, "ros")
     assert made.notes == ()
     parameters = yaml.safe_load(made.text)["/**"]["ros__parameters"]["dynamics"]
+    assert [parameters["joint"][joint]["effort_limit"] for joint in ROBOT.joints] == ROBOT.effort_limit.tolist()
     robot = ROBOT.model.copy()
     for body, link in enumerate(ROBOT.links, 1):
         robot.inertias[body] = inertia(parameters["link"][link])
@@ -42,6 +44,12 @@ def test_the_ros_parameters_give_the_torque_of_the_model() -> None:
             torque[j] += known.get("armature", 0) * a[j] + known.get("viscous_friction", 0) * v[j]
             torque[j] += known.get("coulomb_friction", 0) * np.sign(v[j]) + known.get("torque_offset", 0)
         np.testing.assert_allclose(torque, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_the_ros_parameters_have_no_empty_map() -> None:
+    robot = replace(ROBOT, effort_limit=np.full(3, np.inf))
+    written = signid.export(Model(robot, stated_inertials(robot), ()), "ros").text
+    assert "joint:" not in written and "{}" not in written  # the reader of rcl takes what follows for its content
 
 
 def inertia(link: dict[str, Any]) -> pin.Inertia:

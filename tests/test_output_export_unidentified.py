@@ -111,7 +111,7 @@ def test_what_is_left_out_is_no_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     drive = tomllib.loads(signid.export(model, "actuators").text)["joint"]["joint_2"]
     assert drive == {"servo": {"law": "effort", "kp": 20.0, "kd": 0.5}}
     node = yaml.safe_load(signid.export(model, "ros").text)["/**"]["ros__parameters"]["dynamics"]
-    assert not set(unknown) & set(node["servo"]["joint_2"]) and not node["joint"].get("joint_2")
+    assert not set(unknown) & set(node["servo"]["joint_2"]) and node["joint"]["joint_2"] == {"effort_limit": 20.0}
     group = executed(signid.export(model, "isaaclab").text, "isaaclab.actuators", monkeypatch)["ACTUATORS"]["joint_2"]
     assert group["stiffness"] == 20.0 and not {"armature", "friction", "min_delay", "effort_limit"} & set(group)
     motors = executed(signid.export(model, "mjlab").text, "mjlab.actuator", monkeypatch)["ACTUATORS"]

@@ -1,14 +1,17 @@
-// Effort controller for ros2_controllers: tau = inverse_dynamics(q, v, a_desired + kp (q_desired - q) + kd (v_desired - v)).
-// The dynamics are those of a signid model: signid export result/model.json --c arm.c --ros arm.yaml
+// Effort controller of ros2_control: tau = tracking_torque(q, v, a_ref + kp (q_ref - q) + kd (v_ref - v), v_ref, width),
+// of the dynamics that `signid export MODEL --c arm.c --ros arm.yaml` writes.
 #pragma once
 
 #include <string>
 #include <vector>
 
-#include "arm.h"
 #include "controller_interface/controller_interface.hpp"
+#include "rclcpp/subscription.hpp"
+#include "realtime_tools/realtime_thread_safe_box.hpp"
+#include "trajectory.hpp"
+#include "trajectory_msgs/msg/joint_trajectory.hpp"
 
-namespace signid_example
+namespace signid_controller
 {
 
 class InverseDynamicsController : public controller_interface::ControllerInterface
@@ -23,11 +26,31 @@ public:
   controller_interface::return_type update(const rclcpp::Time & time, const rclcpp::Duration & period) override;
 
 private:
-  static constexpr int kJoints = SIGNID_JOINTS;
-  std::vector<std::string> joints_;  // parameter "joints", in the order that arm.h lists
-  double kp_ = 0.0;  // [1/s2] parameter "kp": stiffness per inertia; 0: gravity and friction compensation alone
-  double kd_ = 0.0;  // [1/s] parameter "kd": damping per inertia
-  double goal_[kJoints] = {};  // [rad or m] positions at activation; a real controller takes a trajectory
+  struct Received
+  {
+    Trajectory trajectory;
+    bool unread = false;
+  };
+
+  void receive(const trajectory_msgs::msg::JointTrajectory & message);
+  bool read_state();
+
+  // parameters
+  std::vector<std::string> joints_;  // dynamics.joints, in the order of arm.h
+  std::vector<double> effort_limit_;  // [N.m or N] dynamics.joint.NAME.effort_limit; infinite: none
+  std::vector<double> kp_;  // [1/s2] acceleration per error of position
+  std::vector<double> kd_;  // [1/s] acceleration per error of velocity
+  double friction_width_ = 0.0;  // [rad/s or m/s] over which dry friction changes its sign with the reference
+
+  rclcpp::Subscription<trajectory_msgs::msg::JointTrajectory>::SharedPtr subscription_;
+  realtime_tools::RealtimeThreadSafeBox<Received> received_;  // from the subscription to update
+
+  // state of the loop, allocated in on_configure
+  Trajectory trajectory_;
+  Reference reference_;
+  double elapsed_ = 0.0;  // [s] since the start of the trajectory
+  int missed_ = 0;  // cycles in a row in which an interface could not be read or written
+  std::vector<double> position_, velocity_, acceleration_, effort_;
 };
 
-}  // namespace signid_example
+}  // namespace signid_controller

@@ -224,7 +224,7 @@ def fit_passive(x: Signals, torque: Array | None = None, predicted: bool = True,
     used = [x.predicted] * predicted + [x.v, x.direction] + [x.a] * rotor
     columns = np.stack([signal.T for signal in used], axis=-1)
     columns = columns - columns.mean(axis=1, keepdims=True)
-    size = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
+    size = np.maximum(np.linalg.norm(columns, axis=1), 1e-150)  # its square is a number
     y = x.torque.T[:, :, None] if torque is None else torque
     y = y - y.mean(axis=1, keepdims=True)
     across = columns.swapaxes(1, 2)

@@ -37,7 +37,7 @@ class WatchOptions:
     follow: bool = option(False, "Read the file on as it grows, like tail -f.", "--follow", "-f")
     quiet: float = option(10.0, "Motion without contacts at the beginning, which gives the noise [s].", metavar="S")
     sensitivity: float = option(1.0, "2 halves the thresholds of contacts, 0.5 doubles them.", metavar="FACTOR")
-    save: Path | None = option(None, "Write model.json with the load that was named.", metavar="FILE")
+    save: Path | None = option(None, "Write model.json with the load that was named. Default: none.", metavar="FILE")
     idle: float | None = option(
         None, "End a live stream after this time without rows [s]. Default: never.", metavar="S"
     )

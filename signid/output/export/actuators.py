@@ -27,10 +27,11 @@ _UNITS = {
 }
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 HEAD = """\
-# Dynamics of {name} as parameters of a ROS 2 node: ros2 param load NODE FILE, or parameters=[FILE] in a launch file.
-# kg, m, s, rad, N, N.m; prismatic joints: N for N.m, m for rad, kg for kg.m2. Recorded torque = rigid bodies + armature
-# * acceleration + viscous_friction * velocity + coulomb_friction * sign(velocity) + torque_offset. Inertia is about the
-# centre of mass, along the axes of the link's joint frame.
+# Dynamics of {name} as parameters of a ROS 2 node: --param-file FILE of a controller's spawner, or parameters=[FILE] in
+# a launch file. kg, m, s, rad, N, N.m; prismatic joints: N for N.m, m for rad, kg for kg.m2. Recorded torque = rigid
+# bodies + armature * acceleration + viscous_friction * velocity + coulomb_friction * sign(velocity) + torque_offset.
+# effort_limit is stated by the description. Inertia is about the centre of mass, along the axes of the link's joint
+# frame.
 """
 
 
@@ -88,16 +89,20 @@ def _values(model: Model, key: str) -> Array:
 
 
 def write_ros(model: Model) -> Exported:
-    """Write a parameter file (YAML) with actuator parameters and position drives per joint, and inertials per link."""
+    """Write a parameter file (YAML): actuator parameters, effort limits and drives per joint, inertials per link."""
     from yaml import safe_dump
 
     robot, bodies = model.robot, list(model.bodies().inertias)[1:]
+    drives = _driven(model)
+    for joint, limit in zip(robot.joints, robot.effort_limit.tolist(), strict=True):
+        drives[joint] |= {"effort_limit": limit} if 0 < limit < np.inf else {}
     parameters = {
         "joints": list(robot.joints),
-        "joint": {joint: stated for joint, stated in _driven(model).items() if stated},
+        "joint": {joint: stated for joint, stated in drives.items() if stated},
         **({"servo": known_document(model.servos, robot.joints)} if model.servos else {}),
         "link": {link: _inertial(body) for link, body in zip(robot.links, bodies, strict=True)},
     }
+    parameters = {key: x for key, x in parameters.items() if x}  # rcl takes what follows an empty map for its content
     lacks = beyond("a ROS parameter file", model, FIELDS, ("torque_offset", *BODIES))
     lacks += fixed_note(robot, "their links are listed nevertheless")
     text = safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)

@@ -1,0 +1,6 @@
+#pragma once
+namespace rclcpp
+{
+struct QoS {};
+struct SystemDefaultsQoS : QoS {};
+}  // namespace rclcpp
