@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from diagnosis_file import write_diagnosis
 from numpy.testing import assert_allclose
@@ -20,6 +21,7 @@ from signid.types import Recording
 
 LAWS = ("coulomb_friction@2:level=0.8", "payload:mass=0.3,first_moment_x=0.03")
 TOPICS = {"/measured", "/predicted", "/extended", "/residual", "/residual_extended"}
+ROBOT = {"/robot_description", "/tf", "/tf_static"}
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +65,31 @@ def opened(data: bytes) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
+def frame_errors(found: dict[str, list[tuple[int, Any]]], states: str) -> list[float]:
+    """Largest difference of the poses by /tf and /tf_static from those of Pinocchio with /robot_description."""
+    [(_, text)] = found["/robot_description"]
+    robot = pin.buildModelFromXML(text.data)
+    data, still = robot.createData(), [x for _, message in found.get("/tf_static", ()) for x in message.transforms]
+    errors, known = [], dict(found[states])
+    for stamp, message in found["/tf"]:
+        above = {}
+        for each in (*still, *message.transforms):
+            place, turn = each.transform.translation, each.transform.rotation
+            pose = pin.SE3(pin.Quaternion(turn.w, turn.x, turn.y, turn.z), np.array([place.x, place.y, place.z]))
+            above[each.child_frame_id] = (each.header.frame_id, pose)
+        state = dict(zip(known[stamp].name, known[stamp].position, strict=True))
+        q = np.array([state[name] for name in list(robot.names)[1:]])
+        pin.framesForwardKinematics(robot, data, q)
+        for frame, pose in zip(robot.frames, data.oMf, strict=True):
+            name, chain = frame.name, pin.SE3.Identity()
+            while frame.type == pin.FrameType.BODY and name in above:
+                name, step = above[name]
+                chain = step * chain
+            if frame.type == pin.FrameType.BODY:
+                errors.append(float(np.abs(chain.homogeneous - pose.homogeneous).max()))
+    return errors
+
+
 def test_torque_is_measured_predicted_and_extended(log: ViewerLog, folder: Path, recording: Recording) -> None:
     [one] = log.recordings
     signals = {signal.name: signal for signal in one.signals}
@@ -85,7 +112,7 @@ def test_torque_is_measured_predicted_and_extended(log: ViewerLog, folder: Path,
 def test_mcap_is_opened_by_its_library_and_by_ros(log: ViewerLog, folder: Path) -> None:
     data = log.mcap() if pytest.importorskip("mcap", reason="mcap is not installed (extra viewers)") else b""
     found = opened(data)
-    assert set(found) == {*TOPICS, "/findings"}
+    assert set(found) == {*TOPICS, *ROBOT, "/findings"}
     [one] = log.recordings
     for signal in one.signals:
         messages = found[f"/{signal.name}"]
@@ -96,6 +123,7 @@ def test_mcap_is_opened_by_its_library_and_by_ros(log: ViewerLog, folder: Path) 
     [(_, findings)] = found["/findings"]
     assert findings.status[0].message == log.headline and findings.status[0].level == 1
     assert {status.name for status in findings.status[1:]} == {mark.title for mark in log.marks}
+    assert_allclose(frame_errors(found, "/measured"), 0.0, atol=1e-12)
     (folder / "log.mcap").write_bytes(data)
     assert run("convert log.mcap --topic /measured -o back.csv".split()) == 0
     back = signid.read_recording(folder / "back.csv", signid.load_robot("3r")).read()
@@ -139,10 +167,10 @@ def test_commands_write_logs(folder: Path, capsys: pytest.CaptureFixture[str]) -
     out = capsys.readouterr().out
     assert "a.rrd" in out and "a.mcap" in out and "http" not in out, "no viewer opens"
     found = opened((folder / "a.mcap").read_bytes())
-    assert set(found) == {*TOPICS, "/findings", "/simulated", "/simulated_extended"}
+    assert set(found) == {*TOPICS, *ROBOT, "/findings", "/simulated", "/simulated_extended"}
     assert len(found["/simulated"]) < len(found["/measured"]), "frames of the replay"
     assert run(["diagnose", "3r", "arm.csv", "-o", "made", "--mcap", "b.mcap", "--rrd", "b.rrd"]) in (0, 3)
-    assert set(opened((folder / "b.mcap").read_bytes())) == {*TOPICS, "/findings"}
+    assert set(opened((folder / "b.mcap").read_bytes())) == {*TOPICS, *ROBOT, "/findings"}
     assert (folder / "b.rrd").stat().st_size > 1000
 
 
@@ -173,7 +201,7 @@ def test_drives_are_logged_by_their_positions(tmp_path: Path) -> None:
     saved = driven("3r", {"joint_2": SWING.with_(kp=300.0, kd=20.0)}).save(tmp_path / "model.json")
     assert run(["simulate", str(saved), "--servo", "--duration", "3", "-o", str(tmp_path / "x.csv")]) == 0
     found = opened(viewer_log(str(saved), str(tmp_path / "x.csv")).mcap())
-    assert set(found) == {"/commanded", "/measured", "/predicted", "/residual"}
+    assert set(found) == {*ROBOT, "/commanded", "/measured", "/predicted", "/residual"}
     measured, predicted, rest = (
         np.array([message.position for _, message in found[f"/{name}"]])
         for name in ("measured", "predicted", "residual")

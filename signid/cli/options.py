@@ -73,7 +73,9 @@ TimeLimit = Annotated[
 Rrd = Annotated[Text, typer.Option("--rrd", metavar="FILE", help="Log for Rerun (extra viewers). Default: none.")]
 Mcap = Annotated[
     Text,
-    typer.Option("--mcap", metavar="FILE", help="Log for Foxglove and PlotJuggler (extra viewers). Default: none."),
+    typer.Option(
+        "--mcap", metavar="FILE", help="Log for Foxglove, RViz and PlotJuggler (extra viewers). Default: none."
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")]
 

@@ -6,6 +6,16 @@ from the residual of a quiet first stretch.
 """
 
 from .events import Contact, Event, LastingChange, Note
-from .watcher import Watcher, open_watch, stream_flags, watch
+from .watcher import WatchedBlocks, Watcher, open_watch, stream_flags, watch
 
-__all__ = ["LastingChange", "Contact", "Event", "Note", "Watcher", "open_watch", "stream_flags", "watch"]
+__all__ = [
+    "LastingChange",
+    "Contact",
+    "Event",
+    "Note",
+    "WatchedBlocks",
+    "Watcher",
+    "open_watch",
+    "stream_flags",
+    "watch",
+]

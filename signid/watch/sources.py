@@ -356,7 +356,8 @@ def _messages(rclpy: Any, kind: Any, name: str, robot: Robot, idle: float) -> It
                 yield None
     finally:
         node.destroy_node()
-        rclpy.shutdown()
+        if rclpy.ok():  # after Ctrl-C it is shut down
+            rclpy.shutdown()
 
 
 def _row(message: Any, robot: Robot) -> list[float] | None:

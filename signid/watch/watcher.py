@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from .contacts import Contacts
 from .events import Contact, Event, LastingChange, Note
 from .frames import Framer, Frames
 from .intake import Intake, StreamRows
-from .momentum import Momentum
+from .momentum import Momentum, Residual
 from .observer import Observed, Observer
 from .quiet import Quiet
 from .sources import Stream, open_stream
@@ -39,6 +40,18 @@ FEWEST_USED = 2  # rows of a stream that can be watched
 BEFORE = 4.0  # [s] before a change is noticed in which it may have looked like a contact
 CORRELATED = 0.1  # [s] of the misfit of a model that states none
 BRIEF = 3.0  # [s] a contact that is shorter is none of the changes
+
+
+class WatchedBlocks(NamedTuple):
+    """K blocks of n joints as the watch saw them, for logs."""
+
+    t: Array  # (K,) [s]
+    q: Array  # (K, n) [rad or m]
+    v: Array  # (K, n) [rad/s or m/s]
+    measured: Array  # (K, n) [N.m or N]
+    predicted: Array  # (K, n) [N.m or N]
+    residual: Array  # (K, n) [N.m or N] of the observer: external torque
+    threshold: Array  # (K, n) [N.m or N]; NaN before the noise is known
 
 
 class Watcher:
@@ -67,6 +80,7 @@ class Watcher:
         self.past: list[Contact] = []  # that have ended, without a cause
         self.std = np.zeros(n)
         self.residual, self.threshold = np.zeros(n), np.full(n, np.nan)  # for a display
+        self.blocks: list[WatchedBlocks] = []  # of the last `feed`
         self.t = float("nan")
         self.ignored = bool(self.momentum.ignored)
         self.given = self.used = 0  # rows
@@ -76,6 +90,7 @@ class Watcher:
         pieces, notes = self.intake.take(StreamRows(t, q, tau, dq))
         self.given, self.used = self.given + len(t), self.used + sum(len(piece.rows.t) for piece in pieces)
         events: list[Event] = list(notes)
+        self.blocks.clear()
         if self.ignored and len(t):
             names = ", ".join(dict.fromkeys(self.momentum.ignored))
             events.append(Note(float(t[0]), f"the watch ignores these laws of the model: {names}"))
@@ -132,11 +147,11 @@ class Watcher:
                 self.std = np.hypot(self.std, self.changes.std(frames))
         seen = self.observer.observe(found, step)
         if self.sizes is None or self.changes is None:
-            self.residual = seen.residual[-1]
+            self._keep(found, seen.residual, np.full_like(seen.residual, np.nan))
             return self._calibrate(frames, seen, step)
         r, beyond = seen.beyond(self.changes.base)
         threshold = self.sizes.threshold(seen, self.std) * self.changes.raised / self.sensitivity
-        self.residual, self.threshold = r[-1], threshold[-1]
+        self._keep(found, r, threshold)
         events: list[Event] = []
         for contact in self.contacts.find(found.motion.t, r, beyond / threshold, found.motion.q, blocks.late):
             events.append(contact)
@@ -147,6 +162,11 @@ class Watcher:
         if frames is not None:
             events += self._changed(frames, step)
         return events
+
+    def _keep(self, found: Residual, residual: Array, threshold: Array) -> None:
+        x, torque = found.motion, found.predicted + found.residual
+        self.blocks.append(WatchedBlocks(x.t, x.q, x.v, torque, found.predicted, residual, threshold))
+        self.residual, self.threshold = residual[-1], threshold[-1]
 
     def _changed(self, frames: Frames, step: float) -> list[Event]:
         assert self.changes is not None, "the noise is known"

@@ -14,15 +14,16 @@ import typer
 from ...errors import OptionError
 from ..app import command, option
 from ..arguments import given_model
-from ..options import Columns, Json, SimulationArguments
-from ..terminal import DONE, FLAGGED, write_error
+from ..options import Columns, Json, Mcap, Rrd, SimulationArguments
+from ..terminal import DONE, FLAGGED, check_unread, write_error
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     from rich.table import Table
 
     from ...model import Model
+    from ...output.viewers import WatchLogs
     from ...types import Robot
     from ...watch import Event, Watcher
 
@@ -41,6 +42,11 @@ class WatchOptions:
         None, "End a live stream after this time without rows [s]. Default: never.", metavar="S"
     )
     columns: Columns = None
+    mcap: Mcap = None
+    rrd: Rrd = None
+    publish: bool = option(
+        False, "Publish external torque, events and contacts on ROS 2 topics /signid/...", "--publish"
+    )
 
 
 @command("signid watch 3r recording.csv --json")
@@ -59,9 +65,19 @@ def watch(
     from the covariance of the model and from a first stretch of motion without contacts. Standard input and files that
     grow hold CSV with a header, or JSON objects, one per line. Events appear as lines of text above a live view in a
     terminal, else as lines of JSON. Ctrl-C ends the watch.
+
+    --mcap and --rrd write torque, residuals, thresholds, events and the moving robot as a log.
     """
     from ...watch import open_watch, stream_flags
+    from ..files import check_logs
 
+    files = check_logs(rrd=watching.rrd, mcap=watching.mcap)
+    for kind, path in files.items():
+        check_unread(path, [stream, watching.columns, simulation.simulation, simulation.actuators], f"--{kind}")
+    if watching.publish:
+        from ...output.viewers import check_ros
+
+        check_ros()
     model, _ = given_model(simulation)
     idle, flags = _idle(watching.idle), tuple[str, ...]()
     with ExitStack() as stack:
@@ -78,22 +94,40 @@ def watch(
                 idle=idle,
             )
             stack.callback(_save, model, watcher, watching.save)
+            logs = _logs(watcher, files, watching.publish, simulation.package_dir or (), stack)
             for flag in (flags := stream_flags(watcher.model, opened)):
                 write_error(flag)
             live = not json and sys.stdout.isatty()
             emit, refresh = _view(watcher, stack) if live else (_print, None)
             for rows in opened.chunks:
                 if rows is not None and len(rows.t):
-                    emit(watcher.feed(*rows))
+                    emit(found := watcher.feed(*rows))
+                    if logs is not None:
+                        logs.take(watcher.blocks, found)
                 if refresh is not None:
                     refresh()
-            emit(watcher.finish())
+            emit(found := watcher.finish())
+            if logs is not None:
+                logs.take((), found)
             if not flags and (fault := watcher.fault()):
                 flags = (*flags, fault)
                 write_error(f"{'standard input' if stream == '-' else stream}: {fault}")
         except KeyboardInterrupt:
             pass
     return FLAGGED if flags else DONE
+
+
+def _logs(
+    watcher: Watcher, files: Mapping[str, Path], publish: bool, package_dirs: Sequence[str], stack: ExitStack
+) -> WatchLogs | None:
+    """Logs that are asked for; the stack completes them."""
+    if not (files or publish):
+        return None
+    from ...output.viewers import WatchLogs
+
+    robot = watcher.model.robot
+    logs = WatchLogs(watcher.model, files, publish, lambda event: sentence(event, robot).strip(), package_dirs)
+    return stack.enter_context(logs)
 
 
 def _idle(seconds: float | None) -> float:

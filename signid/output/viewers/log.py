@@ -48,7 +48,7 @@ class ViewerLog(LogContent):
         return write_rrd(self)
 
     def mcap(self) -> bytes:
-        """Write an MCAP file with messages of ROS 2 (sensor_msgs/JointState, diagnostic_msgs/DiagnosticArray).
+        """Write an MCAP file with messages of ROS 2 (JointState, DiagnosticArray, TFMessage).
 
         Raises:
             OptionError: mcap or rosbags is not installed.
@@ -97,6 +97,7 @@ def viewer_log(
         headline="" if found is None else headline(found.after.robot, found),
         dated=all(origins),
         notes=tuple(dict.fromkeys(notes)),
+        drawn=restrict_joints(model, read)[0].robot if len(read) == 1 else None,
     )
 
 

@@ -1,4 +1,4 @@
-"""Logs as MCAP files with messages of ROS 2, which Foxglove and PlotJuggler plot."""
+"""Logs as MCAP files with messages of ROS 2, which Foxglove, RViz and PlotJuggler show."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...version import __version__
-from .signals import LogContent, LoggedRecording, LoggedSignal
+from .links import Links
+from .signals import QUANTITIES, LogContent, LoggedSignal
+from .topics import McapTopics, header, send_frames, send_joints, send_robot, stamps
 
-JOINTS, FINDINGS = "sensor_msgs/msg/JointState", "diagnostic_msgs/msg/DiagnosticArray"
-OK, WARN = b"\x00", b"\x01"  # levels of diagnostic_msgs/DiagnosticStatus
-NANO = 1_000_000_000
+OK, WARN = 0, 1  # levels of diagnostic_msgs/DiagnosticStatus
 
 
 class _Topic(NamedTuple):
-    """A signal on its channel."""
+    """A signal on its topic."""
 
-    channel: int
-    joints: list[str]
+    name: str
+    joints: tuple[str, ...]
     signal: LoggedSignal
     stamps: Any  # (N,) int64 [ns]
 
@@ -27,75 +27,58 @@ class _Topic(NamedTuple):
 def write_mcap(log: LogContent) -> bytes:
     """Write a log: topics /measured, /predicted, /extended, /residual and so on of JointState, /findings.
 
-    The same log gives the same bytes with the same version of the library mcap.
+    Of a single recording also the robot: /robot_description, /tf and /tf_static of the measured positions. The same log
+    gives the same bytes with the same version of the library mcap.
     """
-    from mcap.writer import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
     out = io.BytesIO()
-    writer = Writer(out)
-    writer.start(profile="ros2", library=f"signid {__version__}")
-    schemas = {
-        kind: writer.register_schema(kind, "ros2msg", store.generate_msgdef(kind, ros_version=2)[0].encode())
-        for kind in (JOINTS, FINDINGS)
-    }
-
-    def channel(topic: str, kind: str) -> int:
-        return int(writer.register_channel(topic, "cdr", schemas[kind]))
-
-    topics = [
-        _Topic(channel(_topic(one, signal.name), JOINTS), list(one.joints), signal, _stamps(signal.t - log.shift))
+    topics = McapTopics(out)
+    signals = [
+        _Topic(
+            f"/{one.name}/{signal.name}" if one.name else f"/{signal.name}",
+            one.joints,
+            signal,
+            stamps(signal.t - log.shift),
+        )
         for one in log.recordings
         for signal in one.signals
     ]
+    first = int(stamps(np.array([log.start - log.shift]))[0])
     if log.headline:
-        first = int(_stamps(np.array([log.start - log.shift]))[0])
-        data = store.serialize_cdr(_findings(store.types, log, first), FINDINGS)
-        writer.add_message(channel("/findings", FINDINGS), first, bytes(data), first)
-    _write_signals(writer, store, topics)
+        topics.send("/findings", first, _findings(topics, log, first))
+    links = None if log.drawn is None else Links(log.drawn)
+    if links is not None:
+        send_robot(topics, first, links)
+    _send_signals(topics, signals, links)
     notes = {f"note_{k + 1}": note for k, note in enumerate(log.notes)}
-    writer.add_metadata("signid", {"robot": log.robot, "version": __version__, **notes})
-    writer.finish()
+    topics.writer.add_metadata("signid", {"robot": log.robot, "version": __version__, **notes})
+    topics.close()
     return out.getvalue()
 
 
-def _topic(one: LoggedRecording, name: str) -> str:
-    return f"/{one.name}/{name}" if one.name else f"/{name}"
-
-
-def _stamps(t: Any) -> Any:
-    """Time stamps (N,) [ns]; seconds and their fraction apart, to keep digits."""
-    whole = np.floor(t)
-    return whole.astype(np.int64) * NANO + np.rint((t - whole) * NANO).astype(np.int64)
-
-
-def _header(types: Any, stamp: int) -> Any:
-    time = types["builtin_interfaces/msg/Time"](sec=stamp // NANO, nanosec=stamp % NANO)
-    return types["std_msgs/msg/Header"](stamp=time, frame_id="")
-
-
-def _write_signals(writer: Any, store: Any, topics: list[_Topic]) -> None:
-    """Write the messages of all signals in the order of time."""
-    message, none = store.types[JOINTS], np.zeros(0)
-    which = np.concatenate([np.full(len(topic.stamps), k) for k, topic in enumerate(topics)])
-    row = np.concatenate([np.arange(len(topic.stamps)) for topic in topics])
-    order = np.argsort(np.concatenate([topic.stamps for topic in topics]), kind="stable")
+def _send_signals(topics: McapTopics, signals: list[_Topic], links: Links | None) -> None:
+    """Write the messages of all signals in the order of time; measured positions move the links."""
+    which = np.concatenate([np.full(len(each.stamps), k) for k, each in enumerate(signals)])
+    row = np.concatenate([np.arange(len(each.stamps)) for each in signals])
+    order = np.argsort(np.concatenate([each.stamps for each in signals]), kind="stable")
     for k, i in zip(which[order].tolist(), row[order].tolist(), strict=True):
-        topic = topics[k]
-        stamp, signal = int(topic.stamps[i]), topic.signal
-        parts = (none if x is None else x[i] for x in (signal.position, signal.velocity, signal.effort))
-        made = message(_header(store.types, stamp), topic.joints, *parts)
-        writer.add_message(topic.channel, stamp, bytes(store.serialize_cdr(made, JOINTS)), stamp)
+        name, joints, signal, times = signals[k]
+        known = {key: x[i] for key in QUANTITIES if (x := getattr(signal, key)) is not None}
+        send_joints(topics, name, int(times[i]), joints, **known)
+        if links is not None and name == "/measured" and np.isfinite(known["position"]).all():
+            send_frames(topics, "/tf", int(times[i]), links.poses(known["position"]))
 
 
-def _findings(types: Any, log: LogContent, stamp: int) -> Any:
+def _findings(topics: McapTopics, log: LogContent, stamp: int) -> Any:
     """Verdict and findings: a warning for each cause, with its numbers as lines."""
-    status, pair = types["diagnostic_msgs/msg/DiagnosticStatus"], types["diagnostic_msgs/msg/KeyValue"]
-    entries = [status(WARN[0] if log.marks else OK[0], "verdict", log.headline, log.robot, [])]
+
+    def status(level: int, name: str, message: str, values: list[tuple[str, str]]) -> Any:
+        pairs = [topics.make("diagnostic_msgs/msg/KeyValue", key=key, value=x) for key, x in values]
+        given = {"level": level, "name": name, "message": message, "hardware_id": log.robot, "values": pairs}
+        return topics.make("diagnostic_msgs/msg/DiagnosticStatus", **given)
+
+    entries = [status(WARN if log.marks else OK, "verdict", log.headline, [])]
     for mark in log.marks:
-        lines = [pair(f"line_{k + 1}", line) for k, line in enumerate(mark.lines)]
-        where = [pair("joint", joint) for joint in mark.joints]
-        level, message = (WARN if mark.cause else OK)[0], "; ".join(mark.lines)
-        entries.append(status(level, mark.title, message, log.robot, [*where, *lines]))
-    return types[FINDINGS](_header(types, stamp), entries)
+        values = [("joint", joint) for joint in mark.joints]
+        values += [(f"line_{k + 1}", line) for k, line in enumerate(mark.lines)]
+        entries.append(status(WARN if mark.cause else OK, mark.title, "; ".join(mark.lines), values))
+    return topics.make("diagnostic_msgs/msg/DiagnosticArray", header=header(topics, stamp), status=entries)

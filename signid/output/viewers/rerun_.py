@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .signals import RESIDUALS, LogContent, LoggedRecording, LoggedSignal
+from .signals import QUANTITIES, RESIDUALS, LogContent, LoggedRecording, LoggedSignal
 
-QUANTITIES = ("position", "velocity", "effort")
 TITLES = {
     "position": "position [rad or m]",
     "velocity": "velocity [rad/s or m/s]",

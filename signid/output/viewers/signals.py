@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...types import Array, Frozen
+from ...types import Array, Frozen, Robot
 from ..replay.marks import Mark
 
 MODELS = ("predicted", "extended")  # signals of the given simulation, and of the extended one
+QUANTITIES = ("position", "velocity", "effort")  # of a signal
 RESIDUALS = ("residual", "residual_extended")  # measured minus these
 ROLLED = ("simulated", "simulated_extended")  # positions of roll-outs
 
@@ -42,6 +43,7 @@ class LogContent(Frozen):
     headline: str  # verdict of the diagnosis; "" without one
     dated: bool  # whether time stamps count from 1970
     notes: tuple[str, ...]
+    drawn: Robot | None = None  # over the joints of the only recording
 
     @property
     def start(self) -> float:
