@@ -66,7 +66,6 @@ class Intake:
             when = self.last.t[-1] if self.last is not None else 0.0
             notes += self._note("missing", float(when), "rows without a number in t, q or tau are left out")
             rows = rows.at(known)
-        rows = self._new(rows)
         if not len(rows.t):
             return [], notes
         first = self.last is None
@@ -77,9 +76,10 @@ class Intake:
         if again.any():
             notes += self._note("repeated", float(rows.t[again][0]), "rows with a repeated stamp are left out")
             rows = rows.at(~again)
-            if not len(rows.t):
-                return [], notes
-            step = np.diff(rows.t, prepend=before.t)
+        rows = self._new(rows, first)
+        if not len(rows.t):
+            return [], notes
+        step = np.diff(rows.t, prepend=before.t)
         if np.isnan(self.period):
             self.steps += step[step > 0].tolist()
         if np.isnan(self.period) and len(self.steps) >= FIRST:
@@ -92,12 +92,14 @@ class Intake:
         self.last, self.held = rows.at(slice(-1, None)), False
         return list(_pieces(rows, cuts, first)), [*notes, *more]
 
-    def _new(self, rows: StreamRows) -> StreamRows:
+    def _new(self, rows: StreamRows, first: bool) -> StreamRows:
         """Rows without those that only hold the last one, as some logs do where packets are lost."""
+        if not len(rows.t):
+            return rows
         last = rows.at(slice(0, 1)) if self.last is None else self.last
         values = np.concatenate([np.column_stack([one.q, one.tau]) for one in (last, rows)])
         same = (np.diff(values, axis=0) == 0).all(axis=1)
-        same[:1] &= self.last is not None
+        same[:1] &= not first
         at = np.maximum.accumulate(np.where(same, -1, np.arange(len(same))))
         since = rows.t - np.where(at < 0, last.t[0], rows.t[np.maximum(at, 0)])
         self.held |= bool(same.any())

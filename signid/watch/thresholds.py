@@ -10,7 +10,7 @@ from ..types import Array, Mask
 from .observer import Observed
 
 SIGMAS = 4.5  # [1] threshold over the size of the residual
-PEAK = 1.5  # [1] threshold over the largest residual of the quiet stretch, in units of its size
+PEAK = 2.0  # [1] threshold over the largest residual of the quiet stretch, in units of its size
 SHARE, STRANGE = 0.03, 0.1  # [1] error of friction over its size; the same of a joint that has not moved yet
 USUAL = 99.9  # [%] of the squared residuals of the quiet stretch that give its size; those above are its largest ones
 LITTLE = 0.05  # [1] smallest variance that counts, over the mean squared residual
