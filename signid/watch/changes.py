@@ -19,6 +19,7 @@ MEMORIES = (4.0, 60.0)  # [s] of the windows: sudden changes, and slow ones
 EVERY = 0.5  # [s] between tests
 NOTICED = {1: 45.0, 2: 50.0, 4: 60.0}  # [1] by number of coefficients: chi-squared, once in 1e9 tests of noise
 SHORTEST, LONGEST = 3.0, 20.0  # [s] of frames that name a change
+DIFFERENT = 1.25  # [1] of the thresholds of a joint after a change: its friction, say, depends on the load
 MORE = 6.0  # [s] of further frames that make its numbers more certain
 GIVEN_UP = 8.0  # [s] after which a change that is not there any more is dropped
 SURE = 0.95  # [1] probability of a law that is named
@@ -134,8 +135,10 @@ class Changes:
         self.known.append(best)
         if best.joint == TIP:
             self._loaded(best.value)
+            self.raised = np.maximum(self.raised, DIFFERENT)
         else:
             self.base[best.joint, list(best.columns)] += best.value
+            self.raised[best.joint] = max(self.raised[best.joint], DIFFERENT)
 
     def _loaded(self, more: Array) -> None:
         self.load = np.zeros(INERTIAL)

@@ -80,6 +80,7 @@ class Watcher:
         self.past: list[Contact] = []  # that have ended, without a cause
         self.std = np.zeros(n)
         self.residual, self.threshold = np.zeros(n), np.full(n, np.nan)  # for a display
+        self.ratio = np.zeros(n)  # [1] of what friction cannot explain of the residual to the threshold
         self.blocks: list[WatchedBlocks] = []  # of the last `feed`
         self.t = float("nan")
         self.ignored = bool(self.momentum.ignored)
@@ -152,6 +153,7 @@ class Watcher:
         r, beyond = seen.beyond(self.changes.base)
         threshold = self.sizes.threshold(seen, self.std) * self.changes.raised / self.sensitivity
         self._keep(found, r, threshold)
+        self.ratio = beyond[-1] / threshold[-1]
         events: list[Event] = []
         for contact in self.contacts.find(found.motion.t, r, beyond / threshold, found.motion.q, blocks.late):
             events.append(contact)

@@ -68,12 +68,19 @@ class Window:
         return np.asarray(noise.inflation * (1 + self.model)[:, None])
 
     def narrowed(self, one: Suspect, noise: QuietNoise) -> tuple[Array, Array]:
-        """Change (k,) of the numbers of a known law by this window, and their covariance (k, k) with both."""
+        """Change (k,) of the numbers of a known law by this window, and their covariance (k, k) with both.
+
+        Where the law leaves more than the noise of the quiet stretch, the window counts less by that misfit.
+        """
         c = list(one.columns[: len(one.covariance)])
-        sums = self.sums.sum(axis=0) if one.joint == TIP else self.sums[one.joint]
-        whole = self.inflation(noise)[:, c].mean(axis=1)
-        power = np.maximum(np.einsum("nkk->n", self.sums[:, c][:, :, c]), 1e-300)
-        inflated = float(power @ whole / power.sum()) if one.joint == TIP else float(whole[one.joint])
+        tip = one.joint == TIP
+        at = slice(None) if tip else slice(one.joint, one.joint + 1)
+        sums, count = self.sums[at].sum(axis=0), float(self.count[at].sum())
+        power = np.maximum(np.einsum("nkk->n", self.sums[at][:, c][:, :, c]), 1e-300)
+        whole = self.inflation(noise)[at][:, c].mean(axis=1)
+        alone = np.linalg.lstsq(sums[np.ix_(c, c)], sums[c, -1], rcond=None)[0]
+        misfit = max(1.0, float(sums[-1, -1] - alone @ sums[c, -1]) / max(count, 1.0))
+        inflated = misfit * float(power @ whole / power.sum())
         covariance = np.linalg.inv(np.linalg.inv(one.covariance) + sums[np.ix_(c, c)] / inflated)
         return covariance @ sums[c, -1] / inflated, covariance
 

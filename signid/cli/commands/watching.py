@@ -200,7 +200,7 @@ def _table(watcher: Watcher) -> Table:
     robot = watcher.model.robot
     for j, name in enumerate(robot.joints):
         r, most = float(watcher.residual[j]), float(watcher.threshold[j])
-        share = min(abs(r) / most, 1.0) if most > 0 else 0.0
+        share = min(float(watcher.ratio[j]), 1.0)
         unit = "N" if robot.prismatic[j] else "N.m"
         table.add_row(name, f"{r:.3f} {unit}", f"{most:.3f}" if most > 0 else "-", "#" * round(20 * share))
     return table
