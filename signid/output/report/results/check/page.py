@@ -18,6 +18,7 @@ from .summary import CheckSummary, unit_sentences
 
 MOST_RECORDINGS = 4  # maximum number of recordings that are drawn
 ROWS, WINDOW = 65_536, 2048  # most rows of a spectrum, and rows of one window
+BINS = 150  # points of a spectrum
 VISIBLE = 0.002  # [1] smallest width of omitted rows, over the duration
 LOWEST = 1e-12  # [1] smallest power density that is drawn, over the largest
 KEY = (
@@ -114,7 +115,7 @@ def recorded_plots(
         return
     faulty = {joint: fault.kind or "fault" for fault in summary.faults for joint in fault.joints}
     shown = sorted(joints, key=lambda joint: joint not in faulty)[:OPEN]
-    most = max(FEWEST, 2 * POINTS // (len(joints) * min(len(recordings), MOST_RECORDINGS)))
+    most = max(FEWEST, POINTS // (len(joints) * min(len(recordings), MOST_RECORDINGS)))
     drawn = [
         _Drawn(recording, stretches, *recorded_lines(recording, most))
         for recording, stretches in zip(recordings[:MOST_RECORDINGS], used, strict=False)
@@ -201,9 +202,9 @@ def _spectrum(name: str, t: Array, values: Array, unit: str, marks: Marks) -> Pl
     grid = np.arange(t[0], t[-1], period)
     f, power = welch(np.interp(grid, t, values), 1 / period, nperseg=min(WINDOW, len(grid)))
     power = np.maximum(power[1:], LOWEST * max(float(power.max()), 1e-300))
-    data: list[dict[str, Any]] = [
-        curve(name, packed(f[1:]), packed(power), {"color": INK, "width": 1.3}, hoverinfo="skip")
-    ]
+    edges = np.unique(np.geomspace(1, len(power), BINS).astype(int)) - 1  # the axis is logarithmic; peaks stay
+    shown = packed(f[1:][edges]), packed(np.maximum.reduceat(power, edges))
+    data: list[dict[str, Any]] = [curve(name, *shown, {"color": INK, "width": 1.3}, hoverinfo="skip")]
     ends = [float(power.min()), float(power.max())]
     for (mark, place), colour in zip(marks.items(), (BEFORE, AFTER, FAINT)[-len(marks) :], strict=True):
         if f[1] <= place <= f[-1]:
