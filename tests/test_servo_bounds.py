@@ -13,7 +13,7 @@ from servo_loops import driven
 from signid.cli import run
 from signid.errors import SignidError
 from signid.model import load_model
-from signid.output.export import KINDS, export
+from signid.output.export import KINDS, VENDORS, export
 from signid.robot import load_robot
 from signid.servos import DRIVE_LAWS, KD_ON, LIMITS, SERVO_NUMBERS, Servo
 
@@ -82,7 +82,7 @@ def test_drives_that_are_read_can_be_exported(law: str, tmp_path: Path) -> None:
                     model = load_model(tmp_path / "m.json")
                 except SignidError:
                     continue
-                for kind in KINDS:
+                for kind in sorted({*KINDS} - {*VENDORS}):  # those write payloads alone
                     export(model, kind)
 
 
