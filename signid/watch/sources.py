@@ -270,9 +270,9 @@ def _standard_input(idle: float) -> Iterator[str]:
             continue
         while parts[-1] and not arrived.empty():
             parts.append(arrived.get())
-        last = time.monotonic()
         whole, rest = _lines(rest + b"".join(parts))
         yield whole
+        last = time.monotonic()  # the work on these rows is no time without any
         if not parts[-1]:
             yield rest.decode(errors="replace")
             return
@@ -296,9 +296,10 @@ def _growing(path: Path, idle: float) -> Iterator[str]:
         while True:
             got = source.read(LARGEST)
             if got:
-                last, place = time.monotonic(), place + len(got)
+                place += len(got)
                 whole, rest = _lines(rest + got)
                 yield whole
+                last = time.monotonic()
                 if len(got) == LARGEST:
                     continue
             elif time.monotonic() - last > idle:
@@ -349,9 +350,10 @@ def _messages(rclpy: Any, kind: Any, name: str, robot: Robot, idle: float) -> It
             rows = [row for message in waiting if (row := _row(message, robot)) is not None]
             waiting.clear()
             if rows:
-                last, table = time.monotonic(), np.array(rows)
+                table = np.array(rows)
                 t, q, tau, dq = np.split(table, np.cumsum([1, len(robot.joints), len(robot.joints)]), axis=1)
                 yield StreamRows(t[:, 0], q, tau, dq if np.isfinite(dq).all() else None)
+                last = time.monotonic()
             else:
                 yield None
     finally:
