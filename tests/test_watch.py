@@ -77,6 +77,19 @@ def test_a_push_is_a_contact(model: Model, columns: dict[str, Any]) -> None:
     assert ended.force is not None and np.linalg.norm(ended.force) == pytest.approx(1)
 
 
+def test_rows_that_come_one_by_one_give_the_same_contact(model: Model, columns: dict[str, Any]) -> None:
+    contacts = []
+    for size in (50, 1):
+        watcher, rows = Watcher(model, quiet=QUIET), (columns["t"], columns["q"], pushed(columns))
+        watcher.feed(*(x[:7500] for x in rows))
+        fed = [watcher.feed(*(x[k : k + size] for x in rows)) for k in range(7500, 8700, size)]
+        contacts.append([e for events in fed for e in events if isinstance(e, Contact)])
+    assert [len(one) for one in contacts] == [2, 2]
+    for a, b in zip(*contacts, strict=True):
+        assert abs(a.start - b.start) < 0.01 and a.joints == b.joints
+        assert a.end == b.end or abs((a.end or 0.0) - (b.end or 0.0)) < 0.02
+
+
 @pytest.mark.parametrize(
     ("law", "key", "joint", "number"),
     [

@@ -28,6 +28,7 @@ class Contacts:
         self.bodies = model.bodies()
         self.data = self.bodies.createData()
         self.above = self.below = self.peak = 0.0
+        self.before: float | None = None  # [s] time of the last block
         self.begun: Contact | None = None
         self.most: tuple[float, Array, Array, Array] | None = (
             None  # ratio, of each joint, residual, position at the largest moment
@@ -35,7 +36,7 @@ class Contacts:
 
     def restart(self) -> None:
         """Begin a new stretch."""
-        self.above = self.below = 0.0
+        self.above, self.below, self.before = 0.0, 0.0, None
 
     def find(self, t: Array, r: Array, ratio: Array, q: Array, late: float) -> list[Contact]:
         """Events of K blocks.
@@ -44,11 +45,12 @@ class Contacts:
         late: delay of the blocks [s].
         """
         largest = ratio.max(axis=1)
+        before, self.before = self.before, float(t[-1])
         if self.begun is None and not (largest > 1).any():
             self.above = 0.0
             return []
         events: list[Contact] = []
-        before = float(t[0] - (t[1] - t[0])) if len(t) > 1 else float(t[0])
+        before = float(t[0]) if before is None else before
         for k, (now, size) in enumerate(zip(t.tolist(), largest.tolist(), strict=True)):
             step, before = max(now - before, 0.0), now
             if self.begun is None:
