@@ -313,5 +313,5 @@ def test_a_load_corrects_the_contact_it_looked_like_and_is_saved(
     assert causes and all("payload" in cause for cause in causes.values())
     carried = signid.load_model(tmp_path / "loaded.json").laws[-1]
     assert carried.parameters["mass"] == pytest.approx(0.8, rel=0.03) and "loaded.json" in err
-    for bad in (saved / "x.json", tmp_path / "x.txt"):
+    for bad in (saved, saved / "x.json", tmp_path / "x.txt"):
         assert run([*asked, "--save", str(bad)]) == 2 and capfd.readouterr().err.count("\n") == 1
