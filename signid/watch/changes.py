@@ -76,7 +76,7 @@ class Changes:
             return self._correct(float(frames.t[-1]))
         if self.after is not None:
             return self._name(float(frames.t[-1]))
-        if any(_noticed(one) for window in self.windows for one in window.candidates(self.noise)[0]):
+        if any(_noticed(one) for window in self.windows for one in window.candidates(self.noise)):
             self._begin()
             self.restarts, self.noticed = 0, float(frames.t[-1])
         return []
@@ -104,10 +104,10 @@ class Changes:
         assert self.after is not None, "a change was noticed"
         if self.since < SHORTEST:
             return []
-        found, excess = self.after.candidates(self.noise)
+        found = self.after.candidates(self.noise)
         shares = _probabilities(found)
         for k, best in enumerate(found[:2]):
-            if _noticed(best) and self._clear(best, _share(best, found, shares), excess) and self._lasts(best):
+            if _noticed(best) and self._clear(best, _share(best, found, shares)) and self._lasts(best):
                 events = self._named(t, k, found, shares)
                 self._add(best)
                 self._begin()
@@ -119,10 +119,11 @@ class Changes:
             return self._unknown(t, found, shares)
         return []
 
-    def _clear(self, best: Suspect, share: float, excess: float) -> bool:
+    def _clear(self, best: Suspect, share: float) -> bool:
         """Whether a law is sure, its main number settled, and most of the excess explained."""
+        assert self.after is not None, "a change was noticed"
         settled = bool(np.abs(best.value[0]) > SETTLED * best.std[0]) or len(best.columns) == len(FRICTION)
-        return settled and share >= SURE and best.raw >= EXPLAINED * excess
+        return settled and share >= SURE and best.raw >= EXPLAINED * self.after.excess
 
     def _lasts(self, best: Suspect) -> bool:
         """Whether the law explains the residual in most pieces that it acts in, not in a single one."""

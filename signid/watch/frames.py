@@ -28,7 +28,7 @@ class Frames(NamedTuple):
     usable: Array  # (F, n) [1] False where the direction of friction is uncertain
     moving: Array  # (F, n) [1] whether it is faster than that
     errors: Array  # (F, n, b) [N.m or N] of the predicted torque by each error of the model of one standard deviation
-    std: Array  # (F, n) [N.m or N] of the predicted torque by all of them, after the quiet stretch
+    std: Array  # (F, n) [N.m or N] of the predicted torque by all of them
     blocks: int  # blocks of a frame
 
 
@@ -39,9 +39,16 @@ class Framer:
         self.momentum, self.robot = momentum, model.robot
         self.tip = own_body(model.robot, len(model.robot.joints) - 1)
         self.factor, self.friction = _factor(model)
-        self.spread = np.eye(self.factor.shape[1])  # (b, b) factor of the covariance of the errors
         self.waiting: list[Array] = []
         self.blocks = 0
+
+    def narrow(self, spread: Array) -> None:
+        """Errors of the model from now on, as the quiet stretch left them.
+
+        spread: (b, b) factor of their covariance [1].
+        """
+        self.factor = self.factor @ spread
+        self.friction = [(rows, factors @ spread) for rows, factors in self.friction]
 
     def restart(self) -> None:
         """Begin a new stretch."""
@@ -71,7 +78,7 @@ class Framer:
             columns[:, :, k] = signal
         columns[:, :, len(LOCAL) :] = bodies[:, :, self.tip]
         errors = self._errors(bodies, v, direction)
-        std = np.linalg.norm(errors @ self.spread, axis=2)
+        std = np.linalg.norm(errors, axis=2)
         moving = np.abs(v) > self.momentum.slow
         return Frames(whole[:, -1, 0], residual, columns, near == 0, moving, errors, std, self.blocks)
 

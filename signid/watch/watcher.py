@@ -215,7 +215,8 @@ class Watcher:
         noise = self.quiet.noise(friction, misfit)
         whole = Observed(*(np.concatenate(parts) for parts in zip(*self.seen, strict=True)))
         self.sizes = learn(whole, whole.beyond(noise.base)[1], moved, misfit.size, self.intake.period)
-        self.changes, self.framer.spread = Changes(self.model, noise), noise.spread
+        self.changes = Changes(self.model, noise)
+        self.framer.narrow(noise.spread)
         self.quiet, self.seen = Quiet(len(self.std)), []
         return [self._watching(float(frames.t[-1]), whole, moved)]
 

@@ -84,8 +84,13 @@ class Window:
         covariance = np.linalg.inv(np.linalg.inv(one.covariance) + sums[np.ix_(c, c)] / inflated)
         return covariance @ sums[c, -1] / inflated, covariance
 
-    def candidates(self, noise: QuietNoise) -> tuple[list[Suspect], float]:
-        """All laws that act in the window, the best first, and the squared residual beyond noise [1].
+    @property
+    def excess(self) -> float:
+        """Squared residual [1], in units of its variance, beyond that of noise, over all joints."""
+        return float(np.maximum(self.sums[:, -1, -1] - self.count, 0.0).sum())
+
+    def candidates(self, noise: QuietNoise) -> list[Suspect]:
+        """All laws that act in the window, the best first.
 
         An error of the model lasts for the whole window, so its square is not divided by the number of frames.
         """
@@ -100,7 +105,7 @@ class Window:
                     found.append(_scaled(one, own, common, self.count[j]))
         if one := _payload(self.sums.sum(axis=0)):
             found.append(_scaled(one, common, common, count))
-        return sorted(found, key=lambda one: -one.score), float(excess.sum())
+        return sorted(found, key=lambda one: -one.score)
 
 
 def products(frames: Frames, base: Array, noise: QuietNoise) -> Sums:
