@@ -72,8 +72,9 @@ def watch(
     from ..files import check_logs
 
     files = check_logs(rrd=watching.rrd, mcap=watching.mcap)
-    for kind, path in (files | ({"save": watching.save} if watching.save is not None else {})).items():
-        check_unread(path, [stream, watching.columns, simulation.simulation, simulation.actuators], f"--{kind}")
+    for kind, path in {**files, "save": watching.save}.items():
+        if path is not None:
+            check_unread(path, [stream, watching.columns, simulation.simulation, simulation.actuators], f"--{kind}")
     if watching.publish:
         from ...output.viewers import check_ros
 
