@@ -7,15 +7,14 @@ laws that neither URDF nor MJCF can express, and needs only NumPy.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
 
 from ...errors import OptionError
-from ...model import Model, ModelSource, as_model
+from ...model import ModelSource, as_model
 from ...recording import Recordings
 from ...typed import typed
-from .beyond import Exported
+from .beyond import Exported, model_digest
 from .drives import annotated, with_known_numbers
 from .urdf import urdf_with, with_comment
 
@@ -42,13 +41,6 @@ STARTING = ("mjcf", "isaaclab", "mjlab")  # loops that can start from a recordin
 FURTHER = ("nonlinear", "forward", "jacobian", "payload", "observer")  # functions of C code on request
 VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
 OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
-
-
-def model_digest(model: Model) -> str:
-    """SHA-256 of the model.json that `model.save` writes."""
-    from ..report import to_json
-
-    return sha256(to_json(model.document()).encode()).hexdigest()
 
 
 @typed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -91,3 +92,10 @@ def commented(lines: Iterable[str]) -> str:
 def c_comment(text: str) -> str:
     """Format text as part of a comment of C, which it cannot end."""
     return one_line(text).replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode()
+
+
+def model_digest(model: Model) -> str:
+    """SHA-256 of the model.json that `model.save` writes."""
+    from ..report import to_json
+
+    return sha256(to_json(model.document()).encode()).hexdigest()

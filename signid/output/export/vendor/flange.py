@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from hashlib import sha256
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from ....model import Model
 from ....payload import Load, carried
 from ....robot.dynamics import own_body
 from ....types import INERTIAL, TWO_SIDED, Array
-from ...report import to_json
+from ..beyond import model_digest
 from ..bodies import principal
 
 POINT = 1e-4  # [m] radius of gyration below which a load is a point mass
@@ -62,8 +61,10 @@ def flange_of(model: Model, names: str, flange: str | None, tool: str | None) ->
         *warning,
     ]
     where = None if tool is None else place.actInv(_placed(model, tool, "--tool"))
-    digest = sha256(to_json(model.document()).encode()).hexdigest()
-    said = [f"payload of {robot.name}, model.json with SHA-256 {digest}", *_stated(seen, inertia, model, name)]
+    said = [
+        f"payload of {robot.name}, model.json with SHA-256 {model_digest(model)}",
+        *_stated(seen, inertia, model, name),
+    ]
     if where is not None:
         said.append(f"tool frame: {tool}")
     return Flange(seen.mass[0], seen.centre[0], inertia, where, tuple(map(_plain, said)), tuple(map(_plain, notes)))
