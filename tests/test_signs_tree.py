@@ -130,6 +130,19 @@ def test_two_segments_of_a_pendulum_by_any_local_algorithm(algorithm: str, resta
     )
 
 
+@pytest.mark.parametrize("algorithm", ["LN_SBPLX", "LN_COBYLA", "LN_NELDERMEAD", "LD_LBFGS", "LD_SLSQP"])
+@pytest.mark.parametrize("budget", [10, 50, 300])
+def test_an_end_is_the_optimum_of_its_signs_or_noted(algorithm: str, budget: int) -> None:
+    """Random starts and few evaluations end beside the optimum, as other rounding does."""
+    toy = swung()
+    for seed in range(5):
+        options = {"algorithm": algorithm, "restarts": 2, "budget": budget, "seed": seed}
+        got = search_tree(toy.problem, toy.base, toy.prior, **options)
+        noted = any("least squares with the same signs" in note for note in got.notes)
+        off = np.abs(got.value - toy.base.combination @ toy.truth).max()
+        assert noted or (off < 1e-6 and np.array_equal(got.signs, toy.signs))
+
+
 def test_all_signs_of_an_arm() -> None:
     toy, said = arm(), list[float]()
     got = search_tree(toy.problem, toy.base, toy.prior, progress=lambda _, share: said.append(share), **QUICK)

@@ -12,8 +12,9 @@ import numpy as np
 
 from ..errors import OptionError
 from ..estimation.pbrp import Bounds, bounds_around
-from ..estimation.pbrp.cost import check_box, cost_over, descend, physics_of
+from ..estimation.pbrp.cost import PenaltyCost, check_box, cost_over, descend, physics_of
 from ..model import stated_parameters
+from ..optimisers import Optimum
 from ..regression.rows import Task
 from ..types import Array, BaseMap, Estimate, Frozen, Indices, Parameters, Progress
 from .infer import ChooseSigns, SignChoice
@@ -225,8 +226,9 @@ def search_tree(
 
     Segments are ordered by `condition_order`. Each node is solved by a local algorithm of NLopt over the standard
     parameters in a box (default: around the description), from random starts: first for the loss alone, then with a
-    growing penalty on violations of physics, each round of `budget` evaluations from the end of the last. The loss of
-    the stacked rows is evaluated on a factor of their Gram matrix.
+    growing penalty on violations of physics, each round of `budget` evaluations from the end of the last. Its end moves
+    to the nearest solution of linear least squares if that costs less. The loss of the stacked rows is evaluated on a
+    factor of their Gram matrix.
 
     Raises:
         OptionError: unknown algorithm, or invalid width, restarts, rounds or bounds.
@@ -245,14 +247,26 @@ def search_tree(
         cost = cost_over(box, physics, level.root @ standard, target, max(level.energy - float(target @ target), 0.0))
         starts = rng.uniform(size=(restarts, len(cost.free)))
         ends = [descend(cost, start, weights, algorithm, budget, seed) for start in starts]
-        best = min(ends, key=lambda end: end.value)
-        return TreeNode(best.value, cost.standard(best.x), sum(end.evaluations for end in ends))
+        x, loss = _polished(cost, min(ends, key=lambda end: end.value), weights[-1])
+        return TreeNode(loss, cost.standard(x), sum(end.evaluations for end in ends))
 
     ordered = condition_order(problem)
     node, nodes = grow(problem, ordered.order, ordered.start, width, solve, progress)
     signs = in_place(node.signs, ordered.order)
     notes = (*_order_notes(ordered), *_loss_notes(problem, signs, node))
     return TreeResult(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, notes)
+
+
+def _polished(cost: PenaltyCost, end: Optimum, weight: float) -> tuple[Array, float]:
+    """Point [1] and cost of the nearest solution of linear least squares, or those of the end if it costs less.
+
+    Once the signs are known, the residual is linear in the parameters, so a search that stops beside its optimum is
+    moved there. A solution outside the box is clipped; one that violates physics costs more than the end.
+    """
+    step = np.linalg.lstsq(cost.matrix, cost.target - cost.matrix @ end.x, rcond=LOST**0.5)[0]
+    moved = np.clip(end.x + step, 0.0, 1.0)
+    value = cost.problem(moved, weight).objective(moved)
+    return (moved, value) if value < end.value else (end.x, end.value)
 
 
 def _scales(problem: SignProblem, base: BaseMap) -> Estimate:
