@@ -58,6 +58,21 @@ def watched(*options: str, stream: str = "stream.csv") -> int:
     return run(["watch", "model.json", stream, "--quiet", "2", "--json", *options])
 
 
+@pytest.mark.parametrize("kind", ["mcap", "rrd"])
+def test_a_disk_that_fills_leaves_no_log(kind: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("mcap" if kind == "mcap" else "rerun")
+    resource, before = pytest.importorskip("resource"), set(folder.iterdir())
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, limits[1]))
+    try:
+        assert watched(f"--{kind}", f"full.{kind}") == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    output = capsys.readouterr().err
+    assert f"full.{kind}: File too large" in output and len(output.splitlines()) == 1, output
+    assert set(folder.iterdir()) == before
+
+
 def test_mcap_holds_torque_events_and_the_moving_robot(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert watched("--mcap", "a.mcap") == 0
     events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]

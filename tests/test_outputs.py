@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import shlex
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -135,3 +137,60 @@ def test_a_full_disk_is_reported(command: str, folder: Path, capsys: pytest.Capt
     output = capsys.readouterr().err
     assert "File too large" in output and len(output.splitlines()) == 1, output
     assert not [name for name in names(folder) - before if (folder / name).is_file()]
+
+
+NAMED = {
+    "export": "export {robot} --urdf a.urdf --function b.py --c c.c",
+    "excite": "excite {robot} --duration 3 --kind random -o a.csv",
+    "simulate": "simulate {robot} --duration 2 -o a.csv",
+    "convert": "convert {recording} -o a.csv",
+    "replay": "replay {robot} {recording} --html a.html --mcap b.mcap --rrd c.rrd",
+    "watch": "watch {robot} {recording} --quiet 1 --mcap a.mcap --rrd b.rrd --save c.json",
+    "identify": "identify {robot} {recording} -o a",
+    "check": "check {robot} {recording} -o a",
+}
+SPECIAL = ("pipe", "node", "open file")
+
+
+def make_special(kind: str, path: Path) -> None:
+    """Make a pipe, a null device of our own, or a link to our standard output."""
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "node":
+        if os.geteuid() != 0:
+            pytest.skip("only a superuser makes devices")
+        os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 3))
+    else:
+        path.symlink_to("/proc/self/fd/1")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes in folders")
+@pytest.mark.parametrize("kind", SPECIAL)
+@pytest.mark.parametrize("command", NAMED)
+def test_no_output_replaces_a_device_or_a_pipe(
+    command: str, kind: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = shlex.split(NAMED[command].format(robot=ROBOT, recording=RECORDING))
+    inside = {"identify": "identification.json", "check": "check.json"}
+    for word in [word for word in words if re.fullmatch(r"[a-c](\.\w+)?", word)]:
+        path = folder / word / inside.get(command, "")
+        path.parent.mkdir(exist_ok=True)
+        make_special(kind, path)
+        before, mode = names(folder), path.lstat().st_mode
+        assert run(words) == 2
+        output = capsys.readouterr().err
+        assert str(path.relative_to(folder)) in output and len(output.splitlines()) == 1, output
+        assert path.lstat().st_mode == mode and names(folder) == before
+        path.unlink()
+
+
+@pytest.mark.parametrize("command", sorted(set(NAMED) - {"identify", "check"}))
+def test_a_link_is_replaced_and_its_target_kept(command: str, folder: Path) -> None:
+    words = shlex.split(NAMED[command].format(robot=ROBOT, recording=RECORDING))
+    paths = [folder / word for word in words if re.fullmatch(r"[a-c]\.\w+", word)]
+    for k, path in enumerate(paths):
+        (folder / f"secret{k}").write_text("precious", encoding="utf-8")
+        path.symlink_to(f"secret{k}")
+    assert run(words) in (0, 3)
+    assert {(folder / f"secret{k}").read_text(encoding="utf-8") for k in range(len(paths))} == {"precious"}
+    assert not any(path.is_symlink() for path in paths if path.suffix != ".json")  # no load was named

@@ -159,7 +159,7 @@ def check_logs(**files: str | None) -> dict[str, Path]:
     asked = {kind: Path(file) for kind, file in files.items() if file is not None}
     if not asked:
         return asked
-    from ..output.report import probe_folder
+    from ..output.report import check_regular, probe_folder
     from ..output.viewers import check_library
 
     for kind, path in asked.items():
@@ -167,6 +167,7 @@ def check_logs(**files: str | None) -> dict[str, Path]:
             raise OptionError(f"--{kind} {files[kind]!r} is not the name of a log; use a name that ends in .{kind}")
         check_library(kind)
         probe_folder(path.parent, f"--{kind}")
+        check_regular(path)
     return asked
 
 

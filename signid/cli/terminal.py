@@ -209,7 +209,11 @@ def check_unread(output: str | Path, read: Sequence[str | None], given: str = "-
 
     Raises:
         OptionError: it is one of them; the sentence names the option `given`.
+        OutputError: it is a device, pipe or socket.
     """
+    from ..output.report import check_regular
+
+    check_regular(output)
     paths = [Path(name) / file for name in read if name for file in ("", *DESCRIBED)]
     paths += [Path(name).with_name("actuators.toml") for name in read if name and Path(name).name]
     if any(_same(path, Path(output)) for path in paths):

@@ -124,12 +124,13 @@ def _column_map(conversion: ConvertOptions) -> str | None:
 
 def _write_map(files: Files, file: str, robot: Robot, conversion: ConvertOptions, json: bool) -> int:
     """Write a drafted column map, and print it and the next command."""
-    from ...output.report import probe_folder, to_json, write_files
+    from ...output.report import check_regular, probe_folder, to_json, write_files
     from ...output.report.results.recordings import map_document, map_text
     from ...recording.draft import draft_map
     from ...recording.names.calibration import read_calibration
 
     probe_folder(Path(file).parent, "--map")
+    check_regular(file)
     ranges = None if conversion.calibration is None else read_calibration(conversion.calibration)
     drafted = draft_map(files, robot, conversion.topic or (), _heading(conversion), ranges)
     write_files(Path(file).parent, {Path(file).name: drafted.text}, "--map", named=True)

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
         WRITTEN as WRITTEN,
         Content as Content,
         check_foreign as check_foreign,
+        check_regular as check_regular,
         probe_folder as probe_folder,
         write_files as write_files,
     )

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from stat import S_ISREG
+from typing import IO
 
 from ...errors import OutputError
 
@@ -26,6 +27,7 @@ _SIGNS = {  # what a file that signid wrote has near its beginning
 }
 _BEGINNING = 4096  # [bytes] in which it stands
 _STALE = 86_400.0  # age from which a temporary file is considered abandoned [s]
+_LINKS = 40  # [links] followed from one to the next at most, as Linux does
 
 
 def probe_folder(folder: str | Path, option: str = "-o") -> None:
@@ -49,7 +51,7 @@ def probe_folder(folder: str | Path, option: str = "-o") -> None:
 
 
 def check_foreign(folder: str | Path, names: Iterable[str], option: str = "-o") -> None:
-    """Check that result files of these names would replace no file that signid did not write.
+    """Check that result files of these names would replace no device, and no file that signid did not write.
 
     A JSON file, page or URDF shows its origin itself. Any other file belongs to signid if such a JSON file lies beside
     it, as `signed.csv` beside `identification.json`.
@@ -60,12 +62,29 @@ def check_foreign(folder: str | Path, names: Iterable[str], option: str = "-o") 
     place = Path(folder)
     for name in names:
         path = place / name
+        check_regular(path)
         shown = [path] if path.suffix in _SIGNS else place.glob("*.json")
         if path.is_file() and not any(map(_is_ours, shown)):
             raise OutputError(
                 f"cannot write results to {folder}: {name} in it was not written by signid; name another folder with "
                 f"{option}, or move the file"
             )
+
+
+def check_regular(path: str | Path) -> None:
+    """Check that a file of this name would replace a regular file or none.
+
+    Raises:
+        OutputError: it is a device, pipe or socket, a link to one, or a link to a file that a process has open.
+    """
+    place = Path(path)
+    for _ in range(_LINKS):
+        if not place.is_symlink() or place.is_relative_to("/proc"):
+            break
+        place = place.parent / place.readlink()
+    special = place.is_relative_to("/proc") or (place.exists() and not (place.is_file() or place.is_dir()))
+    if special:
+        raise OutputError(f"cannot write {path}: it is a device, pipe or socket; give the name of a regular file")
 
 
 def _is_ours(path: Path) -> bool:
@@ -81,7 +100,8 @@ def write_files(
 ) -> list[Path]:
     """Write all files into a folder, or none; create the folder if missing.
 
-    A file that signid did not write is replaced only if the user named it (`named`).
+    A file that signid did not write is replaced only if the user named it (`named`). A link is replaced, and its target
+    kept.
 
     If the process is killed, each file is either unchanged or complete. The first file appears last. Temporary files
     that remain are removed by a later call, once they are a day old: the folder may be shared between machines, so a
@@ -92,7 +112,9 @@ def write_files(
     """
     if not named:
         check_foreign(folder, contents, option)
-    place = Path(folder)
+    place, target = Path(folder), Path(folder)
+    for name in contents:
+        check_regular(place / name)
     new = [folder for folder in (place, *place.parents) if not folder.exists()]  # the innermost first
     waiting: list[tuple[Path, Path]] = []
     try:
@@ -112,9 +134,48 @@ def write_files(
             with suppress(OSError):
                 made.rmdir()
         if isinstance(error, OSError) and not isinstance(error, OutputError):
-            raise _refusal(folder, place, error, option) from None
+            whole = _refusal(folder, place, error, option)
+            raise _file_refusal(target, error, option) if named and target != place else whole from None
         raise
     return [target for _, target in waiting]
+
+
+@contextmanager
+def open_output(path: Path, option: str) -> Iterator[IO[bytes]]:
+    """Open a file that appears under its name when the block ends, and does not if the block raises.
+
+    Raises:
+        OutputError: it would replace a device, pipe or socket, or cannot be created or completed.
+    """
+    check_regular(path)
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=MARK)
+    except OSError as error:
+        raise _file_refusal(path, error, option) from None
+    file = os.fdopen(handle, "wb")
+    try:
+        yield file
+        with refused_output(path, option):
+            file.close()
+            give_usual_rights(Path(name))
+            os.replace(name, path)
+    finally:
+        with suppress(OSError):
+            file.close()
+        Path(name).unlink(missing_ok=True)
+
+
+@contextmanager
+def refused_output(path: Path, option: str) -> Iterator[None]:
+    """Turn an error of the system into a sentence that names the file.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise error if isinstance(error, OutputError) else _file_refusal(path, error, option) from None
 
 
 def _clear(place: Path, ours: Sequence[Path]) -> None:
@@ -145,8 +206,14 @@ def _refusal(folder: str | Path, place: Path, error: OSError, option: str) -> Ou
         where = place if place.is_file() else next((p for p in place.parents if p.is_file()), place)
         return OutputError(f"cannot write results to {folder}: {where} is a file; name a folder with {option}")
     why = error.strerror or type(error).__name__
-    advice = f"name another folder with {option}, or free disk space"
-    return OutputError(f"cannot write results to {folder}: {why}; {advice}")
+    return OutputError(
+        f"cannot write results to {folder}: {why}; name another folder with {option}, or free disk space"
+    )
+
+
+def _file_refusal(path: Path, error: OSError, option: str) -> OutputError:
+    why = error.strerror or type(error).__name__
+    return OutputError(f"cannot write {path}: {why}; give another name with {option}, or free disk space")
 
 
 def is_abandoned(path: Path, now: float) -> bool:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from threading import current_thread, main_thread
 from types import TracebackType
+from typing import IO
 
 import numpy as np
 
-from ...errors import OutputError
 from ...model import Model
 from ...watch import Event, WatchedBlocks
+from ..report.write import open_output, refused_output
 from .topics import McapTopics, RosTopics
 from .watched import WatchMessages, WatchWriter
 
@@ -21,7 +23,7 @@ RATE = 100.0  # [Hz] of rows; the residual has a time constant of 20 ms
 
 
 class WatchLogs:
-    """Files and topics that take what a watch found; complete also after Ctrl-C.
+    """Files and topics that take what a watch found; complete also after Ctrl-C, absent after an error.
 
     Args:
         model: the watched model.
@@ -44,38 +46,41 @@ class WatchLogs:
         package_dirs: Sequence[str] = (),
     ) -> None:
         self.sentence, self.last = sentence, -np.inf
-        self.writers: list[WatchWriter] = []
+        self.writers: list[tuple[WatchWriter, Callable[[], AbstractContextManager[None]]]] = []
         with ExitStack() as stack:
             if publish:
-                self._add(stack, WatchMessages(RosTopics("signid_watch_results"), model, whole=False))
+                self._add(stack, WatchMessages(RosTopics("signid_watch_results"), model, whole=False), nullcontext)
             for kind, path in files.items():
-                try:
-                    opened = None if kind == "rrd" else stack.enter_context(path.open("wb"))
-                    self._add(
-                        stack,
-                        _rerun(path, model, package_dirs)
-                        if opened is None
-                        else WatchMessages(McapTopics(opened), model, whole=True),
-                    )
-                except OSError as error:
-                    raise OutputError(f"{path} cannot be written: {error.strerror or error}") from None
+                file = stack.enter_context(open_output(path, f"--{kind}"))
+                made = WatchMessages(McapTopics(file), model, whole=True) if kind == "mcap" else None
+                writer = made or _rerun(file, model, package_dirs)
+                self._add(stack, writer, partial(refused_output, path, f"--{kind}"))
             self.stack = stack.pop_all()
 
-    def _add(self, stack: ExitStack, writer: WatchWriter) -> None:
-        stack.callback(writer.close)
-        self.writers.append(writer)
+    def _add(self, stack: ExitStack, writer: WatchWriter, guard: Callable[[], AbstractContextManager[None]]) -> None:
+        def close() -> None:
+            with guard():
+                writer.close()
+
+        stack.callback(close)
+        self.writers.append((writer, guard))
 
     def take(self, blocks: Sequence[WatchedBlocks], events: Sequence[Event]) -> None:
-        """Write rows at up to 100 Hz, then events."""
+        """Write rows at up to 100 Hz, then events.
+
+        Raises:
+            OutputError: a file cannot be written.
+        """
         if not self.writers:
             return
         with _uninterrupted():
-            if rows := self._thinned(blocks):
-                for writer in self.writers:
-                    writer.rows(rows)
-            for event in events:
-                for writer in self.writers:
-                    writer.event(event, self.sentence(event))
+            rows = self._thinned(blocks)
+            for writer, guard in self.writers:
+                with guard():
+                    if rows:
+                        writer.rows(rows)
+                    for event in events:
+                        writer.event(event, self.sentence(event))
 
     def _thinned(self, blocks: Sequence[WatchedBlocks]) -> WatchedBlocks | None:
         kept = list[WatchedBlocks]()
@@ -95,13 +100,13 @@ class WatchLogs:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         with _uninterrupted():
-            self.stack.close()
+            self.stack.__exit__(kind, error, trace)
 
 
-def _rerun(path: Path, model: Model, package_dirs: Sequence[str]) -> WatchWriter:
+def _rerun(file: IO[bytes], model: Model, package_dirs: Sequence[str]) -> WatchWriter:
     from .watched_rerun import WatchRerun
 
-    return WatchRerun(path, model, package_dirs)
+    return WatchRerun(file, model, package_dirs)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -21,15 +21,16 @@ TOGETHER = 200  # rows
 
 
 class WatchRerun:
-    """Writes a file of Rerun as the watch goes on."""
+    """Collects a file of Rerun, which is written at the end: Rerun's own writer hides errors of a full disk."""
 
-    def __init__(self, path: Path, model: Model, package_dirs: Sequence[str] = ()) -> None:
+    def __init__(self, file: IO[bytes], model: Model, package_dirs: Sequence[str] = ()) -> None:
         import rerun as rr
 
         self.rr, self.scene, self.joints = rr, Scene(model), model.robot.joints
         self.kept: list[WatchedBlocks] = []
         self.stream = rr.RecordingStream("signid", send_properties=False)
-        self.stream.save(path, self._layout())
+        self.file, self.buffer = file, self.stream.binary_stream()
+        self.stream.send_blueprint(self._layout())
         self.stream.send_recording_name(f"watch of {model.robot.name}")
         self._robot(package_dirs)
 
@@ -76,6 +77,7 @@ class WatchRerun:
         """Complete the file."""
         if self.kept:
             self._write()
+        self.file.write(self.buffer.read() or b"")
         self.stream.disconnect()
 
     def _robot(self, package_dirs: Sequence[str]) -> None:
