@@ -72,6 +72,19 @@ def test_options_state_units_and_defaults(
         assert optional or shown or apart or command == "export", f"{option.name}: {help} shows no default"
 
 
+def test_identify_lists_ten_options_first(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    sections = re.split(r"^(\S.*):$", shown("identify", monkeypatch, capsys), flags=re.MULTILINE)[1:]
+    options = [re.findall(r"^  (?:-o, )?(--\w[\w-]*)", text, re.MULTILINE) for text in sections[1::2]]
+    assert sections[::2][:3] == ["Arguments", "Options", "Method, data and output of an identification"]
+    assert len(options[1]) == 11 and options[1][0] == "--output" and options[1][-1] == "--help"
+    listed = [name for names in options for name in names]
+    assert (
+        len(listed)
+        == len(set(listed))
+        == len([p for p in GROUP.commands["identify"].params if p.opts[0][0] == "-"]) + 1
+    )
+
+
 def test_the_examples_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     for command in ORDER:

@@ -63,9 +63,15 @@ def output_option(text: str, metavar: str = "DIR") -> Any:
     return option(None, text, "--output", "-o", metavar=metavar)
 
 
-def command(example: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Decorate a command of the application; the example of its use ends --help."""
-    return lambda function: app.command(epilog=f"Example: {example}", cls=_Command)(_expanded(function))
+def command(example: str, *first: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Decorate a command of the application; the example of its use ends --help.
+
+    If the options to show `first` are named, --help lists the others below, a section for each group.
+    """
+    listed = {"first": first}
+    return lambda function: app.command(epilog=f"Example: {example}", cls=type("_Listed", (_Command,), listed))(
+        _expanded(function)
+    )
 
 
 class _Command(TyperCommand):
@@ -73,6 +79,8 @@ class _Command(TyperCommand):
 
     A word NAME:=VALUE is an argument of the xacro file before it, as in ROS, if the command has --xacro.
     """
+
+    first: tuple[str, ...] = ()
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         return super().parse_args(ctx, self._with_xacro(args))
@@ -89,6 +97,26 @@ class _Command(TyperCommand):
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        sections: dict[str, list[Any]] = {"Arguments": [], "Options": []}
+        for parameter in sorted(self.get_params(ctx), key=self._place):
+            section = "Arguments" if parameter.param_type_name == "argument" else self._section(parameter)
+            record = parameter.get_help_record(ctx)
+            sections.setdefault(section, []).extend([record] if record else [])
+        for title, rows in sections.items():
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
+    def _place(self, parameter: Any) -> int:
+        return self.first.index(parameter.name) if parameter.name in self.first else len(self.first)
+
+    def _section(self, parameter: Any) -> str:
+        """Title of the section of an option: what its group is about."""
+        groups = getattr(self.callback, "groups", {})
+        apart = self.first and parameter.name not in (*self.first, "help")
+        return groups.get(parameter.name, "Options") if apart else "Options"
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         write = formatter.write_dl
@@ -117,6 +145,8 @@ def _expanded(function: Callable[..., int]) -> Callable[..., int]:
         return function(**given, **taken)
 
     run.__signature__ = Signature(flat)  # type: ignore[attr-defined]
+    titles = {key: (kind.__doc__ or "").rstrip(".") for kind, keys in groups.values() for key in keys}
+    run.groups = titles  # type: ignore[attr-defined]
     return run
 
 

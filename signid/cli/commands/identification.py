@@ -181,7 +181,10 @@ class IdentifyOptions:
     time_limit: TimeLimit = USUAL
 
 
-@command("signid identify 3r recording.csv -o result")
+COMMON = "output held_out columns effects method unsigned joints servo known json".split()
+
+
+@command("signid identify 3r recording.csv -o result", *COMMON)
 def identify(
     context: typer.Context,
     fit: IdentifyOptions,
