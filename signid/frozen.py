@@ -43,7 +43,7 @@ class Frozen:
 
 
 class Result(Frozen):
-    """Base class of results: a repr of at most 40 lines, HTML in notebooks, tables and figures by name."""
+    """Base class of results: a repr of at most 40 lines, HTML in notebooks and tables by name."""
 
     def __repr__(self) -> str:
         return str(show_with("text", self))
@@ -77,18 +77,6 @@ class Result(Frozen):
         except ImportError:
             raise OptionError("pandas is not installed; install it, or use to_frame(), which gives polars") from None
         return pandas.DataFrame({column.name: column.to_list() for column in self.to_frame(name)})
-
-    def plot(self, name: str | None = None, *, joint: str | None = None) -> Any:
-        """Return a Plotly figure of the result, with the curves of report.html.
-
-        Args:
-            name: name of the figure, as the last line of the repr lists them; None: the first one.
-            joint: the only joint to draw; None: all.
-
-        Raises:
-            OptionError: the result has no such figure, or no such joint; the sentence lists the names.
-        """
-        return show_with("figure", self, name, joint)
 
 
 class _Brief(Repr):

@@ -6,11 +6,9 @@ import ast
 import json
 import shutil
 import tomllib
-from base64 import b64decode
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import plotly.graph_objects as go
 import polars as pl
 import pytest
 from test_size import HOSTS, MACHINE
@@ -52,14 +50,12 @@ def cell(source: str, names: dict[str, Any]) -> Any:
     return eval(compile(ast.Expression(last.value), "cell", "eval"), names) if shows else None  # type: ignore[attr-defined]
 
 
-def test_the_cells_show_results_tables_and_figures(ran: Ran) -> None:
+def test_the_cells_show_results_and_tables(ran: Ran) -> None:
     kinds = [type(value).__name__ for value in ran.shown if value is not None]
-    results = {"Robot", "Identification", "Estimate", "Validation", "Diagnosis"}
-    assert results | {"DataFrame", "Figure", "tuple", "dict"} == set(kinds)
+    results = {"Robot", "Recording", "Identification", "Estimate", "Validation", "Diagnosis"}
+    assert results | {"DataFrame", "tuple", "dict"} == set(kinds)
     for value in ran.shown:
-        if isinstance(value, go.Figure):
-            assert len(value.data) and value.layout.height > 200
-        elif type(value).__name__ in results:
+        if type(value).__name__ in results:
             assert len(repr(value).splitlines()) <= 40 and "<table>" in value._repr_html_()
 
 
@@ -77,13 +73,11 @@ def test_the_notebook_writes_its_files(ran: Ran) -> None:
 
 
 def test_the_notebook_is_stored_with_what_its_cells_show(ran: Ran) -> None:
-    """robots/README.md says how; figures are pictures, since static converters run no scripts."""
+    """robots/README.md says how."""
     for each, value in zip(CELLS, ran.shown, strict=True):
         shown = [output["data"] for output in each["outputs"]]
         assert len(shown) == (value is not None) and not each["metadata"], "no messages, no times of execution"
-        if isinstance(value, go.Figure):
-            assert set(shown[0]) == {"image/png"} and b64decode(shown[0]["image/png"]).startswith(b"\x89PNG")
-        elif isinstance(value, Result):
+        if isinstance(value, Result):
             assert "".join(shown[0]["text/plain"]) == repr(value) and "<table>" in "".join(shown[0]["text/html"])
     text = (HERE / "tutorial.ipynb").read_text(encoding="utf-8")
     assert len(text) < 600_000 and not MACHINE.search(text) and not HOSTS.search(text) and "<script" not in text

@@ -1,4 +1,4 @@
-"""Results in a Python session: short reprs, escaped HTML, tables, figures, saved models, completion."""
+"""Results in a Python session: short reprs, escaped HTML, tables, saved models, completion."""
 
 from __future__ import annotations
 
@@ -10,20 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 import polars as pl
 import pytest
 from servo_results import invented
 
 import signid
 from signid.cli import run
-from signid.output.display.compose import compose
-from signid.output.display.figures import FIGURES, figure_names
 from signid.output.display.frames import FRAMES, frame_names
 from signid.output.display.tables import TABLES
 from signid.output.report.documents import WRITERS
-from signid.output.report.plots.frame import axis, packed
-from signid.output.report.sections import Plot
 from signid.servo.validate import ServoValidatedModel, ServoValidation
 
 HERE = Path(__file__).parents[1] / "robots" / "3r"
@@ -62,7 +57,7 @@ def test_a_repr_has_at_most_forty_lines_of_plain_text(results: dict[str, Any]) -
         assert lines[0] and "\x1b" not in repr(result) and "array(" not in repr(result), name
     text = repr(results["Identification"])
     assert "3r: 25 base parameters, 3 joints" in text and "coulomb friction" in text and "Torque signs" in text
-    assert "tables, to_frame(name): base_parameters, laws" in text and "plot(name): residuals" in text
+    assert "tables, to_frame(name): base_parameters, laws" in text
     assert all(word in repr(results["Diagnosis"]) for word in ("coulomb_friction of joint_1", "Held-out", "Roll-outs"))
 
 
@@ -87,32 +82,12 @@ def test_html_escapes_names(results: dict[str, Any]) -> None:
     assert "<img" not in robot._repr_html_()
 
 
-def test_figures_escape_names_once(results: dict[str, Any]) -> None:
-    joints = (HOSTILE, "joint_2", "joint_3")
-    found = results["Diagnosis"]
-    hostile = replace(
-        found,
-        robot=replace(found.robot, joints=joints),
-        train=replace(found.train, joints=joints),
-        held_out=replace(found.held_out, joints=joints),
-        rollout_before=replace(found.rollout_before, joints=joints),
-        rollout_after=replace(found.rollout_after, joints=joints),
-    )
-    for name in ("residuals", "heat_maps", "rollouts"):
-        drawn = hostile.plot(name).to_json()
-        assert "<img" not in drawn and "\\u003cimg" not in drawn, name
-        assert "&lt;img" in drawn and "&amp;lt;" not in drawn, name
-
-
-def test_every_table_and_figure_is_made(results: dict[str, Any]) -> None:
+def test_every_table_is_made(results: dict[str, Any]) -> None:
     for kind, result in results.items():
         for name in frame_names(result):
             frame = result.to_frame(name)
             assert isinstance(frame, pl.DataFrame) and frame.width >= 2, (kind, name)
-        for name in figure_names(result):
-            drawn = result.plot(name)
-            assert isinstance(drawn, go.Figure) and len(drawn.data), (kind, name)
-    assert set(FRAMES) | set(FIGURES) <= {*TABLES, *WRITERS}
+    assert set(FRAMES) <= {*TABLES, *WRITERS}
 
 
 def test_tables_hold_the_numbers(results: dict[str, Any]) -> None:
@@ -164,38 +139,11 @@ def test_pandas_frames_or_a_sentence(results: dict[str, Any], monkeypatch: pytes
 def test_unknown_names_list_the_known_ones(results: dict[str, Any]) -> None:
     for act, sentence in (
         (lambda: results["Identification"].to_frame("law"), "no table 'law'; choose from base_parameters, laws"),
-        (lambda: results["Identification"].plot("heat"), "no figure 'heat'; choose from residuals"),
-        (lambda: results["Diagnosis"].plot("signs"), "no figure 'signs'"),
-        (lambda: results["RollOut"].plot(joint="elbow"), "no joint 'elbow'; choose from joint_1"),
-        (lambda: results["Model"].plot(), "Model has no figures"),
         (lambda: results["Reduced"].to_frame("x"), "Reduced has no tables; its repr and its attributes show"),
         (lambda: signid.report(results["Identification"], "x.html"), "a list of Input as inputs, not str"),
     ):
         with pytest.raises(signid.SignidError, match=sentence):
             act()
-
-
-def test_a_figure_shows_one_joint_or_all(results: dict[str, Any]) -> None:
-    found = results["Diagnosis"]
-    one, every = found.plot("residuals", joint="joint_2"), found.plot("residuals")
-    assert 3 * len(one.data) == len(every.data) and "joint_2" in one.layout.annotations[0].text
-    measured = next(trace for trace in one.data if trace.name == "measured")
-    assert isinstance(measured.y, np.ndarray) and measured.y.max() < 10
-    assert sum(bool(trace.showlegend) for trace in every.data) == 5, "each name once"
-
-
-def test_composed_plots_keep_their_axes() -> None:
-    trace = {"type": "scatter", "x": packed(np.arange(3.0)), "y": packed(np.ones(3)), "yaxis": "y2", "name": "a"}
-    layout = {
-        "xaxis": axis("t", anchor="y2"),
-        "yaxis": axis("top", domain=[0.5, 1]),
-        "yaxis2": axis("b", domain=[0, 0.4]),
-    }
-    drawn = compose([Plot(f"plot {k}", [trace], layout) for k in range(3)], columns=2)
-    assert [each.yaxis for each in drawn.data] == ["y2", "y4", "y6"] and drawn.layout.xaxis3.anchor == "y6"
-    assert drawn.layout.yaxis4.domain[1] < drawn.layout.yaxis3.domain[0], "one above the other"
-    assert drawn.layout.xaxis.domain[1] < drawn.layout.xaxis2.domain[0], "side by side"
-    assert drawn.layout.yaxis5.domain[1] < drawn.layout.yaxis2.domain[0], "the third in a second row"
 
 
 def test_a_saved_model_has_the_bytes_of_the_command(results: dict[str, Any], tmp_path: Path) -> None:

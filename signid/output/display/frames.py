@@ -12,25 +12,17 @@ from ...effects.naming import law_place
 from ...errors import OptionError
 from ...estimation.fit_quality import Fit
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
-from ...types import INERTIAL, INERTIAL_UNITS, Law, Robot
+from ...types import INERTIAL, INERTIAL_UNITS, Array, Law, Recording, Robot
 from ..report.documents import picked
 from ..report.results.identification import identified_numbers
 from ..report.results.inspection import joint_documents
 from ..report.results.laws import finding_numbers, law_numbers
-from .series import (
-    held_out_residuals,
-    motion_rows,
-    rolled_rows,
-    sample_rows,
-    simulated_rows,
-    traced_rows,
-    validated_residuals,
-)
 
 Maker = Callable[[Any], pl.DataFrame]
 KINDS: dict[str, type[pl.DataType]] = {"s": pl.String, "f": pl.Float64, "i": pl.Int64, "b": pl.Boolean}
 LAWS = "law:s joint:s partner:s parameter:s value:f std:f unit:s"
 FIT = "joint:s unit:s train_rms:f held_out_rms:f noise_floor:f irreducible_rms:f held_out_r2:f"
+ROLLED = "simulation:s joint:s unit:s t:f rms:f"
 SEGMENTS = "recording:i joint:s start:f end:f sign:i confidence:f"
 
 
@@ -247,6 +239,91 @@ def _validated_loops(result: Any) -> pl.DataFrame:
     return pl.concat([_loops(one).insert_column(0, pl.lit(one.name).alias("model")) for one in result.models])
 
 
+def _residuals(result: Any) -> pl.DataFrame:
+    """Filtered rows of each joint on what was held out: torque, and residual before and after."""
+    if hasattr(result, "held_out"):
+        course = result.held_out
+    elif not result.session.held_out:
+        raise OptionError("an identification from factors has no samples to show; identify the recordings instead")
+    else:
+        from ..report.plots.courses import held_out_rows
+
+        course = held_out_rows(result.session, result.judged)[0]
+    first = {"recording": course.recording, "t": course.t}
+    return _long(course.joints, first, picked(course, "q v torque before after"))
+
+
+def _validated_residuals(result: Any) -> pl.DataFrame:
+    """Filtered rows of each model and joint: torque and residual."""
+    parts = []
+    for one in result.models:
+        first = {"model": [one.name] * len(one.t), "recording": one.recording, "t": one.t}
+        parts.append(_long(one.fit.joints, first, picked(one, "torque residual")))
+    return pl.concat(parts)
+
+
+def _traced(result: Any) -> pl.DataFrame:
+    """Positions of each held-out recording and joint: command, measured, simulated before and after."""
+    parts = []
+    for trace in result.traces:
+        first = {"recording": [trace.path] * len(trace.t), "t": trace.t}
+        parts.append(_long(trace.joints, first, picked(trace, "command measured nominal simulated")))
+    return pl.concat(parts) if parts else pl.DataFrame()
+
+
+def _long(joints: Iterable[str], first: Mapping[str, Any], values: Mapping[str, Array]) -> pl.DataFrame:
+    """A row per time and joint; first: (N,) each, values: (N, n) each [any unit]."""
+    rows = len(first["t"])
+    return pl.concat(
+        pl.DataFrame({**first, "joint": [joint] * rows, **{key: x[:, j] for key, x in values.items()}})
+        for j, joint in enumerate(joints)
+    )
+
+
+def _rolled(runs: Iterable[tuple[str, Any]]) -> pl.DataFrame:
+    """Rms error of roll-outs over the time since their start; no rows without a roll-out."""
+    rows = []
+    for name, run in runs:
+        if run is not None:
+            rms = np.sqrt(np.mean(run.error**2, axis=0))
+            rows += [
+                (name, joint, unit, t, x)
+                for j, (joint, unit) in enumerate(zip(run.joints, run.unit, strict=True))
+                for t, x in zip(run.t.tolist(), rms[:, j].tolist(), strict=True)
+            ]
+    return table_of(ROLLED, rows)
+
+
+def _samples(recording: Recording) -> pl.DataFrame:
+    """All samples of a recording, with a column per signal and joint."""
+    signals = recording.read()._asdict()
+    signals.pop("origin", None)
+    return _wide(signals.pop("t"), recording.joints, signals)
+
+
+def _simulated(simulation: Any) -> pl.DataFrame:
+    """Recorded signals of a simulation, with a column per signal and joint."""
+    signals = {"q": simulation.q, "tau": simulation.tau, "q_des": simulation.desired}
+    return _wide(simulation.t, simulation.joints, signals)
+
+
+def _motion(found: Any) -> pl.DataFrame:
+    """Position, velocity and acceleration of a designed motion, with a column per joint."""
+    motion = found.trajectory
+    return _wide(motion.t, motion.joints, {"q": motion.q, "dq": motion.v, "ddq": motion.a})
+
+
+def _wide(t: Array, joints: Iterable[str], signals: Mapping[str, Array | None]) -> pl.DataFrame:
+    """A row per time, and a column per signal and joint; t: (N,) [s], signals: (N, n) each, or None [any unit]."""
+    columns = {
+        f"{key}_{joint}": values[:, j]
+        for key, values in signals.items()
+        if values is not None
+        for j, joint in enumerate(joints)
+    }
+    return pl.DataFrame({"t": t, **columns})
+
+
 FRAMES: dict[str, dict[str, Maker]] = {
     "BaseMap": {"base_parameters": _mapped},
     "Check": {"base_parameters": _checked, "segments": _segments},
@@ -256,12 +333,12 @@ FRAMES: dict[str, dict[str, Maker]] = {
         "alternatives": _alternatives,
         "unexplained": _unexplained,
         "fit": _compared,
-        "rollouts": lambda result: rolled_rows([("before", result.rollout_before), ("after", result.rollout_after)]),
-        "residuals": held_out_residuals,
+        "rollouts": lambda result: _rolled([("before", result.rollout_before), ("after", result.rollout_after)]),
+        "residuals": _residuals,
         "segments": _segments,
     },
     "Estimate": {"base_parameters": _estimated},
-    "Excitation": {"motion": motion_rows, "base_parameters": _predicted},
+    "Excitation": {"motion": _motion, "base_parameters": _predicted},
     "Fit": {"fit": _fit},
     "Fleet": {"robots": _robots, "sessions": _sessions},
     "Identification": {
@@ -269,26 +346,26 @@ FRAMES: dict[str, dict[str, Maker]] = {
         "laws": _identified_laws,
         "standard_parameters": _bodies,
         "fit": lambda result: _fit(result.fit),
-        "residuals": held_out_residuals,
+        "residuals": _residuals,
         "segments": _segments,
     },
     "Inspection": {"base_parameters": _structural, "joints": lambda result: _joints(result.robot)},
     "Model": {"laws": _stated_laws, "standard_parameters": _bodies, "drives": _stated_drives},
     "Payload": {"payload": _payload},
-    "Recording": {"samples": sample_rows},
+    "Recording": {"samples": _samples},
     "Robot": {"joints": _joints},
-    "RollOut": {"rollouts": lambda result: rolled_rows([("simulation", result)])},
-    "Separation": {"motion": motion_rows},
-    "ServoIdentification": {"drives": _drives, "closed_loops": _loops, "positions": traced_rows},
+    "RollOut": {"rollouts": lambda result: _rolled([("simulation", result)])},
+    "Separation": {"motion": _motion},
+    "ServoIdentification": {"drives": _drives, "closed_loops": _loops, "positions": _traced},
     "ServoSimulation": {"samples": lambda run: pl.DataFrame(dict(run.columns))},
-    "ServoValidatedModel": {"closed_loops": _loops, "positions": traced_rows},
+    "ServoValidatedModel": {"closed_loops": _loops, "positions": _traced},
     "ServoValidation": {"closed_loops": _validated_loops},
     "Signs": {"segments": _segments},
-    "Simulation": {"samples": simulated_rows},
+    "Simulation": {"samples": _simulated},
     "ValidatedModel": {"fit": lambda one: _fit(one.fit)},
     "Validation": {
         "fit": _validated,
-        "rollouts": lambda result: rolled_rows([(one.name, one.rollout) for one in result.models]),
-        "residuals": validated_residuals,
+        "rollouts": lambda result: _rolled([(one.name, one.rollout) for one in result.models]),
+        "residuals": _validated_residuals,
     },
 }

@@ -12,7 +12,6 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from .figures import figure_names
 from .frames import frame_names
 from .tables import tables
 
@@ -49,9 +48,9 @@ def _flags(result: Any, shown: Sequence[RenderableType]) -> list[str]:
 
 
 def _names(result: Any) -> list[str]:
-    """Lines with the names of tables and figures."""
-    kinds = {"tables, to_frame(name)": frame_names(result), "figures, plot(name)": figure_names(result)}
-    return [f"{verb}: {', '.join(names)}" for verb, names in kinds.items() if names]
+    """A line with the names of the tables, if there are any."""
+    names = frame_names(result)
+    return [f"tables, to_frame(name): {', '.join(names)}"] if names else []
 
 
 def _sections(blocks: Iterable[RenderableType]) -> list[list[str]]:

@@ -1,14 +1,10 @@
 """File access rules for descriptions, and a restricted process for xacro and for MuJoCo's compiler.
 
-The compiler is C code, which may crash on a damaged file; the process reads files that signid has copied for it. Xacro
-files contain expressions. Three walls, each of which holds alone against an honest mistake in another:
-
-1. Expressions are walked as a syntax tree (simpleeval): numbers, strings, lists, dictionaries, operators, the functions
-   that xacro documents, and listed methods. Python never evaluates them.
-2. They run in a process of their own with limits of time (SECONDS) and memory (MEMORY). An audit hook lets it read only
-   files that `may_read` allows; it refuses other programs and connections.
-3. On Linux with Landlock the kernel refuses what the hook refuses, except reading; where there is RLIMIT_NPROC, the
-   process cannot start another one.
+The compiler is C code, which may crash on a damaged file; it reads files that signid has copied for it. Xacro files
+contain expressions, which are walked as a syntax tree (simpleeval): numbers, strings, lists, dictionaries, operators,
+the functions that xacro documents, and listed methods. Python never evaluates them, so an audit hook suffices for
+xacro: it reads the files that `may_read` allows, and neither writes, nor runs programs, nor connects. Time (SECONDS)
+and memory (MEMORY) of the process are limited.
 
 The module runs as a script and imports nothing from signid.
 """
@@ -25,15 +21,13 @@ from typing import Any
 
 SECONDS, MEMORY = 20, 4_000_000_000  # limits [s], [bytes]
 WHERE = "it lies neither beside the description nor in a package or a --package-dir"
-# system calls of every processor, https://docs.kernel.org/userspace-api/landlock.html
-LANDLOCK_CREATE, LANDLOCK_ADD, LANDLOCK_RESTRICT, NO_NEW_PRIVILEGES = 444, 445, 446, 38
-LANDLOCK_EXECUTE = 1  # access right
-LANDLOCK_WRITES = ((1, 1 << 1), *((1, 1 << k) for k in range(4, 13)), (2, 1 << 13), (3, 1 << 14))  # version, right
 COMPILED = "model.xml"  # name of the MJCF in its folder
 ARGUMENTS = "arguments.json"  # name of the file with the values of xacro's arguments, in the same folder
 SENTENCE = 2  # exit code if the reason is a sentence of its own
 _FLAGS = ("GRAVITY", "SPRING", "DAMPER", "FRICTIONLOSS")  # of MuJoCo's mjtDisableBit
 _BODY = ("pos", "quat", "ipos", "iquat", "mass", "inertia", "gravcomp")  # of MuJoCo's mjModel
+LIBRARIES = ("stdlib", "platstdlib", "purelib", "platlib")  # folders of Python's own files
+WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC  # flags of a file that is opened
 MANIFESTS = ("package.xml", "manifest.xml", "stack.xml")
 REFUSED = tuple(
     "socket. subprocess. ctypes. shutil. os.system os.exec os.posix_spawn os.spawn os.fork os.kill os.remove os.rename "
@@ -52,32 +46,20 @@ def may_read(path: str | Path, folders: Sequence[str | Path]) -> bool:
     return any(folder in allowed or any((folder / name).is_file() for name in MANIFESTS) for folder in around)
 
 
-def _guard(folders: Sequence[str], scratch: str) -> None:
-    """Restrict this process permanently by an audit hook."""
-    own = [scratch, *(sysconfig.get_path(kind) for kind in ("stdlib", "platstdlib", "purelib", "platlib"))]
-    within = tuple(os.path.abspath(folder) + os.sep for folder in own)
+def _guard(folders: Sequence[str]) -> None:
+    """Restrict this process permanently by an audit hook: it reads files of Python and of `folders`."""
+    own = tuple(os.path.abspath(sysconfig.get_path(kind)) + os.sep for kind in LIBRARIES)
 
     def watch(event: str, given: tuple[Any, ...]) -> None:
         if event == "open" and isinstance(given[0], str | bytes):
-            path, writes = os.path.abspath(os.fsdecode(given[0])), _writes(given[1], given[2])
-            inside = path.startswith(within[:1] if writes else within)
-            if not inside and (writes or not (may_read(path, folders) or os.path.basename(path) in MANIFESTS)):
+            path = os.path.abspath(os.fsdecode(given[0]))
+            known = path.startswith(own) or os.path.basename(path) in MANIFESTS
+            if given[2] & WRITES or not (known or may_read(path, folders)):
                 raise PermissionError(13, WHERE, path)
-        elif event.startswith(REFUSED) and not _in_scratch(given, within[0]):
+        elif event.startswith(REFUSED):
             raise PermissionError(13, "a description may not do this", event)
 
     sys.addaudithook(watch)
-
-
-def _writes(mode: Any, flags: Any) -> bool:
-    if isinstance(mode, str):
-        return any(letter in mode for letter in "wax+")
-    return bool(isinstance(flags, int) and flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC))
-
-
-def _in_scratch(given: tuple[Any, ...], scratch: str) -> bool:
-    paths = [os.path.abspath(os.fsdecode(x)) + os.sep for x in given if isinstance(x, str | bytes)]
-    return bool(paths) and all(path.startswith(scratch) for path in paths)
 
 
 def _limit() -> None:
@@ -85,46 +67,11 @@ def _limit() -> None:
         import resource
     except ImportError:  # Windows; the parent process limits the time
         return
-    limits = [(resource.RLIMIT_CPU, SECONDS), (resource.RLIMIT_AS, MEMORY)]
-    if hasattr(resource, "RLIMIT_NPROC"):
-        limits.append((resource.RLIMIT_NPROC, 0))
-    for kind, most in limits:
+    for kind, most in ((resource.RLIMIT_CPU, SECONDS), (resource.RLIMIT_AS, MEMORY)):
         known = resource.getrlimit(kind)[1]
         least = most if known == resource.RLIM_INFINITY else min(most, known)
         with contextlib.suppress(ValueError):  # macOS has no memory limit
             resource.setrlimit(kind, (least, least))
-
-
-def _landlock(scratch: str) -> bool:
-    """Restrict this process permanently by the kernel: it writes below `scratch` only, runs and connects to nothing.
-
-    Returns:
-        Whether the kernel has Landlock (Linux 5.13 or newer, unless it is switched off).
-    """
-    if sys.platform != "linux":
-        return False
-    import ctypes
-
-    system = ctypes.CDLL(None, use_errno=True)
-    version = system.syscall(LANDLOCK_CREATE, None, 0, 1)
-    if version < 1:
-        return False
-    writes = sum(bit for since, bit in LANDLOCK_WRITES if since <= version)
-    handled = [ctypes.c_uint64(writes | LANDLOCK_EXECUTE)]
-    if version >= 4:
-        handled.append(ctypes.c_uint64(0b11))  # bind and connect of TCP
-    if version >= 6:
-        handled.append(ctypes.c_uint64(0b11))  # abstract sockets and signals to other processes
-    rules = (ctypes.c_uint64 * len(handled))(*handled)
-    ruleset = system.syscall(LANDLOCK_CREATE, ctypes.byref(rules), ctypes.sizeof(rules), 0)
-    folder = os.open(scratch, os.O_PATH)
-    below = writes.to_bytes(8, sys.byteorder) + folder.to_bytes(4, sys.byteorder)
-    system.syscall(LANDLOCK_ADD, ruleset, 1, below, 0)
-    system.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0)
-    held = bool(system.syscall(LANDLOCK_RESTRICT, ruleset, 0) == 0)
-    os.close(folder)
-    os.close(ruleset)
-    return held
 
 
 def _expression_class() -> Any:
@@ -209,8 +156,7 @@ def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
     xacro.abs_filename_spec = strict.strict_names(xacro.abs_filename_spec, packages.absent_package)
     _restrict_expressions(packages.package_finder(path, package_dirs, folders.append))
     _limit()
-    _landlock(scratch)
-    _guard(folders, scratch)
+    _guard(folders)
     with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
         try:
             text = str(XacroDoc.from_file(path, resolve_packages=False, subargs=arguments).dom.toxml())
@@ -238,9 +184,8 @@ def _compile(scratch: str) -> str:
     import mujoco
 
     _limit()
-    _landlock(scratch)
     spec = mujoco.MjSpec.from_file(os.path.join(scratch, COMPILED))
-    spec.compiler.usethread = False  # the process may start nothing
+    spec.compiler.usethread = False
     model = spec.compile()
     off = {name: bool(model.opt.disableflags & getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")) for name in _FLAGS}
     bodies = [

@@ -120,18 +120,6 @@ def _thinned(t: Array, lines: Sequence[Line], first: Indices, most: int) -> tupl
     return t, [line._replace(values=y) for line, y in zip(lines, values.T, strict=True)]
 
 
-def recording_plots(recording: Recording, joints: Sequence[str]) -> list[Plot]:
-    """Plot recorded position and torque over the time since the start, of some joints; read in chunks."""
-    t, lines = recorded_lines(recording, max(FEWEST, POINTS // len(recording.joints)))
-    panes, found = Panes("position", "torque", ("rad or m", "N.m or N"), 0.5, 300), []
-    for joint in joints:
-        j = recording.joints.index(joint)
-        q, tau = lines[:, j], lines[:, len(recording.joints) + j]
-        drawn = [Line("position", "y", INK, {"width": 1.4}, q), Line("torque", "y2", AFTER, {"width": 1.4}, tau)]
-        found.append(panes.plot(joint, t - t[0], drawn))
-    return found
-
-
 def recorded_lines(recording: Recording, most: int) -> tuple[Array, Array]:
     """Time (M,) [s] and position, torque and command (M, 3 n) [rad or m, N.m or N] of at most about `most` rows.
 
