@@ -19,9 +19,8 @@ from pathlib import Path
 
 from benchmarks.summary import ONE_THREAD
 
-from .compare import Difference, compare
+from .compare import Difference, compare, compare_stored, principal
 from .side import CASES, DONE, RECIPE
-from .stored import compare_stored, principal
 
 ROOT = Path(__file__).parents[2]
 STORED = Path(__file__).with_name("stored.json")
@@ -43,14 +42,17 @@ def main() -> int:
         else:
             _run((ROOT, place, place / "inputs", given.only))
             found = {case: principal(case, place / case) for case in given.only}
-            stored = json.loads(STORED.read_text()) if STORED.exists() else {}
-            differences = [] if given.store else compare_stored(stored, found)
+            stored = json.loads(STORED.read_text())
+            differences = compare_stored(stored, found)
             if given.store:
-                lines = (
-                    f"{json.dumps(k)}: {json.dumps(v, separators=(',', ':'))}" for k, v in (stored | found).items()
-                )
-                STORED.write_text("{\n" + ",\n".join(lines) + "\n}\n")
-    _show(differences)
+                kept = (f'"{k}": {json.dumps((stored | found)[k], separators=(",", ":"))}' for k in CASES)
+                STORED.write_text("{\n" + ",\n".join(kept) + "\n}\n")
+    for case, group in groupby(differences, lambda each: each.case):
+        shown = list(group)
+        print(f"{case}: {len(shown)} differences")
+        for each in shown[:SHOWN]:
+            lines = ("(nothing)" if line is None else line.strip()[:WIDTH] for line in (each.before, each.after))
+            print("  {}\n    - {}\n    + {}".format(each.file, *lines))
     print(f"{len(given.only)} cases, {len(differences)} differences")
     return int(bool(differences))
 
@@ -94,24 +96,12 @@ def _git(*words: str) -> str:
 
 def _run(*sides: tuple[Path, Path, Path, Sequence[str]]) -> None:
     """Run sides beside each other, a process each: tree, folders of outputs and inputs, cases."""
-    words = [sys.executable, "-m", "benchmarks.frozen.side"]
-    processes = [
-        subprocess.Popen(
-            [*words, out, inputs, *cases], cwd=tree, env=os.environ | ONE_THREAD | {"PYTHONPATH": str(tree)}
-        )
-        for tree, out, inputs, cases in sides
-    ]
+    processes = list[subprocess.Popen[bytes]]()
+    for tree, out, inputs, cases in sides:
+        words = [sys.executable, "-m", "benchmarks.frozen.side", out, inputs, *cases]
+        processes += [subprocess.Popen(words, cwd=tree, env=os.environ | ONE_THREAD | {"PYTHONPATH": str(tree)})]
     if any([process.wait() for process in processes]):
         sys.exit("a side of the comparison failed; its error is above")
-
-
-def _show(differences: Sequence[Difference]) -> None:
-    for case, group in groupby(differences, lambda each: each.case):
-        found = list(group)
-        print(f"{case}: {len(found)} differences")
-        for each in found[:SHOWN]:
-            lines = ("(nothing)" if line is None else line.strip()[:WIDTH] for line in (each.before, each.after))
-            print("  {}\n    - {}\n    + {}".format(each.file, *lines))
 
 
 if __name__ == "__main__":

@@ -40,19 +40,16 @@ class _Page(HTMLParser):
 
 def text_of_file(path: Path) -> str:
     """A written file as text; of a page only the words."""
-    text = path.read_text("utf-8")
-    if path.suffix != ".html":
-        return text
-    page = _Page()
-    page.feed(text)
-    return "\n".join(page.lines)
+    page, text = _Page(), path.read_text("utf-8", "replace")
+    page.feed(text if path.suffix == ".html" else "")
+    return "\n".join(page.lines) or text
 
 
 def texts_of_result(result: signid.Result) -> dict[str, str]:
     """The representation of a result and its tables."""
-    shown = repr(result)
-    names = shown.partition("to_frame(name): ")[2].partition("\nfigures")[0].split(",")
-    return {"repr.txt": shown} | {f"{name.strip()}.csv": result.to_frame(name.strip()).write_csv() for name in names}
+    names = repr(result).partition("to_frame(name): ")[2].partition("\nfigures")[0]
+    tables = {name: result.to_frame(name).write_csv() for name in names.replace(",", " ").split()}
+    return {"repr.txt": repr(result)} | {f"{name}.csv": text for name, text in tables.items()}
 
 
 @contextlib.contextmanager
@@ -86,8 +83,7 @@ def make_inputs(inputs: Path) -> None:
     """Make the inputs of all cases, unless they are there; those of the reference serve both sides."""
     if (inputs / DONE).exists():
         return
-    given = SUITE["inputs"]
-    said = inputs.with_name("inputs_said")
+    given, said = SUITE["inputs"], inputs.with_name("inputs_said")
     for folder in (inputs, said):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
@@ -97,8 +93,8 @@ def make_inputs(inputs: Path) -> None:
         (inputs / name).write_text(text.lstrip())
     with contextlib.chdir(inputs):
         run_lines(given["commands"], said)
-    if bad := [line for line in (said / "codes.txt").read_text().splitlines() if line[0] not in "03"]:
-        raise SystemExit(f"an input cannot be made: {bad[0]}")
+    if bad := [line for line in (said / "codes.txt").open() if line[0] not in "03"]:
+        sys.exit(f"an input cannot be made: {bad[0]}")
     (inputs / DONE).touch()
 
 
@@ -123,14 +119,9 @@ def run_case(name: str, inputs: Path, out: Path) -> None:
         (out / file).write_text(text)
 
 
-def main() -> None:
-    """Run the named cases: OUT INPUTS CASE..."""
+if __name__ == "__main__":  # OUT INPUTS CASE...
     out, inputs = (Path(word).resolve() for word in sys.argv[1:3])
     os.environ.update(COLUMNS="100", NO_COLOR="1")
     make_inputs(inputs)
     for name in sys.argv[3:]:
         run_case(name, inputs, out / name)
-
-
-if __name__ == "__main__":
-    main()
