@@ -1,7 +1,4 @@
-"""Run the frozen suite: compare the outputs of commands with those of another commit, or with stored numbers.
-
-Exit code 1: there are differences.
-"""
+"""Compare outputs of commands with those of another commit, or with stored numbers; exit code 1: they differ."""
 
 from __future__ import annotations
 

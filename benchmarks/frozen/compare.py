@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from __future__ import annotations
+
 import json
 import re
 from collections import defaultdict
@@ -17,9 +19,8 @@ CHANGING = re.compile(r"\b\d+\.\d+\.\d+\b|\b\d{4}-\d\d-\d\d[T ]\d\d:\d\d[\d:.]*"
 AGREE = 2e-6  # of the largest number of its kind; signid/README.md states 1e-6, and stored numbers are rounded
 DIGITS, LONGEST, MOST = 7, 80, 30  # of stored numbers, texts and lists
 DOCUMENT = re.compile(r"\d+\.stdout|(?!.*(?:sessions|model|loop)).*\.json")
-# held_out_gain, where: of the diagnosis of 3r, these do not agree across kernels
 LEFT_OUT = set("schema version seed inputs notes recordings sentence content_rate held_out_gain where".split())
-SEARCHED = {  # parts of documents whose other numbers agree less across kernels
+SEARCHED = {  # parts that are stored; other numbers, as held_out_gain and where above, agree less across kernels
     "pbrp": ("joints", "flags"),
     "signs-tree": ("joints", "signs", "flags"),
     "check-commands": ("verdict", "headline", "units", "faults", "flags"),
@@ -68,7 +69,7 @@ def compare(reference: Path, current: Path, cases: Sequence[str]) -> list[Differ
 
 def principal(case: str, folder: Path) -> dict[str, Any]:
     """Exit codes of a case, and what is stored of its documents."""
-    kept: dict[str, Any] = {path.name: path.read_text().split("\n") for path in folder.glob("codes.txt")}
+    kept: dict[str, Any] = {path.name: path.read_text().splitlines() for path in folder.glob("codes.txt")}
     for path in sorted(path for path in folder.iterdir() if DOCUMENT.fullmatch(path.name)):
         if path.read_text().startswith("{\n"):
             document = json.loads(path.read_text())
