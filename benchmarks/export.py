@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import subprocess
 import tempfile
@@ -92,7 +93,15 @@ def compare(name: str) -> None:
     print("".join(f"{x / STATES * 1e6:9.3f}" for x in times))
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Print one line a robot."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.export", description=__doc__)
+    parser.add_argument("--robots", nargs="+", default=ROBOTS)
+    robots = parser.parse_args().robots
     print("robot          n   C [us]  pinocchio [us] ratio  difference; then C of", *list(FUNCTIONS)[1:], "[us]")
-    for robot_name in ROBOTS:
-        compare(robot_name)
+    for robot in robots:
+        compare(robot)
+
+
+if __name__ == "__main__":
+    main()

@@ -26,7 +26,7 @@ from signid.simulation.refine.fit import LAWS, coordinates_of
 from signid.simulation.rollout.whole import roll_out_whole
 from signid.types import Law, Recording
 
-from .real.data import recording
+from .real_data import recording
 from .summary import command_line, data, frame, one_thread, origin, write_json
 
 CHAMPNEYS = "Champneys et al., IFAC SYSID 2024, arXiv 2405.10779, table 3"

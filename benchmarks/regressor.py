@@ -1,23 +1,18 @@
-"""Speed of base-parameter identification: `python -m benchmarks.regressor [--figaroh-python PATH] [--json FILE]`.
+"""Speed of base-parameter identification: `python -m benchmarks.regressor [--json FILE]`.
 
 10,000 samples at 100 Hz of an arm along a periodic motion; torque from its URDF plus armature, viscous and Coulomb
 friction. The baseline ("floor") is a plain Pinocchio loop with normal equations and known base columns. signid does the
-same job from the same arrays, then with its filter and noise model; figaroh does it in its own environment. All run in
-turn on one thread, so that the load of the machine affects all alike; the least processor time of several turns counts.
+same job from the same arrays, then with its filter and noise model. All run in turn on one thread, so that the load of
+the machine affects all alike; the least processor time of several turns counts.
 """
 
 from __future__ import annotations
 
-import json
-import os
 import platform
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from subprocess import PIPE, Popen
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +31,7 @@ from signid.robot import hold, load_robot
 from signid.types import Array, BaseMap, Recording, Robot
 
 from .arms import base_parameters
-from .plants.bodies import Body, Drives, bare
+from .plants.bodies import Drives
 from .summary import command_line, one_thread, print_targets, write_json
 
 ROBOTS = {"panda": ("panda_finger_joint1",), "ur10": ()}  # joints held at zero
@@ -107,11 +102,9 @@ def plain(robot: Robot, base: BaseMap, effects: Sequence[str], track: Track, sol
 
 BARE = Options(cutoff=np.inf, derivatives="recorded", whiten=False)  # equivalent to the plain loop
 TOKEN = 200  # held-out samples, few because validation is not timed
-LIMIT, FASTER, AGREE = 1.5, 10.0, 1e-9  # bounds [1]: time over the floor, speed over figaroh, relative error
-PEER = Path(__file__).parent / "peers" / "figaroh_regressor.py"
+LIMIT, AGREE = 1.5, 1e-9  # bounds [1]: time over the floor, relative error
 LOOP, PLAIN = "Pinocchio's loop alone", "floor: + least squares"
 SAME, READY, DEFAULT, WHOLE = "signid, same job", "signid, + prepare()", "signid, by default", "signid, identify()"
-FIGAROH = "figaroh 1.0.2"
 
 
 @dataclass
@@ -137,40 +130,7 @@ def prepare_and_fit(robot: Robot, recording: Recording, token: Recording, option
     return fit(prepare(robot, [recording], [token], options), options.whiten)
 
 
-class Peer:
-    """figaroh in its own environment, run on request."""
-
-    def __init__(self, python: str, robot: Robot, train: Track, test: Track, folder: Path) -> None:
-        """Start figaroh with the job in a folder."""
-        (folder / "robot.urdf").write_text(bare(Body(robot.document, robot.joints)), encoding="utf-8")
-        for name, track in (("train", train), ("test", test)):
-            np.savez(folder / f"{name}.npz", **track._asdict())
-        self.errors = folder / "errors.txt"
-        with self.errors.open("w", encoding="utf-8") as errors:
-            self.process = Popen(
-                [python, str(PEER), str(folder)], stdin=PIPE, stdout=PIPE, stderr=errors, text=True, encoding="utf-8"
-            )
-
-    def run(self) -> dict[str, Any]:
-        """Times and errors of one run.
-
-        Raises:
-            RuntimeError: figaroh could not run.
-        """
-        assert self.process.stdin is not None and self.process.stdout is not None, "both are pipes"
-        try:
-            print("run", file=self.process.stdin, flush=True)
-            return dict(json.loads(self.process.stdout.readline()))
-        except (BrokenPipeError, json.JSONDecodeError) as error:
-            last = self.errors.read_text(encoding="utf-8").strip().splitlines()[-1:]
-            raise RuntimeError(f"figaroh does not run in the given Python: {' '.join(last)}") from error
-
-    def close(self) -> None:
-        """End the process."""
-        self.process.communicate()
-
-
-def measure(name: str, python: str, turns: int) -> Iterator[Row]:
+def measure(name: str, turns: int) -> Iterator[Row]:
     """Run all methods in turns and yield their rows."""
     robot = load(name)
     train, test = (move(robot, seed) for seed in (0, 1))
@@ -189,22 +149,14 @@ def measure(name: str, python: str, turns: int) -> Iterator[Row]:
     }
     seconds: dict[str, list[float]] = {way: [] for way in ways}
     answers: dict[str, Any] = {}
-    with tempfile.TemporaryDirectory() as folder:
-        peer = Peer(python, robot, train, test, Path(folder)) if python else None
-        for turn in range(turns + 1):  # the first turn is a warm-up
-            for way, run in ways.items():
-                start = time.process_time()
-                answers[way] = run()
-                seconds[way] += [time.process_time() - start] * (turn > 0)
-            if peer:
-                answers[FIGAROH] = peer.run()
-                seconds.setdefault(FIGAROH, []).extend([answers[FIGAROH]["seconds"]] * (turn > 0))
-        if peer:
-            peer.close()
+    for turn in range(turns + 1):  # the first turn is a warm-up
+        for way, run in ways.items():
+            start = time.process_time()
+            answers[way] = run()
+            seconds[way] += [time.process_time() - start] * (turn > 0)
     errors = partial(_errors, robot, same, test)
     for way, times in seconds.items():
-        accuracy = {"torque": answers[way]["torque"]} if way == FIGAROH else errors(answers[way]) if way != LOOP else {}
-        yield Row(name, way, times, **accuracy)
+        yield Row(name, way, times, **(errors(answers[way]) if way != LOOP else {}))
 
 
 def _errors(robot: Robot, session: Session, test: Track, value: Array) -> dict[str, float]:
@@ -226,9 +178,6 @@ def check_targets(rows: Sequence[Row]) -> Iterator[tuple[str, bool]]:
         for job in (SAME, DEFAULT):
             ratio = best[job] / best[PLAIN]
             yield f"{robot}: {job}: {ratio:.2f} times the floor (at most {LIMIT:g})", ratio <= LIMIT
-        for job in (SAME, READY) if FIGAROH in best else ():
-            ratio = best[FIGAROH] / best[job]
-            yield f"{robot}: {job}: {ratio:.1f} times as fast as figaroh (at least {FASTER:g})", ratio >= FASTER
         worst = max(x for job in (PLAIN, SAME) for x in (jobs[job].parameters, jobs[job].torque) if x is not None)
         yield f"{robot}: parameters and torque agree with the truth to {worst:.1e} (at most {AGREE:g})", worst <= AGREE
 
@@ -244,8 +193,6 @@ def show(robot: str, rows: Sequence[Row]) -> Table:
         times = [f"{1e3 * best:.1f}", f"{1e3 * middle:.1f}"]
         errors = ["" if x is None else f"{x:.0e}" for x in (row.parameters, row.torque)]
         table.add_row(row.job, *times, f"{best / floor:.2f}", *errors)
-    if all(row.job != FIGAROH for row in rows):
-        table.caption = f"{FIGAROH} not measured; give --figaroh-python"
     return table
 
 
@@ -253,16 +200,12 @@ def main() -> None:
     """Measure, print the tables and write the numbers; exit with 1 when a target is missed."""
     one_thread()
     parser = command_line("regressor", __doc__)
-    parser.add_argument("--figaroh-python", default=os.environ.get("SIGNID_FIGAROH_PYTHON", ""), metavar="PATH")
     parser.add_argument("--turns", type=int, default=7, help="number of turns, of which the best counts (7)")
     options = parser.parse_args()
     console, rows = Console(), list[Row]()
     for name in ROBOTS:
-        try:
-            with console.status(name):
-                found = list(measure(name, options.figaroh_python, options.turns))
-        except RuntimeError as error:
-            parser.error(str(error))
+        with console.status(name):
+            found = list(measure(name, options.turns))
         console.print(show(name, found))
         rows += found
     targets = list(check_targets(rows))

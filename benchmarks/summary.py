@@ -67,6 +67,17 @@ def print_targets(console: Console, targets: Iterable[tuple[str, bool]]) -> bool
     return all(met for _, met in listed)
 
 
+def peak() -> float:
+    """Peak memory of this process [MB], without that of its parent where the system reports it."""
+    status = Path("/proc/self/status")
+    if status.is_file():
+        line = next(x for x in status.read_text(encoding="utf-8").splitlines() if x.startswith("VmHWM"))
+        return float(line.split()[1]) * 1.024e-3
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1e-6 if sys.platform == "darwin" else 1.024e-3)
+
+
 def finite(x: Any) -> Any:
     """Dataclasses as dictionaries, and numbers that JSON cannot represent as None."""
     if is_dataclass(x) and not isinstance(x, type):

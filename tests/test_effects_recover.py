@@ -9,7 +9,7 @@ from signid.effects import EFFECTS
 from signid.effects.base import Effect
 
 # gravity is a vector in the place of another one, not an addition to it: tests/test_faults_gravity.py
-SECONDS, SEED = 8.0, 5  # longer ones and other seeds: python -m benchmarks.effects
+SECONDS, SEED = 8.0, 5
 
 
 @pytest.mark.parametrize("effect", [e for e in EFFECTS if e.name != "gravity"], ids=lambda e: e.name)

@@ -6,9 +6,9 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from senseless import Columns, senseless
 
 import signid
-from benchmarks.recording_faults.senseless import Columns, senseless
 from signid.check import check
 from signid.types import Recording, Robot
 

@@ -7,9 +7,8 @@ import warnings
 from pathlib import Path
 
 import pytest
+from damaged_files import TOKENS, Reader, readers
 from hypothesis import given, settings, strategies as st
-
-from benchmarks.fuzz.readers import TOKENS, Reader, readers
 
 EXAMPLES, SLOW = 60, 4
 

@@ -145,7 +145,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pyt
 
 def test_the_load_of_a_real_arm(data: Path) -> None:
     """UR10e; the load was weighed, torque constants are known to some per cent."""
-    from benchmarks.real.data import LOADED, UNLOADED, ur10e_model, ur10e_recording
+    from benchmarks.real_data import LOADED, UNLOADED, ur10e_model, ur10e_recording
 
     sides = [ur10e_recording(UNLOADED[0])], [ur10e_recording(LOADED)]
     found = payload(ur10e_model().robot, *sides)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from picked_up import OTHER, OTHERS, SCALE, arm, recorded, spliced
 
-from benchmarks.pick_up import OTHER, OTHERS, SCALE, arm, recorded, spliced
-from benchmarks.real.data import LOADED, UNLOADED, ur10e
+from benchmarks.real_data import LOADED, UNLOADED, ur10e
 from benchmarks.watch.plant import Alteration, Push
 from signid.cli import run
 from signid.errors import OptionError, RecordingError

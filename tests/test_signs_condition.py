@@ -7,8 +7,8 @@ from itertools import combinations, product
 
 import numpy as np
 import pytest
+from sign_beam import beam
 
-from benchmarks.signs.speed import beam
 from signid.signs import tree as condition_module
 from signid.signs.search.problem import SignProblem, eliminate
 from signid.signs.tree import condition_order

@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from sign_beam import beam
 
-from benchmarks.signs.speed import beam
 from signid.errors import OptionError
 from signid.estimation.pbrp import Bounds, bounds_around
 from signid.regression.base_parameters import build_base

@@ -1,6 +1,6 @@
 """Diagnosis of concealed faults: `python -m benchmarks.concealed [--only SUITE ...] [--quick] [--json FILE]`.
 
-Robots with planted faults move in MuJoCo (`--plant bullet`: in Bullet). Their description and recordings are written to
+Robots with planted faults move in MuJoCo. Their description and recordings are written to
 `CACHE/sessions/NAME` (robot.urdf, actuators.toml, recording_1.parquet ...), the faults to `CACHE/answers/NAME.json`,
 which the diagnosis never reads, and the diagnosis to `CACHE/diagnoses/NAME.json`.
 
@@ -49,7 +49,6 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--base", type=int, default=0, help="the first seed")
     parser.add_argument("--sample", type=int, metavar="N", help="run N random cases")
     parser.add_argument("--quick", action="store_true", help="a small fixed subset")
-    parser.add_argument("--plant", choices=("mujoco", "bullet"), default="mujoco")
     parser.add_argument("--workers", type=int, default=2, help="number of parallel processes (%(default)s)")
     parser.add_argument("--cache", type=Path, metavar="DIR", help="keep sessions and diagnoses in DIR")
     parser.add_argument("--make-only", action="store_true", help="record sessions without diagnosis")
@@ -64,7 +63,7 @@ def chosen(options: argparse.Namespace) -> list[Case]:
     if options.quick:
         return quick()
     seeds = range(options.base, options.base + options.seeds)
-    found = cases(options.only, options.robots, options.sizes, seeds, options.plant)
+    found = cases(options.only, options.robots, options.sizes, seeds)
     found = [case for case in found if not options.effects or set(case.effects) & set(options.effects)]
     return found if options.sample is None else sample(found, options.sample, options.base)
 

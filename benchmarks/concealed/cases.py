@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from hashlib import sha256
 
 import numpy as np
@@ -59,7 +59,6 @@ class Case:
     seed: int
     hard: bool = False
     skip: tuple[str, ...] = ()  # effects removed from the library
-    plant: str = "mujoco"
 
     @property
     def key(self) -> str:
@@ -70,7 +69,7 @@ class Case:
     @property
     def name(self) -> str:
         """Anonymous name of its folder."""
-        return sha256(f"{self.key}/{self.plant}/{self.skip}".encode()).hexdigest()[:12]
+        return sha256(f"{self.key}/mujoco/{self.skip}".encode()).hexdigest()[:12]
 
     @property
     def number(self) -> int:
@@ -82,16 +81,14 @@ class Case:
         return {**asdict(self), "key": self.key, "name": self.name}
 
 
-def cases(
-    suites: Sequence[str], robots: Sequence[str], sizes: Sequence[float], seeds: Sequence[int], plant: str = "mujoco"
-) -> list[Case]:
+def cases(suites: Sequence[str], robots: Sequence[str], sizes: Sequence[float], seeds: Sequence[int]) -> list[Case]:
     """List all cases of the suites."""
     makers = {"exact": _single, "hard": _single, "none": _healthy, "pairs": _pairs}
     found: list[Case] = []
     for suite in suites:
         for robot in robots:
             for seed in seeds:
-                found += [replace(case, plant=plant) for case in makers.get(suite, _others)(suite, robot, sizes, seed)]
+                found += makers.get(suite, _others)(suite, robot, sizes, seed)
     return [case for case in found if _possible(case)]
 
 
@@ -139,7 +136,5 @@ def _others(suite: str, robot: str, sizes: Sequence[float], seed: int) -> Iterat
 
 
 def _possible(case: Case) -> bool:
-    """Whether robot and plant support the case."""
-    lonely = case.robot == "1r" and set(case.effects) & set(PAIRWISE)
-    gears = case.plant == "bullet" and set(case.effects) & {"backlash", "joint_elasticity"}
-    return not lonely and not gears and not (case.plant == "bullet" and case.hard)
+    """Whether the robot has the joints that the case needs."""
+    return not (case.robot == "1r" and set(case.effects) & set(PAIRWISE))

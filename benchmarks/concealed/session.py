@@ -110,12 +110,7 @@ def _follow(case: Case, scene: Scene, drives: Drives, faults: Sequence[Fault]) -
     tracks = []
     for k, motion in enumerate(scene.motions):
         start = k * DURATION
-        if case.plant == "bullet":
-            from ..plants import pybullet_
-
-            track = pybullet_.simulate(scene.body, drives, motion, DURATION, RATE, faults, start)
-        else:
-            track = mujoco_.simulate(scene.body, drives, motion, DURATION, RATE, faults, start, soft=case.hard)
+        track = mujoco_.simulate(scene.body, drives, motion, DURATION, RATE, faults, start, soft=case.hard)
         if not np.abs(track.q - motion.at(track.t)[0]).max() < LOST:
             raise ArithmeticError("the robot leaves its motion")
         tracks.append(track)

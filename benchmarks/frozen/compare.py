@@ -14,6 +14,7 @@ RELATIVE, SMALLEST = 1e-9, 1e-12  # tolerance of numbers, relative and absolute
 PRECISE = 10  # significant digits from which a number is compared by its value
 FLOAT = re.compile(r"(?<![\w.])[-+]?(?:\d+\.\d*(?:[eE][-+]?\d+)?|\d+[eE][-+]?\d+)(?![\w.])")
 CHANGING = re.compile(r"\b\d+\.\d+\.\d+\b|\b\d{4}-\d\d-\d\d[T ]\d\d:\d\d[\d:.]*")  # versions, times
+PROGRESS = re.compile(r"^signid: [^\n]*: \d+ %, about [^\n]* left[^\n]*\n", re.MULTILINE)  # as the machine is busy
 AGREE = 2e-6  # of the largest number of its kind; signid/README.md states 1e-6, and stored numbers are rounded
 DIGITS, LONGEST, MOST = 7, 80, 30  # of stored numbers, texts and lists
 DOCUMENT = re.compile(r"\d+\.stdout|(?!.*(?:sessions|model|loop)).*\.json")
@@ -43,7 +44,7 @@ def same_number(one: str, other: str) -> bool:
 
 def differing_lines(before: str, after: str) -> Iterator[tuple[str | None, str | None]]:
     """Lines that differ, those of both texts side by side."""
-    old, new = (CHANGING.sub("<version or time>", text).split("\n") for text in (before, after))
+    old, new = (CHANGING.sub("<version or time>", PROGRESS.sub("", text)).split("\n") for text in (before, after))
     keys, others = ([FLOAT.sub("#", line) for line in lines] for lines in (old, new))
     aligned = [("equal", 0, len(old), 0, len(new))]  # at once, as in most files
     for kind, i, end, j, last in aligned if keys == others else SequenceMatcher(None, keys, others).get_opcodes():

@@ -1,26 +1,20 @@
-"""Command: `python -m benchmarks.servo [truth coverage real rival models times] [--seeds 1 2] [--json F]`."""
+"""Command: `python -m benchmarks.servo [truth coverage real models] [--seeds 1 2] [--json F]`."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 from rich.console import Console
 
 from ..summary import command_line, frame, print_targets, write_json
 from .coverage import Interval, cases, intervals
-from .drive import Truth
-from .identified import KNOWN_LOAD, NUMBERS, RATE, SECONDS, Row, Trial, run
-from .plant import record
+from .identified import KNOWN_LOAD, NUMBERS, Row, Trial, run
 from .real import friction_models, sets
-from .rival import race
-from .robots import Bench, benches, motion
-from .times import times
+from .robots import Bench, benches
 
 WORST = {"kp": 0.03, "damping": 0.03, "coulomb_friction": 0.03, "armature": 0.05, "delay": 3e-4}
 MEDIAN = {"kp": 0.01, "damping": 0.01, "coulomb_friction": 0.01, "armature": 0.02, "delay": 3e-4}
@@ -40,7 +34,7 @@ WIDTH = 150  # of the tables
 def main() -> int:
     """Run the parts that were asked for; return 1 if a target is missed."""
     parser = command_line("servo", __doc__)
-    parser.add_argument("parts", nargs="*", default=["truth", "coverage", "real", "rival", "models", "times"])
+    parser.add_argument("parts", nargs="*", default=["truth", "coverage", "real", "models"])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--robots", nargs="+", default=["pendulum", "go2_leg", "so101"])
     given, console, kept, met = parser.parse_args(), Console(width=WIDTH), dict[str, object](), True
@@ -56,12 +50,8 @@ def main() -> int:
             met &= held
         if "real" in given.parts:
             kept["real"] = show_real(console, Path(place))
-        if "rival" in given.parts and find_spec("cma"):
-            kept["rival"] = show_rival(console)
         if "models" in given.parts:
             kept["models"] = show_models(console, Path(place))
-        if "times" in given.parts:
-            kept["times"] = show_times(console, found, Path(place))
     write_json(given.json, kept)
     return 0 if met else 1
 
@@ -149,34 +139,6 @@ def show_models(console: Console, folder: Path) -> list[dict[str, object]]:
         kept.append({"held_out": held, "model": one.name, "errors": sizes, "seconds": one.seconds})
     console.print(table)
     return kept
-
-
-def show_times(console: Console, found: Sequence[Bench], folder: Path) -> list[dict[str, object]]:
-    """Processor time and memory of whole commands."""
-    table, kept = frame("Whole processes", ["command", "processor time [s]", "memory [MB]"]), []
-    for one in times(found, folder):
-        table.add_row(one.command, f"{one.seconds:.1f}", f"{one.memory:.0f}")
-        kept.append(asdict(one))
-    console.print(table)
-    return kept
-
-
-def show_rival(console: Console) -> dict[str, object]:
-    """Time to the same error."""
-    with tempfile.TemporaryDirectory() as place:
-        (bench,) = benches(Path(place), ("pendulum",))
-        command = motion(bench, 4, SECONDS, RATE, fast=3.0)
-        path = Path(place) / "race.csv"
-        pl.DataFrame(record(bench.urdf, Truth(dict(bench.drives)), command, RATE, 4)).write_csv(path)
-        found = race(bench.urdf, path)
-    console.print(
-        f"pendulum, held-out windows: signid {1e3 * found.ours:.3f} mrad in {found.ours_seconds:.1f} s, its fit alone "
-        f"{1e3 * found.fit:.3f} mrad in {found.fit_seconds:.2f} s, CMA-ES {1e3 * found.cma:.3f} mrad in "
-        f"{found.cma_seconds:.1f} s ({found.cma_trials} trials): {found.cma_seconds / found.ours_seconds:.1f} and "
-        f"{found.cma_seconds / found.fit_seconds:.1f} times longer",
-        highlight=False,
-    )
-    return asdict(found)
 
 
 def _errors(rows: Sequence[Row]) -> tuple[str, str]:

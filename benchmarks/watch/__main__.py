@@ -24,10 +24,9 @@ from signid.types import Array
 from signid.watch import Contact, Event, LastingChange, Watcher
 
 from ..arms import ARMS, Arm, load
-from ..measure_command import peak
 from ..plants.bodies import Body
 from ..plants.control import Table, draw_motion
-from ..summary import command_line, frame, print_targets, write_json
+from ..summary import command_line, frame, peak, print_targets, write_json
 from .damage import damaged
 from .plain import plain_hits
 from .plant import Alteration, Push, record

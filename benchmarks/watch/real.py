@@ -17,7 +17,7 @@ from signid.model import Model
 from signid.types import Array
 from signid.watch import Contact, LastingChange
 
-from ..real.data import LOADED, recording, ur10e, ur10e_recording
+from ..real_data import LOADED, recording, ur10e, ur10e_recording
 from ..summary import data
 
 FOURIER = (

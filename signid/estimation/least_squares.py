@@ -12,8 +12,8 @@ from ..regression.factors import Factors, JointFactors, RowSample
 from ..types import Array, BaseMap, Estimate, Indices, Mask
 
 PROCESSES = ("v", "l", "q", "vl", "qv")  # states of each process: velocity, load, position
-# Length, thresholds and number of processes were chosen on the recordings of `benchmarks.intervals_real` and on the
-# simulations of `benchmarks.coverage`: intervals contain the truth as often as their nominal coverage on both.
+# Length, thresholds and number of processes were chosen on the recordings of tests/test_estimation_real_intervals.py
+# and on simulations of `benchmarks.coverage`: intervals contain the truth as often as their nominal coverage on both.
 LENGTH = 0.3  # [standard deviations of the state] correlation length of a process
 APART, LAGS = 0.6, 6.0  # [s], [rows] distance in time from which on noise is uncorrelated
 REDUCTION = 1.0  # [standard errors under noise] subtracted from each variance

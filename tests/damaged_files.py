@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from damaged_factors import factors, header_text, pendulum, with_header
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -34,8 +35,6 @@ from signid.recording.sampling import survey
 from signid.robot.actuators import state_actuators
 from signid.robot.description import sandbox
 from signid.simulation.plant import read_motion
-
-from .factors import factors, header_text, pendulum, with_header
 
 JOINT, ROWS, STEP, FPS = "joint_1", 40, 20_000_000, 50  # STEP [ns]
 STATE, CONTROL = "sensor_msgs/msg/JointState", "control_msgs/msg/JointTrajectoryControllerState"
@@ -114,7 +113,7 @@ def _message(store: Any, kind: str, k: int) -> Any:
     return types[CONTROL](head, [JOINT], point(q, none, none, none, after), point(q, none, none, tau, after))
 
 
-HERE = Path(__file__).parents[2]
+HERE = Path(__file__).parents[1]
 ARROW = ("uncompressed", "lz4", "zstd")
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 XACRO = f"""<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="m" default="2"/>
@@ -154,7 +153,6 @@ class Reader:
     wrap: Callable[[bytes], bytes] = bytes  # encloses mutated content, so that no checksum rejects it
     beside: Mapping[str, bytes] = field(default_factory=dict)  # intact files read with it
     slow: bool = False  # starts a process for each file
-    share: float = 5.0  # of the inputs of a campaign, relative to those of the other readers
 
     def __call__(self, content: bytes, folder: Path) -> bool:
         """Whether the file is accepted; exceptions other than SignidError pass through."""

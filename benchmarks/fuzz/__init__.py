@@ -1,1 +1,0 @@
-"""Fuzzing of file readers: readers under test and seed files."""

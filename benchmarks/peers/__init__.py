@@ -1,1 +1,0 @@
-"""Comparison with figaroh and mujoco.sysid: injected faults, recordings and findings."""

@@ -1,1 +1,0 @@
-"""The sets of real recordings as specifications of IdentiBench."""

@@ -1,1 +1,0 @@
-"""Diagnosis of real recordings with simulations that lack known physics."""

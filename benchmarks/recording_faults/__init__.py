@@ -1,1 +1,0 @@
-"""Detection of recording faults that are planted in the columns of recordings."""

@@ -1,1 +1,0 @@
-"""Recovery of torque signs from absolute torque."""
