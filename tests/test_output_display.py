@@ -48,7 +48,7 @@ def results() -> dict[str, Any]:
         *(robot, recording, identified, identified.signs, identified.fit, identified.model, validated),
         *(signid.check(robot, recording), signid.inspect(robot), signid.diagnose(robot, recording, held_out=HELD_OUT)),
         *(signid.payload(robot, HELD_OUT, RECORDING), signid.roll_out(identified, HELD_OUT), validated.models[0]),
-        *(signid.reduce(robot, recording), motion),
+        motion,
         signid.simulate(robot, signid.track(robot, motion.trajectory), 0.5),
     )
     return {type(each).__name__: each for each in found}
@@ -168,7 +168,6 @@ def test_unknown_names_list_the_known_ones(results: dict[str, Any]) -> None:
         (lambda: results["Diagnosis"].plot("signs"), "no figure 'signs'"),
         (lambda: results["RollOut"].plot(joint="elbow"), "no joint 'elbow'; choose from joint_1"),
         (lambda: results["Model"].plot(), "Model has no figures"),
-        (lambda: results["Reduced"].to_frame("x"), "Reduced has no tables; its repr and its attributes show"),
         (lambda: signid.report(results["Identification"], "x.html"), "a list of Input as inputs, not str"),
     ):
         with pytest.raises(signid.SignidError, match=sentence):

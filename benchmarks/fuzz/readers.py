@@ -35,7 +35,7 @@ from signid.robot.actuators import state_actuators
 from signid.robot.description import sandbox
 from signid.simulation.plant import read_motion
 
-from .factors import factors, header_text, pendulum, with_header
+from .pendulum import pendulum
 
 JOINT, ROWS, STEP, FPS = "joint_1", 40, 20_000_000, 50  # STEP [ns]
 STATE, CONTROL = "sensor_msgs/msg/JointState", "control_msgs/msg/JointTrajectoryControllerState"
@@ -205,8 +205,6 @@ def readers() -> tuple[Reader, ...]:
         Reader("MCAP", "r.mcap", [each["r.mcap"] for each in (plain, bag2(CONTROL, mcap=True), chunked)], _recorded),
         Reader("LeRobot", TABLE, [joints[TABLE]], _dataset, beside={DESCRIPTION: joints[DESCRIPTION]}),
         Reader("LeRobot, description", DESCRIPTION, [joints[DESCRIPTION]], _dataset, beside={TABLE: joints[TABLE]}),
-        Reader("factors", "f.npz", [factors()], _factors),
-        Reader("factors, header", "f.npz", [header_text()], _factors, wrap=with_header),
         Reader("manifest", "m.csv", [MANIFEST], read_manifest),
         Reader(
             "motion", "m.csv", [table.replace(b"tau_1", b"ddq_1"), table], lambda path: read_motion(path, pendulum())
@@ -226,10 +224,6 @@ def array_readers() -> Iterator[Reader]:
     yield Reader("MATLAB", "r.mat", [_matlab(), _matlab(do_compression=True), _matlab(format="4")], _recorded)
     if find_spec("h5py"):
         yield Reader("HDF5", "r.h5", [_hdf5()], _recorded)
-
-
-def _factors(path: Path) -> None:
-    signid.load_factors(path, pendulum())
 
 
 def _expanded(path: Path) -> None:

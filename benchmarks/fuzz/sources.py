@@ -37,7 +37,7 @@ from signid.types import Robot
 from signid.watch import watch
 
 from ..recording_faults.senseless import senseless
-from .factors import changed, changes, identify_from, pendulum
+from .pendulum import pendulum
 from .readers import TOKENS, Reader, readers as file_readers
 
 HERE = Path(__file__).parents[2]
@@ -57,7 +57,7 @@ OPTIONS = (
     b"check 1r none.csv --cutoff 10 --derivatives computed --effects viscous_friction,armature --seed 1",
     b"identify 1r none.csv --json --method pbrp --total-mass 1,2 --time-limit 60 --lock joint_1=0.3 --joints joint_1",
     b"diagnose 1r none.csv --json --reference none.csv --held-out none.csv --time-limit 5",
-    b"excite 1r -o none/x.csv --duration 5 --rate 100 --seed 3", b"reduce 1r none.csv --json --only 1/2 --white",
+    b"excite 1r -o none/x.csv --duration 5 --rate 100 --seed 3", b"identify 1r none.csv --json --white",
     b"simulate 1r --motion none.csv --inject coulomb_friction@joint_1:level=3 --noise 0.1 --encoder-bits 12 -o a.csv",
     b"replay 1r none.csv --html none.html --duration 2", b"fleet none.csv -o none --workers 2 --scheduler tcp://a:1",
     b"inspect none.urdf", b"export none.json --urdf none.urdf", b"convert none.bag -o none.csv --map none.toml",
@@ -306,8 +306,6 @@ SHARES = {  # of the inputs of a campaign, per mille
     "MCAP": 3,
     "LeRobot": 3,
     "LeRobot, description": 5,
-    "factors": 4,
-    "factors, header": 15,
     "manifest": 80,
     "motion": 15,
     "model.json": 60,
@@ -318,7 +316,6 @@ SHARES = {  # of the inputs of a campaign, per mille
     "command line": 8,
     "laws, simulated": 2,
     "senseless recordings": 0.4,
-    "factors, arrays": 10,
     "watched lines, CSV": 10,
     "watched lines, JSON": 10,
     "servo columns": 4,
@@ -333,7 +330,6 @@ def readers() -> tuple[Reader, ...]:
     """All readers, with their shares."""
     found = (
         *file_readers(),
-        Reader("factors, arrays", "f.npz", changes(), lambda path: identify_from(path, pendulum()), wrap=changed),
         *drive_readers(),
         Reader("laws", "law", law_seeds(), read_law),
         Reader("names of columns", "names", HEADERS, read_header),

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from ...errors import OptionError
 from ...estimation.fit_quality import Course
 from ...types import Array, Recording
 from ..report.documents import picked
@@ -17,16 +16,10 @@ ROLLED = {"simulation": pl.String, "joint": pl.String, "unit": pl.String, "t": p
 
 
 def held_out_course(result: Any) -> Course:
-    """Residuals over time of an identification or a diagnosis, on what was held out.
-
-    Raises:
-        OptionError: the identification was made from factors, which hold no samples.
-    """
+    """Residuals over time of an identification or a diagnosis, on what was held out."""
     if hasattr(result, "held_out"):
         course: Course = result.held_out
         return course
-    if not result.session.held_out:
-        raise OptionError("an identification from factors has no samples to show; identify the recordings instead")
     from ..report.plots.courses import held_out_rows
 
     return held_out_rows(result.session, result.judged)[0]
