@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from .output.viewers import viewer_log as viewer_log
     from .payload import payload as payload, with_payload as with_payload
     from .recording import read_recording as read_recording
-    from .regression.reduced import encode_factors as encode_factors, load_factors as load_factors, reduce as reduce
     from .regression.session import Options as Options
     from .robot import load_robot as load_robot, urdf_from_dh as urdf_from_dh
     from .servo.diagnose import diagnose_servos as diagnose_servos

@@ -20,7 +20,6 @@ from .model import Model, ModelSource, fitted_model, stated_parameters
 from .recording import Recordings, as_recordings
 from .regression.covariance import base_covariance, measure_misfit
 from .regression.factors import LAGS, Factors, Weigh
-from .regression.reduced import Reduced
 from .regression.rows import Rows
 from .regression.session import ITSELF, Options, Session, only_once, recordings_used
 from .robot import as_robot, described_gravity
@@ -82,7 +81,7 @@ class Identification(Result):
 @ends_in_time
 def identify(
     robot: ModelSource,
-    recordings: Recordings | Reduced,
+    recordings: Recordings,
     *,
     held_out: Recordings = (),
     method: str | None = None,
@@ -102,8 +101,7 @@ def identify(
 
     Args:
         robot: as `load_robot` gives it, or what it reads; a model counts as its robot.
-        recordings: one recording or several to learn from, as `read_recording` gives them, or what it reads; or their
-            factors from `reduce` or `load_factors`, which include the held-out part.
+        recordings: one recording or several to learn from, as `read_recording` gives them, or what it reads.
         held_out: held-out recordings; without any, the last of several recordings or the last 30 % of the only one.
         method: `convex`: physically consistent fit; `wls`: least-squares base parameters unchanged, with the nearest
             standard parameters; `pbrp`: penalty-based parameter retrieval. None: convex, or pbrp after `signs="tree"`.
@@ -130,13 +128,6 @@ def identify(
     search = search or Search()
     if method is not None and method not in METHODS:
         raise OptionError(f"method {method!r} is none of {', '.join(METHODS)}")
-    if isinstance(recordings, Reduced):
-        if estimator not in (None, "wls"):
-            raise OptionError(f"factors answer by weighted least squares alone; give recordings for {way.name!r}")
-        if refine is not None:
-            raise OptionError("roll-outs need samples; give recordings instead of their factors")
-        chosen = method or METHODS[0]
-        return _from_factors(robot, recordings, held_out, chosen, search, options, refit=refit is not False)
     recordings = as_recordings(recordings, robot, "identify")
     everything = (*recordings, *held_out)
     only_once(everything)
@@ -170,36 +161,6 @@ def identify(
     found = _refit(found, given, test, way, recovered, search) if again else found
     found = found if refine is None else _refined(found, tuple(refine))
     return replace(found, inputs=recordings_used(recordings, held_out))
-
-
-def _from_factors(
-    robot: Robot,
-    reduced: Reduced,
-    held_out: Sequence[Recording],
-    method: str,
-    search: Search,
-    options: Options,
-    *,
-    refit: bool,
-) -> Identification:
-    """Identify from factors, without samples."""
-    if held_out or options.robust:
-        what = "weights against outliers need samples" if options.robust else "factors hold what is held out themselves"
-        raise OptionError(f"{what}; give recordings instead of their factors")
-    if robot.sha256 != reduced.robot.sha256:
-        raise OptionError(f"the factors are not of {robot.name} as it is described; give the robot they were made with")
-    if not np.array_equal(robot.model.gravity.linear, reduced.robot.model.gravity.linear):
-        raise OptionError(f"the factors were made with another gravity than that of {robot.name}; give it the same")
-    if reduced.share[1] > 1:
-        raise OptionError(f"the factors are one part of {reduced.share[1]}; add all of them first")
-    session = Session(reduced.task, (), (), reduced.notes, options=options)
-    given = Given(session, reduced.train[0].factors, _prior(session), options.whiten)
-    recovered, test = Recovered(session, session), reduced.held_out[0].factors
-    way = ESTIMATORS["wls"]
-    found = _conclude(given, test, way, recovered, method, search)
-    found = _judged(found, IdentifiedData(session, given.factors, test, ()))
-    found = _refit(found, given, test, way, recovered, search) if refit else found
-    return replace(found, inputs=reduced.inputs)
 
 
 def _judged(found: Identification, rows: IdentifiedData) -> Identification:

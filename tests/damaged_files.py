@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from damaged_factors import factors, header_text, pendulum, with_header
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -35,6 +34,7 @@ from signid.recording.sampling import survey
 from signid.robot.actuators import state_actuators
 from signid.robot.description import sandbox
 from signid.simulation.plant import read_motion
+from signid.types import Robot
 
 JOINT, ROWS, STEP, FPS = "joint_1", 40, 20_000_000, 50  # STEP [ns]
 STATE, CONTROL = "sensor_msgs/msg/JointState", "control_msgs/msg/JointTrajectoryControllerState"
@@ -42,6 +42,12 @@ DYNAMIC = "control_msgs/msg/DynamicJointState"
 DEFINITION = """std_msgs/Header header\nstring[] joint_names\ntrajectory_msgs/JointTrajectoryPoint desired
 trajectory_msgs/JointTrajectoryPoint actual\n"""
 TABLE, DESCRIPTION = "data/chunk-000/file-000.parquet", "meta/info.json"
+
+
+@cache
+def pendulum() -> Robot:
+    """The robot 1r."""
+    return signid.load_robot("1r")
 
 
 def bag1(kind: str, squeeze: str = "") -> bytes:
@@ -203,8 +209,6 @@ def readers() -> tuple[Reader, ...]:
         Reader("MCAP", "r.mcap", [each["r.mcap"] for each in (plain, bag2(CONTROL, mcap=True), chunked)], _recorded),
         Reader("LeRobot", TABLE, [joints[TABLE]], _dataset, beside={DESCRIPTION: joints[DESCRIPTION]}),
         Reader("LeRobot, description", DESCRIPTION, [joints[DESCRIPTION]], _dataset, beside={TABLE: joints[TABLE]}),
-        Reader("factors", "f.npz", [factors()], _factors),
-        Reader("factors, header", "f.npz", [header_text()], _factors, wrap=with_header),
         Reader("manifest", "m.csv", [MANIFEST], read_manifest),
         Reader(
             "motion", "m.csv", [table.replace(b"tau_1", b"ddq_1"), table], lambda path: read_motion(path, pendulum())
@@ -224,10 +228,6 @@ def array_readers() -> Iterator[Reader]:
     yield Reader("MATLAB", "r.mat", [_matlab(), _matlab(do_compression=True), _matlab(format="4")], _recorded)
     if find_spec("h5py"):
         yield Reader("HDF5", "r.h5", [_hdf5()], _recorded)
-
-
-def _factors(path: Path) -> None:
-    signid.load_factors(path, pendulum())
 
 
 def _expanded(path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 
 ARM = Path(__file__).parents[1] / "robots" / "3r"
-FILES = {"identify": "identification.json", "diagnose": "diagnosis.json", "reduce": "factors.npz"}
+FILES = {"identify": "identification.json", "diagnose": "diagnosis.json"}
 
 
 def record(folder: Path, count: int = 3) -> list[str]:

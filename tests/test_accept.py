@@ -60,7 +60,7 @@ WRONG: dict[str, Callable[[Any, Any], Any]] = {
     r"diagnose needs a Model, not Recording; give signid.load_model\(": lambda r, x: signid.diagnose(x, x),
     "validate needs a Model, not Recording": lambda r, x: signid.validate(x, x),
     "payload needs a Recording or a list of them, not Robot": lambda r, x: signid.payload(r, x, r),
-    "reduce needs a Robot, not int": lambda r, x: signid.reduce(3, x),
+    "inspect needs a Robot, not int": lambda r, x: signid.inspect(3),
     "roll_out needs a Model, not list": lambda r, x: signid.roll_out([r], x),
     "replay needs one recording, not 2": lambda r, x: signid.replay(r, [x, x]),
     "export needs a Model, not Recording": lambda r, x: signid.export(x, "urdf"),

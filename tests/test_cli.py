@@ -21,7 +21,7 @@ from signid.effects import EFFECT_NAMES
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = """demo inspect check identify diagnose validate watch payload effects convert excite export simulate replay
-reduce fleet data"""
+fleet data"""
 OUTPUTS = ["identification.json", "model.json", "report.html", "robot.urdf"]
 
 

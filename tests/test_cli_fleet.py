@@ -29,12 +29,12 @@ from signid.errors import InputError
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a manifest of eight sessions, two of them impossible, and its fleet."""
+    """A folder with a manifest of seven sessions, two of them impossible, and its fleet."""
     folder = tmp_path_factory.mktemp("fleet")
     days = record(folder)
     (folder / "short.csv").write_text("t,q_1,tau_1\n0,0,1\n0.01,0.1,2\n")
     rows = [f"3r,{day},arm 1,2026-01-0{k + 1},identify" for k, day in enumerate(days)]
-    rows += [f"3r,{days[0]},arm 1,2026-01-01,reduce", f"3r,{days[2]},arm 2,2026-01-01,", "3r,none.csv,arm 3,,"]
+    rows += [f"3r,{days[2]},arm 2,2026-01-01,", "3r,none.csv,arm 3,,"]
     rows += ["3r,short.csv,arm 4,,identify", f"3r,{days[1]};{days[2]},arm 5,,identify"]
     path = manifest(folder, *rows)
     assert run(["fleet", str(path), "-o", str(folder / "out"), "--workers", "2"]) == 3
@@ -45,17 +45,16 @@ def test_every_session_has_the_files_of_the_single_command(done: Path, monkeypat
     monkeypatch.chdir(done)
     names = sorted(path.name for path in (done / "out/sessions").iterdir())
     days = [f"arm-1_2026-01-0{k}_identify" for k in (1, 2, 3)]
-    assert names == sorted([*days, "arm-1_2026-01-01_reduce", "arm-2_2026-01-01", "arm-5_day_1.parquet_identify"])
+    assert names == sorted([*days, "arm-2_2026-01-01", "arm-5_day_1.parquet_identify"])
     single = (
         ["identify", "3r", "day_0.parquet", "-o", "single"],
         ["diagnose", "3r", "day_2.parquet", "-o", "single_2"],
-        ["reduce", "3r", "day_0.parquet", "-o", "single_3/factors.npz"],
     )
-    for words, name in zip(single, (days[0], "arm-2_2026-01-01", "arm-1_2026-01-01_reduce"), strict=True):
+    for words, name in zip(single, (days[0], "arm-2_2026-01-01"), strict=True):
         assert run(words) in (0, 3)
         kept = contents(done / "out/sessions" / name)
         record = json.loads(kept.pop("session.json"))
-        assert kept == contents(done / words[-1].split("/")[0]) and FILES[words[0]] in kept
+        assert kept == contents(done / words[-1]) and FILES[words[0]] in kept
         assert record["arguments"] == words[:-2] and record["files"] == sorted(kept)
 
 
@@ -141,7 +140,7 @@ def test_finished_sessions_are_not_repeated(done: Path, tmp_path: Path, monkeypa
 
     assert asked() == ["identify 3r short.csv"]  # failed sessions are tried again
     assert contents(out) == before
-    assert len(asked(seed=1)) == 7
+    assert len(asked(seed=1)) == 6
     changed = (done / "day_1.parquet").read_bytes()
     try:
         record(done, 1)
@@ -152,7 +151,7 @@ def test_finished_sessions_are_not_repeated(done: Path, tmp_path: Path, monkeypa
     (out / "sessions/arm-2_2026-01-01/report.html").rename(tmp_path / "report.html")
     assert asked() == ["diagnose 3r day_2.parquet", "identify 3r short.csv"]
     (tmp_path / "report.html").rename(out / "sessions/arm-2_2026-01-01/report.html")
-    with pytest.raises(InputError, match=r"session arm-3_none\.csv \(line 7\) failed: cannot read"):
+    with pytest.raises(InputError, match=r"session arm-3_none\.csv \(line 6\) failed: cannot read"):
         fleet(path, out, keep_going=False)
 
 
@@ -306,4 +305,4 @@ def test_an_unwritable_folder_is_reported(tmp_path: Path, capsys: pytest.Capture
 
 
 def test_the_verb_is_public() -> None:
-    assert signid.fleet is fleet and callable(signid.reduce) and callable(signid.load_factors)
+    assert signid.fleet is fleet

@@ -12,13 +12,9 @@ from typing import Any
 
 import dask
 import distributed
-import polars as pl
 import pytest
-from factored import columns
 from fleets import contents, manifest, record
 
-import signid
-from signid.cli import run
 from signid.cli.fleet.dispatch import Answer, Order, spread
 from signid.cli.fleet.run import fleet
 from signid.errors import OptionError
@@ -55,23 +51,6 @@ def test_a_killed_worker_loses_nothing(cluster: Any, tmp_path: Path) -> None:
     assert killed[0] not in workers(cluster)[0]
     near = fleet(path, tmp_path / "near", workers=2)
     assert contents(tmp_path / "far") == contents(tmp_path / "near") and near.document() == found.document()
-
-
-def test_one_recording_in_parts_gives_the_result_of_one_machine(
-    cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    given = columns(signid.load_robot("3r"), 0)
-    table = {"t": given["t"]} | {f"{key}_{j + 1}": given[key][:, j] for key in ("q", "tau") for j in range(3)}
-    pl.DataFrame(table).write_parquet("long.parquet")
-    assert run(["reduce", "3r", "long.parquet", "-o", "one.npz"]) == 0
-    assert (
-        run(
-            ["reduce", "3r", "long.parquet", "-o", "many.npz", "--parts", "3", "--scheduler", cluster.scheduler_address]
-        )
-        == 0
-    )
-    assert Path("many.npz").read_bytes() == Path("one.npz").read_bytes()
 
 
 def test_a_task_that_kills_workers_is_reported(cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -55,7 +55,6 @@ def test_names_that_are_not_utf_8_are_replaced_wherever_they_are_shown(
         f"diagnose {bad}.urdf {bad}.csv -o diagnosed",
         f"validate {bad}.urdf {bad}.csv -o validated",
         f"replay {bad}.urdf {bad}.csv --html replay.html --duration 1",
-        f"reduce {bad}.urdf {bad}.csv -o factors.npz",
         f"simulate {bad}.urdf --duration 1 --json",
         f"convert {bad}.csv --robot {bad}.urdf -o {bad}.out.csv",
         f"fleet {bad}.list.csv -o fleet --workers 1",

@@ -20,7 +20,6 @@ OPTIONS = {
     "--kp 1e308 --kd 1;--substeps 100000000000000",
     "replay 1r m.csv --html out.html": "--horizon 1e300;--rate 1e300;--from 1e300;--duration 1e300",
     "identify 1r m.csv --json": "--cutoff 1e300;--time-limit 1e-300",
-    "reduce 1r m.csv -o out.npz": "--parts 1000000;--parts 1000000000000",
 }
 LAWS = "torque_lag@1:time_constant coulomb_friction@1:level payload:mass time_delay@1:delay spring@1:rest".split()
 

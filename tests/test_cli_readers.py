@@ -18,7 +18,6 @@ COMMANDS = {
     "check": "check 1r {}",
     "replay": "replay 1r {} --html {}.html --duration 2",
     "validate": "validate 1r {}",
-    "reduce": "reduce 1r {} -o {}.factors.npz",
     "simulate a motion": "simulate 1r --motion {} -o {}.motion.csv",
     "simulate a torque": "simulate 1r --torque {} -o {}.torque.csv",
 }

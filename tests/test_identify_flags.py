@@ -122,13 +122,6 @@ def test_a_model_worse_than_the_description_is_flagged(robot: Robot, healthy: Ta
     assert "joint_3" in flag and f"{found.fit.held_out_rms[2]:.3g}" in flag and "signid diagnose" in flag
 
 
-def test_factors_alone_reveal_bad_fits(robot: Robot, healthy: Table) -> None:
-    table = dict(healthy)
-    foreign(table)
-    reduced = signid.reduce(robot, [signid.read_recording(table, robot)])
-    assert any("much of the torque of joint_3" in flag for flag in signid.identify(robot, reduced).flags)
-
-
 def test_a_description_without_bodies_is_no_comparison(healthy: Table, tmp_path: Path) -> None:
     text = (FOLDER / "robot.urdf").read_text()
     bare = re.sub(r"<inertial>.*?</inertial>", "", text, flags=re.DOTALL)
@@ -144,8 +137,6 @@ def test_a_recording_too_short_for_held_out_rows_is_evaluated_on_itself(robot: R
     found = signid.identify(robot, [signid.read_recording(table, robot)], options=options)
     assert [flag for flag in found.flags if "too short to hold anything out" in flag], found.flags
     assert found.fit.held_out_rms == pytest.approx(found.fit.train_rms)
-    reduced = signid.reduce(robot, [signid.read_recording(table, robot)], options=options)
-    assert set(signid.identify(robot, reduced).flags) < set(found.flags)  # but for those that need samples
     judge = signid.read_recording(FOLDER / "held_out.parquet", robot)
     (own, described) = signid.validate([found.model, signid.load_model("3r")], [judge]).models
     assert np.all(own.fit.held_out_rms < described.fit.held_out_rms)

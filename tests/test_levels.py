@@ -26,8 +26,6 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "output/report/results": "__init__ laws recordings sentences signs simulation identification friction_models "
     "servo_identification check payload fleet inspection validation diagnosis servo_diagnosis",
     "estimation": "__init__ fit_quality excitation feasible pbrp least_squares standard estimators",
-    "regression": "__init__ bandwidth projection motion joint_dynamics base_parameters rows factors covariance session "
-    "reduced",
     "recording": "names streams formats source columns sampling noticed joining gallery read bare __init__ convert "
     "draft",
     "robot": "alike joints dynamics actuators description locate load __init__",

@@ -43,7 +43,7 @@ def results() -> dict[str, Any]:
         *(robot, recording, identified, identified.signs, identified.fit, identified.model, validated),
         *(signid.check(robot, recording), signid.inspect(robot), signid.diagnose(robot, recording, held_out=HELD_OUT)),
         *(signid.payload(robot, HELD_OUT, RECORDING), signid.roll_out(identified, HELD_OUT), validated.models[0]),
-        *(signid.reduce(robot, recording), motion),
+        motion,
         signid.simulate(robot, signid.track(robot, motion.trajectory), 0.5),
     )
     return {type(each).__name__: each for each in found}
@@ -139,7 +139,6 @@ def test_pandas_frames_or_a_sentence(results: dict[str, Any], monkeypatch: pytes
 def test_unknown_names_list_the_known_ones(results: dict[str, Any]) -> None:
     for act, sentence in (
         (lambda: results["Identification"].to_frame("law"), "no table 'law'; choose from base_parameters, laws"),
-        (lambda: results["Reduced"].to_frame("x"), "Reduced has no tables; its repr and its attributes show"),
         (lambda: signid.report(results["Identification"], "x.html"), "a list of Input as inputs, not str"),
     ):
         with pytest.raises(signid.SignidError, match=sentence):

@@ -35,7 +35,6 @@ COMMANDS = {
     "export": f"export {ROBOT} --urdf {OUT}/é.urdf --mjcf {OUT}/é.xml --function {OUT}/é.py --ros {OUT}/é.yaml",
     "simulate": f"simulate {ROBOT} --duration 2 -o {OUT}/é.csv.gz",
     "replay": f"replay {ROBOT} {RECORDING} --html {OUT}/é.html",
-    "reduce": f"reduce {ROBOT} {RECORDING} -o {OUT}/é.npz",
     "fleet": f"fleet 'flotte ñ.csv' -o {OUT}",
     "data": f"data toy --yes --source ADDRESS -o {OUT}",
     "demo": f"demo --robot 1r --no-open -o {OUT}",

@@ -57,7 +57,7 @@ def test_torque_makes_no_servo(robot: Robot) -> None:
     assert recording.read().servo is None
 
 
-@pytest.mark.parametrize("verb", ["payload", "reduce", "roll_out"])
+@pytest.mark.parametrize("verb", ["payload", "roll_out"])
 def test_torque_verbs_refuse_servos(robot: Robot, verb: str) -> None:
     recording = signid.read_recording(columns(), robot)
     model = signid.load_model("3r")
@@ -65,7 +65,6 @@ def test_torque_verbs_refuse_servos(robot: Robot, verb: str) -> None:
         "payload": lambda: signid.payload(
             robot, [recording], [signid.read_recording({**columns(), "dq_1": np.ones(ROWS)}, robot)]
         ),
-        "reduce": lambda: signid.reduce(robot, [recording]),
         "roll_out": lambda: signid.roll_out(model, [recording]),
     }
     with pytest.raises(RecordingError, match="commanded and measured positions, but no torque") as error:

@@ -67,7 +67,7 @@ def test_a_failure_of_right_arguments_stays_as_it_is() -> None:
 @pytest.mark.parametrize("options", [5, "x", {"cutoff": 3}, np.zeros(3)])
 def test_wrong_options_are_named(options: Any) -> None:
     recording = signid.read_recording(COLUMNS, "1r")
-    for verb in (signid.identify, signid.diagnose, signid.reduce):
+    for verb in (signid.identify, signid.diagnose):
         with pytest.raises(OptionError, match=r"options is \w+, or holds another type; expected Options \| None"):
             verb("1r", [recording], options=options)
 

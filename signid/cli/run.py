@@ -28,7 +28,6 @@ from .commands import (  # noqa: F401
     diagnosis,
     excitation,
     exporting,
-    factors,
     identification,
     payload,
     replay,
@@ -40,7 +39,7 @@ from .fleet import command as fleet  # noqa: F401
 from .terminal import BAD, BROKEN, DONE, INTERRUPTED, open_streams, write_error
 
 ORDER = (  # of commands in --help
-    "demo inspect check identify diagnose validate watch payload effects convert excite export simulate replay reduce "
+    "demo inspect check identify diagnose validate watch payload effects convert excite export simulate replay "
     "fleet data"
 ).split()
 app.registered_commands.sort(key=lambda command: ORDER.index(getattr(command.callback, "__name__", "")))

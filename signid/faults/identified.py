@@ -59,8 +59,8 @@ class IdentifiedData(NamedTuple):
     session: Session
     train: Factors
     test: Factors  # held out
-    recordings: Sequence[Recording]  # empty if only factors were given
-    evidence: FaultEvidence | None = None  # with the description as model, from `described_evidence`
+    recordings: Sequence[Recording]
+    evidence: FaultEvidence | None  # with the description as model, from `described_evidence`
 
 
 class Delay(NamedTuple):
@@ -90,14 +90,13 @@ def identification_flags(
     session, faults = rows.session, list[RecordingFault]()
     sentences = [flag for recording in rows.recordings for flag in recording.flags]
     moving = np.array([joint not in excitation.resting for joint in fit.joints])
-    if rows.recordings:
-        signed = np.all([recording.signed for recording in rows.recordings], axis=0)
-        found = examine(model, session, excitation, signed, rows.evidence).findings
-        faults = [f for f in found if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit)]
-        sentences += [f"{fault.sentence}; {NEXT}" for fault in faults]
-        delay = None if any(fault.kind == "lag" for fault in faults) else estimate_delay(session, signed & moving)
-        if delay is not None and delay.is_clear(_negative_viscosity(value, session.task)):
-            sentences.append(_delay_sentence(delay))
+    signed = np.all([recording.signed for recording in rows.recordings], axis=0)
+    found = examine(model, session, excitation, signed, rows.evidence).findings
+    faults = [f for f in found if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit)]
+    sentences += [f"{fault.sentence}; {NEXT}" for fault in faults]
+    delay = None if any(fault.kind == "lag" for fault in faults) else estimate_delay(session, signed & moving)
+    if delay is not None and delay.is_clear(_negative_viscosity(value, session.task)):
+        sentences.append(_delay_sentence(delay))
     stated = session.task.base.combination @ stated_parameters(session.task).values
     before = judge_fit(session, rows.train, rows.test, stated)
     sound = moving & np.array([not any(joint in fault.joints for fault in faults) for joint in fit.joints])

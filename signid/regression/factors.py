@@ -101,7 +101,7 @@ class Factors(Frozen):
     velocity: Array  # (n, n) [rad2/s2] sum of v v'
     acceleration: Array  # (n,) [rad2/s4] sum of a squared
     rows: int
-    sample: RowSample | None = None  # sample of the rows; None for white noise and in older files
+    sample: RowSample | None = None  # sample of the rows; None for white noise
 
     def __add__(self, other: Factors) -> Factors:
         return Factors(
@@ -131,34 +131,30 @@ def reduce_rows(task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh
     return total(nodes) or _nothing(task, lags)
 
 
-def window_factors(
-    task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh | None = None, past: int = 0
-) -> Iterator[Factors]:
+def window_factors(task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh | None = None) -> Iterator[Factors]:
     """Factors of each of consecutive windows of rows, of one recording or of several, up to the highest lag.
 
-    Each row has a robust weight in [0, 1], or 1. The `past` windows at the beginning only give the lagged rows of the
-    next.
+    Each row has a robust weight in [0, 1], or 1.
     """
     seen = tuple(map(np.flatnonzero, task.base.sees))
     empty = tails = [np.zeros((0, c + 1)) for c in _widths(task)]
-    for number, window in enumerate(rows):
+    for window in rows:
         if window.first:
             tails = empty
         weights = [weigh(j, window) for j in range(len(seen))] if weigh else None
         found = [_reduce_joint(window, j, tail, lags, weights[j] if weights else None) for j, tail in enumerate(tails)]
         tails = [tail for _, tail in found]
-        if number >= past:
-            yield Factors(
-                tuple(part for part, _ in found),
-                seen,
-                task.instruments,
-                window.q.min(0),
-                window.q.max(0),
-                window.v.T @ window.v,
-                (window.a**2).sum(0),
-                len(window.t),
-                sample_rows(task, window, weights) if lags else None,
-            )
+        yield Factors(
+            tuple(part for part, _ in found),
+            seen,
+            task.instruments,
+            window.q.min(0),
+            window.q.max(0),
+            window.v.T @ window.v,
+            (window.a**2).sum(0),
+            len(window.t),
+            sample_rows(task, window, weights) if lags else None,
+        )
 
 
 def cascade(nodes: Iterable[Node]) -> list[Node]:

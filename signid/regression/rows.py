@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..recording.sampling import Sampling, excerpt, samples
+from ..recording.sampling import Sampling, samples
 from ..types import Array, BaseMap, Frozen, Indices, Law, Mask, Recording, Robot, Samples
 from .bandwidth import Band, Decimator, moving_minimum
 from .motion import Motion, base_rows, build_motion, margin
@@ -94,28 +94,6 @@ def torque_rates(task: Task, recording: Recording, sampling: Sampling) -> Iterat
         tau = np.where(np.isnan(window.tau).all(axis=0), 0.0, window.tau)
         rate = np.gradient(tau, sampling.period, axis=0)
         yield grid.thin(rate[edge : len(rate) - edge])
-
-
-def cut_rows(task: Task, sampling: Sampling, start: int, stop: int) -> Iterator[tuple[Sampling, int]]:
-    """Samplings that give the windows start..stop of `read_rows`, counted over all spans, equal to the last bit.
-
-    Yields, span by span, the sampling and the number of extra windows at its beginning, which give the lagged rows.
-    """
-    grid, before = _grid(task), 0
-    for span in sampling.spans:
-        total = grid.rows(sampling.length(span))
-        low, high = max(start - before, 0), min(stop - before, grid.windows(total))
-        if low < high:
-            past = min(low, 1)
-            ends = grid.samples((low - past) * grid.step, min(total, high * grid.step))
-            yield excerpt(sampling, span, *ends), past
-        before += grid.windows(total)
-
-
-def count_windows(task: Task, sampling: Sampling) -> int:
-    """Number of windows of `read_rows`."""
-    grid = _grid(task)
-    return sum(grid.windows(grid.rows(sampling.length(span))) for span in sampling.spans)
 
 
 class _Grid(NamedTuple):

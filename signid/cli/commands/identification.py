@@ -199,23 +199,19 @@ def identify(
 
     DIR gets identification.json, model.json, robot.urdf and report.html. Without --held-out the last of several
     recordings, or the last 30 % of a single one, is held out. Lost torque signs (abs_tau_J, abs_current_J or
-    --unsigned) are recovered first and written to signed.csv and signs.html. Files from signid reduce can replace
-    recordings; several such files are added.
+    --unsigned) are recovered first and written to signed.csv and signs.html.
 
     Recordings with commanded positions (q_des_J) and without torque give the position drives instead: kp, damping,
     delay, friction, armature and limits, by simulation of the closed loop (servo mode).
     """
     from ...identify import identify as learn
-    from ...regression.reduced import is_factor_file
     from ..files import IDENTIFIED, deliver
-    from .factors import factor_inputs, given_factors
 
     check_folder(fit.output, run.json, IDENTIFIED)
     described = given_robot(robot.robot, robot)
-    reduced = given_factors(recordings, described, context) if any(map(is_factor_file, recordings)) else None
-    given = [] if reduced else given_recordings(recordings, described, rows.columns, fit.unsigned)
+    given = given_recordings(recordings, described, rows.columns, fit.unsigned)
     held_out = given_recordings(fit.held_out, described, rows.columns, fit.unsigned)
-    servo = reduced is None and has_drives((*given, *held_out), drives.servo)
+    servo = has_drives((*given, *held_out), drives.servo)
     check_options(context, servo)
     read = given_inputs(
         robot.robot, described, robot.actuators, columns=rows.columns, bounds=None if servo else _bounds(fit)
@@ -234,7 +230,7 @@ def identify(
             with bars(run.json) as progress:
                 result = learn(
                     described,
-                    reduced or given,
+                    given,
                     held_out=held_out,
                     method=fit.method,
                     signs=fit.signs,
@@ -247,7 +243,6 @@ def identify(
                 )
         except InputError as error:
             return identify_drives(instead_of_torque(context, error, (*given, *held_out), "identified"))
-        read += factor_inputs(recordings) if reduced else []
         return deliver(result, read, fit.output, run.json, command)
 
 

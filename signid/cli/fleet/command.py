@@ -40,7 +40,7 @@ def fleet(
     """Diagnose or identify many robots, and compare the results.
 
     MANIFEST has the columns robot and recording (several files: a;b), and optionally held_out, reference, columns,
-    actuators, xacro (name:=a;model:=b), task (diagnose, identify, reduce), like, name (of the individual robot), time
+    actuators, xacro (name:=a;model:=b), task (diagnose, identify), name (of the individual robot), time
     (2026-03-31), session (its folder); paths are relative to the manifest. DIR gets index.html and fleet.json
     with robots ranked by mismatch, common causes and drifting parameters, and sessions/NAME with the files of the
     single command. An interrupted run can be repeated: sessions whose files are unchanged are not run again.

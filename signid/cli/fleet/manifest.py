@@ -16,11 +16,11 @@ from ...robot.joints import parse_gravity
 from ...robot.load import parse_arguments
 from ...types import Input
 
-TASKS = ("diagnose", "identify", "reduce")  # default: the first
+TASKS = ("diagnose", "identify")  # default: the first
 NEEDED = ("robot", "recording")
-FILES = (*NEEDED, "held_out", "reference", "columns", "actuators", "like")
+FILES = (*NEEDED, "held_out", "reference", "columns", "actuators")
 COLUMNS = (*FILES, "gravity", "xacro", "task", "name", "time", "session")
-BELONGS = {"reference": "diagnose", "like": "reduce"}  # column -> the only task that uses it
+BELONGS = {"reference": "diagnose"}  # column -> the only task that uses it
 DAY = 86_400.0  # s
 LONGEST = 100  # maximum length of a session name [characters]
 LARGEST = 50_000_000  # size of the file [bytes]
@@ -41,7 +41,6 @@ class Entry:
     reference: tuple[str, ...]
     columns: str
     actuators: str
-    like: str
     gravity: str
     xacro: tuple[str, ...]  # NAME:=VALUE each
     time: str
@@ -50,7 +49,7 @@ class Entry:
     def arguments(self, seed: int = 0) -> tuple[str, ...]:
         """Arguments of this session's command, without -o."""
         given = [("--held-out", x) for x in self.held_out] + [("--reference", x) for x in self.reference]
-        given += [(f"--{key}", value) for key in ("columns", "actuators", "like") if (value := getattr(self, key))]
+        given += [(f"--{key}", value) for key in ("columns", "actuators") if (value := getattr(self, key))]
         given += [("--gravity", self.gravity)] if self.gravity else []
         given += [("--xacro", text) for text in self.xacro]
         given += [("--seed", str(seed))] if seed else []
@@ -59,7 +58,7 @@ class Entry:
     @property
     def files(self) -> tuple[str, ...]:
         """Files that it reads besides the description."""
-        beside = self.columns, self.actuators, self.like
+        beside = self.columns, self.actuators
         return tuple(x for x in (*self.recordings, *self.held_out, *self.reference, *beside) if x)
 
 
@@ -77,8 +76,8 @@ def read_manifest(path: str | Path) -> Manifest:
 
     Required columns: `robot` and `recording` (one file, or several separated by `;`). Optional columns: `held_out`,
     `reference`, `columns`, `actuators`, `gravity` ("X,Y,Z" in quotes), `xacro` (NAME:=VALUE, separated by `;`),
-    `task` (diagnose, identify or reduce), `like` (factors to which those of a reduction are added), `name` of
-    the individual robot, `time` (ISO 8601; UTC if without zone) and `session` (name of the output folder).
+    `task` (diagnose or identify), `name` of the individual robot, `time` (ISO 8601; UTC if without zone) and `session`
+    (name of the output folder).
 
     Args:
         path: CSV file; paths in it are relative to its folder.
@@ -162,7 +161,6 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
         _split(row.get("reference", "")),
         row.get("columns", ""),
         row.get("actuators", ""),
-        row.get("like", ""),
         _gravity(row.get("gravity", "")),
         _xacro(row.get("xacro", "")),
         row.get("time", ""),

@@ -18,8 +18,6 @@ from .result import Fleet, Outcome, gather
 from .store import Store, check_robot, key, read_inputs
 from .summary import FILES, Summary, summarise
 
-FACTORS = "factors.npz"
-
 
 @dataclass(frozen=True)
 class _Task:
@@ -79,9 +77,7 @@ def fleet(
         done = len(tasks) - len(todo)
         report(f"{done} of {len(tasks)} sessions", done / len(tasks))
         entries = [tasks[k].entry for k in todo]
-        orders = [
-            Order(one.arguments(seed), str(listed.folder), "" if one.task in FILES else FACTORS) for one in entries
-        ]
+        orders = [Order(one.arguments(seed), str(listed.folder)) for one in entries]
         with closing(spread(orders, workers, scheduler)) as found:
             for number, answer in found:
                 task, done = tasks[todo[number]], done + 1
@@ -141,9 +137,7 @@ def _outcome(store: Store, task: _Task, answer: Answer | None) -> Outcome:
     if answer is not None:
         return Outcome(task.entry, answer.code, answer.said, (), Summary())
     record = store.record(task.entry.session)
-    summary = Summary()
-    if task.entry.task in FILES:
-        summary = summarise(task.entry.task, store.document(task.entry.session, FILES[task.entry.task]))
+    summary = summarise(task.entry.task, store.document(task.entry.session, FILES[task.entry.task]))
     return Outcome(task.entry, record["code"], tuple(record["said"]), tuple(record["files"]), summary)
 
 

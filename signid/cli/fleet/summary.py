@@ -73,7 +73,7 @@ class Summary:
 
 
 def summarise(task: str, document: Mapping[str, Any]) -> Summary:
-    """Summarise the diagnosis.json or identification.json of a session; the summary of other tasks is empty."""
+    """Summarise the diagnosis.json or identification.json of a session."""
     if not document:
         return Summary()
     kind, joints = str(document["robot"]), tuple(document["joints"])

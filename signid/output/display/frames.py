@@ -243,8 +243,6 @@ def _residuals(result: Any) -> pl.DataFrame:
     """Filtered rows of each joint on what was held out: torque, and residual before and after."""
     if hasattr(result, "held_out"):
         course = result.held_out
-    elif not result.session.held_out:
-        raise OptionError("an identification from factors has no samples to show; identify the recordings instead")
     else:
         from ..report.plots.courses import held_out_rows
 

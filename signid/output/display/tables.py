@@ -14,17 +14,7 @@ from ...model import stated_inertials
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import Input, Recording, Robot
 from ..report.documents import rms, tables as command_tables
-from ..report.layout import (
-    figure,
-    heading,
-    new_table,
-    note_lines,
-    paragraph,
-    plural,
-    share,
-    torque_units,
-    with_interval,
-)
+from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
 from ..report.results.fleet import fleet_tables
 from ..report.results.identification import fit_rows
 from ..report.results.inspection import joint_table
@@ -174,14 +164,6 @@ def _precision(found: Any) -> Iterable[RenderableType]:
         yield paragraph(f"The motion {verdict} {names}.")
 
 
-def _reduced(reduced: Any) -> Renderables:
-    kept = [sum(node.factors.rows for node in nodes) for nodes in (reduced.train, reduced.held_out)]
-    joints = new_table("joint", "torque", rows=zip(reduced.robot.joints, torque_units(reduced.robot), strict=True))
-    title = f"{reduced.robot.name}: factors of {plural(len(reduced.inputs), 'recording')}"
-    counted = f"{kept[0]} training rows and {kept[1]} held-out rows, for {reduced.task.base.rank} base parameters"
-    return [heading(title, below=False), paragraph(counted), joints, *note_lines(reduced.notes)]
-
-
 TABLES: dict[str, Callable[[Any], Renderables]] = {
     "BaseMap": _base,
     "Estimate": _estimate,
@@ -190,7 +172,6 @@ TABLES: dict[str, Callable[[Any], Renderables]] = {
     "Fleet": lambda fleet: fleet_tables(fleet.document()),
     "Model": _model,
     "Recording": _recording,
-    "Reduced": _reduced,
     "Robot": _robot,
     "RollOut": _roll_out,
     "Separation": _motion,

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import io
-import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
@@ -15,9 +13,6 @@ from ...errors import RecordingError
 from ...types import Array, Table
 from .arrays import memory_table
 from .base import MOST, Format, free_memory
-
-HEADER, FACTORS = "header", b'"schema": "signid.factors/'  # array that identifies a factor file, and its content
-BEGINNING = 1024  # length of the part of that array that is searched [bytes]
 
 
 class Npz(Format):
@@ -27,9 +22,6 @@ class Npz(Format):
     description = "NumPy archive of arrays named as the columns"
 
     def open(self, path: Path) -> Table:
-        if is_factor_file(path):
-            advice = "only signid identify reads factors; give the recording here"
-            raise RecordingError(f"{path} holds factors of signid reduce instead of samples; {advice}")
         try:
             arrays = dict(_arrays(np.load(path, allow_pickle=False)))
         except MemoryError:
@@ -43,17 +35,6 @@ class Npz(Format):
         archive = io.BytesIO()
         np.savez_compressed(archive, allow_pickle=False, **columns)
         return archive.getvalue()
-
-
-def is_factor_file(path: str | Path) -> bool:
-    """Whether a file holds factors instead of samples; one of another suffix, a pipe or a device is not read."""
-    if not (PLUGIN.recognises(Path(path)) and Path(path).is_file()):
-        return False
-    try:
-        with ZipFile(path) as archive, archive.open(f"{HEADER}.npy") as member:
-            return FACTORS in member.read(BEGINNING)
-    except (OSError, BadZipFile, KeyError, NotImplementedError, RuntimeError, zlib.error):  # no archive, or damaged
-        return False
 
 
 def _arrays(archive: Any) -> Iterator[tuple[str, Any]]:

@@ -4,13 +4,12 @@ Nonuniform time steps are resampled; gaps and missing values split a recording i
 """
 
 from .clock import time_origin
-from .grid import Sampling, between, excerpt, one_after_another, samples, select_stretches, split
+from .grid import Sampling, between, one_after_another, samples, select_stretches, split
 from .survey import survey
 
 __all__ = [
     "Sampling",
     "between",
-    "excerpt",
     "one_after_another",
     "samples",
     "select_stretches",

@@ -116,11 +116,6 @@ def split(sampling: Sampling, share: float) -> tuple[Sampling, Sampling]:
     return _restrict(sampling, first), _restrict(sampling, last)
 
 
-def excerpt(sampling: Sampling, span: Span, low: int, high: int) -> Sampling:
-    """Samples low..high of one span, on the same grid."""
-    return _restrict(sampling, [sampling.stretch(span).part(low, high)])
-
-
 def between(sampling: Sampling, intervals: Sequence[tuple[float, float]]) -> Sampling:
     """Samples from `start` to `stop` [s] of each interval, on the same grid; intervals ascend without overlap."""
     parts = []

@@ -261,7 +261,7 @@ def _rows(document: Mapping[str, Any], sessions: Mapping[str, Any]) -> Iterator[
             "percent": 100 * max(0.0, log10(mismatch) / log10(top)) if mismatch else 0.0,
             "left": left,
             "explained": explained,
-            "lacks": "no report" if robot["task"] == "reduce" else lacking(robot, document["causes"]),
+            "lacks": lacking(robot, document["causes"]),
             "link": _link(sessions[robot["latest"]]),
         }
 

@@ -329,11 +329,6 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
 def _held_out(result: Identification, order: Sequence[int]) -> Section:
     """Fit on what was held out, beside that of the description, and torque over time."""
     title, heads = "Fit on held-out data", ("rms in training>", "rms held out>", "noise floor>", "unit", "R2 held out>")
-    if not result.session.held_out:
-        rows = list(fit_rows(result.fit))
-        return Section(
-            title, (Cells(("joint", *heads), rows), Legend("Identified from factors, without samples to plot."))
-        )
     course, whole = held_out_rows(result.session, result.judged)
     before = replace(result.fit, held_out_rms=rms(course.before))
     rows = list(fit_rows(result.fit, before.held_out_rms))

@@ -1,4 +1,4 @@
-"""Recordings: JSON documents and terminal text of their conversion, download, reduction to factors, and audit."""
+"""Recordings: JSON documents and terminal text of their conversion, download and audit."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ from ....recording.gallery import DataSet, is_complete
 from ....recording.names.mapping import split
 from ....types import Input
 from ....version import __version__
-from ..documents import Document, ending, opening, picked
+from ..documents import Document, ending, picked
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural
 
 if TYPE_CHECKING:
     from ....recording.convert import Conversion, Pace
     from ....recording.draft import DraftedMap
-    from ....regression.reduced import Reduced
     from ....types import Robot
 
 SHOWN = 4  # number of joints listed per topic
@@ -174,33 +173,3 @@ def _entry(one: DataSet, folder: Path) -> dict[str, Any]:
         "here": is_complete(one, folder / one.folder),
         "files": files,
     }
-
-
-def factors_document(found: Reduced, size: int) -> Document:
-    """Build the output of `signid reduce --json`; `size` is that of the file [bytes]."""
-    band = found.task.band
-    train, held_out = (sum(node.factors.rows for node in nodes) for nodes in (found.train, found.held_out))
-    return {
-        **opening("signid.reduction/1", found.robot),
-        "effects": list(dict.fromkeys(law.effect.name for law in found.task.laws)),
-        "base_parameters": found.task.base.rank,
-        "rows": {"learned_from": train, "held_out": held_out},
-        "cutoff": {"torque": band.cutoff, "position": band.position_cutoff, "unit": "Hz"},
-        "part": list(found.share),
-        "bytes": size,
-        "notes": list(found.notes),
-        "inputs": [file._asdict() for file in found.inputs],
-        "version": __version__,
-    }
-
-
-def factors_tables(document: Document) -> list[RenderableType]:
-    """Summarise the document of a reduction for the terminal."""
-    rows, (which, of) = document["rows"], document["part"]
-    part = "" if of == 1 else f", part {which} of {of}"
-    count = plural(document["base_parameters"], "base parameter")
-    title = f"{document['robot']}: factors of {plural(len(document['inputs']), 'recording')}{part}, for {count}"
-    size = f"{document['bytes'] / 1e3:.0f} kB"
-    kept = f"{rows['learned_from']} training rows and {rows['held_out']} held-out rows, in {size}"
-    cutoff = f"Cut-off {document['cutoff']['torque']:.4g} Hz for torque (set with --cutoff)."
-    return [paragraph(title), paragraph(kept), paragraph(cutoff), *note_lines(document["notes"])]
