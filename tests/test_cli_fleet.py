@@ -139,6 +139,7 @@ def test_finished_sessions_are_not_repeated(done: Path, tmp_path: Path, monkeypa
         return [one.said[0] for one in found.outcomes if not one.done and "cannot read" not in one.said[0]]
 
     assert asked() == ["identify 3r short.csv"]  # failed sessions are tried again
+    assert fleet(path, out).reused == 5 and "(5 reused from an earlier run)" in repr(fleet(path, out))
     assert contents(out) == before
     assert len(asked(seed=1)) == 6
     changed = (done / "day_1.parquet").read_bytes()
@@ -179,21 +180,21 @@ def test_a_stored_session_that_was_changed_is_run_again(
     assert Store(done / "out").record(place.name) and not Store(tmp_path / "out").record(place.name)
 
 
-def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_session_whose_process_dies_twice_does_not_stop_the_others(tmp_path: Path) -> None:
     asked: list[str] = []
-    ask = process_module._Process.ask
+    submit = process_module._Warm.submit
 
-    def doomed(self: Any, order: Order) -> Answer:
+    def doomed(self: Any, order: Order) -> Any:
+        answer = submit(self, order)
         asked.append(order.arguments[0])
         if order.arguments[0] == "inspect" or asked.count("effects") == 1 and order.arguments[0] == "effects":
-            os.kill(self.child.pid, signal.SIGKILL)
-        return ask(self, order)
+            os.kill(self.context.process.pid, signal.SIGKILL)
+        return answer
 
-    monkeypatch.setattr(process_module._Process, "ask", doomed)
-    orders = [Order((name,), str(tmp_path)) for name in ("inspect", "effects", "check")]
-    found = dict(spread(orders, workers=1))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(process_module._Warm, "submit", doomed)
+        orders = [Order((name,), str(tmp_path)) for name in ("inspect", "effects", "check")]
+        found = dict(spread(orders, workers=1))
     assert asked == ["inspect", "inspect", "effects", "effects", "check"]
     assert found[0].code is None and "died 2 times, the last time by signal 9" in found[0].said[0]
     assert found[1].code == 2 and found[2].code == 2 and "missing argument 'ROBOT'" in found[2].said[0]
@@ -202,47 +203,42 @@ def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
     assert elsewhere[1].code is None and "install the same" in elsewhere[1].said[0]
 
 
-@pytest.mark.skipif(not hasattr(os, "waitid"), reason="stopped processes are not seen here")
-def test_a_session_whose_process_is_stopped_does_not_stop_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    days = record(tmp_path, 2)
-    path = manifest(tmp_path, f"3r,{days[0]},doomed,,identify", f"3r,{days[1]},arm,,identify")
-    ask = process_module._Process.ask
-
-    def doomed(process: Any, order: Order) -> Answer:
-        if days[0] in order.arguments:
-            os.kill(process.child.pid, signal.SIGSTOP)
-        return ask(process, order)
-
-    monkeypatch.setattr(process_module._Process, "ask", doomed)
-    monkeypatch.setattr(process_module, "STOPPED", 0.2)
-    monkeypatch.setattr(process_module, "LOOKS", 0.05)
-    first, second = fleet(path, tmp_path / "out", workers=1).document()["sessions"]
-    assert first["state"] == "not done" and second["state"] in ("done", "flagged")
-    assert "its process died 2 times, the last time stopped for 0.2 s, and killed" in str(first)
-
-
-def test_a_process_that_died_before_its_first_task_ends_quietly() -> None:
-    process = process_module._Process()
-    os.kill(process.child.pid, signal.SIGKILL)
-    process.child.wait()
-    with pytest.raises(process_module._Died, match="by signal 9"):
-        process.ask(Order(("effects",), ""))
-    process.end()
-    assert process.child.stdin is not None and process.child.stdin.closed
-
-
-def test_an_orphaned_process_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process_module, "IDLE", 0.05)
-    processes = process_module.Processes()
-    assert processes.carry_out(Order(("effects",), str(tmp_path))).code == 2
-    while processes._all:
-        time.sleep(0.02)
-    assert processes.carry_out(Order(("effects",), str(tmp_path))).code == 2
+def test_a_process_stays_warm_until_it_is_released(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process_module, "LASTS", 2)
+    processes, order, pids = process_module.Processes(), Order(("effects",), str(tmp_path)), list[int]()
+    for _ in range(2):
+        assert processes.carry_out(order).code == 2
+        pids += [warm.context.process.pid for warm in processes._all if warm.context.process]
+    assert len(pids) == 1 and not processes._all, "a process ends after its last command"
+    assert processes.carry_out(order).code == 2 and len(processes._all) == 1
+    processes.release()
+    assert not processes._all and processes.carry_out(order).code == 2
     processes.stop()
     with pytest.raises(process_module.Stopped):
-        processes.carry_out(Order(("effects",), str(tmp_path)))
+        processes.carry_out(order)
+
+
+def test_the_processes_of_a_killed_fleet_end(tmp_path: Path) -> None:
+    path = manifest(tmp_path, *[f"3r,{day},arm,,identify" for day in record(tmp_path, 3)])
+    (tmp_path / "temporary").mkdir()
+    command = [sys.executable, "-m", "signid", "fleet", str(path), "-o", str(tmp_path / "out"), "--workers", "1"]
+    environment = {**os.environ, "TMPDIR": str(tmp_path / "temporary")}
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment) as child:
+        while not list((tmp_path / "out/sessions").glob("[!.]*")) and child.poll() is None:
+            time.sleep(0.02)
+        assert list((tmp_path / "temporary").iterdir())
+        child.kill()
+    while list((tmp_path / "temporary").iterdir()):  # removed by the process as it ends
+        time.sleep(0.02)
+    assert whole(tmp_path / "out")
+
+
+def test_a_script_without_a_guard_runs_a_fleet_once(tmp_path: Path) -> None:
+    path = manifest(tmp_path, f"3r,{record(tmp_path, 1)[0]},arm,,identify")
+    script = tmp_path / "script.py"
+    script.write_text(f"import signid\nprint(len(signid.fleet({str(path)!r}, 'out').outcomes))\n")
+    done = subprocess.run([sys.executable, script.name], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == "1\n" and done.stderr == "" and len(whole(tmp_path / "out")) == 1
 
 
 def whole(folder: Path) -> list[str]:
@@ -277,7 +273,8 @@ def test_ctrl_c_and_kill_leave_complete_sessions_and_the_next_run_does_the_rest(
             time.sleep(0.02)
         child.kill()
     assert expected[:2] == whole(out)[:2] and not (out / "index.html").exists()
-    assert fleet(path, out, workers=1).document()["sessions"][2]["state"] in ("done", "flagged")
+    stored, found = len(whole(out)), fleet(path, out, workers=1)
+    assert found.document()["sessions"][2]["state"] in ("done", "flagged") and found.reused == stored
     assert whole(out) == expected
 
 

@@ -1,62 +1,46 @@
-"""Worker process of a fleet: `python -m signid.cli.worker` runs commands one after another.
-
-Each line of standard input is an order. Each answer consists of the length of a header in sixteen digits, the header,
-and the bytes of the files that the header lists.
-"""
+"""Commands that a process of a fleet runs one after another."""
 
 from __future__ import annotations
 
-import json
 import os
-import signal
-import sys
-from collections.abc import Iterable
+import shutil
+import tempfile
+from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
+from multiprocessing import parent_process
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import IO, Any
+from threading import Thread
 
 from .run import run
-from .terminal import INTERRUPTED
 
 
-def serve(orders: Iterable[bytes], answers: IO[bytes]) -> None:
-    """Run every order, a JSON object per line, until the input ends or the process is interrupted."""
-    for line in orders:
-        with TemporaryDirectory(prefix="signid-") as place:
-            code, said = _run(json.loads(line), place)
-            files = {path.name: path.read_bytes() for path in sorted(Path(place).iterdir())}
-        if code == INTERRUPTED:
-            return
-        sizes = [[name, len(content)] for name, content in files.items()]
-        header = json.dumps({"code": code, "said": said, "files": sizes}).encode()
-        answers.write(b"%016d" % len(header) + header + b"".join(files.values()))
-        answers.flush()
+def prepare(place: str) -> None:
+    """Prepare a process: temporary files in a folder of its own, no output, an end when the caller ends."""
+    tempfile.tempdir = place
+    silent = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1,) if os.environ.get("SIGNID_DEBUG") else (1, 2):
+        os.dup2(silent, stream)
+    Thread(target=_end_with_caller, args=(place,), daemon=True).start()
 
 
-def _run(order: dict[str, Any], place: str) -> tuple[int | None, list[str]]:
-    """Run an order; return its exit code and the lines of standard error."""
+def _end_with_caller(place: str) -> None:
+    caller = parent_process()
+    if caller is not None:
+        caller.join()
+    shutil.rmtree(place, ignore_errors=True)
+    os._exit(1)
+
+
+def perform(arguments: Sequence[str], folder: str) -> tuple[int | None, list[str], dict[str, bytes]]:
+    """Run a command without its -o in a folder; its exit code, the lines of standard error and the files it wrote."""
     try:
-        os.chdir(order["folder"])
+        os.chdir(folder)
     except OSError as error:
-        return None, [f"the folder {order['folder']} cannot be used on the worker: {error.strerror}"]
+        return None, [f"the folder {folder} cannot be used on the worker: {error.strerror}"], {}
     errors = StringIO()
-    with redirect_stdout(StringIO()), redirect_stderr(errors):
-        code = run([*order["arguments"], "-o", str(Path(place) / order["output"])])
-    return code, [line.removeprefix("signid: ") for line in errors.getvalue().splitlines()]
-
-
-def main() -> None:
-    """Serve orders from standard input; output that libraries print is discarded."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(INTERRUPTED))  # removes temporary folders
-    with os.fdopen(os.dup(1), "wb") as answers:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        try:
-            serve(sys.stdin.buffer, answers)
-        except (BrokenPipeError, KeyboardInterrupt):
-            pass
-
-
-if __name__ == "__main__":
-    main()
+    with tempfile.TemporaryDirectory(prefix="signid-") as place:
+        with redirect_stdout(StringIO()), redirect_stderr(errors):
+            code = run([*arguments, "-o", place])
+        files = {path.name: path.read_bytes() for path in sorted(Path(place).iterdir())}
+    return code, [line.removeprefix("signid: ") for line in errors.getvalue().splitlines()], files

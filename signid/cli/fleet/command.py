@@ -71,8 +71,10 @@ def fleet(
         raise
     document = found.document()
     text = to_json(document)
-    written = write_files(place, {"fleet.json": text, "index.html": fleet_page(document, given_command(context))})
-    show(text if run.json else fleet_tables(document), (), written)
+    written = write_files(
+        place, {"fleet.json": text, "index.html": fleet_page(document, given_command(context), found.reused)}
+    )
+    show(text if run.json else fleet_tables(document, found.reused), (), written)
     _report(found.outcomes)
     return FLAGGED if found.flagged else DONE
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor, as_completed
+from contextlib import AbstractContextManager, contextmanager
 from logging import CRITICAL, getLogger, root
 from typing import Any
-from uuid import uuid4
 
 from ...errors import OptionError
-from .process import Answer, Order, Processes, carry_out
+from .process import Answer, Order, Processes, carry_out, release
 
 Answers = Generator[tuple[int, Answer], None, None]
-HEARS = 0.2  # poll interval for interruptions while waiting [s]
+Place = tuple[Executor, Callable[[Order], Answer]]  # where orders run, and how
 LOUD = ("distributed", "tornado", "asyncio")  # loggers of Dask
 PATIENCE = 8.0  # time limit for a scheduler to answer and to have a worker [s]
 
@@ -29,9 +28,15 @@ def spread(orders: Sequence[Order], workers: int | None = None, scheduler: str |
         raise OptionError(
             "--workers is for this machine, but a scheduler has its own workers; give one of these options"
         )
-    if scheduler is None or not orders:
-        return _here(orders, workers or cores())
-    return _elsewhere(orders, scheduler)
+    here = scheduler is None or not orders
+    return _answers(_here(workers or cores()) if here else _elsewhere(str(scheduler)), orders, scheduler)
+
+
+def _answers(opened: AbstractContextManager[Place], orders: Sequence[Order], scheduler: str | None) -> Answers:
+    with opened as (executor, job):
+        futures = {executor.submit(job, order): k for k, order in enumerate(orders)}
+        for future in as_completed(list(futures)):
+            yield futures.pop(future), _answer(future, scheduler)
 
 
 def cores() -> int:
@@ -39,30 +44,32 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _here(orders: Sequence[Order], workers: int) -> Answers:
+@contextmanager
+def _here(workers: int) -> Iterator[Place]:
+    """Threads of this process, each of which waits for a process of its own."""
     processes = Processes()
-    with ThreadPoolExecutor(min(workers, max(1, len(orders)))) as pool:
-        futures = {pool.submit(processes.carry_out, order): k for k, order in enumerate(orders)}
+    with ThreadPoolExecutor(workers) as threads:
         try:
-            while futures:
-                for future in wait(futures, HEARS, FIRST_COMPLETED).done:
-                    yield futures.pop(future), future.result()
+            yield threads, processes.carry_out
         finally:  # also if the consumer stops early
-            pool.shutdown(wait=False, cancel_futures=True)
+            threads.shutdown(wait=False, cancel_futures=True)
             processes.stop()
 
 
-def _elsewhere(orders: Sequence[Order], address: str) -> Answers:
+@contextmanager
+def _elsewhere(address: str) -> Iterator[Place]:
+    """Workers of a Dask scheduler, each of which runs orders in processes of its own."""
     try:
-        from distributed import Client, as_completed as completed
+        from distributed import Client
     except ImportError:
         raise OptionError("--scheduler needs Dask, which is not installed: pip install 'signid[fleet]'") from None
     with _hushed(), _client(Client, address) as client:
-        mark = uuid4().hex
-        futures = {client.submit(carry_out, order, key=f"signid-{mark}-{k}"): k for k, order in enumerate(orders)}
-        for future in completed(list(futures), loop=client.loop):
-            yield futures.pop(future), _answer(future, address)
-            future.release()
+        executor = client.get_executor()
+        try:
+            yield executor, carry_out
+            client.run(release, on_error="ignore")
+        finally:
+            executor.shutdown(wait=False)
 
 
 @contextmanager
@@ -115,18 +122,18 @@ def _greet(address: str) -> None:
         runner.stop()
 
 
-def _answer(future: Any, address: str) -> Answer:
+def _answer(future: Future[Answer], address: str | None) -> Answer:
     """The answer of a worker, or the reason why there is none."""
-    if future.status == "finished":
-        found: Answer = future.result()
-        return found
-    if future.status in ("cancelled", "lost"):
+    try:
+        return future.result()
+    except CancelledError:
         raise OptionError(
             f"the scheduler at {address} is lost; completed sessions are kept; repeat the command to continue"
-        )
-    error = future.exception()
-    if type(error).__name__ == "KilledWorker":
-        return Answer(None, ("every worker that ran it died; it may need more memory than they have",), {})
-    return Answer(
-        None, (f"the worker failed ({type(error).__name__}: {error}); check that signid is installed there",), {}
-    )
+        ) from None
+    except Exception as error:  # of any type: Dask passes on what a worker raises
+        if address is None:
+            raise
+        if type(error).__name__ == "KilledWorker":
+            return Answer(None, ("every worker that ran it died; it may need more memory than they have",), {})
+        why = f"the worker failed ({type(error).__name__}: {error}); check that signid is installed there"
+        return Answer(None, (why,), {})

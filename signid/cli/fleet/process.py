@@ -1,35 +1,30 @@
-"""Worker processes that run commands one after another, and are restarted if they die."""
+"""Processes that run commands one after another, and are replaced if they die."""
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
+import signal
 import sys
-from collections.abc import Mapping
-from contextlib import suppress
-from pathlib import Path
-from threading import Event, Lock, Thread, Timer
-from typing import IO, NamedTuple
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import current_process
+from multiprocessing.context import SpawnContext, SpawnProcess
+from tempfile import TemporaryDirectory
+from threading import Lock
+from types import ModuleType
+from typing import Any, NamedTuple
 
 from ...errors import SignidError
 from ...version import __version__
+from .. import worker
 
 TRIES = 2  # attempts at a command whose process dies
-IDLE = 60.0  # time after which an idle process ends [s]
-GRACE = 3.0  # time for a process to clean up before it is killed [s]
-STOPPED, LOOKS = 60.0, 0.5  # time after which a stopped process (SIGSTOP) is killed, and between looks [s]
 LASTS = 50  # commands per process; limits the growth of its memory
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
 DONE, FLAGGED = 0, 3  # exit codes of commands that leave results
-
-
-# -P and START: modules beside the manifest, such as a numpy.py, are not imported
-_ROOT = str(Path(__file__).absolute().parents[3])  # folder that holds the package
-START = (
-    "import sys; sys.path[:0] = [] if {package!r} in sys.path else [{package!r}]; "
-    "from signid.cli.worker import main; main()"
-)
+_STARTS = Lock()  # held while a process starts, as its environment is that of this process
 
 
 class Order(NamedTuple):
@@ -37,7 +32,6 @@ class Order(NamedTuple):
 
     arguments: tuple[str, ...]  # without -o
     folder: str  # folder to which paths are relative
-    output: str = ""  # name of the result if the command writes a single file
     version: str = __version__
 
 
@@ -58,93 +52,78 @@ class Stopped(SignidError):
     """The caller requested a stop."""
 
 
-class _Died(Exception):
-    """A process ended during a command."""
+class _Process(SpawnProcess):
+    """A process of one thread that Ctrl-C in a terminal does not reach, and that imports nothing of the caller."""
+
+    def start(self) -> None:
+        with _STARTS, _bare():
+            super().start()
 
 
-class _Process:
-    """A running worker process; it ends when its standard input is closed."""
+class _Context(SpawnContext):
+    """Starts a process and keeps it, so that it can be ended."""
+
+    process: _Process | None = None
+
+    def Process(self, *args: Any, **options: Any) -> _Process:  # type: ignore[override]  # noqa: N802
+        self.process = _Process(*args, **options)
+        return self.process
+
+
+@contextmanager
+def _bare() -> Iterator[None]:
+    """Set what a child inherits: environment, blocked signals, an empty main module; allow workers of Dask a child."""
+    folders = filter(os.path.isabs, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+    given = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(folders), **dict.fromkeys(THREADS, "1")}
+    before, main = {name: os.environ.get(name) for name in given}, sys.modules["__main__"]
+    blocks = hasattr(signal, "pthread_sigmask")
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if blocks else set()
+    os.environ.update(given)
+    sys.modules["__main__"] = ModuleType("__main__")
+    caller = current_process()
+    daemon, caller.daemon = caller.daemon, False
+    try:
+        yield
+    finally:
+        sys.modules["__main__"], caller.daemon = main, daemon
+        os.environ.update({name: value for name, value in before.items() if value is not None})
+        for name in (name for name, value in before.items() if value is None):
+            del os.environ[name]
+        if blocks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+class _Warm:
+    """One process that keeps its imports between commands."""
 
     def __init__(self) -> None:
-        heard = None if os.environ.get("SIGNID_DEBUG") else subprocess.DEVNULL
-        self.child = subprocess.Popen(
-            [sys.executable, "-P", "-c", START.format(package=_ROOT)],
-            cwd=sys.prefix,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=heard,
-            env=_environment(),
-            start_new_session=True,  # Ctrl-C in a terminal reaches the caller only
-        )
-        self.carried_out, self.retires, self.stopped = 0, Timer(IDLE, self.end), False
+        self.place = TemporaryDirectory(prefix="signid-", ignore_cleanup_errors=True)
+        self.context, self.orders = _Context(), 0
+        self.executor = ProcessPoolExecutor(1, self.context, worker.prepare, (self.place.name,))
 
-    def ask(self, order: Order) -> Answer:
-        orders, answers = self.child.stdin, self.child.stdout
-        assert orders is not None and answers is not None, "both are pipes"
-        answered = Event()
-        Thread(target=self._end_if_stopped, args=(answered,), daemon=True).start()
-        try:
-            orders.write(json.dumps(order._asdict()).encode() + b"\n")
-            orders.flush()
-            header = json.loads(_read_exactly(answers, int(_read_exactly(answers, 16))))
-            files = {name: _read_exactly(answers, size) for name, size in header["files"]}
-        except (OSError, EOFError):
-            self.child.kill()
-            code = self.child.wait()
-            why = f"stopped for {STOPPED:g} s, and killed" if self.stopped else f"by signal {-code}"
-            raise _Died(why if code < 0 else f"with code {code}") from None
-        finally:
-            answered.set()
-        self.carried_out += 1
-        return Answer(header["code"], tuple(header["said"]), files)
+    def submit(self, order: Order) -> Future[tuple[int | None, list[str], dict[str, bytes]]]:
+        self.orders += 1
+        return self.executor.submit(worker.perform, order.arguments, order.folder)
 
-    def _end_if_stopped(self, answered: Event) -> None:
-        """Kill the process once it is stopped (SIGSTOP) for too long: it would never answer."""
-        looks = 0
-        while hasattr(os, "waitid") and not answered.wait(LOOKS):
-            try:
-                found = os.waitid(os.P_PID, self.child.pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
-            except ChildProcessError:  # it has ended
-                return
-            looks = looks + 1 if found is not None else 0
-            if looks * LOOKS >= STOPPED:
-                self.stopped = True
-                return self.child.kill()
-
-    def end(self) -> None:
-        self.child.terminate()
-        try:
-            self.child.wait(GRACE)
-        except subprocess.TimeoutExpired:
-            self.child.kill()
-            self.child.wait()
-        for pipe in (self.child.stdin, self.child.stdout):
-            if pipe is not None:
-                with suppress(BrokenPipeError):  # input that the child did not read
-                    pipe.close()
-
-
-def _environment() -> dict[str, str]:
-    """Environment of a worker: one thread, and only absolute folders of modules."""
-    folders = filter(os.path.isabs, os.environ.get("PYTHONPATH", "").split(os.pathsep))
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(folders), **dict.fromkeys(THREADS, "1")}
-
-
-def _read_exactly(stream: IO[bytes], count: int) -> bytes:
-    found = stream.read(count)
-    if len(found) < count:
-        raise EOFError
-    return found
+    def end(self) -> str:
+        """End the process, and tell how it ended."""
+        process = self.context.process
+        if process is not None and process.pid is not None:
+            process.terminate()
+        self.executor.shutdown()
+        self.place.cleanup()
+        code = None if process is None else process.exitcode
+        return f"by signal {-code}" if code is not None and code < 0 else f"with code {code}"
 
 
 class Processes:
-    """A pool with as many processes as there are concurrent calls."""
+    """As many processes as there are concurrent calls."""
 
     def __init__(self) -> None:
-        self._idle, self._all, self._lock, self._stopped = list[_Process](), set[_Process](), Lock(), False
+        self._idle, self._all, self._lock, self._stopped = list[_Warm](), set[_Warm](), Lock(), False
 
     def carry_out(self, order: Order) -> Answer:
-        """Run a command in a worker process and return its answer.
+        """Run a command in a process of its own, warm from earlier ones, and return its answer.
 
         Raises:
             Stopped: `stop` was called.
@@ -154,61 +133,43 @@ class Processes:
             return Answer(None, (f"the versions differ: {versions}; install the same version",), {})
         ending = ""
         for _ in range(TRIES):
-            process = self._take()
+            with self._lock:
+                if self._stopped:
+                    raise Stopped("stopped")
+                warm = self._idle.pop() if self._idle else _Warm()
+                self._all.add(warm)
+                answer = warm.submit(order)  # starts the process, so that `stop` finds it
             try:
-                answer = process.ask(order)
-            except _Died as death:
-                self._drop(process)
-                ending = str(death)
+                code, said, files = answer.result()
+            except BrokenProcessPool:
+                ending = self._drop(warm)
                 continue
-            self._give(process)
-            return answer
+            if warm.orders < LASTS:
+                self._idle.append(warm)
+            else:
+                self._drop(warm)
+            return Answer(code, tuple(said), files)
         with self._lock:
             if self._stopped:
                 raise Stopped("stopped")
         why = f"its process died {TRIES} times, the last time {ending}"
         return Answer(None, (f"{why}; if memory is short, give it fewer or shorter recordings",), {})
 
+    def release(self) -> None:
+        """End the processes that are idle."""
+        while self._idle:
+            self._drop(self._idle.pop())
+
     def stop(self) -> None:
         """End all processes permanently."""
         with self._lock:
             self._stopped = True
-            for process in self._all:
-                process.child.terminate()
-            while self._all:
-                process = self._all.pop()
-                process.retires.cancel()
-                process.end()
+        for warm in list(self._all):  # threads whose process ends remove it
+            warm.end()
 
-    def _take(self) -> _Process:
-        with self._lock:
-            if self._stopped:
-                raise Stopped("stopped")
-            process = self._idle.pop() if self._idle else _Process()
-            process.retires.cancel()
-            self._all.add(process)
-            return process
-
-    def _give(self, process: _Process) -> None:
-        if process.carried_out >= LASTS:
-            return self._drop(process)
-        process.retires = Timer(IDLE, self._retire, (process,))
-        process.retires.daemon = True
-        with self._lock:
-            self._idle.append(process)
-            process.retires.start()
-
-    def _retire(self, process: _Process) -> None:
-        with self._lock:
-            if process not in self._idle:
-                return
-            self._idle.remove(process)
-        self._drop(process)
-
-    def _drop(self, process: _Process) -> None:
-        with self._lock:
-            self._all.discard(process)
-        process.end()
+    def _drop(self, warm: _Warm) -> str:
+        self._all.discard(warm)
+        return warm.end()
 
 
 _POOL = Processes()
@@ -217,3 +178,8 @@ _POOL = Processes()
 def carry_out(order: Order) -> Answer:
     """Run a command in a child of a Dask worker."""
     return _POOL.carry_out(order)
+
+
+def release() -> None:
+    """End the idle children of a Dask worker."""
+    _POOL.release()

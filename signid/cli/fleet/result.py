@@ -47,6 +47,7 @@ class Fleet(Result):
     tested: tuple[int, int]  # number of comparisons of both
     manifest: Input
     seed: int
+    reused: int = 0  # number of sessions that an earlier run stored
 
     @property
     def robots(self) -> list[tuple[str, list[Outcome]]]:
@@ -88,7 +89,7 @@ class Fleet(Result):
         }
 
 
-def gather(outcomes: Sequence[Outcome], manifest: Input, seed: int) -> Fleet:
+def gather(outcomes: Sequence[Outcome], manifest: Input, seed: int, reused: int = 0) -> Fleet:
     """Evaluate sessions jointly; they stand in the order of the manifest."""
     (moved, pairs), (apart, robots) = find_changes(_sessions(outcomes)), find_outliers(_kinds(outcomes))
     series: dict[tuple[str, str], list[tuple[float, Any]]] = {}
@@ -96,7 +97,7 @@ def gather(outcomes: Sequence[Outcome], manifest: Input, seed: int) -> Fleet:
         if one.entry.day is not None and one.summary.numbers:
             series.setdefault((one.entry.name, one.entry.task), []).append((one.entry.day, one.summary.numbers))
     drifts = find_drifts((name, found) for (name, _), found in series.items())
-    return Fleet(tuple(outcomes), drifts, tuple(moved), tuple(apart), (pairs, robots), manifest, seed)
+    return Fleet(tuple(outcomes), drifts, tuple(moved), tuple(apart), (pairs, robots), manifest, seed, reused)
 
 
 def _sessions(outcomes: Sequence[Outcome]) -> list[list[ComparedSession]]:

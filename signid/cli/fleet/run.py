@@ -75,6 +75,7 @@ def fleet(
             say(_sentence(tasks[k].entry, answer))
         todo = [k for k, task in enumerate(tasks) if store.record(task.entry.session).get("key") != task.key != ""]
         done = len(tasks) - len(todo)
+        reused = done - len(answers)
         report(f"{done} of {len(tasks)} sessions", done / len(tasks))
         entries = [tasks[k].entry for k in todo]
         orders = [Order(one.arguments(seed), str(listed.folder)) for one in entries]
@@ -89,7 +90,9 @@ def fleet(
                 else:
                     raise InputError(_sentence(task.entry, answer))
                 report(f"{done} of {len(tasks)} sessions", done / len(tasks))
-        return gather([_outcome(store, task, answers.get(k)) for k, task in enumerate(tasks)], listed.input, seed)
+        return gather(
+            [_outcome(store, task, answers.get(k)) for k, task in enumerate(tasks)], listed.input, seed, reused
+        )
 
 
 def _prepare(listed: Manifest, seed: int, workers: int, report: Progress) -> list[_Task]:

@@ -169,7 +169,7 @@ TABLES: dict[str, Callable[[Any], Renderables]] = {
     "Estimate": _estimate,
     "Excitation": _motion,
     "Fit": _fit,
-    "Fleet": lambda fleet: fleet_tables(fleet.document()),
+    "Fleet": lambda fleet: fleet_tables(fleet.document(), fleet.reused),
     "Model": _model,
     "Recording": _recording,
     "Robot": _robot,

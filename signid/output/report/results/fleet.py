@@ -28,7 +28,7 @@ SHADE = "rgba(209,112,14,.16)"
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-def fleet_headline(document: Mapping[str, Any]) -> str:
+def fleet_headline(document: Mapping[str, Any], reused: int = 0) -> str:
     """Name the robots that changed, are outliers or drift, with one number each; without any, count the fleet."""
     found: dict[str, str] = {}
     outliers = findings(document, "outliers")
@@ -40,11 +40,11 @@ def fleet_headline(document: Mapping[str, Any]) -> str:
     for drift in drifting(document):
         found.setdefault(drift["name"], f"{drift['name']}: {drift['number']} drifts by {drift_sentence(drift)}")
     beyond = [f"and {plural(len(found) - HEADED, 'more robot')}"] if len(found) > HEADED else []
-    return "; ".join([*list(found.values())[:HEADED], *beyond]) or fleet_sentence(document)
+    return "; ".join([*list(found.values())[:HEADED], *beyond]) or fleet_sentence(document, reused)
 
 
-def fleet_sentence(document: Mapping[str, Any]) -> str:
-    """Summarise a fleet in one sentence."""
+def fleet_sentence(document: Mapping[str, Any], reused: int = 0) -> str:
+    """Summarise a fleet in one sentence; `reused`: sessions that were stored by an earlier run."""
     robots, sessions = document["robots"], document["sessions"]
     differ = sum(robot["verdict"] not in ("", "nothing_missing") for robot in robots)
     drifts = len({drift["name"] for drift in drifting(document)})
@@ -59,6 +59,7 @@ def fleet_sentence(document: Mapping[str, Any]) -> str:
     parts += [f"{plural(apart, 'robot')} {_do(apart, 'is an outlier', 'are outliers')}"] if apart else []
     parts += [f"{plural(undone, 'session')} failed"] if undone else []
     counted = f"{plural(len(robots), 'robot')}, {plural(len(sessions), 'session')}"
+    counted += f" ({reused} reused from an earlier run)" if reused else ""
     return ": ".join(filter(None, [counted, ", ".join(parts)]))
 
 
@@ -129,12 +130,10 @@ def drift_change(drift: Mapping[str, Any]) -> str:
     return f"{drift['change']:+.2g} {drift['unit']}".rstrip()
 
 
-def fleet_tables(document: Mapping[str, Any]) -> list[RenderableType]:
+def fleet_tables(document: Mapping[str, Any], reused: int = 0) -> list[RenderableType]:
     """Terminal tables of a fleet: changes, outliers and drifts, then one line for each robot."""
-    robots, headline = document["robots"], fleet_headline(document)
-    shown = [paragraph(headline)]
-    if headline != fleet_sentence(document):
-        shown.append(paragraph(fleet_sentence(document)))
+    robots, headline, sentence = document["robots"], fleet_headline(document, reused), fleet_sentence(document, reused)
+    shown = [paragraph(text) for text in dict.fromkeys((headline, sentence))]
     for key, title in FOUND:
         if found := findings(document, key):
             shown += [heading(title), *(paragraph(one["sentence"]) for one in found[:SHOWN]), *_more(len(found))]
@@ -204,15 +203,16 @@ def _do(count: int, one: str, many: str) -> str:
     return one if count == 1 else many
 
 
-def fleet_page(document: Mapping[str, Any], command: str = "") -> str:
+def fleet_page(document: Mapping[str, Any], command: str = "", reused: int = 0) -> str:
     """Render index.html from the content of fleet.json, with links to the reports of its sessions."""
-    drifts, beyond, headline = document["drifts"], drifting(document), fleet_headline(document)
+    drifts, beyond = document["drifts"], drifting(document)
+    headline, sentence = fleet_headline(document, reused), fleet_sentence(document, reused)
     sessions = {session["session"]: session for session in document["sessions"]}
     flagged = sum(session["state"] == FLAGGED for session in sessions.values())
     return render(
         "fleet.html",
         title=headline,
-        over="fleet of robots" if headline == fleet_sentence(document) else f"fleet: {fleet_sentence(document)}",
+        over="fleet of robots" if headline == sentence else f"fleet: {sentence}",
         cards=list(_cards(document)),
         undone=[(one["session"], one["said"]) for one in document["sessions"] if one["state"] == UNDONE],
         flagged=plural(flagged, "session") if flagged else "",
