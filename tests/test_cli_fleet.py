@@ -20,7 +20,7 @@ from fleets import FILES, contents, manifest, record
 
 import signid
 from signid.cli import run
-from signid.cli.fleet import process as process_module, run as run_module
+from signid.cli.fleet import dispatch, run as run_module
 from signid.cli.fleet.dispatch import Answer, Order, spread
 from signid.cli.fleet.run import fleet
 from signid.cli.fleet.store import Store
@@ -180,42 +180,40 @@ def test_a_stored_session_that_was_changed_is_run_again(
     assert Store(done / "out").record(place.name) and not Store(tmp_path / "out").record(place.name)
 
 
-def test_a_session_whose_process_dies_twice_does_not_stop_the_others(tmp_path: Path) -> None:
-    asked: list[str] = []
-    submit = process_module._Warm.submit
+def _deadly(order: Order) -> Answer:
+    """Kill the process that runs `inspect`, and the first that runs `effects`."""
+    once = Path(order.folder, "once")
+    if order.arguments[0] == "inspect" or (order.arguments[0] == "effects" and not once.exists()):
+        once.touch() if order.arguments[0] == "effects" else None
+        os.kill(os.getpid(), signal.SIGKILL)
+    return Answer(0, (str(os.getpid()),), {})
 
-    def doomed(self: Any, order: Order) -> Any:
-        answer = submit(self, order)
-        asked.append(order.arguments[0])
-        if order.arguments[0] == "inspect" or asked.count("effects") == 1 and order.arguments[0] == "effects":
-            os.kill(self.context.process.pid, signal.SIGKILL)
-        return answer
 
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(process_module._Warm, "submit", doomed)
-        orders = [Order((name,), str(tmp_path)) for name in ("inspect", "effects", "check")]
-        found = dict(spread(orders, workers=1))
-    assert asked == ["inspect", "inspect", "effects", "effects", "check"]
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
+    tmp_path: Path, workers: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dispatch, "carry_out", _deadly)
+    orders = [Order((name,), str(tmp_path)) for name in ("inspect", "effects", "check", "data", "demo")]
+    found = dict(spread(orders, workers=workers))
     assert found[0].code is None and "died 2 times, the last time by signal 9" in found[0].said[0]
-    assert found[1].code == 2 and found[2].code == 2 and "missing argument 'ROBOT'" in found[2].said[0]
-    elsewhere = dict(spread([Order(("effects",), str(tmp_path / "none")), Order((), "", version="0")], workers=1))
-    assert "none cannot be used on the worker" in elsewhere[0].said[0]
-    assert elsewhere[1].code is None and "install the same" in elsewhere[1].said[0]
+    assert [found[k].code for k in range(1, 5)] == [0] * 4
 
 
-def test_a_process_stays_warm_until_it_is_released(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process_module, "LASTS", 2)
-    processes, order, pids = process_module.Processes(), Order(("effects",), str(tmp_path)), list[int]()
-    for _ in range(2):
-        assert processes.carry_out(order).code == 2
-        pids += [warm.context.process.pid for warm in processes._all if warm.context.process]
-    assert len(pids) == 1 and not processes._all, "a process ends after its last command"
-    assert processes.carry_out(order).code == 2 and len(processes._all) == 1
-    processes.release()
-    assert not processes._all and processes.carry_out(order).code == 2
-    processes.stop()
-    with pytest.raises(process_module.Stopped):
-        processes.carry_out(order)
+def test_a_process_is_warm_for_some_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatch, "carry_out", _deadly)
+    monkeypatch.setattr(dispatch, "LASTS", 2)
+    answers = dict(spread([Order(("data",), str(tmp_path))] * 5, workers=1))
+    pids = [answers[k].said[0] for k in range(5)]
+    assert pids[0] == pids[1] != pids[2] == pids[3] != pids[4]
+
+
+def test_orders_that_cannot_begin_are_reported(tmp_path: Path) -> None:
+    orders = [Order(("check",), str(tmp_path)), Order(("effects",), str(tmp_path / "none")), Order((), "", version="0")]
+    found = dict(spread(orders, workers=1))
+    assert found[0].code == 2 and "missing argument 'ROBOT'" in found[0].said[0]
+    assert "none cannot be used on the worker" in found[1].said[0]
+    assert found[2].code is None and "install the same" in found[2].said[0]
 
 
 def test_the_processes_of_a_killed_fleet_end(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 from swing import csv, swing
 
 from signid.cli import run
-from signid.cli.fleet.process import Order, Processes
+from signid.cli.fleet.dispatch import Order, spread
 from signid.errors import ManifestError, RecordingError
 from signid.recording.formats import find_format
 
@@ -129,7 +129,5 @@ def test_workers_import_nothing_beside_the_manifest(tmp_path: Path, monkeypatch:
     (tmp_path / "numpy.py").write_text("open('run', 'w').write('x'); raise SystemExit")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", f".{os.pathsep}{os.pathsep}{HERE}")
-    pool = Processes()
-    answer = pool.carry_out(Order(("inspect", "nothing"), str(tmp_path)))
-    pool.stop()
+    ((_, answer),) = spread([Order(("inspect", "nothing"), str(tmp_path))], workers=1)
     assert answer.code == 2 and not (tmp_path / "run").exists(), answer

@@ -13,7 +13,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "": "version errors typed deadline toml_json registry frozen parameters laws servos types optimisers robot effects "
     "recording regression model inspect simulation estimation signs faults payload check identify diagnose "
     "validate servo watch output cli __main__ __init__",
-    "cli": "app terminal completion options arguments files fleet demo commands run worker __init__",
+    "cli": "app terminal completion options arguments files fleet demo commands run __init__",
     "faults": "result channels commands evidence description lag_and_gain search distortions gravity examine "
     "identified __init__",
     "servo": "__init__ stated assumptions given hints plant simulate fit search zeros identify validate diagnose "

@@ -18,7 +18,7 @@ from chromium import Chromium
 import signid
 from signid.cli import run
 from signid.cli.fleet import run as run_module
-from signid.cli.fleet.process import DONE, Answer, Order
+from signid.cli.fleet.dispatch import DONE, Answer, Order
 from signid.cli.fleet.run import fleet
 from signid.output.replay import Replay
 from signid.output.report.plots.frame import PLOTLY, TEMPLATES

@@ -10,10 +10,10 @@ from typing import Any
 from ...output.report.results.sentences import finding_headline, subject
 from ...types import Input, Result
 from ...version import __version__
+from ..terminal import FLAGGED
 from .change_document import cause_named, change_document
 from .changes import ComparedSession, ParameterChange, find_changes, find_outliers
 from .manifest import Entry
-from .process import FLAGGED
 from .summary import Cause, Drift, Number, Summary, find_drifts
 
 SCHEMA = "signid.fleet/1"

@@ -11,9 +11,8 @@ from pathlib import Path
 from ...errors import InputError, ManifestError, SignidError
 from ...typed import typed
 from ...types import Input, Progress
-from .dispatch import cores, spread
+from .dispatch import Answer, Order, cores, spread
 from .manifest import Entry, Manifest, read_manifest
-from .process import Answer, Order
 from .result import Fleet, Outcome, gather
 from .store import Store, check_robot, key, read_inputs
 from .summary import FILES, Summary, summarise
