@@ -74,8 +74,7 @@ def export(
         floating: whether the base link of an MJCF is a body on a free joint, with its mass.
         meshes: folder beside an MJCF that its meshes are read from; `meshes` of the result has the files to copy there.
             Default: they are read from their place.
-        start: recording whose first state "mjcf", "isaaclab" and "mjlab" state, for position drives on a fixed base;
-            `beside` of an MJCF then has its commands, signid's roll-out, and a script that repeats it in MuJoCo.
+        start: recording whose first state "mjcf", "isaaclab" and "mjlab" state, for position drives on a fixed base.
         functions: further functions of "c": "nonlinear" (h(q, v)), "forward" (accelerations at a torque), "jacobian"
             (of a link's frame), "payload" (torque of a body that is given at run time) and "observer" (residual torque,
             thresholds that it learns, and contacts, row by row).
