@@ -25,7 +25,7 @@ from signid.servos import Servo
 from signid.types import Trajectory
 
 ESTIMATE, FRICTION = 5.7123, 3.5e-18  # as a fit leaves them
-KINDS = ("mjcf", "actuators", "ros", "isaaclab", "mjlab", "lerobot", "expected", "c", "arrays", "function", "urdf")
+KINDS = ("mjcf", "actuators", "ros", "isaaclab", "mjlab", "expected", "c", "arrays", "function", "urdf")
 
 
 def driven(kp: float | None) -> Model:
@@ -47,7 +47,7 @@ def test_the_stated_value_is_written_and_said(kind: str) -> None:
     assert of_torque or re.search(r"\b20(\.0)?\b", made.text)
 
 
-@pytest.mark.parametrize("kind", ["mjcf", "actuators", "isaaclab", "lerobot"])
+@pytest.mark.parametrize("kind", ["mjcf", "actuators", "isaaclab", "expected"])
 def test_a_gain_without_a_stated_value_is_refused(kind: str) -> None:
     with pytest.raises(OptionError, match=r"kp of joint_2 is not identifiable.*--known kp\.joint_2=20"):
         signid.export(driven(None), kind)
@@ -58,7 +58,6 @@ def test_files_remain_readable() -> None:
 
     mujoco.MjModel.from_xml_string(signid.export(driven(20.0), "mjcf").text)
     compile(signid.export(driven(20.0), "isaaclab").text, "file", "exec")
-    assert json.loads(signid.export(driven(20.0), "lerobot").text)["notes"]
     assert signid.export(driven(20.0), "urdf").text.startswith(("<?xml", "<robot", "<!--"))
 
 
@@ -105,9 +104,6 @@ def executed(text: str, module: str, monkeypatch: pytest.MonkeyPatch) -> dict[st
 def test_what_is_left_out_is_no_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     unknown = dict.fromkeys(("delay", "coulomb_friction", "armature", "effort_limit"))
     model = with_servos(load_model("3r"), {"joint_2": Servo(kp=20.0, kd=0.5, not_identifiable=unknown)})
-    motor = json.loads(signid.export(model, "lerobot").text)["motors"]["joint_2"]
-    assert motor["kd"] == 0.5 and motor["not_identifiable"] == unknown
-    assert not {*unknown, "lag", "inertia", "standing_error"} & set(motor)
     drive = tomllib.loads(signid.export(model, "actuators").text)["joint"]["joint_2"]
     assert drive == {"servo": {"law": "effort", "kp": 20.0, "kd": 0.5}}
     node = yaml.safe_load(signid.export(model, "ros").text)["/**"]["ros__parameters"]["dynamics"]
@@ -138,7 +134,7 @@ def test_a_damping_without_effect_is_left_out() -> None:
     assert "kv=" not in made.text and "left out: kd of joint_2" in made.text
 
 
-@pytest.mark.parametrize("kind", ["mjcf", "actuators", "ros", "isaaclab", "mjlab", "lerobot", "expected"])
+@pytest.mark.parametrize("kind", ["mjcf", "actuators", "ros", "isaaclab", "mjlab", "expected"])
 def test_numbers_that_are_known_as_a_sum_are_said(kind: str) -> None:
     servo = Servo(kp=60.0, kd=0.8, delay=0.02, combined=("damping", "lag"))
     made = signid.export(with_servos(load_model("3r"), {"joint_1": servo, "joint_2": servo}), kind)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from pathlib import Path
@@ -143,13 +142,6 @@ def test_mjlab_gets_the_loops(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (third.kind, third.velocity_limit) == ("DcMotorActuatorCfg", 6.0)
 
 
-def test_the_numbers_by_motor_are_complete_json() -> None:
-    motors = json.loads(export(driven(pendulum(), {"swing": BEYOND}), "lerobot").text)["motors"]
-    assert motors["swing"]["lag"] == pytest.approx(0.0123 + 0.17 / 8)
-    assert motors["swing"]["standing_error"] == pytest.approx(0.01 + 0.08 / 8)
-    assert "effort_limit" not in motors["swing"] and motors["swing"]["profile_speed"] == 4.0
-
-
 @pytest.mark.parametrize("servo", [BEYOND, BEYOND.with_(law="duty", effort_limit=0.4), CURVED])
 def test_the_expected_positions_are_those_of_a_joint_without_gravity(servo: Servo) -> None:
     robot = load_robot("emps")  # a slide along the floor
@@ -180,10 +172,10 @@ def test_formats_without_drives_say_so(kind: str) -> None:
 
 def test_the_command_writes_all_formats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     saved = driven("3r", {"joint_2": SWING}).save(tmp_path / "model.json")
-    files = {"mjlab": "a.py", "lerobot": "b.json", "expected": "c.py", "ros": "d.yaml", "mjcf": "e.xml"}
+    files = {"mjlab": "a.py", "expected": "c.py", "ros": "d.yaml", "mjcf": "e.xml"}
     options = [part for kind, name in files.items() for part in (f"--{kind}", str(tmp_path / name))]
     assert run(["export", str(saved), *options]) == 0
     assert all((tmp_path / name).is_file() for name in files.values())
     assert load_model(saved).servos and "joint_2" in (tmp_path / "d.yaml").read_text()
-    assert run(["export", "3r", "--lerobot", str(tmp_path / "x.json")]) == 2
-    assert "--lerobot needs a model with position drives, and 3r has none" in " ".join(capsys.readouterr().err.split())
+    assert run(["export", "3r", "--expected", str(tmp_path / "x.py")]) == 2
+    assert "--expected needs a model with position drives, and 3r has none" in " ".join(capsys.readouterr().err.split())

@@ -32,7 +32,6 @@ class ExportFiles:
     ros: Text = option(None, "YAML: actuators and inertials for a ROS 2 node.", metavar="FILE")
     isaaclab: Text = option(None, "Python: actuators for Isaac Lab.", metavar="FILE")
     mjlab: Text = option(None, "Python: actuators for mjlab.", metavar="FILE")
-    lerobot: Text = option(None, "JSON: position drives by motor, for LeRobot.", metavar="FILE")
     expected: Text = option(None, "Python without packages: positions expected from commands.", metavar="FILE")
     c: Text = option(None, "C99: inverse dynamics; FILE.h and FILE_test.c beside it.", "--c", metavar="FILE.c")
     arrays: Text = option(None, "Python: inverse dynamics over numpy, jax.numpy or torch.", metavar="FILE")
@@ -86,9 +85,7 @@ class StartOptions:
     """Recording that exported position drives start from."""
 
     start: Text = option(
-        None,
-        "Recording that drives of --mjcf, --isaaclab and --mjlab start from; with a script that checks them.",
-        metavar="RECORDING",
+        None, "Recording that drives of --mjcf, --isaaclab and --mjlab start from.", metavar="RECORDING"
     )
     columns: Columns = None
 
@@ -113,7 +110,6 @@ def export(
     damping and friction, and is otherwise unchanged. The MJCF also gets armature, springs, gravity, ranges and motors,
     or position drives with their delay and limits. --function needs only NumPy and holds the laws that both lack.
     --franka, --ur and --kuka need a payload, as signid payload -o DIR writes it into model.json.
-    With --start, a script beside the MJCF rolls the drives out in MuJoCo and compares them with the recording.
     """
     from ...output.export import STARTING, export as write
     from ...output.report import Screen, to_json

@@ -28,8 +28,7 @@ _WRITERS = {  # module below this folder, and function in it
     "ros": ("actuators", "write_ros"),
     "isaaclab": ("training", "write_isaaclab"),
     "mjlab": ("training", "write_mjlab"),
-    "lerobot": ("lerobot", "write_lerobot"),
-    "expected": ("lerobot", "write_expected"),
+    "expected": ("expected", "write_expected"),
     "c": ("code.c", "write_c"),
     "arrays": ("code.arrays", "write_arrays"),
     "franka": ("vendor.franka", "write_franka"),
@@ -66,16 +65,14 @@ def export(
             file for use with a URDF), "function" (laws as Python code that needs only NumPy), "ros" (parameters of a
             ROS 2 node), "isaaclab" (actuator groups), "mjlab" (actuators), "c" (inverse dynamics as C99; `beside` holds
             its header and a test program), "arrays" (inverse dynamics as Python over numpy, jax.numpy or torch); of
-            position drives alone, "lerobot" (numbers as JSON) and "expected" (Python function of the commands); of the
-            payload alone, "franka" (end effector as JSON; `beside` has the numbers of libfranka), "ur" (URScript) and
-            "kuka" (load data in KRL).
+            position drives alone, "expected" (Python function of the commands); of the payload alone, "franka" (end
+            effector as JSON; `beside` has the numbers of libfranka), "ur" (URScript) and "kuka" (load data in KRL).
         package_dirs: folders to search for meshes of an MJCF, besides those of example-robot-data.
         name: name of the C files without ".c"; default: the robot's name as an identifier.
         floating: whether the base link of an MJCF is a body on a free joint, with its mass.
         meshes: folder beside an MJCF that its meshes are read from; `meshes` of the result has the files to copy there.
             Default: they are read from their place.
-        start: recording whose first state "mjcf", "isaaclab" and "mjlab" state, for position drives on a fixed base;
-            `beside` of an MJCF then has its commands, signid's roll-out, and a script that repeats it in MuJoCo.
+        start: recording whose first state "mjcf", "isaaclab" and "mjlab" state, for position drives on a fixed base.
         functions: further functions of "c": "nonlinear" (h(q, v)), "forward" (accelerations at a torque), "jacobian"
             (of a link's frame), "payload" (torque of a body that is given at run time) and "observer" (residual torque,
             thresholds that it learns, and contacts, row by row).

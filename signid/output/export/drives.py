@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -108,10 +107,8 @@ def known_document(servos: Mapping[str, Servo], joints: Sequence[str]) -> dict[s
 
 
 def annotated(kind: str, made: Exported, notes: list[str]) -> Exported:
-    """An export with further notes, as comments of its text; JSON has a list of them."""
-    if kind == "lerobot":
-        text = json.dumps({**json.loads(made.text), "notes": notes}, indent=2, ensure_ascii=False) + "\n"
-    elif kind in ("urdf", "mjcf"):
+    """An export with further notes, as comments of its text."""
+    if kind in ("urdf", "mjcf"):
         head = made.text.index("?>") + 2 if made.text.startswith("<?xml") else 0
         comment = f"<!--\n{commented(notes)}\n-->\n"
         text = f"{made.text[:head]}{chr(10) * bool(head)}{comment}{made.text[head:].lstrip()}"

@@ -1,11 +1,10 @@
-"""Start, commands and roll-out of a recording beside exported position drives, and a script that checks them."""
+"""Start of exported position drives: first state of a recording, and the commands in force before it."""
 
 from __future__ import annotations
 
 import json
 import re
 from dataclasses import dataclass, replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from ...model import Model, with_servos
 from ...recording import Recordings, as_recording
 from ...robot import resting
 from ...servo.fit.first_state import first_state
-from ...servo.plant import roll_out, servo_grid, servo_grids
+from ...servo.plant import servo_grid, servo_grids
 from ...servo.plant.commands import command_speed, commands_at, held_before
 from ...servo.plant.course import Moved, motion_of
 from ...servo.validate import prepared_model
@@ -26,7 +25,6 @@ from .beyond import Exported
 from .drives import annotated
 from .shapes import words
 
-SCHEMA = "signid.loop/1"
 _START = """
 # Start of {name}: init_state=InitialStateCfg(**START). HELD are the commands in force before the first one
 # [rad or m]; a delay buffer is full of the first command that it gets after a reset, so give it these once
@@ -90,19 +88,16 @@ def _mean_torque(servo: Servo, grid: ServoGrid, joint: int, motion: Moved) -> fl
 def with_loop(kind: str, made: Exported, loop: Loop) -> Exported:
     """An export of drives that states the start of a recording.
 
-    An MJCF gets a keyframe, the commands and signid's roll-out as `_loop.json`, and the script `_check_loop.py`, which
-    rolls it out in MuJoCo without signid. Files of Isaac Lab and mjlab get START and HELD.
+    An MJCF gets a keyframe; files of Isaac Lab and mjlab get START and HELD.
     """
     if kind != "mjcf":
         made = replace(made, text=made.text + _python(loop))
         return annotated(kind, made, list(loop.notes)) if loop.notes else made
-    script = files(__package__).joinpath("check_loop.py").read_text(encoding="utf-8")
     note = (
         f"the keyframe start is the state of {_named(loop)} at its first row; it does not hold the commands before it: "
-        f"call mj_initCtrlHistory with its ctrl, as FILE_check_loop.py does"
+        f"call mj_initCtrlHistory with its ctrl"
     )
-    beside = {**made.beside, "_loop.json": _rows(loop), "_check_loop.py": script}
-    return annotated(kind, replace(made, text=_keyed(made.text, loop), beside=beside), [note, *loop.notes])
+    return annotated(kind, replace(made, text=_keyed(made.text, loop)), [note, *loop.notes])
 
 
 def _unlike(model: Model, grid: ServoGrid) -> list[str]:
@@ -115,23 +110,7 @@ def _unlike(model: Model, grid: ServoGrid) -> list[str]:
         "feed-forward torque": grid.feed_forward is not None and bool(grid.feed_forward[:, at].any()),
     }
     some = [name for name, differs in conditions.items() if differs]
-    return [f"the roll-out of signid has the {' and '.join(some)} of the recording, the drives do not"] if some else []
-
-
-def _rows(loop: Loop) -> str:
-    """Rows of the recording as JSON: stamps, positions, commands and signid's roll-out [s, rad or m, rad/s or m/s]."""
-    grid, servos = loop.grid, loop.model.servos
-    columns = {"t": np.arange(len(grid)) * grid.step}
-    for j, (joint, rolled) in enumerate(
-        zip(grid.joints, roll_out(loop.model, servos, grid, start=(loop.q, loop.v)).T, strict=True)
-    ):
-        columns |= {f"q_{joint}": grid.q[:, j], f"signid_{joint}": rolled}
-        if joint in servos:
-            columns[f"q_des_{joint}"] = grid.command[:, j]
-            if servos[joint].kd_on == "error" and servos[joint].kd > 0:
-                columns[f"dq_des_{joint}"] = command_speed(grid, j)
-    numbers = {name: [float(f"{x:.9g}") for x in column] for name, column in columns.items()}
-    return json.dumps({"schema": SCHEMA, "joints": grid.joints, "columns": numbers}, ensure_ascii=False) + "\n"
+    return [f"the drives do not have the {' and '.join(some)} of the recording"] if some else []
 
 
 def _keyed(text: str, loop: Loop) -> str:

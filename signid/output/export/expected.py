@@ -1,11 +1,7 @@
-"""Export of position drives for LeRobot and other programs in Python: numbers as JSON, and a function without packages.
-
-Both formats are signid's own: LeRobot has none for the dynamics of motors.
-"""
+"""Export of position drives as a Python function without packages: expected positions by commands."""
 
 from __future__ import annotations
 
-import json
 import re
 from typing import Any
 
@@ -19,14 +15,8 @@ from ...robot.dynamics import joint_inertia
 from ...servos import SERVO_NUMBERS, Servo
 from ...types import Array
 from .beyond import Exported
-from .drives import known_document, left_out
+from .drives import known_document
 
-SCHEMA = "signid.motors/1"
-_DERIVED = {  # numbers of a motor that follow from those of its drive
-    "inertia": ("armature",),
-    "lag": ("delay", "kd", "viscous_friction"),
-    "standing_error": ("coulomb_friction", "dead_band"),
-}
 _HEAD = '''"""Positions that the joints of {name} should reach, from their commanded positions; needs no package.
 
     found = expected([0.0, 0.02, ...], {{"{first}": [0.1, 0.12, ...]}})["{first}"]
@@ -90,34 +80,13 @@ def _speed(m, v, error, h):
 '''
 
 
-def write_lerobot(model: Model) -> Exported:
-    """Write the drives as JSON: numbers by motor, lag, and error that dry friction and dead band can leave.
-
-    Raises:
-        OptionError: the model has no position drive.
-    """
-    motors = _motors(model, "--lerobot")
-    for joint, numbers in motors.items():
-        unknown = left_out(model.servos[joint])
-        for key, parts in _DERIVED.items():
-            if unknown.intersection(parts):
-                numbers.pop(key, None)
-        if model.servos[joint].not_identifiable:
-            numbers["not_identifiable"] = dict(model.servos[joint].not_identifiable)
-        if model.servos[joint].combined:
-            numbers["combined"] = list(model.servos[joint].combined)
-    units = {"angle": "rad", "length": "m", "torque": "N.m", "force": "N", "time": "s"}
-    document = {"schema": SCHEMA, "robot": model.robot.name, "units": units, "motors": motors}
-    return Exported(json.dumps(document, indent=2, ensure_ascii=False) + "\n")
-
-
 def write_expected(model: Model) -> Exported:
     """Write a Python file without imports: `expected(times, commands)`, the positions that the joints should reach.
 
     Raises:
         OptionError: the model has no position drive.
     """
-    motors = _motors(model, "--expected")
+    motors = _motors(model)
     notes = ["gravity, coupling of the joints and contacts are not in the function"]
     if any(servo.kd_on == "error" for servo in model.servos.values()):
         notes.append("kd acts on the speed in the function, not on its error")
@@ -132,11 +101,11 @@ def write_expected(model: Model) -> Exported:
     return Exported(text + _BODY, tuple(notes))
 
 
-def _motors(model: Model, option: str) -> dict[str, dict[str, Any]]:
+def _motors(model: Model) -> dict[str, dict[str, Any]]:
     """Numbers of the drives by joint, with lag, inertia and the error that friction can leave."""
     if not model.servos:
         raise OptionError(
-            f"{option} needs a model with position drives, and {model.robot.name} has none; "
+            f"--expected needs a model with position drives, and {model.robot.name} has none; "
             f"give the model.json that `signid identify --servo` wrote"
         )
     inertia = dict(zip(model.robot.joints, _inertia(model).tolist(), strict=True))
