@@ -76,14 +76,14 @@ def test_concealed_laws_are_found_and_proved(shown: Outcome) -> None:
     assert np.all(result.gain < 0.2) and np.all(after.rms(0.5) < 0.2 * before.rms(0.5))
 
 
-def test_the_story_fits_on_a_screen(shown: Outcome) -> None:
+def test_the_diagnosis_is_printed_and_compared_with_the_truth(shown: Outcome) -> None:
     lines = shown.out.splitlines()
-    assert (shown.code, shown.err) == (0, "") and len(lines) <= 40 and max(map(len, lines)) <= 100
+    assert (shown.code, shown.err) == (0, "") and len(lines) <= 60 and max(map(len, lines)) <= 100
+    compared = lines[lines.index("Concealed and found laws, ± 95 %") :]
     for outcome in shown.story.outcomes:
-        row = next(line for line in lines if line.startswith(law_name(outcome.law, shown.story.simulation.robot)))
+        row = next(line for line in compared if line.startswith(law_name(outcome.law, shown.story.simulation.robot)))
         assert row.rstrip().endswith("found")
-    assert "3 of 3 concealed laws found; " in shown.out
-    assert "open:\n  signid-demo/report.html\n  signid-demo/replay.html\n" in shown.out
+    assert "  signid-demo/report.html\n  signid-demo/replay.html\n" in shown.out
     assert sorted(path.name for path in (shown.folder / "signid-demo").iterdir()) == FILES
 
 
@@ -152,8 +152,7 @@ def test_a_miss_is_reported(shown: Outcome, tmp_path: Path, monkeypatch: pytest.
     hidden = law_name(second.law, robot)
     flag = f"{hidden} was concealed and named only as an alternative to armature of joint_3, with probability 0.250"
     assert found.code == 3 and wrong.flags == (flag,)
-    assert flag in found.err and f"{flag}." in " ".join(found.out.split())
-    assert "2 of 3 concealed laws found; " in found.out and "only an alternative" in found.out
+    assert flag in found.err and "only an alternative" in found.out
     assert f"{third.law.effect.name} of" in found.out and "found, as a correction" in found.out
     another = replace(second, law=other, alternatives=())
     wrong = replace(story, result=replace(story.result, findings=(first, another, third)))
@@ -162,7 +161,7 @@ def test_a_miss_is_reported(shown: Outcome, tmp_path: Path, monkeypatch: pytest.
         f"{hidden} was concealed and missed",
         "armature of joint_3 was named but not concealed",
     )
-    assert gone.code == 3 and all(flag in gone.err and f"{flag}." in gone.out for flag in wrong.flags)
+    assert gone.code == 3 and all(flag in gone.err for flag in wrong.flags) and "missed" in gone.out
     entry = next(e for e in json.loads(Path("signid-demo/demo.json").read_text())["concealed"] if not e["probability"])
     assert entry["outcome"] == "missed" and all(n["found"] is None for n in entry["parameters"].values())
 

@@ -14,7 +14,7 @@ from serving import TEXT, register, toy
 import signid
 from signid.cli import run
 from signid.errors import DownloadError
-from signid.recording.gallery import DATA, DownloadLimits, fetch, is_complete
+from signid.recording.gallery import DATA, fetch, is_complete
 from signid.recording.gallery.convert import bam, mauicv, mauicv_drop
 
 PATH = "logs/a_toy.csv"
@@ -103,5 +103,6 @@ def test_a_folder_as_source(
     file.write_bytes(TEXT)
     assert run(["data", "toy", "--yes", "--source", "mirror/"]) == 0
     assert is_complete(toy(), Path("data/toy_there"))
+    monkeypatch.setattr("signid.recording.gallery.download.SIZE", 10)
     with pytest.raises(DownloadError, match="more than the limit of 1e-05 MB"):
-        fetch(toy(), "mirror", DownloadLimits(size=10))
+        fetch(toy(), "mirror")

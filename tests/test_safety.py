@@ -34,7 +34,7 @@ NEVER = {
     "joblib",
     "cloudpickle",
 }
-NETWORK = {"socket", "urllib.request", "http", "requests", "httpx", "ftplib", "asyncio", "aiohttp"}
+NETWORK = {"socket", "urllib.request", "http", "requests", "httpx", "ftplib", "asyncio", "aiohttp", "pooch"}
 ASKED = {"gallery", "live.py"}  # signid data, which is asked to download; the replay, served to this machine alone
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 

@@ -6,7 +6,8 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from shlex import join
+from typing import Annotated
 
 import typer
 
@@ -15,10 +16,6 @@ from ..arguments import given_inputs, given_robot
 from ..completion import complete_robot
 from ..options import RobotOptions, RunOptions, Xacro
 from ..terminal import bars, check_folder, show
-
-if TYPE_CHECKING:
-    from ...output.report import Content
-    from .run import Story
 
 FILES = "demo.json recording.csv held_out.csv diagnosis.json model.json robot.urdf report.html replay.html".split()
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")  # environment variables that indicate a browser on Linux
@@ -41,41 +38,34 @@ def demo(
 ) -> int:
     """Demonstrate a diagnosis: conceal physics, and find it again.
 
-    The robot moves in MuJoCo with laws that its description lacks; --seed selects others. The diagnosis sees only the
+    The robot is simulated with laws that its description lacks; --seed selects others. The diagnosis sees only the
     description and the recordings. DIR gets the recordings, diagnosis.json, the extended simulation as model.json and
     robot.urdf, report.html, replay.html, and demo.json, which compares the concealed laws with the findings.
     """
-    from ...output.report import Screen, to_json, write_files
-    from .run import demo as play
-    from .words import story_document, story_end, story_tables
+    from ...output.report import Screen, document, tables, to_json, write_files
+    from ..files import diagnosis_files
+    from .run import RECORDINGS, demo as play
+    from .words import comparison, story_document
 
     check_folder(output, False, FILES)
     described = given_robot(robot, RobotOptions(xacro=xacro))
     with bars(run.json, one=True) as progress:
         story = play(described, output, seed=run.seed, progress=progress)
-        files = _files(story, robot)
-        document = to_json(story_document(story, robot))
-        written = write_files(
-            output, {**files, "demo.json": document}
-        )  # the last, which marks the folder, appears first
-    code = show(document if run.json else story_tables(story), story.flags)
-    if not run.json:
-        Screen().write(story_end(story, robot, written))
-        if browser:
-            _open([path for path in written if path.suffix == ".html"])
+        inputs = given_inputs(robot, story.simulation.robot, None)
+        train, held_out = (str(Path(output, name)) for name in RECORDINGS)
+        seed = ["--seed", str(run.seed)] if run.seed else []
+        again = join(["signid", "diagnose", robot, train, "--held-out", held_out, *seed])
+        result, files = diagnosis_files(story.result, inputs, f"{again} -o DIR")
+        files = {"diagnosis.json": to_json(document(result, inputs)), **files, "replay.html": story.replay.page()}
+        text = to_json(story_document(story, robot))
+        written = write_files(output, {**story.files, **files, "demo.json": text})  # the last appears first
+    if run.json:
+        return show(text, story.flags)
+    code = show([*tables(result), *comparison(story)], story.flags, written)
+    Screen().write(f"again: {again} -o again\n")
+    if browser:
+        _open([path for path in written if path.suffix == ".html"])
     return code
-
-
-def _files(story: Story, name: str) -> dict[str, Content]:
-    """Files besides the recordings and demo.json."""
-    from ...output.report import document, to_json
-    from ..files import diagnosis_files
-    from .words import by_hand
-
-    inputs = given_inputs(name, story.result.robot, None)
-    result, files = diagnosis_files(story.result, inputs, f"{by_hand(story, name)} -o DIR")
-    text = to_json(document(result, inputs))
-    return {**story.files, "diagnosis.json": text, **files, "replay.html": story.replay.page()}
 
 
 def _open(pages: Sequence[Path]) -> None:

@@ -1,8 +1,8 @@
-"""Run a demonstration: conceal laws, record, diagnose, extend and validate."""
+"""Run a demonstration: conceal laws, record, diagnose, and compare the findings with what was concealed."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,7 +14,6 @@ from ...diagnose import Diagnosis, Finding, diagnose
 from ...effects.naming import law_name
 from ...errors import readable
 from ...model import Model, stated_inertials, stated_laws
-from ...output.export.mjcf import mjcf_laws
 from ...output.replay import Replay, replay
 from ...recording import read_recording
 from ...recording.formats import find_format
@@ -23,10 +22,9 @@ from ...regression.session import Options
 from ...robot import hold, resting
 from ...robot.dynamics import joint_of_row, own_row
 from ...simulation.excite import build_limits, excite
-from ...simulation.plant import Sensors, record
+from ...simulation.plant import Sensors, record, simulate, track
 from ...types import Array, Frozen, Law, Progress, Recording, Robot, Trajectory
 from .conceal import conceal, weak_torque
-from .plant import run_plant
 
 RECORDINGS = ("recording.csv", "held_out.csv")  # training data, held-out data
 PERIOD, PERIODS, HARMONICS = 8.0, 2, 8  # period of a motion [s], number of periods, harmonics
@@ -57,8 +55,7 @@ class Story(Frozen):
 
     simulation: Model  # the diagnosed description
     concealed: tuple[Law, ...]
-    recordings: tuple[Path, ...]  # training, held out; as they are named in the output folder
-    files: Mapping[str, bytes]  # their content, by file name
+    files: Mapping[str, bytes]  # recordings by file name: training, held out
     result: Diagnosis
     replay: Replay
     seed: int
@@ -71,11 +68,11 @@ class Story(Frozen):
     @property
     def flags(self) -> tuple[str, ...]:
         """Flags of the diagnosis, and wrong findings."""
-        return (*self.result.flags, *misses(self.outcomes, self.result))
+        return (*self.result.flags, *_misses(self.outcomes, self.result))
 
 
 def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress | None = None) -> Story:
-    """Record a robot with concealed laws in MuJoCo, and diagnose its simulation.
+    """Record a robot with concealed laws, and diagnose its simulation.
 
     The longest limb moves, the other joints are held. The diagnosis uses only the description and the files of the
     recordings, which are named as if they lay in the folder. Nothing is written there.
@@ -83,11 +80,14 @@ def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress 
     report = progress or (lambda stage, share: None)
     report("planning motions", 0.0)
     arm = take_arm(robot)
-    known = _known(arm)
+    known = Model(arm, stated_inertials(arm), stated_laws(arm))
     motions = [_motion(known, 2 * seed + k) for k in range(len(RECORDINGS))]
-    report("recording in MuJoCo", 0.2)
-    concealed = conceal(known, _seen(arm, motions[0]), seed)
-    files = _record(known, concealed, motions, seed)
+    report("recording", 0.2)
+    coarse = Motion(arm, *(getattr(motions[0], key)[::COARSE] for key in "tqva"))
+    concealed = conceal(known, coarse, seed)
+    true = replace(known, laws=(*known.laws, *concealed))
+    drawn = zip(RECORDINGS, motions, strict=True)
+    files = {name: _record(true, known, motion, name, 2 * seed + k) for k, (name, motion) in enumerate(drawn)}
     train, held_out = _read(files, arm, Path(folder))
     result = diagnose(
         known,
@@ -97,21 +97,7 @@ def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress 
         progress=lambda stage, share: report(stage, 0.3 + 0.6 * share),
     )
     report("drawing", 0.9)
-    return Story(
-        known,
-        concealed,
-        tuple(Path(folder, name) for name in files),
-        files,
-        result,
-        replay(known, held_out, result),
-        seed,
-    )
-
-
-def _known(robot: Robot) -> Model:
-    """The description with the actuator laws that MJCF can express."""
-    stated = Model(robot, stated_inertials(robot), stated_laws(robot))
-    return replace(stated, laws=tuple(mjcf_laws(stated)))
+    return Story(known, concealed, files, result, replay(known, held_out, result), seed)
 
 
 def _motion(known: Model, seed: int) -> Trajectory:
@@ -124,19 +110,20 @@ def _motion(known: Model, seed: int) -> Trajectory:
     return Trajectory(robot.joints, np.arange(len(q)) / RATE, q, v, a)
 
 
-def _seen(robot: Robot, motion: Trajectory) -> Motion:
-    return Motion(robot, *(getattr(motion, key)[::COARSE] for key in "tqva"))
+def _record(true: Model, known: Model, motion: Trajectory, name: str, seed: int) -> bytes:
+    """Content of a recording of the true robot, whose controller knows its description."""
+    moved = simulate(true, track(known, motion), DURATION)
+    columns = record(true.robot, moved, Sensors(RATE, BITS), seed=seed)
+    return find_format(Path(name)).encode({**columns, **_noisy(true.robot, columns, seed)}, name)
 
 
-def _record(known: Model, concealed: Sequence[Law], motions: Sequence[Trajectory], seed: int) -> dict[str, bytes]:
-    """Record the true robot; return the files by name."""
-    robot, files = known.robot, dict[str, bytes]()
-    true = Model(robot, known.inertials, (*known.laws, *concealed))
-    for k, (name, motion) in enumerate(zip(RECORDINGS, motions, strict=True)):
-        columns = record(robot, run_plant(true, known, motion), Sensors(RATE, BITS), seed=2 * seed + k)
-        columns |= _noisy(robot, columns, 2 * seed + k)
-        files[name] = find_format(Path(name)).encode(columns, name)
-    return files
+def _noisy(robot: Robot, columns: Mapping[str, Array], seed: int) -> dict[str, Array]:
+    """The torques with white noise, of at least the size for a weak joint."""
+    names = [f"tau_{joint}" for joint in robot.joints]
+    torque = np.column_stack([columns[name] for name in names])
+    size = np.sqrt(np.mean(torque**2, axis=0))
+    noise = np.maximum(size, weak_torque(robot, size)) * np.random.default_rng([seed, 3]).standard_normal(torque.shape)
+    return dict(zip(names, (torque + NOISE * noise).T, strict=True))
 
 
 def _read(files: Mapping[str, bytes], robot: Robot, folder: Path) -> list[Recording]:
@@ -148,19 +135,6 @@ def _read(files: Mapping[str, bytes], robot: Robot, folder: Path) -> list[Record
             path.write_bytes(content)
             found.append(replace(read_recording(path, robot), path=readable(str(folder / name))))
     return found
-
-
-def _noisy(robot: Robot, columns: Mapping[str, Array], seed: int) -> dict[str, Array]:
-    """The torques with white noise, of at least the size for a weak joint."""
-    names = [f"tau_{joint}" for joint in robot.joints]
-    torque = np.column_stack([columns[name] for name in names])
-    size = np.sqrt(np.mean(torque**2, axis=0))
-    noise = (
-        NOISE
-        * np.maximum(size, weak_torque(robot, size))
-        * np.random.default_rng([seed, 3]).standard_normal(torque.shape)
-    )
-    return dict(zip(names, (torque + noise).T, strict=True))
 
 
 def take_arm(robot: Robot) -> Robot:
@@ -176,7 +150,7 @@ def take_arm(robot: Robot) -> Robot:
     return hold(robot, resting(robot, but=[at[i] for i in limb]))
 
 
-def _way(robot: Robot, last: int, at: dict[int, str]) -> list[int]:
+def _way(robot: Robot, last: int, at: Mapping[int, str]) -> list[int]:
     """Indices of the actuated joints from the base to the last one."""
     way = [last]
     while way[0]:
@@ -184,7 +158,7 @@ def _way(robot: Robot, last: int, at: dict[int, str]) -> list[int]:
     return [i for i in way if i in at]
 
 
-def misses(outcomes: Sequence[LawOutcome], result: Diagnosis) -> Iterator[str]:
+def _misses(outcomes: tuple[LawOutcome, ...], result: Diagnosis) -> Iterator[str]:
     """Yield a sentence for each law that was missed or named without being concealed."""
     for law, kind, finding, probability in outcomes:
         concealed = f"{law_name(law, result.robot)} was concealed"

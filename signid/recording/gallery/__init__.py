@@ -4,13 +4,12 @@ Nothing is downloaded automatically. `sets` lists the data sets; other packages 
 `signid.data`.
 """
 
-from .download import DATA, DownloadLimits, check_source, data_folder, fetch, is_complete, recordings
+from .download import DATA, check_source, data_folder, fetch, is_complete, recordings
 from .sets import DataSet, Product
 
 __all__ = [
     "DATA",
     "DataSet",
-    "DownloadLimits",
     "Product",
     "check_source",
     "data_folder",

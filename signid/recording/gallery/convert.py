@@ -5,17 +5,16 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ...types import Array
 
-DIGITS = 9  # significant digits of numbers
+DIGITS, DRIVE_DIGITS = 9, 8  # significant digits of numbers; those of position drives
 SPLINES = {"pos": "position", "vel": "velocity", "acc": "acceleration"}  # variables of the files of 1r and 3r
 _RATIO = np.array([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])  # gear ratios of the TX40; motor 6 also turns with joint 5
 _OFFSET = np.array([0, -np.pi / 2, np.pi / 2, 0, 0, 0])  # [rad] of the TX40
-DRIVE_DIGITS = 8  # significant digits of numbers
 _BAM = {  # column: key of an entry; angles in rad, volts, degrees Celsius, torque enabled
     "t": "timestamp",
     "q_servo": "position",
@@ -55,12 +54,17 @@ def _by_joint(kind: str, values: Array) -> dict[str, Array]:
     return {f"{kind}_{j + 1}": column for j, column in enumerate(values.T)}
 
 
-def write_table(columns: Mapping[str, Array], digits: int = DIGITS) -> str:
+def _write_table(columns: Mapping[str, Array], digits: int = DIGITS) -> str:
     """CSV text with a header and one line per sample; columns: (N,) each, by name [units of the columns]."""
     text = io.StringIO()
     text.write(",".join(columns) + "\n")
     np.savetxt(text, np.column_stack(list(columns.values())), fmt=f"%.{digits}g", delimiter=",")
     return text.getvalue()
+
+
+def _instants(samples: int, step: float = 0.02) -> Array:
+    """Times of the samples, (N,) [s]; the simulated arms 1r and 3r, and the servo of mauicv, have 50 Hz."""
+    return np.arange(samples, dtype=np.float64) * step
 
 
 def without_meshes(raw: bytes) -> str:
@@ -69,58 +73,48 @@ def without_meshes(raw: bytes) -> str:
     return re.sub(r"<(visual|collision)\b.*?</\1>", "", text, flags=re.DOTALL)
 
 
-def instants(samples: int, step: float = 0.02) -> Array:
-    """Times of the samples, (N,) [s]; the simulated arms 1r and 3r, and the servo of mauicv, have 50 Hz."""
-    return np.arange(samples, dtype=np.float64) * step
-
-
 def pendulum(regressor: bytes, torque: bytes, position: bytes = b"", velocity: bytes = b"") -> str:
     """Recording of 1r; without a trajectory file, sin q and acceleration come from the regressor."""
     rows = _read_matrix(regressor, "Y_stack")
-    columns = {"t": instants(len(rows)), "sin_q_1": rows[:, 0], "ddq_1": rows[:, 1]}
+    columns = {"t": _instants(len(rows)), "sin_q_1": rows[:, 0], "ddq_1": rows[:, 1]}
     columns["tau_1"] = _read_matrix(torque, "u_stack")[:, 0]
     for kind, raw, part in (("q_1", position, "pos"), ("dq_1", velocity, "vel")):
         columns |= {kind: _read_matrix(raw, SPLINES[part])[0]} if raw else {}
-    return write_table(columns)
+    return _write_table(columns)
 
 
 def arm(torque: bytes, *raw: bytes) -> str:
     """Recording of 3r: torque, position, velocity and acceleration of each joint."""
     tau = _read_matrix(torque, "u_stack").reshape(-1, 3)
-    columns = {"t": instants(len(tau))}
-    for k, (kind, part) in enumerate(zip(("q", "dq", "ddq"), SPLINES, strict=True)):
-        values = [_read_matrix(raw[3 * joint + k], SPLINES[part])[0] for joint in range(3)]
-        columns |= _by_joint(kind, np.column_stack(values))
-    return write_table({**columns, **_by_joint("tau", tau)})
+    columns = {"t": _instants(len(tau))}
+    for k, (kind, name) in enumerate(zip(("q", "dq", "ddq"), SPLINES.values(), strict=True)):
+        columns |= _by_joint(kind, np.column_stack([_read_matrix(part, name)[0] for part in raw[k::3]]))
+    return _write_table({**columns, **_by_joint("tau", tau)})
 
 
 def motion(*raw: bytes) -> str:
     """Trajectory of one joint, without torque."""
     values = [_read_matrix(part, name)[0] for part, name in zip(raw, SPLINES.values(), strict=True)]
-    return write_table({"t": instants(len(values[0])), **dict(zip(("q", "dq", "ddq"), values, strict=True))})
+    return _write_table({"t": _instants(len(values[0])), **dict(zip(("q", "dq", "ddq"), values, strict=True))})
 
 
-def emps(raw: bytes, pulses: tuple[str, ...] = ()) -> str:
-    """Recording of EMPS with force = input voltage of the drive times its gain."""
+def emps(raw: bytes, pulses: Sequence[str] = ()) -> str:
+    """Recording of EMPS with force = input voltage of the drive times its gain; `pulses` are variables of force."""
     t, q, voltage, reference, gain, *more = (
         _read_matrix(raw, name)[:, 0] for name in ("t", "qm", "vir", "qg", "gtau", *pulses)
     )
     columns = {"t": t - t[0], "q_1": q, "tau_1": gain * voltage, "voltage_1": voltage, "q_ref_1": reference}
-    return write_table({**columns, **dict(zip(pulses, more, strict=True))})
+    return _write_table({**columns, **dict(zip(pulses, more, strict=True))})
 
 
-def emps_pulses(raw: bytes) -> str:
-    """Recording of EMPS with pulses of force."""
-    return emps(raw, ("pulses_N",))
-
-
-def panda(*raw: bytes) -> str:
-    """Recording of the Panda: times, positions, velocities and torques, seven numbers per sample."""
-    time, *parts = (_read_numbers(part) for part in raw)
-    columns = {"t": time[:, 0]}
-    for kind, values in zip(("q", "dq", "tau"), parts, strict=True):
-        columns |= _by_joint(kind, values.reshape(-1, 7))
-    return write_table(columns)
+def log(*raw: bytes, kinds: str) -> str:
+    """Recording from times and `kinds` of numbers per joint, in one file or side by side in several."""
+    parts = [_read_numbers(part) for part in raw]
+    rows = np.hstack([parts[0], *(part.reshape(len(parts[0]), -1) for part in parts[1:])])
+    columns = {"t": rows[:, 0] - rows[0, 0]}
+    for kind, values in zip(kinds.split(), np.hsplit(rows[:, 1:], len(kinds.split())), strict=True):
+        columns |= _by_joint(kind, values)
+    return _write_table(columns)
 
 
 def tx40(positions: bytes, torques: bytes) -> str:
@@ -129,17 +123,8 @@ def tx40(positions: bytes, torques: bytes) -> str:
     q, tau = motor * (1 / _RATIO), current * _RATIO
     q[:, 5] -= motor[:, 4] * (1 / _RATIO[4])
     tau[:, 4] += current[:, 5] * _RATIO[5]
-    columns = {"t": instants(len(q), 2e-4), **_by_joint("q", q + _OFFSET), **_by_joint("tau", tau)}
-    return write_table({**columns, **_by_joint("q_motor", motor), **_by_joint("current", current)}, digits=7)
-
-
-def ur10e(raw: bytes) -> str:
-    """Recording of the UR10e from the log of its controller, 31 numbers per sample."""
-    values = _read_numbers(raw)
-    columns = {"t": values[:, 0] - values[0, 0]}
-    for k, kind in enumerate(("q", "dq", "current", "current_des", "tau_des")):
-        columns |= _by_joint(kind, values[:, 1 + 6 * k : 7 + 6 * k])
-    return write_table(columns)
+    columns = {"t": _instants(len(q), 2e-4), **_by_joint("q", q + _OFFSET), **_by_joint("tau", tau)}
+    return _write_table({**columns, **_by_joint("q_motor", motor), **_by_joint("current", current)}, digits=7)
 
 
 def bam(raw: bytes) -> str:
@@ -148,7 +133,7 @@ def bam(raw: bytes) -> str:
     columns = {name: np.array([entry[key] for entry in entries], np.float64) for name, key in _BAM.items()}
     load = columns["pwm_servo"]
     columns["pwm_servo"] = np.where(load >= 2**15, load - 2**16, load) / _DUTY
-    return write_table(columns, DRIVE_DIGITS)
+    return _write_table(columns, DRIVE_DIGITS)
 
 
 def mauicv(raw: bytes, motion: str, small: bool | None = None) -> str:
@@ -158,34 +143,29 @@ def mauicv(raw: bytes, motion: str, small: bool | None = None) -> str:
         ValueError: there is no such run.
     """
     runs = [_run(entry) for entry in json.loads(raw)["data"] if entry["type"] == motion]
-    runs = [run for run in runs if small is None or small == (np.nanmax(np.abs(run[1])) < _SMALL * np.pi)]
+    runs = [run for run in runs if small is None or small == (np.nanmax(np.abs(run["q_des_servo"])) < _SMALL * np.pi)]
     if not runs:
         raise ValueError(f"it contains no {motion}")
-    start, times = 0.0, []
-    for q, _ in runs:
-        times.append(start + instants(len(q)))
-        start = times[-1][-1] + _PAUSE
-    columns = {"t": np.concatenate(times), **_positions(*map(np.concatenate, zip(*runs, strict=True)))}
-    return _blank({**columns, "run": np.repeat(np.arange(len(runs), dtype=np.float64), [len(q) for q, _ in runs])})
+    start = 0.0
+    for k, run in enumerate(runs):
+        run["t"] += start
+        run["run"] = np.full(len(run["t"]), float(k))
+        start = run["t"][-1] + _PAUSE
+    return _with_blanks({key: np.concatenate([run[key] for run in runs]) for key in runs[0]})
 
 
 def mauicv_drop(raw: bytes) -> str:
     """Recording of one fall of the arm."""
     (entry,) = json.loads(raw)["data"]
-    q, command = _run(entry)
-    return _blank({"t": instants(len(q)), **_positions(q, command)})
+    return _with_blanks(_run(entry))
 
 
-def _run(entry: dict[str, list[float | None]]) -> tuple[Array, Array]:
-    """Positions and commands of a run, (N,) each [rad]; NaN: the servo gets no pulses."""
+def _run(entry: Mapping[str, Sequence[float | None]]) -> dict[str, Array]:
+    """Times [s], positions and commands [rad] of a run, (N,) each; NaN: the servo gets no pulses."""
     q, command = (np.pi * np.array(entry[key], np.float64) for key in ("sensor_data", "actions"))
-    return q, command
+    return {"t": _instants(len(q)), "q_servo": q, "q_des_servo": command}
 
 
-def _positions(q: Array, command: Array) -> dict[str, Array]:
-    return {"q_servo": q, "q_des_servo": command}
-
-
-def _blank(columns: dict[str, Array]) -> str:
+def _with_blanks(columns: Mapping[str, Array]) -> str:
     """Text of a table whose missing commands are blank cells."""
-    return write_table(columns, DRIVE_DIGITS).replace("nan", "")
+    return _write_table(columns, DRIVE_DIGITS).replace("nan", "")

@@ -1,20 +1,17 @@
-"""Download, convert, verify and find data sets: over HTTPS, or from this machine, with limits on size and time."""
+"""Find data sets, or download them by pooch, convert and verify them: over HTTPS, or from this machine."""
 
 from __future__ import annotations
 
 import gzip
 import os
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Mapping
 from hashlib import sha256
-from http.client import HTTPException, HTTPResponse, IncompleteRead, responses
+from http.client import IncompleteRead, responses
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, NoReturn
-from urllib.error import HTTPError
-from urllib.parse import quote, urlsplit
-from urllib.request import HTTPRedirectHandler, ProxyHandler, Request, build_opener
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urljoin, urlsplit
 from zlib import error as ZlibError
 
 from ...errors import DownloadError, OptionError, RecordingError
@@ -28,20 +25,8 @@ if TYPE_CHECKING:
 
 VARIABLE = "SIGNID_DATA"  # folder of downloaded recordings; by default data
 LOCAL = ("localhost", "127.0.0.1", "::1")
-CHUNK = 2**16  # [bytes] read at once
 GONE = (404, 410)  # HTTP status codes of missing files
-
-
-@dataclass(frozen=True)
-class DownloadLimits:
-    """Limits of the download of a file."""
-
-    size: int = 2**25  # [bytes]
-    silence: float = 30.0  # maximum time without data [s]
-    total: float = 600.0  # maximum duration [s]
-
-
-LIMITS = DownloadLimits()
+SIZE, SILENCE, DURATION = 2**25, 30.0, 600.0  # limits of a file: size [bytes], time without data, duration [s]
 
 
 class _Gallery(Registry[DataSet]):
@@ -90,26 +75,6 @@ def _has_digest(path: Path, digest: str) -> bool:
     return sha256(text).hexdigest() == digest
 
 
-def fetch(
-    wanted: DataSet, source: str | None = None, limits: DownloadLimits = LIMITS, progress: Progress | None = None
-) -> dict[str, bytes]:
-    """Download the files of a data set and return their contents by name, without writing them.
-
-    `source` is the folder or address of a copy of the repository at the same commit; by default GitHub. The limits are
-    those of each file.
-    """
-    base = wanted.base if source is None else check_source(source)
-
-    def report(done: int, share: float) -> None:
-        if progress is not None:
-            progress(f"downloading {wanted.name}", (done + share) / len(wanted.sources))
-
-    raw = {path: _obtain(base, path, limits, partial(report, k)) for k, path in enumerate(wanted.sources)}
-    made = {product.name: _make(product, raw, wanted, base) for product in wanted.products}
-    carried = {name: (robots_folder() / path).read_bytes() for name, path in wanted.carried}
-    return {**made, **carried, f"source_{wanted.name}.txt": _note(wanted, base).encode()}
-
-
 def check_source(source: str) -> str:
     """Validate the folder or address of a copy of a repository and remove trailing slashes.
 
@@ -123,6 +88,35 @@ def check_source(source: str) -> str:
         advice = "give https://HOST/PATH, http://localhost:PORT for a server on this machine, or a folder"
         raise OptionError(f"--source {source!r} is not a valid address for downloads, and no folder; {advice}")
     return source.rstrip("/")
+
+
+def is_allowed(address: str, local: bool) -> bool:
+    """Whether an address is HTTPS or, with `local`, of this machine."""
+    try:
+        parts = urlsplit(address)
+        host, _ = parts.hostname, parts.port
+    except ValueError:
+        return False
+    return bool(host) and (parts.scheme == "https" or (parts.scheme == "http" and local and host in LOCAL))
+
+
+def fetch(wanted: DataSet, source: str | None = None, progress: Progress | None = None) -> dict[str, bytes]:
+    """Download the files of a data set and return their contents by name, without writing them.
+
+    `source` is the folder or address of a copy of the repository at the same commit; by default GitHub.
+
+    Raises:
+        DownloadError: a file cannot be downloaded or read, or has another content than expected.
+    """
+    base = wanted.base if source is None else check_source(source)
+    raw: dict[str, bytes] = {}
+    for path in wanted.sources:
+        if progress is not None:
+            progress(f"downloading {wanted.name}", len(raw) / len(wanted.sources))
+        raw[path] = _obtain(f"{base}/{path}")
+    made = {product.name: _make(product, raw, wanted, base) for product in wanted.products}
+    carried = {name: (robots_folder() / path).read_bytes() for name, path in wanted.carried}
+    return {**made, **carried, f"source_{wanted.name}.txt": _note(wanted, base).encode()}
 
 
 def _make(product: Product, raw: Mapping[str, bytes], wanted: DataSet, base: str) -> bytes:
@@ -154,91 +148,77 @@ def _note(wanted: DataSet, base: str) -> str:
     return "\n".join([*lines, ""])
 
 
-def is_allowed(address: str, local: bool) -> bool:
-    """Whether an address is HTTPS or, with `local`, of this machine."""
+def _obtain(address: str) -> bytes:
+    """Read a file of a folder, or download it."""
     try:
-        parts = urlsplit(address)
-        host, _ = parts.hostname, parts.port
-    except ValueError:
-        return False
-    return bool(host) and (parts.scheme == "https" or (parts.scheme == "http" and local and host in LOCAL))
+        return _download(address) if urlsplit(address).scheme else _read(Path(address))
+    except (OSError, ValueError) as error:  # ValueError: another attempt would fail as well
+        status = getattr(getattr(error, "response", None), "status_code", None)
+        reason = f"the server answers {status} ({responses.get(status, 'unknown')})" if status else _reason(error)
+        again = "" if isinstance(error, ValueError) or status in GONE else "try again, or "
+        advice = f"{again}name a copy of the repository by --source URL"
+        raise DownloadError(f"cannot download {address}: {reason}; {advice}") from error
 
 
-def _obtain(base: str, path: str, limits: DownloadLimits, progress: Callable[[float], None]) -> bytes:
-    """Read a file of the source from a folder, or download it."""
-    if not os.path.isdir(base):
-        return _download(f"{base}/{quote(path)}", limits, progress)
-    file = Path(base, path)
-    try:
-        size = file.stat().st_size if file.is_file() else None
-        content = file.read_bytes() if size is not None and size <= limits.size else b""
-    except OSError as error:
-        _fail(str(file), _reason(error, limits))
-    if size is None:
-        _fail(str(file), "there is no such file", again="")
-    if size > limits.size:
-        _fail(str(file), f"it has more than the limit of {limits.size / 1e6:g} MB", again="")
-    progress(1.0)
-    return content
+def _read(file: Path) -> bytes:
+    if not file.is_file():
+        raise ValueError("there is no such file")
+    _check_size(file.stat().st_size)
+    return file.read_bytes()
 
 
-def _download(address: str, limits: DownloadLimits, progress: Callable[[float], None]) -> bytes:
-    """Download a file; `progress` gets the completed share [1], 0 if the server does not state the size."""
-    request = Request(address, headers={"User-Agent": f"signid/{__version__}"})
-    try:
-        opener = build_opener(_Redirect, *([ProxyHandler({})] if _is_local(address) else []))
-        with opener.open(request, timeout=limits.silence) as response:
-            return _read(response, address, limits, progress)
-    except DownloadError:
-        raise
-    except HTTPError as error:
-        with error:
-            again = {"again": ""} if error.code in GONE else {}
-            _fail(address, f"the server answers {error.code} ({responses.get(error.code, 'unknown')})", **again)
-    except (HTTPException, OSError, ValueError) as error:  # ValueError: invalid address or length
-        _fail(address, _reason(getattr(error, "reason", error), limits))
+def _check_size(size: int) -> None:
+    if size > SIZE:
+        raise ValueError(f"it has more than the limit of {SIZE / 1e6:g} MB")
 
 
-def _read(response: HTTPResponse, address: str, limits: DownloadLimits, progress: Callable[[float], None]) -> bytes:
-    length, most = response.headers.get("Content-Length", ""), f"{limits.size / 1e6:g} MB"
-    expected = int(length) if length.isdecimal() else None
-    end, content = time.monotonic() + limits.total, bytearray()
-    if expected is not None and expected > limits.size:
-        _fail(address, f"it has {expected / 1e6:.0f} MB, more than the limit of {most}", again="")
-    while chunk := response.read1(CHUNK):
-        content += chunk
-        if len(content) > limits.size:
-            _fail(address, f"it has more than the limit of {most}", again="")
-        if time.monotonic() > end:
-            _fail(address, f"it takes more than {limits.total:g} s")
-        progress(len(content) / expected if expected else 0.0)
-    if expected is not None and len(content) != expected:
-        _fail(address, f"it ended after {len(content)} of {expected} bytes")
-    return bytes(content)
+def _download(address: str) -> bytes:
+    """Download a file to a temporary folder and return its content."""
+    from pooch import HTTPDownloader, get_logger, retrieve
+
+    local = urlsplit(address).hostname in LOCAL
+
+    def inspect(response: Any, **_: object) -> None:
+        _check_size(int(response.headers.get("Content-Length", 0)))
+        where = response.headers.get("Location") if response.is_redirect else None
+        if where and not is_allowed(urljoin(response.url, where), local):
+            raise ValueError(f"it redirects to {where!r}, which is not encrypted")
+
+    settings: dict[str, Any] = {"timeout": SILENCE, "headers": {"User-Agent": f"signid/{__version__}"}}
+    settings |= {"hooks": {"response": inspect}, "proxies": {"http": "", "https": ""} if local else None}
+    get_logger().setLevel("WARNING")
+    with TemporaryDirectory() as place:
+        file = retrieve(address, None, "source", place, downloader=HTTPDownloader(progressbar=_Meter(), **settings))
+        return Path(file).read_bytes()
 
 
-class _Redirect(HTTPRedirectHandler):
-    """Follow redirects to HTTPS addresses only, and from this machine to this machine."""
+class _Meter:
+    """Progress bar for pooch that ends a download beyond its limits, also of a server that states no size."""
 
-    def redirect_request(
-        self, req: Request, fp: IO[bytes], code: int, msg: str, headers: object, newurl: str
-    ) -> Request | None:
-        if not is_allowed(newurl, _is_local(req.full_url)):
-            _fail(req.full_url, f"it redirects to {newurl!r}, which is not encrypted", again="")
-        return super().redirect_request(req, fp, code, msg, headers, newurl)  # type: ignore[arg-type]
+    def __init__(self) -> None:
+        self.total, self.done, self.end = 0, 0, time.monotonic() + DURATION
+
+    def update(self, size: int) -> None:
+        """Count the bytes of a chunk, of which the last may be shorter."""
+        _check_size(self.done)
+        self.done += size
+        if time.monotonic() > self.end:
+            raise OSError(f"it takes more than {DURATION:g} s")
+
+    def reset(self) -> None:
+        """Begin to count again, as pooch asks when the file is whole."""
+        self.done = 0
+
+    def close(self) -> None:
+        """Nothing is left to do."""
 
 
-def _is_local(address: str) -> bool:
-    return urlsplit(address).hostname in LOCAL
-
-
-def _reason(error: object, limits: DownloadLimits) -> str:
+def _reason(error: BaseException) -> str:
+    """Cause of an error of a connection, which is the first in a chain of errors."""
+    while error.__context__ is not None:
+        error = error.__context__
     if isinstance(error, TimeoutError):
-        return f"no data for {limits.silence:g} s"
+        return f"no data for {SILENCE:g} s"
     if isinstance(error, IncompleteRead):
         return "it ended too early"
     return str(getattr(error, "strerror", None) or error).strip() or type(error).__name__
-
-
-def _fail(address: str, reason: str, again: str = "try again, or ") -> NoReturn:
-    raise DownloadError(f"cannot download {address}: {reason}; {again}name a copy of the repository by --source URL")
