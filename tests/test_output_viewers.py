@@ -91,9 +91,8 @@ def frame_errors(found: dict[str, list[tuple[int, Any]]], states: str) -> list[f
 
 
 def test_torque_is_measured_predicted_and_extended(log: ViewerLog, folder: Path, recording: Recording) -> None:
-    [one] = log.recordings
-    signals = {signal.name: signal for signal in one.signals}
-    assert {f"/{name}" for name in signals} == TOPICS
+    signals = {signal.topic.removeprefix("/"): signal for signal in log.signals}
+    assert {f"/{name}" for name in signals} == TOPICS and log.findings is not None
     measured, samples = signals["measured"], recording.read()
     rows = np.searchsorted(samples.t, measured.t - 1e-9)
     assert measured.effort is not None and measured.position is not None
@@ -106,28 +105,28 @@ def test_torque_is_measured_predicted_and_extended(log: ViewerLog, folder: Path,
         float(np.sqrt(np.mean(np.square(signals[name].effort)))) for name in ("residual", "residual_extended")
     )
     assert after < 0.2 * before, "the extended simulation has the laws; instants of reversal remain"
-    assert any("Coulomb friction of joint_2" in mark.title for mark in log.marks)
+    assert any("Coulomb friction of joint_2" in mark.title for mark in log.findings.marks)
 
 
 def test_mcap_is_opened_by_its_library_and_by_ros(log: ViewerLog, folder: Path) -> None:
     data = log.mcap() if pytest.importorskip("mcap", reason="mcap is not installed (extra viewers)") else b""
     found = opened(data)
     assert set(found) == {*TOPICS, *ROBOT, "/findings"}
-    [one] = log.recordings
-    for signal in one.signals:
-        messages = found[f"/{signal.name}"]
+    for signal in log.signals:
+        messages = found[signal.topic]
         assert_allclose([stamp * 1e-9 for stamp, _ in messages], signal.t, atol=1e-9)
         assert_allclose([message.effort for _, message in messages], signal.effort)
-        assert all(tuple(message.name) == one.joints for _, message in messages)
+        assert all(tuple(message.name) == signal.joints for _, message in messages)
         assert all(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == t for t, message in messages)
     [(_, findings)] = found["/findings"]
-    assert findings.status[0].message == log.headline and findings.status[0].level == 1
-    assert {status.name for status in findings.status[1:]} == {mark.title for mark in log.marks}
+    assert log.findings is not None
+    assert findings.status[0].message == log.findings.verdict and findings.status[0].level == 1
+    assert {status.name for status in findings.status[1:]} == {mark.title for mark in log.findings.marks}
     assert_allclose(frame_errors(found, "/measured"), 0.0, atol=1e-12)
     (folder / "log.mcap").write_bytes(data)
     assert run("convert log.mcap --topic /measured -o back.csv".split()) == 0
     back = signid.read_recording(folder / "back.csv", signid.load_robot("3r")).read()
-    assert_allclose(back.tau, one.signals[0].effort)
+    assert_allclose(back.tau, log.signals[0].effort)
 
 
 def test_mcap_repeats_its_bytes(log: ViewerLog, folder: Path, recording: Recording) -> None:
@@ -148,15 +147,15 @@ def test_rerun_opens_its_log(log: ViewerLog, tmp_path: Path) -> None:
             if name.endswith("Scalars:scalars") or name == "Scalars:scalars":
                 rows[path] += batch.num_rows
                 values.setdefault(path, []).extend(x[0] for x in batch.column(name).to_pylist())
-    [one] = log.recordings
-    for signal in one.signals:
-        group = "effort_residual" if signal.name.startswith("residual") else "effort"
-        for j, joint in enumerate(one.joints):
-            path = f"/{group}/{joint}/{signal.name}"
+    for signal in log.signals:
+        name = signal.topic.removeprefix("/")
+        group = "effort_residual" if name.startswith("residual") else "effort"
+        for j, joint in enumerate(signal.joints):
+            path = f"/{group}/{joint}/{name}"
             assert signal.effort is not None
             assert_allclose(np.sort(values[path]), np.sort(signal.effort[:, j]))
     text = str(reader.store().schema())
-    assert "/findings" in text and "/summary" in text
+    assert "/findings" in text and "/summary" in text and "/links/link_3" in text
 
 
 def test_commands_write_logs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -191,9 +190,9 @@ def test_early_and_dated_stamps(folder: Path) -> None:
             columns |= {f"q_{j + 1}": samples.q[:, j], f"tau_{j + 1}": samples.tau[:, j]}
         made = viewer_log("3r", columns)
         stamps = [stamp for stamp, _ in opened(made.mcap())["/measured"]]
-        assert stamps[0] == 0 if first < 0 else abs(stamps[0] * 1e-9 - made.start) < 1e-6
+        assert stamps[0] == 0 if first < 0 else abs(stamps[0] * 1e-9 - made.signals[0].t[0]) < 1e-6
         assert_allclose(np.diff(stamps), np.median(np.diff(stamps)), atol=600)
-        assert made.dated == (first > 0)
+        assert made.head.dated == (first > 0)
 
 
 def test_drives_are_logged_by_their_positions(tmp_path: Path) -> None:
@@ -230,7 +229,7 @@ def test_bad_logs_end_with_a_sentence(
 ) -> None:
     if lacking:
         monkeypatch.setitem(sys.modules, lacking, None)
-        monkeypatch.setattr("signid.output.viewers.needed.find_spec", lambda name: None if name == lacking else object)
+        monkeypatch.setattr("signid.output.viewers.files.find_spec", lambda name: None if name == lacking else object)
     elif "arm.csv/a.rrd" in options:
         pytest.importorskip("rerun", reason="rerun-sdk is not installed (extra viewers)")
     more = ["-o", "never"] if verb == "diagnose" else []

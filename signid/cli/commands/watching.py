@@ -44,9 +44,6 @@ class WatchOptions:
     columns: Columns = None
     mcap: Mcap = None
     rrd: Rrd = None
-    publish: bool = option(
-        False, "Publish external torque, events and contacts on ROS 2 topics /signid/...", "--publish"
-    )
 
 
 @command("signid watch 3r recording.csv --json")
@@ -75,10 +72,6 @@ def watch(
     for kind, path in {**files, "save": watching.save}.items():
         if path is not None:
             check_unread(path, [stream, watching.columns, simulation.simulation, simulation.actuators], f"--{kind}")
-    if watching.publish:
-        from ...output.viewers import check_ros
-
-        check_ros()
     model, _ = given_model(simulation)
     idle, flags = _idle(watching.idle), tuple[str, ...]()
     with ExitStack() as stack:
@@ -95,7 +88,7 @@ def watch(
                 idle=idle,
             )
             stack.callback(_save, model, watcher, watching.save)
-            logs = _logs(watcher, files, watching.publish, simulation.package_dir or (), stack)
+            logs = _logs(watcher, files, simulation.package_dir or (), stack)
             for flag in (flags := stream_flags(watcher.model, opened)):
                 write_error(flag)
             live = not json and sys.stdout.isatty()
@@ -119,15 +112,15 @@ def watch(
 
 
 def _logs(
-    watcher: Watcher, files: Mapping[str, Path], publish: bool, package_dirs: Sequence[str], stack: ExitStack
+    watcher: Watcher, files: Mapping[str, Path], package_dirs: Sequence[str], stack: ExitStack
 ) -> WatchLogs | None:
     """Logs that are asked for; the stack completes them."""
-    if not (files or publish):
+    if not files:
         return None
     from ...output.viewers import WatchLogs
 
     robot = watcher.model.robot
-    logs = WatchLogs(watcher.model, files, publish, lambda event: sentence(event, robot).strip(), package_dirs)
+    logs = WatchLogs(watcher.model, files, lambda event: sentence(event, robot).strip(), package_dirs)
     return stack.enter_context(logs)
 
 

@@ -1,11 +1,10 @@
-"""Logs for viewers: Rerun (.rrd), and MCAP for Foxglove and PlotJuggler.
+"""Logs for viewers: Rerun (.rrd), and MCAP for Foxglove, RViz and PlotJuggler.
 
-A log holds measured, predicted and extended torque, residual torque, positions and findings over time. Logs of a watch
-(`watch_logs`) are written as it goes on; their messages (`watched`) also go to topics of ROS 2 (`topics`).
+A replay, a diagnosis (`log`) and a watch (`watch_logs`) send the same `messages` to a file of either kind.
 """
 
+from .files import check_library
 from .log import ViewerLog, viewer_log
-from .needed import check_library, check_ros
 from .watch_logs import WatchLogs
 
-__all__ = ["ViewerLog", "WatchLogs", "check_library", "check_ros", "viewer_log"]
+__all__ = ["ViewerLog", "WatchLogs", "check_library", "viewer_log"]

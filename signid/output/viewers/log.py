@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,13 +19,14 @@ from ...recording.sampling import time_origin
 from ...regression.bandwidth import lowpass
 from ...simulation.rollout.windows import restrict_joints
 from ...typed import typed
-from ...types import Array, Recording
+from ...types import Array, Frozen, Recording, Robot
 from ..replay.drives import commands_only, follow_commands, with_drives
-from ..replay.marks import Mark, ReplayFindings, drive_marks, headline, marks, read_found
+from ..replay.marks import ReplayFindings, drive_marks, headline, marks, read_found
 from ..replay.shapes import reach
 from ..replay.track import Track, predictions, surveyed
-from .needed import check_library
-from .signals import MODELS, RESIDUALS, ROLLED, LogContent, LoggedRecording, LoggedSignal
+from .files import log_file
+from .links import Links
+from .messages import QUANTITIES, Findings, Head, Signal
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
@@ -30,11 +34,19 @@ if TYPE_CHECKING:
 
 FASTEST = 250.0  # [Hz] rate of a log; faster recordings are low-passed and thinned
 SHARE = 0.4  # [1] cut-off over the rate of a log
+MODELS = ("predicted", "extended")  # signals of the given simulation, and of the extended one
+RESIDUALS = ("residual", "residual_extended")  # measured minus these
+ROLLED = ("simulated", "simulated_extended")  # positions of roll-outs
 
 
 @dataclass(frozen=True, eq=False)
-class ViewerLog(LogContent):
+class ViewerLog(Frozen):
     """Signals and findings, as `rrd` or `mcap` write them."""
+
+    head: Head
+    signals: tuple[Signal, ...]
+    findings: Findings | None  # of the diagnosis
+    drawn: Robot | None = None  # over the joints of the only recording
 
     def rrd(self) -> bytes:
         """Write a recording of Rerun. Its bytes differ from call to call, since Rerun numbers its chunks by the clock.
@@ -42,10 +54,7 @@ class ViewerLog(LogContent):
         Raises:
             OptionError: rerun-sdk is not installed.
         """
-        check_library("rrd")
-        from .rerun_ import write_rrd
-
-        return write_rrd(self)
+        return self._written("rrd")
 
     def mcap(self) -> bytes:
         """Write an MCAP file with messages of ROS 2 (JointState, DiagnosticArray, TFMessage).
@@ -53,10 +62,17 @@ class ViewerLog(LogContent):
         Raises:
             OptionError: mcap or rosbags is not installed.
         """
-        check_library("mcap")
-        from .mcap_ import write_mcap
+        return self._written("mcap")
 
-        return write_mcap(self)
+    def _written(self, kind: str) -> bytes:
+        file = log_file(kind, out := BytesIO(), self.head)
+        if self.findings is not None:
+            file.findings(self.findings)
+        if self.drawn is not None:
+            file.robot(_start(self.signals), Links(self.drawn))
+        file.signals(self.signals)
+        file.close()
+        return out.getvalue()
 
 
 @typed
@@ -88,23 +104,34 @@ def viewer_log(
     models = [model] if found is None else [model, found.after]
     notes: list[str] = []
     names = _names(read)
-    logged = tuple(_logged(name, each, models, rolled, notes) for name, each in zip(names, read, strict=True))
-    origins = [time_origin(each) for each in read]
+    made = [_signals(name, each, models, rolled, notes) for name, each in zip(names, read, strict=True)]
+    signals = tuple(signal for each in made for signal in each)
+    origins, name = [time_origin(each) for each in read], model.robot.name
     return ViewerLog(
-        robot=model.robot.name,
-        recordings=logged,
-        marks=() if found is None else _marks(found, origins[0]),
-        headline="" if found is None else headline(found.after.robot, found),
-        dated=all(origins),
-        notes=tuple(dict.fromkeys(notes)),
+        head=Head(name, name, all(origins), tuple(dict.fromkeys(notes)), _identity(name, signals)),
+        signals=signals,
+        findings=None if found is None else _findings(found, _start(signals), origins[0]),
         drawn=restrict_joints(model, read)[0].robot if len(read) == 1 else None,
     )
 
 
-def _marks(found: ReplayFindings, origin: float) -> tuple[Mark, ...]:
+def _start(signals: Sequence[Signal]) -> float:
+    """First time stamp [s]."""
+    return min(float(signal.t[0]) for signal in signals)
+
+
+def _identity(name: str, signals: Sequence[Signal]) -> str:
+    """Identifier of the recording in Rerun: the same for the same signals."""
+    digest = sha256(name.encode())
+    for x in (x for each in signals for x in (each.t, each.position, each.effort) if x is not None):
+        digest.update(np.ascontiguousarray(x).tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _findings(found: ReplayFindings, start: float, origin: float) -> Findings:
     robot = found.after.robot
     placed = marks(robot, found.findings, reach(robot), origin)
-    return (*placed, *drive_marks(robot, found.drives))
+    return Findings(start, headline(robot, found), (*placed, *drive_marks(robot, found.drives)))
 
 
 def _names(recordings: Sequence[Recording]) -> list[str]:
@@ -115,22 +142,30 @@ def _names(recordings: Sequence[Recording]) -> list[str]:
     return [stem if stems.count(stem) == 1 else f"{stem}_{k + 1}" for k, stem in enumerate(stems)]
 
 
-def _logged(
-    name: str, recording: Recording, models: Sequence[Model], rolled: Track | None, notes: list[str]
-) -> LoggedRecording:
+def _signals(
+    folder: str, recording: Recording, models: Sequence[Model], rolled: Track | None, notes: list[str]
+) -> list[Signal]:
     drives = commands_only(recording)
     prepare = with_drives if drives else lambda model, each: restrict_joints(model, [each])
     restricted, more = zip(*(prepare(model, recording) for model in models), strict=True)
     notes += [note for each in more for note in each]
+    make = partial(_signal, (folder,) if folder else (), restricted[0].robot.joints)
     if drives:
-        signals = _driven(restricted, recording)
-    else:
-        need_torque([recording])
-        signals = [*_torques(restricted, recording, notes), *_rolled(rolled)]
-    return LoggedRecording(name, restricted[0].robot.joints, tuple(signals))
+        return _driven(restricted, recording, make)
+    need_torque([recording])
+    return [*_torques(restricted, recording, make, notes), *_rolled(rolled, make)]
 
 
-def _torques(models: Sequence[Model], recording: Recording, notes: list[str]) -> list[LoggedSignal]:
+def _signal(folder: tuple[str, ...], joints: tuple[str, ...], name: str, t: Array, **values: Array) -> Signal:
+    """A signal on its topic; residuals have plots of their own."""
+    rest = "_residual" if name in RESIDUALS else ""
+    curves = {quantity: (*folder, f"{quantity}{rest}", name) for quantity in QUANTITIES}
+    return Signal("/".join(("", *folder, name)), curves, joints, t, drawn=name == "measured", **values)
+
+
+def _torques(
+    models: Sequence[Model], recording: Recording, make: Callable[..., Signal], notes: list[str]
+) -> list[Signal]:
     """Signals of a recording of torque."""
     from scipy.ndimage import convolve1d
 
@@ -156,28 +191,26 @@ def _torques(models: Sequence[Model], recording: Recording, notes: list[str]) ->
     if silent := [joint for joint, there in zip(recording.joints, read.measured, strict=True) if not there]:
         notes.append(f"no torque of {shorten(silent)} is recorded")
     t, q, v, measured, *predicted = (np.concatenate(x) for x in zip(*parts, strict=True))
-    made = [LoggedSignal("measured", t, q, v, measured)]
-    made += [LoggedSignal(name, t, effort=x) for name, x in zip(MODELS, predicted, strict=False)]
-    return made + [LoggedSignal(name, t, effort=measured - x) for name, x in zip(RESIDUALS, predicted, strict=False)]
+    made = [make("measured", t, position=q, velocity=v, effort=measured)]
+    made += [make(name, t, effort=x) for name, x in zip(MODELS, predicted, strict=False)]
+    return made + [make(name, t, effort=measured - x) for name, x in zip(RESIDUALS, predicted, strict=False)]
 
 
-def _rolled(track: Track | None) -> list[LoggedSignal]:
+def _rolled(track: Track | None, make: Callable[..., Signal]) -> Iterator[Signal]:
     """Simulated positions of a replay, in the frames that have one."""
-    found = []
     for name, path in zip(ROLLED, () if track is None else track.simulated, strict=False):
-        assert track is not None, "there is a path"
         there = np.isfinite(path).all(axis=1)
-        if there.any():
-            found.append(LoggedSignal(name, track.t[there], path[there]))
-    return found
+        if track is not None and there.any():
+            yield make(name, track.t[there], position=path[there])
 
 
-def _driven(models: Sequence[Model], recording: Recording) -> list[LoggedSignal]:
+def _driven(models: Sequence[Model], recording: Recording, make: Callable[..., Signal]) -> list[Signal]:
     """Signals of a recording of commands: the closed loops run from the commands alone."""
     column = recording.columns["t"][0]
     first, last = (float(recording.table.read([column], k, k + 1)[0, 0]) for k in (0, len(recording) - 1))
     rate = min(FASTEST, (len(recording) - 1) / max(last - first, 1e-9))
     track = follow_commands(models, recording, None, rate)
-    made = [LoggedSignal("commanded", track.t, track.command), LoggedSignal("measured", track.t, track.recorded)]
-    made += [LoggedSignal(name, track.t, path) for name, path in zip(MODELS, track.simulated, strict=False)]
-    return made + [LoggedSignal(name, track.t, x) for name, x in zip(RESIDUALS, track.residual, strict=False)]
+    assert track.command is not None, "the recording has commands"
+    names = ("commanded", "measured", *MODELS[: len(models)], *RESIDUALS[: len(models)])
+    paths = (track.command, track.recorded, *track.simulated, *track.residual)
+    return [make(name, track.t, position=path) for name, path in zip(names, paths, strict=True)]

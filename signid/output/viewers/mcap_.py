@@ -1,84 +1,149 @@
-"""Logs as MCAP files with messages of ROS 2, which Foxglove, RViz and PlotJuggler show."""
+"""MCAP files with messages of ROS 2 in CDR, which Foxglove, RViz and PlotJuggler show."""
 
 from __future__ import annotations
 
-import io
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import IO, Any
 
 import numpy as np
 
 from ...version import __version__
-from .links import Links
-from .signals import QUANTITIES, LogContent, LoggedSignal
-from .topics import McapTopics, header, send_frames, send_joints, send_robot, stamps
+from .links import Links, Pose, drawn_urdf
+from .messages import QUANTITIES, Arrow, Findings, Head, Remark, Signal
 
-OK, WARN = 0, 1  # levels of diagnostic_msgs/DiagnosticStatus
-
-
-class _Topic(NamedTuple):
-    """A signal on its topic."""
-
-    name: str
-    joints: tuple[str, ...]
-    signal: LoggedSignal
-    stamps: Any  # (N,) int64 [ns]
-
-
-def write_mcap(log: LogContent) -> bytes:
-    """Write a log: topics /measured, /predicted, /extended, /residual and so on of JointState, /findings.
-
-    Of a single recording also the robot: /robot_description, /tf and /tf_static of the measured positions. The same log
-    gives the same bytes with the same version of the library mcap.
-    """
-    out = io.BytesIO()
-    topics = McapTopics(out)
-    signals = [
-        _Topic(
-            f"/{one.name}/{signal.name}" if one.name else f"/{signal.name}",
-            one.joints,
-            signal,
-            stamps(signal.t - log.shift),
-        )
-        for one in log.recordings
-        for signal in one.signals
-    ]
-    first = int(stamps(np.array([log.start - log.shift]))[0])
-    if log.headline:
-        topics.send("/findings", first, _findings(topics, log, first))
-    links = None if log.drawn is None else Links(log.drawn)
-    if links is not None:
-        send_robot(topics, first, links)
-    _send_signals(topics, signals, links)
-    notes = {f"note_{k + 1}": note for k, note in enumerate(log.notes)}
-    topics.writer.add_metadata("signid", {"robot": log.robot, "version": __version__, **notes})
-    topics.close()
-    return out.getvalue()
+TEXT, TIME = "std_msgs/msg/String", "builtin_interfaces/msg/Time"
+LATCHED = ("/robot_description", "/tf_static")
+NANO = 1_000_000_000
+ENDLESS = "{sec: 9223372036, nsec: 854775807}"  # a duration of rosbag2
+LATCH = (  # the quality of service that rosbag2 offers: history of the last one, reliable, transient local
+    f"- {{history: 1, depth: 1, reliability: 1, durability: 1, deadline: {ENDLESS}, lifespan: {ENDLESS}, "
+    f"liveliness: 1, liveliness_lease_duration: {ENDLESS}, avoid_ros_namespace_conventions: false}}"
+)
+ARROW, SPHERE, ADD, DELETE = 0, 2, 0, 2  # types and actions of visualization_msgs/Marker
+COLOUR = {"r": 0.9, "g": 0.1, "b": 0.1, "a": 1.0}
 
 
-def _send_signals(topics: McapTopics, signals: list[_Topic], links: Links | None) -> None:
-    """Write the messages of all signals in the order of time; measured positions move the links."""
-    which = np.concatenate([np.full(len(each.stamps), k) for k, each in enumerate(signals)])
-    row = np.concatenate([np.arange(len(each.stamps)) for each in signals])
-    order = np.argsort(np.concatenate([each.stamps for each in signals]), kind="stable")
-    for k, i in zip(which[order].tolist(), row[order].tolist(), strict=True):
-        name, joints, signal, times = signals[k]
-        known = {key: x[i] for key in QUANTITIES if (x := getattr(signal, key)) is not None}
-        send_joints(topics, name, int(times[i]), joints, **known)
-        if links is not None and name == "/measured" and np.isfinite(known["position"]).all():
-            send_frames(topics, "/tf", int(times[i]), links.poses(known["position"]))
+class McapFile:
+    """Writes each message as it comes. The same messages give the same bytes with the same version of mcap."""
 
+    def __init__(self, out: IO[bytes], head: Head) -> None:
+        from mcap.writer import Writer
+        from rosbags.typesys import Stores, get_typestore
 
-def _findings(topics: McapTopics, log: LogContent, stamp: int) -> Any:
-    """Verdict and findings: a warning for each cause, with its numbers as lines."""
+        self.store, self.writer, self.head = get_typestore(Stores.ROS2_HUMBLE), Writer(out), head
+        self.writer.start(profile="ros2", library=f"signid {__version__}")
+        self.schemas: dict[str, int] = {}
+        self.channels: dict[str, int] = {}
+        self.shift: float | None = None  # [s] before 0 of the first stamp: MCAP has no time before 0
+        self.stamp = 0  # [ns] of the message
+        self.links: Links | None = None
 
-    def status(level: int, name: str, message: str, values: list[tuple[str, str]]) -> Any:
-        pairs = [topics.make("diagnostic_msgs/msg/KeyValue", key=key, value=x) for key, x in values]
-        given = {"level": level, "name": name, "message": message, "hardware_id": log.robot, "values": pairs}
-        return topics.make("diagnostic_msgs/msg/DiagnosticStatus", **given)
+    def robot(self, t: float, links: Links) -> None:
+        """Write /robot_description and /tf_static; from now on positions move the links on /tf."""
+        self.links = links
+        self._send("/robot_description", t, TEXT, data=drawn_urdf(links))
+        if links.fixed:
+            self._frames("/tf_static", t, links.fixed)
 
-    entries = [status(WARN if log.marks else OK, "verdict", log.headline, [])]
-    for mark in log.marks:
-        values = [("joint", joint) for joint in mark.joints]
-        values += [(f"line_{k + 1}", line) for k, line in enumerate(mark.lines)]
-        entries.append(status(WARN if mark.cause else OK, mark.title, "; ".join(mark.lines), values))
-    return topics.make("diagnostic_msgs/msg/DiagnosticArray", header=header(topics, stamp), status=entries)
+    def signals(self, signals: Sequence[Signal]) -> None:
+        """Write a JointState of each signal for each instant, in the order of time."""
+        which = np.concatenate([np.full(len(each.t), k) for k, each in enumerate(signals)])
+        row = np.concatenate([np.arange(len(each.t)) for each in signals])
+        order = np.argsort(np.round(np.concatenate([each.t for each in signals]), 9), kind="stable")  # by [ns]
+        for k, i in zip(which[order].tolist(), row[order].tolist(), strict=True):
+            one, t = signals[k], float(signals[k].t[i])
+            known = {key: x[i] for key in QUANTITIES if (x := getattr(one, key)) is not None}
+            self._send(one.topic, t, "sensor_msgs/msg/JointState", header={}, name=one.joints, **known)
+            if one.drawn and self.links is not None and np.isfinite(known["position"]).all():
+                self._frames("/tf", t, self.links.poses(known["position"]))
+
+    def findings(self, found: Findings) -> None:
+        """Write verdict and findings: a warning for each cause, with its numbers as lines."""
+        shared = {"hardware_id": self.head.robot}
+        status = [{"level": int(bool(found.marks)), "name": "verdict", "message": found.verdict, **shared}]
+        for mark in found.marks:
+            lines = [(f"line_{k + 1}", line) for k, line in enumerate(mark.lines)]
+            values = [{"key": key, "value": x} for key, x in (*(("joint", joint) for joint in mark.joints), *lines)]
+            given = {"level": int(mark.cause), "name": mark.title, "message": "; ".join(mark.lines), "values": values}
+            status.append({**given, **shared})
+        self._send("/findings", found.t, "diagnostic_msgs/msg/DiagnosticArray", header={}, status=status)
+
+    def remark(self, remark: Remark) -> None:
+        """Write an event as JSON and as a line of a log, and its arrow."""
+        self._send("/signid/events", remark.t, TEXT, data=remark.document)
+        given = {"level": 30 if remark.warning else 20, "name": "signid", "msg": remark.sentence}
+        self._send("/signid/log", remark.t, "rcl_interfaces/msg/Log", **given)
+        if remark.arrow is not None:
+            markers = [self._marker(remark.arrow)]
+            self._send("/signid/contacts", remark.t, "visualization_msgs/msg/MarkerArray", markers=markers)
+
+    def close(self) -> None:
+        """Write notes and the index."""
+        notes = {f"note_{k + 1}": note for k, note in enumerate(self.head.notes)}
+        self.writer.add_metadata("signid", {"robot": self.head.robot, "version": __version__, **notes})
+        self.writer.finish()
+
+    def _marker(self, arrow: Arrow) -> dict[str, Any]:
+        """Arrow that ends at the centre of mass; a sphere there if the direction is unknown."""
+        known, tip = arrow.way is not None, dict(zip("xyz", arrow.tip.tolist(), strict=True))
+        ends = [] if arrow.way is None else [dict(zip("xyz", (arrow.tip - arrow.way).tolist(), strict=True)), tip]
+        sizes = [arrow.radius * x for x in ((1, 2, 4) if known else (4, 4, 4))]
+        return {
+            "header": {"frame_id": "" if self.links is None else self.links.root},
+            "ns": "contact",
+            "type": ARROW if known else SPHERE,
+            "action": DELETE if arrow.removed else ADD,
+            "pose": {"orientation": {"w": 1.0}, "position": {} if known else tip},
+            "scale": dict(zip("xyz", sizes, strict=True)),
+            "color": COLOUR,
+            "points": ends,
+            "lifetime": {"sec": int(arrow.ended)},
+        }
+
+    def _frames(self, topic: str, t: float, poses: Sequence[Pose]) -> None:
+        moved = [
+            {
+                "header": {"frame_id": pose.parent},
+                "child_frame_id": pose.child,
+                "transform": {
+                    "translation": dict(zip("xyz", pose.translation, strict=True)),
+                    "rotation": dict(zip("xyzw", pose.rotation, strict=True)),
+                },
+            }
+            for pose in poses
+        ]
+        self._send(topic, t, "tf2_msgs/msg/TFMessage", transforms=moved)
+
+    def _send(self, topic: str, t: float, kind: str, **fields: Any) -> None:
+        """Write a message with the stamp t [s]; seconds and their fraction are rounded apart, to keep digits."""
+        self.shift = min(t, 0.0) if self.shift is None else self.shift
+        whole, part = divmod(t - self.shift, 1.0)
+        self.stamp = max(int(whole) * NANO + round(part * NANO), 0)
+        if kind not in self.schemas:
+            text = self.store.generate_msgdef(kind, ros_version=2)[0].encode()
+            self.schemas[kind] = self.writer.register_schema(kind, "ros2msg", text)
+        if topic not in self.channels:
+            offered = {"offered_qos_profiles": LATCH if topic in LATCHED else ""}
+            self.channels[topic] = self.writer.register_channel(topic, "cdr", self.schemas[kind], offered)
+        data = bytes(self.store.serialize_cdr(self._message(kind, fields), kind))
+        self.writer.add_message(self.channels[topic], self.stamp, data, self.stamp)
+
+    def _message(self, kind: str, fields: Mapping[str, Any] | None) -> Any:
+        """Make a message, stamped if it is given; its other fields that are not given are zero or empty."""
+        if kind == TIME and fields is not None:
+            fields = {"sec": self.stamp // NANO, "nanosec": self.stamp % NANO}
+        given = {} if fields is None else {"stamp": {}, **fields}
+        values = {name: self._value(form, given.get(name)) for name, form in self.store.fielddefs[kind][1]}
+        return self.store.types[kind](**values)
+
+    def _value(self, form: Any, given: Any) -> Any:
+        node, inner = form
+        if node.name == "NAME":
+            return self._message(inner, given)
+        if node.name == "BASE":
+            return ("" if inner[0] == "string" else 0) if given is None else given
+        item, of = inner[0]  # a sequence
+        given = [] if given is None else given
+        if item.name == "NAME":
+            return [self._message(of, each) for each in given]
+        return list(given) if of[0] == "string" else np.asarray(given, of[0])

@@ -1,39 +1,41 @@
-"""Logs of a watch, written as it goes on."""
+"""Logs of a watch, which take its messages as it goes on."""
 
 from __future__ import annotations
 
+import json
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from threading import current_thread, main_thread
 from types import TracebackType
-from typing import IO
 
 import numpy as np
 
 from ...model import Model
-from ...watch import Event, WatchedBlocks
+from ...watch import Contact, Event, Note, WatchedBlocks
+from ..replay.shapes import reach
 from ..report.write import open_output, refused_output
-from .topics import McapTopics, RosTopics
-from .watched import WatchMessages, WatchWriter
+from .files import log_file
+from .links import Links
+from .messages import Arrow, Head, Remark, Signal
 
 RATE = 100.0  # [Hz] of rows; the residual has a time constant of 20 ms
+LONG, THICK = 0.3, 0.02  # [1] length and thickness of an arrow over the reach of the robot
+STATE = {"effort": ("torque", "measured"), "position": ("q", "q"), "velocity": ("v", "v")}  # curves
 
 
 class WatchLogs:
-    """Files and topics that take what a watch found; complete also after Ctrl-C, absent after an error.
+    """Files that take what a watch found; complete also after Ctrl-C, absent after an error.
 
     Args:
         model: the watched model.
         files: paths by kind, "rrd" or "mcap".
-        publish: whether topics of ROS 2 take it, too.
         sentence: an event as a sentence.
         package_dirs: folders of packages of meshes, which a file of Rerun contains.
 
     Raises:
-        OptionError: rclpy is not installed.
         OutputError: a file cannot be written.
     """
 
@@ -41,29 +43,23 @@ class WatchLogs:
         self,
         model: Model,
         files: Mapping[str, Path],
-        publish: bool,
         sentence: Callable[[Event], str],
         package_dirs: Sequence[str] = (),
     ) -> None:
-        self.sentence, self.last = sentence, -np.inf
-        self.writers: list[tuple[WatchWriter, Callable[[], AbstractContextManager[None]]]] = []
+        self.robot, self.bodies, self.sentence = model.robot, model.bodies(), sentence
+        self.links, self.reach = Links(model.robot), reach(model.robot)
+        self.q = np.zeros(len(model.robot.joints))  # [rad or m] of the last row
+        self.begun, self.last = False, -np.inf
+        head = Head(model.robot.name, f"watch of {model.robot.name}")
         with ExitStack() as stack:
-            if publish:
-                self._add(stack, WatchMessages(RosTopics("signid_watch_results"), model, whole=False), nullcontext)
+            self.files = []
             for kind, path in files.items():
-                file = stack.enter_context(open_output(path, f"--{kind}"))
-                made = WatchMessages(McapTopics(file), model, whole=True) if kind == "mcap" else None
-                writer = made or _rerun(file, model, package_dirs)
-                self._add(stack, writer, partial(refused_output, path, f"--{kind}"))
+                guard = partial(refused_output, path, f"--{kind}")
+                out = stack.enter_context(open_output(path, f"--{kind}"))
+                file = log_file(kind, out, head, package_dirs)
+                stack.callback(guard()(file.close))
+                self.files.append((file, guard))
             self.stack = stack.pop_all()
-
-    def _add(self, stack: ExitStack, writer: WatchWriter, guard: Callable[[], AbstractContextManager[None]]) -> None:
-        def close() -> None:
-            with guard():
-                writer.close()
-
-        stack.callback(close)
-        self.writers.append((writer, guard))
 
     def take(self, blocks: Sequence[WatchedBlocks], events: Sequence[Event]) -> None:
         """Write rows at up to 100 Hz, then events.
@@ -71,27 +67,54 @@ class WatchLogs:
         Raises:
             OutputError: a file cannot be written.
         """
-        if not self.writers:
-            return
         with _uninterrupted():
-            rows = self._thinned(blocks)
-            for writer, guard in self.writers:
+            signals = self._signals(blocks)
+            remarks = [self._remark(event) for event in events]
+            times = [*(float(each.t[0]) for each in signals), *(remark.t for remark in remarks)]
+            for file, guard in self.files:
                 with guard():
-                    if rows:
-                        writer.rows(rows)
-                    for event in events:
-                        writer.event(event, self.sentence(event))
+                    if times and not self.begun:
+                        file.robot(times[0], self.links)
+                    if signals:
+                        file.signals(signals)
+                    for remark in remarks:
+                        file.remark(remark)
+            self.begun = self.begun or bool(times)
 
-    def _thinned(self, blocks: Sequence[WatchedBlocks]) -> WatchedBlocks | None:
-        kept = list[WatchedBlocks]()
-        for each in blocks:
-            rows = []
-            for k, t in enumerate(each.t.tolist()):
-                if not self.last <= t < self.last + 0.999 / RATE:
-                    rows.append(k)
-                    self.last = t
-            kept += [WatchedBlocks(*(x[rows] for x in each))] if rows else []
-        return WatchedBlocks(*(np.concatenate(x) for x in zip(*kept, strict=True))) if kept else None
+    def _signals(self, blocks: Sequence[WatchedBlocks]) -> list[Signal]:
+        """Signals of the rows that are due."""
+        if not blocks:
+            return []
+        rows, kept = WatchedBlocks(*map(np.concatenate, zip(*blocks, strict=True))), []
+        for k, t in enumerate(rows.t.tolist()):
+            if not self.last <= t < self.last + 0.999 / RATE:
+                kept.append(k)
+                self.last = t
+        if not kept:
+            return []
+        t, q, v, measured, *efforts = (x[kept] for x in rows)
+        self.q, joints = q[-1], self.robot.joints
+        signals = [Signal("/joint_states", STATE, joints, t, q, v, measured, drawn=True)]
+        names = {"predicted_torque": "predicted", "external_torque": "residual", "threshold": "threshold"}
+        for (topic, curve), x in zip(names.items(), efforts, strict=True):
+            signals.append(Signal(f"/signid/{topic}", {"effort": ("torque", curve)}, joints, t, effort=x))
+        return signals
+
+    def _remark(self, event: Event) -> Remark:
+        """An event; a warning when a contact begins and for a change."""
+        contact = event if isinstance(event, Contact) else None
+        warning = not isinstance(event, Note) and (contact is None or contact.end is None)
+        text = json.dumps(event.document(), ensure_ascii=False)
+        arrow = None if contact is None else self._arrow(contact)
+        return Remark(event.t, self.sentence(event), text, warning, arrow)
+
+    def _arrow(self, contact: Contact) -> Arrow:
+        """Arrow of the force on the link, its tip at the centre of mass."""
+        body = self.robot.links.index(contact.link) + 1
+        self.links.poses(self.q)
+        tip = self.links.data.oMi[body].act(self.bodies.inertias[body].lever)
+        way = None if contact.force is None else LONG * self.reach * np.array(contact.force)
+        return Arrow(tip, way, THICK * self.reach, contact.end is not None, bool(contact.cause))
 
     def __enter__(self) -> WatchLogs:
         return self
@@ -101,12 +124,6 @@ class WatchLogs:
     ) -> None:
         with _uninterrupted():
             self.stack.__exit__(kind, error, trace)
-
-
-def _rerun(file: IO[bytes], model: Model, package_dirs: Sequence[str]) -> WatchWriter:
-    from .watched_rerun import WatchRerun
-
-    return WatchRerun(file, model, package_dirs)
 
 
 @contextmanager

@@ -1,22 +1,19 @@
-"""Libraries that write the logs: optional, so a missing one is named in a sentence."""
+"""Files that take messages; their libraries are optional, so a missing one is named in a sentence."""
 
 from __future__ import annotations
 
-from importlib import import_module
+from collections.abc import Sequence
 from importlib.util import find_spec
+from typing import IO, TYPE_CHECKING
 
 from ...errors import OptionError
+from .messages import Head
+
+if TYPE_CHECKING:
+    from .mcap_ import McapFile
+    from .rerun_ import RerunFile
 
 LIBRARIES = {"rrd": ("rerun",), "mcap": ("mcap", "rosbags")}  # modules by kind of log
-ROS = (
-    "rclpy",
-    "builtin_interfaces",
-    "geometry_msgs",
-    "rcl_interfaces",
-    "sensor_msgs",
-    "std_msgs",
-    "visualization_msgs",
-)
 NAMES = {"rerun": "rerun-sdk"}  # package of a module, if it has another name
 
 
@@ -34,17 +31,19 @@ def check_library(kind: str) -> None:
         )
 
 
-def check_ros() -> None:
-    """Check that rclpy and the packages of messages that are published can be imported.
+def log_file(kind: str, out: IO[bytes], head: Head, package_dirs: Sequence[str] = ()) -> McapFile | RerunFile:
+    """Begin a file of a kind; it is complete when it is closed.
+
+    package_dirs: folders of packages of meshes, which a file of Rerun contains.
 
     Raises:
-        OptionError: one cannot.
+        OptionError: a library is missing.
     """
-    for module in ROS:
-        try:
-            import_module(module)
-        except ImportError:
-            raise OptionError(
-                f"--publish needs {module} of ROS 2, which is not installed here; source the setup file of ROS 2, or "
-                "write a file with --mcap"
-            ) from None
+    check_library(kind)
+    if kind == "mcap":
+        from .mcap_ import McapFile
+
+        return McapFile(out, head)
+    from .rerun_ import RerunFile
+
+    return RerunFile(out, head, package_dirs)
