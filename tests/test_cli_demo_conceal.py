@@ -1,4 +1,4 @@
-"""What a demonstration conceals, and which joints move."""
+"""The laws that a demonstration conceals, and the joints that move."""
 
 from __future__ import annotations
 
