@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
+import polars as pl
 from toys import joint, link, toy
 
 from signid.model import Model, load_model, with_servos
 from signid.output.export import export
 from signid.robot import load_robot
-from signid.servo.plant import grids_of_arrays
+from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servos import Servo, ServoGrid
 from signid.types import Array, Robot
 
@@ -17,6 +20,7 @@ BODY = (
     '<inertial><origin xyz="0 0 -0.15"/><mass value="0.5"/>'
     '<inertia ixx="0.002" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.001"/></inertial>'
 )
+RATE = 100.0  # [Hz]
 SWING = Servo(
     kp=8.0, kd=0.15, delay=0.0123, armature=0.004, viscous_friction=0.02, coulomb_friction=0.08, torque_offset=0.05
 )
@@ -74,3 +78,27 @@ def in_mujoco(model: Model, grid: ServoGrid) -> Array:
         for _ in range(parts):
             mujoco.mj_step(there, data)
     return found
+
+
+def pendulum_log(path: Path, servo: Servo, t: Array, u: Array, seed: int) -> Path:
+    """A recording of the 1r with a drive under commands (N,) [rad], with noise of 0.3 mrad."""
+    model = load_model("1r")
+    (joint,) = model.robot.joints
+    (grid,) = grids_of_arrays([joint], t, np.full_like(u, u[0]), u[:, None])
+    q = roll_out(with_servos(model, {joint: servo}), {joint: servo}, grid)[:, 0]
+    q = q + 3e-4 * np.random.default_rng(seed).standard_normal(len(q))
+    pl.DataFrame({"t": t, f"q_{joint}": q, f"q_des_{joint}": u}).write_csv(path)
+    return path
+
+
+def recorded(
+    model: Model, servos: dict[str, Servo], seconds: float, seed: int, size: float = 0.4, middle: float = 1.0
+) -> ServoGrid:
+    """A simulated recording of 12 bit encoders, whose commands are three sines from rest; `middle`: frequency [Hz]."""
+    joints, rng = model.robot.joints, np.random.default_rng(seed)
+    t, n = np.arange(int(seconds * RATE))[:, None] / RATE, len(joints)
+    sines = (rng.uniform(0.3, 1, n) * np.sin(2 * np.pi * f * t + rng.uniform(0, 6, n)) for f in (0.3, middle, 2.3))
+    u = size * np.minimum(t / 0.5, 1) * sum(sines)
+    (ideal,) = grids_of_arrays(joints, t[:, 0], u * 0, u)
+    q = roll_out(model, servos, ideal) + 3e-4 * rng.standard_normal(u.shape)
+    return grids_of_arrays(joints, t[:, 0], np.round(q * 4096 / (2 * np.pi)) * 2 * np.pi / 4096, u)[0]

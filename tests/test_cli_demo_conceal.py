@@ -1,4 +1,4 @@
-"""The laws that a demonstration conceals, and the joints that move."""
+"""What a demonstration conceals, and which joints move."""
 
 from __future__ import annotations
 

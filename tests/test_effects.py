@@ -1,4 +1,4 @@
-"""Every effect obeys the contract, the simulator agrees with it, and planted errors are caught."""
+"""Every effect obeys the contract, the simulator agrees with it, planted errors are caught, parameters recovered."""
 
 from __future__ import annotations
 
@@ -10,12 +10,16 @@ from agreement import agreement
 from arm import smooth_motion
 from contract import faults
 from planted import PLANTED
+from recover import case, misses, recover
+from toys import CHAIN, toy
 
+import signid
 import signid.effects
 from signid.effects import DRIVE_EFFECTS, EFFECT_NAMES, EFFECTS
 from signid.effects.base import Effect
 from signid.effects.law import law_columns, places
-from signid.errors import OptionError
+from signid.effects.naming import parse_law
+from signid.errors import OptionError, RobotError
 from signid.recording import read_recording
 from signid.regression.session import Options, prepare
 from signid.types import Coefficient, Law
@@ -105,3 +109,38 @@ def test_least_squares_takes_laws_that_it_can_fit_and_refuses_the_others(name: s
         assert name not in LEAST_SQUARES and REFUSED.get(name, f"effect '{name}'") in str(error)
     else:
         assert name not in REFUSED and len(laws) == 3
+
+
+def test_a_pair_on_a_robot_with_one_joint_is_refused() -> None:
+    for text in ("channel_swap:partner=joint_1", "channel_swap@joint_1:partner=joint_1"):
+        with pytest.raises(OptionError, match="none is named|couples two joints"):
+            parse_law(text, signid.load_robot("1r"))
+
+
+def test_a_missing_partner_is_refused() -> None:
+    robot = toy(*CHAIN)
+    assert parse_law("channel_swap:partner=y", robot).joints == (0, 1)
+    for text in ("channel_swap:partner=elbow", "channel_swap@z:partner=elbow"):
+        with pytest.raises(RobotError, match="elbow"):
+            parse_law(text, robot)
+
+
+# gravity is a vector in the place of another one, not an addition to it: tests/test_faults_gravity.py
+SECONDS, SEED = 8.0, 5
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS if e.name != "gravity"], ids=lambda e: e.name)
+def test_parameters_are_recovered(effect: Effect) -> None:
+    planted = case(effect, SEED, SECONDS)
+    far = misses(planted, recover(planted))
+    assert far
+    assert {key: share for key, share in far.items() if share > 1} == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "allowed"), [("joint_elasticity", "stiffness", 0.02), ("time_delay", "delay", 0.03)]
+)
+def test_reversals_of_friction_bias_neither_elasticity_nor_delay(name: str, key: str, allowed: float) -> None:
+    effect = EFFECTS[name]
+    found = recover(case(effect, SEED + 1, SECONDS)).parameters[key]
+    assert abs(found / effect.example[key] - 1) < allowed

@@ -103,12 +103,24 @@ def test_the_equation_is_what_the_code_does(law: DriveLaw) -> None:
     np.testing.assert_allclose(eval(law.equation, names), law.acts(x, **law.example), rtol=1e-12, atol=1e-12)
 
 
+@pytest.fixture(scope="module")
+def usual() -> tuple[Array, Array]:
+    """Positions without any of the laws, by torque and by commands."""
+    return by_torque(()), by_commands(())
+
+
+@pytest.fixture(scope="module")
+def rubbing() -> tuple[tuple[Law, ...], Array]:
+    """Friction and inertia of a drive, and the positions with them."""
+    base = (drive("coulomb_friction", level=1.0), drive("armature", inertia=0.3))
+    return base, by_torque(base)
+
+
 @pytest.mark.parametrize("law", ALONE, ids=ids)
-def test_both_modes_simulate_one_loop(law: DriveLaw) -> None:
+def test_both_modes_simulate_one_loop(law: DriveLaw, usual: tuple[Array, Array]) -> None:
     laws = (drive(law.name, **LOOP[law.name]),)
-    fine, plain = by_torque(laws), by_torque(())
+    fine, (plain, ideal) = by_torque(laws), usual
     every = round(1e-3 / STEP)
-    ideal = by_commands(())
     here = min(len(ideal), len(plain[::every]))
     assert np.abs(plain[::every][:here] - ideal[:here]).max() < 2e-3
     far = np.abs(fine[::every][:here] - by_commands(laws)[:here]).max()
@@ -117,10 +129,9 @@ def test_both_modes_simulate_one_loop(law: DriveLaw) -> None:
 
 
 @pytest.mark.parametrize("name", JOINT)
-def test_laws_of_the_joint_act_in_both_modes(name: str) -> None:
-    base = (drive("coulomb_friction", level=1.0), drive("armature", inertia=0.3))
-    law, model = drive(name, **JOINT[name]), pendulum()
-    fine, plain = by_torque((*base, law)), by_torque(base)
+def test_laws_of_the_joint_act_in_both_modes(name: str, rubbing: tuple[tuple[Law, ...], Array]) -> None:
+    law, model, (base, plain) = drive(name, **JOINT[name]), pendulum(), rubbing
+    fine = by_torque((*base, law))
     loop = simulate_servos(model, asked(), inject=(*base, law)).q[:, 0]
     every = round(1e-3 / STEP)
     here = min(len(loop), len(fine[::every]))

@@ -19,7 +19,6 @@ from signid.errors import OptionError
 from signid.estimation.estimators import ESTIMATORS, Estimator
 from signid.estimation.estimators.oe import OutputErrorEstimator
 from signid.identify import Identification
-from signid.regression.bandwidth import encoder_noise
 from signid.regression.session import Options
 from signid.types import Array, Robot
 
@@ -104,12 +103,6 @@ def test_the_default_is_unchanged() -> None:
     assert np.array_equal(default.estimate.covariance, asked.estimate.covariance)
 
 
-def test_the_same_recording_gives_the_same_numbers() -> None:
-    for how in ("tls", "oe"):
-        again = identified.__wrapped__(how, 0, NOISE, 0.01, WIDE)
-        assert np.array_equal(again.estimate.value, identified(how, 0, NOISE, 0.01, WIDE).estimate.value)
-
-
 def test_stated_gains_take_the_place_of_those_found() -> None:
     from benchmarks.plants.control import gains
     from benchmarks.plants.mujoco_ import build, mean_inertia
@@ -129,7 +122,7 @@ def test_every_estimator_downweights_outliers() -> None:
     for start in rng.integers(0, len(made["t"]) - 40, 6):
         made[f"tau_{rng.integers(3) + 1}"][start : start + 40] += 20
     recording = signid.read_recording(made, arm())
-    for how in ("wls", "tls", "oe"):
+    for how in ("tls", "oe"):
         plain, robust = (
             off(signid.identify(arm(), [recording], method="wls", estimator=how, options=Options(robust=robust)))
             for robust in (False, True)
@@ -154,18 +147,10 @@ def test_noise_beyond_total_least_squares_is_flagged() -> None:
 
 
 def test_a_joint_at_rest_stays_unidentified() -> None:
-    made = trial(signid.load_robot("3r"), rest=(2,))
+    made = trial(signid.load_robot("3r"), rest=(2,), seconds=8)
     for how in ("tls", "iv", "oe"):
         found = signid.identify(made.robot, [made.recording(q_des=made.q)], estimator=how)
         assert np.isinf(found.estimate.std).any() and found.flags, how
-
-
-def test_encoder_noise_is_measured() -> None:
-    track, _ = recorded(0)
-    rng = np.random.default_rng(0)
-    for size in (1e-5, 1e-3):
-        measured = encoder_noise(track.q + size * rng.standard_normal(track.q.shape))
-        assert np.allclose(measured, size, rtol=0.1)
 
 
 def test_another_package_can_register_an_estimator(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -108,29 +108,6 @@ def test_instruments_repair_a_coarse_encoder(arm: Robot) -> None:
     assert error(instrumented, repaired) < 0.5 * error(session, plain)
 
 
-def test_weak_instruments_are_not_used(arm: Robot) -> None:
-    made = trial(arm)
-    other = trial(arm, seed=9)
-    found = solve(made, Options(), q_des=other.q)[1]
-    assert found.method == "weighted least squares"
-
-
-def test_robust_weights_survive_outliers(arm: Robot) -> None:
-    import signid
-
-    made, rng = trial(arm), np.random.default_rng(4)
-    tau = made.torque + 0.1 * rng.standard_normal(made.torque.shape)
-    for start in rng.integers(0, len(tau) - 40, 6):
-        tau[start : start + 40, rng.integers(3)] += 30
-    recording, clean = made.recording(tau=tau), trial(arm, seed=5).recording()
-    errors = []
-    for robust in (False, True):
-        found = signid.identify(arm, [recording], held_out=[clean], method="wls", options=Options(robust=robust))
-        right = found.base.combination @ truth(arm)
-        errors.append(np.linalg.norm((found.estimate.value - right) / np.linalg.norm(right)))
-    assert errors[1] < 0.4 * errors[0]
-
-
 def inside(session: Session, found: Estimate) -> float:
     """Share of the 95 % intervals that contain the truth."""
     right = session.task.base.combination @ truth(session.robot)
@@ -180,6 +157,29 @@ def test_friction_may_drift_only_where_there_is_discrepancy(arm: Robot) -> None:
         own = [k for k, lead in enumerate(leads) if lead.startswith(name)]
         assert np.all(clean[1].std[own] < 0.5 * share * FRICTION[name])
         assert np.all(rough[1].std[own] > 0.99 * share * np.abs(rough[1].value[own]))
+
+
+def test_weak_instruments_are_not_used(arm: Robot) -> None:
+    made = trial(arm)
+    other = trial(arm, seed=9)
+    found = solve(made, Options(), q_des=other.q)[1]
+    assert found.method == "weighted least squares"
+
+
+def test_robust_weights_survive_outliers(arm: Robot) -> None:
+    import signid
+
+    made, rng = trial(arm), np.random.default_rng(4)
+    tau = made.torque + 0.1 * rng.standard_normal(made.torque.shape)
+    for start in rng.integers(0, len(tau) - 40, 6):
+        tau[start : start + 40, rng.integers(3)] += 30
+    recording, clean = made.recording(tau=tau), trial(arm, seed=5).recording()
+    errors = []
+    for robust in (False, True):
+        found = signid.identify(arm, [recording], held_out=[clean], method="wls", options=Options(robust=robust))
+        right = found.base.combination @ truth(arm)
+        errors.append(np.linalg.norm((found.estimate.value - right) / np.linalg.norm(right)))
+    assert errors[1] < 0.4 * errors[0]
 
 
 def test_the_covariance_stays_positive(arm: Robot) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from motions import FRICTION, trial, truth
+from motions import trial, truth
 from numpy.testing import assert_allclose
 
 import signid
@@ -63,18 +63,6 @@ def test_the_same_inputs_give_the_same_numbers(arm: Robot) -> None:
     assert np.array_equal(first.estimate.covariance, second.estimate.covariance)
 
 
-def test_least_squares_keeps_its_own_base_parameters(arm: Robot) -> None:
-    found = signid.identify(arm, [trial(arm).recording()], method="wls")
-    assert_allclose(found.base_value, found.estimate.value, rtol=1e-9, atol=1e-9)
-    assert found.moved == 0
-
-
-def test_effects_are_chosen(arm: Robot) -> None:
-    found = signid.identify(arm, [trial(arm).recording()], options=signid.Options(effects=("viscous_friction",)))
-    assert {law.effect.name for law in found.model.laws} == {"viscous_friction"}
-    assert found.model.laws[0].parameters["coefficient"] > FRICTION["viscous_friction"]
-
-
 def test_unknown_options_are_refused(arm: Robot) -> None:
     made = trial(arm, seconds=5)
     with pytest.raises(OptionError, match="signs 'magic' is none of exact, tree"):
@@ -122,21 +110,6 @@ def test_check_reports_before_the_fit(arm: Robot) -> None:
     assert (good.used > 0.5).all()
 
 
-def test_effects_that_least_squares_cannot_fit_are_refused(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    from signid.effects.viscous_friction import ViscousFriction
-    from signid.types import Shape
-
-    recording = trial(arm, seconds=5).recording()
-    wide = type("Wide", (ViscousFriction,), {"scope": "pair"})
-    bent = type(
-        "Bent", (ViscousFriction,), {"parameters": {**ViscousFriction.parameters, "width": Shape("rad", (1.0,))}}
-    )
-    for effect, says in ((wide, "more than one joint"), (bent, "shape parameters width")):
-        monkeypatch.setattr("signid.effects.viscous_friction.PLUGIN", effect())
-        with pytest.raises(OptionError, match=says):
-            signid.identify(arm, [recording])
-
-
 def test_unneeded_modules_are_not_imported(tmp_path: Path) -> None:
     recording = Path(__file__).parents[1] / "robots" / "3r" / "recording.parquet"
     command = ["identify", "3r", str(recording), "-o", str(tmp_path / "result")]
@@ -144,3 +117,13 @@ def test_unneeded_modules_are_not_imported(tmp_path: Path) -> None:
     code = f"import sys; from signid.cli import run; run({command}); sys.exit(str(sorted({heavy} & set(sys.modules))))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=False)
     assert done.stderr.splitlines()[-1] == "[]"
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_joints_at_rest_and_joints_in_step_are_named(arm: Robot) -> None:
+    made = trial(arm)
+    still, step = made.q * [1.0, 0.0, 1.0], made.q * [1.0, 1.0, 0.0] + 0.7 * made.q[:, [1]] * [0.0, 0.0, 1.0]
+    resting, coupled = (signid.identify(arm, [made.recording(q=q)]).excitation for q in (still, step))
+    assert (resting.resting, resting.in_step, resting.sufficient) == (("joint_2",), (), False)
+    assert any("joint joint_2 did not move" in sentence for sentence in resting.sentences)
+    assert coupled.in_step == (("joint_2", "joint_3"),)

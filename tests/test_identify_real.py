@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,6 @@ NO_ARMATURE = Options(effects=("viscous_friction", "coulomb_friction", "torque_o
 GOOD = {  # folder, description, recording
     "panda": ("panda_gaz2019", "panda.urdf", "exciting_traj_1"),
     "ur10e, 30 s": ("ur10e_mamedov", "ur10e.urdf", "identification_data__20_02_10_30sec_12harm"),
-    "ur10e, 40 s": ("ur10e_mamedov", "ur10e.urdf", "identification_data__20_02_12_40sec_12harm"),
-    "ur10e, 50 s": ("ur10e_mamedov", "ur10e.urdf", "identification_data__20_02_12_50sec_12harm"),
     "ur10e, January": ("ur10e_mamedov", "ur10e.urdf", "identification_data__20_01_31_unload"),
     "ur10e, 14 harmonics": ("ur10e_mamedov", "ur10e.urdf", "identification_data__20_02_19_14harm50sec"),
     "ur10e, points": ("ur10e_mamedov", "ur10e.urdf", "validation_data__20_01_17_ptp_10_points"),
@@ -31,6 +30,7 @@ GOOD = {  # folder, description, recording
 }
 
 
+@cache
 def identify(data: Path, folder: str, urdf: str, *names: str, options: Options | None = None) -> Identification:
     actuators = ACTUATORS if folder == "ur10e_mamedov" else None
     robot = signid.load_robot(data / folder / urdf, actuators=actuators)

@@ -14,13 +14,11 @@ from numpy.testing import assert_allclose
 
 import signid
 from signid.effects import EFFECTS
-from signid.effects.law import law_columns
 from signid.errors import RobotError
 from signid.identify import Identification
 from signid.model import Model, load_model, stated_inertials
 from signid.regression.motion import Motion
-from signid.simulation.rollout.windows import restrict_joints
-from signid.types import Array, Law, Robot
+from signid.types import Law, Robot
 
 
 @pytest.fixture(scope="module")
@@ -54,23 +52,6 @@ def test_a_held_joint_stays_held_in_the_saved_model(arm: Robot, tmp_path: Path) 
     motion = trial(held, seed=3)
     here, there = (m.inverse(Motion(m.robot, motion.t, motion.q, motion.v, motion.a)) for m in (found.model, again))
     assert_allclose(there, here, atol=1e-12)
-
-
-def test_a_robot_is_a_simulation_too() -> None:
-    model = load_model("3r")
-    made = trial(model.robot)
-    motion = Motion(model.robot, made.t, made.q, made.v, made.a)
-    assert_allclose(model.inverse(motion), motion.load + sum(law_torque(model, motion)), atol=1e-9)
-
-
-def law_torque(model: Model, motion: Motion) -> list[Array]:
-    total = [np.zeros_like(motion.q)]
-    for law in model.laws:
-        rows, columns = law_columns(law, motion)
-        part = np.zeros_like(motion.q)
-        part[:, list(rows)] = columns @ np.array(law.effect.coefficients(law.parameters))
-        total.append(part)
-    return total
 
 
 def written(folder: Path, document: Any) -> Path:
@@ -116,13 +97,6 @@ def test_an_infinite_variance_is_written_as_null(found: Identification, tmp_path
     assert document["covariance"]["lower_triangle"].count(None) == 1
     kept = load_model(written(tmp_path, document)).covariance
     assert kept is not None and np.flatnonzero(np.isinf(kept.std)).tolist() == [2]
-
-
-def test_a_covariance_is_dropped_when_joints_are_held(found: Identification, arm: Robot) -> None:
-    held = signid.load_robot("3r", lock={"joint_2": 0.0})
-    fewer, _ = restrict_joints(found.model, [trial(held).recording()])
-    same, _ = restrict_joints(found.model, [trial(arm).recording()])
-    assert fewer.covariance is None and same.covariance is found.model.covariance
 
 
 @pytest.mark.parametrize(

@@ -104,11 +104,6 @@ def test_negative_mass_is_impossible(mass: Array, at: Array) -> None:
     assert not feasible(np.zeros(10))
 
 
-@given(masses, points, masses, points, st.floats(0.0, 1.0))
-def test_possible_bodies_mix_to_possible_bodies(a: Array, at: Array, b: Array, to: Array, share: float) -> None:
-    assert feasible((1 - share) * body(a, at) + share * body(b, to))
-
-
 @given(st.floats(-10, 10))
 def test_coefficients_that_must_be_positive_count(value: float) -> None:
     labels = (*LABELS, Label("viscous_friction_1", "N.m.s/rad", law=0, positive=True))

@@ -13,7 +13,7 @@ from picked_up import OTHER, OTHERS, SCALE, arm, recorded, spliced
 from benchmarks.real_data import LOADED, UNLOADED, ur10e
 from benchmarks.watch.plant import Alteration, Push
 from signid.cli import run
-from signid.errors import OptionError, RecordingError
+from signid.errors import OptionError
 from signid.payload import Payload, payload
 
 SAME, OTHER_DAY = UNLOADED
@@ -98,15 +98,7 @@ def test_desired_positions_do_not_matter(tmp_path: Path, capsys: pytest.CaptureF
     assert abs(mass - 0.4) < 3 * std < 0.1
 
 
-def test_short_recordings_have_no_load() -> None:
-    short = {key: x[:2500] for key, x in recorded((), 0).items()}
-    try:
-        assert not payload(arm(), short).found
-    except RecordingError as error:
-        assert "too short" in str(error) or "record for longer" in str(error)
-
-
-@pytest.mark.parametrize("order", [(SAME, LOADED), (OTHER, LOADED), (LOADED, OTHER_DAY)])
+@pytest.mark.parametrize("order", [(OTHER, LOADED), (LOADED, OTHER_DAY)])
 def test_a_load_on_a_real_robot(order: tuple[str, ...], data: Path) -> None:
     folder = data / "ur10e_mamedov"
     samples, [between] = spliced(folder, *order)
@@ -118,7 +110,7 @@ def test_a_load_on_a_real_robot(order: tuple[str, ...], data: Path) -> None:
     assert abs(mass - SCALE) < 3 * std and abs(mass / SCALE - 1) < 0.05
 
 
-@pytest.mark.parametrize("order", [(SAME,), (OTHER,), (OTHER_DAY,), (SAME, OTHER), (LOADED,)])
+@pytest.mark.parametrize("order", [(OTHER_DAY,), (SAME, OTHER), (LOADED,)])
 def test_a_real_robot_without_a_change_has_none(order: tuple[str, ...], data: Path) -> None:
     folder = data / "ur10e_mamedov"
     found = payload(ur10e(), spliced(folder, *order)[0])

@@ -6,7 +6,6 @@ from numpy.testing import assert_allclose
 
 from signid.effects import EFFECT_NAMES, EFFECTS
 from signid.regression.base_parameters import build_base
-from signid.regression.motion import Motion, base_rows, regressor
 from signid.robot import hold, load_robot, robot_from_text
 from signid.types import Array, Law, Robot
 
@@ -17,12 +16,6 @@ COUNTS = {  # bodies alone, with the four usual effects
     "panda": (None, None),
     "solo12": (68, 108),
 }
-
-
-def random_motion(robot: Robot, count: int = 40, seed: int = 5) -> Motion:
-    rng = np.random.default_rng(seed)
-    q, v, a = rng.uniform(-2, 2, (3, count, len(robot.joints)))
-    return Motion(robot, np.arange(count) * 0.01, q, v, a)
 
 
 def stated_inertials(robot: Robot) -> Array:
@@ -52,36 +45,6 @@ def test_formulas_of_the_3r_arm() -> None:
     assert "Izz_2 + 0.09 m_3" in expressions
     assert "mx_2 + 0.3 m_3" in expressions
     assert "Izz_1 + Iyy_2 + 0.0981 m_3 - 0.18 mz_3 + Iyy_3" in expressions
-
-
-@pytest.mark.parametrize("name", ["3r", "ur5", "panda", "tiago"])
-def test_base_parameters_give_the_same_torque(name: str) -> None:
-    robot = load_robot(name)
-    laws = all_laws(robot)
-    base, motion = build_base(robot, laws), random_motion(robot)
-    full = regressor(motion, laws)
-    standard = np.random.default_rng(2).standard_normal(full.shape[2])
-    torque = full @ standard
-    assert_allclose(
-        full[:, :, base.independent] @ (base.combination @ standard), torque, atol=1e-8 * np.abs(torque).max()
-    )
-
-
-def test_rows_of_a_joint_are_the_columns_it_sees() -> None:
-    robot = load_robot("panda")
-    laws = all_laws(robot)
-    base, motion = build_base(robot, laws), random_motion(robot)
-    full = regressor(motion, laws)[:, :, base.independent]
-    wanted = [base.independent[base.sees[j]] for j in range(len(robot.joints))]
-    for j, rows in enumerate(base_rows(motion, laws, wanted)):
-        assert_allclose(rows, full[:, j, base.sees[j]], atol=1e-12)
-        assert_allclose(full[:, j, ~base.sees[j]], 0, atol=1e-8)
-
-
-def test_the_description_predicts_the_torque_of_its_inertials() -> None:
-    robot = load_robot("ur5")
-    motion = random_motion(robot)
-    assert_allclose(regressor(motion) @ stated_inertials(robot).ravel(), motion.load, atol=1e-10)
 
 
 def test_a_held_joint_leaves_fewer_base_parameters() -> None:

@@ -82,13 +82,3 @@ def test_answers_are_the_same_to_a_small_share_of_their_intervals() -> None:
     assert other.session.task.band.parts == 1
     apart = np.abs(found.estimate.value - other.estimate.value)
     assert np.all(apart < 4 * np.hypot(found.estimate.std, other.estimate.std))
-
-
-def test_recorded_derivatives_are_taken_sample_by_sample() -> None:
-    found = session(recording(derivatives=True), derivatives="recorded")
-    assert found.task.recorded_derivatives and found.task.parts == 1 < found.task.band.parts
-
-
-def test_slow_recordings_are_taken_sample_by_sample() -> None:
-    columns = {name: x[::4] for name, x in recording().items()}
-    assert session(columns).task.parts == 1

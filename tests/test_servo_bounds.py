@@ -58,18 +58,6 @@ def test_the_extremes_and_zeros_of_saved_drives_are_read_again(tmp_path: Path) -
     assert load_model(tmp_path / "model.json").servos["joint_1"] == servo
 
 
-@pytest.mark.parametrize("name", LIMITS)
-def test_limits_of_zero_are_refused(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    document = driven("1r", {"joint_1": Servo(law="torque_speed", kp=10.0, effort_limit=5.0)}).document()
-    for value in (0, 1e-300):
-        document["servos"]["joint_1"][name] = value
-        (tmp_path / "model.json").write_text(json.dumps(document))
-        for kind in ("mjcf", "isaaclab"):
-            assert run(["export", str(tmp_path / "model.json"), f"--{kind}", str(tmp_path / "x.txt")]) == 2
-            said = capsys.readouterr().err
-            assert said.count("\n") == 1 and f"servos.joint_1.{name}: " in said
-
-
 @pytest.mark.parametrize("law", DRIVE_LAWS)
 def test_drives_that_are_read_can_be_exported(law: str, tmp_path: Path) -> None:
     whole = driven("1r", {"joint_1": Servo(kp=10.0, kd=1.0, effort_limit=5.0, speed_limit=4.0)}).document()
@@ -101,3 +89,26 @@ def test_a_model_that_could_not_be_read_is_not_written(tmp_path: Path) -> None:
         with pytest.raises(SignidError, match="the model of 1r has a number that no robot has .*stated gains"):
             wrong.save(tmp_path / "model.json")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        *((name, value, f"servos.joint_1.{name}: ") for name in LIMITS for value in (0, 1e-300)),
+        ("law", "magic", "magic"),
+        ("kp", "stiff", "kp"),
+        ("kp", float("nan"), "kp"),
+        ("effort_limit", float("inf"), "effort_limit"),
+        ("kp_register", 0, "kp_register"),
+        ("colour", 1, "colour"),
+    ],
+)
+def test_wrong_entries_of_a_saved_drive_are_refused(
+    place: str, value: object, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = driven("1r", {"joint_1": Servo(law="torque_speed", kp=10.0, effort_limit=5.0)}).document()
+    document["servos"]["joint_1"][place] = value
+    (tmp_path / "model.json").write_text(json.dumps(document))
+    assert run(["export", str(tmp_path / "model.json"), "--mjcf", str(tmp_path / "x.xml")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and words in said

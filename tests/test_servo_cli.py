@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from servo_loops import pendulum_log
 
 from signid.cli import run
 from signid.model import load_model, with_servos
-from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servos import Servo
 from signid.toml_json import check_schema
 
@@ -30,14 +30,7 @@ def commands(seed: int) -> tuple[Any, Any]:
 
 def recording(path: Path, seed: int, servo: Servo = TRUTH) -> Path:
     """A recording of the 1r with a drive, simulated from its commands."""
-    model = load_model("1r")
-    (joint,) = model.robot.joints
-    t, u = commands(seed)
-    (grid,) = grids_of_arrays([joint], t, np.full_like(u, u[0]), u[:, None])
-    q = roll_out(with_servos(model, {joint: servo}), {joint: servo}, grid)[:, 0]
-    q = q + 3e-4 * np.random.default_rng(seed).standard_normal(len(q))
-    pl.DataFrame({"t": t, f"q_{joint}": q, f"q_des_{joint}": u}).write_csv(path)
-    return path
+    return pendulum_log(path, servo, *commands(seed), seed)
 
 
 @pytest.fixture(scope="module")
@@ -112,33 +105,35 @@ def test_firmware_gains_scale_the_stiffness(place: Path, capfd: pytest.CaptureFi
     assert json.loads(capfd.readouterr().out)["models"][0]["rollout"]["whole_rms"][0] < 0.01
 
 
-def test_a_model_without_a_drive_is_refused(capfd: pytest.CaptureFixture[str]) -> None:
-    assert "no drive of" in refused(capfd, "validate", "1r", "a.csv")
+TORQUE = str(Path(__file__).parents[1] / "robots" / "3r" / "recording.parquet")
+IDENTIFY = ("identify", "1r", "a.csv", "-o", "refused")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "what"),
+    ("arguments", "words"),
     [
-        (["--known", "magic"], "magic"),
-        (["--known", "kp=-1"], "kp=-1"),
-        (["--known", "kp.nowhere=20"], "nowhere"),
-        (["--known", "kp.1=nan"], "kp.1=nan"),
-        (["--known", "masses", "--known", "kp=20"], "--known"),
-        (["--law", "magnetic"], "magnetic"),
-        (["--law", "duty", "--law", "effort"], "--law"),
-        (["--method", "wls"], "--method"),
-        (["--unsigned"], "--unsigned"),
+        ((*IDENTIFY, "--known", "magic"), "magic"),
+        ((*IDENTIFY, "--known", "kp=-1"), "kp=-1"),
+        ((*IDENTIFY, "--known", "kp"), "no kp is stated"),
+        ((*IDENTIFY, "--known", "kp.nowhere=20"), "nowhere"),
+        ((*IDENTIFY, "--known", "kp.1=nan"), "kp.1=nan"),
+        ((*IDENTIFY, "--known", "masses", "--known", "kp=20"), "--known"),
+        ((*IDENTIFY, "--law", "magnetic"), "magnetic"),
+        ((*IDENTIFY, "--law", "elbow=duty"), "1r has no joint 'elbow' that moves by itself"),
+        ((*IDENTIFY, "--law", "duty", "--law", "effort"), "--law"),
+        ((*IDENTIFY, "--method", "wls"), "--method"),
+        ((*IDENTIFY, "--unsigned"), "--unsigned"),
+        (("identify", "3r", TORQUE, "-o", "refused", "--known", "masses"), "--servo"),
+        (("identify", "3r", TORQUE, "--json", "--bounds", "kp=5..30"), "'kp=5..30' applies to position drives"),
+        (("identify", "3r", TORQUE, "--json", "--compare-models"), "--compare-models applies to position drives"),
+        (("identify", "3r", TORQUE, "--servo", "--json"), "--servo needs commanded positions"),
+        (("validate", "1r", "a.csv"), "no drive of"),
     ],
     ids=str,
 )
-def test_wrong_options_are_refused(arguments: list[str], what: str, capfd: pytest.CaptureFixture[str]) -> None:
-    assert what in refused(capfd, "identify", "1r", "a.csv", "-o", "refused", *arguments)
+def test_wrong_options_are_refused(arguments: tuple[str, ...], words: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert words in refused(capfd, *arguments)
     assert not Path("refused").exists()
-
-
-def test_servo_options_need_commands(capfd: pytest.CaptureFixture[str]) -> None:
-    torque = str(Path(__file__).parents[1] / "robots" / "3r" / "recording.parquet")
-    assert "--servo" in refused(capfd, "identify", "3r", torque, "-o", "refused", "--known", "masses")
 
 
 BAD = {
@@ -169,14 +164,6 @@ def test_servo_mode_beside_torque_is_forced(capfd: pytest.CaptureFixture[str]) -
     assert run(["identify", "1r", "torque.csv", "--servo", "--known", "kp=20", "--json"]) in (0, 3)
     (one,) = json.loads(capfd.readouterr().out)["servo"]["joints"]
     assert one["kp"]["stated"] == 20.0 and one["kp"]["std"] is None
-    assert "--servo needs commanded positions" in refused(
-        capfd,
-        "identify",
-        "3r",
-        str(Path(__file__).parents[1] / "robots" / "3r" / "recording.parquet"),
-        "--servo",
-        "--json",
-    )
 
 
 def test_currents_without_a_constant_give_way_to_commands(capfd: pytest.CaptureFixture[str]) -> None:

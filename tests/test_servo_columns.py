@@ -15,8 +15,6 @@ from signid.cli import run
 from signid.recording import read_recording
 from signid.recording.names.mapping import Turned, revised_map
 from signid.robot import load_robot
-from signid.servo.identify.zeros import zero_flags
-from signid.servo.zeros import JointZero
 from signid.toml_json import check_schema
 
 ZERO = 0.6  # [rad]
@@ -88,13 +86,3 @@ def test_signs_act_on_all_columns_of_a_joint_and_the_map_of_the_user_remains(tmp
     assert read.t == pytest.approx(t) and read.q_des is not None and read.dq is not None
     assert read.q == pytest.approx(np.column_stack([0.3 - t, 45 * t + 0.3, t]))
     assert read.q_des[:, 0] == pytest.approx(0.2 - t) and read.dq[:, 0] == pytest.approx(-1 - t)
-
-
-def test_sentences_name_the_entry_of_the_map() -> None:
-    sure = JointZero("elbow", -1, 0.99, 0.51, 0.02, True, True, 0.999)
-    unsure = JointZero("wrist", 1, 0.5, 0.3, 0.02, False, True, 0.97)
-    healthy = JointZero("lift", 1, 0.99, 0.01, 0.02, True, False, 0.0)
-    first, second = zero_flags((sure, unsure, healthy), {"elbow": "q_E", "wrist": "q_W"})
-    assert "opposite sign" in first and "0.51 ± 0.039 rad" in first and "> 99 %" in first
-    assert 'q_elbow = { column = "q_E", scale = -1, offset = 0.51 }' in first
-    assert "sign is not sure" in second and "97 %" in second and "scale = -1" not in second

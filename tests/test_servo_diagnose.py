@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
+from servo_loops import pendulum_log
 
 import signid
 from signid.cli import run
 from signid.effects.bodies import point_inertia
-from signid.effects.drive import Reach
-from signid.errors import OptionError, RecordingError
+from signid.errors import SignidError
 from signid.model import Model, load_model, with_servos
 from signid.output.report.layout import thousandths
-from signid.servo.diagnose import diagnose_servos
+from signid.servo.diagnose import ServoDiagnosis, diagnose_servos
 from signid.servo.diagnose.closed_loop import LINEAR, ClosedLoop
 from signid.servo.diagnose.hypotheses import HYPOTHESES
 from signid.servo.fit.windows import joined_bodies
-from signid.servo.plant import grids_of_arrays, roll_out
+from signid.servo.plant import grids_of_arrays
 from signid.servo.search.data import position_noise
-from signid.servos import LOOP_NUMBERS, Servo
+from signid.servos import Servo
 from signid.toml_json import check_schema
 
 STATED = Servo(kp=20.0, kd=0.8, delay=0.02, coulomb_friction=0.2, viscous_friction=0.1, armature=0.02)
@@ -51,14 +51,7 @@ def commands(seed: int) -> tuple[Any, Any]:
 
 def record(path: Path, servo: Servo, seed: int = 1) -> Path:
     """A recording of the 1r with this drive."""
-    model = load_model("1r")
-    (joint,) = model.robot.joints
-    t, u = commands(seed)
-    (grid,) = grids_of_arrays([joint], t, np.full_like(u, u[0]), u[:, None])
-    q = roll_out(with_servos(model, {joint: servo}), {joint: servo}, grid)[:, 0]
-    q = q + 3e-4 * np.random.default_rng(seed).standard_normal(len(q))
-    pl.DataFrame({"t": t, f"q_{joint}": q, f"q_des_{joint}": u}).write_csv(path)
-    return path
+    return pendulum_log(path, servo, *commands(seed), seed)
 
 
 def simulation() -> Model:
@@ -67,15 +60,29 @@ def simulation() -> Model:
     return with_servos(model, {model.robot.joints[0]: STATED})
 
 
-def test_a_healthy_robot_is_silent(tmp_path: Path) -> None:
-    found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", STATED)))
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a recording of each fault, and of the stated drive."""
+    folder = tmp_path_factory.mktemp("servo")
+    for name, servo in {"healthy": STATED, **FAULTS}.items():
+        record(folder / f"{name}.csv", servo)
+    return folder
+
+
+@cache
+def diagnosed(path: Path) -> ServoDiagnosis:
+    return diagnose_servos(simulation(), str(path))
+
+
+def test_a_healthy_robot_is_silent(files: Path) -> None:
+    found = diagnosed(files / "healthy.csv")
     assert found.verdict == "nothing_missing" and not found.findings and not found.flags
     assert found.after.held_out_rms[0] < 6e-4
 
 
 @pytest.mark.parametrize("effect", FAULTS)
-def test_a_fault_is_named_first_with_its_number(effect: str, tmp_path: Path) -> None:
-    found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", FAULTS[effect])))
+def test_a_fault_is_named_first_with_its_number(effect: str, files: Path) -> None:
+    found = diagnosed(files / f"{effect}.csv")
     first, joint = found.causes[0], found.model.robot.joints[0]
     assert found.verdict == "named" and first.effect == effect and first.joint == joint
     law = next(law for law in HYPOTHESES if law.effect == effect)
@@ -85,19 +92,21 @@ def test_a_fault_is_named_first_with_its_number(effect: str, tmp_path: Path) -> 
     assert first.held_out_gain > 0.9
 
 
-def test_damping_and_viscous_friction_are_twins(tmp_path: Path) -> None:
-    found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", FAULTS["servo_damping"])))
+def test_damping_and_viscous_friction_are_twins(files: Path) -> None:
+    found = diagnosed(files / "servo_damping.csv")
     (first,) = found.causes
     rival = next(rival for rival in first.alternatives if rival.effect == "viscous_friction")
     assert rival.probability == pytest.approx(first.probability, rel=0.3) and "drive off" in rival.separating_motion
     assert any("viscous_friction" in flag for flag in found.flags)
 
 
-def test_the_stated_number_stands_beside_the_found_one(tmp_path: Path) -> None:
-    found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", FAULTS["servo_gain"])))
+def test_the_stated_number_stands_beside_the_found_one(files: Path) -> None:
+    found = diagnosed(files / "servo_gain.csv")
     number = found.causes[0].parameters["kp"]
     assert number.stated == 20.0 and number.value == pytest.approx(26.0, rel=0.01) and number.std and number.unit
     assert not any(rival.effect == "register_gain" for rival in found.causes[0].alternatives)
+    rms = [thousandths(float(each.whole_rms[0])) for each in (found.rollout_before, found.rollout_after)]
+    assert f"{rms[0]} → {rms[1]} mrad rms, whole recordings" in signid.report(found)
 
 
 def test_a_gain_of_a_power_of_two_may_be_a_register(tmp_path: Path) -> None:
@@ -106,36 +115,22 @@ def test_a_gain_of_a_power_of_two_may_be_a_register(tmp_path: Path) -> None:
     assert {first.effect, *(x.effect for x in first.alternatives)} >= {"servo_gain", "register_gain"}
 
 
-def test_the_curves_of_a_page_begin_with_the_error_of_the_given_simulation(tmp_path: Path) -> None:
-    found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", FAULTS["servo_gain"])))
-    rms = [thousandths(float(each.whole_rms[0])) for each in (found.rollout_before, found.rollout_after)]
-    assert f"{rms[0]} → {rms[1]} mrad rms, whole recordings" in signid.report(found)
+def test_skipped_effects_are_not_named(files: Path) -> None:
+    skip = ["servo_gain", "register_gain"]
+    found = diagnose_servos(simulation(), str(files / "servo_gain.csv"), skip=skip)
+    assert not {*skip} & {finding.effect for finding in found.findings}
 
 
-def test_skipped_effects_are_not_named(tmp_path: Path) -> None:
-    path = str(record(tmp_path / "a.csv", FAULTS["servo_gain"]))
-    found = diagnose_servos(simulation(), path, skip=["servo_gain", "register_gain"])
-    assert not {"servo_gain", "register_gain"} & {finding.effect for finding in found.findings}
-    with pytest.raises(OptionError, match="no effect"):
-        diagnose_servos(simulation(), path, skip=["nonsense"])
-
-
-def test_a_drive_that_is_off_is_refused_in_a_sentence(tmp_path: Path) -> None:
-    path = record(tmp_path / "a.csv", STATED.with_(kp=0.02, kd=0.0))
-    with pytest.raises(RecordingError, match="does not follow its command"):
-        diagnose_servos(simulation(), str(path), skip=[law.effect for law in HYPOTHESES if law.effect != "servo_gain"])
-
-
-def test_a_simulation_without_drives_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="no drive"):
-        diagnose_servos("1r", str(record(tmp_path / "a.csv", STATED)))
-
-
-def test_laws_have_numbers_and_trials() -> None:
-    reach = Reach(effort=20.0, speed=4.0, error=0.5, acceleration=10.0)
-    for law in HYPOTHESES:
-        assert set(law.numbers) <= set(LOOP_NUMBERS) and law.meaning and law.unit(law.numbers[0])
-        assert all(isinstance(servo, Servo) for servo in law.trials(STATED, reach)) and law.trials(STATED, reach)
+def test_bad_input_is_refused_in_a_sentence(files: Path, tmp_path: Path) -> None:
+    gain, off = str(files / "servo_gain.csv"), str(record(tmp_path / "off.csv", STATED.with_(kp=0.02, kd=0.0)))
+    others = [law.effect for law in HYPOTHESES if law.effect != "servo_gain"]
+    for model, path, options, words in (
+        (simulation(), gain, {"skip": ["nonsense"]}, "no effect"),
+        (simulation(), off, {"skip": others}, "does not follow its command"),
+        ("1r", gain, {}, "no drive"),
+    ):
+        with pytest.raises(SignidError, match=words):
+            diagnose_servos(model, path, **options)
 
 
 def test_noise_of_positions_is_at_least_a_step_of_the_encoder() -> None:
@@ -148,11 +143,13 @@ def test_noise_of_positions_is_at_least_a_step_of_the_encoder() -> None:
     assert position_noise([rough])[0] == pytest.approx(tick / np.sqrt(12), rel=0.3)
 
 
-def test_the_command_line_routes_servo_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_line_routes_servo_recordings(
+    files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
-    record(Path("a.csv"), FAULTS["servo_gain"])
     simulation().save("model.json")
-    assert run(["diagnose", "model.json", "a.csv", "-o", "out"]) == 0
+    given = ["diagnose", "model.json", str(files / "servo_gain.csv")]
+    assert run([*given, "-o", "out"]) == 0
     document = json.loads(Path("out/diagnosis.json").read_text())
     check_schema(document, "diagnosis")
     assert document["findings"][0]["effect"] == "servo_gain" and document["fit"]["after"]["unit"] == ["rad"]
@@ -160,25 +157,18 @@ def test_the_command_line_routes_servo_recordings(tmp_path: Path, monkeypatch: p
     assert next(iter(again.values())).kp == pytest.approx(26.0, rel=0.01)
     first = {path.name: path.read_bytes() for path in Path("out").iterdir()}
     assert {"diagnosis.json", "model.json", "report.html"} <= set(first)
-    assert run(["diagnose", "model.json", "a.csv", "-o", "out"]) == 0
+    assert run([*given, "-o", "out"]) == 0
     assert {path.name: path.read_bytes() for path in Path("out").iterdir()} == first
+    capsys.readouterr()
+    for words, said in (
+        ([*given, "--reference", str(files / "healthy.csv")], "--reference"),
+        (["diagnose", "1r", given[-1]], "no drive"),
+    ):
+        assert run([*words, "--json"]) == 2 and said in capsys.readouterr().err
 
 
-def test_the_command_line_refuses_references_and_missing_drives(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    record(Path("a.csv"), STATED)
-    record(Path("b.csv"), STATED, seed=2)
-    simulation().save("model.json")
-    assert run(["diagnose", "model.json", "a.csv", "--reference", "b.csv", "--json"]) == 2
-    assert "--reference" in capsys.readouterr().err
-    assert run(["diagnose", "1r", "a.csv", "--json"]) == 2
-    assert "no drive" in capsys.readouterr().err
-
-
-def test_a_mismatch_without_its_law_says_where_it_is_and_what_was_tried(tmp_path: Path) -> None:
-    path = str(record(tmp_path / "a.csv", FAULTS["profile_limit"]))
+def test_a_mismatch_without_its_law_says_where_it_is_and_what_was_tried(files: Path) -> None:
+    path = str(files / "profile_limit.csv")
     found = diagnose_servos(simulation(), path, skip=["profile_limit", *(law.effect for law in HYPOTHESES[2:8])])
     (left,) = found.unexplained
     assert left.region.split()[0] in ("lowest", "middle", "highest") and left.region_rms >= left.rms > 5e-3

@@ -10,23 +10,21 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from servo_loops import RATE, recorded
 from test_servo_export import executed
 from toys import joint, link, urdf
 
 from signid.cli import run
-from signid.cli.completion import complete_known, complete_number
 from signid.model import Model, load_model, with_servos
 from signid.output.export import export
 from signid.robot import robot_from_text
 from signid.robot.alike import alike, name_pattern
-from signid.servo.assumptions import Assumptions, Bounds, Prior, unions
+from signid.servo.assumptions import Assumptions, Bounds, Prior
 from signid.servo.fit import ServoFit, fit_servos
 from signid.servo.hints import equal_hints
-from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servos import Servo, ServoGrid
 from signid.types import Robot
 
-RATE = 100.0
 HIP = Servo(kp=20.0, kd=0.9, delay=0.012, coulomb_friction=0.15, armature=0.01)
 KNEE = Servo(kp=14.0, kd=0.6, delay=0.012, coulomb_friction=0.1, armature=0.008)
 NUMBERS = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")
@@ -56,20 +54,6 @@ def legs() -> Robot:
     return robot_from_text(legs_urdf(), "urdf", "file")
 
 
-def recorded(model: Model, servos: dict[str, Servo], seconds: float, seed: int) -> ServoGrid:
-    """Simulated recording of 12 bit encoders."""
-    joints, rng = model.robot.joints, np.random.default_rng(seed)
-    t = np.arange(int(seconds * RATE))[:, None] / RATE
-    waves = [
-        rng.uniform(0.3, 1, len(joints)) * np.sin(2 * np.pi * f * t + rng.uniform(0, 6, len(joints)))
-        for f in (0.3, 1.1, 2.3)
-    ]
-    u = 0.35 * np.minimum(t / 0.5, 1) * sum(waves)
-    (ideal,) = grids_of_arrays(joints, t[:, 0], u * 0, u)
-    q = roll_out(model, servos, ideal) + 3e-4 * rng.standard_normal(u.shape)
-    return grids_of_arrays(joints, t[:, 0], np.round(q * 4096 / (2 * np.pi)) * 2 * np.pi / 4096, u)[0]
-
-
 @pytest.fixture(scope="module")
 def model() -> Model:
     return load_model(legs())
@@ -81,17 +65,12 @@ START = {name: servo.with_(kp=1.3 * servo.kp, kd=1.2 * servo.kd, armature=0.02) 
 
 @pytest.fixture(scope="module")
 def grid(model: Model) -> ServoGrid:
-    return recorded(model, TRUE, 10.0, 3)
+    return recorded(model, TRUE, 10.0, 3, size=0.35, middle=1.1)
 
 
 def number(fit: ServoFit, name: tuple[str, str]) -> tuple[float, float]:
     k = fit.names.index(name)
     return float(fit.values[k]), float(fit.std[k])
-
-
-def test_sets_that_overlap_are_joined() -> None:
-    assert unions([["a"], ["b", "c"], ["d"], ["c", "a"]]) == [("d",), ("a", "b", "c")]
-    assert Assumptions(equal=(("a", "b"),)).with_peers(["b", "c"]) == ["a", "b", "c"]
 
 
 def test_equal_joints_of_two_legs_have_one_number_from_both(model: Model, grid: ServoGrid) -> None:
@@ -134,11 +113,11 @@ def test_a_number_stays_within_its_bounds(model: Model, grid: ServoGrid) -> None
     assert abs(inside - KNEE.armature) < 5 * error
 
 
-def log(folder: Path, servos: dict[str, Servo], seconds: float = 12.0) -> tuple[Path, Path]:
+def log(folder: Path, servos: dict[str, Servo], seconds: float = 8.0) -> tuple[Path, Path]:
     """Files of the legs and of a recording of them."""
     robot, table = folder / "legs.urdf", folder / "log.csv"
     robot.write_text(legs_urdf())
-    grid = recorded(load_model(legs()), servos, seconds, 5)
+    grid = recorded(load_model(legs()), servos, seconds, 5, size=0.35, middle=1.1)
     columns = {"t": grid.origin + np.arange(len(grid)) / RATE}
     for j, name in enumerate(grid.joints):
         columns |= {f"q_{name}": grid.q[:, j], f"q_des_{name}": grid.command[:, j]}
@@ -214,17 +193,6 @@ def test_wrong_texts_are_one_sentence(
     assert run(["identify", *files, "--json", *arguments]) == 2
     said = capfd.readouterr().err
     assert said.count("\n") == 1 and words in said, said
-
-
-def test_bounds_of_drives_need_commands(capfd: pytest.CaptureFixture[str]) -> None:
-    torque = str(Path(__file__).parents[1] / "robots" / "3r" / "recording.parquet")
-    assert run(["identify", "3r", torque, "--json", "--bounds", "kp=5..30"]) == 2
-    assert "--bounds 'kp=5..30' applies to position drives" in capfd.readouterr().err
-
-
-def test_names_of_numbers_are_completed() -> None:
-    assert complete_number("arm") == ["armature="]
-    assert complete_known("n") == ["nothing"] and "masses" in complete_known("")
 
 
 def test_joints_are_alike_if_their_names_differ_in_a_side_a_finger_or_a_limb() -> None:

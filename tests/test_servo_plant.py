@@ -7,13 +7,9 @@ import pytest
 
 from signid.errors import RecordingError
 from signid.model import Model, load_model
-from signid.servo.fit.windows import shoot, window_places, windows_of
 from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servo.plant.commands import commands_at, held_before
-from signid.servo.plant.course import bodies_of, course, groups, motion_of, part, recorded_course
-from signid.servo.plant.drives import copies_of
-from signid.servo.plant.kernel import simulate_copies
-from signid.servo.plant.roll_out import roll_out_along
+from signid.servo.plant.course import bodies_of, course, motion_of
 from signid.servos import Servo, ServoGrid
 
 RATE = 100.0
@@ -130,37 +126,3 @@ def test_limits_of_torque(one: Model) -> None:
     q = roll_out(free, {joint: drive}, grid)[:, 0]
     time = inertia * 3.0 / 20.0
     assert q == pytest.approx(3.0 * (t + time * (np.exp(-t / time) - 1)), abs=2e-3 * q[-1])
-
-
-def test_branches_of_a_robot_are_independent() -> None:
-    model = load_model("3r")
-    grid = still(model, 0.1)
-    robot = bodies_of(model, grid.joints)
-    assert groups(robot, range(3)) == ((0, 1, 2),)
-    along = course(robot, motion_of(grid))
-    some = part(along, [2])
-    assert some.bias[5] == pytest.approx((along.torque[:, [2]] - along.mass[:, 2:, 2] * along.motion.a[:, [2]])[5])
-
-
-def test_joints_without_a_drive_follow_the_recording() -> None:
-    model = load_model("3r")
-    joints = model.robot.joints
-    t = np.arange(200) / RATE
-    q = 0.2 * np.sin(2 * t[:, None] + np.arange(3))
-    (grid,) = grids_of_arrays(joints, t, q, q)
-    out = roll_out(model, {joints[1]: replace(DRIVE, kp=200.0)}, grid)
-    assert (out[:, [0, 2]] == q[:, [0, 2]]).all() and 1e-4 < np.abs(out[:, 1] - q[:, 1]).max() < 0.5
-    again = roll_out(model, {joints[1]: replace(DRIVE, kp=200.0)}, grid, 0.5)
-    assert (again == roll_out(model, {joints[1]: replace(DRIVE, kp=200.0)}, grid, 0.5)).all()
-    assert again[50, 1] == pytest.approx(q[50, 1], abs=1e-3)
-
-
-def test_the_loop_is_compiled_once_for_roll_outs_and_windows(one: Model) -> None:
-    grid = still(one, 0.3)
-    along = recorded_course(one, grid)
-    windows = windows_of([grid], [0], [DRIVE], [along], window_places([grid], 0.5))
-    assert not windows.rows.flags.c_contiguous  # a column of the places
-    path = shoot(windows, copies_of([[DRIVE]]), windows.q0[None], windows.v0[None])[0]
-    roll_out_along(along, {grid.joints[0]: DRIVE}, grid)
-    assert np.isfinite(path).all()
-    assert len([arguments for arguments in simulate_copies.signatures if str(arguments[-1]) == "none"]) == 1

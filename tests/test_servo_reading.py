@@ -12,12 +12,10 @@ from test_recording import arm
 import signid
 from signid.errors import RecordingError, RobotError
 from signid.recording.bare import read_bare
-from signid.recording.convert import convert
 from signid.recording.draft import draft_map
 from signid.recording.names.match import guess
 from signid.types import Array, Robot
 
-ROBOTS = Path(__file__).parents[1] / "robots"
 ROWS = 300
 
 
@@ -76,15 +74,6 @@ def test_neither_torque_nor_command(robot: Robot) -> None:
     given = {name: values for name, values in columns().items() if "des" not in name}
     with pytest.raises(RecordingError, match="no torque of a joint"):
         signid.read_recording(given, robot)
-
-
-def test_register_of_16_bits(robot: Robot) -> None:
-    raw = np.where(np.arange(ROWS) % 2, 65536.0 - 443, 885.0)
-    given = {**columns(), "duty": raw}
-    chosen = {"pwm_1": {"column": "duty", "scale": 1 / 885}}
-    servo = signid.read_recording(given, robot, columns=chosen).read().servo
-    assert servo is not None and servo.pwm is not None
-    assert servo.pwm[:2, 0] == pytest.approx([1.0, -443 / 885])
 
 
 def test_units_of_drives(robot: Robot) -> None:
@@ -219,14 +208,6 @@ def test_a_controllers_state_without_effort(parts: tuple[str, str], tmp_path: Pa
     np.testing.assert_array_equal(samples.q_des, q[:, order] + 1)
     np.testing.assert_array_equal(samples.servo.dq_des, dq[:, order])
     assert "a recording of servos" in "; ".join(recording.notes)
-
-
-def test_other_columns_that_begin_alike(robot: Robot) -> None:
-    more = {"temp_room": np.ones(ROWS), "on_ground": np.ones(ROWS), "temp_9": np.ones(ROWS), "on_time": np.ones(ROWS)}
-    recording = signid.read_recording({**columns(), **more}, robot)
-    assert recording.read().servo is None
-    converted = convert({**columns(), **more}, robot=robot)
-    assert set(converted.joints) == {"1", "2", "3"} and not converted.suggested
 
 
 def test_commands_and_positions_are_found_by_the_words_in_their_names() -> None:

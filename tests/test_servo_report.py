@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from base64 import b64decode
 from dataclasses import replace
@@ -14,9 +13,8 @@ from servo_results import invented
 
 import signid
 from signid.cli.terminal import show
-from signid.errors import decimals
 from signid.model import load_model, with_servos
-from signid.output.report import document, tables, to_json
+from signid.output.report import tables
 from signid.output.report.plots.courses import closed_loop_plots
 from signid.output.report.plots.friction import friction_plots, steady_friction
 from signid.output.report.results.servo_identification import loop_words, poor_joints
@@ -107,10 +105,6 @@ def test_each_reason_is_one_sentence() -> None:
     assert f"all joints: {unreached} 2 to 4 N.m where their scale is known" in list(by_sentence(other))
 
 
-def test_numbers_in_sentences_have_no_exponent_and_no_unit_of_1() -> None:
-    assert (decimals(1172.3), decimals(0.000042, 1), decimals(2.0), decimals(0.05)) == ("1170", "0.00004", "2", "0.05")
-
-
 def test_a_sentence_of_the_tables_is_no_flag_beside_them(capsys: pytest.CaptureFixture[str]) -> None:
     result = invented(flags=["joint_1, joint_2: kd apart", "another flag"])
     assert show(tables(result), result.flags) == 3
@@ -169,29 +163,8 @@ def gravity_torque(model: Any, q: Any) -> Any:
     return np.array([pin.computeGeneralizedGravity(robot.model, data, np.array([x]))[0] for x in q])
 
 
-def test_friction_that_locks_the_joint_is_not_drawn() -> None:
-    assert np.isnan(steady_friction(Servo(load_friction=1.2), np.array([1.0]), 1.0, 0.0)).all()
-    rows = steady_friction(Servo(coulomb_friction=0.5, load_friction=0.2), np.array([-1.0]), 0.5, 0.0)
-    assert rows == pytest.approx([-0.5]), "where friction equals the load, the motor rests"
-
-
 def test_friction_is_drawn_where_it_is_identifiable() -> None:
     found = invented()
     (plot,) = friction_plots(found, found.rollout.joints)
     assert plot.name == "joint_1: dry friction; viscous at most 0.055 N.m.s/rad"
     assert {note["text"] for note in plot.layout["annotations"]} == {"drive", "back-drive"}
-
-
-def test_json_has_bounds_and_tracking_errors() -> None:
-    content = json.loads(to_json(document(invented())))
-    drives = content["servo"]
-    assert drives["joints"][1]["effort_limit"]["above"] == 1.3 and "below" not in drives["joints"][1]["effort_limit"]
-    assert drives["rollout"]["tracking_rms"] == pytest.approx([0.0615, 0.228, 0.03945])
-
-
-def test_dependent_numbers_and_the_scale_are_no_warnings() -> None:
-    idle = "without effect in these recordings, so not identifiable: kp of joint_1"
-    result = invented(flags=[idle, "The masses of the URDF are assumed.", "another flag"])
-    page = signid.report(result)
-    assert page.count(idle) == page.count("The masses of the URDF are assumed.") == 1
-    assert re.findall(r'class="flags".*?</div>', page, re.DOTALL)[0].count("<li>") == 1

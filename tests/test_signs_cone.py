@@ -14,7 +14,7 @@ from signless import Lost, lost
 from signid.signs.observations import law_coefficients
 from signid.signs.search import exact
 from signid.signs.search.branch_and_bound import PhysicalCone, cone_inequalities, kinetic_rows
-from signid.signs.search.problem import SignProblem, build_problem, friction_prior
+from signid.signs.search.problem import SignProblem, build_problem
 from signid.types import Array
 
 
@@ -53,7 +53,7 @@ def mass(case: Lost, q: Array, parameters: Array) -> Array:
     return np.asarray(np.triu(full) + np.triu(full, 1).T)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(6))
 def test_true_robots_are_inside_and_their_negatives_outside(seed: int) -> None:
     case = lost(0.02)
     rows, value = cone_inequalities(case.task, case.observed, seed), case.task.base.combination @ standard(case, seed)
@@ -123,16 +123,6 @@ def test_points_inside_stay() -> None:
     assert cone.distance(-z)[0] > 0.1 * float(z @ z)
 
 
-def test_an_exhausted_solver_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    _, problem, cone = posed_in_cone(0.02)
-    z = problem.coordinates(np.ones(problem.count))
-    squared, near = cone.distance(z)
-    monkeypatch.setattr("scipy.optimize.nnls", exhausted)
-    again, other = cone.distance(z)
-    assert again == pytest.approx(squared, rel=1e-6)
-    assert other == pytest.approx(near, abs=1e-6 * np.linalg.norm(z))
-
-
 def test_a_solver_that_gives_up_leaves_a_bound_and_no_proof(monkeypatch: pytest.MonkeyPatch) -> None:
     def unfinished(matrix: Array, *_: object, **__: object) -> SimpleNamespace:
         return SimpleNamespace(x=np.ones(matrix.shape[1]))
@@ -150,16 +140,6 @@ def test_a_solver_that_gives_up_leaves_a_bound_and_no_proof(monkeypatch: pytest.
     assert not found.proof.optimal and not found.proof.has_bound
 
 
-def test_rows_of_unidentifiable_parameters_are_left_out() -> None:
-    case = lost(0.02)
-    rows = cone_inequalities(case.task, case.observed)
-    partial = build_problem(case.observed, [s for s in case.segments() if s.joint == 2], case.weights)
-    cone = PhysicalCone.of(partial, rows)
-    assert 0 < len(cone.rows) < len(PhysicalCone.of(posed(case), rows).rows)
-    assert np.linalg.norm(cone.rows, axis=1) == pytest.approx(1)
-    assert len(np.unique(np.round(cone.rows, 9), axis=0)) == len(cone.rows)
-
-
 def test_joints_without_torque_do_not_enter() -> None:
     case = lost(0.02)
     torque = case.observed.torque.copy()
@@ -167,28 +147,3 @@ def test_joints_without_torque_do_not_enter() -> None:
     partial = replace(case.observed, torque=torque, known=np.array([False, True, True]))
     rows = cone_inequalities(case.task, partial)
     assert (rows @ case.true).min() > -1e-9
-
-
-def test_priors_are_weak_and_met_by_expected_parameters() -> None:
-    case = lost(0.02)
-    rows, own = friction_prior(case.observed, case.weights), law_coefficients(case.task)
-    assert len(rows.target) == 9
-    torque, speed = (np.sqrt(np.mean(x**2, axis=0)) for x in (case.torque, case.observed.v))
-    value = np.zeros(case.observed.count)
-    for k, (name, j) in own.items():
-        expected = {"coulomb_friction": 0.1, "viscous_friction": 0.1 / speed[j]}
-        value[k] = expected.get(name, 0.0) * torque[j]
-    assert rows.matrix @ value == pytest.approx(rows.target, abs=1e-12)
-    half = friction_prior(case.observed, case.weights, strength=0.15)
-    assert half.matrix == pytest.approx(rows.matrix / 2)
-    assert sorted(set(rows.target)) == pytest.approx([0, 0.3])
-
-
-def test_joints_with_their_sign_have_no_prior() -> None:
-    case = lost(0.02)
-    mixed = replace(case.observed, signed=np.array([True, False, True]))
-    rows = friction_prior(mixed, case.weights)
-    assert {
-        case.task.base.labels[case.task.base.independent[k]].joint for k in np.argmax(rows.matrix != 0, axis=1)
-    } == {1}
-    assert len(friction_prior(replace(mixed, signed=np.ones(3, dtype=bool)), case.weights).target) == 0

@@ -18,7 +18,7 @@ from benchmarks.arms import ARMS, load
 from benchmarks.plants.mujoco_ import Body, draw_motion, log, simulate
 from signid.errors import InputError, OptionError, RecordingError
 from signid.regression.session import Options, prepare
-from signid.signs import Signs, prepare_and_recover, recover, torque_constants as gains
+from signid.signs import Signs, prepare_and_recover, recover
 from signid.types import Array, Recording, Robot
 
 CONSTANTS = np.array([5.0, 3.0, 0.02])  # N.m/A
@@ -82,7 +82,7 @@ def share_right(signs: Signs, columns: dict[str, Array]) -> float:
     return float(np.mean(right))
 
 
-@pytest.mark.parametrize("known", [(0,), (1,), (2,), (0, 2), ()])
+@pytest.mark.parametrize("known", [(1,), (0, 2), ()])
 def test_constants_of_a_plant_are_found(known: tuple[int, ...]) -> None:
     robot, columns = planted()
     found = signs_of(stating(robot, known), currents(columns))
@@ -96,12 +96,6 @@ def test_constants_of_a_plant_are_found(known: tuple[int, ...]) -> None:
     assert any("inertials that the description states" in note for note in found.notes) == (not known)
     assert any("common uncertainty" in note for note in found.notes)
     assert any("known only roughly" in flag for flag in found.flags) == any(s > 0.1 * v for v, s in estimates.values())
-
-
-def test_constants_that_still_change_are_flagged(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, columns = planted()
-    monkeypatch.setattr(gains, "ROUNDS", 1)
-    assert "still changed in the last of 1 rounds" in " ".join(signs_of(stating(robot, (1,)), currents(columns)).flags)
 
 
 def test_identification_goes_on_in_torques() -> None:
@@ -121,8 +115,7 @@ def test_identification_goes_on_in_torques() -> None:
     assert np.any(apart > 5 * wanted.estimate.std)  # had constants been taken to be exact
 
 
-@pytest.mark.parametrize("known", [(1,), ()])
-@pytest.mark.parametrize("unit", [1e-6, 1e3, 1e6])
+@pytest.mark.parametrize(("unit", "known"), [(1e-6, (1,)), (1e6, ())])
 def test_the_unit_of_current_does_not_matter(unit: float, known: tuple[int, ...]) -> None:
     robot, columns = planted()
     amperes, other = currents(columns), currents(columns)
@@ -150,18 +143,11 @@ def test_no_description_is_needed_where_a_constant_is_known() -> None:
     assert [gain.value for gain in gains[0]] == pytest.approx(CONSTANTS[[0, 2]], rel=0.03)
 
 
-@pytest.mark.parametrize("factor", [0.8, 1.0, 1.25])
+@pytest.mark.parametrize("factor", [0.8, 1.25])
 def test_without_any_constant_the_description_gives_the_scale(factor: float) -> None:
     found = signs_of(stating(heavier(arm(), factor), ()), currents(made(arm())))
     assert [gain.value for gain in found.gains] == pytest.approx(factor * CONSTANTS, rel=0.06)
     assert all(0.05 < gain.std / gain.value < 0.3 for gain in found.gains)
-
-
-def test_signs_turned_round_in_a_whole_joint_are_mended() -> None:
-    robot, columns = planted()
-    quiet = currents(columns)
-    wanted, found = (signs_of(stating(robot, known), quiet) for known in ((0, 1, 2), (0,)))
-    assert [segment.sign for segment in found.segments] == [segment.sign for segment in wanted.segments]
 
 
 def test_a_force_has_its_unit() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv as table
 import json
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +34,17 @@ def made(arm: Robot) -> Trial:
     return trial(arm, seconds=20)
 
 
+@pytest.fixture(scope="module")
+def with_signs(arm: Robot, made: Trial) -> Identification:
+    return signid.identify(arm, [made.recording(tau=noisy(made))])
+
+
+@pytest.fixture(scope="module")
+def without(arm: Robot, made: Trial) -> Callable[..., Identification]:
+    """Identifications of the same torque without the signs of some joints."""
+    return cache(lambda *hidden: signid.identify(arm, [signid.read_recording(lost(made, noisy(made), hidden), arm)]))
+
+
 def noisy(made: Trial, share: float = 0.02, seed: int = 0) -> Array:
     noise = np.random.default_rng(seed).standard_normal(made.torque.shape)
     return np.asarray(made.torque + share * np.sqrt(np.mean(made.torque**2, axis=0)) * noise)
@@ -56,10 +69,10 @@ def right(found: Identification, made: Trial, torque: Array) -> float:
 
 
 @pytest.mark.parametrize("hidden", [(0, 1, 2), (1,), (0, 2)])
-def test_identification_without_signs_is_that_with_them(arm: Robot, made: Trial, hidden: tuple[int, ...]) -> None:
-    torque = noisy(made)
-    with_signs = signid.identify(arm, [made.recording(tau=torque)])
-    found = signid.identify(arm, [signid.read_recording(lost(made, torque, hidden), arm)])
+def test_identification_without_signs_is_that_with_them(
+    hidden: tuple[int, ...], made: Trial, with_signs: Identification, without: Callable[..., Identification]
+) -> None:
+    torque, found = noisy(made), without(*hidden)
     assert found.signs is not None
     assert found.signs.hidden == hidden
     assert {segment.joint for segment in found.signs.segments} == set(hidden)
@@ -73,10 +86,9 @@ def test_identification_without_signs_is_that_with_them(arm: Robot, made: Trial,
     assert with_signs.signs is None
 
 
-def test_signs_of_every_row_are_given_back(arm: Robot, made: Trial) -> None:
+def test_signs_of_every_row_are_given_back(made: Trial, without: Callable[..., Identification]) -> None:
     torque = noisy(made)
-    found = signid.identify(arm, [signid.read_recording(lost(made, torque), arm)])
-    (recording,) = found.recordings
+    (recording,) = without(0, 1, 2).recordings
     assert recording.signed.all()
     signed = recording.read().tau
     assert_allclose(np.abs(signed), np.abs(torque))
@@ -97,12 +109,14 @@ def test_a_sample_is_missing_between_thinned_ones(arm: Robot) -> None:
     assert np.mean(np.sign(signed) == np.sign(torque)) > 0.999
 
 
-def test_held_out_recordings_take_no_part_in_the_search(arm: Robot, made: Trial) -> None:
+def test_held_out_recordings_take_no_part_in_the_search(
+    arm: Robot, made: Trial, without: Callable[..., Identification]
+) -> None:
     other = trial(arm, seed=3, seconds=12)
     learn = signid.read_recording(lost(made, noisy(made)), arm)
     judge = signid.read_recording(lost(other, noisy(other, seed=1)), arm)
     by_hand = signid.identify(arm, [learn], held_out=[judge])
-    alone = signid.identify(arm, [learn])
+    alone = without(0, 1, 2)
     last = signid.identify(arm, [learn, judge])
     assert by_hand.signs is not None and alone.signs is not None and last.signs is not None
     assert by_hand.signs.segments == alone.signs.segments == last.signs.segments

@@ -7,7 +7,6 @@ import io
 import json
 import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ import pytest
 from test_output_report import shown
 from test_recording import arm
 
-from signid.output.report import to_json, write_files
+from signid.output.report import to_json
 from signid.output.report.results.signs import proof_sentence, signed_csv, signs_document, signs_tables
 from signid.recording import read_recording, with_signs
 from signid.signs import Gain, SignProof, Signs, SignSegment, Trace
@@ -90,11 +89,6 @@ def test_segments_of_several_recordings_name_theirs() -> None:
     nameless = replace(signs, traces=tuple(replace(one, path="") for one in signs.traces))
     document = signs_document(nameless)
     assert document and document["segments"][-1]["recording"] == "recording 2"
-
-
-def test_a_bound_that_is_unknown_is_null() -> None:
-    document = json.loads(to_json(signs_document(found(proof=SignProof(False, np.inf, 7)))))
-    assert document["proof"] == {"optimal": False, "gap": None, "nodes": 7, "certified": False}
 
 
 def test_the_terminal_shows_counts_and_uncertain_segments() -> None:
@@ -175,11 +169,3 @@ def test_rows_are_as_sure_as_their_segment(chunk: int, monkeypatch: pytest.Monke
     assert sure[0].tolist() == [0, one, one, one, 0, 0.75, 0.75, 0.75, 0, 0]  # the last of a segment has turned round
     assert sure[1].tolist() == [1] * 10  # its torque had its sign
     assert sure[2].tolist() == [0] * 6 + [0.5] + [0] * 3
-
-
-def test_a_table_is_written_in_pieces(tmp_path: Path) -> None:
-    columns, tau = signed_columns(50)
-    recording = with_signs(read_recording(columns, arm(constants=1.0)), np.ones((50, 3), np.int8))
-    (path,) = write_files(tmp_path, {"signed.csv": signed_csv(recording, found(), 0)})
-    assert path.read_text() == "".join(signed_csv(recording, found(), 0)) and path.read_text().count("\n") == 51
-    assert [file.name for file in tmp_path.iterdir()] == ["signed.csv"]

@@ -7,8 +7,6 @@ import pytest
 from boolean import CLOSE, Facets, drawn, every, half, losses, problems
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signid.signs.result import SignProof
-from signid.signs.search import exact
 from signid.signs.search.branch_and_bound import TreeBudget
 from signid.signs.search.exact import enumerate_near, search_signs
 from signid.signs.search.problem import SignProblem, eliminate
@@ -39,19 +37,6 @@ def test_the_best_signs_within_a_cone(seed: int, count: int, noise: float, ancho
     free = search_signs(problem, start=np.ones(problem.count))
     assert abs(free.loss - losses(problem, every(problem)).min()) <= CLOSE * total
     assert free.loss <= found.loss + CLOSE * total
-
-
-@problems
-def test_a_bad_climb_costs_time_but_no_proof(seed: int, count: int, noise: float, anchored: bool) -> None:
-    rng = np.random.default_rng(seed)
-    problem = drawn(rng, count, noise, anchored)
-    cone = half(problem, rng) if seed % 2 else None
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(exact, "climb", lambda p, seed: np.ones(p.count))
-        patch.setattr(exact, "_improve", lambda *_: None)
-        found = search_signs(problem, cone)
-    assert found.proof.optimal
-    assert abs(found.loss - losses(problem, every(problem), cone).min()) <= CLOSE * problem.energies.sum()
 
 
 @problems
@@ -122,24 +107,6 @@ def test_segments_with_little_information(anchored: bool) -> None:
         assert_array_equal(found.signs[1:4], -1)
 
 
-def test_segments_without_information() -> None:
-    nowhere = eliminate([np.zeros((4, 2)), np.zeros((3, 2))], [np.ones(4), np.ones(3)], [0, 1])
-    silent = eliminate([np.ones((4, 1)), np.ones((3, 1))], [np.zeros(4), np.zeros(3)], [0, 1])
-    for problem, left in ((nowhere, 7.0), (silent, 0.0)):
-        found = search_signs(problem, Facets(np.ones((1, len(problem.projections)))))
-        assert found.proof.optimal
-        assert found.loss == pytest.approx(left, abs=1e-9)
-        assert_array_equal(np.abs(found.signs), 1)
-
-
-def test_one_segment() -> None:
-    problem = eliminate([np.ones((5, 1))], [np.arange(5.0)], [0])
-    assert search_signs(problem).proof == SignProof(True, 0.0, 0, True)
-    found = search_signs(problem, Facets(-np.sign(problem.projections.T)))
-    assert_array_equal(found.signs, [-1])
-    assert found.proof.optimal and found.loss == pytest.approx(10)
-
-
 def friction(cases: int = 10) -> tuple[SignProblem, Array, Facets]:
     """Two joints whose torque is F sign v, which an offset F explains as well; the cone knows |offset| <= 2 F."""
     rng = np.random.default_rng(4)
@@ -160,39 +127,3 @@ def test_friction_is_not_taken_for_an_offset(helped: bool) -> None:
     assert_array_equal(found.signs, forward)
     assert found.proof.optimal
     assert found.loss >= search_signs(problem).loss
-
-
-def test_a_move_may_leave_the_known_segment_out() -> None:
-    problem, forward, cone = friction(4)
-    known = eliminate(
-        [*np.split(np.repeat(np.eye(4), 8, axis=0), 8), np.eye(4)],
-        [*np.full((8, 4), 2.0), np.ones(4)],
-        [*problem.joints.tolist(), -1],
-    )
-    found = search_signs(known, Facets(np.eye(4) @ known.back), [forward])
-    assert found.signs[-1] == 1 and found.proof.optimal
-
-
-def test_many_joints_flip_alone_and_in_pairs() -> None:
-    rng = np.random.default_rng(5)
-    joints = list(range(12))
-    rows = [rng.normal(size=(4, 5)) for _ in joints]
-    problem = eliminate(rows, [np.abs(r @ np.ones(5)) for r in rows], joints)
-    cone = half(problem, rng)
-    found = search_signs(problem, cone)
-    assert found.proof.optimal
-    assert_allclose(found.loss, losses(problem, every(problem), cone).min())
-
-
-def test_the_same_search_finds_the_same() -> None:
-    rng = np.random.default_rng(7)
-    problem = drawn(rng, 12, 0.5, columns=3)
-    cone = half(problem, rng)
-    first, again = search_signs(problem, cone, seed=5), search_signs(problem, cone, seed=5)
-    assert first.proof == again.proof and first.loss == again.loss
-    for one, other in ((first.signs, again.signs), (first.coordinates, again.coordinates), (first.cuts, again.cuts)):
-        assert_array_equal(one, other)
-    window = 0.1 * problem.energies.sum()
-    near = [enumerate_near(problem, cone, found, window) for found in (first, again)]
-    assert_array_equal(near[0].signs, near[1].signs)
-    assert_array_equal(near[0].losses, near[1].losses)

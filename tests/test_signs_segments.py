@@ -8,7 +8,7 @@ import pytest
 from signid.errors import RecordingError
 from signid.signs.observations import Observed
 from signid.signs.search.problem import Segment
-from signid.signs.segments import runs_between_minima, split_by_signs, split_impure, threshold_runs
+from signid.signs.segments import runs_between_minima, split_impure, threshold_runs
 from signid.types import Array, Mask
 
 PERIOD = 0.01  # s
@@ -59,11 +59,6 @@ def test_runs_above_the_quantile_hold_one_sign_each() -> None:
     assert sum(s.stop - s.start for s in segments) >= 0.88 * len(torque)
 
 
-def test_no_segment_reaches_across_the_beginning_of_a_span() -> None:
-    segments, _ = threshold_runs(seen(wave(), first=(0, 230, 500)))
-    assert all(not s.start < begin < s.stop for s in segments for begin in (230, 500))
-
-
 def test_cuts_at_low_minima_find_a_change_of_sign_between_samples() -> None:
     torque = HIDDEN
     assert not pure(threshold_runs(seen(torque))[0], torque)
@@ -83,16 +78,6 @@ def test_a_model_of_the_other_sign_splits_a_segment_where_torque_is_lowest() -> 
     flicker[100:] *= -1
     flicker[50:52] *= -1  # two samples are too few for a sign change
     assert split_impure(observed, whole, flicker[:, None], noise) == (whole, 0)
-
-
-def test_segments_are_cut_where_samples_change_sign() -> None:
-    signs = np.ones((10, 1))
-    signs[4:7] = -1
-    assert split_by_signs([Segment(0, 1, 9)], signs) == [
-        Segment(0, 1, 4),
-        Segment(0, 4, 7),
-        Segment(0, 7, 9),
-    ]
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -12,14 +13,14 @@ from numpy.testing import assert_allclose
 from sign_beam import beam
 
 from signid.errors import OptionError
-from signid.estimation.pbrp import Bounds, bounds_around
+from signid.estimation.pbrp import Bounds
 from signid.regression.base_parameters import build_base
 from signid.regression.motion import Motion, base_rows, regressor
 from signid.robot import load_robot
 from signid.signs.observations import Observed
-from signid.signs.search.problem import KnownRows, SignProblem, build_problem
+from signid.signs.search.problem import KnownRows, SignProblem, build_problem, eliminate
 from signid.signs.segments import threshold_runs
-from signid.signs.tree import SegmentOrder, _order_notes, _scales, condition_order, search_tree
+from signid.signs.tree import condition_order, search_tree
 from signid.types import Array, BaseMap, Parameters
 
 QUICK = {"algorithm": "LD_LBFGS", "restarts": 1, "rounds": 2, "width": 2, "budget": 150}
@@ -102,12 +103,6 @@ def arm() -> Case:
     return case(swing("3r", 5.0, [0.3, -0.4, 0.8], [0.9, 0.9, 1.1]))
 
 
-@cache
-def still() -> Case:
-    """The arm with its first joint held: not every base parameter is seen."""
-    return case(swing("3r", 5.0, [0.3, -0.4, 0.8], [0.0, 0.9, 1.1]))
-
-
 def test_one_segment_has_the_sign_that_physics_allows() -> None:
     toy = raised()
     got = search_tree(toy.problem, toy.base, toy.prior, restarts=2)
@@ -130,12 +125,12 @@ def test_two_segments_of_a_pendulum_by_any_local_algorithm(algorithm: str, resta
     )
 
 
-@pytest.mark.parametrize("algorithm", ["LN_SBPLX", "LN_COBYLA", "LN_NELDERMEAD", "LD_LBFGS", "LD_SLSQP"])
+@pytest.mark.parametrize("algorithm", ["LN_SBPLX", "LN_COBYLA", "LD_LBFGS"])
 @pytest.mark.parametrize("budget", [10, 50, 300])
 def test_an_end_is_the_optimum_of_its_signs_or_noted(algorithm: str, budget: int) -> None:
     """Random starts and few evaluations end beside the optimum, as other rounding does."""
     toy = swung()
-    for seed in range(5):
+    for seed in range(2):
         options = {"algorithm": algorithm, "restarts": 2, "budget": budget, "seed": seed}
         got = search_tree(toy.problem, toy.base, toy.prior, **options)
         noted = any("least squares with the same signs" in note for note in got.notes)
@@ -165,50 +160,10 @@ def test_rows_of_known_sign_are_kept() -> None:
     assert got.nodes == 1 + 2 + 4
 
 
-def test_the_loss_is_that_of_the_stacked_rows() -> None:
-    """With no room in the box every node's loss is that of the only parameters there are."""
-    toy = arm()
-    box = Bounds(toy.truth, toy.truth + 1e-12 * (np.arange(len(toy.truth)) == 0))
-    got = search_tree(toy.problem, toy.base, toy.prior, box, **QUICK)
-    least = toy.problem.energies.sum() - np.sum((toy.problem.projections @ got.signs) ** 2)
-    assert np.array_equal(got.signs, toy.signs)
-    assert_allclose(got.loss, least, atol=1e-9 * toy.problem.energies.sum())
-
-
-def test_seeds_decide_the_starts() -> None:
-    toy = swung()
-    options = {"restarts": 1, "rounds": 2, "budget": 40}
-    first, again, other = (search_tree(toy.problem, toy.base, toy.prior, seed=s, **options).value for s in (1, 1, 2))
-    assert np.array_equal(first, again) and not np.array_equal(first, other)
-
-
 def test_a_search_that_ends_early_is_flagged() -> None:
     toy = arm()
     got = search_tree(toy.problem, toy.base, toy.prior, **(QUICK | {"budget": 3}))
     assert any("--signs exact needs no such search" in note for note in got.notes)
-
-
-def test_parameters_that_no_segment_shows_do_not_count() -> None:
-    toy = still()
-    unseen = np.subtract(*toy.problem.back.shape)
-    assert unseen > 0
-    moving = [(j, toy.observed.rows(j)) for j in range(3)]
-    segments, _ = threshold_runs(toy.observed)
-    rows = np.concatenate([moving[j][1][a:b] for j, a, b in segments])
-    forward = toy.problem.back.T @ (rows.T @ rows)
-    assert_allclose(rows @ toy.problem.back @ forward, rows, atol=1e-9)
-    assert_allclose(toy.problem.forward, forward, atol=1e-9 * np.abs(forward).max())
-    got = search_tree(toy.problem, toy.base, toy.prior, **QUICK)
-    held = toy.problem.joints == 0  # its torque comes from products of inertia alone: a mirrored arm has it negated
-    mirrored = np.where(held, -toy.signs, toy.signs)
-    assert_allclose([toy.problem.loss(toy.signs), toy.problem.loss(mirrored)], 0.0, atol=1e-9)
-    assert any(np.array_equal(got.signs, signs) for signs in (toy.signs, mirrored))
-
-
-def test_the_box_leaves_room_for_the_truth() -> None:
-    toy = arm()
-    box = bounds_around(toy.base, _scales(toy.problem, toy.base), toy.prior)
-    assert (box.lower <= toy.truth).all() and (toy.truth <= box.upper).all()
 
 
 def test_bad_arguments_are_refused_in_one_sentence() -> None:
@@ -235,6 +190,52 @@ def test_least_squares_at_every_node_finds_the_same_up_to_all_signs_at_once() ->
     assert slow.loss <= 1e-9 * toy.problem.energies.sum()
 
 
-def test_a_first_set_that_may_not_be_the_smallest_is_flagged() -> None:
-    notes = [[*_order_notes(SegmentOrder(np.arange(9), 7, 120.0, complete))] for complete in (True, False)]
-    assert notes[0] == [] and "first 7 segments of the tree were chosen one by one" in notes[1][0]
+def toy(blocks: Sequence[Array], known: int = 0, joints: Sequence[int] | None = None) -> SignProblem:
+    """Segments with these rows, the last of them of known sign, where there is one."""
+    rng = np.random.default_rng(0)
+    right = [rng.uniform(1, 2, len(b)) for b in blocks]
+    return eliminate(blocks, right, list(joints or [0] * (len(blocks) - known)) + [-1] * known)
+
+
+def random_blocks(count: int, columns: int, rows: int = 2, seed: int = 1) -> list[Array]:
+    rng = np.random.default_rng(seed)
+    return [rng.standard_normal((rows, columns)) * np.logspace(0, 1.5, columns) for _ in range(count)]
+
+
+def condition(blocks: Sequence[Array], members: Sequence[int]) -> float:
+    values = np.linalg.svd(np.concatenate([blocks[i] for i in members]), compute_uv=False)
+    return float(values[0] / values[-1]) if len(values) == blocks[0].shape[1] else np.inf
+
+
+def test_the_first_set_is_the_smallest_well_conditioned_one() -> None:
+    blocks = random_blocks(8, 5)
+    ordered = condition_order(toy(blocks), threshold=500.0)
+    assert ordered.complete and sorted(ordered.order) == list(range(8))
+    smaller = [s for k in range(1, ordered.start) for s in combinations(range(8), k)]
+    assert all(condition(blocks, s) >= 500 for s in smaller)
+    same = [condition(blocks, s) for s in combinations(range(8), ordered.start)]
+    assert ordered.condition == pytest.approx(min(same)) and ordered.condition < 500
+    assert condition(blocks, ordered.order[: ordered.start]) == pytest.approx(ordered.condition)
+
+
+def test_each_next_segment_keeps_the_condition_smallest() -> None:
+    blocks = random_blocks(8, 5)
+    ordered = condition_order(toy(blocks))
+    for k in range(ordered.start, 8):
+        rest = [condition(blocks, [*ordered.order[:k], i]) for i in ordered.order[k:]]
+        assert rest[0] == pytest.approx(min(rest))
+
+
+def test_segments_too_many_to_try_are_taken_one_by_one() -> None:
+    """Seven joints, each with a column of its own that no other joint's segments see."""
+    rng, blocks, joints = np.random.default_rng(2), list[Array](), list[int]()
+    for k in range(28):
+        block = np.zeros((6, 12))
+        block[:, :5], block[:, 5 + k % 7] = rng.standard_normal((6, 5)), rng.standard_normal(6)
+        blocks.append(block)
+        joints.append(k % 7)
+    ordered = condition_order(toy(blocks, joints=joints))
+    assert not ordered.complete and 7 <= ordered.start <= 8 and ordered.condition < 1000
+    assert {joints[i] for i in ordered.order[: ordered.start]} == set(range(7))
+    short = condition_order(toy(random_blocks(8, 5)), budget=3)
+    assert not short.complete and sorted(short.order) == list(range(8))

@@ -13,7 +13,7 @@ from signid.model import Model, load_model, stated_inertials, stated_laws
 from signid.regression.motion import Motion, regressor
 from signid.robot import load_robot
 from signid.simulation.excite import Excitation, build_limits, excite
-from signid.simulation.excite.cost import CRITERIA, Criterion, ExcitationCost
+from signid.simulation.excite.cost import CRITERIA, ExcitationCost
 from signid.simulation.excite.design import Budget, make_feasible, predict_precision
 from signid.simulation.excite.families import FAMILIES, Fourier, random_parameters
 from signid.simulation.excite.limits import build_collision
@@ -108,12 +108,6 @@ def test_the_condition_number_can_be_the_goal() -> None:
     assert both["determinant"].log_det > both["condition"].log_det
 
 
-def test_a_search_that_its_budget_ends_is_flagged(panda: tuple[Model, Excitation]) -> None:
-    assert panda[1].notes[-1].startswith(f"the search ended with its budget after {panda[1].evaluations} motions")
-    drawn = excite(panda[0], kind="random", duration=5.0, harmonics=3)
-    assert not any("budget" in note for note in drawn.notes)
-
-
 def test_a_random_motion_is_drawn_and_not_sought() -> None:
     model = load_model("3r")
     first, second = (excite(model, kind="random", duration=6.0, harmonics=4, seed=seed) for seed in (1, 2))
@@ -122,13 +116,6 @@ def test_a_random_motion_is_drawn_and_not_sought() -> None:
         obeys(found, model)
         assert np.allclose(found.trajectory.v[[0, -1]], 0, atol=1e-9)
     assert not np.allclose(first.trajectory.q, second.trajectory.q)
-
-
-def test_the_same_seed_gives_the_same_motion() -> None:
-    model = load_model("1r")
-    first, again, other = (excite(model, duration=5.0, harmonics=3, budget=SMALL, seed=seed) for seed in (1, 1, 2))
-    assert np.array_equal(first.trajectory.q, again.trajectory.q)
-    assert not np.array_equal(first.trajectory.q, other.trajectory.q)
 
 
 def test_predicted_deviations_are_those_of_least_squares() -> None:
@@ -164,16 +151,7 @@ def test_families_keep_their_definitions(kind: str, periods: float) -> None:
     assert np.linalg.matrix_rank(basis[0]) == family.size
 
 
-@pytest.mark.parametrize("criterion", CRITERIA.values())
-def test_criteria_know_their_slopes(criterion: Criterion) -> None:
-    rng = np.random.default_rng(0)
-    x, change = rng.standard_normal((30, 6)), rng.standard_normal((6, 6))
-    gram, change = x.T @ x, 1e-5 * (change + change.T)
-    along = float(np.sum(criterion(gram)[1] * change))
-    assert along == pytest.approx(criterion(gram + change / 2)[0] - criterion(gram - change / 2)[0], rel=1e-6)
-
-
-@pytest.mark.parametrize("name", ["3r", "ur5"])
+@pytest.mark.parametrize("name", ["3r"])
 def test_costs_know_their_slopes(name: str) -> None:
     model, family = arm(name), Fourier(DURATION, 3, 1 / DURATION)
     problem = replace(problem_of(model, family), collision=None)
@@ -185,18 +163,3 @@ def test_costs_know_their_slopes(name: str) -> None:
         step = 1e-6 * np.eye(len(z))[i]
         difference = (cost.value(z + step) - cost.value(z - step)) / 2e-6
         assert slope[i] == pytest.approx(difference, rel=1e-4, abs=1e-5 * np.abs(slope).max())
-
-
-def test_contact_knows_its_slope() -> None:
-    model = arm("ur5")
-    limits = build_limits(model.robot, lower=-np.pi, upper=np.pi)
-    collision, why = build_collision(model.robot, limits, 0.01)
-    assert collision is not None and not why
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (200, 6))
-    near = q[(collision.distance(q) > 0.005) & (collision.distance(q) < 0.09)][:4]
-    assert len(near) == 4
-    for x in near:
-        slope = collision.penalty(x[None], 0.03, 0.07)[1][0]
-        steps = 1e-3 * np.eye(6)  # distances are known to a micrometre
-        up, down = ([collision.penalty((x + s)[None], 0.03, 0.07)[0] for s in sign * steps] for sign in (1, -1))
-        assert np.allclose(slope, (np.array(up) - down) / 2e-3, rtol=0.05, atol=0.05)

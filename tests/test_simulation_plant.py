@@ -46,13 +46,6 @@ def test_it_slips_where_the_weight_is_more_than_friction(share: float, holds: bo
     assert still(released(model("1r", law("coulomb_friction", 0, level=share * WEIGHT)), ALONG, 1.0)) == holds
 
 
-def test_friction_on_the_other_side_does_not_hold() -> None:
-    weak = law("asymmetric_friction", 0, viscous_positive=2.0, viscous_negative=3.0, coulomb_positive=SIDE,
-               coulomb_negative=0.1 * SIDE)  # fmt: skip
-    made = released(model("1r", weak), ALONG, 0.2)
-    assert made.true_q[-1] < ALONG - 0.1, "gravity turns it backwards"
-
-
 def test_an_arm_let_go_comes_to_rest_and_stays() -> None:
     laws = [law("coulomb_friction", j, level=f) for j, f in enumerate((20.0, 80.0, 60.0, 20.0, 9.0, 9.0))]
     made = released(model("ur5", *laws), (0, -1.2, 1.2, -0.6, 0.9, 0.3), 3.0, v=1.0)
@@ -83,11 +76,6 @@ def test_two_inertias_ring_at_their_frequency(stiffness: float) -> None:
     assert pitch(relative, 1e-3) == pytest.approx(np.sqrt(stiffness * (1 / 0.5 + 1 / 0.1)), rel=0.02)
 
 
-def test_heavy_damping_creeps_as_it_should() -> None:
-    made = released(model("1r", law("viscous_friction", 0, coefficient=1e5)), ALONG, 1.0, v=1.0)
-    assert np.allclose(made.true_v[10:], -WEIGHT / 1e5, rtol=1e-3)
-
-
 def energy(given: Model, made: Simulation) -> np.ndarray:
     body, data = given.robot.model, given.robot.model.createData()
     states = zip(made.true_q, made.true_v, strict=True)
@@ -102,13 +90,6 @@ def test_energy_is_kept() -> None:
     total = energy(given, made)
     assert np.ptp(made.true_q, axis=0).min() > 0.1
     assert np.abs(total - total[0]).max() < 1e-9 * abs(total[0])
-
-
-def test_energy_of_semi_implicit_steps_stays_about_where_it_is() -> None:
-    given = model("1r")
-    total = energy(given, released(given, 2.0, 30.0))
-    assert np.ptp(total) < 0.01 * 2 * WEIGHT
-    assert abs(total[-5000:].mean() - total[:5000].mean()) < 1e-3 * np.ptp(total) + 1e-4 * WEIGHT
 
 
 def test_a_pendulum_swings_as_elliptic_integrals_say() -> None:
@@ -149,13 +130,13 @@ def test_many_copies_are_each_as_alone(integrator: str) -> None:
         assert np.allclose(one.tau, alone.tau, rtol=0, atol=1e-7)
 
 
-def test_recorded_torque_plays_the_motion_back() -> None:
-    given = model("3r", *friction(3))
-    made = simulate(given, track(model("3r"), waves(given.robot.joints, 2.0)), 2.0)
-    again = simulate(given, Torques(made.t, made.tau, made.q[0], made.true_v[0]), 2.0)
-    assert np.abs(again.q - made.q).max() < 1e-9
-
-
 def test_track_names_the_motion_that_it_needs() -> None:
     with pytest.raises(SignidError, match=r"track needs a Trajectory, not float; give signid.excite\(robot\)"):
         track(signid.load_robot("1r"), 1.0)  # type: ignore[arg-type]
+
+
+def test_friction_on_the_other_side_does_not_hold() -> None:
+    weak = law("asymmetric_friction", 0, viscous_positive=2.0, viscous_negative=3.0, coulomb_positive=SIDE,
+               coulomb_negative=0.1 * SIDE)  # fmt: skip
+    made = released(model("1r", weak), ALONG, 0.2)
+    assert made.true_q[-1] < ALONG - 0.1, "gravity turns it backwards"

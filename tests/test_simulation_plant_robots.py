@@ -1,4 +1,4 @@
-"""The simulator on robots of every kind, against MuJoCo, and its refusals."""
+"""The simulator on robots of every kind, against MuJoCo, which body a law acts on, and refusals."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ import signid
 from signid.effects import EFFECTS
 from signid.errors import OptionError
 from signid.model import Model
+from signid.regression.motion import Motion
 from signid.robot import hold
 from signid.simulation.plant import Simulation, simulate, track
 from signid.simulation.plant.control import Tracking
-from signid.types import Array, Law, Trajectory
+from signid.types import Array, Law, Robot, Trajectory
 
 FRICTION: Mapping[str, Any] = {"viscous_friction": (3.0, 1.0), "coulomb_friction": (4.0, 1.0), "armature": (0.1, 0.1)}
 LIGHT = '<inertial><mass value="1e-9"/><inertia ixx="1e-9" ixy="0" ixz="0" iyy="1e-9" iyz="0" izz="1e-9"/></inertial>'
@@ -84,21 +85,6 @@ def test_it_moves_as_in_mujoco(name: str) -> None:
         assert np.sqrt(np.mean((made.tau - tau) ** 2)) < share * np.sqrt(np.mean(tau**2))
 
 
-def test_fingers_that_mimic_and_a_whole_arm() -> None:
-    given = model("panda")
-    made = simulate(given, track(given, waves(given.robot.joints, 1.0, size=0.02)), 1.0)
-    assert given.robot.joints[-1] == "panda_finger_joint1" and given.robot.drive.shape == (9, 8)
-    assert np.abs(made.true_q - made.desired).max() < 1e-3
-
-
-def test_a_joint_that_mimics_weighs_as_its_ratio_squared() -> None:
-    more = f'{WIDE}<mimic joint="z" multiplier="3" offset="0.2"/>'
-    robot = toy(*map(link, "abc"), free("z", "a", "b"), free("y", "a", "c", more=more))
-    made = released(model(robot), 0.1, 1.0, torque=2.0)
-    assert robot.joints == ("z",)
-    assert np.allclose(made.true_a, 2.0 / (1 + 3**2), rtol=1e-9)
-
-
 def test_links_without_mass_move_with_the_others() -> None:
     parts = free("z", "a", "b"), joint("y", "b", "c", more=WIDE)
     bare, light = (toy(link("a"), link("b", body), link("c"), *parts) for body in ("", LIGHT))
@@ -160,3 +146,28 @@ def test_robots_that_cannot_be_simulated_get_a_sentence() -> None:
             released(given, 0.0, 0.1, **more)
     with pytest.raises(OptionError, match="moves no mass"):
         track(model(massless), waves(("z",), 0.1))
+
+
+def followed() -> Robot:
+    """Joint y follows z, and Pinocchio puts it first."""
+    more = f'{WIDE}<mimic joint="z" multiplier="3"/>'
+    return toy(*map(link, "abc"), free("z", "a", "b"), free("y", "a", "c", more=more))
+
+
+def test_a_rotor_turns_with_its_joint_not_with_a_mimic_joint() -> None:
+    made = released(model(followed(), law("armature", 0, inertia=0.1)), 0.0, 0.1, torque=2.0)
+    assert np.allclose(made.true_a, 2.0 / (1 + 3**2 + 0.1), rtol=1e-9)
+
+
+def test_held_links_beyond_the_last_joint_do_not_move_its_centre_of_mass() -> None:
+    robot = hold(signid.load_robot("3r"), {"joint_3": 0.4})
+    given = model(robot, Law(EFFECTS["fluid_drag"], (0, 1), {"coefficient": 6.0}))
+    made = released(given, (0.3, -1.0), 0.1, v=2.0)
+    motion = Motion(robot, made.t, made.true_q, made.true_v, made.true_a)
+    assert np.abs(given.inverse(motion)).max() < 1e-9, "nothing drives it"
+
+
+def test_a_joint_may_range_beyond_half_a_turn_only() -> None:
+    more = '<limit lower="4" upper="6" effort="9" velocity="9"/>'
+    made = released(model(toy(link("a"), link("b"), joint("z", "a", "b", more=more))), 5.0, 0.1, torque=0.5)
+    assert np.allclose(made.true_a, 0.5, rtol=1e-9)

@@ -15,7 +15,6 @@ from signid.errors import OptionError
 from signid.model import Model, stated_inertials
 from signid.recording.sampling import survey
 from signid.simulation.refine import refine
-from signid.simulation.refine.fit import coordinates_of, with_coordinates
 from signid.simulation.rollout.run import simulate_windows
 from signid.simulation.rollout.whole import one_joint_errors, one_joint_numbers, roll_out_whole, whole_windows
 from signid.types import Array, Law, Recording
@@ -96,11 +95,6 @@ def test_a_pendulum_is_compiled_with_its_weight() -> None:
     assert_allclose(one_joint_errors(numbers, window), simulate_windows(model, window), atol=5e-3)
 
 
-def test_laws_that_are_not_compiled_go_to_the_plant() -> None:
-    model = replace(slide(), laws=(*slide().laws, law("presliding_friction", level=2.0, distance=1e-4)))
-    assert one_joint_numbers(model) is None and one_joint_numbers(signid.load_model("3r")) is None
-
-
 def test_whole_roll_outs_of_the_truth_stay_at_the_recording() -> None:
     found = roll_out_whole(slide(), moved())
     assert found.rms[0] < 2e-4 and found.unit == ("m",) and found.seconds > 11.9
@@ -111,16 +105,6 @@ def test_whole_roll_outs_refuse_laws_of_the_recording() -> None:
     delayed = replace(slide(), laws=(*slide().laws, law("time_delay", delay=0.004)))
     with pytest.raises(OptionError, match="cannot undo time_delay; give a horizon in seconds"):
         roll_out_whole(delayed, moved())
-
-
-def test_numbers_go_to_a_vector_and_back() -> None:
-    model = replace(slide(), laws=(*slide().laws, law("position_friction", amplitude=2.0, frequency=20.0, phase=0.5)))
-    vector = coordinates_of(model).value
-    again = with_coordinates(model, vector)
-    assert len(vector) == 8
-    assert_allclose(again.inertials, model.inertials)
-    for one, other in zip(again.laws, model.laws, strict=True):
-        assert_allclose(list(one.parameters.values()), [other.parameters[key] for key in one.parameters])
 
 
 def test_wrong_numbers_are_refined_to_the_true_ones() -> None:

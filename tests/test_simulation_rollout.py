@@ -94,13 +94,6 @@ def test_the_step_hardly_matters(integrator: str, step: float) -> None:
     assert_array_less(found.rms(0.5), 2e-3)
 
 
-@pytest.mark.parametrize("every", [2, 5, 10])
-def test_recordings_of_any_rate(every: int) -> None:
-    found = roll_out(usual(), recording(healthy(), every=every))
-    assert found.step == pytest.approx(1e-3) and found.error.shape[1] == 500 // every
-    assert_array_less(found.rms(0.2), 2e-3)
-
-
 ALONE = (
     "torque_gain torque_sign encoder_offset presliding_friction joint_elasticity backlash friction_drift load_friction"
 )
@@ -184,29 +177,6 @@ def test_joints_that_the_recording_lacks_are_held() -> None:
         roll_out(model, signid.read_recording({"t": t, "q": np.c_[q, q[:, :1]], "tau": np.c_[q, q[:, :1]]}, wide.robot))
 
 
-def test_windows_keep_clear_of_gaps_and_of_each_other() -> None:
-    made = healthy()
-    q = made.q.copy()
-    q[4000:4300] = np.nan
-    found = roll_out(usual(), recording(made, q=q), windows=8)
-    assert np.isfinite(found.error).all() and len(found.start) == 8
-    assert not np.any((found.start < 4.3) & (found.start + 0.5 > 4.0))
-    assert_array_less(0.5, np.diff(found.start))
-    assert_array_less(found.rms(0.5), 1e-3)
-
-
-def test_several_recordings_and_sessions() -> None:
-    heard, other = recording(healthy()), recording(run(usual()), every=1)
-    found = roll_out(usual(), [heard, other], windows=16)
-    assert np.bincount(found.recording).tolist() == [10, 6]
-    session = prepare(arm(), [heard], [other], Options(effects=tuple(USUAL)))
-    assert_array_less(roll_out(usual(), session).rms(0.5), 1e-3)
-    with pytest.raises(OptionError, match="use the same recordings for both models"):
-        found.document(roll_out(usual(), other))
-    with pytest.raises(OptionError, match="choose one from 0.001 to 0.5 s"):
-        found.rms(0.7)
-
-
 def test_impossible_roll_outs_are_refused() -> None:
     heard = recording(healthy())
     unsigned = replace(heard, signed=np.array([True, False, True]))
@@ -246,3 +216,26 @@ def test_an_emps_within_half_a_second(data: Path) -> None:
     learn, judge = (signid.read_recording(folder / f"emps_{name}.csv.gz", robot) for name in ("train", "pulses"))
     after = roll_out(signid.identify(robot, [learn], held_out=[judge]).model, judge)
     assert after.unit == ("m",) and after.rms(0.5)[0] < 0.002
+
+
+def test_windows_keep_clear_of_gaps_and_of_each_other() -> None:
+    made = healthy()
+    q = made.q.copy()
+    q[4000:4300] = np.nan
+    found = roll_out(usual(), recording(made, q=q), windows=8)
+    assert np.isfinite(found.error).all() and len(found.start) == 8
+    assert not np.any((found.start < 4.3) & (found.start + 0.5 > 4.0))
+    assert_array_less(0.5, np.diff(found.start))
+    assert_array_less(found.rms(0.5), 1e-3)
+
+
+def test_several_recordings_and_sessions() -> None:
+    heard, other = recording(healthy()), recording(run(usual()), every=1)
+    found = roll_out(usual(), [heard, other], windows=16)
+    assert np.bincount(found.recording).tolist() == [10, 6]
+    session = prepare(arm(), [heard], [other], Options(effects=tuple(USUAL)))
+    assert_array_less(roll_out(usual(), session).rms(0.5), 1e-3)
+    with pytest.raises(OptionError, match="use the same recordings for both models"):
+        found.document(roll_out(usual(), other))
+    with pytest.raises(OptionError, match="choose one from 0.001 to 0.5 s"):
+        found.rms(0.7)

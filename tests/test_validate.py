@@ -176,16 +176,6 @@ def test_numbers_that_make_no_sense_are_flagged() -> None:
     assert any("light cannot be simulated" in flag for flag in found.flags)
 
 
-def test_several_recordings_are_pooled() -> None:
-    given = [recording("recording"), recording()]
-    found = validate(described(), given, rollout=False)
-    assert [file.role for file in found.inputs] == ["recording"] * 2
-    one = found.models[0]
-    assert set(one.recording.tolist()) == {0, 1}
-    parts = [one.residual[one.recording == k] for k in (0, 1)]
-    assert_allclose(one.fit.held_out_rms**2 * len(one.t), sum(np.sum(part**2, axis=0) for part in parts))
-
-
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -243,3 +233,13 @@ def test_a_horizon_can_be_chosen() -> None:
     for wrong in (0.0, -1.0, float("nan"), "all"):
         with pytest.raises(OptionError, match="is neither a time above 0 s nor 'whole'"):
             validate(described(), recording(), horizon=wrong)
+
+
+def test_several_recordings_are_pooled() -> None:
+    given = [recording("recording"), recording()]
+    found = validate(described(), given, rollout=False)
+    assert [file.role for file in found.inputs] == ["recording"] * 2
+    one = found.models[0]
+    assert set(one.recording.tolist()) == {0, 1}
+    parts = [one.residual[one.recording == k] for k in (0, 1)]
+    assert_allclose(one.fit.held_out_rms**2 * len(one.t), sum(np.sum(part**2, axis=0) for part in parts))
