@@ -14,7 +14,6 @@ import pytest
 from signid.errors import RecordingError
 from signid.recording.formats import FORMATS, parquet
 from signid.recording.formats.arrays import memory_table
-from signid.recording.formats.base import Format
 
 NAMES = ("t", "q_1", "tau_1")
 VALUES = np.array([[0.0, 1.0, -2.0], [0.5, np.nan, 3.25], [1.0, 1.5, 1e-7]])
@@ -73,12 +72,6 @@ def test_every_format_reads_the_same(name: str, tmp_path: Path) -> None:
     assert table.read((), 0, 2).shape == (2, 0) and table.read(NAMES, 2, 2).shape == (0, 3)
     with refusal("q_9", name, "tau_1"):
         table.read(("q_9",), 0, 1)
-
-
-def test_every_format_describes_itself() -> None:
-    for name, form in zip(FORMATS.names, FORMATS, strict=True):
-        assert isinstance(form, Format) and form.name == name and form.description
-        assert form.suffixes and all(suffix == suffix.lower() and suffix[0] == "." for suffix in form.suffixes)
 
 
 CSV = {
@@ -179,12 +172,6 @@ def test_columns_that_are_no_numbers_fail_when_asked_for(case: str, tmp_path: Pa
     assert "q" in table.columns
     with refusal(name, *culprits):
         table.read(("q",), 0, 0)
-
-
-def test_matrices_become_columns() -> None:
-    table = memory_table({"t": [[0], [1], [2]], "q": np.arange(6).reshape(3, 2), "tau": np.ones((3, 1))}, "arrays")
-    assert set(table.columns) == {"t", "q_1", "q_2", "tau_1"}
-    np.testing.assert_array_equal(table.read(("q_2",), 0, 3)[:, 0], [1, 3, 5])
 
 
 def test_arrays_given_can_change_afterwards() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -66,14 +65,6 @@ def test_images_and_scans_are_no_columns() -> None:
     for name in ("scan", "image"):
         with pytest.raises(RecordingError, match="expected one value per sample"):
             table.read((name,), 0, 0)
-
-
-def test_transposed_arrays_in_memory_are_a_recording() -> None:
-    t = np.arange(30) / 10
-    q = np.sin(np.outer(t, [1.0, 2.0, 3.0]))
-    found = read_recording({"t": t, "q": q.T, "tau": 2 * q}, arm()).read()
-    np.testing.assert_array_equal(found.q, q)
-    np.testing.assert_array_equal(found.tau, 2 * q)
 
 
 def test_groups_of_arrays_are_names_with_dots(tmp_path: Path) -> None:
@@ -171,26 +162,8 @@ def test_arrays_that_could_mean_two_things_are_refused(case: str) -> None:
         memory_table(arrays, "arrays")
 
 
-def test_arrays_beyond_the_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = written(tmp_path / "a.npy", GROUPS)
-    monkeypatch.setattr(base, "free_memory", lambda: 100.0)
-    with refusal("a.npy", "memory"):
-        FORMATS["npy"].open(path)
-
-
 def test_small_integers_need_the_memory_of_floats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path / "a.npy", np.zeros(1000, [("t", "u1"), ("q", "u1")]))
     monkeypatch.setattr(base, "free_memory", lambda: 10_000.0)
     with refusal("a.npy", "memory"):
         FORMATS["npy"].open(path)
-
-
-def test_arrays_of_objects_stay_closed(tmp_path: Path) -> None:
-    class Trap:
-        def __reduce__(self) -> tuple[object, tuple[str]]:
-            return os.mkdir, (str(tmp_path / "sprung"),)
-
-    np.save(tmp_path / "a.npy", np.array([Trap()], object), allow_pickle=True)
-    with pytest.raises(RecordingError):
-        FORMATS["npy"].open(tmp_path / "a.npy")
-    assert not (tmp_path / "sprung").exists()

@@ -10,9 +10,8 @@ import numpy as np
 import polars as pl
 import pytest
 from test_recording import arm
-from test_recording_formats import refusal, sentence
+from test_recording_formats import refusal
 
-from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.formats import FORMATS, base, find_format
 
@@ -78,26 +77,6 @@ def test_files_of_pandas(tmp_path: Path) -> None:
     pd.DataFrame({"t": DATES, "q_1": T, "mode": pd.Categorical(["a"] * N)}).to_feather(tmp_path / "a.feather")
     table = FORMATS["arrow"].open(tmp_path / "a.feather")
     np.testing.assert_allclose(table.read(("t", "q_1"), 0, N), np.column_stack([T, T]), atol=1e-12)
-
-
-def test_files_that_are_cut_short_or_spoilt_end_in_a_sentence(tmp_path: Path) -> None:
-    random, refusals = np.random.default_rng(0), 0
-    for name in [name for name in WRITERS if not name.endswith(".parquet")]:
-        WRITERS[name](tmp_path / name)
-        content = (tmp_path / name).read_bytes()
-        for trial in range(60):
-            spoilt = bytearray(content)
-            for at in random.integers(0, len(content), 1 + trial % 5):
-                spoilt[at : at + 4] = (b"\xff" * 4, b"\0" * 4, random.bytes(4), b"")[trial % 4]
-            spoilt = spoilt[: random.integers(0, len(content))] if trial % 3 == 0 else spoilt
-            (tmp_path / name).write_bytes(spoilt)
-            try:
-                table = FORMATS["arrow"].open(tmp_path / name)
-                table.read([column for column in table.columns if column != "mode"], 0, table.rows)
-            except RecordingError as error:
-                sentence(str(error), name)
-                refusals += 1
-    assert refusals > 150
 
 
 def test_sizes_that_a_message_states_are_checked_before(tmp_path: Path) -> None:

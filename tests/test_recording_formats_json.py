@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ from test_recording import arm
 from test_recording_formats import refusal, sentence
 
 import signid
-from signid.cli.run import run
 from signid.errors import OptionError, RecordingError
 from signid.recording import is_recording, read_recording
 from signid.recording.formats import FORMATS, base, find_format, json_
@@ -162,25 +160,3 @@ def test_models_and_configurations_are_no_recordings(tmp_path: Path) -> None:
         read_recording(model, "1r")
     with pytest.raises(OptionError, match="cannot be written; write .csv"):
         find_format(tmp_path / "none.json").encode({}, "none.json")
-
-
-MADE: dict[str, Callable[[dict[str, Any]], str]] = {
-    "jsonl": lambda columns: "".join(
-        json.dumps(dict(zip(("t", "pos", "torque"), row, strict=True))) + "\n"
-        for row in zip(*columns.values(), strict=True)
-    ),
-    "json": lambda columns: json.dumps(dict(zip(("t", "pos", "torque"), columns.values(), strict=True))),
-}
-
-
-@pytest.mark.parametrize("suffix", MADE)
-def test_a_map_is_guessed_and_used(suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log, drawn = tmp_path / f"log.{suffix}", tmp_path / "map.toml"
-    log.write_text(MADE[suffix](COLUMNS))
-    assert run(["convert", str(log), "--robot", "3r", "--map", str(drawn)]) == 0
-    assert 'q_joint_2 = "pos_2"' in drawn.read_text()
-    assert run(["convert", str(log), "--map", str(drawn), "-o", str(tmp_path / "a.parquet")]) == 0
-    capsys.readouterr()
-    found = read_recording(tmp_path / "a.parquet", "3r").read()
-    np.testing.assert_array_equal(found.q, Q)
-    np.testing.assert_array_equal(found.tau, TAU)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 from test_recording import arm
-from test_recording_formats import refusal, sentence
+from test_recording_formats import refusal
 
 from signid.errors import RecordingError
 from signid.recording import read_recording
@@ -188,22 +188,3 @@ def test_files_that_unpack_to_more_than_memory_holds(tmp_path: Path, monkeypatch
     monkeypatch.setattr(base, "free_memory", lambda: 100.0)
     with refusal("a.mat", "memory"):
         FORMATS["matlab"].open(tmp_path / "a.mat")
-
-
-def test_spoilt_bytes_end_in_a_sentence(tmp_path: Path) -> None:
-    random, refusals, path = np.random.default_rng(0), 0, tmp_path / "a.mat"
-    log = {"time": T, "joint": {"pos": Q, "name": "a"}, "cells": np.array([T, "b"], object)}
-    for options in ({}, {"do_compression": True}, {"format": "4"}):
-        savemat(path, {"t": T, "q": Q, **({} if "format" in options else {"log": log})}, **options)
-        content = path.read_bytes()
-        for trial in range(100):
-            spoilt = bytearray(content)
-            for at in random.integers(0, len(content) if trial % 2 else 400, 1 + trial % 3):
-                spoilt[at : at + 4] = (b"\xff" * 4, bytes(4), random.bytes(4), b"\xff\xff\xff\x7f")[trial % 4]
-            path.write_bytes(spoilt[: random.integers(0, len(content))] if trial % 5 == 0 else spoilt)
-            try:
-                FORMATS["matlab"].open(path)
-            except RecordingError as error:
-                sentence(str(error), "a.mat")
-                refusals += 1
-    assert refusals > 100
