@@ -15,7 +15,7 @@ import signid
 from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.names.match import propose
-from signid.recording.names.vocabulary import OF, change_of
+from signid.recording.names.vocabulary import change_of
 from signid.simulation.plant import read_motion
 from signid.types import Recording, Robot
 
@@ -47,11 +47,6 @@ def test_factors_are_exact(kind: str, unit: str) -> None:
     change = change_of(unit, kind, None, "it")
     assert change.scale / change.over == pytest.approx(EXACT[kind, unit], rel=1e-15) and change.offset == 0
     assert change_of(unit.replace(".", ""), kind, None, "it") == change
-
-
-def test_every_unit_has_a_basic_one() -> None:
-    for units in (each for pair in OF.values() for each in pair):
-        assert next(iter(units.values())) == (1, 1)
 
 
 def test_units_by_column_and_by_kind(tmp_path: Path) -> None:

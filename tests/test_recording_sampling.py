@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from test_recording import arm
 from test_recording_formats import refusal, sentence
 
@@ -130,6 +130,7 @@ def rough() -> Columns:
 SPINNING = replace(ROBOT, lower=np.array([-3.0, -np.inf]), upper=np.array([3.0, np.inf]))
 
 
+@settings(max_examples=12)
 @given(cuts=st.lists(st.integers(0, 990), max_size=6), stride=st.sampled_from([5, 16, 100]))
 def test_samples_do_not_depend_on_how_they_are_asked_for(cuts: list[int], stride: int) -> None:
     with pytest.MonkeyPatch.context() as patch:

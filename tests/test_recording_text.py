@@ -16,7 +16,6 @@ from signid.recording.convert import convert
 from signid.recording.draft import draft_map
 from signid.recording.formats import FORMATS
 from signid.recording.names.mapping import Heading
-from signid.recording.names.vocabulary import bracketed, unit_row
 from signid.robot import load_robot
 from signid.toml_json import read_toml
 
@@ -77,28 +76,6 @@ def test_units_of_servos_without_a_description(tmp_path: Path) -> None:
     recording, units = read_bare(path)
     np.testing.assert_allclose(recording.read().q[:, 0], Q, atol=1e-8)
     assert units == {"a": "rad"}
-
-
-@pytest.mark.parametrize(
-    ("name", "found"),
-    [
-        ("q_1 [rad]", ("q_1", "rad")),
-        ("q_1(deg)", ("q_1", "deg")),
-        ("ddq_1 [rad/s^2]", ("ddq_1", "rad/s2")),
-        ("q(1)", ("q(1)", "")),
-        ("x [counts]", ("x [counts]", "")),
-        ("[rad]", ("", "rad")),
-        ("a" * 99 + " [mA]", ("a" * 99, "mA")),
-    ],
-)
-def test_units_in_brackets(name: str, found: tuple[str, str]) -> None:
-    assert bracketed(name) == found
-
-
-def test_rows_of_units() -> None:
-    assert unit_row(["s", "deg", "-", "[Nm]"]) == ["s", "deg", "", "N.m"]
-    for cells in (["idle", "s"], ["", ""], ["1", "2"], []):
-        assert unit_row(cells) is None
 
 
 def test_names_stated_for_a_file_without_a_header(tmp_path: Path) -> None:
