@@ -112,9 +112,15 @@ def test_a_full_disk_is_reported(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "where", ["os.replace", "os.fdopen", "tempfile.mkstemp", "pathlib.Path.chmod", "pathlib.Path.mkdir"]
+    ("where", "number"),
+    [
+        ("os.replace", errno.ENOSPC),
+        ("os.fdopen", errno.EROFS),
+        ("tempfile.mkstemp", errno.EACCES),
+        ("pathlib.Path.chmod", errno.EIO),
+        ("pathlib.Path.mkdir", errno.EDQUOT),
+    ],
 )
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EIO, errno.EDQUOT])
 def test_a_failed_write_leaves_nothing(
     where: str, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

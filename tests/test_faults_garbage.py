@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from senseless import Columns, senseless
@@ -72,27 +74,22 @@ def read(name: str) -> Recording:
     return signid.read_recording(recordings()[name], robot())
 
 
+wls = partial(signid.identify, method="wls")  # names the faults that `check` finds
+
+
 def test_every_recording_has_an_expectation() -> None:
     assert set(recordings()) == set(NAMED) | SILENT
 
 
-@pytest.mark.parametrize("name", NAMED)
-def test_check_names_the_fault(name: str) -> None:
+@pytest.mark.parametrize(
+    ("verb", "name"), [*((check, name) for name in NAMED), *((wls, name) for name in [*NAMED][::3])]
+)
+def test_the_fault_is_named(verb: Callable[..., Any], name: str) -> None:
     try:
-        said = check(robot(), [read(name)]).flags
+        said = verb(robot(), [read(name)]).flags
     except ValueError as error:
         said = (str(error),)
     assert any(NAMED[name] in sentence for sentence in said), said
-
-
-@pytest.mark.parametrize("name", NAMED)
-def test_identify_names_the_fault(name: str) -> None:
-    try:
-        said = signid.identify(robot(), [read(name)], method="wls").flags
-    except ValueError as error:
-        said = (str(error),)
-    words = "different values" if name == "q_8bit" else NAMED[name]
-    assert any(words in sentence for sentence in said), said
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import nnls
 
-from signid.faults.evidence import Curve, nonnegative
+from signid.faults.evidence import nonnegative
 
 
 def test_coefficients_are_those_of_scipy() -> None:
@@ -24,16 +24,6 @@ def test_coefficients_are_those_of_scipy() -> None:
         assert np.all(x >= 0)
         assert np.linalg.norm(a @ x - b) <= nnls(a, b)[1] + 1e-6
     assert not nonnegative(np.zeros((1, 2, 2)), np.zeros((1, 2, 3))).any()
-
-
-def test_a_curve_goes_through_its_samples_and_between_them() -> None:
-    t = np.arange(100) / 8.0
-    curve = Curve(t, np.stack([np.sin(2 * np.pi * t), t**3], axis=1))
-    assert np.allclose(curve.at(t), curve.x, atol=1e-9)
-    between = np.linspace(1.0, 11.0, 500)
-    assert np.abs(curve.at(between)[:, 0] - np.sin(2 * np.pi * between)).max() < 1e-3
-    assert np.allclose(curve.at(between)[:, 1], between**3)
-    assert np.array_equal(curve.at(np.array([-1.0, 99.0])), curve.x[[0, -1]])
 
 
 def test_faults_of_torque_need_no_compiled_code() -> None:

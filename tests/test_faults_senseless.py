@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 from senseless_servo import SWING, healthy, senseless
-from servo_logs import DATA, PUBLIC, read_public, recording
+from servo_logs import recording
 
 from signid.cli import run
 from signid.faults.commands import audit_servos
@@ -49,13 +49,6 @@ def test_healthy_recordings_are_silent() -> None:
     assert not audit_servos(recording(GOOD)).flags and not audit_servos(recording(OTHER)).flags
 
 
-@pytest.mark.parametrize("name", SENSELESS)
-def test_the_audit_names_what_is_wrong(name: str) -> None:
-    flags = audit_servos(recording(SENSELESS[name])).flags
-    assert any(WORDS[name] in flag for flag in flags), flags
-    assert all("\n" not in flag for flag in flags)
-
-
 @pytest.fixture(scope="module")
 def actuators(tmp_path_factory: pytest.TempPathFactory) -> str:
     place = tmp_path_factory.mktemp("robot") / "actuators.toml"
@@ -72,11 +65,17 @@ def test_commands_end_with_2_or_3(
     pl.DataFrame(SENSELESS[name]).write_csv(file)
     for words in (["check", file], ["validate", "1r", file, "--actuators", actuators]):
         assert run(words) in (2, 3)
-        assert WORDS[name] in capsys.readouterr().err
+        said = capsys.readouterr().err.splitlines()
+        assert any(WORDS[name] in line for line in said) and all(line.startswith("signid: ") for line in said), said
 
 
-@pytest.mark.parametrize("name", ["another motion", "stuck", "halved", "spikes", "both constant"])
-@pytest.mark.parametrize("verb", ["identify", "diagnose"])
+@pytest.mark.parametrize(
+    ("verb", "name"),
+    [
+        *(("identify", name) for name in ("another motion", "stuck", "halved", "spikes")),
+        *(("diagnose", name) for name in ("stuck", "spikes", "both constant")),
+    ],
+)
 def test_identification_and_diagnosis_end_with_2_or_3(
     verb: str, name: str, actuators: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -89,17 +88,3 @@ def test_identification_and_diagnosis_end_with_2_or_3(
 def test_a_healthy_recording_is_validated_without_a_flag(actuators: str, tmp_path: Path) -> None:
     pl.DataFrame(GOOD).write_csv(tmp_path / "log.csv")
     assert run(["validate", "1r", str(tmp_path / "log.csv"), "--actuators", actuators]) == 0
-
-
-NEW = (
-    "does not follow q_des (", "never changes", "away and back", "is stuck", "different values", "throughout",
-    "later than a drive", "leads", "never negative", "zeros of q",
-)  # fmt: skip
-
-
-@PUBLIC
-@pytest.mark.parametrize("folder", ["bam_xl330", "bam_sts3250", "go2_dls", "so101_servo", "mauicv_servo"])
-def test_new_faults_are_not_found_in_public_recordings(folder: str) -> None:
-    for file in sorted((DATA / folder).glob("*.csv.gz")):
-        flags = audit_servos(recording(read_public(f"{folder}/{file.name}")[1])).flags
-        assert not [flag for flag in flags if any(words in flag for words in NEW)], file.name

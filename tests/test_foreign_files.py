@@ -51,7 +51,7 @@ def test_a_foreign_file_of_the_same_name_is_kept(
     assert content(place) == before
 
 
-@pytest.mark.parametrize("command", [*list(SINGLE)[:4]])
+@pytest.mark.parametrize("command", list(SINGLE)[:4])
 def test_results_beside_the_users_files_leave_them_alone_and_are_replaced(command: str, place: Path) -> None:
     (place / "robot.urdf").rename(place / "arm.urdf")
     mine = content(place)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from test_recording_formats import sentence
+from test_recording_formats import refusal
 
 import signid
 from signid.cli import run
@@ -194,9 +194,8 @@ def test_a_log_without_positions_is_flagged(
 
 
 def test_errors_name_the_line_to_write(capfd: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(RecordingError) as error:
+    with refusal("did you mean abs_tau_1, abs_tau_2, abs_tau_3?", 'abs_tau_1 = "tau_abs_1"'):
         read_recording({"t": T, **by_joint("q_{}", Q), **by_joint("tau_abs_{}", abs(TAU))}, ROBOT)
-    sentence(str(error.value), "did you mean abs_tau_1, abs_tau_2, abs_tau_3?", 'abs_tau_1 = "tau_abs_1"')
     with pytest.raises(RecordingError, match=r'did you mean q_elbow = "elbow_pos"\?'):
         read_recording({"t": T, "elbow_pos": T}, ROBOT, columns={"q_elbow": "elbow_pso"})
     with pytest.raises(RecordingError, match=r'\[units\] q = "deg"'):
@@ -205,9 +204,6 @@ def test_errors_name_the_line_to_write(capfd: pytest.CaptureFixture[str]) -> Non
         signid.identify(
             ROBOT, [read_recording({"t": T * 1e4, **by_joint("q_{}", Q), **by_joint("tau_{}", TAU)}, ROBOT)]
         )
-    words = [f"word{k}" for k in range(100)]
-    write_error("; ".join([" ".join(words), "end it"]))
-    assert all(word in capfd.readouterr().err or word for word in words)
     write_error("x" * 3000 + " is no robot; give another")
     shown = capfd.readouterr().err
     assert len(shown) < 400 and shown.endswith("is no robot; give another\n")

@@ -10,9 +10,8 @@ import numpy as np
 import polars as pl
 import pytest
 from test_recording import arm
-from test_recording_formats import sentence
+from test_recording_formats import refusal
 
-from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.formats import FORMATS, base, find_format
 
@@ -58,9 +57,8 @@ def test_lists_and_structures_are_columns(name: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(found.t, T, atol=1e-12)
     np.testing.assert_array_equal(found.q, Q)
     np.testing.assert_array_equal(found.tau, TAU)
-    with pytest.raises(RecordingError) as error:
+    with refusal(name, "'mode'", "String"):
         table.read(("mode",), 0, 1)
-    sentence(str(error.value), name, "'mode'", "String")
 
 
 def test_a_list_of_another_length_is_missing_and_columns_of_their_own_come_first(tmp_path: Path) -> None:
@@ -81,26 +79,6 @@ def test_files_of_pandas(tmp_path: Path) -> None:
     np.testing.assert_allclose(table.read(("t", "q_1"), 0, N), np.column_stack([T, T]), atol=1e-12)
 
 
-def test_files_that_are_cut_short_or_spoilt_end_in_a_sentence(tmp_path: Path) -> None:
-    random, refusals = np.random.default_rng(0), 0
-    for name in [name for name in WRITERS if not name.endswith(".parquet")]:
-        WRITERS[name](tmp_path / name)
-        content = (tmp_path / name).read_bytes()
-        for trial in range(60):
-            spoilt = bytearray(content)
-            for at in random.integers(0, len(content), 1 + trial % 5):
-                spoilt[at : at + 4] = (b"\xff" * 4, b"\0" * 4, random.bytes(4), b"")[trial % 4]
-            spoilt = spoilt[: random.integers(0, len(content))] if trial % 3 == 0 else spoilt
-            (tmp_path / name).write_bytes(spoilt)
-            try:
-                table = FORMATS["arrow"].open(tmp_path / name)
-                table.read([column for column in table.columns if column != "mode"], 0, table.rows)
-            except RecordingError as error:
-                sentence(str(error), name)
-                refusals += 1
-    assert refusals > 150
-
-
 def test_sizes_that_a_message_states_are_checked_before(tmp_path: Path) -> None:
     """The first eight bytes of a compressed array state its size; 2 ** 61 of them would end the process."""
     for name in ("lz4.feather", "zstd.arrow", "lz4.arrows", "a.ipc"):
@@ -109,9 +87,8 @@ def test_sizes_that_a_message_states_are_checked_before(tmp_path: Path) -> None:
         stated = struct.pack("<q", 8 * N)
         assert stated in content
         (tmp_path / name).write_bytes(content.replace(stated, struct.pack("<q", 2**61)))
-        with pytest.raises(RecordingError) as error:
+        with refusal(name, "memory"):
             FORMATS["arrow"].open(tmp_path / name)
-        sentence(str(error.value), name, "memory")
 
 
 BAD: dict[str, tuple[bytes, tuple[str, ...]]] = {
@@ -128,21 +105,18 @@ BAD: dict[str, tuple[bytes, tuple[str, ...]]] = {
 def test_files_that_are_no_tables(case: str, tmp_path: Path) -> None:
     content, culprits = BAD[case]
     (tmp_path / "a.feather").write_bytes(content)
-    with pytest.raises(RecordingError) as error:
+    with refusal("a.feather", *culprits):
         FORMATS["arrow"].open(tmp_path / "a.feather")
-    sentence(str(error.value), "a.feather", *culprits)
 
 
 def test_tables_beyond_limits_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wide = pl.DataFrame({f"q{k}": pl.Series(np.zeros((2, 1000)), dtype=pl.Array(pl.Float64, 1000)) for k in range(21)})
     wide.write_ipc(tmp_path / "a.feather")
-    with pytest.raises(RecordingError) as error:
+    with refusal("a.feather", "20000 columns"):
         FORMATS["arrow"].open(tmp_path / "a.feather")
-    sentence(str(error.value), "a.feather", "20000 columns")
     pl.DataFrame({"t": [1, 2], "scan": np.zeros((2, 1001))}).write_ipc(tmp_path / "a.feather")
     assert FORMATS["arrow"].open(tmp_path / "a.feather").columns == ("t", "scan")
     frame().write_ipc(tmp_path / "a.feather")
     monkeypatch.setattr(base, "free_memory", lambda: 5000.0)
-    with pytest.raises(RecordingError) as error:
+    with refusal("a.feather", "memory"):
         FORMATS["arrow"].open(tmp_path / "a.feather")
-    sentence(str(error.value), "a.feather", "memory")

@@ -11,9 +11,8 @@ import pandas as pd
 import polars as pl
 import pytest
 from test_recording import Q, T, arm, whole
-from test_recording_formats import sentence
+from test_recording_formats import refusal
 
-from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.formats import FORMATS
 
@@ -80,6 +79,5 @@ def test_dates_in_parquet(tmp_path: Path) -> None:
 def test_objects_that_are_no_frame() -> None:
     twice = pd.DataFrame(np.ones((3, 2)), columns=["t", "t"])
     for given, culprits in ((twice, ("'t'", "two columns")), ([1, 2], ("list", "frame")), (None, ("NoneType",))):
-        with pytest.raises(RecordingError) as error:
+        with refusal(*culprits):
             read_recording(given, arm())  # type: ignore[arg-type]
-        sentence(str(error.value), *culprits)

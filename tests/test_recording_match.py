@@ -17,7 +17,6 @@ from signid.recording import read_recording
 from signid.recording.draft import draft_map
 from signid.recording.names.calibration import calibrated, read_calibration
 from signid.recording.names.match import guess_columns, match_signals
-from signid.recording.names.vocabulary import words_of
 
 LEG = [f"FR_{part}_joint" for part in ("hip", "thigh", "calf")]
 UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
@@ -109,13 +108,6 @@ def test_names_of_columns_are_matched(case: str) -> None:
     robot = signid.load_robot(name)
     found = {one.column: key for key, one in match_signals(guess_columns(list(expected), robot), robot)}
     assert {column: found.get(column, "") for column in expected} == expected
-
-
-def test_compounds_have_parts() -> None:
-    assert words_of("Istgeschwindigkeit1") == ["ist", "geschwindigkeit", "1"]
-    assert words_of("SetPoint_jointpos2") == ["setpoint", "joint", "pos", "2"]
-    assert words_of("ddtheta_elbow") == ["theta", "ddot", "elbow"]
-    assert words_of("q_d_1") == ["q", "d", "1"], "short words are not joined"
 
 
 T = np.arange(500) * 0.02

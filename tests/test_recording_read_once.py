@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import polars as pl
 import pytest
@@ -14,17 +12,15 @@ import pytest
 from signid.cli import run
 
 COUNT = """
-import json, os, runpy, sys
+import json, os, sys
 from collections import Counter
 
-file, report, *arguments = sys.argv[1:]
-opened, decoded = 0, Counter()
-
-def watch(event, given):
-    global opened
-    opened += event == "open" and isinstance(given[0], (str, os.PathLike)) and os.fspath(given[0]) == file
-
-sys.addaudithook(watch)
+opened, decoded, report = Counter(), Counter(), {}
+sys.addaudithook(
+    lambda event, given: opened.update([os.path.basename(given[0])])
+    if event == "open" and isinstance(given[0], (str, os.PathLike)) else None
+)
+from signid.cli import run
 from signid.recording.formats.parquet import ScannedTable
 
 number = ScannedTable._number
@@ -34,33 +30,35 @@ def count(table, name):
     return number(table, name)
 
 ScannedTable._number = count
-sys.argv = ["signid", *arguments]
-try:
-    runpy.run_module("signid", run_name="__main__")
-finally:
-    with open(report, "w") as stream:
-        json.dump({"opened": opened, "decoded": decoded}, stream)
+for verb in ("identify", "diagnose"):
+    for file in ("log.csv", "log.parquet"):
+        opened.clear(), decoded.clear()
+        code = run([verb, "1r", file, "-o", f"{verb}_{file}"])
+        report[f"{verb} {file}"] = {"code": code, "opened": opened[file], "decoded": dict(decoded)}
+with open("report.json", "w") as stream:
+    json.dump(report, stream)
 """
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording of a pendulum, as text and as Parquet."""
+def counted(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, object]]:
+    """What commands on a recording of a pendulum, as text and as Parquet, opened and decoded in one process."""
     folder = tmp_path_factory.mktemp("once")
     simulated = ["simulate", "1r", "--duration", "8", "--seed", "1", "--noise", "0.02", "-o"]
     assert run([*simulated, str(folder / "log.csv")]) == 0
     pl.read_csv(folder / "log.csv").write_parquet(folder / "log.parquet")
-    return folder
+    subprocess.run([sys.executable, "-c", COUNT], capture_output=True, cwd=folder, check=True)
+    found: dict[str, dict[str, object]] = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    return found
 
 
 @pytest.mark.parametrize("verb", ["identify", "diagnose"])
-@pytest.mark.parametrize(("name", "opened"), [("log.csv", 2), ("log.parquet", 1)])
-def test_a_command_reads_a_recording_once(folder: Path, verb: str, name: str, opened: int) -> None:
-    report = folder / f"{verb}_{name}.json"
-    file, out = str(folder / name), str(folder / f"{verb}_{name}")
-    command = [sys.executable, "-c", COUNT, file, str(report), verb, "1r", file, "-o", out]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=dict(os.environ))
-    found = json.loads(report.read_text(encoding="utf-8"))
-    assert done.returncode == 0, done.stderr
-    assert found["opened"] == opened  # polars opens Parquet files itself
-    assert bool(found["decoded"]) == name.endswith("parquet") and {*found["decoded"].values()} <= {1}
+@pytest.mark.parametrize(("name", "opened"), [("log.csv", 2), ("log.parquet", 1)])  # polars opens Parquet files itself
+def test_a_command_reads_a_recording_once(
+    counted: dict[str, dict[str, object]], verb: str, name: str, opened: int
+) -> None:
+    found = counted[f"{verb} {name}"]
+    assert (found["code"], found["opened"]) == (0, opened)
+    decoded = found["decoded"]
+    assert isinstance(decoded, dict)
+    assert bool(decoded) == name.endswith("parquet") and {*decoded.values()} <= {1}

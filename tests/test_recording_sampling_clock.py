@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -108,12 +105,6 @@ def test_right_stamps_of_uneven_samples_stay(name: str, unsigned: bool) -> None:
     sentence(sampling.notes[0], "time steps vary from 6 to 10 ms", "resampled")
 
 
-def test_uniform_recordings_build_no_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["signid.recording.sampling.survey"], "choose_clock", None)
-    for t in (even(), np.round(even(), 3), 1.7e9 + even()):
-        assert surveyed("3r", moved("3r", even()) | {"t": t})[1].clock.kind == "stamps"
-
-
 @pytest.mark.parametrize("seed", [1, 2])
 def test_numbers_are_those_of_the_exact_clock(seed: int) -> None:
     exact = moved("ur5", even(5000), seed)
@@ -160,26 +151,6 @@ def test_wandering_stamps_are_of_no_even_clock() -> None:
     assert fit_even(np.cumsum(steps), Clock(PERIOD, PERIOD, 1e-9)) is None
     slowing = np.cumsum(np.linspace(1, 1.1, 4000)) * PERIOD
     assert fit_even(slowing, Clock(PERIOD, 1.05 * PERIOD, 1e-9)) is None
-
-
-REAL = {
-    "kuka_lwr4_flobaroid/measurements_1.csv.gz": ("kuka_lwr4.urdf", "even"),
-    "kuka_lwr4_flobaroid/measurements_3.csv.gz": ("kuka_lwr4.urdf", "even"),
-    "panda_gaz2019/exciting_traj_1.csv.gz": ("panda.urdf", "stamps"),
-    "ur10e_mamedov/identification_data__20_02_12_40sec_12harm.csv.gz": ("ur10e.urdf", "stamps"),
-    "mit_arm_saloutos/arm_log_2.csv.gz": ("mit_arm.urdf", "stamps"),
-    "rokae_xmate/excit_motor.csv.gz": ("xmate3pro.urdf", "stamps"),
-}
-
-
-@pytest.mark.parametrize("unsigned", [False, True])
-@pytest.mark.parametrize("file", REAL)
-def test_clocks_of_real_robots(file: str, unsigned: bool, data: Path) -> None:
-    urdf, kind = REAL[file]
-    robot = load_robot((data / file).with_name(urdf))
-    drives = replace(robot.actuators, torque_constant=np.full(len(robot.joints), 10.0))
-    recording = read_recording(data / file, replace(robot, actuators=drives), unsigned=unsigned)
-    assert survey(recording, robot).clock.kind == kind
 
 
 def test_steps_that_are_almost_nothing_are_refused() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from test_recording import arm
-from test_recording_formats import sentence
+from test_recording_formats import refusal
 
 from signid.errors import RecordingError
 from signid.recording import read_recording
@@ -59,9 +59,8 @@ def test_other_columns_are_no_question(name: str) -> None:
 @pytest.mark.parametrize("name", RIVALS)
 def test_a_second_time_is_asked_about(name: str) -> None:
     both = columns(**{name: RIVALS[name]})
-    with pytest.raises(RecordingError) as error:
+    with refusal("two columns of time", f"t and {name}", f'write t = "t" or t = "{name}"'):
         read_recording(both, ROBOT)
-    sentence(str(error.value), "two columns of time", f"t and {name}", f'write t = "t" or t = "{name}"')
     assert read_recording(both, ROBOT, columns={"t": "t"}).columns["t"] == ("t",)
     assert read_recording(both, ROBOT, columns={"t": name}).columns["t"] == (name,)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from test_recording import arm
-from test_recording_formats import sentence
+from test_recording_formats import refusal
 
 from signid.errors import RecordingError
 from signid.recording import read_recording, with_signs
@@ -182,8 +182,7 @@ def test_flat_zero_at_the_end_keeps_the_nearest_sign() -> None:
 
 def test_signs_of_another_shape_are_refused() -> None:
     recording, _ = absolute(recorded(np.arange(100) * 0.01))
-    with pytest.raises(RecordingError) as error:
+    with refusal("100 rows of 2 joints", "(99, 2)"):
         with_signs(recording, np.ones((99, 2), np.int8))
-    sentence(str(error.value), "100 rows of 2 joints", "(99, 2)")
     with pytest.raises(RecordingError, match="signs have the shape"):
         with_signs(replace(recording, path="some.csv"), np.ones((100, 3), np.int8))

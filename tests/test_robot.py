@@ -39,6 +39,8 @@ BAD = {
     "unknown type": (urdf(*PAIR[:2], joint("z", "a", "b", "ball")), "unknown type 'ball'"),
     "no type": (urdf(*PAIR[:2], '<joint name="z"><parent link="a"/><child link="b"/></joint>'), "no type"),
     "no name": (urdf("<link/>"), "link without a name"),
+    "joint without a name": (urdf(*PAIR[:2], PAIR[2].replace(' name="z"', "")), "joint without a name"),
+    "no child": (urdf(*PAIR[:2], '<joint name="z" type="revolute"><parent link="a"/></joint>'), "no child link"),
     "zero axis": (urdf(*PAIR[:2], joint("z", "a", "b", axis="0 0 0")), "axis 0 0 0"),
     "short axis": (urdf(*PAIR[:2], joint("z", "a", "b", axis="0 1")), "three numbers"),
     "words": (urdf(*PAIR[:2], joint("z", "a", "b", more='<limit lower="low"/>')), "lower='low'; expected a number"),

@@ -141,13 +141,6 @@ def test_the_carried_arm_is_generated_from_its_table() -> None:
     assert (ROBOTS / "3r" / "robot.urdf").read_bytes() == urdf_from_dh("3r", ARM).encode()
 
 
-def test_the_carried_arm_has_the_frames_of_its_table() -> None:
-    robot = load_robot("3r")
-    for q in np.random.default_rng(0).uniform(-np.pi, np.pi, (20, 3)):
-        for expected, found in zip(frames(ARM, q), frames_of(robot, ARM, q), strict=True):
-            np.testing.assert_allclose(found, expected, atol=1e-12)
-
-
 def test_the_boxes_of_the_arm_are_those_of_its_inertias() -> None:
     for link in ARM:
         x, y, z = link.box

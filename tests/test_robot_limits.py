@@ -41,42 +41,38 @@ def test_huge_numbers_of_a_urdf_are_refused(old: str, number: str) -> None:
         robot_from_text(f'{before}{old}{changed}"{rest}', "urdf", "3r")
 
 
-@pytest.mark.parametrize("more", ['<mimic joint="joint_2" multiplier="{}"/>', '<dynamics damping="{}" friction="{}"/>'])
-def test_huge_multipliers_and_friction_are_refused(more: str) -> None:
-    head, end = within_joint_3()
-    with pytest.raises(RobotError, match="1e\\+09"):
-        robot_from_text(f"{head}{more.replace('{}', '1e300')}</joint>{end}", "urdf", "3r")
-
-
 def test_negligible_numbers_are_zero_and_limits_may_be_huge() -> None:
-    head, end = within_joint_3()
-    robot = robot_from_text(f'{head}<dynamics damping="1e-310"/></joint>{end}', "urdf", "3r")
+    robot = robot_from_text(ended('<dynamics damping="1e-310"/>'), "urdf", "3r")
     assert robot.actuators.viscous_friction[-1] == 0
     wide = toy(link("a"), link("b"), joint("z", "a", "b", more='<limit lower="-1e308" upper="1e308" effort="1e308"/>'))
     assert np.isinf(wide.upper[0])
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        mjcf(size="1e300"),
-        mjcf(place=' pos="0 0 1e150"'),
-        mjcf(more=' damping="1e300"'),
-        mjcf(more=' armature="1e12"'),
-        mjcf(more=' axis="1e300 0 0"'),
-    ],
-)
-def test_huge_numbers_of_an_mjcf_are_refused(text: str) -> None:
-    with pytest.raises(RobotError, match="number up to 1e\\+09"):
-        robot_from_text(text, "mjcf", "m")
+def ended(more: str) -> str:
+    """The 3r with more inside of its joint 3."""
+    head, end = within_joint_3()
+    return f"{head}{more}</joint>{end}"
 
 
-@pytest.mark.parametrize("text", [mjcf(joint="universe"), mjcf(body="universe")])
-def test_names_that_the_reader_uses_itself_are_refused(text: str) -> None:
-    with pytest.raises(RobotError, match="Pinocchio uses itself"):
-        robot_from_text(text, "mjcf", "m")
-    with pytest.raises(RobotError, match="Pinocchio uses itself"):
-        robot_from_text(THREE.replace("joint_1", "universe"), "urdf", "3r")
+REFUSED = [  # description, words
+    *((ended(f"<{x}/>"), "1e\\+09") for x in ('mimic joint="joint_2" multiplier="1e300"', 'dynamics damping="1e300"')),
+    *((mjcf(size=x, place=y), "number up to 1e\\+09") for x, y in (("1e300", ""), (".1", ' pos="0 0 1e150"'))),
+    *((mjcf(more=f" {x}"), "number up to 1e\\+09") for x in ('damping="1e300"', 'armature="1e12"', 'axis="1e300 0 0"')),
+    *((x, "Pinocchio uses itself") for x in (mjcf(joint="universe"), mjcf(body="universe"))),
+    (THREE.replace("joint_1", "universe"), "Pinocchio uses itself"),
+    (ended('<dynamics damping="-1"/>'), "joint 'joint_3' has damping=-.*expected 0 or more"),
+    (ended('<dynamics friction="-0.1"/>'), "joint 'joint_3' has friction=-.*expected 0 or more"),
+    *(
+        (mjcf(more=f' {x}="-0.1"'), rf"<joint> has {x}='-.*expected 0 or more")
+        for x in ("damping", "frictionloss", "armature")
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), REFUSED)
+def test_numbers_and_names_that_no_robot_has_are_refused(text: str, words: str) -> None:
+    with pytest.raises(RobotError, match=words):
+        robot_from_text(text, "mjcf" if text.startswith("<mujoco") else "urdf", "r")
 
 
 def chain(joints: int) -> str:
@@ -116,16 +112,3 @@ def test_negative_masses_are_named() -> None:
     with pytest.raises(RobotError, match=r"link_3 .* mass of -2 kg"):
         check_masses(robot_from_text(f'{head}mass value="-2{tail[tail.index(chr(34)) :]}', "urdf", "3r"))
     assert LARGEST >= 1e6
-
-
-@pytest.mark.parametrize("stated", ['damping="-1"', 'friction="-0.1"'])
-def test_friction_of_a_urdf_is_not_negative(stated: str) -> None:
-    before, after = within_joint_3()
-    with pytest.raises(RobotError, match=r"joint 'joint_3' has (damping|friction)=-.*expected 0 or more"):
-        robot_from_text(f"{before}<dynamics {stated}/></joint>{after}", "urdf", "r")
-
-
-@pytest.mark.parametrize("stated", ['damping="-1"', 'frictionloss="-0.1"', 'armature="-0.1"'])
-def test_friction_of_an_mjcf_is_not_negative(stated: str) -> None:
-    with pytest.raises(RobotError, match=r"<joint> has \w+='-.*expected 0 or more"):
-        robot_from_text(mjcf(more=f" {stated}"), "mjcf", "r")

@@ -6,47 +6,28 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
-from toys import PAIR, joint, link, urdf
+from toys import PAIR, joint, refused, urdf
 
 from signid.errors import RobotError
-from signid.robot import configuration, held_positions, hold, load_robot, robot_from_text
+from signid.robot import held_positions, hold, load_robot, robot_from_text
 
 
 def test_xacro(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    package = tmp_path / "toys"
-    (package / "urdf").mkdir(parents=True)
-    (package / "package.xml").write_text("<package><name>toys</name></package>")
-    space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
-    (package / "urdf" / "parts.xacro").write_text(
-        f'<robot {space}><xacro:property name="half" value="${{pi/2}}"/></robot>'
-    )
-    text = urdf(
-        '<xacro:include filename="$(find toys)/urdf/parts.xacro"/>', link("a"), link("b"),
-        joint("z", "a", "b", more='<limit lower="-${half}" upper="${half}" effort="1" velocity="1"/>'),
-        name=f' name="toy" {space}',
-    )  # fmt: skip
-    inside, outside = package / "urdf" / "toy.urdf.xacro", tmp_path / "toy.xacro"
-    for path, options in ((inside, {}), (outside, {"package_dirs": [tmp_path]})):
-        path.write_text(text)
-        robot = load_robot(path, **options)
-        assert robot.upper == [math.pi / 2] and "half" not in robot.document and robot.kind == "urdf"
-        assert robot_from_text(robot.document, "urdf", "toy").joints == ("z",)
-    plain = tmp_path / "toy.urdf"
-    plain.write_text(text)
-    assert load_robot(plain, package_dirs=[tmp_path]).joints == ("z",)
-    cannot = "xacro cannot expand it.*"
-    absent = "xyz='package://nowhere'; expected a number"
+    """In a file whose name does not say so, and with errors."""
+    space = ' name="toy" xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    half = '<xacro:property name="half" value="${pi/2}"/>'
+    limit = '<limit lower="-${half}" upper="${half}" effort="1" velocity="1"/>'
+    (tmp_path / "toy.urdf").write_text(urdf(half, *PAIR[:2], joint("z", "a", "b", more=limit), name=space))
+    robot = load_robot(tmp_path / "toy.urdf")
+    assert robot.upper == [math.pi / 2] and "half" not in robot.document and robot.kind == "urdf"
     for bad, sentence in (
-        ("${nothing}", cannot + "nothing"),
-        ("$(find nowhere)", absent),
-        ("${1/0}", cannot + "division"),
+        ("${nothing}", "xacro cannot expand it.*nothing"),
+        ("$(find nowhere)", "xyz='package://nowhere'; expected a number"),
+        ("${1/0}", "xacro cannot expand it.*division"),
     ):
-        outside.write_text(urdf(*PAIR[:2], joint("z", "a", "b", axis=bad), name=f' name="toy" {space}'))
-        with pytest.raises(RobotError, match=sentence) as caught:
-            load_robot(outside)
-        assert "\n" not in str(caught.value)
+        text = urdf(*PAIR[:2], joint("z", "a", "b", axis=bad), name=space)
+        refused(tmp_path / "toy.xacro", text, f"^[^\\n]*{sentence}[^\\n]*$")
     assert capfd.readouterr() == ("", "")
 
 
@@ -96,27 +77,6 @@ def test_mjcf_includes(tmp_path: Path) -> None:
     (tmp_path / "hand.xml").write_text('<mujocoinclude><include file="hand.xml"/></mujocoinclude>')
     with pytest.raises(RobotError, match="more than 20 files deep, or includes itself"):
         load_robot(path)
-
-
-def test_mjcf_has_the_torques_of_mujoco() -> None:
-    mujoco = pytest.importorskip("mujoco")
-    text = ARM.replace('<geom type="mesh" mesh="absent"/>', "").replace('<mesh name="absent" file="absent.stl"/>', "")
-    text = text[: text.index("<equality>")] + "</mujoco>"
-    robot = robot_from_text(text, "mjcf", "arm")
-    theirs = mujoco.MjModel.from_xml_string(text)
-    theirs.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    state, data, rng = mujoco.MjData(theirs), robot.model.createData(), np.random.default_rng(0)
-    places = [theirs.jnt_qposadr[1], theirs.jnt_qposadr[2], theirs.jnt_qposadr[3], theirs.joint("knob").qposadr[0]]
-    rows = [theirs.jnt_dofadr[1], theirs.jnt_dofadr[2], theirs.jnt_dofadr[3], theirs.joint("knob").dofadr[0]]
-    assert robot.joints == ("turn", "joint_3", "wrist", "knob")
-    for _ in range(10):
-        q, v, a = rng.normal(size=(3, 4))
-        state.qpos[:] = theirs.qpos0
-        state.qpos[places], state.qvel[rows], state.qacc[rows] = q, v, a
-        mujoco.mj_inverse(theirs, state)
-        rigid = (state.qfrc_inverse + state.qfrc_passive)[rows] - robot.actuators.armature * a
-        model_state = configuration(robot, q), robot.drive @ v, robot.drive @ a
-        np.testing.assert_allclose(robot.drive.T @ pin.rnea(robot.model, data, *model_state), rigid, atol=1e-10)
 
 
 @pytest.mark.parametrize("line", ['<joint class="c"/>', '<joint/><body childclass="c"/>'])

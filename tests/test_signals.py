@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import pty
-import re
 import resource
 import signal
 import subprocess
@@ -22,19 +20,44 @@ import pytest
 import signid
 from signid.cli import run, terminal
 from signid.cli.terminal import bars, remaining
-from signid.deadline import show_step, steps_shown
+from signid.deadline import OutOfTimeError, need_time, show_step, steps_shown, stop_searches, time_is_up, time_limit
 
 ROOT = Path(__file__).parents[1]
 THERE = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 LIMIT, SPARE = 1.0, 2.0  # [s] less than a fifth of the diagnosis; [1] beyond it, processor time over that of a fit
+SECONDS = 40  # of the recording
 SIGNALS = [(signal.SIGINT, "Ctrl-C"), (signal.SIGTERM, "SIGTERM")]
 FILES = {
     "diagnose": ["diagnosis.json", "model.json", "report.html", "robot.urdf"],
     "identify": ["identification.json", "model.json", "report.html", "robot.urdf"],
 }
 COMMANDS = {"diagnose": (), "identify": ("--method", "pbrp")}
-BEGUN = {"diagnose": ("weighing laws", 0.0), "identify": ("judging by", 1.0)}  # what is shown so long [s] before
-CODES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")  # of a terminal
+SIGNALLED = """
+import signal, sys
+import signid.__main__ as program
+from signid import deadline
+
+event, number, times, *sys.argv[1:] = sys.argv[1:]
+sent = False
+
+def send():
+    global sent
+    if not sent:
+        sent = True
+        for _ in range(int(times)):
+            signal.raise_signal(int(number))
+
+def answered(limit, value):
+    limit.__dict__["searching"] = value
+    if value:
+        send()
+
+if event == "first answer":
+    deadline._Limit.searching = property(lambda limit: limit.__dict__["searching"], answered)
+else:
+    sys.addaudithook(lambda what, given: what == "open" and str(given[0]).endswith(event) and send())
+program.main()
+"""  # signals itself when its search has its first answer, or when it opens a file: no clock is involved
 
 
 class Ended(NamedTuple):
@@ -44,60 +67,29 @@ class Ended(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Forty seconds of a simulated panda with laws that its description lacks."""
-    path = tmp_path_factory.mktemp("short") / "panda.parquet"
-    words = "simulate panda --duration 40 --rate 250 --step 0.002 --noise 0.01"
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A simulated panda with laws that its description lacks."""
+    path = tmp_path_factory.mktemp("recording") / "panda.parquet"
+    words = f"simulate panda --duration {SECONDS} --rate 250 --step 0.002 --noise 0.01"
     laws = [f"{law}@panda_joint{j}" for j, law in ((2, "load_friction"), (4, "stribeck_friction"), (6, "spring"))]
     assert run([*words.split(), *(word for law in laws for word in ("--inject", law)), "-o", str(path)]) == 0
     return path
 
 
-def command(words: Sequence[str], signals: Sequence[tuple[float, signal.Signals]]) -> Ended:
-    """A command in a process of its own that gets signals at delays [s] after its start or the signal before."""
+def ended(program: Sequence[str]) -> Ended:
+    """A Python program in a process of its own."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    with subprocess.Popen(
-        [sys.executable, "-m", "signid", *words],
-        env=THERE,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as child:
-        for seconds, number in signals:
-            time.sleep(seconds)
-            child.send_signal(number)
-        _, said = child.communicate(timeout=300)
+    done = subprocess.run([sys.executable, *program], env=THERE, capture_output=True, text=True, timeout=300)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return Ended(child.returncode, said, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return Ended(done.returncode, done.stderr, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
 
 
-def stopped(verb: str, path: Path, out: Path, number: signal.Signals, again: bool = False) -> Ended:
-    """A command in a terminal that gets a signal once its search has begun, and perhaps another one."""
+def stopped(
+    verb: str, path: Path, out: Path, number: signal.Signals, event: str = "first answer", times: int = 1
+) -> Ended:
+    """A command that gets a signal, once or several times, at an event."""
     words = [verb, "panda", str(path), *COMMANDS[verb], "-o", str(out)]
-    (shown, seconds), (ours, its) = BEGUN[verb], pty.openpty()
-    with subprocess.Popen(
-        [sys.executable, "-m", "signid", *words], env={**THERE, "TERM": "xterm"}, stdout=subprocess.DEVNULL, stderr=its
-    ) as child:
-        os.close(its)
-        said, sent = "", False
-        while piece := _piece(ours):
-            said += piece
-            if shown in said and not sent:
-                time.sleep(seconds)
-                sent = True
-                for _ in range(1 + again):
-                    child.send_signal(number)
-                    time.sleep(0.1)
-    os.close(ours)
-    return Ended(child.returncode, CODES.sub("", said).replace("\r\n", "\n"), 0.0)
-
-
-def _piece(terminal: int) -> str:
-    """Text written to a terminal, empty once the writer has ended."""
-    try:
-        return os.read(terminal, 65536).decode(errors="replace")
-    except OSError:
-        return ""
+    return ended(["-c", SIGNALLED, event, str(int(number)), str(times), *words])
 
 
 def whole(out: Path, verb: str) -> dict[str, object]:
@@ -109,12 +101,12 @@ def whole(out: Path, verb: str) -> dict[str, object]:
     return document
 
 
-def test_a_long_diagnosis_ends_in_time(short: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    fit = command(["identify", "panda", str(short), "--method", "wls", "--json"], [])  # reads and prepares the same
-    ended = command(["diagnose", "panda", str(short), "-o", str(out), "--time-limit", f"{LIMIT:g}"], [])
-    assert ended.code == 3
-    assert ended.seconds < LIMIT + SPARE * fit.seconds
+def test_a_long_diagnosis_ends_in_time(recording: Path, tmp_path: Path) -> None:
+    out, words = tmp_path / "out", ("panda", str(recording))
+    fit = ended(["-m", "signid", "identify", *words, "--method", "wls", "--json"])  # reads and prepares the same
+    found = ended(["-m", "signid", "diagnose", *words, "-o", str(out), "--time-limit", f"{LIMIT:g}"])
+    assert found.code == 3
+    assert found.seconds < LIMIT + SPARE * fit.seconds
     document = whole(out, "diagnose")
     assert document["rollout"] is None, "what follows the search is bounded, too"
     assert f"the search for laws was cut short after {LIMIT:g} s" in str(document["flags"])
@@ -125,42 +117,37 @@ def test_a_long_diagnosis_ends_in_time(short: Path, tmp_path: Path) -> None:
     assert not any(w and one for w, one in zip(worse, loud, strict=True)), "never worse than the given simulation"
 
 
-@pytest.mark.parametrize(("verb", "number", "name"), [("diagnose", *SIGNALS[0]), ("identify", *SIGNALS[1])])
+@pytest.mark.parametrize(("verb", "number", "name"), [(v, *s) for v, s in zip(COMMANDS, SIGNALS, strict=True)])
 def test_a_signal_leaves_the_best_so_far(
-    verb: str, number: signal.Signals, name: str, short: Path, tmp_path: Path
+    verb: str, number: signal.Signals, name: str, recording: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / "out"
-    ended = stopped(verb, short, out, number)
-    assert ended.code == 3, ended.said
-    assert f"signid: stopped early by {name}: " in ended.said
-    assert f"stopped early by {name}: " in str(whole(out, verb)["flags"])
+    found = stopped(verb, recording, tmp_path / "out", number)
+    assert found.code == 3, found.said
+    assert f"signid: stopped early by {name}: " in found.said
+    document = whole(tmp_path / "out", verb)
+    assert f"stopped early by {name}: " in str(document["flags"])
+    if verb == "identify":
+        robot, fit = signid.load_robot("panda"), document["fit"]
+        plain = signid.identify(robot, [signid.read_recording(recording, robot)], method="wls").fit.train_rms
+        assert isinstance(fit, dict)
+        assert all(rms <= 1.051 * least for rms, least in zip(fit["train_rms"], plain, strict=True))
 
 
-def test_an_identification_that_was_stopped_is_not_worse_than_least_squares(short: Path, tmp_path: Path) -> None:
-    assert stopped("identify", short, tmp_path / "out", signal.SIGTERM).code == 3
-    robot = signid.load_robot("panda")
-    plain = signid.identify(robot, [signid.read_recording(short, robot)], method="wls").fit.train_rms
-    fit = whole(tmp_path / "out", "identify")["fit"]
-    assert isinstance(fit, dict)
-    assert all(rms <= 1.051 * least for rms, least in zip(fit["train_rms"], plain, strict=True))
-
-
-def test_a_second_signal_ends_at_once(short: Path, tmp_path: Path) -> None:
-    out, (number, name) = tmp_path / "out", SIGNALS[0]
-    ended = stopped("diagnose", short, out, number, again=True)
-    assert ended.code == 128 + number
-    assert f"signid: {name} ended the command again, before the result was complete; no file was" in ended.said
-    assert not out.exists() and not list(tmp_path.rglob(".signid-*"))
-
-
-def test_a_signal_before_any_answer_leaves_nothing(short: Path, tmp_path: Path) -> None:
-    out, (number, name) = tmp_path / "out", SIGNALS[1]
-    ended = command(["diagnose", "panda", str(short), "-o", str(out)], [(1.5, number)])
-    assert ended.code == 128 + number
-    assert ended.said.splitlines() == [
-        f"signid: {name} ended the command before there was a result; no file was written"
-    ]
-    assert not out.exists()
+@pytest.mark.parametrize(("number", "name"), SIGNALS)
+@pytest.mark.parametrize(
+    ("event", "times", "words"),
+    [
+        ("first answer", 2, "again, before the result was complete"),
+        ("panda.parquet", 1, "before there was a result"),
+    ],
+)
+def test_a_second_signal_and_one_before_any_answer_leave_nothing(
+    event: str, times: int, words: str, number: signal.Signals, name: str, recording: Path, tmp_path: Path
+) -> None:
+    found = stopped("diagnose", recording, tmp_path / "out", number, event, times)
+    assert found.code == 128 + number
+    assert found.said == f"signid: {name} ended the command {words}; no file was written\n"
+    assert not list(tmp_path.iterdir())
 
 
 IMPORTING = """
@@ -179,9 +166,28 @@ program.main()
 
 @pytest.mark.parametrize(("number", "name"), SIGNALS)
 def test_a_signal_while_modules_are_imported_is_one_sentence(number: signal.Signals, name: str) -> None:
-    program = IMPORTING.format(number=int(number))
-    done = subprocess.run([sys.executable, "-c", program], env=THERE, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (128 + number, f"signid: {name} ended the command\n")
+    found = ended(["-c", IMPORTING.format(number=int(number))])
+    assert (found.code, found.said) == (128 + number, f"signid: {name} ended the command\n")
+
+
+def test_the_library_has_no_handlers(tmp_path: Path) -> None:
+    before = [signal.getsignal(number) for number, _ in SIGNALS]
+    assert run(["identify", "3r", str(ROOT / "robots/3r/recording.parquet"), "-o", str(tmp_path / "out")]) == 0
+    assert [signal.getsignal(number) for number, _ in SIGNALS] == before
+
+
+def test_a_stop_waits_for_an_answer() -> None:
+    assert not stop_searches("a test")
+    with time_limit(1000.0):
+        assert not time_is_up("a search", answer=False)
+        assert not stop_searches("a test"), "nothing was found yet"
+        need_time("a search")
+        assert not time_is_up("a search")
+        assert stop_searches("a test")
+        assert time_is_up("a search")
+        with pytest.raises(OutOfTimeError):
+            need_time("a search")
+    assert not time_is_up("a search")
 
 
 def test_steps_are_heard_in_their_share_and_never_go_back() -> None:

@@ -10,21 +10,15 @@ from xml.sax.saxutils import escape
 
 import pytest
 from bad_input import JOINT, LINKS
+from toys import refused
 
 import signid
-from signid.errors import RobotError
 from signid.robot.description import sandbox
 from signid.robot.description.document import read_document
 
 HERE = Path(__file__).parents[1]
 SECRET = "<robot name='secret'/>"
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
-
-
-def refused(path: Path, content: str, says: str) -> None:
-    path.write_text(content)
-    with pytest.raises(RobotError, match=says):
-        signid.load_robot(path)
 
 
 @pytest.mark.parametrize("name", ["../outside.xacro", "ABSOLUTE", "$(find nowhere)/x.xacro"])
@@ -85,13 +79,17 @@ ESCAPES = [
 ]
 
 
-@pytest.mark.parametrize("expression", ESCAPES, ids=lambda expression: expression[:50])
-def test_xacro_expressions_do_nothing_else(expression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+FORMS = [*(("${", "}", x) for x in ESCAPES), *(("$(eval ", ")", x) for x in ESCAPES[:6])]
+
+
+@pytest.mark.parametrize(("opening", "closing", "expression"), FORMS, ids=lambda word: word[:50])
+def test_xacro_expressions_do_nothing_else(
+    opening: str, closing: str, expression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sandbox, "SECONDS", 3)
     monkeypatch.chdir(tmp_path)
-    for opening, closing in ("${", "}"), ("$(eval ", ")"):
-        name = escape(f"{opening}{expression}{closing}", {'"': "&quot;"})
-        refused(tmp_path / "r.xacro", f'{HEAD}<link name="{name}"/></robot>', "xacro cannot expand it")
+    name = escape(f"{opening}{expression}{closing}", {'"': "&quot;"})
+    refused(tmp_path / "r.xacro", f'{HEAD}<link name="{name}"/></robot>', "xacro cannot expand it")
     assert [path.name for path in tmp_path.iterdir()] == ["r.xacro"]
 
 

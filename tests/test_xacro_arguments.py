@@ -12,7 +12,6 @@ import signid
 from signid.cli import run
 from signid.cli.fleet.manifest import read_manifest
 from signid.errors import ManifestError, OptionError, RobotError
-from signid.robot.load import as_arguments, parse_arguments
 
 SPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 ARM = f"""<robot {SPACE} name="$(arg name)">
@@ -141,14 +140,6 @@ def test_values_are_no_code(arm: str) -> None:
 def test_python_says_what_it_expects(wrong: object, arm: str) -> None:
     with pytest.raises(OptionError, match="xacro"):
         signid.load_robot(arm, xacro=wrong)  # type: ignore[arg-type]
-
-
-def test_texts_and_values() -> None:
-    assert parse_arguments(["a:=1:=2", "b:="]) == {"a": "1:=2", "b": ""}
-    assert as_arguments({"a": True, "b": 0.5, "c": 7, "d": ""}) == {"a": "true", "b": "0.5", "c": "7", "d": ""}
-    for many in ({f"a{k}": 1 for k in range(1001)}, {"a": "x" * 10_001}):
-        with pytest.raises(OptionError):
-            as_arguments(many)
 
 
 def test_manifests_of_fleets_have_a_column(tmp_path: Path, arm: str) -> None:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from signid.robot import robot_from_text
+from pathlib import Path
+
+import pytest
+
+from signid.errors import RobotError
+from signid.robot import load_robot, robot_from_text
 from signid.types import Robot
 
 BODY = '<inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
@@ -24,6 +29,13 @@ def urdf(*parts: str, name: str = ' name="toy"') -> str:
 
 def toy(*parts: str, name: str = ' name="toy"') -> Robot:
     return robot_from_text(urdf(*parts, name=name), "urdf", "file")
+
+
+def refused(path: Path, content: str, says: str) -> None:
+    """A description whose file is refused with these words."""
+    path.write_text(content)
+    with pytest.raises(RobotError, match=says):
+        load_robot(path)
 
 
 PAIR = (link("a"), link("b"), joint("z", "a", "b"))
