@@ -19,6 +19,8 @@ from signid.effects import EFFECTS  # noqa: E402
 from signid.output.report import to_json  # noqa: E402
 from signid.output.report.results.diagnosis import diagnosis_document  # noqa: E402
 
+pytestmark = pytest.mark.xdist_group("planted")
+
 NAMES = {effect.name for effect in EFFECTS}
 VARIABLES = ("velocity", "position", "acceleration", "torque", "time")
 FIT = {"joints", "unit", "train_rms", "held_out_rms", "noise_floor", "held_out_r2"}
@@ -121,16 +123,6 @@ def test_the_likeliest_alternatives_come_first_and_have_separating_motions(found
             wanted = other["probability"] > PLAUSIBLE and k < SEPARATED_PER_FINDING and sought < SEPARATED
             assert bool(other["separating_motion"]) == wanted
             sought += wanted
-
-
-def test_the_shares_are_those_of_the_laws(found: Diagnosis) -> None:
-    torque = {key: np.array(x) for key, x in written(found)["fit"]["before"].items() if key.endswith("rms")}
-    for finding in found.causes:
-        on = finding.torque_share > 0.02
-        if found.verdict == "named" and len(found.findings) == 1 and on.any():
-            gone = found.before.train_rms**2 - found.after.train_rms**2
-            assert np.all(gone[on] > -0.1 * found.before.train_rms[on] ** 2)
-    assert all(len(x) == len(found.robot.joints) for x in torque.values())
 
 
 SILENT: list[tuple[str, Planted, tuple[str, ...]]] = [

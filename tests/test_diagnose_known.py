@@ -20,6 +20,8 @@ from signid.model import Model
 from signid.regression.base_parameters import build_base
 from signid.regression.covariance import base_covariance
 
+pytestmark = pytest.mark.xdist_group("planted")
+
 LIGHTER = 0.7  # of the mass of a link, and of all its inertia
 LINK = 1  # the second
 

@@ -12,6 +12,8 @@ from signid.diagnose.findings.held_out_selection import ExtendedSimulation
 from signid.diagnose.findings.stated import stated_number_findings
 from signid.types import Law
 
+pytestmark = pytest.mark.xdist_group("planted")
+
 STATED, MORE = DRIVES["1r"].coulomb_friction[0], 0.25
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from example import HELD_OUT, RECORDING, notebook, unsigned
 from servo_results import invented
 
 import signid
@@ -21,17 +22,15 @@ from signid.output.display.tables import TABLES
 from signid.output.report.documents import WRITERS
 from signid.servo.validate import ServoValidatedModel, ServoValidation
 
-HERE = Path(__file__).parents[1] / "robots" / "3r"
-RECORDING, HELD_OUT = HERE / "recording.parquet", HERE / "held_out.parquet"
 HOSTILE = '"><img src=x onerror=alert(1)>'
+pytestmark = pytest.mark.xdist_group("example")
 
 
 @pytest.fixture(scope="module")
 def results() -> dict[str, Any]:
     """One result of each kind that the verbs return, by the name of its class."""
-    robot = signid.load_robot("3r")
-    recording, unsigned = (signid.read_recording(RECORDING, robot, unsigned=lost) for lost in (False, True))
-    identified, stated = signid.identify(robot, unsigned, held_out=HELD_OUT), signid.load_model(robot)
+    names, identified = notebook().names, unsigned()
+    robot, recording, stated = names["robot"], names["recording"], signid.load_model("3r")
     validated = signid.validate({"stated": stated, "identified": identified}, HELD_OUT)
     motion = signid.excite(robot, kind="random", duration=5.0)
     drives = invented()
@@ -41,7 +40,7 @@ def results() -> dict[str, Any]:
         *(looped, drives, loops, ServoValidation((loops,), drives.inputs, (), (), 0)),
         *(identified.base, identified.estimate),
         *(robot, recording, identified, identified.signs, identified.fit, identified.model, validated),
-        *(signid.check(robot, recording), signid.inspect(robot), signid.diagnose(robot, recording, held_out=HELD_OUT)),
+        *(signid.check(robot, recording), signid.inspect(robot), names["found"]),
         *(signid.payload(robot, HELD_OUT, RECORDING), signid.roll_out(identified, HELD_OUT), validated.models[0]),
         motion,
         signid.simulate(robot, signid.track(robot, motion.trajectory), 0.5),

@@ -20,7 +20,6 @@ from numpy.testing import assert_allclose
 
 import signid
 from signid.cli import run
-from signid.errors import OptionError, RecordingError
 from signid.output.replay import Replay
 from signid.output.replay.run import part
 from signid.robot import load_robot
@@ -170,12 +169,6 @@ def test_a_simulation_that_flies_apart_is_shown_as_far_as_it_goes(
     assert not wild.apart[0][np.isin(wild.window, [3, 5], invert=True)].any() and not calm.apart.any()
 
 
-def test_meshcat_is_read_and_not_imported() -> None:
-    code = "import sys; from signid.output.replay.page import _viewer; _viewer(); print('meshcat' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
-
-
 def test_the_command_writes_the_page(shown: Replay, capfd: pytest.CaptureFixture[str]) -> None:
     assert run("replay 3r arm.csv --diagnosis diagnosis.json --html deep/er/replay.html".split()) == 0
     out, err = capfd.readouterr()
@@ -227,13 +220,6 @@ def test_bad_input_is_a_sentence(command: str, words: str, capfd: pytest.Capture
     assert run(["replay", *command.split()]) == 2
     out, err = capfd.readouterr()
     assert words in err and err.count("\n") == 1 and not out and not Path("a.html").exists()
-
-
-def test_the_library_refuses_in_the_same_words(recording: Recording) -> None:
-    with pytest.raises(OptionError, match="start earlier"):
-        signid.replay(signid.load_model("3r"), recording, start=99.0)
-    with pytest.raises(RecordingError, match="shorter horizons"):
-        signid.replay(signid.load_model("3r"), recording, horizon=30.0)
 
 
 def test_the_command_serves_the_page_until_it_is_interrupted(shown: Replay, folder: Path) -> None:
