@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -67,12 +66,6 @@ def test_flags_are_in_the_repr(results: dict[str, Any]) -> None:
     assert len(repr(many).splitlines()) == 40
 
 
-def test_parts_of_results_have_one_line(results: dict[str, Any]) -> None:
-    finding = results["Diagnosis"].findings[0]
-    assert repr(finding).startswith("Finding(law=Law(effect=<coulomb_friction>") and "\n" not in repr(finding)
-    assert len(repr(signid.export(results["Model"], "mjcf"))) < 1000
-
-
 def test_html_escapes_names(results: dict[str, Any]) -> None:
     robot = replace(results["Robot"], joints=(HOSTILE, "joint_2", "joint_3"), name=HOSTILE)
     for name in ("Identification", "Diagnosis", "Check", "Inspection", "Model"):
@@ -106,24 +99,6 @@ def test_tables_hold_the_numbers(results: dict[str, Any]) -> None:
     assert found.to_frame("segments").is_empty() and "confidence" in found.to_frame("segments").columns
     samples = results["Recording"].to_frame()
     assert samples.shape == (6000, 7) and samples.columns[:2] == ["t", "q_joint_1"]
-
-
-def test_base_and_estimate_print_as_tables(results: dict[str, Any]) -> None:
-    base, found = results["BaseMap"], results["Estimate"]
-    lines = repr(found).splitlines()
-    assert "value  ± (95 %)  unit" in lines[1] and len(lines) == 25 + 3 and max(map(len, lines)) < 100
-    assert re.fullmatch(
-        r"coulomb_friction_1 +0\.90\d+ +0\.00\d+ +N\.m", next(x for x in lines if "coulomb_friction_1" in x)
-    )
-    assert found.to_frame()["expression"].to_list() == list(base.expressions) == base.to_frame()["expression"].to_list()
-    assert (
-        re.search(r"my_2 +kg.m +1 joint\n", repr(base))
-        and "my_3" in base._repr_html_()
-        and "<table>" in found._repr_html_()
-    )
-    long = replace(found, names=("Izz_1 + " + " - ".join(f"0.0{k} m_{k}" for k in range(9)), *found.names[1:]))
-    assert "Izz_1 + 0.00 m_0 - 0.01 m_1 - 0.02 m_2 ... and 6 more  " in repr(long)
-    assert "  not identifiable  " in repr(replace(found, covariance=np.full_like(found.covariance, np.inf), names=()))
 
 
 def test_pandas_frames_or_a_sentence(results: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:

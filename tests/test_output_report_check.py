@@ -148,34 +148,6 @@ def test_a_fault_of_a_drive_is_the_headline() -> None:
     assert fault.joints == ("a",) and not summary.clear
 
 
-def test_unknown_units_are_said(tmp_path: Path) -> None:
-    data = tmp_path / "set" / "data" / "chunk-000"
-    data.mkdir(parents=True)
-    own, info = drive(seconds=12), tmp_path / "set" / "meta" / "info.json"
-    info.parent.mkdir()
-    features = {"observation.state": {"names": ["elbow.pos"]}, "action": {"names": ["elbow.pos"]}}
-    info.write_text(json.dumps({"codebase_version": "v3.0", "fps": 100, "features": features}))
-    n = len(own["t"])
-    pl.DataFrame(
-        {
-            "observation.state": np.degrees(own["q_a"])[:, None].tolist(),
-            "action": np.degrees(own["q_des_a"])[:, None].tolist(),
-            "timestamp": own["t"],
-            "frame_index": np.arange(n),
-            "episode_index": np.zeros(n, int),
-        }
-    ).write_parquet(data / "file-000.parquet")
-    for mapping, said in (
-        (None, "positions are left in the unit of the source: LeRobot datasets do not say"),
-        ({"units": {"q": "deg", "q_des": "deg"}}, "positions are in deg by the column map: LeRobot"),
-    ):
-        found, units = read_bare(tmp_path / "set", columns=mapping)
-        summary = audit_summary(audit_servos(found, units))
-        [caveat] = summary.unit_notes
-        assert caveat.startswith(said) and "per cent" in caveat
-        assert summary.units[1].into == ("rad" if mapping else "")
-
-
 @pytest.mark.parametrize("mode", ["torque", "drives"])
 def test_files_of_a_check(
     mode: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
