@@ -18,6 +18,14 @@ settings.register_profile("signid", derandomize=True, deadline=None, max_example
 settings.load_profile("signid")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let one worker run a file, or files of a common `xdist_group`: what they share is then made once."""
+    for item in items:
+        if item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))
+
+
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The folder of real recordings."""

@@ -7,12 +7,6 @@ import subprocess
 import sys
 
 import pytest
-from typer.main import get_command
-
-from signid.cli import run
-from signid.cli.app import app
-
-COMMANDS = tuple(get_command(app).commands)  # type: ignore[attr-defined]
 
 
 def completed(words: str) -> list[str]:
@@ -35,28 +29,11 @@ def completed(words: str) -> list[str]:
     [
         ("signid ide", ["identify"]),
         ("signid identify emp", ["emps"]),
-        ("signid diagnose emp", ["emps"]),
         ("signid identify 3r a.csv --effects armature,visc", ["armature,viscous_friction"]),
         ("signid effects counter", ["counterbalance"]),
-        ("signid convert a.csv --robot emp", ["emps"]),
         ("signid identify robot.ur", []),  # the shell then completes file names
         ("signid replay 3r rec", []),
     ],
 )
 def test_names_are_completed(words: str, offered: list[str]) -> None:
     assert completed(words) == offered
-
-
-def test_the_script_can_be_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SHELL", "/bin/bash")
-    text = subprocess.run(
-        [sys.executable, "-m", "signid", "--help"], capture_output=True, text=True, check=True, timeout=60
-    ).stdout
-    assert "--install-completion" in text and "--show-completion" in text
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_shows_no_types_of_python(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run([command, "--help"]) == 0
-    out = capsys.readouterr().out
-    assert "<" not in out and "list[" not in out and "{" not in out.partition("\n")[0], out

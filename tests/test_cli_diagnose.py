@@ -80,25 +80,13 @@ def test_the_extended_simulation_is_diagnosed_and_simulates(place: Path, arm: tu
     assert run("simulate arm/model.json --duration 1 -o simulated.csv".split()) == 0
 
 
-def test_the_terminal_output(arm: tuple[int, Any], capfd: pytest.CaptureFixture[str]) -> None:
-    code = run(["diagnose", "1r", "fine.csv", "-o", "fine"])
-    out, err = capfd.readouterr()
-    found = read("fine/diagnosis.json")
-    assert out.startswith("1r: nothing is missing, within") and (code, found["verdict"]) == (0, "nothing_missing")
-    assert max(map(len, out.splitlines())) <= 100 and not err
-    assert out.endswith("written:\n" + "".join(f"  fine/{name}\n" for name in sorted(FILES, key=FILES_ORDER.index)))
-    assert "Roll-outs of 0.5 s" in out and "irreducible" in out and "Missing" not in out
-
-
-FILES_ORDER = ["diagnosis.json", "model.json", "robot.urdf", "report.html"]
-
-
 def test_json_is_the_file_and_the_same_every_time(capfd: pytest.CaptureFixture[str]) -> None:
     for name in ("one", "two"):
         capfd.readouterr()
-        run(["diagnose", "1r", "fine.csv", "-o", name, "--json", "--seed", "4"])
+        assert run(["diagnose", "1r", "fine.csv", "-o", name, "--json", "--seed", "4"]) == 0
         assert capfd.readouterr().out == Path(name, "diagnosis.json").read_text()
-    assert read("one/diagnosis.json")["seed"] == 4
+    found = read("one/diagnosis.json")
+    assert found["seed"] == 4 and found["verdict"] == "nothing_missing"
     for name in FILES:
         assert Path("one", name).read_bytes() == Path("two", name).read_bytes(), name
 

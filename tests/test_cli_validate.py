@@ -8,15 +8,11 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
 import pytest
-from bags import START, state, store, write2
-from test_signs_page import Page, figures
 
 import signid
 from signid.cli import run
-from signid.output.report import report
 
 EXAMPLES = Path(__file__).parents[1] / "robots" / "3r"
 MODELS = ["3r", "id/model.json"]
@@ -70,19 +66,6 @@ def test_the_document_has_the_fields_of_the_contract(capfd: pytest.CaptureFixtur
     assert all(files[name] == sha256(Path(name).read_bytes()).hexdigest() for name in ("held_out.parquet", MODELS[1]))
 
 
-def test_the_terminal_output(capfd: pytest.CaptureFixture[str]) -> None:
-    assert run(["validate", "held_out.parquet", *MODELS]) == 0
-    out, err = capfd.readouterr()
-    lines = [line.rstrip() for line in out.splitlines()]
-    assert lines[:3] == ["2 models: validated on 1 recording", "1  3r", "2  id/model.json"] and not err
-    heads = " ".join(next(line for line in lines if line.startswith("joint ")).split())
-    assert heads == "joint rms 1 rms 2 noise floor unit R2 1 R2 2"
-    assert "Roll-outs of 0.5 s" in out and max(map(len, lines)) <= 100 and "written" not in out
-    assert run(["validate", "id/model.json", "held_out.parquet", "--no-rollout"]) == 0
-    out = capfd.readouterr().out
-    assert out.startswith("id/model.json: validated on 1 recording") and "Simulated" not in out
-
-
 def test_figures_are_those_of_the_library(capfd: pytest.CaptureFixture[str]) -> None:
     robot = signid.load_robot("3r")
     models = [signid.load_model(name) for name in MODELS]
@@ -105,25 +88,6 @@ def test_files_are_complete_and_the_same_every_time(place: Path, capfd: pytest.C
     assert not Path("three").exists()
 
 
-def test_the_page_says_the_same_and_loads_nothing() -> None:
-    robot = signid.load_robot("3r")
-    models = {name: signid.load_model(name) for name in MODELS}
-    found = signid.validate(models, signid.read_recording("held_out.parquet", robot))
-    page = report(found, command="signid validate 3r id/model.json held_out.parquet")
-    text = " ".join(" ".join(Page(page).texts).split())
-    rms = f"{found.models[1].fit.held_out_rms[0]:.3g}"
-    for words in ("2 models", *MODELS, rms, "R2 2", "joint_3", "held_out.parquet", "Before you trust it", "seed 0"):
-        assert (words in text) is (words != "Before you trust it"), words
-    plots = figures(page)
-    assert len(plots) == 6 and len(page) < 6e6
-    assert {trace.name for trace in plots[0].data} == {
-        *("measured", "predicted 1", "residual 1", "predicted 2", "residual 2")
-    }
-    assert {trace.name for trace in plots[3].data} == {"model 1", "model 2"}
-    alone = report(signid.validate(models["3r"], signid.read_recording("held_out.parquet", robot), rollout=False))
-    assert len(figures(alone)) == 3
-
-
 def test_options_reach_the_library(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
     table = pl.read_parquet("held_out.parquet")
     names = {name: f"{name}_own" for name in table.columns if name != "t"}
@@ -140,19 +104,6 @@ def test_options_reach_the_library(place: Path, capfd: pytest.CaptureFixture[str
     assert driven["models"][1]["fit"] == plain["models"][1]["fit"] and driven["models"][1]["rollout"] is None
     locked = printed(capfd, *MODELS, "held_out.parquet", "--lock", "joint_3=0", code=3)
     assert locked["models"][0]["fit"]["joints"] == ["joint_1", "joint_2"] and len(locked["flags"]) == 1
-
-
-def test_a_bag_is_a_recording(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    robot = signid.load_robot("3r")
-    samples = signid.read_recording("held_out.parquet", robot).read()
-    known = store()
-    stamps = START + np.rint(1e9 * samples.t).astype(int)
-    rows = zip(stamps.tolist(), samples.q, samples.tau, strict=True)
-    messages = [("/joint_states", state(known, t, robot.joints, q, (), tau), t) for t, q, tau in rows]
-    folder = write2(place / "bag", known, messages)
-    plain, logged = (printed(capfd, MODELS[1], name, "--no-rollout") for name in ("held_out.parquet", folder.name))
-    rms = [np.array(found["models"][0]["fit"]["held_out_rms"]) for found in (plain, logged)]
-    np.testing.assert_allclose(*rms, rtol=1e-3)
 
 
 def test_a_recording_fault_is_a_flag(place: Path, capfd: pytest.CaptureFixture[str]) -> None:

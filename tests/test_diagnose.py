@@ -13,9 +13,10 @@ from diagnosed import DRIVES, Planted, fault, look, named, read, recorded, simul
 
 import signid  # noqa: E402
 from signid.diagnose import Diagnosis, Finding  # noqa: E402
-from signid.errors import OptionError, RecordingError  # noqa: E402
-from signid.output.report import to_json  # noqa: E402
+from signid.errors import RecordingError  # noqa: E402
 from signid.output.report.results.diagnosis import diagnosis_document  # noqa: E402
+
+pytestmark = pytest.mark.xdist_group("planted")
 
 ALL, SURE = (0, 1, 2), 4.0  # joints; standard deviations that a number may be off by
 PAYLOAD = fault("payload", mass=0.2, first_moment_x=0.03, first_moment_y=0.0, first_moment_z=0.0)
@@ -115,18 +116,11 @@ def test_recording_faults_are_flagged_too() -> None:
         assert any(words in flag and "joint_2" in flag for flag in found.flags)
 
 
-@pytest.mark.parametrize("planted", (SPRING, PAYLOAD), ids=effect)
-def test_the_extended_simulation_lacks_nothing(planted: Any) -> None:
-    first = examine(planted)
-    faults = (planted,) if isinstance(planted[0], str) else ()
-    again = signid.diagnose(first.model, read("3r", recorded("3r", *faults, seed=9, motions=3)))
+def test_the_extended_simulation_lacks_nothing() -> None:
+    first = examine(PAYLOAD)
+    again = signid.diagnose(first.model, read("3r", recorded("3r", PAYLOAD, seed=9, motions=3)))
     assert (again.verdict, again.findings) == ("nothing_missing", ())
     assert np.all(again.before.train_rms < 1.3 * again.before.irreducible_rms)
-
-
-def test_the_same_recordings_give_the_same_bytes() -> None:
-    again = signid.diagnose(simulation("3r"), read("3r", recorded("3r", SPRING)))
-    assert to_json(diagnosis_document(again)) == to_json(diagnosis_document(look("3r", SPRING)))
 
 
 def test_a_fault_without_its_law_is_not_named() -> None:
@@ -143,16 +137,9 @@ def test_unexplained_torque_is_unknown_and_located() -> None:
     assert (left.joint, left.place.variable) == (1, "velocity") and 0.03 < left.share < 0.2
 
 
-@pytest.mark.parametrize(
-    ("planted", "family"),
-    [
-        (fault("tustin_friction", 2, level=0.5, velocity=0.2), "stribeck_friction"),
-    ],
-    ids=effect,
-)
-def test_a_law_outside_the_library_gives_the_right_family_or_unknown(planted: Any, family: str) -> None:
-    found = examine(planted)
-    assert found.verdict == "unknown" or named(found)[0] == (family, (1,))
+def test_a_law_outside_the_library_gives_the_right_family_or_unknown() -> None:
+    found = look("3r", fault("tustin_friction", 2, level=0.5, velocity=0.2))
+    assert found.verdict == "unknown" or named(found)[0] == ("stribeck_friction", (1,))
     assert {joint for _, joints in named(found) for joint in joints} <= {1}
 
 
@@ -166,15 +153,6 @@ def test_a_reference_distinguishes_the_load_from_wrong_bodies() -> None:
     assert named(found) == [("payload", (2,))]
     assert first.law.parameters["mass"] == pytest.approx(0.2, rel=0.03)
     assert first.law.parameters["first_moment_x"] == pytest.approx(0.03, rel=0.02)
-    assert np.all(found.after.held_out_rms < 1.6 * found.after.irreducible_rms)
-
-
-def test_differences_in_the_reference_are_no_findings() -> None:
-    made, healthy = recorded("3r", SPRING, fault("torque_gain", 3, error=0.1)), recorded("3r", SPRING, seed=3)
-    found = signid.diagnose(simulation("3r"), read("3r", made), reference=read("3r", healthy))
-    assert named(found) == [("torque_gain", (2,))]
-    assert found.findings[0].law.parameters["error"] == pytest.approx(0.1, rel=0.05)
-    assert "spring" in {law.effect.name for law in found.model.laws}  # but it is in the simulation
     assert np.all(found.after.held_out_rms < 1.6 * found.after.irreducible_rms)
 
 
@@ -195,8 +173,3 @@ def test_too_little_data_is_refused_in_one_sentence(rows: int) -> None:
     said = str(refused.value)
     assert "too short" in said or "too little" in said
     assert not said[0].isupper() and said[-1] != "." and any(x.isdigit() for x in said)
-
-
-def test_laws_that_cannot_be_skipped_are_reported() -> None:
-    with pytest.raises(OptionError, match="magnetism"):
-        look("3r", skip=("magnetism",))

@@ -18,9 +18,11 @@ from signid.diagnose.findings.thresholds import PLAUSIBLE, SEPARATED, SEPARATED_
 from signid.effects import EFFECTS  # noqa: E402
 from signid.output.report import to_json  # noqa: E402
 from signid.output.report.results.diagnosis import diagnosis_document  # noqa: E402
+from signid.toml_json import check_schema  # noqa: E402
+
+pytestmark = pytest.mark.xdist_group("planted")
 
 NAMES = {effect.name for effect in EFFECTS}
-VARIABLES = ("velocity", "position", "acceleration", "torque", "time")
 FIT = {"joints", "unit", "train_rms", "held_out_rms", "noise_floor", "held_out_r2"}
 PAYLOAD = fault("payload", mass=0.2, first_moment_x=0.03, first_moment_y=0.0, first_moment_z=0.0)
 COUPLING = fault("joint_coupling", 2, partner="joint_3", inertia=0.02, viscous=0.1, coulomb=0.1)
@@ -46,10 +48,6 @@ def number(x: Any) -> bool:
     return isinstance(x, float) and isfinite(x)
 
 
-def share(x: Any) -> bool:
-    return number(x) and -1e-12 <= x <= 1 + 1e-12
-
-
 def written(found: Diagnosis) -> Any:
     """Document as read from the file."""
     text = to_json(diagnosis_document(found))
@@ -57,11 +55,8 @@ def written(found: Diagnosis) -> Any:
 
 
 def test_the_document(found: Diagnosis) -> None:
-    document = written(found)
-    joints = list(found.robot.joints)
-    assert document["schema"] == "signid.diagnosis/1" and document["verdict"] in ("nothing_missing", "named", "unknown")
-    wanted = {"schema", "verdict", "findings", "unexplained", "fit", "rollout", "inputs", "seed", "version"}
-    assert wanted <= set(document) and document["seed"] == 0 and isinstance(document["version"], str)
+    document, joints = written(found), list(found.robot.joints)
+    check_schema(document, "diagnosis")
     for when in ("before", "after"):
         fit = document["fit"][when]
         assert set(fit) >= FIT and fit["joints"] == joints and fit["unit"] == ["N.m"] * len(joints)
@@ -71,10 +66,7 @@ def test_the_document(found: Diagnosis) -> None:
     rolled = document["rollout"]
     assert rolled["horizon"] == 0.5 and rolled["unit"] == ["rad"] * len(joints)
     assert all(number(x) and x >= 0 for key in ("before_rms", "after_rms") for x in rolled[key])
-    for entry in document["inputs"]:
-        assert set(entry) == {"path", "sha256", "role"} and len(entry["sha256"]) == 64
-    for left in document["unexplained"]:
-        assert left["joint"] in joints and left["depends_on"] in VARIABLES and share(left["share"])
+    assert all(left["joint"] in joints and 0 <= left["share"] <= 1 + 1e-12 for left in document["unexplained"])
     if document["verdict"] != "named":
         assert document["verdict"] == "unknown" or document["findings"] == [] == document["unexplained"]
     else:
@@ -84,30 +76,17 @@ def test_the_document(found: Diagnosis) -> None:
 def test_every_finding(found: Diagnosis) -> None:
     joints = list(found.robot.joints)
     for one in written(found)["findings"]:
-        effect = EFFECTS[one["effect"]]
+        effect, evidence = EFFECTS[one["effect"]], one["evidence"]
         assert one["joint"] in joints if effect.scope in ("joint", "link", "pair", "tip") else one["joint"] is None
-        assert one["role"] in ("cause", "secondary") and share(one["probability"]) and one["in_model"] in (True, False)
         assert (one["link"] in found.robot.links) if one["effect"] in ("payload", "link_inertia") else not one["link"]
-        keys = set(effect.parameters) | ({"partner"} if effect.scope == "pair" else set())
-        assert set(one["parameters"]) == keys
+        assert set(one["parameters"]) == {*effect.parameters, *(["partner"] if effect.scope == "pair" else [])}
         for key, entry in one["parameters"].items():
-            assert set(entry) - {"stated"} == {"value", "std", "unit"} and number(entry.get("stated", 0.0))
-            if key == "partner":
-                assert entry["value"] in joints and entry["unit"] == ""
-                continue
-            assert number(entry["value"]) and isinstance(entry["unit"], str)
-            assert entry["std"] is None or number(entry["std"]) and entry["std"] >= 0
-        assert set(one["torque_share"]) <= set(joints) and all(
-            number(x) and x > 0 for x in one["torque_share"].values()
-        )
-        where, evidence = one["where"], one["evidence"]
-        assert where["joint"] in joints and where["variable"] in VARIABLES and where["region"]
-        assert all(number(evidence[key]) for key in ("statistic", "threshold", "held_out_gain"))
+            assert entry["value"] in joints if key == "partner" else number(entry["value"])
+            assert key == "partner" or entry["std"] is None or number(entry["std"]) and entry["std"] >= 0
+        assert set(one["torque_share"]) <= set(joints) and all(x > 0 for x in one["torque_share"].values())
         assert evidence["statistic"] >= evidence["threshold"] and evidence["held_out_gain"] <= 1
         for other in one["alternatives"]:
-            assert set(other) >= {"effect", "joint", "probability", "separating_motion"}
-            assert other["effect"] in NAMES and other["joint"] in (None, *joints) and share(other["probability"])
-            assert isinstance(other["separating_motion"], str)
+            assert other["effect"] in NAMES and other["joint"] in (None, *joints)
             assert (other["effect"], other["joint"]) != (one["effect"], one["joint"])
         assert one["probability"] + sum(x["probability"] for x in one["alternatives"]) <= 1 + 1e-9
 
@@ -121,16 +100,6 @@ def test_the_likeliest_alternatives_come_first_and_have_separating_motions(found
             wanted = other["probability"] > PLAUSIBLE and k < SEPARATED_PER_FINDING and sought < SEPARATED
             assert bool(other["separating_motion"]) == wanted
             sought += wanted
-
-
-def test_the_shares_are_those_of_the_laws(found: Diagnosis) -> None:
-    torque = {key: np.array(x) for key, x in written(found)["fit"]["before"].items() if key.endswith("rms")}
-    for finding in found.causes:
-        on = finding.torque_share > 0.02
-        if found.verdict == "named" and len(found.findings) == 1 and on.any():
-            gone = found.before.train_rms**2 - found.after.train_rms**2
-            assert np.all(gone[on] > -0.1 * found.before.train_rms[on] ** 2)
-    assert all(len(x) == len(found.robot.joints) for x in torque.values())
 
 
 SILENT: list[tuple[str, Planted, tuple[str, ...]]] = [

@@ -23,12 +23,12 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from signid.diagnose.data.column_groups import Group
-from signid.diagnose.data.whitened_rows import columns_of, total
+from signid.diagnose.data.whitened_rows import columns_of
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.linear_model import SELECTED_SIZE, StatedPrior
 from signid.diagnose.evidence.prior import CoefficientPrior
 from signid.diagnose.evidence.thresholds import EFFECT_SIZES, INERTIAL_SCALES, LOG_INERTIAL_SCALE_PRIOR
-from signid.types import Array, Law
+from signid.types import Array
 
 
 def dense(evidence: Evidence, which: Array) -> Array:
@@ -195,12 +195,3 @@ def test_leaving_one_out_equals_not_selecting_it(without: Group) -> None:
         strict=True,
     ):
         np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-7)
-
-
-def test_a_law_of_the_rows_is_read_by_its_place() -> None:
-    assert [isinstance(g.law, Law) for g in GROUPS] == [True] + [False] * 6
-    data = rows().data
-    assert data.rows(SWAP) == [0, 1] and data.rows(SPRING) == [0] and not data.part(1, SPRING).any()
-    np.testing.assert_array_equal(data.part(0, SPRING), data.columns[0][:, 4:6])
-    square = total(data.gram(columns_of([SPRING])), np.ones(JOINTS), (2, data.count))[:, [5, 6]]
-    np.testing.assert_allclose(square, data.part(0, SPRING).T @ data.part(0, SPRING))

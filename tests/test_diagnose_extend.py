@@ -24,6 +24,8 @@ from signid.regression.base_parameters import build_base
 from signid.robot import load_robot
 from signid.types import Array, Law, pseudo_inertia
 
+pytestmark = pytest.mark.xdist_group("planted")
+
 ARM = load_robot("3r")
 BODIES = 30  # numbers of its inertials
 FLOOR = np.full(3, 0.01)
@@ -241,11 +243,6 @@ def test_structural_twins_are_listed(robot: str, planted: Any, own: str, twin: t
     other = listed.get(twin, next(iter(listed.values())))
     assert other.separating_motion == (NEVER if other.probability > PLAUSIBLE else "")
     assert sum(a.probability for a in found.findings[0].alternatives) + found.findings[0].probability <= 1 + 1e-9
-
-
-def test_the_drives_of_these_tests_are_stated() -> None:
-    stated = simulation("3r").laws
-    assert [x.parameters["inertia"] for x in stated if x.effect.name == "armature"] == list(DRIVES["3r"].armature)
 
 
 def test_a_law_with_more_parameters_is_described_so() -> None:

@@ -1,4 +1,4 @@
-"""Covariance of an identified simulation, links with scaled inertia, and intervals from parts."""
+"""Covariance of an identified simulation, links with scaled inertia, and wrong stated parameters."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosed import named, posed, read, recorded, simulation
+from diagnosed import DRIVES, Posed, fault, named, posed, read, recorded, simulation
 from random_rows import BODIES, DISPERSION, rows
 
 import signid
@@ -16,9 +16,15 @@ from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.prior import StatedPrior, stated_prior
 from signid.diagnose.evidence.thresholds import COVARIANCE_SCALES, INTERVAL_COVARIANCE_SCALES
 from signid.diagnose.extend.extend import read_laws
+from signid.diagnose.extend.holdout import predict
+from signid.diagnose.findings.held_out_selection import ExtendedSimulation
+from signid.diagnose.findings.stated import stated_number_findings
 from signid.model import Model
 from signid.regression.base_parameters import build_base
 from signid.regression.covariance import base_covariance
+from signid.types import Law
+
+pytestmark = pytest.mark.xdist_group("planted")
 
 LIGHTER = 0.7  # of the mass of a link, and of all its inertia
 LINK = 1  # the second
@@ -92,3 +98,33 @@ def test_a_factor_scales_all_parameters_of_a_link() -> None:
     for j in question.posterior.evidence.data.rows(scaled):
         one, ten = (question.posterior.evidence.data.raw(j, group) for group in (scaled, free))
         np.testing.assert_allclose(one[:, 0], ten @ inertials, atol=1e-9)
+
+
+STATED, MORE = DRIVES["1r"].coulomb_friction[0], 0.25
+
+
+def handed_out(question: Posed, level: float) -> ExtendedSimulation:
+    """A simulation with all stated parameters of laws refitted; dry friction gets the given level."""
+    model, laws = question.dataset.model, list[Law]()
+    for law in model.laws:
+        dry = law.effect.name == "coulomb_friction"
+        laws.append(replace(law, parameters={"level": level}) if dry else law)
+    prediction = predict(question.session, replace(model, laws=tuple(laws)))
+    refitted = frozenset(g for g in question.posterior.evidence.data.refitted if g.law is not None)
+    return ExtendedSimulation({}, prediction, frozenset(), refitted, {}, {})
+
+
+def test_a_wrong_stated_parameter_is_named_with_both_values() -> None:
+    question = posed("1r", fault("coulomb_friction", 1, level=MORE))
+    extended = handed_out(question, STATED + MORE)
+    (found,) = stated_number_findings(question.dataset, question.session, question.found(), extended)
+    assert (found.law.effect.name, found.law.joints, found.role) == ("coulomb_friction", (0,), "cause")
+    assert found.stated == {"level": STATED} and found.law.parameters == {"level": pytest.approx(STATED + MORE)}
+    assert 0.2 < found.probability < 1 and found.torque_share[0] > 0.007
+    assert 0 < found.std["level"] < MORE / 3 and 0 < found.held_out_gain < 1
+
+
+def test_correct_stated_parameters_are_not_named() -> None:
+    question = posed("1r")
+    extended = handed_out(question, STATED)
+    assert not list(stated_number_findings(question.dataset, question.session, question.found(), extended))

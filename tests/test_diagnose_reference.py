@@ -15,7 +15,6 @@ from signid.diagnose import run
 from signid.diagnose.search.iterate import _Conditions, _expected, _search
 from signid.diagnose.search.thresholds import MODEL_ERROR, NOISE_ERROR
 from signid.effects.law import law_torque
-from signid.errors import OptionError
 from signid.model import Model, stated_inertials
 from signid.types import Law, Recording
 
@@ -75,9 +74,3 @@ def test_events_of_the_reference_are_not_expected_again() -> None:
     model = Model(robot, stated_inertials(robot), (VISCOUS, contact))
     assert run._lasting(model).laws == (VISCOUS,)
     assert run._lasting(replace(model, laws=(VISCOUS,))).laws == (VISCOUS,)
-
-
-def test_a_recording_is_no_reference_of_itself() -> None:
-    own: Any = SimpleNamespace(path="a.csv", sha256="0")
-    with pytest.raises(OptionError, match="a.csv is its own reference; give another recording"):
-        run._check([own], [own], ())

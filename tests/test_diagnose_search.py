@@ -54,26 +54,19 @@ def test_of_correlated_laws_the_right_one_is_selected(planted: Law) -> None:
     assert names(stepwise_search(one.posterior, one.dispersion)) == {planted.effect.name}
 
 
-def test_several_laws_are_selected_together() -> None:
-    one = question(VISCOUS, SPRING)
-    assert names(stepwise_search(one.posterior, one.dispersion)) == {"viscous_friction", "spring"}
-
-
-def test_nothing_is_selected_from_noise() -> None:
-    one = question()
-    assert stepwise_search(one.posterior, one.dispersion).selected == ()
-
-
-def test_a_wrong_start_is_exchanged() -> None:
-    one = question(VISCOUS)
-    start = {one.group("coulomb_friction", 0): 50.0}
-    assert names(stepwise_search(one.posterior, one.dispersion, start)) == {"viscous_friction"}
-
-
-def test_a_superfluous_start_is_dropped() -> None:
-    one = question(VISCOUS)
-    start = {one.group(name, 0): 50.0 for name in ("viscous_friction", "spring", "torque_offset")}
-    assert names(stepwise_search(one.posterior, one.dispersion, start)) == {"viscous_friction"}
+@pytest.mark.parametrize(
+    ("planted", "start", "found"),
+    [
+        ((), (), set()),
+        ((VISCOUS, SPRING), (), {"viscous_friction", "spring"}),
+        ((VISCOUS,), ("coulomb_friction",), {"viscous_friction"}),  # exchanged
+        ((VISCOUS,), ("viscous_friction", "spring", "torque_offset"), {"viscous_friction"}),  # dropped
+    ],
+)
+def test_what_is_selected_from_a_start(planted: tuple[Law, ...], start: tuple[str, ...], found: set[str]) -> None:
+    one = question(*planted)
+    begun = {one.group(name, 0): 50.0 for name in start}
+    assert names(stepwise_search(one.posterior, one.dispersion, begun)) == found
 
 
 def test_a_right_start_stays() -> None:

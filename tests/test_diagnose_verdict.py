@@ -111,15 +111,6 @@ def test_a_law_without_torque_is_dropped() -> None:
     assert names(better) == {"viscous_friction"} and sure.group is better.selected[0]
 
 
-def test_held_out_rows_have_equal_weight() -> None:
-    (viscous,) = ranked(pose(LIBRARY, VISCOUS), "viscous_friction")
-    unsure = replace(viscous, evidence=2.0, steadiness=np.inf)
-    assert unsure.with_held_out(-2.0, refused=False).log == pytest.approx(0.0)
-    assert unsure.with_held_out(3.0, refused=False).log == pytest.approx(5.0)
-    assert unsure.with_held_out(3.0, refused=True).log == 0.0
-    assert replace(unsure, steadiness=1.0).with_held_out(3.0, refused=False).log == 1.0
-
-
 def test_one_joint_alone_is_never_in_step() -> None:
     one = pose(LIBRARY, VISCOUS)
     contenders = ranked(one, "viscous_friction")

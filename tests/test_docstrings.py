@@ -12,6 +12,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
+from sources import parsed
+
+pytestmark = pytest.mark.xdist_group("sources")
 PACKAGE = Path(__file__).parents[1] / "signid"
 TERM = r"(?:\.{3}|\w+(?:\s*[-+*/]\s*\w+)*)"
 SHAPE = rf"\((?:{TERM}\s*,\s*)+(?:{TERM})?\)|\(\.{{3}}\)|\(\)"
@@ -117,9 +121,8 @@ def in_class(node: ast.ClassDef, lines: list[str], known: Classes) -> Iterator[t
             yield from ((part.lineno, f"{node.name}.{part.name} {lack}") for lack in in_function(part, above))
 
 
-def failures(source: str, known: Classes) -> Iterator[tuple[int, str]]:
+def failures(source: str, tree: ast.Module, known: Classes) -> Iterator[tuple[int, str]]:
     """Line and message of each undocumented public name."""
-    tree = ast.parse(source)
     for node in tree.body:
         if isinstance(node, ast.ClassDef) and node.name[0] != "_":
             yield from in_class(node, source.splitlines(), known)
@@ -128,9 +131,9 @@ def failures(source: str, known: Classes) -> Iterator[tuple[int, str]]:
 
 
 def test_public_names_are_documented() -> None:
-    sources = {path.relative_to(PACKAGE.parent): path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
-    known = classes(map(ast.parse, sources.values()))
-    found = [f"{path}:{line}: {what}" for path, text in sources.items() for line, what in failures(text, known)]
+    trees = {path: parsed(path) for path in sorted(PACKAGE.rglob("*.py"))}
+    known = classes(iter(trees.values()))
+    found = [f"{p}:{line}: {what}" for p, tree in trees.items() for line, what in failures(p.read_text(), tree, known)]
     assert not found, "\n" + "\n".join(found)
 
 
@@ -179,7 +182,8 @@ class Child(Base):
 
 
 def test_planted_omissions_are_caught() -> None:
-    found = [what for _, what in failures(PLANTED, classes(iter([ast.parse(PLANTED)])))]
+    tree = ast.parse(PLANTED)
+    found = [what for _, what in failures(PLANTED, tree, classes(iter([tree])))]
     assert found == [
         "bare has no docstring",
         "undocumented q needs `q: (shape) [unit]`",
@@ -191,4 +195,5 @@ def test_planted_omissions_are_caught() -> None:
 
 
 def test_complete_documentation_passes() -> None:
-    assert list(failures(DOCUMENTED, classes(iter([ast.parse(DOCUMENTED)])))) == []
+    tree = ast.parse(DOCUMENTED)
+    assert list(failures(DOCUMENTED, tree, classes(iter([tree])))) == []

@@ -2,52 +2,22 @@
 
 from __future__ import annotations
 
-import ast
-import json
-import shutil
 import tomllib
-from pathlib import Path
-from typing import Any, NamedTuple
 
 import polars as pl
 import pytest
+from example import CELLS, CODE, HERE, NOTEBOOK, Ran, notebook
 from test_size import HOSTS, MACHINE
 
 import signid
 from signid.types import Result
 
-HERE = Path(__file__).parents[1] / "robots" / "3r"
-NOTEBOOK = json.loads((HERE / "tutorial.ipynb").read_text(encoding="utf-8"))
-CELLS = [cell for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
-CODE = ["".join(cell["source"]) for cell in CELLS]
+pytestmark = pytest.mark.xdist_group("example")
 
 
-class Ran(NamedTuple):
-    """Variables after the last cell, the value that each cell shows, and the files that were written."""
-
-    names: dict[str, Any]
-    shown: list[Any]
-    files: set[str]
-
-
-@pytest.fixture(scope="module")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
-    place = tmp_path_factory.mktemp("notebook")
-    for name in ("recording", "held_out"):
-        shutil.copy(HERE / f"{name}.parquet", place)
-    names: dict[str, Any] = {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(place)
-        shown = [cell(source, names) for source in CODE]
-    return Ran(names, shown, {path.name for path in place.iterdir()})
-
-
-def cell(source: str, names: dict[str, Any]) -> Any:
-    """Execute a cell; the value of a last expression, as notebooks show it."""
-    *body, last = ast.parse(source).body
-    shows = isinstance(last, ast.Expr) and not source.rstrip().endswith(";")
-    exec(compile(ast.Module(body if shows else [*body, last], []), "cell", "exec"), names)
-    return eval(compile(ast.Expression(last.value), "cell", "eval"), names) if shows else None  # type: ignore[attr-defined]
+@pytest.fixture
+def ran() -> Ran:
+    return notebook()
 
 
 def test_the_cells_show_results_and_tables(ran: Ran) -> None:

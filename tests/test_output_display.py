@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from example import HELD_OUT, RECORDING, notebook, unsigned
 from servo_results import invented
 
 import signid
@@ -21,17 +21,15 @@ from signid.output.display.tables import TABLES
 from signid.output.report.documents import WRITERS
 from signid.servo.validate import ServoValidatedModel, ServoValidation
 
-HERE = Path(__file__).parents[1] / "robots" / "3r"
-RECORDING, HELD_OUT = HERE / "recording.parquet", HERE / "held_out.parquet"
 HOSTILE = '"><img src=x onerror=alert(1)>'
+pytestmark = pytest.mark.xdist_group("example")
 
 
 @pytest.fixture(scope="module")
 def results() -> dict[str, Any]:
     """One result of each kind that the verbs return, by the name of its class."""
-    robot = signid.load_robot("3r")
-    recording, unsigned = (signid.read_recording(RECORDING, robot, unsigned=lost) for lost in (False, True))
-    identified, stated = signid.identify(robot, unsigned, held_out=HELD_OUT), signid.load_model(robot)
+    names, identified = notebook().names, unsigned()
+    robot, recording, stated = names["robot"], names["recording"], signid.load_model("3r")
     validated = signid.validate({"stated": stated, "identified": identified}, HELD_OUT)
     motion = signid.excite(robot, kind="random", duration=5.0)
     drives = invented()
@@ -41,7 +39,7 @@ def results() -> dict[str, Any]:
         *(looped, drives, loops, ServoValidation((loops,), drives.inputs, (), (), 0)),
         *(identified.base, identified.estimate),
         *(robot, recording, identified, identified.signs, identified.fit, identified.model, validated),
-        *(signid.check(robot, recording), signid.inspect(robot), signid.diagnose(robot, recording, held_out=HELD_OUT)),
+        *(signid.check(robot, recording), signid.inspect(robot), names["found"]),
         *(signid.payload(robot, HELD_OUT, RECORDING), signid.roll_out(identified, HELD_OUT), validated.models[0]),
         motion,
         signid.simulate(robot, signid.track(robot, motion.trajectory), 0.5),
@@ -66,12 +64,6 @@ def test_flags_are_in_the_repr(results: dict[str, Any]) -> None:
     assert "\nflag: joint_2 did not move\n" in repr(flagged) and "flag: joint_2 did not move" in flagged._repr_html_()
     many = replace(flagged, flags=tuple(f"{k} is wrong" for k in range(99)), notes=("a note",) * 99)
     assert len(repr(many).splitlines()) == 40
-
-
-def test_parts_of_results_have_one_line(results: dict[str, Any]) -> None:
-    finding = results["Diagnosis"].findings[0]
-    assert repr(finding).startswith("Finding(law=Law(effect=<coulomb_friction>") and "\n" not in repr(finding)
-    assert len(repr(signid.export(results["Model"], "mjcf"))) < 1000
 
 
 def test_html_escapes_names(results: dict[str, Any]) -> None:
@@ -107,24 +99,6 @@ def test_tables_hold_the_numbers(results: dict[str, Any]) -> None:
     assert found.to_frame("segments").is_empty() and "confidence" in found.to_frame("segments").columns
     samples = results["Recording"].to_frame()
     assert samples.shape == (6000, 7) and samples.columns[:2] == ["t", "q_joint_1"]
-
-
-def test_base_and_estimate_print_as_tables(results: dict[str, Any]) -> None:
-    base, found = results["BaseMap"], results["Estimate"]
-    lines = repr(found).splitlines()
-    assert "value  ± (95 %)  unit" in lines[1] and len(lines) == 25 + 3 and max(map(len, lines)) < 100
-    assert re.fullmatch(
-        r"coulomb_friction_1 +0\.90\d+ +0\.00\d+ +N\.m", next(x for x in lines if "coulomb_friction_1" in x)
-    )
-    assert found.to_frame()["expression"].to_list() == list(base.expressions) == base.to_frame()["expression"].to_list()
-    assert (
-        re.search(r"my_2 +kg.m +1 joint\n", repr(base))
-        and "my_3" in base._repr_html_()
-        and "<table>" in found._repr_html_()
-    )
-    long = replace(found, names=("Izz_1 + " + " - ".join(f"0.0{k} m_{k}" for k in range(9)), *found.names[1:]))
-    assert "Izz_1 + 0.00 m_0 - 0.01 m_1 - 0.02 m_2 ... and 6 more  " in repr(long)
-    assert "  not identifiable  " in repr(replace(found, covariance=np.full_like(found.covariance, np.inf), names=()))
 
 
 def test_pandas_frames_or_a_sentence(results: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,17 +1,20 @@
-"""The replay as data: recorded motion, roll-out, colours, shapes and marks."""
+"""The replay as data (motion, roll-out, colours, shapes and marks), its command, and its server."""
 
 from __future__ import annotations
 
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.error import HTTPError
 from urllib.parse import urlsplit
-from urllib.request import urlopen
+from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
@@ -20,9 +23,9 @@ from numpy.testing import assert_allclose
 
 import signid
 from signid.cli import run
-from signid.errors import OptionError, RecordingError
-from signid.output.replay import Replay
+from signid.output.replay import Live, Replay
 from signid.output.replay.run import part
+from signid.output.report.policy import content_policy
 from signid.robot import load_robot
 from signid.simulation.rollout import RollOut
 from signid.types import Recording
@@ -170,12 +173,6 @@ def test_a_simulation_that_flies_apart_is_shown_as_far_as_it_goes(
     assert not wild.apart[0][np.isin(wild.window, [3, 5], invert=True)].any() and not calm.apart.any()
 
 
-def test_meshcat_is_read_and_not_imported() -> None:
-    code = "import sys; from signid.output.replay.page import _viewer; _viewer(); print('meshcat' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
-
-
 def test_the_command_writes_the_page(shown: Replay, capfd: pytest.CaptureFixture[str]) -> None:
     assert run("replay 3r arm.csv --diagnosis diagnosis.json --html deep/er/replay.html".split()) == 0
     out, err = capfd.readouterr()
@@ -229,13 +226,6 @@ def test_bad_input_is_a_sentence(command: str, words: str, capfd: pytest.Capture
     assert words in err and err.count("\n") == 1 and not out and not Path("a.html").exists()
 
 
-def test_the_library_refuses_in_the_same_words(recording: Recording) -> None:
-    with pytest.raises(OptionError, match="start earlier"):
-        signid.replay(signid.load_model("3r"), recording, start=99.0)
-    with pytest.raises(RecordingError, match="shorter horizons"):
-        signid.replay(signid.load_model("3r"), recording, horizon=30.0)
-
-
 def test_the_command_serves_the_page_until_it_is_interrupted(shown: Replay, folder: Path) -> None:
     command = [sys.executable, "-m", "signid", "replay", "3r", "arm.csv", "--diagnosis", "diagnosis.json", "--no-open"]
     there = {**os.environ, "PYTHONPATH": str(Path(signid.__file__).parents[1]), "PYTHONUNBUFFERED": "1"}
@@ -248,3 +238,36 @@ def test_the_command_serves_the_page_until_it_is_interrupted(shown: Replay, fold
             assert answer.read().decode() == page.replace("connect-src 'none'", f"connect-src ws://{host}")
         served.send_signal(signal.SIGINT)
         assert served.wait(60) == 0 and served.stderr.read() == ""
+
+
+PAGE = f'<html><head><meta content="{content_policy(["a"])}"></head><body></body></html>'
+
+
+@pytest.fixture(scope="module")
+def live() -> Iterator[Live]:
+    served = Live(PAGE)
+    yield served
+    served.close()
+
+
+def test_the_page_connects_to_its_own_server_only(live: Live) -> None:
+    for name in ("127.0.0.1", "localhost"):
+        host = f"{name}:{urlsplit(live.url).port}"
+        with urlopen(f"http://{host}/replay", timeout=60) as answer:
+            text = answer.read().decode()
+            assert answer.headers["Content-Security-Policy"] == "frame-ancestors 'none'"
+        assert f"connect-src ws://{host};" in text and '<body class="live">' in text
+
+
+def test_other_addresses_of_the_machine_do_not_answer(live: Live) -> None:
+    port = urlsplit(live.url).port
+    with pytest.raises(OSError), socket.create_connection(("127.0.0.2", port), timeout=5):
+        pass
+
+
+@pytest.mark.parametrize("path", ["replay", "static/main.min.js", ""])
+@pytest.mark.parametrize("host", ["example.com:7000", "localhost.example.com", "localhost;script-src *"])
+def test_a_request_under_a_foreign_name_is_refused(live: Live, path: str, host: str) -> None:
+    """A web page that resolves its own name to this machine cannot read the replay."""
+    with pytest.raises(HTTPError, match="404|400"):
+        urlopen(Request(live.url.replace("replay", path), headers={"Host": host}), timeout=60)

@@ -91,18 +91,6 @@ def test_the_curves_follow_slider_and_joint(browser: Chromium, address: str, sho
     assert browser.value("document.querySelector('#curves').hidden") and not browser.errors
 
 
-def test_side_by_side_both_robots_fill_the_window(browser: Chromium, address: str) -> None:
-    browser.open(f"{address}#side=1&t=2&curves=0", "window.player")
-    one, other = (np.array(points) for points in browser.value(ENDS))
-    free = browser.value("innerWidth - Math.max(...[...document.querySelectorAll('.label')].map(x => x.offsetWidth))")
-    tall = browser.value("document.querySelector('footer').offsetTop - $('story').offsetTop - $('story').offsetHeight")
-    both = np.concatenate([one, other])
-    wide, high = np.ptp(both, axis=0)
-    assert wide > 0.8 * free or high > 0.8 * tall
-    assert one[:, 0].max() < other[:, 0].min() + 0.05 * wide, "they do not overlap"
-    assert both[:, 0].min() >= 0 and both[:, 0].max() <= 900
-
-
 def test_labels_are_legible_on_a_phone_and_clear_of_the_robot(browser: Chromium, address: str) -> None:
     browser.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
     browser.open(f"{address}#t=2", "window.player")

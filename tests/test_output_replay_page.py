@@ -71,25 +71,18 @@ def greenish(picture: Picture) -> int:
     return int(((green > red + 20) & (green > blue)).sum())
 
 
-def test_the_robot_is_drawn_and_nothing_is_fetched(page: Chromium) -> None:
-    seen = page.picture()
-    assert len(np.unique(seen[AREA].reshape(-1, 3), axis=0)) > 500
-    page.click("#show-simulated")
-    page.click("#show-recorded")
-    bare = page.picture()
-    assert changed(seen, bare) > 3000, "robots fill part of the picture"
-    assert not page.errors
-    assert page.requests and {url.partition(":")[0] for url in page.requests} <= {"file", "data", "blob"}
-
-
-def test_the_ghost_is_there_and_strays_from_the_recorded_robot(page: Chromium) -> None:
+def test_both_robots_are_drawn_and_nothing_is_fetched(page: Chromium) -> None:
     both = page.picture()
+    assert len(np.unique(both[AREA].reshape(-1, 3), axis=0)) > 500
     page.click("#show-recorded")
     ghost = page.picture()
     page.click("#show-simulated")
     none = page.picture()
+    assert changed(both, none) > 3000, "robots fill part of the picture"
     assert greenish(ghost) > 1500 and greenish(none) == 0
     assert changed(both, ghost) > 1500
+    assert not page.errors
+    assert page.requests and {url.partition(":")[0] for url in page.requests} <= {"file", "data", "blob"}
     assert page.value("document.querySelector('#readout').textContent").startswith("robots up to ")
     apart = "player.stage.recorded.map((g, k) => g.position.distanceTo(player.stage.simulated[k].position))"
     assert max(page.value(apart)) > 0.005
@@ -126,7 +119,7 @@ def test_it_plays_pauses_and_has_speeds(page: Chromium) -> None:
     page.until("!player.state.playing && player.state.t === player.length")
 
 
-def test_before_and_after(page: Chromium, shown: Replay) -> None:
+def test_before_and_after_and_side_by_side(page: Chromium, shown: Replay) -> None:
     apart = (
         "Math.max(...player.stage.recorded.map((g, k) => g.position.distanceTo(player.stage.simulated[k].position)))"
     )
@@ -135,9 +128,6 @@ def test_before_and_after(page: Chromium, shown: Replay) -> None:
     assert page.value(apart) < 0.3 * before and changed(given, page.picture()) > 300
     error = np.nanmean(np.abs(shown.simulated[:, ..., :3] - shown.recorded[None, ..., :3]), axis=(1, 2, 3))
     assert error[1] < 0.3 * error[0]
-
-
-def test_side_by_side_and_shares(page: Chromium) -> None:
     seen = page.picture()
     page.click("#layout label:nth-of-type(2)")
     assert changed(seen, page.picture()) > 1000
@@ -148,7 +138,15 @@ def test_side_by_side_and_shares(page: Chromium) -> None:
     assert page.value(ends).endswith("%")
 
 
-def test_findings_are_marked_at_their_place(page: Chromium) -> None:
+def test_links_are_coloured_and_findings_marked_at_their_place(page: Chromium) -> None:
+    meant = (
+        "residualColour(residualAt(player.content, player.state, b.joint, 132) / colourEnd(player.content, b.joint))"
+    )
+    drawn = "player.stage.recorded[k].userData.material.color.toArray()"
+    colours = page.value(f"player.content.bodies.flatMap((b, k) => b.joint < 0 ? [] : [[{drawn}, {meant}]])")
+    assert len(colours) == 3
+    for drawn, meant in colours:
+        np.testing.assert_allclose(255 * np.array(drawn), meant, atol=1)
     titles = page.value("[...document.querySelectorAll('.label b')].map(b => b.textContent)")
     words = ["A payload of 0.300 ± 0.002 kg", "An external contact from 2.00 s to 3.00 s: 6.000 ± 0.002 N"]
     assert sorted(titles) == [*words, "Coulomb friction of joint_2: 0.800 ± 0.002 N.m"]
@@ -188,17 +186,6 @@ def test_labels_without_room_are_counted_and_named(
         assert not crowded or min(browser.value(edges)) >= 0
     finally:
         browser.send("Emulation.setDeviceMetricsOverride", **{**size, "width": 1000, "height": 700})
-
-
-def test_links_have_the_colour_of_their_joint(page: Chromium) -> None:
-    meant = (
-        "residualColour(residualAt(player.content, player.state, b.joint, 132) / colourEnd(player.content, b.joint))"
-    )
-    drawn = "player.stage.recorded[k].userData.material.color.toArray()"
-    colours = page.value(f"player.content.bodies.flatMap((b, k) => b.joint < 0 ? [] : [[{drawn}, {meant}]])")
-    assert len(colours) == 3
-    for drawn, meant in colours:
-        np.testing.assert_allclose(255 * np.array(drawn), meant, atol=1)
 
 
 def test_live_it_is_a_meshcat_viewer(browser: Chromium, shown: Replay, capfd: pytest.CaptureFixture[str]) -> None:

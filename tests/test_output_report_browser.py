@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from chromium import Chromium
+from example import notebook, unsigned
 from servo_logs import drive, recording
 from servo_results import invented
 from test_output_report_diagnosis import made
@@ -19,7 +20,7 @@ from signid.output.report.results.diagnosis import diagnosis_page
 from signid.output.report.results.identification import identification_page
 from signid.output.report.results.validation import validation_page
 
-ROOT = Path(__file__).parents[1]
+pytestmark = pytest.mark.xdist_group("example")
 DRAWN = "[...document.querySelectorAll('.plot')].filter(box => box.querySelector('.main-svg'))"
 HIDDEN = "[...document.querySelectorAll('details:not([open]) .plot')]"
 MARK = "'.js-line[d], .point path, .bars path[d], .hm image'"
@@ -38,22 +39,19 @@ COLLIDE = """
   return [...over, ...boxes.filter(([, b]) => !within(b)).map(([text]) => `${plot.ariaLabel}: ${text} sticks out`)];
 })
 """
-WIDTHS = (390, 700, 1300)
+NARROW, WIDE = (390, 700), 1300  # [pixels]
 
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Reports of a diagnosis, two identifications (one without signs), a validation, a check and an audit."""
     folder = tmp_path_factory.mktemp("pages")
-    robot = signid.load_robot("3r")
-    given, lost = (
-        signid.read_recording(ROOT / "robots/3r/recording.parquet", robot, unsigned=unsigned)
-        for unsigned in (False, True)
-    )
+    names = notebook().names
+    robot, given = names["robot"], names["recording"]
     texts = {
         "diagnosis": diagnosis_page(made()),
-        "identification": identification_page(signid.identify(robot, [given]), command="signid identify 3r x"),
-        "unsigned": identification_page(signid.identify(robot, [lost])),
+        "identification": identification_page(names["result"], command="signid identify 3r x"),
+        "unsigned": identification_page(unsigned()),
         "validation": validation_page(signid.validate([signid.load_model("3r")] * 2, given)),
         "check": check_page(signid.check(robot, given)),
         "audit": audit_page(audit_servos(recording(drive(seconds=20)))),
@@ -83,10 +81,16 @@ def show(browser: Chromium, page: Path, width: int = 1200, **media: str) -> None
     )
 
 
+def check_letters(browser: Chromium, width: int) -> None:
+    assert browser.value("document.documentElement.scrollWidth") <= width
+    assert browser.value(COLLIDE) == []
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_every_plot_is_drawn_and_nothing_is_loaded(browser: Chromium, pages: dict[str, Path], name: str) -> None:
-    show(browser, pages[name])
+    show(browser, pages[name], WIDE)
     assert browser.value(EMPTY) == []
+    check_letters(browser, WIDE)
     hidden = browser.value(f"{HIDDEN}.length")
     for _ in range(browser.value("document.querySelectorAll('details:not([open]):has(.plot)').length")):
         browser.value("document.querySelector('details:not([open]):has(.plot)').scrollIntoView({block: 'center'})")
@@ -108,11 +112,10 @@ def test_a_page_that_needs_the_network_is_caught(browser: Chromium, pages: dict[
 
 
 @pytest.mark.parametrize("name", PAGES)
-@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("width", NARROW)
 def test_no_letters_run_into_each_other(browser: Chromium, pages: dict[str, Path], name: str, width: int) -> None:
     show(browser, pages[name], width)
-    assert browser.value("document.documentElement.scrollWidth") <= width
-    assert browser.value(COLLIDE) == []
+    check_letters(browser, width)
 
 
 @pytest.mark.parametrize("width", [390, 1280])

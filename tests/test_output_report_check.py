@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -25,13 +24,11 @@ from signid.faults.distortions import KINDS as DISTORTIONS
 from signid.faults.search import CLAIMS
 from signid.output.report.layout import share
 from signid.output.report.results.check.drives import SEARCHED, audit_page, audit_summary
-from signid.output.report.results.check.summary import UnitUse, recording_names, unit_sentences, unit_uses
+from signid.output.report.results.check.summary import unit_sentences
 from signid.output.report.results.check.torque import IN_SAMPLES, IN_TORQUE, check_document, check_page, check_summary
 from signid.recording import read_bare
-from signid.types import Recording, StatedUnit
 
 G, RATE = 9.81, 250.0
-LABELS = ("units: ", "gravity: ", "faults: ")
 RECORDED = Path(__file__).parents[1] / "robots/3r/recording.parquet"
 GAP = (8.0, 10.0)  # [s] rows that are taken out
 
@@ -53,13 +50,6 @@ def gapped() -> Check:
     kept = (t <= GAP[0]) | (t >= GAP[1])
     robot = signid.load_robot("3r")
     return check(robot, [signid.read_recording({name: x[kept] for name, x in columns().items()}, robot)])
-
-
-def screen(words: list[str], capsys: pytest.CaptureFixture[str]) -> list[str]:
-    assert run(words) in (0, 3)
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) <= 45 and max(map(len, lines)) <= 100
-    return lines
 
 
 def test_numbers_of_a_recording_with_torque() -> None:
@@ -120,62 +110,6 @@ def test_torque_without_a_sign_is_not_compared() -> None:
     assert set(summary.clear) == set(IN_SAMPLES)
 
 
-def test_units_say_what_states_them() -> None:
-    robot, rows = signid.load_robot("3r"), np.linspace(0, 10, 1000)
-    log = {"t": rows} | {f"pos{j} [deg]": np.sin(rows + j) for j in (1, 2, 3)}
-    log |= {f"tau_{j} [mNm]": rows for j in (1, 2, 3)}
-    mapping = {f"q_{j}": f"pos{j}" for j in (1, 2, 3)}
-    found = signid.read_recording(log, robot, columns=mapping)
-    assert found.units["pos1 [deg]"] == StatedUnit("deg", "its name") and "t" not in found.units
-    assert list(unit_sentences(_uses(found))) == [
-        "not stated, assumed: t in s",
-        "stated by its name: position pos1 [deg], pos2 [deg], pos3 [deg] in deg (converted to rad); tau_J in mN.m "
-        "(converted to N.m)",
-    ]
-    mapped = {f"q_{j}": {"column": f"pos{j} [deg]", "scale": 0.01, "offset": 0.5} for j in (1, 2, 3)}
-    scaled = signid.read_recording(log, robot, columns=mapped)
-    assert scaled.units["pos1 [deg]"] == StatedUnit("value * 0.01 + 0.5", "the column map")
-    assert any("as value * 0.01 + 0.5, in rad" in said for said in unit_sentences(_uses(scaled)))
-
-
-def test_currents_say_their_constants() -> None:
-    robot = signid.load_robot("1r")
-    rows = np.linspace(0, 10, 1000)
-    stated = Recording(
-        ("joint_1",),
-        signid.read_recording({"t": rows, "q_1": rows, "tau_1": rows}, robot).table,
-        {"t": ("t",), "q": ("q_1",), "tau": ("tau_1",)},
-        np.array([12.5]),
-        np.ones(1, bool),
-    )
-    [line] = unit_sentences(_uses(stated))
-    assert "torque from tau_1 in A, times torque constant 12.5 N.m/A" in line
-
-
-def test_an_unknown_unit_is_not_assumed() -> None:
-    uses = (UnitUse("t", ("t",), "", "", "s"), UnitUse("q", ("q_1",), "", "", ""), UnitUse("dq", ("dq_1",), "", "", ""))
-    known, unknown = unit_sentences(uses)
-    assert known == "not stated, assumed: t in s"
-    assert unknown == "unit unknown: position q_1, velocity dq_1"
-
-
-def _uses(found: Recording) -> tuple[UnitUse, ...]:
-    return unit_uses([found], dict.fromkeys(found.joints, "rad"))
-
-
-def test_names_of_many_recordings_stay_short_and_different() -> None:
-    robot = signid.load_robot("1r")
-    one = signid.read_recording({"t": np.arange(9.0), "q_1": np.arange(9.0), "tau_1": np.arange(9.0)}, robot)
-    paths = [f"day/identification_data__20_02_{day}_12harm.csv.gz" for day in ("10_30sec", "12_40sec", "12_50sec")]
-    names = recording_names([_at(one, path) for path in paths])
-    assert len(set(names)) == 3 and max(map(len, names)) <= 24 and names[0].endswith("_30sec_12harm")
-    assert recording_names([_at(one, "a/log.csv"), _at(one, f"a/log_{'x' * 30}.csv")])[0] == "log"
-
-
-def _at(found: Recording, path: str) -> Recording:
-    return replace(found, path=path)
-
-
 def test_numbers_of_drives() -> None:
     log = drive()
     found = audit_servos(recording(log))
@@ -212,54 +146,6 @@ def test_a_fault_of_a_drive_is_the_headline() -> None:
     assert summary.headline.startswith("Usable once this is corrected: a moves against its command (correlation -1.00)")
     [fault] = summary.faults
     assert fault.joints == ("a",) and not summary.clear
-
-
-def test_both_modes_fill_one_screen_in_the_same_order(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("COLUMNS", raising=False)  # the width of a pipe
-    parts = [drive(seconds=12, seed=j) for j in range(1, 8)]
-    log = {"t": parts[0]["t"]} | {f"{k}_{j}": x[f"{k}_a"] for j, x in enumerate(parts, 1) for k in ("q", "q_des")}
-    pl.DataFrame(log).write_csv("servo.csv")
-    torque = moved(signid.load_robot("xarm7"), (0.0, 0.0, -G))
-    names = list(torque.table.columns)
-    pl.DataFrame(dict(zip(names, torque.table.read(names, 0, len(torque)).T, strict=True))).write_csv("torque.csv")
-    for words in (["servo.csv"], ["xarm7", "servo.csv"], ["xarm7", "torque.csv"]):
-        lines = screen(["check", *words], capsys)
-        places = [next(k for k, line in enumerate(lines) if line.startswith(label)) for label in LABELS]
-        heads = [k for k, line in enumerate(lines) if line.startswith(("recording ", "joint "))]
-        counts = next(k for k, line in enumerate(lines) if re.match(r"\d+ (drive|base parameter)s?: ", line))
-        assert 1 < heads[0] < places[0] < places[1] < places[2] < heads[1] < counts
-        assert "recording" in lines[0] and lines[1].startswith(("Good", "Limited", "Usable", "Too little"))
-
-
-def test_unknown_units_are_said(tmp_path: Path) -> None:
-    data = tmp_path / "set" / "data" / "chunk-000"
-    data.mkdir(parents=True)
-    own, info = drive(seconds=12), tmp_path / "set" / "meta" / "info.json"
-    info.parent.mkdir()
-    features = {"observation.state": {"names": ["elbow.pos"]}, "action": {"names": ["elbow.pos"]}}
-    info.write_text(json.dumps({"codebase_version": "v3.0", "fps": 100, "features": features}))
-    n = len(own["t"])
-    pl.DataFrame(
-        {
-            "observation.state": np.degrees(own["q_a"])[:, None].tolist(),
-            "action": np.degrees(own["q_des_a"])[:, None].tolist(),
-            "timestamp": own["t"],
-            "frame_index": np.arange(n),
-            "episode_index": np.zeros(n, int),
-        }
-    ).write_parquet(data / "file-000.parquet")
-    for mapping, said in (
-        (None, "positions are left in the unit of the source: LeRobot datasets do not say"),
-        ({"units": {"q": "deg", "q_des": "deg"}}, "positions are in deg by the column map: LeRobot"),
-    ):
-        found, units = read_bare(tmp_path / "set", columns=mapping)
-        summary = audit_summary(audit_servos(found, units))
-        [caveat] = summary.unit_notes
-        assert caveat.startswith(said) and "per cent" in caveat
-        assert summary.units[1].into == ("rad" if mapping else "")
 
 
 @pytest.mark.parametrize("mode", ["torque", "drives"])

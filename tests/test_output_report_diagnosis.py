@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from test_output_report import shown
+from test_signs_page import Page
 
 import signid
 from signid.diagnose import Alternative, Diagnosis, Finding, Unexplained
@@ -16,7 +17,7 @@ from signid.diagnose.data.locate import Location
 from signid.effects.naming import parse_law
 from signid.estimation.fit_quality import Course, Fit
 from signid.output.report import to_json
-from signid.output.report.results.diagnosis import diagnosis_document, diagnosis_tables
+from signid.output.report.results.diagnosis import diagnosis_document, diagnosis_page, diagnosis_tables
 from signid.simulation.rollout import RollOut
 from signid.types import Input
 
@@ -122,118 +123,89 @@ def screen(result: Diagnosis) -> str:
     return shown(diagnosis_tables(result))
 
 
-def test_the_document_is_the_contract() -> None:
-    document = json.loads(to_json(diagnosis_document(made(), [Input("3r", "1" * 64, "description")])))
-    assert (document["schema"], document["verdict"], document["seed"]) == ("signid.diagnosis/1", "named", 7)
-    assert [entry["path"] for entry in document["inputs"]] == ["x.csv", "3r"]
-    places = [(entry["effect"], entry["joint"], entry["role"]) for entry in document["findings"]]
-    assert places == [
-        ("coulomb_friction", "joint_2", "cause"),
-        ("payload", "joint_3", "cause"),
-        ("base_tilt", None, "secondary"),
-        ("joint_coupling", "joint_2", "secondary"),
-    ]
-    first = document["findings"][0]
-    assert first["parameters"] == {"level": {"value": 0.8, "std": 0.01, "unit": "N.m"}}
-    assert first["torque_share"] == {"joint_2": 0.26}
-    assert {"joint": "joint_2", "variable": "velocity", "region": "slower than 0.05 rad/s"}.items() <= first[
-        "where"
-    ].items()
-    assert first["evidence"] == {"statistic": 120.0, "threshold": 4.0, "held_out_gain": 0.98}
-    assert [set(entry) for entry in first["alternatives"]] == [
-        {"effect", "joint", "probability", "separating_motion"}
-    ] * 3
-    assert document["findings"][3]["parameters"]["partner"]["value"] == "joint_3"
-    assert {"joint": "joint_3", "depends_on": "time", "share": 0.05}.items() <= document["unexplained"][0].items()
-    for when, rms in (("before", BEFORE), ("after", AFTER)):
-        assert document["fit"][when]["held_out_rms"] == rms.tolist()
-    assert document["rollout"] == {
-        "horizon": 0.5,
-        "before_rms": pytest.approx([0.5, 1, 1.5]),
-        "after_rms": pytest.approx([0.01, 0.02, 0.03]),
-        "unit": ["rad"] * 3,
-    }
-    nothing = diagnosis_document(made(rollout_before=None, rollout_after=None))
-    assert nothing["rollout"] is None
-
-
 @pytest.mark.parametrize(
-    ("verdict", "findings", "words"),
+    ("verdict", "causes", "words"),
     [
-        (
-            "named",
-            FINDINGS,
-            "3r: the simulation lacks Coulomb friction of joint_2: 0.80 ± 0.02 N.m; a payload of 0.30 ± 0.04 kg\n",
-        ),
-        (
-            "named",
-            FINDINGS[:1],
-            "3r: the simulation lacks Coulomb friction of joint_2: 0.80 ± 0.02 N.m (probability >0.999)\n",
-        ),
-        (
-            "unknown",
-            FINDINGS[:1],
-            "3r: Coulomb friction of joint_2 (0.80 ± 0.02 N.m) leaves more torque unexplained than it explains; the "
-            "simulation lacks",
-        ),
-        (
-            "unknown",
-            FINDINGS[:2],
-            "N.m); a payload of 0.30 ± 0.04 kg leave more torque unexplained than they explain; the simulation lacks",
-        ),
-        ("unknown", (), "3r: the simulation lacks physics that no law explains\n"),
-        ("nothing_missing", (), "3r: nothing is missing, within 1 % of the torque\n"),
+        ("named", 4, "lacks Coulomb friction of joint_2: 0.80 ± 0.02 N.m; a payload of 0.30 ± 0.04 kg\n"),
+        ("named", 1, "lacks Coulomb friction of joint_2: 0.80 ± 0.02 N.m (probability >0.999)\n"),
+        ("unknown", 1, "leaves more torque unexplained than it explains"),
+        ("unknown", 2, "leave more torque unexplained than they explain"),
+        ("unknown", 0, "lacks physics that no law explains\n"),
+        ("nothing_missing", 0, "nothing is missing, within 1 % of the torque\n"),
     ],
 )
-def test_the_verdict_is_a_sentence(verdict: str, findings: tuple[Finding, ...], words: str) -> None:
-    result = made(verdict=verdict, findings=findings, after=fit(AFTER if findings else BEFORE))
-    text = screen(result)
-    assert words in shown(diagnosis_tables(result), 200) and ("Missing" in text) == (verdict == "named")
-
-
-def test_wrong_numbers_are_no_law_and_still_reported() -> None:
-    text = screen(made(verdict="nothing_missing", findings=()))
-    assert "3r: no law is missing, within 1 % of the torque, but stated parameters are wrong (at joint_2)" in text
-
-
-def test_laws_of_all_joints_are_one_sentence() -> None:
-    laws = [f"{name}@{j}" for j in (1, 2, 3) for name in ("viscous_friction", "coulomb_friction")]
-    text = shown(diagnosis_tables(made(findings=tuple(finding(law, {}) for law in laws))), 200)
-    causes = "viscous friction of all joints: 2.00 N.m.s/rad; Coulomb friction of all joints: 3.00 N.m"
-    assert f"the simulation lacks {causes}\n" in text
-
-
-def test_the_terminal_shows_the_main_results() -> None:
-    text = screen(made())
-    flat = " ".join(text.split())
-    assert max(map(len, text.splitlines())) <= 100
-    assert "joint_2 slower than 0.05 rad/s: 83 % of its residual torque; velocity explains 90 %" in flat
-    assert "joint_1: noise only" in flat
-    for words in ("level 0.800 ± 0.020 N.m", "mass 0.300 ± 0.039 kg", "26 %", "30 % of joint_3", "0.800"):
-        assert words in flat, words
-    assert (
-        "not identifiable" not in flat
-        and "inertia_xx" not in flat
-        and "1 more parameter: could be zero" in flat
-        and "partner" not in flat
-    )
-    assert "joint_coupling of joint_2 and joint_3" in flat and "base_tilt" in flat.partition("Small corrections")[2]
-    assert f"or viscous_friction of joint_2, probability 0.020: {APART}" in flat
-    assert f"or asymmetric_friction of joint_2, probability <0.001: {NEVER}" in flat
-    assert "spring" not in flat and "and 1 more in diagnosis.json" in flat
-    assert "joint_3: 5 % of its torque; 3 to 4 s: 40 % of it; no single variable explains it" in flat
-    assert "Roll-outs of 0.5 s" in flat and "note: a <note>" in flat and "inertials" not in flat
-    off = "The inertials of the simulation deviate by about 2.0 times the usual tolerance."
-    assert off in screen(made(prior_scale=2.0))
-    assert off not in screen(made(prior_scale=2.0, informed=True))
-
-
-def test_a_number_without_an_interval_says_so() -> None:
-    text = screen(made(findings=(finding("spring@1:stiffness=3,rest=1", {"stiffness": np.inf}),)))
-    assert "stiffness not identifiable\n" in text and "rest 1.00 rad" in text
+def test_the_verdict_is_a_sentence(verdict: str, causes: int, words: str) -> None:
+    result = made(verdict=verdict, findings=FINDINGS[:causes], after=fit(AFTER if causes else BEFORE))
+    assert words in shown(diagnosis_tables(result), 200) and ("Missing" in screen(result)) == (verdict == "named")
 
 
 def test_a_joint_that_got_worse_is_red() -> None:
     (table,) = [part for part in diagnosis_tables(made()) if "irreducible" in shown([part])]
     after = [str(getattr(cell, "style", "")) for cell in table.columns[2].cells]  # type: ignore[union-attr]
     assert after == ["", "", "red"]
+
+
+FRICTION = finding("coulomb_friction@2:level=1.2", {"level": 0.005}, stated={"level": 0.3})
+SENTENCE = "Coulomb friction of joint_2: 0.300 N.m in the simulation, 1.20 ± 0.01 N.m recorded"
+
+
+def document(result: Diagnosis) -> Any:
+    return json.loads(to_json(diagnosis_document(result)))
+
+
+def words(result: Diagnosis) -> str:
+    """The page without tags, blanks as one."""
+    return " ".join(" ".join(Page(diagnosis_page(result)).texts).split())
+
+
+def test_a_wrong_number_stands_beside_the_one_of_the_simulation() -> None:
+    result = made(findings=(FRICTION,))
+    text = screen(result)
+    assert f"3r: {SENTENCE} (probability" in " ".join(text.split())
+    assert "\nWrong in the simulation\n" in text and "Missing" not in text and "lacks" not in text
+    assert "\n  level: 0.3000 in the simulation, 1.2000 ± 0.0098 N.m recorded\n" in text
+    level = document(result)["findings"][0]["parameters"]["level"]
+    assert level == {"value": 1.2, "std": 0.005, "unit": "N.m", "stated": 0.3}
+    page = words(result)
+    assert (
+        SENTENCE in page and "parameter in the simulation recorded ± 95 % unit level 0.3000 1.2000 0.0098 N.m" in page
+    )
+
+
+def test_a_law_of_a_body_names_its_link() -> None:
+    inertia = finding("link_inertia@2:mass=0.3,first_moment_x=0.1", {}, alternatives=(rival("payload", 0.1, ""),))
+    result = made(findings=(inertia, FRICTION))
+    text = " ".join(screen(result).split())
+    assert (
+        "the simulation lacks link inertia of joint_2 (link link_2): mass 0.300 kg; Coulomb friction of joint_2: 0.3"
+        in text
+    )
+    assert "or payload of joint_3 (link link_3), probability 0.1" in text
+    assert "Link inertia of joint_2 (link link_2): mass 0.300 kg" in words(result)
+    assert [entry["link"] for entry in document(result)["findings"]] == ["link_2", None]
+
+
+def test_a_finding_outside_the_extended_simulation_says_so() -> None:
+    result = made(findings=(FRICTION, replace(FINDINGS[1], in_model=False)))
+    assert [entry["in_model"] for entry in document(result)["findings"]] == [True, False]
+    assert words(result).count("Not in the extended simulation.") == 1
+    assert "  not in the extended simulation\n" in screen(result)
+
+
+def test_a_simulation_with_covariance_has_a_note_of_it() -> None:
+    note = "The covariance of the simulation is used as prior for its inertials and laws"
+    result = made(informed=True, prior_scale=1.0)
+    assert f"note: {note}" in screen(result)
+    assert note in words(result) and "deviate by about" not in words(result)
+    assert note in document(result)["notes"] and document(result)["inertials"] == {"off": None, "covariance": True}
+    assert note not in screen(made()) and document(made(prior_scale=1.0))["inertials"] == {
+        "off": 1.0,
+        "covariance": False,
+    }
+
+
+def test_a_simulation_that_is_further_off_than_its_covariance_says_so() -> None:
+    further = "their errors appear about 2.5 times larger"
+    result = made(informed=True, prior_scale=2.5)
+    assert further in " ".join(screen(result).split()) and further in words(result)
+    assert further not in words(made(informed=True, prior_scale=1.0)) and further not in words(made(prior_scale=2.5))

@@ -14,9 +14,8 @@ from signid.diagnose import Diagnosis
 from signid.diagnose.result import Unexplained
 from signid.effects import EFFECTS
 from signid.effects.naming import law_syntax, parse_law
-from signid.output.report.plots.heat import LABEL, short_names
 from signid.output.report.results.diagnosis import diagnosis_document
-from signid.output.report.results.sentences import finding_headline, named, place_words, quantity, verdict_words
+from signid.output.report.results.sentences import finding_headline, named, quantity, verdict_words
 from signid.types import Robot
 
 
@@ -105,27 +104,3 @@ def test_joints_that_stay_unexplained_count() -> None:
     assert [x["without_cause"] for x in document["unexplained"]] == [True, False, True]
     little = replace(left[0], share=0.2)
     assert not made(findings=(cause,), unexplained=(little,)).without_cause
-
-
-def test_labels_of_heat_maps_are_short_and_different() -> None:
-    long = [f"left_shoulder_roll_actuator_joint_{k:02d}" for k in range(29)]
-    for names in (
-        long,
-        [f"{side}_hip_{axis}_actuator_joint" for side in ("left", "right") for axis in "xyz"],
-        ["a" * 40],
-    ):
-        labels = short_names(names)
-        assert len(set(labels)) == len(names) and max(map(len, labels)) <= LABEL, labels
-    assert short_names(["joint_1", "joint_2"]) == ["joint_1", "joint_2"]
-    clash = short_names([f"left_shoulder_{k:02d}_actuator" for k in range(12)] + ["x"])
-    assert len(set(clash)) == 13 and max(map(len, clash)) <= LABEL
-
-
-def test_many_joints_are_listed_by_the_largest_residuals() -> None:
-    robot = signid.load_robot("panda")
-    result = made(robot=robot, located=tuple(made().located[0]._replace(joint=j) for j in range(7)), findings=())
-    rms = np.array([9.0, 1, 8, 7, 1, 6, 5])
-    fit = replace(result.before, joints=robot.joints, train_rms=rms, irreducible_rms=np.ones(7))
-    said = place_words(replace(result, before=fit), 3)
-    assert [words.split()[0] for words in said[:3]] == ["panda_joint1", "panda_joint3", "panda_joint4"]
-    assert said[3:] == ["and 2 more joints in diagnosis.json", "panda_joint2, panda_joint5: noise only"]

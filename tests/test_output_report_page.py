@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from test_signs_page import Page, figures, values
 
 from signid.diagnose import Diagnosis
 from signid.diagnose.findings.thresholds import AMBIGUOUS
-from signid.output.report.plots.courses import Line, torque_plot
 from signid.output.report.results.diagnosis import diagnosis_page, diagnosis_tables
 
 
@@ -51,13 +49,6 @@ def test_a_headline_is_red_if_flags_say_that_the_result_is_unreliable() -> None:
         assert (style == "bold red") == red
 
 
-def test_rivals_have_bars_as_long_as_they_are_likely() -> None:
-    page = diagnosis_page(made())
-    card = page[page.index("<h3>Coulomb friction of joint_2") :].partition("</article>")[0]
-    bars = re.findall(r"<span>(\w[^<]*)</span><span class=\"bar[^\"]*\"><i style=\"width:([\d.]+)%\">", card)
-    assert bars == [("coulomb_friction of joint_2", "99.9"), ("viscous_friction of joint_2", "2.0")]
-
-
 def lines(result: Diagnosis, title: str) -> dict[str, Any]:
     """The traces of the plots with a title on their horizontal axis, by name; those of the last joint win."""
     drawn = [plot for plot in figures(diagnosis_page(result)) if plot.layout.xaxis.title.text == title]
@@ -85,25 +76,6 @@ def test_torque_over_time_and_its_residual_are_those_of_the_course() -> None:
     np.testing.assert_allclose(np.nanmax(np.abs(after)), AFTER[2], rtol=1e-6)
     np.testing.assert_allclose(measured[kept].max(), judged.torque[:, 2].max(), rtol=1e-6)
     assert np.all(np.diff(values(traces["measured"]["x"])) >= 0), "one recording after the other"
-
-
-@pytest.mark.parametrize(("rows", "shape"), [(150, "spline"), (2000, None)])
-def test_few_rows_of_a_low_cut_off_are_not_drawn_as_polygons(rows: int, shape: str | None) -> None:
-    judged, line = course(rows, 1), Line("measured", "y", "#000", {"width": 1}, np.zeros(rows))
-    (trace,) = torque_plot("joint_1", judged, "N.m", [line], 5000).data
-    assert trace["line"].get("shape") == shape
-
-
-def test_the_text_of_a_law_stands_once_and_alternatives_only_where_there_are_some() -> None:
-    first = FINDINGS[0]
-    law, alone = replace(first.law, joints=(0,)), replace(first, alternatives=(), statistic=425721.0)
-    page = diagnosis_page(made(findings=(first, replace(alone, law=law))))
-    cards = page[page.index("<article") :].partition("<h2>")[0].split("</article>")
-    assert [first.law.effect.source in card for card in cards] == [True, False, False]
-    assert [first.law.effect.equation in card for card in cards] == [True, False, False]
-    assert [">alternatives<" in card for card in cards] == [True, False, False]
-    assert "Log odds &gt; 999 (" in cards[1] and "425721" not in page
-    assert "<h2>Alternatives" not in diagnosis_page(made(findings=(alone,)))
 
 
 def test_the_heat_map_is_the_residual_over_the_noise_floor() -> None:

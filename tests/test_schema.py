@@ -8,27 +8,32 @@ from typing import Any
 
 import polars as pl
 import pytest
+from example import notebook, unsigned
 from jsonschema import Draft202012Validator
 
 import signid
 from signid.cli import run
 from signid.errors import RobotError
+from signid.output.report import to_json, write_files
+from signid.output.report.results.diagnosis import diagnosis_document
+from signid.output.report.results.identification import identification_document
 from signid.toml_json import SCHEMAS, check_schema, read_json
 
-ROBOTS = Path(__file__).parents[1] / "robots"
-ARM, DRIVE = ROBOTS / "3r" / "recording.parquet", ROBOTS / "so101"
+pytestmark = pytest.mark.xdist_group("example")
+DRIVE = Path(__file__).parents[1] / "robots" / "so101"
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folders `id`, `signs` and `diagnosis` with results on the 3r, and `servo` of a joint of an SO-101."""
-    place = tmp_path_factory.mktemp("results")
-    recording, motion = str(place / "short.parquet"), str(place / "short.csv")
-    pl.read_parquet(ARM)[:3000].write_parquet(recording)
+    place, names = tmp_path_factory.mktemp("results"), notebook().names
+    found, extended = to_json(diagnosis_document(names["found"])), to_json(names["found"].model.document())
+    write_files(place / "diagnosis", {"diagnosis.json": found, "model.json": extended})
+    for name, result in (("id", names["result"]), ("signs", unsigned())):
+        write_files(place / name, {"identification.json": to_json(identification_document(result))})
+    write_files(place / "id", {"model.json": to_json(names["result"].model.document())})
+    motion = str(place / "short.csv")
     pl.read_csv(DRIVE / "recording.csv.gz")[:800].write_csv(motion)
-    assert run(["identify", "3r", recording, "-o", str(place / "id")]) == 0
-    assert run(["identify", "3r", recording, "--unsigned", "-o", str(place / "signs")]) == 0
-    assert run(["diagnose", "3r", recording, "-o", str(place / "diagnosis")]) in (0, 3)
     assert run(["identify", str(DRIVE / "arm.urdf"), motion, "-o", str(place / "servo")]) in (0, 3)
     return place
 

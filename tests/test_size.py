@@ -9,7 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from sources import nodes
 
+pytestmark = pytest.mark.xdist_group("sources")
 ROOT = Path(__file__).parents[1]
 OWN = [path for folder in ("signid", "robots", "tests", "benchmarks") for path in sorted((ROOT / folder).rglob("*.py"))]
 LIBRARY = [path for path in OWN if path.is_relative_to(ROOT / "signid")]
@@ -60,8 +62,9 @@ def report(found: list[str]) -> None:
     assert not found, "\n" + "\n".join(found)
 
 
-def nodes(paths: list[Path]) -> Iterator[tuple[Path, ast.AST]]:
-    return ((path, node) for path in paths for node in ast.walk(ast.parse(path.read_text())))
+def functions(paths: list[Path]) -> Iterator[tuple[Path, ast.FunctionDef | ast.AsyncFunctionDef]]:
+    every = ((path, node) for path in paths for node in nodes(path))
+    return ((path, node) for path, node in every if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
 
 
 def body_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
@@ -140,19 +143,19 @@ def test_rooms_do_not_grow() -> None:
 
 
 def test_functions_are_small() -> None:
-    functions = ((p, f) for p, f in nodes(OWN) if isinstance(f, ast.FunctionDef | ast.AsyncFunctionDef))
-    report([f"{name(p)}:{f.lineno}: {f.name} {n} lines of 60" for p, f in functions if (n := body_lines(f)) > 60])
+    report([f"{name(p)}:{f.lineno}: {f.name} {n} lines of 60" for p, f in functions(OWN) if (n := body_lines(f)) > 60])
 
 
 def test_no_function_has_more_than_six_positional_parameters() -> None:
-    functions = ((p, f) for p, f in nodes(LIBRARY) if isinstance(f, ast.FunctionDef | ast.AsyncFunctionDef))
-    report([f"{name(p)}:{f.lineno}: {f.name} has {n} of 6" for p, f in functions if (n := len(positional(f))) > 6])
+    found = ((p, f, len(positional(f))) for p, f in functions(LIBRARY))
+    report([f"{name(p)}:{f.lineno}: {f.name} has {n} of 6" for p, f, n in found if n > 6])
 
 
 def test_the_library_is_formatted_and_spreads_no_literals() -> None:
     found = [
         f"{name(p)}:{node.lineno}"
-        for p, node in nodes(LIBRARY)
+        for p in LIBRARY
+        for node in nodes(p)
         if isinstance(node, ast.expr | ast.keyword) and golf(node)
     ]
     report(found + [f"{name(path)}: fmt: skip" for path in LIBRARY if "# fmt: " in path.read_text()])
@@ -164,7 +167,8 @@ def test_modules_have_names_that_say_something() -> None:
 
 
 def test_the_library_neither_prints_nor_evaluates_nor_pickles() -> None:
-    report([f"{name(p)}:{getattr(node, 'lineno', 0)}: {why}" for p, node in nodes(LIBRARY) if (why := misuse(node))])
+    every = ((p, node) for p in LIBRARY for node in nodes(p))
+    report([f"{name(p)}:{getattr(node, 'lineno', 0)}: {why}" for p, node in every if (why := misuse(node))])
 
 
 def test_nothing_tracked_names_a_machine_or_a_registry() -> None:

@@ -40,6 +40,7 @@ INSTEAD = {
     r"\bstrain(?:ed)?\b": "inertial violation",
     r"\bas it were\b|\bgo(?:es)? astray\b|\bbeforehand\b|\bwhatsoever\b": "plain words",
 }
+ANY = re.compile("|".join(INSTEAD), re.IGNORECASE)
 BEGINNING = re.compile(r'^\s*(?:#|//|\w+: |r?""")\s*(?:Of|That)\b|"""What\b')  # no sentence begins so
 KINDS = {".py", ".md", ".js", ".html", ".css", ".jinja2"}
 
@@ -57,9 +58,11 @@ def files() -> list[Path]:
 def violations(text: str) -> Iterator[str]:
     """Each line with a term that is replaced, and what replaces it."""
     for i, line in enumerate(text.splitlines(), 1):
-        for pattern, instead in INSTEAD.items():
-            if found := re.search(pattern, line, re.IGNORECASE):
-                yield f"{i}: {found[0]!r}: {instead}"
+        if found := ANY.search(line):
+            instead = next(
+                words for pattern, words in INSTEAD.items() if re.fullmatch(pattern, found[0], re.IGNORECASE)
+            )
+            yield f"{i}: {found[0]!r}: {instead}"
         if found := BEGINNING.search(line):
             yield f"{i}: {found[0].strip()!r}: begin with a subject, a verb or a noun phrase"
 
