@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything imports numpy
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -14,16 +15,27 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
+SHARED = {  # module of tests whose results are kept -> beginnings of the names of files that use them
+    "diagnosed": ("test_diagnose",),
+    "example": ("test_notebook", "test_output_display", "test_output_report_browser", "test_schema"),
+    "sources": ("test_docstrings", "test_size"),
+}
+
 settings.register_profile("signid", derandomize=True, deadline=None, max_examples=30, database=None)
 settings.load_profile("signid")
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let one worker run a file, or files of a common `xdist_group`: what they share is then made once."""
-    for item in items:
-        if item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(item.path.stem))
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Let one worker run a file, or files that share results: these are then made once."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByResults(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = Path(nodeid.partition("::")[0]).stem
+            return next((module for module, starts in SHARED.items() if file.startswith(starts)), file)
+
+    return ByResults(config, log)
 
 
 @pytest.fixture(scope="session")

@@ -16,8 +16,6 @@ from signid.diagnose import Diagnosis, Finding  # noqa: E402
 from signid.errors import RecordingError  # noqa: E402
 from signid.output.report.results.diagnosis import diagnosis_document  # noqa: E402
 
-pytestmark = pytest.mark.xdist_group("planted")
-
 ALL, SURE = (0, 1, 2), 4.0  # joints; standard deviations that a number may be off by
 PAYLOAD = fault("payload", mass=0.2, first_moment_x=0.03, first_moment_y=0.0, first_moment_z=0.0)
 SPRING = fault("spring", 2, stiffness=1.0, rest=0.2)

@@ -20,8 +20,6 @@ from signid.diagnose.findings.verdict import decide_verdict
 from signid.diagnose.search.admissible import resolved_violations
 from signid.diagnose.search.stepwise import is_applicable, present_laws
 
-pytestmark = pytest.mark.xdist_group("planted")
-
 SPRING, DRAG = fault("spring", 1, stiffness=4.0, rest=0.3), fault("quadratic_friction", 1, coefficient=0.3)
 OFF = COVARIANCE_SCALES[-1]
 

@@ -24,8 +24,6 @@ from signid.regression.base_parameters import build_base
 from signid.robot import load_robot
 from signid.types import Array, Law, pseudo_inertia
 
-pytestmark = pytest.mark.xdist_group("planted")
-
 ARM = load_robot("3r")
 BODIES = 30  # numbers of its inertials
 FLOOR = np.full(3, 0.01)

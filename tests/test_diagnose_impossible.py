@@ -21,8 +21,6 @@ from signid.model import Model, stated_inertials
 from signid.regression.motion import Motion
 from signid.types import Array, Law
 
-pytestmark = pytest.mark.xdist_group("planted")
-
 
 def model(mass: float | None, body: int = 2) -> Model:
     """The arm, one link of another mass."""

@@ -24,8 +24,6 @@ from signid.regression.base_parameters import build_base
 from signid.regression.covariance import base_covariance
 from signid.types import Law
 
-pytestmark = pytest.mark.xdist_group("planted")
-
 LIGHTER = 0.7  # of the mass of a link, and of all its inertia
 LINK = 1  # the second
 

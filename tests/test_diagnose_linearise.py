@@ -11,8 +11,6 @@ import signid
 from signid.diagnose.result import Diagnosis
 from signid.diagnose.search.iterate import DISAGREEMENT
 
-pytestmark = pytest.mark.xdist_group("planted")
-
 LOAD = fault("payload", 3, mass=0.4, first_moment_x=0.02, first_moment_y=0.0, first_moment_z=0.01)
 OTHERS = (
     fault("base_tilt", x=0.04, y=-0.03),

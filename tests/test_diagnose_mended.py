@@ -12,8 +12,6 @@ from diagnosed import fault, look, named, read, recorded, simulation
 import signid
 from signid.errors import OptionError
 
-pytestmark = pytest.mark.xdist_group("planted")
-
 CONTACT = fault("external_contact", force_x=3.0, force_y=-2.0, force_z=4.0, start=11.0, end=13.0)
 
 

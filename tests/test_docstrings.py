@@ -12,10 +12,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
 from sources import parsed
 
-pytestmark = pytest.mark.xdist_group("sources")
 PACKAGE = Path(__file__).parents[1] / "signid"
 TERM = r"(?:\.{3}|\w+(?:\s*[-+*/]\s*\w+)*)"
 SHAPE = rf"\((?:{TERM}\s*,\s*)+(?:{TERM})?\)|\(\.{{3}}\)|\(\)"

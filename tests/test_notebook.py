@@ -12,8 +12,6 @@ from test_size import HOSTS, MACHINE
 import signid
 from signid.types import Result
 
-pytestmark = pytest.mark.xdist_group("example")
-
 
 @pytest.fixture
 def ran() -> Ran:

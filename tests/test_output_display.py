@@ -22,7 +22,6 @@ from signid.output.report.documents import WRITERS
 from signid.servo.validate import ServoValidatedModel, ServoValidation
 
 HOSTILE = '"><img src=x onerror=alert(1)>'
-pytestmark = pytest.mark.xdist_group("example")
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,6 @@ from signid.output.report.results.diagnosis import diagnosis_page
 from signid.output.report.results.identification import identification_page
 from signid.output.report.results.validation import validation_page
 
-pytestmark = pytest.mark.xdist_group("example")
 DRAWN = "[...document.querySelectorAll('.plot')].filter(box => box.querySelector('.main-svg'))"
 HIDDEN = "[...document.querySelectorAll('details:not([open]) .plot')]"
 MARK = "'.js-line[d], .point path, .bars path[d], .hm image'"

@@ -19,7 +19,6 @@ from signid.output.report.results.diagnosis import diagnosis_document
 from signid.output.report.results.identification import identification_document
 from signid.toml_json import SCHEMAS, check_schema, read_json
 
-pytestmark = pytest.mark.xdist_group("example")
 DRIVE = Path(__file__).parents[1] / "robots" / "so101"
 
 

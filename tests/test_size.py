@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from sources import nodes
 
-pytestmark = pytest.mark.xdist_group("sources")
 ROOT = Path(__file__).parents[1]
 OWN = [path for folder in ("signid", "robots", "tests", "benchmarks") for path in sorted((ROOT / folder).rglob("*.py"))]
 LIBRARY = [path for path in OWN if path.is_relative_to(ROOT / "signid")]
