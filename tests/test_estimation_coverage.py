@@ -27,7 +27,7 @@ def arm() -> tuple[Robot, list[Track]]:
     return robot, record(ARM, robot)
 
 
-@pytest.mark.parametrize("noise", ["white, 3 Hz"])
+@pytest.mark.parametrize("noise", ["white", "white, 3 Hz"])
 def test_intervals_have_nominal_coverage(arm: tuple[Robot, list[Track]], noise: str) -> None:
     row = evaluate(ARM, *arm, noise, draws=5)
     assert row.recordings >= 100

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -12,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from scipy.special import logsumexp
+from scipy.special import logsumexp, stdtr
 from scipy.stats import multivariate_normal, norm
 
 from signid.diagnose.data.hypotheses import Hypothesis
@@ -20,10 +21,15 @@ from signid.diagnose.data.whitening import project
 from signid.diagnose.evidence.batches import log_bayes_factor, stack_priors
 from signid.diagnose.evidence.prior import CoefficientPrior, coefficient_prior, log_prior
 from signid.diagnose.evidence.thresholds import EFFECT_SIZES
+from signid.diagnose.search.contributions import steadiness
+from signid.diagnose.search.iterate import _expected
 from signid.effects import EFFECTS
 from signid.servo.diagnose import evidence as evidence_module
+from signid.servo.fit import normal as normal_module
 from signid.servo.fit.coordinates import Coordinates, Slot
 from signid.servo.fit.intervals import covariance
+from signid.servo.fit.normal import FitPoint, cost, normal
+from signid.servo.fit.solve import damped
 from signid.servo.identify.facts import known_load_share
 from signid.servo.identify.scale import mass_ratio
 from signid.servo.plant.friction import advance_speeds, new_state
@@ -80,6 +86,15 @@ def test_names_on_pages_of_mathematics_exist(room: str) -> None:
     named = list(unresolved((PACKAGE / room / "README.md").read_text(encoding="utf-8"), PACKAGE / room))
     assert [name for name, there in named if not there] == []
     assert len(named) >= FEWEST
+
+
+def test_a_missing_name_is_found() -> None:
+    text = "`search/stepwise.nothing`, `evidence/nowhere`, `Selection.nothing`, `search/prune.prune`, `signid`"
+    assert [name for name, there in unresolved(text, PACKAGE / "diagnose") if not there] == [
+        "search/stepwise.nothing",
+        "evidence/nowhere",
+        "Selection.nothing",
+    ]
 
 
 def torque(law: str, error: float, v: float, **numbers: float) -> float:
@@ -140,6 +155,49 @@ def test_speeds_minimise_energy_and_friction(v: tuple[float, float]) -> None:
     )
     np.testing.assert_allclose(state.v, best.x, atol=1e-6)
     assert energy(state.v) <= best.fun + 1e-15
+
+
+def test_eliminated_states_give_the_step_of_dense_least_squares(monkeypatch: pytest.MonkeyPatch) -> None:
+    random, windows, rows, sigma = np.random.default_rng(5), 4, 6, np.array([0.02, 0.05])
+    by_value, by_state = random.normal(size=(2, windows, rows, 2)), random.normal(size=(4, windows, rows, 2))
+    measured, q0, v0 = random.normal(size=(windows, rows, 2)), np.zeros((windows, 2)), np.zeros((windows, 2))
+
+    def shoot(_: Any, values: Array, q: Array, v: Array) -> tuple[Array, None]:
+        states = np.concatenate([q, v], axis=-1)
+        return np.einsum("cp,pwtn->cwtn", values, by_value) + np.einsum("cws,swtn->cwtn", states, by_state), None
+
+    slots = Slot(0, "torque_offset", 1.0), Slot(1, "torque_offset", 1.0)
+    where = Coordinates((Servo(), Servo()), slots)
+    monkeypatch.setattr(Coordinates, "copies", lambda _, values: values)
+    monkeypatch.setattr(normal_module, "shoot", shoot)
+    stub = SimpleNamespace(measured=measured, q0=q0, v0=v0, longest=rows - 1)
+    fake: Any = type("Windows", (SimpleNamespace,), {"__len__": lambda _: windows, "part": lambda own, _: own})(
+        **vars(stub)
+    )
+    point = FitPoint(np.array([0.3, -0.2]), q0 + 0.001, v0 - 0.05)
+    here = normal(fake, where, point, sigma)
+    values = damped(where, here, point.values, damping=0.0)
+    state = here.state + np.einsum("wps,p->ws", here.across, values - point.values)
+    states = -np.einsum("wsu,wu->ws", here.inverse, state)
+
+    design, target = [], []
+    prior = np.diag(1 / np.repeat([2e-3, 0.3], 2))
+    start = np.concatenate([point.q0, point.v0], axis=1)
+    for w in range(windows):
+        own = np.zeros((2 * rows, 2 + 4 * windows))
+        own[:, :2] = (by_value[:, w] / sigma).reshape(2, -1).T
+        own[:, 2 + 4 * w : 6 + 4 * w] = (by_state[:, w] / sigma).reshape(4, -1).T
+        held = np.zeros((4, 2 + 4 * windows))
+        held[:, 2 + 4 * w : 6 + 4 * w] = prior
+        design += [own, held]
+        target += [(measured[w] / sigma).ravel(), np.zeros(4)]
+    dense = np.linalg.lstsq(np.vstack(design), np.concatenate(target), rcond=None)[0]
+    np.testing.assert_allclose(values, dense[:2], rtol=1e-6)
+    np.testing.assert_allclose((start + states).ravel(), dense[2:], rtol=1e-6, atol=1e-9)
+    left = shoot(None, values[None], (start + states)[None, :, :2], (start + states)[None, :, 2:])[0][0] - measured
+    end = FitPoint(values, (start + states)[:, :2], (start + states)[:, 2:])
+    squares = np.sum((np.vstack(design) @ dense - np.concatenate(target)) ** 2)
+    assert cost(fake, left, end, sigma) == pytest.approx(squares)
 
 
 def test_a_stiffness_has_the_prior_of_the_page() -> None:
@@ -268,3 +326,36 @@ def test_priors_are_those_of_the_page() -> None:
     for name, std in (("channel_swap", 0.15), ("backlash", 0.4)):
         fixed = coefficient_prior(law(name), np.eye(1))
         assert fixed is not None and (fixed.mean, fixed.covariance_factor[0, 0]) == (1.0, std)
+
+
+def test_the_dispersion_is_that_of_the_page() -> None:
+    data = SimpleNamespace(scale=np.array([40.0, 2.0]), floor=np.array([0.05, 0.1]))
+    posterior = SimpleNamespace(evidence=SimpleNamespace(data=data))
+    expected = 1.3 * (1 + (0.003 * data.scale / data.floor) ** 2)
+    np.testing.assert_allclose(_expected(cast(Any, posterior), None), expected)
+
+
+def test_steadiness_is_the_test_of_the_page_and_the_prior() -> None:
+    random, key = np.random.default_rng(3), ("spring", (0,))
+    made, rest = random.uniform(0.05, 0.2, 80), 0.5 * random.normal(size=80)
+    group = SimpleNamespace(claim=SimpleNamespace(key=key))
+    data = SimpleNamespace(rows=lambda _: [0], raw=lambda *_: made[:, None])
+    posterior = SimpleNamespace(evidence=SimpleNamespace(data=data), priors={key: np.log(0.01)})
+    found = steadiness(
+        cast(Any, posterior), cast(Any, SimpleNamespace(coefficients=_One())), rest[:, None], cast(Any, group)
+    )
+    size = np.sqrt(np.mean(rest**2))
+    gain, energy = (rest * made + made**2 / 2) / size**2, made**2 / size**2
+    full = [int(np.searchsorted(np.cumsum(energy), k / 8 * energy.sum())) for k in range(1, 8)]
+    edges = (0, *full, 80)  # the row at which a block is full begins the next one
+    gains, energies = (np.array([x[a:b].sum() for a, b in pairwise(edges)]) for x in (gain, energy))
+    uneven = gains - energies * gains.sum() / energies.sum()
+    better = stdtr(7, gains.sum() / np.sqrt(np.sum(uneven**2) * 8 / 7))
+    assert found == pytest.approx(np.log(better / (1 - better)) + np.log(0.01 / 0.5))
+
+
+class _One:
+    """The coefficient 1 of every law."""
+
+    def __getitem__(self, _: object) -> Array:
+        return np.ones(1)

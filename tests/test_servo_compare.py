@@ -33,10 +33,16 @@ LOADED = {"gear_exponent": 1.35, "gear_load": 0.12}
 DIRECTED = {**STRIBECK, "gear_load": 0.2, "gear_external": 0.3, "gear_load_at_rest": 0.15, "gear_external_at_rest": 0.3}
 TRUTHS: dict[str, dict[str, float]] = {
     "M1": {},
+    "M2": STRIBECK,
+    "M3": LOADED,
+    "M5": DIRECTED,
     "M6": {**DIRECTED, "gear_quadratic_motor": 0.1, "gear_quadratic_external": 0.4},
 }
 LACKS = {
     "M1": (),
+    "M2": ("M1", "M3", "PACE"),
+    "M3": ("M1", "M2", "PACE"),
+    "M5": ("M1", "M2", "M3", "M4", "PACE"),
     "M4": ("M1", "M2", "M3", "PACE"),
     "M6": ("M1", "M2", "M3", "M4", "M5", "PACE"),
     "PACE": ("M1", "M2", "M3", "M4", "M5", "M6"),
@@ -77,7 +83,7 @@ def test_gears_have_the_bound_of_bam() -> None:
         assert gear_bound.py_func(p, motor, -external, v) == pytest.approx(bam.bound(motor, external, v))
 
 
-@pytest.mark.parametrize("name", ["M1", "M6"])
+@pytest.mark.parametrize("name", TRUTHS)
 def test_a_model_is_recovered_and_has_the_evidence(name: str, tmp_path: Path) -> None:
     truth = PLAIN.with_(**TRUTHS[name])
     found = compared(recorded(tmp_path, {seed: measured(truth, seed) for seed in (1, 2, 3)}))
