@@ -1,4 +1,4 @@
-"""What a demonstration conceals, and which joints move."""
+"""Laws that a demonstration conceals, and joints that move."""
 
 from __future__ import annotations
 

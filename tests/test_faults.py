@@ -127,7 +127,7 @@ def test_a_sound_recording_passes() -> None:
 
 @cache
 def planted(name: str) -> RecordingFaults:
-    """What is found in the arm's recording with a fault of the table."""
+    """Faults found in the arm's recording with a fault of the table."""
     q, tau = PLANTED[name][0](*sound())
     return look(arm().robot, {"t": arm().t, "q": q, "tau": tau})
 

@@ -42,7 +42,7 @@ with open("report.json", "w") as stream:
 
 @pytest.fixture(scope="module")
 def counted(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, object]]:
-    """What commands on a recording of a pendulum, as text and as Parquet, opened and decoded in one process."""
+    """Files that commands on a recording of a pendulum, as text and as Parquet, opened and decoded in one process."""
     folder = tmp_path_factory.mktemp("once")
     simulated = ["simulate", "1r", "--duration", "8", "--seed", "1", "--noise", "0.02", "-o"]
     assert run([*simulated, str(folder / "log.csv")]) == 0

@@ -39,11 +39,11 @@ def main() -> int:
         else:
             _run((ROOT, place, place / "inputs", given.only))
             found = {case: principal(case, place / case) for case in given.only}
-            stored = json.loads(STORED.read_text())
+            stored = json.loads(STORED.read_text("utf-8"))
             differences = compare_stored(stored, found)
             if given.store:
                 kept = (f'"{k}": {json.dumps((stored | found)[k], separators=(",", ":"))}' for k in CASES)
-                STORED.write_text("{\n" + ",\n".join(kept) + "\n}\n")
+                STORED.write_text("{\n" + ",\n".join(kept) + "\n}\n", encoding="utf-8")
     for case, group in groupby(differences, lambda each: each.case):
         shown = list(group)
         print(f"{case}: {len(shown)} differences")
@@ -58,7 +58,7 @@ def _against(revision: str, cases: Sequence[str], cache: Path, current: Path) ->
     """Differences from a commit; its outputs are made unless the cache has them, beside those of this tree."""
     commit = _git("rev-parse", "--verify", f"{revision}^{{commit}}")
     inputs, reference = (cache.resolve() / commit / name for name in ("inputs", "outputs"))
-    recipes = {path.parent.name: path.read_text() for path in reference.glob(f"*/{RECIPE}")}
+    recipes = {path.parent.name: path.read_text("utf-8") for path in reference.glob(f"*/{RECIPE}")}
     missing = [case for case in cases if recipes.get(case) != CASES[case]]
     if missing or not (inputs / DONE).exists():
         with _worktree(commit) as tree:
@@ -85,7 +85,7 @@ def _worktree(commit: str) -> Iterator[Path]:
 
 
 def _git(*words: str) -> str:
-    done = subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True)
+    done = subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True, encoding="utf-8")
     if done.returncode:
         sys.exit(f"git {' '.join(words)}: {done.stderr.strip()}")
     return done.stdout.strip()

@@ -68,10 +68,10 @@ def compare(reference: Path, current: Path, cases: Sequence[str]) -> list[Differ
 
 def principal(case: str, folder: Path) -> dict[str, Any]:
     """Exit codes of a case, and what is stored of its documents."""
-    kept: dict[str, Any] = {path.name: path.read_text().splitlines() for path in folder.glob("codes.txt")}
+    kept: dict[str, Any] = {path.name: path.read_text("utf-8").splitlines() for path in folder.glob("codes.txt")}
     for path in sorted(path for path in folder.iterdir() if DOCUMENT.fullmatch(path.name)):
-        if path.read_text().startswith("{\n"):
-            document = json.loads(path.read_text())
+        if path.read_text("utf-8").startswith("{\n"):
+            document = json.loads(path.read_text("utf-8"))
             kept[path.name] = pruned({key: document[key] for key in SEARCHED.get(case, document) if key in document})
     return kept
 

@@ -76,7 +76,7 @@ def run_lines(commands: str, out: Path) -> None:
         with _captured(out / str(number)):
             code = run(line.split())
         codes.append(f"{code}  {line}\n")
-    (out / "codes.txt").write_text("".join(codes))
+    (out / "codes.txt").write_text("".join(codes), encoding="utf-8")
 
 
 def make_inputs(inputs: Path) -> None:
@@ -90,10 +90,10 @@ def make_inputs(inputs: Path) -> None:
     for file in given["copied"]:
         shutil.copy(file, inputs)
     for name, text in given["texts"].items():
-        (inputs / name).write_text(text.lstrip())
+        (inputs / name).write_text(text.lstrip(), encoding="utf-8")
     with contextlib.chdir(inputs):
         run_lines(given["commands"], said)
-    if bad := [line for line in (said / "codes.txt").open() if line[0] not in "03"]:
+    if bad := [line for line in (said / "codes.txt").open(encoding="utf-8") if line[0] not in "03"]:
         sys.exit(f"an input cannot be made: {bad[0]}")
     (inputs / DONE).touch()
 
@@ -104,8 +104,7 @@ def run_case(name: str, inputs: Path, out: Path) -> None:
     out.mkdir(parents=True)
     given = {path.name for path in inputs.iterdir()}
     with tempfile.TemporaryDirectory() as place, contextlib.chdir(place):
-        for file in given:
-            Path(file).symlink_to(inputs / file)
+        shutil.copytree(inputs, place, dirs_exist_ok=True)
         if CASES[name].startswith("signid."):
             try:
                 texts = texts_of_result(eval(CASES[name], {"signid": signid}))
@@ -116,7 +115,7 @@ def run_case(name: str, inputs: Path, out: Path) -> None:
             written = (path for path in sorted(Path().rglob("*")) if path.is_file() and path.parts[0] not in given)
             texts = {"__".join(path.parts): text_of_file(path) for path in written}
     for file, text in (texts | {RECIPE: CASES[name]}).items():
-        (out / file).write_text(text)
+        (out / file).write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":  # OUT INPUTS CASE...

@@ -175,8 +175,8 @@ def _processes(workers: int) -> Iterator[tuple[Executor, list[_Process]]]:
 
 def _prepare(place: str) -> None:
     """Prepare a process: a session and temporary files of its own, no output, an end when the caller ends."""
-    if hasattr(os, "setsid"):
-        os.setsid()  # Linux shares processor time between sessions
+    if begin_session := getattr(os, "setsid", None):  # Linux shares processor time between sessions
+        begin_session()
     tempfile.tempdir = place
     silent = os.open(os.devnull, os.O_WRONLY)
     for stream in (1,) if os.environ.get("SIGNID_DEBUG") else (1, 2):
