@@ -134,8 +134,8 @@ def write_files(
             with suppress(OSError):
                 made.rmdir()
         if isinstance(error, OSError) and not isinstance(error, OutputError):
-            whole = _refusal(folder, place, error, option)
-            raise _file_refusal(target, error, option) if named and target != place else whole from None
+            refusal = _file_refusal(target, error, option) if named and target != place else None
+            raise refusal or _refusal(folder, place, error, option) from None
         raise
     return [target for _, target in waiting]
 
