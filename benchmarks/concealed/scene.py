@@ -154,8 +154,8 @@ class Scene:
     @cached_property
     def drives(self) -> Drives:
         """Drives with rotors and friction at every joint."""
-        speed = rms(self.asked[1])
-        viscous, coulomb = FRICTION * self.scale / speed * self.factors[0], FRICTION * self.scale * self.factors[1]
+        speed, factors = rms(self.asked[1]), self.factors
+        viscous, coulomb = factors[0] * FRICTION * self.scale / speed, factors[1] * FRICTION * self.scale
         return replace(self.rotors, viscous_friction=tuple(viscous), coulomb_friction=tuple(coulomb))
 
     @cached_property
