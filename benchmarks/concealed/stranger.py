@@ -154,7 +154,7 @@ def process(case: Case, sessions: Path, diagnosed: bool) -> str:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a session's diagnosis named beyond the ordinary."""
+    """Outcome of a session."""
 
     name: str
     kind: str
