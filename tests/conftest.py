@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,16 @@ SHARED = {  # module of tests whose results are kept -> beginnings of the names 
 
 settings.register_profile("signid", derandomize=True, deadline=None, max_examples=30, database=None)
 settings.load_profile("signid")
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark those cases of a parametrised test as slow whose ids match `slow_cases`, or do not match its `but`."""
+    case = getattr(item, "callspec", None)
+    for mark in item.iter_markers("slow_cases") if case is not None else ():
+        if any(re.search(pattern, case.id) for pattern in mark.args) or (
+            "but" in mark.kwargs and not re.search(mark.kwargs["but"], case.id)
+        ):
+            item.add_marker("slow")
 
 
 @pytest.hookimpl(optionalhook=True)

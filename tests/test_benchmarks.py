@@ -72,6 +72,7 @@ def test_a_session_does_not_reveal_its_answer(tmp_path: Path) -> None:
         assert (found.outcome, found.sure) == (outcome, outcome == "wrong")
 
 
+@pytest.mark.slow
 def test_a_known_change_is_judged_beside_its_control(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder := tmp_path / "arm").mkdir()
     (folder / "robot.urdf").write_text((ROOT / "robots/3r/robot.urdf").read_text())
@@ -123,6 +124,7 @@ def test_published_parameters_score_as_cited() -> None:
     assert row.train == pytest.approx(5.66, abs=0.1) and row.test == pytest.approx(8.87, abs=0.1)
 
 
+@pytest.mark.slow
 def test_exports_of_a_pendulum_repeat_its_recording(tmp_path: Path) -> None:
     (bench,) = benches(tmp_path, ("pendulum",))
     rows = list(rolled(recorded(bench, bench.drives, 1), tmp_path))

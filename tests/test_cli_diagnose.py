@@ -54,6 +54,7 @@ def arm(place: Path) -> tuple[int, Any]:
     return code, read(place / "arm" / "diagnosis.json")
 
 
+@pytest.mark.slow
 def test_injected_laws_are_named_and_modelled(place: Path, arm: tuple[int, Any]) -> None:
     code, found = arm
     assert sorted(path.name for path in (place / "arm").iterdir()) == FILES
@@ -105,6 +106,7 @@ def test_options_reach_the_library(place: Path, capfd: pytest.CaptureFixture[str
     assert found["cutoff"]["torque"] == pytest.approx(9, rel=0.1) and sorted(place.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_signs_are_recovered_first(arm: tuple[int, Any]) -> None:
     code = run(["diagnose", "3r", "arm.csv", "--unsigned", "-o", "signless"])
     found = read("signless/diagnosis.json")

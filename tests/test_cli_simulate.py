@@ -168,6 +168,7 @@ def test_an_exciting_motion_is_followed(folder: Path, capfd: pytest.CaptureFixtu
     assert "Least identifiable of" in capfd.readouterr().out
 
 
+@pytest.mark.slow
 def test_excitation_distinguishes_laws_or_says_that_it_cannot(capfd: pytest.CaptureFixture[str]) -> None:
     both = "viscous_friction@1:coefficient=1,spring@1:stiffness=5,rest=0.2"
     found = printed(f"excite 1r -o m.csv --duration 4 --harmonics 3 --separate {both}", capfd)
@@ -206,6 +207,7 @@ def test_effects_are_listed_and_read_back(capfd: pytest.CaptureFixture[str]) -> 
     assert len(printed("effects", capfd)["effects"]) == len(EFFECTS.names) + len(DRIVE_EFFECTS.names)
 
 
+@pytest.mark.slow
 def test_every_effect_can_be_injected(capfd: pytest.CaptureFixture[str]) -> None:
     for effect in EFFECTS:
         text = law_syntax(effect).replace("[@JOINT]", "").replace("@JOINT", "@2").replace("partner=JOINT", "partner=3")

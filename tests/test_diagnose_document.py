@@ -52,6 +52,7 @@ def written(found: Diagnosis) -> Any:
     return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
 
 
+@pytest.mark.slow_cases("pendulum")
 def test_the_document(found: Diagnosis) -> None:
     document, joints = written(found), list(found.robot.joints)
     check_schema(document, "diagnosis")
@@ -107,6 +108,7 @@ SILENT: list[tuple[str, Planted, tuple[str, ...]]] = [
 ]
 
 
+@pytest.mark.slow_cases("link_inertia|payload")
 @pytest.mark.parametrize(("robot", "planted", "skip"), SILENT, ids=[f[1][0] for f in SILENT])
 def test_nothing_missing_means_a_residual_of_noise(robot: str, planted: Any, skip: tuple[str, ...]) -> None:
     """The extended simulation contains inertial errors within tolerance, or the verdict is another."""

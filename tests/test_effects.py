@@ -129,6 +129,7 @@ def test_a_missing_partner_is_refused() -> None:
 SECONDS, SEED = 8.0, 5
 
 
+@pytest.mark.slow_cases("backlash")
 @pytest.mark.parametrize("effect", [e for e in EFFECTS if e.name != "gravity"], ids=lambda e: e.name)
 def test_parameters_are_recovered(effect: Effect) -> None:
     planted = case(effect, SEED, SECONDS)

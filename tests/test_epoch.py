@@ -36,6 +36,7 @@ def found(folder: Path, name: str) -> Any:
     return json.loads((folder / name / "diagnosis.json").read_text())
 
 
+@pytest.mark.slow
 def test_friction_drift_is_found_with_the_same_numbers(place: Path) -> None:
     early, late = (found(place, name) for name in ("early", "late"))
     assert {"friction_drift", "coulomb_friction"} == {one["effect"] for one in early["findings"]}

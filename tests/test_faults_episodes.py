@@ -154,6 +154,7 @@ def lerobot(folder: Path, parts: list[Columns]) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_an_episode_of_a_dataset_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     parts = episodes(2)
     assert run(["check", str(lerobot(tmp_path / "good", parts))]) == 0

@@ -37,6 +37,7 @@ def test_damaged_files_are_read_or_refused(reader: Reader) -> None:
     check()
 
 
+@pytest.mark.slow_cases("metadata")
 @pytest.mark.parametrize("reader", readers(), ids=lambda reader: reader.name)
 def test_malicious_files_are_refused_and_intact_ones_read(reader: Reader, tmp_path: Path) -> None:
     for token in () if reader.slow else (b"", b"\0", *TOKENS):

@@ -74,6 +74,7 @@ def test_the_measured_torque_is_that_of_the_recording() -> None:
     assert track.residual.shape == (1, *track.measured.shape)
 
 
+@pytest.mark.slow
 def test_the_curves_follow_slider_and_joint(browser: Chromium, address: str, shown: Replay) -> None:
     browser.open(f"{address}#joint=2&t=2", "window.player")
     assert not browser.value("document.querySelector('#curves').hidden"), "there is room for them"
@@ -91,6 +92,7 @@ def test_the_curves_follow_slider_and_joint(browser: Chromium, address: str, sho
     assert browser.value("document.querySelector('#curves').hidden") and not browser.errors
 
 
+@pytest.mark.slow
 def test_labels_are_legible_on_a_phone_and_clear_of_the_robot(browser: Chromium, address: str) -> None:
     browser.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
     browser.open(f"{address}#t=2", "window.player")

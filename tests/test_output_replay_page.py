@@ -93,6 +93,7 @@ def test_both_robots_are_drawn_and_nothing_is_fetched(page: Chromium) -> None:
     assert max(page.value(apart)) < 0.005, "a roll-out starts from the measured state"
 
 
+@pytest.mark.slow
 def test_the_slider_and_the_strip_move_time(page: Chromium) -> None:
     first = page.picture()
     page.click("#time", 0.8)
@@ -105,6 +106,7 @@ def test_the_slider_and_the_strip_move_time(page: Chromium) -> None:
     assert changed(second, page.picture()) > 1000
 
 
+@pytest.mark.slow
 def test_it_plays_pauses_and_has_speeds(page: Chromium) -> None:
     page.value("player.seek(0)")
     page.click("#play")
@@ -119,6 +121,7 @@ def test_it_plays_pauses_and_has_speeds(page: Chromium) -> None:
     page.until("!player.state.playing && player.state.t === player.length")
 
 
+@pytest.mark.slow
 def test_before_and_after_and_side_by_side(page: Chromium, shown: Replay) -> None:
     apart = (
         "Math.max(...player.stage.recorded.map((g, k) => g.position.distanceTo(player.stage.simulated[k].position)))"
@@ -165,6 +168,7 @@ def test_links_are_coloured_and_findings_marked_at_their_place(page: Chromium) -
     assert all(0 <= left < right <= 1000 and 0 <= top < bottom <= 700 for left, top, right, bottom in spots)
 
 
+@pytest.mark.slow_cases(but="1000-330")
 @pytest.mark.parametrize(("width", "height", "crowded"), [(1000, 700, False), (1000, 330, True), (390, 560, True)])
 def test_labels_without_room_are_counted_and_named(
     browser: Chromium, address: str, width: int, height: int, crowded: bool
@@ -188,6 +192,7 @@ def test_labels_without_room_are_counted_and_named(
         browser.send("Emulation.setDeviceMetricsOverride", **{**size, "width": 1000, "height": 700})
 
 
+@pytest.mark.slow
 def test_live_it_is_a_meshcat_viewer(browser: Chromium, shown: Replay, capfd: pytest.CaptureFixture[str]) -> None:
     meshcat = pytest.importorskip("meshcat")
     live = shown.show()

@@ -85,6 +85,7 @@ def check_letters(browser: Chromium, width: int) -> None:
     assert browser.value(COLLIDE) == []
 
 
+@pytest.mark.slow_cases(but="diagnosis|drives")
 @pytest.mark.parametrize("name", PAGES)
 def test_every_plot_is_drawn_and_nothing_is_loaded(browser: Chromium, pages: dict[str, Path], name: str) -> None:
     show(browser, pages[name], WIDE)
@@ -110,6 +111,7 @@ def test_a_page_that_needs_the_network_is_caught(browser: Chromium, pages: dict[
         assert all(url.startswith(("file:", "data:", "blob:")) for url in browser.requests)
 
 
+@pytest.mark.slow_cases(but="390-diagnosis")
 @pytest.mark.parametrize("name", PAGES)
 @pytest.mark.parametrize("width", NARROW)
 def test_no_letters_run_into_each_other(browser: Chromium, pages: dict[str, Path], name: str, width: int) -> None:
@@ -125,6 +127,7 @@ def test_all_columns_of_the_drives_are_on_the_screen(browser: Chromium, pages: d
     assert len(shown) >= 9 and shown[0][0] == "joint" and all(0 < right <= width for _, right in shown)
 
 
+@pytest.mark.slow_cases("dark")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_letters_and_lines_stand_out_from_the_ground(browser: Chromium, pages: dict[str, Path], scheme: str) -> None:
     show(browser, pages["diagnosis"], scheme=scheme)

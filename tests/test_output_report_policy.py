@@ -129,6 +129,7 @@ def check_harmless(browser: Chromium) -> None:
     assert browser.errors == [], "nothing was tried that the policy refuses"
 
 
+@pytest.mark.slow_cases("signs|validation|diagnosis|^check")
 @pytest.mark.parametrize("name", PAGES)
 def test_names_are_text_in_every_page(browser: Chromium, folder: Path, name: str) -> None:
     show(browser, path(folder, name))
@@ -144,6 +145,7 @@ def test_names_are_text_in_every_page(browser: Chromium, folder: Path, name: str
         check_harmless(browser)
 
 
+@pytest.mark.slow_cases("replay")
 @pytest.mark.parametrize("name", ["fleet", "replay"])
 def test_the_policy_stops_a_page_that_was_tampered_with(browser: Chromium, folder: Path, name: str) -> None:
     """Were a name ever not escaped, the browser would neither run nor load anything."""

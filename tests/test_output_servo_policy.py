@@ -49,6 +49,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
     window.close()
 
 
+@pytest.mark.slow_cases(but="script-identify")
 @pytest.mark.parametrize("name", PAGES)
 def test_names_are_text_in_every_page_of_drives(browser: Chromium, place: tuple[str, Path], name: str) -> None:
     joint, folder = place

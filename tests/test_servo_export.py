@@ -32,6 +32,7 @@ LOOPS = {
 CLOSE = 1e-3  # [rad]
 
 
+@pytest.mark.slow_cases("saturated")
 @pytest.mark.parametrize("name", LOOPS)
 def test_mujoco_repeats_the_loop_of_a_pendulum(name: str) -> None:
     servo = LOOPS[name]
@@ -70,6 +71,7 @@ def arm(law: str, limit: float) -> Model:
     return driven(model.robot, numbers)
 
 
+@pytest.mark.slow_cases("effort-1.7|duty")
 @pytest.mark.parametrize(("law", "limit"), [("effort", np.inf), ("effort", 1.7), ("duty", 2.0)])
 def test_mujoco_repeats_the_loop_of_an_arm(law: str, limit: float) -> None:
     model = arm(law, limit)

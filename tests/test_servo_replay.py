@@ -104,6 +104,7 @@ def changed(before: Picture, after: Picture) -> int:
     return int((np.abs(before[AREA] - after[AREA]).max(axis=2) > 12).sum())
 
 
+@pytest.mark.slow
 def test_the_ghosts_are_drawn_and_can_be_hidden(page: Chromium) -> None:
     seen = page.picture()
     page.click("#show-commanded")

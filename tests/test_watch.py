@@ -53,8 +53,8 @@ def found(model: Model, columns: Mapping[str, Any], **changed: Any) -> list[Even
     given = {**columns, **changed}
     watcher = Watcher(model, quiet=QUIET)
     events: list[Event] = []
-    for start in range(0, len(given["t"]), 8):
-        rows = slice(start, start + 8)
+    for start in range(0, len(given["t"]), 64):
+        rows = slice(start, start + 64)
         events += watcher.feed(given["t"][rows], given["q"][rows], given["tau"][rows])
     return [*events, *watcher.finish()]
 
@@ -90,6 +90,7 @@ def test_rows_that_come_one_by_one_give_the_same_contact(model: Model, columns: 
         assert a.end == b.end or abs((a.end or 0.0) - (b.end or 0.0)) < 0.02
 
 
+@pytest.mark.slow_cases("torque_gain|torque_offset")
 @pytest.mark.parametrize(
     ("law", "key", "joint", "number"),
     [
@@ -159,6 +160,7 @@ def test_texts_are_streams(kind: str, model: Model, columns: dict[str, Any]) -> 
     assert [type(e) for e in events] == [Note, Contact, Contact]
 
 
+@pytest.mark.slow
 def test_a_growing_file_is_followed(model: Model, columns: dict[str, Any], tmp_path: Path) -> None:
     lines = text(columns, "csv", pushed(columns)).splitlines(keepends=True)
     path = tmp_path / "stream.csv"
@@ -237,6 +239,7 @@ def lost(columns: Mapping[str, Any], kind: str) -> dict[str, Any]:
     return {**columns, "t": t[keep], "q": q[keep], "tau": tau[keep]}
 
 
+@pytest.mark.slow_cases(but="missing")
 @pytest.mark.parametrize("kind", ["lost", "missing", "held", "bursts", "jitter"])
 def test_a_damaged_stream_has_no_false_contact(kind: str, model: Model, columns: dict[str, Any]) -> None:
     events = found(model, lost({**columns, "tau": pushed(columns)}, kind))
