@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from strict_json import strict
 
 import signid
 from signid.cli import run
@@ -25,15 +25,7 @@ REAL = "--noise 0.01 --encoder-bits 17 --seed 3".split()
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Run every test in its own folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("SIGNID_DEBUG", raising=False)
     yield tmp_path
-
-
-def strict(text: str) -> Any:
-    def refuse(word: str) -> None:
-        raise AssertionError(f"{word} is no JSON")
-
-    return json.loads(text, parse_constant=refuse)
 
 
 def printed(command: str, capfd: pytest.CaptureFixture[str], code: int = 0) -> Any:

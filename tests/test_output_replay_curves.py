@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,8 @@ from numpy.testing import assert_allclose
 import signid
 from signid.output.replay import Replay
 from signid.output.replay.track import follow
+
+WINDOW = 900, 720  # [px] of the browser
 
 ROOT = Path(__file__).parents[1]
 LAWS = ("coulomb_friction@2:level=0.8", "payload:mass=0.3,first_moment_x=0.03")
@@ -41,13 +42,6 @@ def address(shown: Replay, tmp_path_factory: pytest.TempPathFactory) -> str:
     file = tmp_path_factory.mktemp("page") / "replay.html"
     file.write_text(shown.page(), encoding="utf-8")
     return file.as_uri()
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
-    window = Chromium(tmp_path_factory.mktemp("browser"), 900, 720)
-    yield window
-    window.close()
 
 
 def numbers(text: str) -> list[float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,6 +18,8 @@ from signid.output.report.results.check.torque import check_page
 from signid.output.report.results.diagnosis import diagnosis_page
 from signid.output.report.results.identification import identification_page
 from signid.output.report.results.validation import validation_page
+
+WINDOW = 1200, 900  # [px] of the browser
 
 DRAWN = "[...document.querySelectorAll('.plot')].filter(box => box.querySelector('.main-svg'))"
 HIDDEN = "[...document.querySelectorAll('details:not([open]) .plot')]"
@@ -60,13 +61,6 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         assert len(text) < 2e6, name
         (folder / f"{name}.html").write_text(text, encoding="utf-8")
     return {name: folder / f"{name}.html" for name in texts}
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
-    window = Chromium(tmp_path_factory.mktemp("browser"), 1200, 900)
-    yield window
-    window.close()
 
 
 def show(browser: Chromium, page: Path, width: int = 1200, **media: str) -> None:

@@ -26,6 +26,8 @@ from signid.output.report.policy import content_policy, plot_markup
 from signid.output.report.results.fleet import fleet_page
 from signid.output.report.sections import Plot
 
+WINDOW = 800, 500  # [px] of the browser
+
 ROOT = Path(__file__).parents[1]
 IMAGE = '"><img src=x onerror=window.hit=1>'
 LINK = "<a href='https://example.com/' style='color:red'>go</a>"
@@ -98,13 +100,6 @@ def _fleet(patch: pytest.MonkeyPatch) -> None:
 
     patch.setattr(run_module, "spread", answer)
     Path("fleet.html").write_text(fleet_page(fleet("<b>fleet.csv", "out").document(), f"signid fleet {IMAGE}"))
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
-    window = Chromium(tmp_path_factory.mktemp("browser"), 800, 500)
-    yield window
-    window.close()
 
 
 def path(folder: Path, name: str) -> Path:

@@ -14,6 +14,8 @@ from test_output_report_policy import IMAGE, LINK, LOG, SCRIPT, SHOWN, check_har
 
 from signid.cli import run
 
+WINDOW = 800, 500  # [px] of the browser
+
 ROOT = Path(__file__).parents[1]
 ROBOT, BODY = "<svg onload=window.hit=3>", "<!--<script>"
 PAGES = {name: f"{name}/report.html" for name in ("identify", "validate", "diagnose")} | {"replay": "replay.html"}
@@ -40,13 +42,6 @@ def place(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
             assert run([verb, arm, LOG, "-o", verb]) in (0, 3), verb
         assert run(["replay", arm, LOG, "--diagnosis", "diagnose/diagnosis.json", "--html", "replay.html"]) == 0
     yield joint, folder
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
-    window = Chromium(tmp_path_factory.mktemp("browser"), 800, 500)
-    yield window
-    window.close()
 
 
 @pytest.mark.slow_cases(but="script-identify")
