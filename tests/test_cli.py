@@ -205,6 +205,7 @@ def test_an_unwritable_folder_is_refused_at_once(
     assert "Permission denied" in capfd.readouterr().err
 
 
+@pytest.mark.slow
 def test_libraries_print_nothing(folder: Path) -> None:
     (folder / "spoilt.csv").write_text(changed("tau_1", lambda x: np.where(np.arange(len(x)) == 500, np.nan, x)))
     done = process("identify", "1r", "spoilt.csv", "-o", "result", cwd=folder)

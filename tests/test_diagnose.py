@@ -70,6 +70,9 @@ def test_a_fault_is_named_with_its_parameters(
     assert set(on) <= {j for j in ALL if j in joints or first.law.effect.scope != "joint"} and len(on)
 
 
+@pytest.mark.slow_cases(
+    "external_contact|time_delay|payload|torque_lag|torque_sign|armature|channel_swap|spring|joint_coupling"
+)
 @pytest.mark.parametrize("planted", [f[0] for f in FAULTS[:11]], ids=[effect(f[0]) for f in FAULTS[:11]])
 def test_the_extended_simulation_is_as_good_as_noise_allows(planted: Any) -> None:
     found = examine(planted)

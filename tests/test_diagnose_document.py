@@ -20,6 +20,8 @@ from signid.output.report import to_json  # noqa: E402
 from signid.output.report.results.diagnosis import diagnosis_document  # noqa: E402
 from signid.toml_json import check_schema  # noqa: E402
 
+pytestmark = pytest.mark.slow_cases("contact|pendulum|payload|coupling")
+
 NAMES = {effect.name for effect in EFFECTS}
 FIT = {"joints", "unit", "train_rms", "held_out_rms", "noise_floor", "held_out_r2"}
 PAYLOAD = fault("payload", mass=0.2, first_moment_x=0.03, first_moment_y=0.0, first_moment_z=0.0)

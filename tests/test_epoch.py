@@ -10,6 +10,8 @@ import pytest
 
 from signid.cli import run
 
+pytestmark = pytest.mark.slow
+
 EPOCH = 1_700_000_000
 RECORD = (
     "simulate 3r --duration 20 --inject friction_drift@2:change=2,time_constant=5 --inject coulomb_friction@2:level=1 "
@@ -36,7 +38,6 @@ def found(folder: Path, name: str) -> Any:
     return json.loads((folder / name / "diagnosis.json").read_text())
 
 
-@pytest.mark.slow
 def test_friction_drift_is_found_with_the_same_numbers(place: Path) -> None:
     early, late = (found(place, name) for name in ("early", "late"))
     assert {"friction_drift", "coulomb_friction"} == {one["effect"] for one in early["findings"]}

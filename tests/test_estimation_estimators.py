@@ -106,6 +106,7 @@ def test_the_default_is_unchanged() -> None:
     assert np.array_equal(default.estimate.covariance, asked.estimate.covariance)
 
 
+@pytest.mark.slow
 def test_stated_gains_take_the_place_of_those_found() -> None:
     from benchmarks.plants.control import gains
     from benchmarks.plants.mujoco_ import build, mean_inertia

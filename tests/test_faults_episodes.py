@@ -128,6 +128,7 @@ def test_one_of_many_files_differs(change: Callable[[Columns], Columns]) -> None
     compare(audit_servos(files(parts)).flags, CHANGES[change], f"run{ODD}.csv")
 
 
+@pytest.mark.slow
 def test_files_and_episodes_that_agree_are_silent() -> None:
     for seed in (1, 2, 3):
         assert not audit_servos(files(episodes(seed))).flags

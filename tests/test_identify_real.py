@@ -38,7 +38,7 @@ def identify(data: Path, folder: str, urdf: str, *names: str, options: Options |
     return signid.identify(robot, [first], held_out=rest, options=options)
 
 
-@pytest.mark.slow_cases("30 s|January|harmonics|tx40")
+@pytest.mark.slow_cases(but="panda|emps")
 @pytest.mark.parametrize("name", GOOD)
 def test_good_motion_is_not_flagged(data: Path, name: str) -> None:
     found = identify(data, *GOOD[name])

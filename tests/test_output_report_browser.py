@@ -147,6 +147,7 @@ def contrast(one: float, other: float) -> float:
     return (max(one, other) + 0.05) / (min(one, other) + 0.05)
 
 
+@pytest.mark.slow
 def test_paper_is_white_and_no_plot_is_wider_than_it(browser: Chromium, pages: dict[str, Path]) -> None:
     show(browser, pages["diagnosis"], 1200, scheme="dark", medium="print")
     browser.value("(dispatchEvent(new Event('beforeprint')), 0)")
@@ -155,6 +156,7 @@ def test_paper_is_white_and_no_plot_is_wider_than_it(browser: Chromium, pages: d
     assert browser.value("document.querySelector('main').clientWidth") <= 700
 
 
+@pytest.mark.slow
 def test_dragging_zooms_and_a_double_click_goes_back(browser: Chromium, pages: dict[str, Path]) -> None:
     show(browser, pages["diagnosis"])
     browser.value("document.querySelector('details[open] .wide .plot').scrollIntoView({block: 'center'})")

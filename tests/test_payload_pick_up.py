@@ -101,7 +101,7 @@ def test_desired_positions_do_not_matter(tmp_path: Path, capsys: pytest.CaptureF
     assert abs(mass - 0.4) < 3 * std < 0.1
 
 
-@pytest.mark.slow_cases("order0")
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [(OTHER, LOADED), (LOADED, OTHER_DAY)])
 def test_a_load_on_a_real_robot(order: tuple[str, ...], data: Path) -> None:
     folder = data / "ur10e_mamedov"
@@ -114,6 +114,7 @@ def test_a_load_on_a_real_robot(order: tuple[str, ...], data: Path) -> None:
     assert abs(mass - SCALE) < 3 * std and abs(mass / SCALE - 1) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [(OTHER_DAY,), (SAME, OTHER), (LOADED,)])
 def test_a_real_robot_without_a_change_has_none(order: tuple[str, ...], data: Path) -> None:
     folder = data / "ur10e_mamedov"

@@ -73,6 +73,7 @@ def number(fit: ServoFit, name: tuple[str, str]) -> tuple[float, float]:
     return float(fit.values[k]), float(fit.std[k])
 
 
+@pytest.mark.slow
 def test_equal_joints_of_two_legs_have_one_number_from_both(model: Model, grid: ServoGrid) -> None:
     alone = fit_servos(model, [grid], START, FREE)
     both = fit_servos(model, [grid], START, FREE, assumptions=EQUAL)

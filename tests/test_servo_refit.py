@@ -64,6 +64,7 @@ def test_all_rows_narrow_the_intervals_and_keep_the_figures_of_the_split() -> No
     assert whole.servos["swing"].kp == whole.model.servos["swing"].kp == after["kp"].value != before["kp"].value
 
 
+@pytest.mark.slow
 def test_given_recordings_are_learned_from_only_if_asked() -> None:
     robot = pendulum()
     first, other = (signid.read_recording(log(8.0, seed=seed), robot) for seed in (1, 2))

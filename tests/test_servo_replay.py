@@ -111,6 +111,7 @@ def test_the_ghosts_are_drawn_and_can_be_hidden(page: Chromium) -> None:
     assert page.errors == [] and page.requests == [request for request in page.requests if request.startswith("file:")]
 
 
+@pytest.mark.slow
 def test_the_curves_show_command_measured_and_simulated(page: Chromium) -> None:
     words = page.value("document.querySelector('#key').textContent")
     assert all(word in words for word in ("measured", "simulated", "command", "rad"))

@@ -69,6 +69,7 @@ def test_an_arm_is_excited_within_its_limits(panda: tuple[Model, Excitation]) ->
     assert len(found.expressions) == len(found.std) == len(found.relative_std)
 
 
+@pytest.mark.slow
 def test_distances_hold_for_the_meshes_themselves(panda: tuple[Model, Excitation]) -> None:
     """Hulls are larger than the meshes that they stand for."""
     model, found = panda

@@ -49,13 +49,14 @@ def columns(model: Model) -> dict[str, Any]:
     return {"t": asked.t, "q": asked.q, "tau": model.inverse(motion) + noise, "v": asked.v, "motion": motion}
 
 
-def found(model: Model, columns: Mapping[str, Any], **changed: Any) -> list[Event]:
+def found(model: Model, columns: Mapping[str, Any], rows: int = 64, **changed: Any) -> list[Event]:
+    """Events of a stream that arrives in pieces of some rows."""
     given = {**columns, **changed}
     watcher = Watcher(model, quiet=QUIET)
     events: list[Event] = []
-    for start in range(0, len(given["t"]), 64):
-        rows = slice(start, start + 64)
-        events += watcher.feed(given["t"][rows], given["q"][rows], given["tau"][rows])
+    for start in range(0, len(given["t"]), rows):
+        piece = slice(start, start + rows)
+        events += watcher.feed(given["t"][piece], given["q"][piece], given["tau"][piece])
     return [*events, *watcher.finish()]
 
 
@@ -120,7 +121,7 @@ def test_a_payload_is_named(model: Model, columns: dict[str, Any]) -> None:
     more = loaded - model.inverse(columns["motion"])
     changes = [
         e
-        for e in found(model, columns, tau=columns["tau"] + np.where(columns["t"] > 14, 1.0, 0.0)[:, None] * more)
+        for e in found(model, columns, 8, tau=columns["tau"] + np.where(columns["t"] > 14, 1.0, 0.0)[:, None] * more)
         if isinstance(e, LastingChange)
     ]
     assert [e.law for e in changes] == ["payload"] * 2
