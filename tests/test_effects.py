@@ -43,6 +43,7 @@ def test_effect_obeys(effect: Effect) -> None:
     assert list(faults(effect)) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", list(EFFECTS), ids=lambda e: e.name)
 def test_simulator_agrees(effect: Effect) -> None:
     slope, left = agreement(effect)

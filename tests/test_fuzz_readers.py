@@ -25,6 +25,7 @@ def damaged(draw: st.DrawFn, seeds: tuple[bytes, ...]) -> bytes:
     return content[: draw(st.one_of(st.just(len(content)), st.integers(0, len(content))))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reader", readers(), ids=lambda reader: reader.name)
 def test_damaged_files_are_read_or_refused(reader: Reader) -> None:
     @settings(max_examples=SLOW if reader.slow else EXAMPLES)
