@@ -98,6 +98,7 @@ def test_a_strangers_robot_is_judged_by_what_is_beyond_the_ordinary(tmp_path: Pa
     assert stranger.judge(tmp_path).outcome == "refused"
 
 
+@pytest.mark.slow
 def test_a_known_change_is_judged_beside_its_control(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder := tmp_path / "arm").mkdir()
     (folder / "robot.urdf").write_text((ROOT / "robots/3r/robot.urdf").read_text())
@@ -149,6 +150,7 @@ def test_published_parameters_score_as_cited() -> None:
     assert row.train == pytest.approx(5.66, abs=0.1) and row.test == pytest.approx(8.87, abs=0.1)
 
 
+@pytest.mark.slow
 def test_exports_of_a_pendulum_repeat_its_recording(tmp_path: Path) -> None:
     (bench,) = benches(tmp_path, ("pendulum",))
     rows = list(rolled(recorded(bench, bench.drives, 1), tmp_path))
