@@ -16,11 +16,10 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "cli": "app terminal completion options arguments files fleet demo commands run __init__",
     "faults": "result channels commands evidence description lag_and_gain search distortions gravity examine "
     "identified __init__",
-    "servo": "__init__ stated assumptions given hints plant simulate fit search zeros identify validate diagnose "
-    "friction_models compare",
+    "servo": "__init__ stated assumptions given plant simulate fit search zeros identify validate diagnose compare",
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay viewers export display",
-    "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators expected code vendor function "
+    "output/export": "beyond bodies shapes drives training urdf mjcf actuators expected code vendor function "
     "loop __init__",
     "output/report": "layout policy write documents sections plots results __init__",
     "output/report/results": "__init__ laws recordings sentences signs simulation identification friction_models "
