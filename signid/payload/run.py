@@ -35,8 +35,7 @@ from .moment import (
     search,
     sums,
 )
-from .result import LoadMoment, Payload
-from .weigh import CERTAIN, changes, weigh
+from .weigh import CERTAIN, LoadMoment, Payload, changes, weigh
 
 ROLES = ("recording, without the load", "recording, with the load")
 WITHIN = "recording, in which the load is picked up"

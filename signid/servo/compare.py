@@ -17,9 +17,9 @@ from ..regression.session import only_once
 from ..servos import LOOP_UNITS, Servo
 from ..typed import typed
 from ..types import Array, Progress
-from .diagnose.evidence import half_log_of, limited, price_of
+from .diagnose.search import half_log_of, limited, price_of
 from .fit import ServoFit
-from .fit.typical import typical
+from .fit.coordinates import typical
 from .identify.fits import block
 from .identify.identifiable import SCALED, SIGNED, VAGUE, unit_of
 from .identify.result import FrictionModel, ServoIdentification, ServoNumber

@@ -8,24 +8,29 @@ from html import escape
 from io import StringIO
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, RenderableType
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from ...errors import OutputError
 from ...model import stated_inertials
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import Input, Recording, Robot
-from ..report.documents import rms, tables as command_tables
+from ..report.documents import rms, tables as command_tables, to_json
 from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
 from ..report.results.fleet import fleet_tables
 from ..report.results.identification import fit_rows
 from ..report.results.inspection import joint_table
 from ..report.results.laws import law_document
 from ..report.results.signs import signs_tables
+from ..report.write import write_files
 from .frames import frame_names
+
+if TYPE_CHECKING:
+    from ...model import Model
 
 MOST, WIDTH = 40, 100  # lines, and characters per line, of a repr
 LEAST = 3  # lines that a shortened section keeps: blank line, heading, number of the others
@@ -302,3 +307,17 @@ TABLES: dict[str, Callable[[Any], Renderables]] = {
     "Simulation": _simulation,
     "ValidatedModel": _validated,
 }
+
+
+def save_model(model: Model, path: str | Path) -> Path:
+    """Write a model.json; it appears when it is complete.
+
+    Raises:
+        OutputError: the name does not end in .json, or the file cannot be written.
+    """
+    target = Path(path)
+    if target.suffix != ".json":
+        better = target.with_suffix(".json").name
+        raise OutputError(f"a model is saved as JSON, and {target.name} does not end in .json; name it {better}")
+    text = to_json(model.document())
+    return write_files(target.parent, {target.name: text}, "another path", named=True)[0]

@@ -14,7 +14,7 @@ from ...errors import OptionError
 from ...model import ModelSource, as_model
 from ...recording import Recordings
 from ...typed import typed
-from .beyond import Exported, model_digest
+from .bodies import Exported, model_digest
 from .drives import annotated, with_known_numbers
 from .urdf import urdf_with, with_comment
 
@@ -31,9 +31,9 @@ _WRITERS = {  # module below this folder, and function in it
     "expected": ("expected", "write_expected"),
     "c": ("code.c", "write_c"),
     "arrays": ("code.arrays", "write_arrays"),
-    "franka": ("vendor.franka", "write_franka"),
-    "ur": ("vendor.ur", "write_ur"),
-    "kuka": ("vendor.kuka", "write_kuka"),
+    "franka": ("vendor", "write_franka"),
+    "ur": ("vendor", "write_ur"),
+    "kuka": ("vendor", "write_kuka"),
 }
 KINDS = tuple(_WRITERS)
 STARTING = ("mjcf", "isaaclab", "mjlab")  # loops that can start from a recording

@@ -14,7 +14,7 @@ from ...model import Model
 from ...recording.names.mapping import quoted
 from ...servos import PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo
 from ...types import Actuators, Array
-from .beyond import BODIES, Exported, beyond, fixed_note, remarks, summed
+from .bodies import BODIES, Exported, beyond, fixed_note, remarks, summed
 from .drives import known_document, left_out
 from .training import FIELDS
 

@@ -14,7 +14,7 @@ from ...robot import configuration
 from ...robot.dynamics import joint_inertia
 from ...servos import SERVO_NUMBERS, Servo
 from ...types import Array
-from .beyond import Exported
+from .bodies import Exported
 from .drives import known_document
 
 _HEAD = '''"""Positions that the joints of {name} should reach, from their commanded positions; needs no package.

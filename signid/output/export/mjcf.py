@@ -17,8 +17,20 @@ from ...robot.description.document import children, parse
 from ...robot.dynamics import joint_of_row, own_row
 from ...robot.joints import is_plain
 from ...types import Array, Law, Robot
-from .beyond import BODIES, Exported, commented, fixed_note, held, lacking, summed
-from .bodies import LEAST, PossibleBodies, Principal, possible_bodies, principal
+from .bodies import (
+    BODIES,
+    LEAST,
+    Exported,
+    PossibleBodies,
+    Principal,
+    commented,
+    fixed_note,
+    held,
+    lacking,
+    possible_bodies,
+    principal,
+    summed,
+)
 from .drives import STEP, mjcf_actuators, mjcf_joint, mjcf_notes
 from .shapes import Shapes, copied, pose_words, read_shapes, words
 

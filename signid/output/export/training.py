@@ -12,7 +12,7 @@ from ...errors import one_line, shorten
 from ...model import Model
 from ...robot.alike import name_pattern
 from ...servos import Servo
-from .beyond import MOST, Exported, beyond, remarks, summed
+from .bodies import MOST, Exported, beyond, remarks, summed
 from .drives import curved, lacked_notes, left_out
 
 _Drive = tuple[str, list[str]]  # class and arguments

@@ -13,17 +13,16 @@ from ...model import Model, command_model
 from ...robot.alike import alike, name_pattern
 from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo, ServoGrid
 from ...types import Array, Robot
-from ..assumptions import OWN, Assumptions, Name
 from ..fit import ServoFit, fit_servos, start_limits
+from ..given import OWN, Assumptions, Name
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
 from ..search.choice import SHORT, Candidate
 from ..search.data import ServoData, loop_error, position_noise
 from ..search.laws import STEPS, WORTH, largest_torques, limited
 from ..search.searcher import Chosen, ServoOptions
-from .assess import closed_loops, nominal_servos
 from .facts import demand, joint_facts
-from .fits import block, number_at_bound, number_std
+from .fits import block, closed_loops, nominal_servos, number_at_bound, number_std
 from .flags import (
     assumption_notes,
     duty_notes,
@@ -39,8 +38,7 @@ from .flags import (
 )
 from .identifiable import RARE, JointFacts, dependence, dependent_numbers, joint_numbers
 from .result import ServoIdentification, ServoJoint, ServoRollOut, ServoTrace
-from .scale import alternatives, known_scale
-from .start import Stated
+from .scale import Stated, alternatives, known_scale
 
 HORIZON = 1.0  # [s] of the roll-outs, from measured states
 FAR = 3.0  # [1] held-out rms over that of the training data, from which it is flagged

@@ -27,15 +27,13 @@ from ..search.data import ServoData, loop_error, servo_data, thinned
 from ..search.laws import rare_limits, try_laws
 from ..search.searcher import FIRST, Chosen, KnownLimits, Searcher, ServoOptions
 from ..zeros import JointZero, find_zeros, turns
-from .assess import whole_rms
 from .conclude import JudgedFit, Known, conclude, facts_of, judge
 from .facts import exceeded, full_duty_errors
-from .fits import final_fit, own_numbers, weigh_bodies
+from .fits import final_fit, own_numbers, weigh_bodies, whole_rms
 from .flags import worse_than_stated
 from .identifiable import RARE
 from .result import LoggedRows, ServoIdentification
-from .scale import connected_sets
-from .start import Stated, first_candidate, stated_laws, stated_numbers
+from .scale import Stated, connected_sets, first_candidate, stated_laws, stated_numbers
 
 ALONE, COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits (BAM XL330, Go2)
 PLAIN = "duty"  # its regression has one number less

@@ -12,10 +12,8 @@ from scipy.stats import t as student
 from ...servos import Servo, ServoGrid
 from ...types import Array, Robot
 from .chain import chain_of
-from .fit import ZeroFit, fit_zeros, noise_of, weighted
-from .load import Loads, foreseen, unexplained
-from .rows import FEWEST, zero_rows
-from .search import POINTS, ZeroTrial, best_zeros, mirrored, search, turned
+from .fit import POINTS, ZeroFit, ZeroTrial, best_zeros, fit_zeros, mirrored, noise_of, search, turned, weighted
+from .rows import FEWEST, Loads, foreseen, unexplained, zero_rows
 
 FINEST, FINE, COARSE = 1200, 400, 200  # rows of the last fit, of those before, and of the search
 RIVALS = 2  # fits with another sign that are refined

@@ -29,8 +29,7 @@ from .families import (
     steady,
 )
 from .limits import Limits, build_limits
-from .problem import ExcitationProblem, build_problem, usual_laws
-from .result import Excitation, budget_notes
+from .problem import Excitation, ExcitationProblem, budget_notes, build_problem, usual_laws
 
 SEARCH = "the search for a motion"
 GRID = 0.01  # [s] grid on which motions are scaled to their limits

@@ -12,12 +12,11 @@ from ....types import Array
 from ....watch.blocks import HALF
 from ....watch.contacts import APART, LASTING, LEAVE
 from ....watch.intake import LEAST, LOST
-from ....watch.momentum import BELOW, MORE
-from ....watch.observer import GAIN, RINGING
+from ....watch.observer import BELOW, GAIN, MORE, RINGING
 from ....watch.quiet import MOVED
 from ....watch.thresholds import LITTLE, PEAK, SHARE, SIGMAS, STRANGE
 from ....watch.watcher import JITTER, PATIENCE, SLOWEST, STILL, WARM
-from ..beyond import summed
+from ..bodies import summed
 from .graph import Graph
 from .laws import directed_laws
 from .program import Function, Program, vector

@@ -16,7 +16,7 @@ from ....model import Model, torque_model
 from ....robot import configuration
 from ....robot.dynamics import mass_matrices, own_body
 from ....types import Array
-from ..beyond import fixed_note, lacking
+from ..bodies import fixed_note, lacking
 from .graph import Graph, Scalar, binary, unary
 from .laws import inertial, law_expressions, writable
 from .rigid import (
