@@ -41,13 +41,13 @@ TODAY = {
     "simulation": 4329,
     "estimation": 2434,
     "signs": 3190,
-    "faults": 3725,
+    "faults": 3739,
     "servo": 8916,
     "diagnose": 6446,
     "payload": 1422,
     "watch": 2070,
-    "output": 13022,
-    "cli": 5466,
+    "output": 12887,
+    "cli": 5465,
 }
 LOWERED = 60  # [lines] below the number of today from which the number is to be lowered
 TOGETHER = {"optimisers": "estimation", "validate": "payload"}  # rooms that are counted with another

@@ -28,7 +28,6 @@ _WRITERS = {  # module below this folder, and function in it
     "ros": ("actuators", "write_ros"),
     "isaaclab": ("training", "write_isaaclab"),
     "mjlab": ("training", "write_mjlab"),
-    "expected": ("expected", "write_expected"),
     "c": ("code.c", "write_c"),
     "arrays": ("code.arrays", "write_arrays"),
     "franka": ("vendor", "write_franka"),
@@ -65,8 +64,8 @@ def export(
             file for use with a URDF), "function" (laws as Python code that needs only NumPy), "ros" (parameters of a
             ROS 2 node), "isaaclab" (actuator groups), "mjlab" (actuators), "c" (inverse dynamics as C99; `beside` holds
             its header and a test program), "arrays" (inverse dynamics as Python over numpy, jax.numpy or torch); of
-            position drives alone, "expected" (Python function of the commands); of the payload alone, "franka" (end
-            effector as JSON; `beside` has the numbers of libfranka), "ur" (URScript) and "kuka" (load data in KRL).
+            the payload alone, "franka" (end effector as JSON; `beside` has the numbers of libfranka), "ur" (URScript)
+            and "kuka" (load data in KRL).
         package_dirs: folders to search for meshes of an MJCF, besides those of example-robot-data.
         name: name of the C files without ".c"; default: the robot's name as an identifier.
         floating: whether the base link of an MJCF is a body on a free joint, with its mass.
