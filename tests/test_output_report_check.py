@@ -19,8 +19,8 @@ from signid.cli.run import run
 from signid.faults import SAMPLE_KINDS
 from signid.faults.channels import CHANNELS
 from signid.faults.commands import audit_servos
-from signid.faults.distortions import KINDS as DISTORTIONS
 from signid.faults.description import LIMITS
+from signid.faults.distortions import KINDS as DISTORTIONS
 from signid.faults.search import CLAIMS
 from signid.output.report.layout import share
 from signid.output.report.results.check.drives import SEARCHED, audit_page, audit_summary
