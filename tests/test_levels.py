@@ -19,13 +19,12 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "servo": "__init__ given plant simulate fit search zeros identify validate diagnose compare",
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay viewers export display",
-    "output/export": "bodies shapes drives training urdf mjcf actuators code vendor function loop __init__",
+    "output/export": "bodies shapes drives urdf mjcf actuators code vendor function loop __init__",
     "output/report": "layout write documents sections plots results __init__",
     "output/report/results": "__init__ laws recordings sentences signs simulation identification "
     "servo_identification check payload fleet inspection validation diagnosis servo_diagnosis",
     "estimation": "__init__ fit_quality excitation feasible pbrp least_squares standard estimators",
-    "recording": "names streams formats source columns sampling noticed joining gallery read bare __init__ convert "
-    "draft",
+    "recording": "names streams formats source columns sampling noticed joining gallery read __init__ convert draft",
     "robot": "alike joints dynamics actuators description locate load __init__",
     "signs": "thresholds result observations search samples infer tree rows_of_file torque_constants recover __init__",
     "simulation": "__init__ plant excite rollout refine",
