@@ -47,7 +47,7 @@ TODAY = {
     "payload": 1422,
     "watch": 2070,
     "output": 12871,
-    "cli": 5465,
+    "cli": 5474,
 }
 LOWERED = 60  # [lines] below the number of today from which the number is to be lowered
 TOGETHER = {"optimisers": "estimation", "validate": "payload"}  # rooms that are counted with another
