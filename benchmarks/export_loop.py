@@ -26,7 +26,7 @@ from signid.recording import Recordings, read_recording
 from signid.robot import load_robot
 from signid.servo.identify import identify_servos
 from signid.servo.plant import roll_out
-from signid.servo.plant.commands import command_speed
+from signid.servo.plant.grid import command_speed
 from signid.servos import Servo
 from signid.types import Array
 

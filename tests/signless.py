@@ -12,9 +12,8 @@ from motions import FRICTION, trial, truth
 from signid.recording import read_recording
 from signid.regression.rows import Task
 from signid.regression.session import Options, prepare
-from signid.signs.observations import Observed, observe
+from signid.signs.observations import Observed, observe, threshold_runs
 from signid.signs.search.problem import Segment, build_problem, orthonormalise
-from signid.signs.segments import threshold_runs
 from signid.types import Array
 
 

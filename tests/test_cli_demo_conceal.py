@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from signid.cli.demo.conceal import conceal
-from signid.cli.demo.run import take_arm
+from signid.cli.demo.run import conceal, take_arm
 from signid.model import Model, stated_inertials, stated_laws
 from signid.output.export.mjcf import mjcf_laws
 from signid.regression.motion import Motion

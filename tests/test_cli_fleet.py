@@ -20,9 +20,8 @@ from fleets import FILES, contents, manifest, record
 
 import signid
 from signid.cli import run
-from signid.cli.fleet import dispatch, run as run_module
-from signid.cli.fleet.dispatch import Answer, Order, spread
-from signid.cli.fleet.run import fleet
+from signid.cli.fleet import run as run_module
+from signid.cli.fleet.run import Answer, Order, fleet, spread
 from signid.cli.fleet.store import Store
 from signid.errors import InputError
 
@@ -195,7 +194,7 @@ def _deadly(order: Order) -> Answer:
 def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
     tmp_path: Path, workers: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dispatch, "carry_out", _deadly)
+    monkeypatch.setattr(run_module, "carry_out", _deadly)
     orders = [Order((name,), str(tmp_path)) for name in ("inspect", "effects", "check", "data", "demo")]
     found = dict(spread(orders, workers=workers))
     assert found[0].code is None and "died 2 times, the last time by signal 9" in found[0].said[0]
@@ -203,8 +202,8 @@ def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
 
 
 def test_a_process_is_warm_for_some_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dispatch, "carry_out", _deadly)
-    monkeypatch.setattr(dispatch, "LASTS", 2)
+    monkeypatch.setattr(run_module, "carry_out", _deadly)
+    monkeypatch.setattr(run_module, "LASTS", 2)
     answers = dict(spread([Order(("data",), str(tmp_path))] * 5, workers=1))
     pids = [answers[k].said[0] for k in range(5)]
     assert pids[0] == pids[1] != pids[2] == pids[3] != pids[4]

@@ -15,11 +15,10 @@ import distributed
 import pytest
 from fleets import contents, manifest, record
 
-from signid.cli.fleet.dispatch import Answer, Order, spread
-from signid.cli.fleet.run import fleet
+from signid.cli.fleet.run import Answer, Order, fleet, spread
 from signid.errors import OptionError
 
-spreading = sys.modules["signid.cli.fleet.dispatch"]
+spreading = sys.modules["signid.cli.fleet.run"]
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,7 @@ from test_output_report import shown
 from test_output_report_browser import DRAWN, EMPTY, show
 
 from signid.cli.fleet import run as run_module
-from signid.cli.fleet.dispatch import DONE, Answer, Order
-from signid.cli.fleet.run import fleet
+from signid.cli.fleet.run import DONE, Answer, Order, fleet
 from signid.cli.fleet.summary import Number, find_drifts
 from signid.output.report.results.fleet import cause_sentence, fleet_page, fleet_tables, number_ranges
 

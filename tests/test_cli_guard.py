@@ -13,7 +13,7 @@ import pytest
 from swing import csv, swing
 
 from signid.cli import run
-from signid.cli.fleet.dispatch import Order, spread
+from signid.cli.fleet.run import Order, spread
 from signid.errors import ManifestError, RecordingError
 from signid.recording.formats import find_format
 

@@ -13,24 +13,20 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "": "version errors typed deadline toml_json registry frozen parameters laws servos types optimisers robot effects "
     "recording regression model inspect simulation estimation signs faults payload check identify diagnose "
     "validate servo watch output cli __main__ __init__",
-    "cli": "app terminal completion options arguments files fleet demo commands run __init__",
+    "cli": "app terminal options arguments files fleet demo commands run __init__",
     "faults": "result channels commands evidence description lag_and_gain search distortions gravity examine "
     "identified __init__",
-    "servo": "__init__ stated assumptions given hints plant simulate fit search zeros identify validate diagnose "
-    "friction_models compare",
+    "servo": "__init__ given plant simulate fit search zeros identify validate diagnose compare",
     "diagnose": "data evidence result extend search findings preparation run __init__",
     "output": "__init__ geometry report replay viewers export display",
-    "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators expected code vendor function "
-    "loop __init__",
-    "output/report": "layout policy write documents sections plots results __init__",
-    "output/report/results": "__init__ laws recordings sentences signs simulation identification friction_models "
+    "output/export": "bodies shapes drives urdf mjcf actuators code vendor function loop __init__",
+    "output/report": "layout write documents sections plots results __init__",
+    "output/report/results": "__init__ laws recordings sentences signs simulation identification "
     "servo_identification check payload fleet inspection validation diagnosis servo_diagnosis",
     "estimation": "__init__ fit_quality excitation feasible pbrp least_squares standard estimators",
-    "recording": "names streams formats source columns sampling noticed joining gallery read bare __init__ convert "
-    "draft",
+    "recording": "names streams formats source columns sampling noticed joining gallery read __init__ convert draft",
     "robot": "alike joints dynamics actuators description locate load __init__",
-    "signs": "thresholds result observations segments search samples infer tree rows_of_file torque_constants "
-    "recover __init__",
+    "signs": "thresholds result observations search samples infer tree rows_of_file torque_constants recover __init__",
     "simulation": "__init__ plant excite rollout refine",
 }
 MOST_FOLDERS, MOST_MODULES, MOST_FILES = 16, 15, 14  # below signid/, below signid/, in any folder but effects/

@@ -24,11 +24,10 @@ from signid.diagnose.evidence.thresholds import EFFECT_SIZES
 from signid.diagnose.search.contributions import steadiness
 from signid.diagnose.search.iterate import _expected
 from signid.effects import EFFECTS
-from signid.servo.diagnose import evidence as evidence_module
+from signid.servo.diagnose import search as servo_search
 from signid.servo.fit import normal as normal_module
 from signid.servo.fit.coordinates import Coordinates, Slot
-from signid.servo.fit.intervals import covariance
-from signid.servo.fit.normal import FitPoint, cost, normal
+from signid.servo.fit.normal import FitPoint, cost, covariance, normal
 from signid.servo.fit.solve import damped
 from signid.servo.identify.facts import known_load_share
 from signid.servo.identify.scale import mass_ratio
@@ -255,14 +254,14 @@ def test_the_scale_of_torque_is_that_of_the_known_load() -> None:
 
 
 def test_the_price_of_numbers_of_a_drive_is_that_of_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(evidence_module, "information", lambda *_: np.array([[4.0, 1.0], [1.0, 3.0]]))
+    monkeypatch.setattr(servo_search, "information", lambda *_: np.array([[4.0, 1.0], [1.0, 3.0]]))
     old, new = Slot(0, "kp", 5.0), Slot(0, "kd", 2.0)
     setting = cast(Any, SimpleNamespace(loop=SimpleNamespace(rows=19)))
     last, trial = (cast(Any, SimpleNamespace(where=SimpleNamespace(slots=slots))) for slots in ((old,), (old, new)))
     w = 2.0**2 * (3.0 - 1.0 / 4.0) * 10 / 20
     expected = np.log(np.mean((1 + EFFECT_SIZES**2 * w) ** -0.5))
-    assert evidence_module.price(setting, last, trial) == pytest.approx(expected)
-    assert evidence_module.price(setting, trial, trial) == 0.0
+    assert servo_search.price(setting, last, trial) == pytest.approx(expected)
+    assert servo_search.price(setting, trial, trial) == 0.0
 
 
 def test_whitening_is_the_inverse_square_root_of_the_covariance() -> None:

@@ -24,7 +24,7 @@ from signid.servos import Servo
 from signid.types import Trajectory
 
 ESTIMATE, FRICTION = 5.7123, 3.5e-18  # as a fit leaves them
-KINDS = ("mjcf", "actuators", "ros", "isaaclab", "mjlab", "expected", "c", "arrays", "function", "urdf")
+KINDS = ("mjcf", "actuators", "ros", "isaaclab", "mjlab", "c", "arrays", "function", "urdf")
 
 
 def driven(kp: float | None) -> Model:
@@ -46,7 +46,7 @@ def test_the_stated_value_is_written_and_said(kind: str) -> None:
     assert of_torque or re.search(r"\b20(\.0)?\b", made.text)
 
 
-@pytest.mark.parametrize("kind", ["mjcf", "actuators", "isaaclab", "expected"])
+@pytest.mark.parametrize("kind", ["mjcf", "actuators", "isaaclab"])
 def test_a_gain_without_a_stated_value_is_refused(kind: str) -> None:
     with pytest.raises(OptionError, match=r"kp of joint_2 is not identifiable.*--known kp\.joint_2=20"):
         signid.export(driven(None), kind)
@@ -97,8 +97,6 @@ def test_what_is_left_out_is_no_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     assert group.stiffness == 20.0 and not {"armature", "friction", "min_delay", "effort_limit"} & set(vars(group))
     motors = executed(signid.export(model, "mjlab").text, "mjlab.actuator", monkeypatch)["ACTUATORS"]
     assert motors[1].damping == 0.5 and not {"armature", "frictionloss", "delay_max_lag"} & set(vars(motors[1]))
-    function = executed(signid.export(model, "expected").text, "none.at_all", monkeypatch)
-    assert function["expected"]([0.0, 0.1], {"joint_2": [0.1, 0.1]})["joint_2"] == [0.1, 0.1]
 
 
 def test_a_stated_value_is_said_where_it_stands() -> None:
@@ -119,7 +117,7 @@ def test_a_damping_without_effect_is_left_out() -> None:
     assert "kv=" not in made.text and "left out: kd of joint_2" in made.text
 
 
-@pytest.mark.parametrize("kind", ["mjcf", "actuators", "ros", "isaaclab", "mjlab", "expected"])
+@pytest.mark.parametrize("kind", ["mjcf", "actuators", "ros", "isaaclab", "mjlab"])
 def test_numbers_that_are_known_as_a_sum_are_said(kind: str) -> None:
     servo = Servo(kp=60.0, kd=0.8, delay=0.02, combined=("damping", "lag"))
     made = signid.export(with_servos(load_model("3r"), {"joint_1": servo, "joint_2": servo}), kind)

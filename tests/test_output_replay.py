@@ -25,7 +25,7 @@ import signid
 from signid.cli import run
 from signid.output.replay import Live, Replay
 from signid.output.replay.run import part
-from signid.output.report.policy import content_policy
+from signid.output.report.layout import content_policy
 from signid.robot import load_robot
 from signid.simulation.rollout import RollOut
 from signid.types import Recording

@@ -18,11 +18,10 @@ from chromium import Chromium
 import signid
 from signid.cli import run
 from signid.cli.fleet import run as run_module
-from signid.cli.fleet.dispatch import DONE, Answer, Order
-from signid.cli.fleet.run import fleet
+from signid.cli.fleet.run import DONE, Answer, Order, fleet
 from signid.output.replay import Replay
+from signid.output.report.layout import content_policy, plot_markup
 from signid.output.report.plots.frame import PLOTLY, TEMPLATES
-from signid.output.report.policy import content_policy, plot_markup
 from signid.output.report.results.fleet import fleet_page
 from signid.output.report.sections import Plot
 

@@ -15,7 +15,7 @@ from signid.cli import run
 from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.draft import draft_map
-from signid.recording.names.calibration import calibrated, read_calibration
+from signid.recording.names.mapping import calibrated, read_calibration
 from signid.recording.names.match import guess_columns, match_signals
 
 LEG = [f"FR_{part}_joint" for part in ("hip", "thigh", "calf")]

@@ -18,8 +18,7 @@ from servo_results import invented
 from signid.cli import run
 from signid.errors import OptionError
 from signid.model import load_model, with_servos
-from signid.servo.compare import compare_models
-from signid.servo.friction_models import MODELS
+from signid.servo.compare import MODELS, compare_models
 from signid.servo.identify import FrictionModel, identify_servos
 from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servo.plant.torque import gear_bound

@@ -18,7 +18,7 @@ from signid.errors import OptionError
 from signid.model import Model
 from signid.output.export import export
 from signid.recording import read_recording
-from signid.servo.fit.first_state import first_state
+from signid.servo.fit.start import first_state
 from signid.servo.plant import roll_out
 from signid.servo.plant.course import motion_of
 from signid.servos import Servo, ServoGrid

@@ -8,8 +8,8 @@ import pytest
 from signid.errors import RecordingError
 from signid.model import Model, load_model
 from signid.servo.plant import grids_of_arrays, roll_out
-from signid.servo.plant.commands import commands_at, held_before
 from signid.servo.plant.course import bodies_of, course, motion_of
+from signid.servo.plant.grid import commands_at, held_before
 from signid.servos import Servo, ServoGrid
 
 RATE = 100.0

@@ -14,7 +14,7 @@ from signid.cli import run
 from signid.model import load_model, with_servos
 from signid.recording import as_recordings
 from signid.robot import load_robot
-from signid.servo.diagnose.repeats import Pair, repeated, servo_repeats
+from signid.servo.diagnose.run import Pair, repeated, servo_repeats
 from signid.servo.plant import grids_of_arrays, roll_out, servo_grids
 from signid.servo.search.data import position_noise
 from signid.servos import Servo, ServoGrid

@@ -15,10 +15,9 @@ from signid.regression.session import prepare
 from signid.robot import load_robot
 from signid.signs import recover
 from signid.signs.infer import Inferred
-from signid.signs.observations import Observed, observe
+from signid.signs.observations import Observed, Segment, observe
 from signid.signs.recover import _notes, raise_flags
 from signid.signs.result import SignProof
-from signid.signs.segments import Segment
 
 
 def well() -> tuple[Observed, Inferred]:

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from signid.errors import RecordingError
-from signid.signs.observations import Observed
+from signid.signs.observations import Observed, runs_between_minima, split_impure, threshold_runs
 from signid.signs.search.problem import Segment
-from signid.signs.segments import runs_between_minima, split_impure, threshold_runs
 from signid.types import Array, Mask
 
 PERIOD = 0.01  # s

@@ -17,9 +17,8 @@ from signid.estimation.pbrp import Bounds
 from signid.regression.base_parameters import build_base
 from signid.regression.motion import Motion, base_rows, regressor
 from signid.robot import load_robot
-from signid.signs.observations import Observed
+from signid.signs.observations import Observed, threshold_runs
 from signid.signs.search.problem import KnownRows, SignProblem, build_problem, eliminate
-from signid.signs.segments import threshold_runs
 from signid.signs.tree import condition_order, search_tree
 from signid.types import Array, BaseMap, Parameters
 

@@ -13,8 +13,7 @@ from signid.model import Model, load_model, stated_inertials, stated_laws
 from signid.regression.motion import Motion, regressor
 from signid.robot import load_robot
 from signid.simulation.excite import Excitation, build_limits, excite
-from signid.simulation.excite.cost import CRITERIA, ExcitationCost
-from signid.simulation.excite.design import Budget, make_feasible, predict_precision
+from signid.simulation.excite.design import CRITERIA, Budget, ExcitationCost, make_feasible, predict_precision
 from signid.simulation.excite.families import FAMILIES, Fourier, random_parameters
 from signid.simulation.excite.limits import build_collision
 from signid.simulation.excite.problem import ExcitationProblem, build_problem, usual_laws

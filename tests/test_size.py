@@ -35,19 +35,19 @@ AIMS = {  # [lines of Python] a room is to have; what it has today is below
     "": 2400,
 }
 TODAY = {
-    "recording": 8497,
+    "recording": 8453,
     "robot": 3080,
     "effects": 2324,
-    "simulation": 4382,
+    "simulation": 4329,
     "estimation": 2434,
-    "signs": 3201,
-    "faults": 3753,
-    "servo": 9204,
+    "signs": 3190,
+    "faults": 3739,
+    "servo": 8916,
     "diagnose": 6446,
-    "payload": 1465,
-    "watch": 2082,
-    "output": 13182,
-    "cli": 5523,
+    "payload": 1422,
+    "watch": 2070,
+    "output": 12871,
+    "cli": 5474,
 }
 LOWERED = 60  # [lines] below the number of today from which the number is to be lowered
 TOGETHER = {"optimisers": "estimation", "validate": "payload"}  # rooms that are counted with another
@@ -73,10 +73,10 @@ def body_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
 
 
 def limit(path: Path) -> int:
-    """Lines that a file may have: a law or an example 40, any other 400."""
+    """Lines that a file may have: a law or an example 40, any other 500."""
     example = path.name == "identify.py" and path.is_relative_to(ROOT / "robots")
     law = path.parent == ROOT / "signid" / "effects" and "\nPLUGIN = " in path.read_text()
-    return 40 if law or example else 400
+    return 40 if law or example else 500
 
 
 def misuse(node: ast.AST) -> str:

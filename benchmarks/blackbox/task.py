@@ -18,7 +18,7 @@ from signid.recording import same_joints
 from signid.recording.sampling import survey
 from signid.regression.session import SAME_RATE, Options, prepare
 from signid.robot import hold, resting
-from signid.simulation.rollout.windows import restrict_joints
+from signid.simulation.rollout.run import restrict_joints
 from signid.types import Array, Recording, Robot
 
 from ..concealed_real.sets import RealSet, columns_of, read, rebuilt

@@ -7,7 +7,7 @@ takes groups as parameters; `command` shows Typer one parameter for each field.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING, field, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
@@ -28,7 +28,6 @@ LAST = ("seed", "json")  # options listed last in --help
 LARGEST, SMALLEST = 9e9, 1e-15  # magnitude of a number on the command line; 0 is smaller
 LARGEST_SEED = 2**64 - 1
 CHECKED = "cutoff time_limit duration bandwidth feed_forward".split()  # commands check whether these are finite
-
 app = typer.Typer(
     name="signid",
     help="Identify and diagnose robot dynamics models from a robot description and recordings.",
@@ -181,3 +180,41 @@ def _parameters(group: type[Any]) -> list[Parameter]:
         kind = Annotated[hints[item.name], item.metadata["option"]] if item.metadata else hints[item.name]
         found.append(Parameter(item.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind))
     return found
+
+
+def complete_robot(incomplete: str) -> list[str]:
+    """Names of robots that begin with a text."""
+    from ..robot.locate import names
+
+    return _beginning(incomplete, names())
+
+
+def complete_law(incomplete: str) -> list[str]:
+    """Names of laws that begin with a text; in a list, those of its last name."""
+    from ..effects import DRIVE_EFFECTS, EFFECTS
+
+    before, comma, last = incomplete.rpartition(",")
+    return [f"{before}{comma}{name}" for name in _beginning(last, [*EFFECTS.names, *DRIVE_EFFECTS.names])]
+
+
+def complete_data(incomplete: str) -> list[str]:
+    """Names of public data sets that begin with a text."""
+    from ..recording.gallery import DATA
+
+    return _beginning(incomplete, (one.name for one in DATA))
+
+
+def complete_number(incomplete: str) -> list[str]:
+    """Names of numbers of a drive that begin with a text, up to their value."""
+    from ..servos import SERVO_NUMBERS
+
+    return _beginning(incomplete, (f"{name}=" for name in SERVO_NUMBERS))
+
+
+def complete_known(incomplete: str) -> list[str]:
+    """Sources of the scale of torque, and names of numbers of a drive."""
+    return [*_beginning(incomplete, ("masses", "nothing")), *complete_number(incomplete)]
+
+
+def _beginning(text: str, names: Iterable[str]) -> list[str]:
+    return [name for name in names if name.startswith(text)]

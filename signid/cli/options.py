@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from ..effects import EFFECT_NAMES
-from .app import Text, Texts, option
-from .completion import complete_known, complete_law, complete_number, complete_robot
+from .app import Text, Texts, complete_known, complete_law, complete_number, complete_robot, option
 
 SimulationName = Annotated[
     str,

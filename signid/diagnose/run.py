@@ -17,7 +17,7 @@ from ..regression.session import Options, Session, recordings_used
 from ..robot.dynamics import own_body
 from ..signs import Recovered, prepare_and_recover
 from ..simulation.rollout import RollOut, roll_out
-from ..simulation.rollout.windows import restrict_joints
+from ..simulation.rollout.run import restrict_joints
 from ..typed import typed
 from ..types import Progress, Recording
 from .data.dataset import Dataset

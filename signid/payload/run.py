@@ -4,23 +4,48 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..deadline import ends_in_time
 from ..errors import OptionError, RecordingError, shorten
+from ..estimation.least_squares import estimate
 from ..faults import recording_flags
-from ..model import Model, ModelSource, as_model, load_model
+from ..model import Model, ModelSource, as_model, load_model, stated_parameters
 from ..recording import Recordings, as_recordings
-from ..regression.session import Options, prepare
+from ..recording.sampling import between, time_origin
+from ..regression.session import Options, Part, Session, prepare
+from ..robot.dynamics import own_body
 from ..typed import typed
-from ..types import Input, Progress, Recording, Robot
-from .pick_up import weigh_within
-from .result import Payload
-from .weigh import weigh
+from ..types import INERTIAL, Array, Input, Progress, Recording, Robot
+from .moment import (
+    NOTICED,
+    ChangeSums,
+    Pieces,
+    cut,
+    edge_scores,
+    explain,
+    inflation,
+    piece_rows,
+    plausible,
+    posterior,
+    residual_std,
+    rival,
+    search,
+    sums,
+)
+from .weigh import CERTAIN, LoadMoment, Payload, changes, weigh
 
 ROLES = ("recording, without the load", "recording, with the load")
 WITHIN = "recording, in which the load is picked up"
+ROUNDS = 3  # of noise and moments
+FINER = 3.0  # [1] cut-off for the moment over that for the load
+AROUND = 4.0  # [s] rows on either side of the plausible moments
+LEAST = 0.5  # [s] on either side of a moment that is left out: gripping and lifting
+SURE = 2.0  # [standard deviations] of the moment, the same
+ALWAYS = 1e300  # [s] beyond every recording
+RANK = 1e-8  # [1] smallest singular value of the load's columns, over the largest
 
 
 @typed
@@ -122,3 +147,187 @@ def _check_signs(recordings: Sequence[Recording]) -> None:
         if not recording.signed.all():
             name = recording.path or "a recording"
             raise RecordingError(f"{name} lacks signs of torque; a load is found from torque that has its sign")
+
+
+class _Change(NamedTuple):
+    """The pieces that differ, and what explains them."""
+
+    pieces: Pieces
+    known: ChangeSums
+    noise: Array  # (n,) [N.m or N]
+    low: int
+    high: int
+    inflated: float  # [1] variance of the residual's sums over that of white noise
+    gain: float  # [1] reduction of the squared residual by a load, over its variance
+    mass: float  # [kg] of the pieces low..high over that of the others
+    other: tuple[int, float] | None  # joint whose own change explains more, and by how much
+
+
+def weigh_within(session: Session, inputs: tuple[Input, ...], progress: Progress | None = None) -> Payload:
+    """Find the moments, and weigh the load by what lies before and after them.
+
+    Raises:
+        RecordingError: the recording is too short.
+    """
+    parts = session.whole
+    change = _find(session, parts)
+    start = time_origin(parts[0][0])
+    if (reason := _refuted(change, session, start)) or change is None:
+        return _nothing(session, inputs, reason)
+    moments = _moments(session, parts, change)
+    sides = [
+        tuple((recording, between(sampling, some)) for recording, sampling in parts)
+        for some in _intervals(change, moments)
+    ]
+    try:
+        found = weigh(session, sides, inputs, progress)
+    except RecordingError:
+        where = _times(moments, start)
+        return _nothing(session, inputs, f"{where}, but too little motion is left on one side; record for longer")
+    mass, std = found.mass
+    if np.isfinite(std) and not mass > CERTAIN * std:
+        return _nothing(session, inputs, f"{_times(moments, start)} with a mass of {mass:.2g} ± {1.96 * std:.2g} kg")
+    return replace(found, moments=moments)
+
+
+def _find(session: Session, parts: Sequence[Part]) -> _Change | None:
+    """The change that fits a load best; None if the recording is too short for one."""
+    task, base = session.task, session.task.base
+    factors = session.reduce(parts)
+    prior = base.combination @ stated_parameters(task).values
+    whole = estimate(replace(factors, sample=None), base, prior)
+    body = own_body(session.robot, len(session.robot.joints) - 1)
+    columns, inertial = _load_columns(base.combination[:, len(INERTIAL) * body : len(INERTIAL) * (body + 1)])
+    friction, sizes = changes(base, whole, factors)
+    pieces = cut(session, parts, piece_rows(session, parts))
+    noise, inflated, low, high = whole.noise, 1.0, 0, 0
+    for _ in range(ROUNDS):
+        known = sums(pieces, noise, columns, friction, sizes)
+        low, high = search(known, pieces, inflated)
+        if high == 0:
+            return None
+        noise = residual_std(pieces, known, low, high)
+        known = sums(pieces, noise, columns, friction, sizes)
+        inflated = inflation(pieces, known, low, high)
+    full, bare = explain(known, low, high), explain(known, low, high, load=False)
+    mass = float((inertial @ full.change[: known.load])[0])
+    joint, power = rival(pieces, known, noise, (low, high), friction)
+    penalty = columns.shape[1] * np.log(
+        max(float(pieces.counts.sum()), 2.0)
+    )  # Schwarz, Annals of Statistics 6(2), 1978
+    other = (joint, power) if power > full.power - penalty * inflated else None
+    return _Change(pieces, known, noise, low, high, inflated, (full.power - bare.power) / inflated, mass, other)
+
+
+def _load_columns(columns: Array) -> tuple[Array, Array]:
+    """Independent columns (b, r) of a load, and the inertial parameters (10, r) of each."""
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left, s, right = np.linalg.svd(columns / size, full_matrices=False)
+    kept = s > RANK * s[0]
+    return left[:, kept] * s[kept], right[kept].T / size[:, None]
+
+
+def _refuted(change: _Change | None, session: Session, start: float) -> str:
+    """Why there is no load; "" if there is one."""
+    if change is None:
+        return "the recording is too short to have parts without and with a load"
+    if change.gain <= NOTICED:
+        return f"no load explains the torque better (evidence {change.gain:.3g}, needed {NOTICED:g})"
+    if change.other is not None:
+        k = change.low or change.high
+        name = session.robot.joints[change.other[0]]
+        return f"the change at {change.pieces.edges[k] - start:.4g} s is one of {name}: friction, offset or gain"
+    return ""
+
+
+def _nothing(session: Session, inputs: tuple[Input, ...], reason: str) -> Payload:
+    """Result without a load."""
+    body = own_body(session.robot, len(session.robot.joints) - 1)
+    return Payload(
+        robot=session.robot,
+        link=session.robot.links[body],
+        inertial=np.full(len(INERTIAL), np.nan),
+        covariance=np.full((len(INERTIAL),) * 2, np.inf),
+        unidentified=("mass", "centre of mass", "inertia"),
+        moved=0.0,
+        misfit=1.0,
+        drifted=0.0,
+        inputs=inputs,
+        cutoff=session.task.band.cutoff,
+        seed=session.options.seed,
+        flags=(f"no load picked up: {reason}",),
+        notes=session.notes,
+    )
+
+
+def _moments(session: Session, parts: Sequence[Part], change: _Change) -> tuple[LoadMoment, ...]:
+    """Moments with their standard deviations; the load is picked up where mass begins."""
+    last, found = len(change.pieces.start), []
+    for k, begins in ((change.low, True), (change.high, False)):
+        if 0 < k < last:
+            t, std = _refined(session, parts, change, k, begins)
+            found.append(LoadMoment(t, std, begins == (change.mass > 0)))
+    return tuple(found)
+
+
+def _refined(session: Session, parts: Sequence[Part], change: _Change, k: int, begins: bool) -> tuple[float, float]:
+    """Moment and its standard deviation [s] from rows of a higher cut-off around the edge of a piece."""
+    full = explain(change.known, change.low, change.high)
+    after = full.base + change.known.changes @ full.change
+    bases = (full.base, after) if begins else (after, full.base)
+    first, last = (change.low, len(change.pieces.start)) if not begins else (0, change.high)
+    coarse = change.pieces.part(first, last)
+    earliest, latest = plausible(coarse, edge_scores(coarse, change.noise, *bases, change.inflated))
+    edge, around = float(change.pieces.edges[k]), (earliest - AROUND, latest + AROUND)
+    for there in (_finer(session, parts), session):
+        near = tuple((recording, between(sampling, [around])) for recording, sampling in parts)
+        try:
+            fine = cut(there, near, 1)
+        except RecordingError:
+            continue
+        if len(fine.start) > 2:
+            noise = np.maximum(_noise(fine, bases, edge), change.noise)
+            return posterior(fine, edge_scores(fine, noise, *bases, change.inflated))
+    return (earliest + latest) / 2, max(latest - earliest, 1.0) / np.sqrt(12)
+
+
+def _finer(session: Session, parts: Sequence[Part]) -> Session:
+    """The same recording with a higher cut-off, whose filter is shorter."""
+    band = session.task.band
+    cutoff = min(FINER * band.cutoff, band.rate / 8)
+    given = [recording for recording, _ in parts]
+    try:
+        return prepare(session.robot, given, given, replace(session.options, cutoff=cutoff))
+    except OptionError:
+        return session
+
+
+def _noise(fine: Pieces, bases: tuple[Array, Array], edge: float) -> Array:
+    """Standard deviation (n,) [N.m or N] of the residual of each joint before and after an edge."""
+    late = fine.start > edge
+    left = np.zeros(len(fine.grams))
+    for j, (gram, columns) in enumerate(zip(fine.grams, fine.columns, strict=True)):
+        for which, base in ((~late, bases[0]), (late, bases[1])):
+            x = np.append(-base[columns], 1.0)
+            left[j] += x @ gram[which].sum(axis=0) @ x
+    return np.asarray(np.sqrt(np.maximum(left, 0.0) / np.maximum(fine.counts.sum(axis=0), 1.0)))
+
+
+def _intervals(change: _Change, moments: Sequence[LoadMoment]) -> tuple[list[tuple[float, float]], ...]:
+    """Intervals [s] without the load, and with it, away from the moments."""
+    first, last = -ALWAYS, ALWAYS
+    edges = [(first, first), *((m.t - max(LEAST, SURE * m.std), m.t + max(LEAST, SURE * m.std)) for m in moments)]
+    spans = [(a[1], b[0]) for a, b in zip(edges, [*edges[1:], (last, last)], strict=True)]
+    carried = not moments[0].picked_up
+    sides: tuple[list[tuple[float, float]], ...] = ([], [])
+    for k, span in enumerate(spans):
+        sides[carried ^ (k % 2 == 1)].append(span)
+    return sides
+
+
+def _times(moments: Sequence[LoadMoment], start: float) -> str:
+    """Moments in words."""
+    what = {True: "picked up", False: "put down"}
+    return "; ".join(
+        f"a change at {m.t - start:.4g} ± {1.96 * m.std:.2g} s looks like a load {what[m.picked_up]}" for m in moments
+    )

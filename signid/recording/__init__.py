@@ -7,13 +7,14 @@ column map assigns other names.
 Samples are read on demand and in chunks, so memory does not grow with the length of a recording.
 """
 
-from .bare import is_recording, read_bare
 from .read import (
     Recordings,
     as_recording,
     as_recordings,
+    is_recording,
     need_constants,
     need_torque,
+    read_bare,
     read_recording,
     same_joints,
     with_signs,

@@ -12,8 +12,7 @@ from ..types import Array, Robot, ServoSamples
 from .columns import TORQUES
 from .formats.base import About
 from .joining import Files, open_files
-from .names.calibration import MotorRange, calibrated
-from .names.mapping import DRIVE, Heading, heading_lines, key_of, quoted, read_map, split
+from .names.mapping import DRIVE, Heading, MotorRange, calibrated, heading_lines, key_of, quoted, read_map, split
 from .names.match import Guess, guess_columns, match_signals, pair_in_order
 from .names.vocabulary import Change, change_of
 from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit

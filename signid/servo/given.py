@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from math import inf, isfinite, nan
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from ..errors import OptionError, shorten
 from ..robot.joints import find
-from ..servos import LARGEST, LIMITS, SERVO_NUMBERS, SERVO_UNITS, number_fault
+from ..servos import LARGEST, LIMITS, PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo, number_fault
 from ..types import Robot
-from .assumptions import OWN, Assumptions, Bounds, Name, Prior, unions
 
 KNOWN = ("masses", "kp", "nothing")
 POSITIVE = ("kp", *LIMITS)  # numbers that cannot be zero
 EXAMPLES = {"known": "kp=20", "prior": "armature=.01+-.005", "bounds": "kp=5..30"}
 T = TypeVar("T")
+STALLED = ("duty", "torque_speed")  # laws whose limit is the stall torque
+OWN = "torque_offset"  # number of a joint alone: it contains the zero error of the command
+Name = tuple[str, str]  # joint, number
 
 
 @dataclass(frozen=True)
@@ -208,3 +210,67 @@ def _float(text: str) -> float:
     except ValueError:
         return nan
     return value if isfinite(value) or value == inf else nan
+
+
+def stated_servos(robot: Robot) -> dict[str, Servo]:
+    """Drives by joint whose kp the actuators file states; what it leaves out is ideal: no delay, no limit.
+
+    Numbers of PASSIVE are left out, since they are laws of the model of the robot, stated or identified.
+    """
+    return {
+        joint: stated_servo(robot, joint)
+        for joint in robot.joints
+        if float(robot.servo.get(joint, {}).get("kp", 0.0)) > 0
+    }
+
+
+def stated_servo(robot: Robot, joint: str) -> Servo:
+    """Drive of a joint with the numbers that the actuators file states, defaults elsewhere."""
+    stated = robot.servo.get(joint, {})
+    own = [name for name in (*SERVO_NUMBERS, "kp_register") if name in stated and name not in PASSIVE]
+    numbers: dict[str, Any] = {name: float(stated[name]) for name in own}
+    numbers |= {key: str(stated[key]) for key in ("law", "kd_on") if key in stated}
+    if "stall_torque" in stated and numbers.get("law", "effort") in STALLED:
+        numbers["effort_limit"] = float(stated["stall_torque"])
+    return Servo(**numbers)
+
+
+class Prior(NamedTuple):
+    """Normal distribution of a number [SERVO_UNITS]."""
+
+    mean: float
+    std: float
+
+
+class Bounds(NamedTuple):
+    """Range of a number [SERVO_UNITS]."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """Assumptions of a fit; each prior and range stands at every joint that it holds for."""
+
+    equal: tuple[tuple[str, ...], ...] = ()  # joints whose numbers, but OWN, are one number each
+    priors: Mapping[Name, Prior] = field(default_factory=dict)
+    bounds: Mapping[Name, Bounds] = field(default_factory=dict)
+
+    def peers(self, joint: str) -> tuple[str, ...]:
+        """Joints that share the numbers of a joint; at least itself."""
+        return next((members for members in self.equal if joint in members), (joint,))
+
+    def with_peers(self, joints: Collection[str]) -> list[str]:
+        """Joints with those that share their numbers, each once."""
+        return list(dict.fromkeys(peer for joint in joints for peer in self.peers(joint)))
+
+
+def unions(sets: Iterable[Sequence[str]]) -> list[tuple[str, ...]]:
+    """Unions of the sets that overlap."""
+    found: list[tuple[str, ...]] = []
+    for members in sets:
+        linked = [one for one in found if not set(one).isdisjoint(members)]
+        joined = tuple(dict.fromkeys((*(name for one in linked for name in one), *members)))
+        found = [one for one in found if one not in linked] + [joined]
+    return found

@@ -16,11 +16,11 @@ from ..recording import as_recording
 from ..recording.source import Source
 from ..servos import JOINT_LAWS, PASSIVE, SERVO_NUMBERS, Servo, ServoGrid
 from ..simulation.plant import Sensors, record_held
-from ..simulation.rollout.windows import restrict_joints
+from ..simulation.rollout.run import restrict_joints
 from ..typed import typed
 from ..types import Array, Law, Recording, Result, Robot, Trajectory
+from .given import stated_servos
 from .plant import grids_of_arrays, roll_out, saturated_share, servo_grid, servo_grids
-from .stated import stated_servos
 
 STEP = 1e-3  # [s] of the simulation
 MOST_SPEED = 1e4  # [rad/s or m/s] from which on a simulation has diverged

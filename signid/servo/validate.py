@@ -14,15 +14,15 @@ from ..model import Model, ModelSource, command_model
 from ..recording import Recordings, as_recordings, same_joints
 from ..robot.actuators import state_actuators
 from ..servos import ServoGrid
-from ..simulation.rollout.windows import restrict_joints
+from ..simulation.rollout.run import restrict_joints
 from ..typed import typed
 from ..types import Input, Progress, Recording, Result, Robot
 from ..validate.run import named_models
-from .identify.assess import closed_loops
+from .given import stated_servos
+from .identify.fits import closed_loops
 from .identify.result import ServoRollOut, ServoTrace
 from .plant import servo_grids
 from .simulate import registered
-from .stated import stated_servos
 
 LARGEST = 1e4  # commanded position [rad or m]
 

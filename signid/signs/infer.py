@@ -10,13 +10,12 @@ import numpy as np
 
 from ..regression.rows import Task
 from ..types import Array, Frozen
-from .observations import Observed
+from .observations import Observed, Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
 from .result import SignProof
 from .samples import RefinedSigns, refine_signs
 from .search.branch_and_bound import PhysicalCone, cone_inequalities
 from .search.exact import RivalSigns, SignSolution, enumerate_near, search_signs
 from .search.problem import KnownRows, SignProblem, build_problem, friction_patterns, known_rows, signed_rows
-from .segments import Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
 from .thresholds import (
     CONFIDENT,
     CORRELATED_RESIDUAL,

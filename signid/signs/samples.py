@@ -12,10 +12,9 @@ from ..recording.sampling.grid import Stretch, row_times
 from ..regression.rows import Task
 from ..regression.session import Part
 from ..types import Array, Frozen, Indices, Mask
-from .observations import Observed, motion_windows, predict
+from .observations import Observed, motion_windows, place_sign_change, place_sign_changes, predict
 from .result import Trace
 from .search.problem import orthonormalise, signed_rows
-from .segments import place_sign_change, place_sign_changes
 from .thresholds import JUMP_TORQUE
 
 INFLATION = 10.0  # [samples per independent sample] kappa of the residual; logs: with 1, signs of small torques

@@ -18,9 +18,9 @@ from ..optimisers import Optimum
 from ..regression.rows import Task
 from ..types import Array, BaseMap, Estimate, Frozen, Indices, Parameters, Progress
 from .infer import ChooseSigns, SignChoice
+from .observations import Segment
 from .result import SignProof
 from .search.problem import SignProblem, certify
-from .segments import Segment
 
 LOST_ORDER = 1e-14  # [largest eigenvalue of a Gram matrix] smaller eigenvalues are rounding errors
 CONDITION = 1000.0  # [1] condition number of a well-conditioned first set; heuristic

@@ -4,7 +4,6 @@ Every model is evaluated on the same rows: same band and filter, without the row
 dry friction can take any value there.
 """
 
-from .result import ValidatedModel, Validation
-from .run import HORIZON, validate
+from .run import HORIZON, ValidatedModel, Validation, validate
 
 __all__ = ["HORIZON", "ValidatedModel", "Validation", "validate"]

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..diagnose.data.motions import pieces, row_filter
 from ..diagnose.extend.holdout import filtered
 from ..errors import InputError, OptionError, RecordingError, shorten
-from ..estimation.fit_quality import LITTLE, fit_rows
+from ..estimation.fit_quality import LITTLE, Fit, fit_rows
 from ..faults import NO_EXCITATION, OF_A_FIT, RecordingFaults, examine
 from ..faults.result import REFUSE, WARN
 from ..model import Model, ModelSource, as_model
 from ..recording import Recordings, as_recordings, same_joints
 from ..regression.session import Options, Session, only_once, prepare
 from ..simulation.rollout import RollOut, roll_out
-from ..simulation.rollout.windows import restrict_joints
+from ..simulation.rollout.run import restrict_joints
 from ..typed import typed
-from ..types import Input, Progress, Recording
-from .result import ModelCandidate, ValidatedModel, Validation
+from ..types import Array, Indices, Input, Progress, Recording, Result
 
 if TYPE_CHECKING:
     from ..simulation.rollout.whole import WholeRollOut
@@ -290,3 +289,42 @@ def whole_notes(name: str, found: WholeRollOut) -> Iterator[str]:
             f"{name}, simulated over {found.seconds:.3g} s, leaves the motion ({shorten(far)}: error above the "
             f"standard deviation of the position); short horizons say more about these joints"
         )
+
+
+class ModelCandidate(NamedTuple):
+    """Model to be validated, and the recordings of its joints."""
+
+    name: str
+    model: Model
+    recordings: tuple[Recording, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ValidatedModel(Result):
+    """One model on all recordings: M rows of n joints, NaN where no torque is recorded or the joint stands still."""
+
+    name: str  # path of the model, or its given name
+    model: Model  # restricted to the joints of the recordings
+    fit: Fit  # nothing is fitted: `train_rms` is NaN, `held_out_rms` is the rms on the recordings
+    rollout: RollOut | None  # None if not requested, or if no stretch of a recording is long enough
+    recording: Indices  # (M,) number of the recording
+    stretch: Indices  # (M,) number of the stretch without gaps
+    t: Array  # (M,) [s] since the start of the recording if its stamps begin far from 0
+    torque: Array  # (M, n) [N.m or N] measured, low-passed
+    residual: Array  # (M, n) [N.m or N] measured - predicted, low-passed
+    whole: WholeRollOut | None = None  # simulation of whole recordings, instead of `rollout`
+
+
+@dataclass(frozen=True, eq=False)
+class Validation(Result):
+    """Comparison of models with recordings. `flags` name unreliable results; empty if there are none."""
+
+    models: tuple[ValidatedModel, ...]
+    inputs: tuple[Input, ...]  # the recordings
+    flags: tuple[str, ...]
+    notes: tuple[str, ...]
+    horizon: float | str  # [s] of the roll-outs, or whole: of whole recordings
+    cutoff: float  # [Hz] of the torque
+    position_cutoff: float  # [Hz] of the positions
+    seed: int

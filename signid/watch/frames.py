@@ -9,7 +9,7 @@ import numpy as np
 from ..model import Model
 from ..robot.dynamics import own_body
 from ..types import Array
-from .momentum import Momentum, Residual
+from .observer import Momentum, Residual
 
 FRAME = 0.02  # [s] duration of a frame
 LOCAL = ("viscous_friction", "coulomb_friction", "torque_gain", "torque_offset")  # columns of a joint, then the payload

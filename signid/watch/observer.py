@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from ..types import Array
-from .momentum import Residual
+from ..effects.base import BodyLaw, RecordingLaw, TransmissionLaw
+from ..effects.bodies import add_body
+from ..effects.law import law_torque
+from ..model import Model
+from ..regression.motion import Motion
+from ..robot import configuration
+from ..robot.dynamics import own_body
+from ..types import Array, Law, Mask
+from .blocks import HALF, Blocks
 
 GAIN = 50.0  # [1/s] of the observer: its residual follows a contact with a time constant of 20 ms
 RINGING = 0.15  # [s] for which a sudden change of torque is remembered: links and gears swing after it
+USUAL = ("viscous_friction", "coulomb_friction", "torque_offset")  # computed for all joints at once
+SLOWED = ("time_delay", "torque_lag")  # laws with a memory along time: not used
+# friction of a joint that begins to creep, over that in motion: Armstrong-Helouvry et al., Automatica 30(7), 1994
+MORE, BELOW = 0.5, 3.0  # [1] how much larger it can be, and the multiple of the slow speed over which it fades
 
 
 class Observed(NamedTuple):
@@ -60,3 +74,125 @@ class Observer:
         rate = fade * np.maximum.accumulate(np.maximum(rate / fade, self.rate), axis=0)
         self.rate = rate[-1]
         return Observed(whole[:, 0], whole[:, 1:5], whole[:, 5], whole[:, 6], rate, whole[:, 7])
+
+
+class Residual(NamedTuple):
+    """K blocks of n joints."""
+
+    motion: Motion  # at the middle of each block
+    predicted: Array  # (K, n) [N.m or N]
+    residual: Array  # (K, n) [N.m or N] measured minus predicted
+    near: Mask  # (K, n) whether the direction of friction is uncertain
+    low: Array  # (K, n) [N.m or N] least residual that friction of any direction, or of a joint at rest, leaves there
+    high: Array  # (K, n) [N.m or N] the largest
+    friction: Array  # (K, n) [N.m or N] size of the predicted friction
+
+
+class Momentum:
+    """Bodies and laws of a model, prepared for blocks.
+
+    Source: De Luca, Albu-Schaeffer, Haddadin, Hirzinger, IEEE/RSJ IROS 2006; Haddadin, De Luca, Albu-Schaeffer, IEEE
+    T-RO 33(6), 2017.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.robot = model.robot
+        self.bodies = model.bodies()
+        rotors, self.bodies.armature = self.bodies.armature.copy(), np.zeros(self.bodies.nv)
+        self.rotors = np.asarray((self.robot.drive * rotors[:, None]).T @ self.robot.drive)
+        self.weightless = self.bodies.copy()
+        self.weightless.gravity = pin.Motion.Zero()
+        self.data, self.light = self.bodies.createData(), self.weightless.createData()
+        self.level = {name: np.zeros(len(self.robot.joints)) for name in USUAL}
+        self.others: list[Law] = []
+        self.ignored: list[str] = []
+        recorded: list[Law] = []
+        for law in model.laws:
+            name = law.effect.name
+            if name in USUAL:
+                self.level[name][law.joints[0]] += law.effect.coefficients(law.parameters)[0]
+            elif isinstance(law.effect, TransmissionLaw) or name in SLOWED or getattr(law.effect, "memory", False):
+                self.ignored.append(name)
+            elif isinstance(law.effect, RecordingLaw):
+                recorded.append(law)
+            elif not isinstance(law.effect, BodyLaw):
+                self.others.append(law)
+        self.recorded = replace(model, laws=tuple(recorded)) if recorded else None
+        self.grown = np.zeros(len(self.robot.joints))  # (n,) [N.m or N] change of Coulomb friction since then
+        self.slow = np.zeros(len(self.robot.joints))  # (n,) [rad/s or m/s]
+
+    def load(self, inertial: Array) -> None:
+        """Add a payload to the last link.
+
+        inertial: (10,) in Pinocchio's order [kg, kg.m, kg.m2].
+        """
+        tip = own_body(self.robot, len(self.robot.joints) - 1) + 1
+        for bodies in (self.bodies, self.weightless):
+            add_body(bodies, tip, [float(x) for x in inertial])
+
+    def residual(self, blocks: Blocks) -> Residual:
+        """Measured minus predicted torque of each block, with what unknown friction at low speed can leave."""
+        if self.recorded is not None:
+            motion = Motion(self.robot, blocks.t, blocks.q, blocks.v, np.zeros_like(blocks.v), blocks.tau)
+            acted = self.recorded.acted(motion)
+            assert acted.recorded is not None, "it had torque before"
+            blocks = blocks._replace(q=acted.q, tau=acted.recorded)
+        momentum, force = self._terms(blocks)
+        step, tau = blocks.step, _middle(blocks.tau)
+        rigid = np.diff(momentum, axis=0) / step - _middle(force)
+        acceleration = np.diff(blocks.v, axis=0) / step
+        middle = blocks.t[:-1] + step[:, 0] / 2
+        q, v = _middle(blocks.q), _middle(blocks.v)
+        motion = Motion(self.robot, middle, q, v, acceleration, tau, slow=np.maximum(self.slow, 1e-9))
+        vars(motion)["load"] = rigid
+        laws, reversing = self._laws(motion)
+        predicted = rigid + acceleration @ self.rotors + laws
+        near = np.abs(v) < self.slow + HALF * np.abs(acceleration)
+        low, high = (np.where(near, side - motion.direction, 0.0) for side in (-1.0, 1.0))
+        more = MORE * np.abs(motion.direction) * np.exp(-np.abs(v) / (BELOW * self.slow))
+        friction = np.abs(self.level["viscous_friction"] * v) + reversing
+        low, high = (low - more) * reversing, (high + more) * reversing
+        return Residual(motion, predicted, tau - predicted, near, low, high, friction)
+
+    def _terms(self, blocks: Blocks) -> tuple[Array, Array]:
+        """Momentum M v and C' v - g of the bodies at each edge, (K+1, n) each."""
+        position, rate = configuration(self.robot, blocks.q), blocks.v @ self.robot.drive.T
+        nv = self.bodies.nv
+        momentum, force, still = np.empty((len(position), nv)), np.empty((len(position), nv)), np.zeros(nv)
+        rnea: Callable[..., Array] = pin.rnea
+        for i, (q, v) in enumerate(zip(position, rate, strict=True)):
+            momentum[i] = rnea(self.weightless, self.light, q, still, v)
+            np.dot(v, pin.computeCoriolisMatrix(self.bodies, self.data, q, v), out=force[i])
+            force[i] -= pin.computeGeneralizedGravity(self.bodies, self.data, q)
+        return momentum @ self.robot.drive, force @ self.robot.drive
+
+    def _laws(self, motion: Motion) -> tuple[Array, Array]:
+        """Torque of all laws (K, n), and the size of friction that changes sign with the direction (K, n)."""
+        level = self.level
+        torque = level["viscous_friction"] * motion.v + level["coulomb_friction"] * motion.direction
+        torque += level["torque_offset"]
+        reversing = np.broadcast_to(np.abs(level["coulomb_friction"]) + self.grown, torque.shape).copy()
+        full = replace(motion, v=np.where(motion.v < 0, -1.0, 1.0) * np.maximum(np.abs(motion.v), self.slow))
+        vars(full)["load"] = motion.load
+        for law in self.others:
+            rows, added = law_torque(law, motion)
+            torque[:, list(rows)] += added
+            if law.effect.reverses:
+                rows, added = law_torque(law, full)
+                reversing[:, list(rows)] += np.abs(added)
+        return torque, reversing
+
+    def regressor(self, q: Array, v: Array, a: Array) -> Array:
+        """Regressor (F, n, nb, 10) of the bodies [N.m or N per kg, kg.m, kg.m2].
+
+        q: (F, n) [rad or m]; v: (F, n) [rad/s or m/s]; a: (F, n) [rad/s2 or m/s2].
+        """
+        position, drive = configuration(self.robot, q), self.robot.drive
+        out = np.empty((len(q), self.bodies.nv, 10 * (self.bodies.njoints - 1)))
+        for i, state in enumerate(zip(position, v @ drive.T, a @ drive.T, strict=True)):
+            out[i] = pin.computeJointTorqueRegressor(self.bodies, self.data, *state)
+        return np.asarray((drive.T @ out).reshape(len(q), drive.shape[1], -1, 10))
+
+
+def _middle(x: Array) -> Array:
+    return (x[1:] + x[:-1]) / 2

@@ -22,8 +22,7 @@ from .contacts import Contacts
 from .events import Contact, Event, LastingChange, Note
 from .frames import Framer, Frames
 from .intake import Intake, StreamRows
-from .momentum import Momentum, Residual
-from .observer import Observed, Observer
+from .observer import Momentum, Observed, Observer, Residual
 from .quiet import Quiet
 from .sources import Stream, open_stream
 from .thresholds import Discrepancy, learn

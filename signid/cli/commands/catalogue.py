@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
-from ..app import Text, command, option, output_option
-from ..completion import complete_data, complete_law
+from ..app import Text, command, complete_data, complete_law, option, output_option
 from ..options import Json
 from ..terminal import BAD, DONE, bars, show, write_error
 

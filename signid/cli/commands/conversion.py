@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
-from ..app import Text, Texts, bounded, command, option, output_option
+from ..app import Text, Texts, bounded, command, complete_robot, option, output_option
 from ..arguments import given_inputs, given_robot
-from ..completion import complete_robot
 from ..options import Columns, Json, RobotOptions
 from ..terminal import check_file, show, write_columns
 
@@ -127,7 +126,7 @@ def _write_map(files: Files, file: str, robot: Robot, conversion: ConvertOptions
     from ...output.report import check_regular, probe_folder, to_json, write_files
     from ...output.report.results.recordings import map_document, map_text
     from ...recording.draft import draft_map
-    from ...recording.names.calibration import read_calibration
+    from ...recording.names.mapping import read_calibration
 
     probe_folder(Path(file).parent, "--map")
     check_regular(file)

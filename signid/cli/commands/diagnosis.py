@@ -12,9 +12,8 @@ import typer
 
 from ...deadline import USUAL, time_limit
 from ...errors import OptionError, RecordingError, RobotError, readable
-from ..app import Text, Texts, command, option, output_option
+from ..app import Text, Texts, command, complete_law, complete_robot, option, output_option
 from ..arguments import given_command, given_model, given_recordings, has_drives, simulation_inputs
-from ..completion import complete_law, complete_robot
 from ..options import (
     Columns,
     Cutoff,

@@ -32,7 +32,6 @@ class ExportFiles:
     ros: Text = option(None, "YAML: actuators and inertials for a ROS 2 node.", metavar="FILE")
     isaaclab: Text = option(None, "Python: actuators for Isaac Lab.", metavar="FILE")
     mjlab: Text = option(None, "Python: actuators for mjlab.", metavar="FILE")
-    expected: Text = option(None, "Python without packages: positions expected from commands.", metavar="FILE")
     c: Text = option(None, "C99: inverse dynamics; FILE.h and FILE_test.c beside it.", "--c", metavar="FILE.c")
     arrays: Text = option(None, "Python: inverse dynamics over numpy, jax.numpy or torch.", metavar="FILE")
     franka: Text = option(None, "JSON: payload as end effector of Desk; FILE_load.h for libfranka.", metavar="FILE")

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
-from ..app import LARGEST, Text, Texts, command, option, output_option
+from ..app import LARGEST, Text, Texts, command, complete_law, option, output_option
 from ..arguments import given_model, given_recordings, simulation_inputs
-from ..completion import complete_law
 from ..options import RunOptions, SimulationArguments
 from ..terminal import bars, check_file, show, write_columns
 from .drives import SERVO, injected_numbers
@@ -170,7 +169,7 @@ def _run(
     from ...effects.naming import parse_law
     from ...model import Model, torque_model
     from ...output.report.results.simulation import SimulationRun
-    from ...servo.stated import stated_servos
+    from ...servo.given import stated_servos
     from ...simulation.plant import Torques, record, simulate
 
     drive, seconds = _drive(known, asked, loop, plant.duration, plant.step, run.seed)

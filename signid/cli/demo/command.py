@@ -11,9 +11,8 @@ from typing import Annotated
 
 import typer
 
-from ..app import command
+from ..app import command, complete_robot
 from ..arguments import given_inputs, given_robot
-from ..completion import complete_robot
 from ..options import RobotOptions, RunOptions, Xacro
 from ..terminal import bars, check_folder, show
 

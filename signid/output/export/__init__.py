@@ -14,7 +14,7 @@ from ...errors import OptionError
 from ...model import ModelSource, as_model
 from ...recording import Recordings
 from ...typed import typed
-from .beyond import Exported, model_digest
+from .bodies import Exported, model_digest
 from .drives import annotated, with_known_numbers
 from .urdf import urdf_with, with_comment
 
@@ -26,14 +26,13 @@ _WRITERS = {  # module below this folder, and function in it
     "actuators": ("actuators", "write_actuators"),
     "function": ("function", "write_function"),
     "ros": ("actuators", "write_ros"),
-    "isaaclab": ("training", "write_isaaclab"),
-    "mjlab": ("training", "write_mjlab"),
-    "expected": ("expected", "write_expected"),
+    "isaaclab": ("actuators", "write_isaaclab"),
+    "mjlab": ("actuators", "write_mjlab"),
     "c": ("code.c", "write_c"),
     "arrays": ("code.arrays", "write_arrays"),
-    "franka": ("vendor.franka", "write_franka"),
-    "ur": ("vendor.ur", "write_ur"),
-    "kuka": ("vendor.kuka", "write_kuka"),
+    "franka": ("vendor", "write_franka"),
+    "ur": ("vendor", "write_ur"),
+    "kuka": ("vendor", "write_kuka"),
 }
 KINDS = tuple(_WRITERS)
 STARTING = ("mjcf", "isaaclab", "mjlab")  # loops that can start from a recording
@@ -65,8 +64,8 @@ def export(
             file for use with a URDF), "function" (laws as Python code that needs only NumPy), "ros" (parameters of a
             ROS 2 node), "isaaclab" (actuator groups), "mjlab" (actuators), "c" (inverse dynamics as C99; `beside` holds
             its header and a test program), "arrays" (inverse dynamics as Python over numpy, jax.numpy or torch); of
-            position drives alone, "expected" (Python function of the commands); of the payload alone, "franka" (end
-            effector as JSON; `beside` has the numbers of libfranka), "ur" (URScript) and "kuka" (load data in KRL).
+            the payload alone, "franka" (end effector as JSON; `beside` has the numbers of libfranka), "ur" (URScript)
+            and "kuka" (load data in KRL).
         package_dirs: folders to search for meshes of an MJCF, besides those of example-robot-data.
         name: name of the C files without ".c"; default: the robot's name as an identifier.
         floating: whether the base link of an MJCF is a body on a free joint, with its mass.

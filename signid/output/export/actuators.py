@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import re
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from ...errors import one_line
+from ...errors import one_line, shorten
 from ...model import Model
 from ...recording.names.mapping import quoted
+from ...robot.alike import name_pattern
 from ...servos import PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo
 from ...types import Actuators, Array
-from .beyond import BODIES, Exported, beyond, fixed_note, remarks, summed
-from .drives import known_document, left_out
-from .training import FIELDS
+from .bodies import BODIES, MOST, Exported, beyond, fixed_note, remarks, summed
+from .drives import curved, known_document, lacked_notes, left_out
 
 _UNITS = {
     "armature": "kg.m2",
@@ -32,6 +34,50 @@ HEAD = """\
 # bodies + armature * acceleration + viscous_friction * velocity + coulomb_friction * sign(velocity) + torque_offset.
 # effort_limit is stated by the description. Inertia is about the centre of mass, along the axes of the link's joint
 # frame.
+"""
+_Drive = tuple[str, list[str]]  # class and arguments
+FIELDS = {"armature": "armature", "viscous_friction": "viscous_friction", "coulomb_friction": "friction"}
+_ISAACLAB_HEAD = '''\
+"""Actuators of {name} for Isaac Lab 2.2 or newer on Isaac Sim 5: ArticulationCfg(actuators=ACTUATORS, ...).
+
+kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. Friction is an effort (PhysX 5.6, PxJointFrictionParams),
+static and dynamic alike. {gains}
+"""
+
+{imports}from isaaclab.actuators import {classes}
+
+'''
+_MJLAB_HEAD = '''\
+"""Actuators of {name} for mjlab 1.6 or newer: EntityArticulationInfoCfg(actuators=ACTUATORS, ...).
+
+kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. {gains}
+"""
+
+{imports}from mjlab.actuator import {classes}
+
+'''
+_GAINS = "Set stiffness and damping to the gains of your controller."
+_LOOP = "Commands are positions; a delay between two steps varies between both."
+_IMPORT = "import math\n\n"
+_STEP = '''\
+PHYSICS_STEP = 0.005  # s; set it to the time step of the physics
+
+
+def delayed(seconds):
+    """Delay in physics steps, rounded down and up; half a step more, since a step applies a command that much early."""
+    steps = seconds / PHYSICS_STEP + 0.5
+    return {{"{least}": math.floor(steps + 1e-6), "{most}": math.ceil(steps - 1e-6)}}
+
+
+def inertia(armature, damping):
+    """Armature that, with the share of `damping` in a step (explicit: less, implicit: more), is as stated."""
+    return max(armature + 0.5 * PHYSICS_STEP * damping, 0.0)
+
+
+'''
+_OFFSETS = """
+# Add these to the targets of positions: constant torque, which no actuator holds, over stiffness [rad or m].
+TARGET_OFFSETS = {}
 """
 
 
@@ -113,3 +159,196 @@ def _inertial(body: pin.Inertia) -> dict[str, Any]:
     xx, xy, xz, _, yy, yz, *_, zz = np.asarray(body.inertia).ravel().tolist()
     moments = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
     return {"mass": float(body.mass), "centre_of_mass": np.asarray(body.lever).tolist(), "inertia": moments}
+
+
+def write_isaaclab(model: Model) -> Exported:
+    """Write a Python file with armature, viscous and dry friction of each joint, and with the drives of servo joints.
+
+    `effort` and `duty` become DelayedPDActuatorCfg, `torque_speed` DCMotorCfg.
+    """
+    servos = _servos(model)
+    subject = "an actuator group of Isaac Lab"
+    notes = beyond(subject, model, FIELDS)
+    notes += _isaaclab_notes(subject, servos)
+    groups = {
+        pattern: (kind, [f"joint_names_expr=[{_text(pattern)}]", *lines])
+        for pattern, kind, lines in _grouped(model, {j: _isaaclab_drive(servo) for j, servo in servos.items()})
+    }
+    others = [joint for joint in model.robot.joints if joint not in servos]
+    if others:
+        rest = "others" if servos else "all"
+        while rest in groups:
+            rest += "_"
+        groups[rest] = _isaaclab_free(model, others)
+    body = "".join(f"    {_text(name)}: {_call(kind, lines)},\n" for name, (kind, lines) in groups.items())
+    head = _ISAACLAB_HEAD.format(
+        name=_name(model),
+        gains=_LOOP if servos else _GAINS,
+        imports=_IMPORT if servos else "",
+        classes=", ".join(sorted({x for x, _ in groups.values()})),
+    )
+    step = _STEP.format(least="min_delay", most="max_delay") if servos else ""
+    return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = {{\n{body}}}\n{_offsets(servos)}", tuple(notes))
+
+
+def write_mjlab(model: Model) -> Exported:
+    """Write a Python file with an actuator of mjlab for each joint; joints without a drive get a motor."""
+    servos, subject = _servos(model), "an actuator of mjlab"
+    notes = beyond(subject, model, FIELDS) + lacked_notes(subject, servos) + _offset_notes(servos)
+    if any(servo.coulomb_friction > 0 for servo in servos.values()):
+        notes.append('dry friction creeps unless joints have solreffriction="0.001 1" solimpfriction="0.9999 0.9999"')
+    made = dict[str, _Drive]()
+    for j, joint in enumerate(model.robot.joints):
+        unknown = left_out(servos[joint]) if joint in servos else ()
+        numbers = {
+            key: max(0.0, float(np.nan_to_num(summed(model, effect)[j])))
+            for effect, key in _MJLAB.items()
+            if effect not in unknown
+        }
+        kind, loop = _mjlab_drive(servos.get(joint), float(model.robot.effort_limit[j]))
+        if joint in servos and servos[joint].law == "duty":
+            numbers["viscous_damping"] = servos[joint].damping
+        written = {key: repr(x) for key, x in numbers.items()}
+        if joint in servos and "armature" in numbers:
+            written["armature"] = f"inertia({numbers['armature']!r}, {_behind(kind, servos[joint])!r})"
+        made[joint] = kind, [*loop, *(f"{k}={x}" for k, x in written.items())]
+    body = "".join(
+        f"    {_call(kind, [f'target_names_expr=({_text(pattern)},)', *lines])},\n"
+        for pattern, kind, lines in _grouped(model, made)
+    )
+    head = _MJLAB_HEAD.format(
+        name=_name(model),
+        gains=_LOOP if servos else "",
+        imports=_IMPORT if servos else "",
+        classes=", ".join(sorted({kind for kind, _ in made.values()})),
+    ).replace("N. \n", "N.\n")
+    step = _STEP.format(least="delay_min_lag", most="delay_max_lag") if servos else ""
+    return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = (\n{body})\n{_offsets(servos)}", tuple(notes))
+
+
+def _behind(kind: str, servo: Servo) -> float:
+    """Damping on the speed before a step less damping on the speed after it [N.m.s/rad], in an actuator of mjlab."""
+    if servo.law == "duty" or kind == "BuiltinPositionActuatorCfg":
+        return -float(servo.damping)
+    return float(servo.kd - servo.viscous_friction)
+
+
+def _offsets(servos: Mapping[str, Servo]) -> str:
+    """Offsets of the targets that stand for torque offsets, as Python; "" without any."""
+    shifts = {joint: float(f"{-x.torque_offset / x.kp:.6g}") for joint, x in servos.items() if x.torque_offset}
+    return _OFFSETS.format(json.dumps(shifts, ensure_ascii=False, indent=4)) if shifts else ""
+
+
+def _offset_notes(servos: Mapping[str, Servo]) -> list[str]:
+    """Notes on the offsets of the targets."""
+    shifted = [joint for joint, servo in servos.items() if servo.torque_offset]
+    limited = [joint for joint in shifted if np.isfinite(servos[joint].effort_limit)]
+    notes = ["TARGET_OFFSETS, to add to position targets, stand for torque_offset"] if shifted else []
+    if limited:
+        notes.append(
+            f"torque_offset of {shorten(limited, MOST)} is within the effort limit, so limited torque differs by it"
+        )
+    return notes
+
+
+_MJLAB = {"armature": "armature", "viscous_friction": "viscous_damping", "coulomb_friction": "frictionloss"}
+
+
+def _servos(model: Model) -> dict[str, Servo]:
+    return {joint: model.servos[joint] for joint in model.robot.joints if joint in model.servos}
+
+
+def _grouped(model: Model, drives: Mapping[str, _Drive]) -> list[tuple[str, str, list[str]]]:
+    """Pattern of names, class and arguments of each set of joints whose drives are the same."""
+    joints, groups = model.robot.joints, dict[str, list[str]]()
+    for joint, drive in drives.items():
+        groups.setdefault(repr(drive), []).append(joint)
+    return [(name_pattern(members, joints), *drives[members[0]]) for members in groups.values()]
+
+
+def _isaaclab_drive(servo: Servo) -> _Drive:
+    """Class and arguments of a drive; below a duty limit, damping of the drive is friction, since it is not clipped.
+
+    Numbers that are left out are those of the asset.
+    """
+    duty, unknown = servo.law == "duty", left_out(servo)
+    friction = float(servo.coulomb_friction)
+    passive = {
+        "armature": ("armature", float(servo.armature)),
+        "friction": ("coulomb_friction", friction),
+        "dynamic_friction": ("coulomb_friction", friction),
+        "viscous_friction": ("viscous_friction", float(servo.damping if duty else servo.viscous_friction)),
+    }
+    damping = None if "kd" in unknown and not duty else 0.0 if duty else float(servo.kd)
+    written = {field: repr(value) for field, (name, value) in passive.items() if name not in unknown or value}
+    if "armature" in written:
+        written["armature"] = f"inertia({written['armature']}, {damping or 0.0!r})"
+    lines = [
+        f"stiffness={float(servo.kp)!r}",
+        f"damping={damping!r}",
+        *_limit(servo),
+        *(f"{field}={value}" for field, value in written.items()),
+    ]
+    if curved(servo):
+        return "DCMotorCfg", lines
+    return "DelayedPDActuatorCfg", [*lines, *_delay(servo)]
+
+
+def _delay(servo: Servo) -> list[str]:
+    return [] if "delay" in left_out(servo) else [f"**delayed({float(servo.delay)!r})"]
+
+
+def _limit(servo: Servo) -> list[str]:
+    lines = [f"effort_limit={float(servo.effort_limit)!r}"] if np.isfinite(servo.effort_limit) else []
+    if curved(servo):
+        lines += [f"saturation_effort={float(servo.effort_limit)!r}", f"velocity_limit={float(servo.speed_limit)!r}"]
+    return lines
+
+
+def _isaaclab_free(model: Model, joints: list[str]) -> tuple[str, list[str]]:
+    """Class and arguments of joints without a drive."""
+    names = [re.escape(joint) for joint in joints]
+    at = [model.robot.index(joint) for joint in joints]
+    lines = [f"joint_names_expr={names!r}", "stiffness=None", "damping=None"]
+    for effect, field in FIELDS.items():
+        value = np.maximum(0.0, np.nan_to_num(summed(model, effect)[at]))
+        table = repr(dict(zip(names, value.tolist(), strict=True)))
+        lines += [f"{name}={table}" for name in ([field, "dynamic_friction"] if field == "friction" else [field])]
+    return "ImplicitActuatorCfg", lines
+
+
+def _isaaclab_notes(subject: str, servos: Mapping[str, Servo]) -> list[str]:
+    notes = lacked_notes(subject, servos) + _offset_notes(servos)
+    late = [f"{joint} ({1e3 * x.delay:.4g} ms)" for joint, x in servos.items() if curved(x) and x.delay > 0]
+    if late:
+        notes.append(f"DCMotorCfg cannot hold the delay of {', '.join(late)}")
+    free = [joint for joint, servo in servos.items() if not np.isfinite(servo.effort_limit)]
+    if free:
+        notes.append(f"the effort limit of {', '.join(free)} is that of the asset, since none was identified")
+    still = [joint for joint, servo in servos.items() if servo.kd_on == "error" and servo.kd > 0]
+    if still:
+        notes.append(f"set velocity targets too for {', '.join(still)}: kd acts on the error of the speed")
+    return notes
+
+
+def _mjlab_drive(servo: Servo | None, limit: float) -> tuple[str, list[str]]:
+    """Class and arguments of the loop of a joint."""
+    if servo is None:
+        return "BuiltinMotorActuatorCfg", [f"effort_limit={limit!r}" if np.isfinite(limit) else "effort_limit=1e9"]
+    duty = servo.law == "duty"
+    lines = [f"stiffness={float(servo.kp)!r}", f"damping={0.0 if duty else float(servo.kd)!r}", *_limit(servo)]
+    kind = "BuiltinPositionActuatorCfg" if duty or servo.kd_on == "velocity" else "IdealPdActuatorCfg"
+    return "DcMotorActuatorCfg" if curved(servo) else kind, [*lines, *_delay(servo)]
+
+
+def _call(kind: str, lines: list[str]) -> str:
+    return f"{kind}(\n{''.join(f'        {line},{chr(10)}' for line in lines)}    )"
+
+
+def _text(text: str) -> str:
+    """Text as a string of Python, whose escapes are those of JSON as long as only ASCII is escaped."""
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _name(model: Model) -> str:
+    return one_line(model.robot.name).replace('"', "'").replace("\\", "/")

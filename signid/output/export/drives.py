@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import OptionError, shorten
 from ...model import Model, with_servos
 from ...servos import MARKS, PASSIVE, SERVO_NUMBERS, Servo, servos_document
-from .beyond import MOST, Exported, c_comment, commented, remarks
+from .bodies import MOST, Exported, c_comment, commented, remarks
 from .shapes import words
 
 STEP = 1e-4  # time step of an exported MJCF with drives: 1 mrad beside exact roll-outs, also saturated [s]

@@ -13,7 +13,7 @@ from ...model import Model, torque_model
 from ...robot import described_gravity
 from ...types import Law
 from ..report.layout import torque_units
-from .beyond import BODIES, Exported, among, lacking
+from .bodies import BODIES, Exported, among, lacking
 from .drives import drive_note
 from .mjcf import mjcf_laws
 

@@ -14,14 +14,14 @@ from ...errors import one_line, shorten
 from ...model import Model, with_servos
 from ...recording import Recordings, as_recording
 from ...robot import resting
-from ...servo.fit.first_state import first_state
+from ...servo.fit.start import first_state
 from ...servo.plant import servo_grid, servo_grids
-from ...servo.plant.commands import command_speed, commands_at, held_before
 from ...servo.plant.course import Moved, motion_of
+from ...servo.plant.grid import command_speed, commands_at, held_before
 from ...servo.validate import prepared_model
 from ...servos import Servo, ServoGrid
 from ...types import Array, Frozen
-from .beyond import Exported
+from .bodies import Exported
 from .drives import annotated
 from .shapes import words
 

@@ -15,8 +15,7 @@ from ...model import Model, stated_inertials
 from ...robot import described_gravity
 from ...robot.description.document import without_declaration
 from ...types import Array, Robot
-from .beyond import Exported, beyond, commented, fixed_note, summed
-from .bodies import about_centre
+from .bodies import Exported, about_centre, beyond, commented, fixed_note, summed
 from .drives import drive_note
 
 FRICTION = ("viscous_friction", "coulomb_friction")

@@ -9,11 +9,11 @@ import numpy as np
 
 from ...errors import OptionError, shorten
 from ...model import Model, command_model
+from ...servo.given import stated_servos
 from ...servo.plant import roll_out, servo_grid
 from ...servo.simulate import registered
-from ...servo.stated import stated_servos
 from ...servos import ServoGrid
-from ...simulation.rollout.windows import restrict_joints
+from ...simulation.rollout.run import restrict_joints
 from ...types import Array, Mask, Recording
 from .track import Track
 

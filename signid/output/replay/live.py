@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import OutputError
-from ..report.policy import NO_CONNECTION
+from ..report.layout import NO_CONNECTION
 
 ADDRESS = "127.0.0.1"  # no other machine can connect
 LOCAL = r"(localhost|127\.0\.0\.1)"  # names of this machine; a foreign name of it in a request is refused

@@ -16,8 +16,7 @@ import numpy as np
 from ...errors import OptionError
 from ...types import Array, Frozen, Robot
 from ..report.documents import rms
-from ..report.layout import position_units, torque_units
-from ..report.policy import content_policy
+from ..report.layout import content_policy, position_units, torque_units
 from .marks import Mark
 from .shapes import Look
 from .track import Track

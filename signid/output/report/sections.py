@@ -8,8 +8,7 @@ from typing import Any, NamedTuple, TypeAlias, Union
 
 from rich.console import RenderableType
 
-from .layout import heading, new_table, note_lines, paragraph
-from .policy import escaped
+from .layout import escaped, heading, new_table, note_lines, paragraph
 
 INK = "#1f2933"
 CLEAR = "rgba(0,0,0,0)"

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from typing import IO, TYPE_CHECKING
 
 from ...errors import OptionError
-from .messages import Head
+from .links import Head
 
 if TYPE_CHECKING:
     from .mcap_ import McapFile

@@ -17,7 +17,7 @@ from ...model import Model, ModelSource, as_model
 from ...recording import Recordings, as_recordings, need_torque
 from ...recording.sampling import time_origin
 from ...regression.bandwidth import lowpass
-from ...simulation.rollout.windows import restrict_joints
+from ...simulation.rollout.run import restrict_joints
 from ...typed import typed
 from ...types import Array, Frozen, Recording, Robot
 from ..replay.drives import commands_only, follow_commands, with_drives
@@ -25,8 +25,7 @@ from ..replay.marks import ReplayFindings, drive_marks, headline, marks, read_fo
 from ..replay.shapes import reach
 from ..replay.track import Track, predictions, surveyed
 from .files import log_file
-from .links import Links
-from .messages import QUANTITIES, Findings, Head, Signal
+from .links import QUANTITIES, Findings, Head, Links, Signal
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis

@@ -8,8 +8,7 @@ from typing import IO, Any
 import numpy as np
 
 from ...version import __version__
-from .links import Links, Pose, drawn_urdf
-from .messages import QUANTITIES, Arrow, Findings, Head, Remark, Signal
+from .links import QUANTITIES, Arrow, Findings, Head, Links, Pose, Remark, Signal, drawn_urdf
 
 TEXT, TIME = "std_msgs/msg/String", "builtin_interfaces/msg/Time"
 LATCHED = ("/robot_description", "/tf_static")

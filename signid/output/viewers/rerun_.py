@@ -11,8 +11,7 @@ import numpy as np
 
 from ...robot.description.document import children, parse
 from ...robot.locate import find_mesh
-from .links import Links, drawn_urdf
-from .messages import QUANTITIES, Findings, Head, Remark, Signal
+from .links import QUANTITIES, Findings, Head, Links, Remark, Signal, drawn_urdf
 
 TITLES = {  # of groups of curves
     "effort": "torque [N.m] or force [N]",

@@ -18,8 +18,7 @@ from ...watch import Contact, Event, Note, WatchedBlocks
 from ..replay.shapes import reach
 from ..report.write import open_output, refused_output
 from .files import log_file
-from .links import Links
-from .messages import Arrow, Head, Remark, Signal
+from .links import Arrow, Head, Links, Remark, Signal
 
 RATE = 100.0  # [Hz] of rows; the residual has a time constant of 20 ms
 LONG, THICK = 0.3, 0.02  # [1] length and thickness of an arrow over the reach of the robot

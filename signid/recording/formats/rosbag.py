@@ -2,16 +2,300 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from difflib import get_close_matches
+from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ...errors import RecordingError, shorten
-from ...types import Table
-from .base import Format, Topic, memory_limited
-from .ros import DEFINITIONS, READERS, Gather, join
+from ...types import Array, Table
+from ..streams import WRAP, Stamps, TimedColumns, at_times, plural
+from .base import About, Format, MemoryTable, Topic, memory_limited
+
+MOST = 1000  # maximum number of joints, lists of joints, or kinds of values, in a topic
+NAMES = {
+    "q": "position",
+    "dq": "velocity",
+    "ddq": "acceleration",
+    "tau": "effort",
+    "q_des": "desired position",
+    "dq_des": "desired velocity",
+    "volt": "voltage",
+    "temp": "temperature",
+}
+BACK = 0.01  # accepted share of header stamps that decrease or repeat
+APART = 0.5e9  # accepted difference between the clocks of header stamps [ns]
+
+
+class Reading(NamedTuple):
+    """Values of some joints at one instant."""
+
+    names: Sequence[str]
+    stamp: int  # header stamp [ns], 0 if not set
+    after: int  # offset from the stamp, or from the time of receipt [ns]
+    values: Mapping[str, Sequence[float]]  # by kind of column; may be empty
+
+
+@dataclass
+class Layout:
+    """All readings of one list of joints; `signals` holds the values of all joints, reading by reading."""
+
+    received: array[int] = field(default_factory=partial(array, "q"))  # time of receipt [ns]
+    stamps: array[int] = field(default_factory=partial(array, "q"))  # header stamp [ns], 0 if not set
+    order: array[int] = field(default_factory=partial(array, "q"))  # index of arrival in the topic
+    signals: dict[str, array[float]] = field(default_factory=dict)  # by kind, NaN where missing
+
+
+class Gather:
+    """Collector of the messages of one topic."""
+
+    def __init__(self, topic: str, kind: str) -> None:
+        self.topic, self.kind = topic, kind
+        self.layouts: dict[tuple[str, ...], Layout] = {}
+        self.readings = self.misfits = self.messages = 0
+        self.first = self.last = 0  # time of receipt [ns]
+        self._read = READERS[kind]
+
+    @property
+    def plans(self) -> bool:
+        """Whether the messages are commands instead of measurements."""
+        return self.kind == "trajectory_msgs/msg/JointTrajectory"
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints in the order of their first message."""
+        return tuple(dict.fromkeys(name for names in self.layouts for name in names))
+
+    @property
+    def rate(self) -> float:
+        """Rate of the messages [Hz], NaN if there are too few."""
+        return (self.messages - 1) * 1e9 / (self.last - self.first) if self.last > self.first else np.nan
+
+    def add(self, message: Any, received: int) -> None:
+        """Add a message received at a time [ns]; joint names that repeat, or are too many, are an error."""
+        self.first, self.last = (self.first if self.messages else received), received
+        self.messages += 1
+        for reading in self._read(message):
+            if reading.names:
+                self._take(reading, received)
+
+    def _take(self, reading: Reading, received: int) -> None:
+        names = tuple(reading.names)
+        layout = self.layouts.get(names) or self._open(names)
+        for kind, values in reading.values.items():
+            if kind not in layout.signals:
+                if not len(values):
+                    continue
+                if len(layout.signals) >= MOST:
+                    raise RecordingError(f"topic {self.topic} has more than {MOST} kinds of values; name another topic")
+                layout.signals[kind] = array("d", [np.nan]) * (len(names) * len(layout.order))
+            column = layout.signals[kind]
+            if len(values) == len(names):
+                column.frombytes(np.ascontiguousarray(values, np.float64).tobytes())
+            else:
+                column.extend([np.nan] * len(names))
+                self.misfits += len(values) > 0
+        for kind in layout.signals.keys() - reading.values.keys():
+            layout.signals[kind].extend([np.nan] * len(names))
+        layout.received.append(received + reading.after)
+        layout.stamps.append(reading.stamp + reading.after if reading.stamp else 0)
+        layout.order.append(self.readings)
+        self.readings += 1
+
+    def _open(self, names: tuple[str, ...]) -> Layout:
+        if len(self.layouts) >= MOST or len({*self.joints, *names}) > MOST:
+            fault = f"names more than {MOST} joints, or lists of joints; give the topic of one robot"
+            raise RecordingError(f"topic {self.topic} {fault}")
+        if len(set(names)) < len(names):
+            raise RecordingError(f"topic {self.topic} names a joint twice in one message; correct its publisher")
+        return self.layouts.setdefault(names, Layout())
+
+
+def _nanoseconds(time: Any) -> int:
+    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
+
+
+def _joint_state(message: Any) -> Iterator[Reading]:
+    values = {"q": message.position, "dq": message.velocity, "tau": message.effort}
+    yield Reading(message.name, _nanoseconds(message.header.stamp), 0, values)
+
+
+def _trajectory(message: Any) -> Iterator[Reading]:
+    stamp = _nanoseconds(message.header.stamp)
+    for point in message.points:
+        values = {"q": point.positions, "dq": point.velocities, "ddq": point.accelerations, "tau": point.effort}
+        yield Reading(message.joint_names, stamp, _nanoseconds(point.time_from_start), values)
+
+
+def _controller_state(message: Any) -> Iterator[Reading]:
+    """Older messages have desired and actual, newer ones reference and feedback; some have both and fill one."""
+    actual, desired = ([getattr(message, name) for name in pair if hasattr(message, name)] for pair in PAIRS)
+
+    def first(points: Sequence[Any], part: str) -> Sequence[float]:
+        return next((values for point in points if len(values := getattr(point, part))), ())
+
+    values = {kind: first(actual, part) for kind, part in (("q", "positions"), ("dq", "velocities"), ("tau", "effort"))}
+    values |= {"q_des": first(desired, "positions"), "dq_des": first(desired, "velocities")}
+    yield Reading(message.joint_names, _nanoseconds(message.header.stamp), 0, values)
+
+
+def _dynamic_joint_state(message: Any) -> Iterator[Reading]:
+    """Values by joint and name of the interface; a joint may lack what others have."""
+    joints, values = message.joint_names, dict[str, list[float]]()
+    for k, (joint, interface) in enumerate(zip(joints, message.interface_values, strict=True)):
+        if len({*interface.interface_names}) < len(interface.interface_names):
+            raise RecordingError(f"a message names an interface of {joint} twice; correct its publisher")
+        for name, value in zip(interface.interface_names, interface.values, strict=True):
+            values.setdefault(INTERFACES.get(name, name), [np.nan] * len(joints))[k] = value
+    yield Reading(joints, _nanoseconds(message.header.stamp), 0, values)
+
+
+INTERFACES = {  # kind of column by the name of an interface of ros2_control; others keep their name
+    "position": "q",
+    "velocity": "dq",
+    "acceleration": "ddq",
+    "effort": "tau",
+    "voltage": "volt",
+    "temperature": "temp",
+}
+DYNAMIC = "control_msgs/msg/DynamicJointState"
+DEFINITIONS = {  # types that are equal in all releases, but not known to the library
+    DYNAMIC: "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values",
+    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values",
+}
+PAIRS = (("actual", "feedback"), ("desired", "reference"))
+READERS: Mapping[str, Callable[[Any], Iterator[Reading]]] = {  # in the order of preference without named topics
+    "sensor_msgs/msg/JointState": _joint_state,
+    DYNAMIC: _dynamic_joint_state,
+    "control_msgs/msg/JointTrajectoryControllerState": _controller_state,
+    "trajectory_msgs/msg/JointTrajectory": _trajectory,
+}
+
+
+def join(gathered: Sequence[Gather], topics: Sequence[Topic], source: str) -> MemoryTable:
+    """Join topics of a log that all have messages.
+
+    The slowest topic with positions or torques defines the rows. Topics of similar or higher rate are interpolated at
+    these rows, but not across gaps; slower topics are omitted. Header stamps are used if they are set, increase, and
+    come from one clock; otherwise the times of receipt.
+    """
+    by_header, clock = _clock(gathered)
+    notes: list[str] = []
+    only_plans = all(gather.plans for gather in gathered)
+    streams = [stream for gather in gathered for stream in _streams(gather, by_header, only_plans, notes)]
+    base = _base(streams, source)
+    others = [stream for stream in streams if stream is not base]
+    columns, inside = at_times(base, others, notes, slower=False)
+    t = base.t[inside]
+    if only_plans:
+        notes.append("the values are those of a commanded trajectory, unless measured values were published as one")
+    if not any(name.startswith("tau_") for name in columns):
+        servo = any(name.startswith("q_des_") for name in columns)
+        consequence = ": it is a recording of servos" if servo else ", so identification is not possible"
+        notes.append(f"no torque was recorded (effort is empty){consequence}")
+    origin = f"{clock}, counted from {_date(int(t[0]))}"
+    about = About(tuple(dict.fromkeys(notes)), topics=tuple(topics), clock=origin, origin=int(t[0]) / 1e9)
+    return MemoryTable({"t": (t - t[0]) / 1e9, **columns}, {}, source, about)
+
+
+def _clock(gathered: Sequence[Gather]) -> tuple[bool, str]:
+    """Whether header stamps are used, and the description of the clock."""
+    offsets = []
+    for gather in gathered:
+        for layout in gather.layouts.values():
+            stamps, received = np.frombuffer(layout.stamps, np.int64), np.frombuffer(layout.received, np.int64)
+            if not (stamps[1:] if len(stamps) > 1 else stamps).all():  # the first stamp of a simulation may be zero
+                return False, f"time of receipt (header stamps of {gather.topic} are not set)"
+            if not gather.plans and np.sum(np.diff(stamps) <= 0) > BACK * len(stamps):
+                return False, f"time of receipt (header stamps of {gather.topic} do not increase)"
+            offsets += [] if gather.plans else [float(np.median(received - stamps))]
+    if offsets and np.ptp(offsets) > APART:
+        return False, f"time of receipt (clocks of the header stamps are {np.ptp(offsets) / 1e9:.3g} s apart)"
+    return True, "header stamps"
+
+
+def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]) -> Iterator[TimedColumns]:
+    """Group joints that occur in the same messages, in any order."""
+    if gather.misfits:
+        notes.append(f"{gather.topic}: omitted lists with another length than the names: {gather.misfits}")
+    places: dict[tuple[int, ...], list[str]] = {}
+    for joint in gather.joints:
+        places.setdefault(tuple(k for k, names in enumerate(gather.layouts) if joint in names), []).append(joint)
+    lacking: dict[str, list[str]] = {}
+    for place, joints in places.items():
+        parts = [(names, layout) for k, (names, layout) in enumerate(gather.layouts.items()) if k in place]
+        t, rows = _in_order(gather, [layout for _, layout in parts], by_header, notes)
+        columns = {}
+        for kind in dict.fromkeys(chain.from_iterable(layout.signals for _, layout in parts)):
+            for joint in joints:
+                values = np.concatenate([_values(names, layout, kind, joint) for names, layout in parts])[rows]
+                name = f"{kind}_{joint}" if only_plans or not gather.plans else f"q_des_{joint}" if kind == "q" else ""
+                if name and (np.isnan(values).all() or (kind != "q" and not np.nan_to_num(values).any())):
+                    lacking.setdefault(kind, []).append(joint)
+                elif name:
+                    columns[name] = values
+        yield TimedColumns(gather.topic, t, columns, {name: WRAP for name in columns if name.startswith("q_")})
+    for kind, joints in lacking.items():
+        if kind == "dq_des":
+            continue
+        notes.append(f"{gather.topic}: {NAMES.get(kind, kind)} of {shorten(joints)} is NaN or zero throughout: omitted")
+
+
+def _values(names: Sequence[str], layout: Layout, kind: str, joint: str) -> Array:
+    if kind not in layout.signals:
+        return np.full(len(layout.order), np.nan)
+    return np.frombuffer(layout.signals[kind]).reshape(-1, len(names))[:, names.index(joint)]
+
+
+def _in_order(
+    gather: Gather, layouts: Sequence[Layout], by_header: bool, notes: list[str]
+) -> tuple[Stamps, np.ndarray]:
+    """Increasing times of the readings of several layouts, and the indices of these readings."""
+    t = np.concatenate([np.frombuffer(x.stamps if by_header else x.received, np.int64) for x in layouts])
+    rows = np.argsort(np.concatenate([np.frombuffer(x.order, np.int64) for x in layouts]))
+    t = t[rows]
+    if gather.plans:
+        later = np.minimum.accumulate(np.append(t[1:], np.iinfo(np.int64).max)[::-1])[::-1]
+        if replaced := int(np.sum(t >= later)):
+            notes.append(f"{gather.topic}: {replaced} points are replaced by those of a later trajectory")
+        return t[t < later], rows[t < later]
+    if back := int(np.sum(np.diff(t) < 0)):
+        notes.append(f"{gather.topic}: {plural(back, 'message')} out of order: sorted by time")
+        order = np.argsort(t, kind="stable")
+        t, rows = t[order], rows[order]
+    fresh = np.diff(t, prepend=t[0] - 1) > 0
+    if repeated := int(np.sum(~fresh)):
+        notes.append(f"{gather.topic}: {plural(repeated, 'message')} with the time of the previous one: omitted")
+    return t[fresh], rows[fresh]
+
+
+def _base(streams: Sequence[TimedColumns], source: str) -> TimedColumns:
+    """Slowest of the main streams of topics with positions or torques."""
+    mains: dict[str, TimedColumns] = {}
+    for stream in streams:
+        if any(name.startswith(("q_", "tau_")) and not name.startswith("q_des_") for name in stream.columns):
+            mains[stream.topic] = max(mains.get(stream.topic, stream), stream, key=lambda each: each.weight)
+    if not mains:
+        raise RecordingError(f"{source}: the topics have no position and no torque; name other topics")
+    if len(mains) > 1 and (single := [topic for topic, stream in mains.items() if len(stream.t) < 2]):
+        raise RecordingError(f"{source}: topic {single[0]} has a single reading and cannot be joined to another")
+    return max(mains.values(), key=lambda each: each.period)
+
+
+def _date(stamp: int) -> str:
+    """Stamp [ns] as a date in UTC, or in seconds if it is no date."""
+    if 3e17 < stamp < 9e18:
+        return datetime.fromtimestamp(stamp / 1e9, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return f"{stamp / 1e9:.9g} s"
+
 
 PARTS = (".db3", ".mcap", ".zstd", ".yaml")  # suffixes of the files in a bag folder
 SHOWN = 120  # maximum length of a quoted library message [characters]

@@ -12,9 +12,8 @@ from ...model import Model
 from ...robot.dynamics import moved_bodies, own_row
 from ...servos import Servo, ServoGrid
 from ...types import Array
-from ..fit.coordinates import Coordinates
+from ..fit.coordinates import Coordinates, typical
 from ..fit.normal import NUDGE
-from ..fit.typical import typical
 from ..fit.windows import joined_bodies, shoot, windows_of
 from ..plant.course import Moved, RobotCourse, bodies_of, course, motion_of, part, recorded_course
 from ..plant.drives import copies_of

@@ -14,9 +14,8 @@ from ...servos import JOINT_LAWS
 from ...types import Array
 from ..search.data import ServoData
 from .closed_loop import ClosedLoop
-from .refine import Setting
 from .result import FoundNumber, PositionFit, ServoAlternative, ServoFinding, ServoUnexplained
-from .search import LEAST_GAIN, PAYLOAD, THRESHOLD, GroupSearch, Step
+from .search import LEAST_GAIN, PAYLOAD, THRESHOLD, GroupSearch, Setting, Step
 
 Found = Sequence[tuple[tuple[int, ...], GroupSearch, ClosedLoop]]
 MAIN = 0.1  # [1] of the explained sum of squares, from which a law is a cause

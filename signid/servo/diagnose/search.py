@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from ...diagnose.evidence.batches import StackedPriors, log_bayes_factor
+from ...effects.drive import Reach
 from ...types import TWO_SIDED, Array
 from ..fit.coordinates import BODY, Coordinates, Slot
+from ..fit.normal import Normal, StateSlopes, covariance, derivatives, nearby, reduced, state_slopes
+from ..fit.solve import damped
 from .closed_loop import ClosedLoop
-from .evidence import Offer, half_log, mean_sigma, rejected, tempered, weighed
 from .hypotheses import HYPOTHESES, DriveHypothesis
-from .refine import Attempt, Setting, refine, setting_of, spread
 
 MOST = 3  # laws that are added to one group
 POLISHED, REFINED = 24, 8  # hypotheses that get a second iteration, and that are fitted, in each step
@@ -33,6 +36,10 @@ PAYLOAD = DriveHypothesis(
     trials=lambda *_: [],
 )
 LISTED = [*(law.effect for law in HYPOTHESES), PAYLOAD.effect]
+DAMPINGS = (1e-9, 0.3, 3.0, 30.0)  # [1] of Levenberg and Marquardt, tried together
+WIDE = 2.0  # differences over those of an identification: the cost is rougher far from the optimum
+PER_WINDOW = 10  # samples of a window that count as independent, at most. Heuristic
+SLACK = 1.0  # log odds that differences across windows always allow. Heuristic
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,3 +247,210 @@ def own_numbers(setting: Setting, point: Coordinates, j: int) -> tuple[Slot, ...
     names += [name for name in ("effort_limit", "speed_limit") if np.isfinite(getattr(servo, name))]
     names += [name for name in ("load_friction", "dead_band", "droop") if getattr(servo, name) > 0]
     return tuple(setting.slot(j, name) for name in names)
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A hypothesis at some values: W windows, n joints of the group."""
+
+    where: Coordinates  # at the values
+    squares: Array  # (W, n) sums of squares without the initial states [rad2 or m2]
+
+    def cost(self, sigma: Array) -> float:
+        """Weighted sum of squares. sigma: (n,) [rad or m]."""
+        return float(np.sum(self.squares / sigma**2)) + self.where.prior_cost(self.where.values)
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """Windows, initial states and weights that the fits share."""
+
+    loop: ClosedLoop
+    states: Array  # (2n, W, T, n) [1]
+    sigma: Array  # (n,) [rad or m]
+
+    @cached_property
+    def slopes(self) -> StateSlopes:
+        """Influence of the initial states."""
+        return state_slopes(self.states, self.sigma)
+
+    def evaluate(self, points: Sequence[Coordinates]) -> Array:
+        """Sums of squares (C, W, n) after the best initial states."""
+        return np.asarray(np.sum(self.remaining(points) ** 2, axis=2))
+
+    def remaining(self, points: Sequence[Coordinates]) -> Array:
+        """Residuals (C, W, T, n) after the best initial states."""
+        return self.slopes.leave(self.loop.residuals(points) / self.sigma) * self.sigma
+
+    def weighted(self, sigma: Array) -> Setting:
+        """The same with other weights. sigma: (n,) [rad or m]."""
+        return replace(self, sigma=sigma)
+
+    def slot(self, joint: int, number: str) -> Slot:
+        """A free number of a joint of the group, or of the body at the last link (joint -1)."""
+        if joint < 0:
+            whole = sum(body.mass for body in list(self.loop.robot.model.inertias)[1:])
+            return Slot(joint, number, 0.1 * whole * (1.0 if number == "mass" else 0.1))
+        return Slot(joint, number, self.loop.sizes[joint].get(number, 1.0))
+
+    def reach(self, point: Coordinates, j: int) -> Reach:
+        """Sizes at a joint."""
+        loop, servo = self.loop, point.servos[j]
+        v, a = loop.motion.v[:, j], loop.motion.a[:, j]
+        torque = loop.torque[:, j] + servo.armature * a + servo.damping * v
+        effort = float(np.max(np.abs(torque)) + servo.coulomb_friction)
+        column = loop.joints[j]
+        error = max(float(np.max(np.abs(g.command[:, column] - g.q[:, column]))) for g in loop.grids)
+        travel = float(np.ptp(loop.motion.q[:, j]))
+        return Reach(effort, float(np.max(np.abs(v))), error, float(np.sqrt(np.mean(a**2))), travel)
+
+
+def setting_of(loop: ClosedLoop, point: Coordinates, floor: Array) -> Setting:
+    """Setting of windows with the initial states at a point. floor: (n,) [rad or m]."""
+    return Setting(loop, loop.state_columns(point), floor * 2.0)
+
+
+def refine(setting: Setting, trials: Sequence[Attempt], iterations: int = 6, tolerance: float = 1e-4) -> list[Attempt]:
+    """Fit each hypothesis from its values."""
+    trials, active = list(trials), list(range(len(trials)))
+    for _ in range(iterations):
+        if not active:
+            break
+        moved = _step(setting, [trials[k] for k in active])
+        gains = [
+            1 - new.cost(setting.sigma) / trials[k].cost(setting.sigma) for k, new in zip(active, moved, strict=True)
+        ]
+        for k, new in zip(active, moved, strict=True):
+            trials[k] = new
+        active = [k for k, gain in zip(active, gains, strict=True) if gain > tolerance]
+    return trials
+
+
+def information(setting: Setting, where: Coordinates) -> Array:
+    """Information (P, P) [inverse products of SERVO_UNITS] of the free numbers, without the initial states."""
+    return _normals(setting, [where])[0].information
+
+
+def spread(setting: Setting, trial: Attempt) -> Array:
+    """Covariance (P, P) [products of SERVO_UNITS] of the free numbers."""
+    where = trial.where
+    (at,) = _normals(setting, [where])
+    weight = where.prior(where.values)[0] / where.slope(where.values) ** 2
+    return covariance(at.information + np.diag(weight), at.scores)
+
+
+def _step(setting: Setting, trials: Sequence[Attempt]) -> list[Attempt]:
+    """The best of several dampings for each hypothesis, or its values before."""
+    normals = _normals(setting, [trial.where for trial in trials])
+    points = [
+        trial.where.at(damped(trial.where, at, trial.where.values, damping))
+        for trial, at in zip(trials, normals, strict=True)
+        for damping in DAMPINGS
+    ]
+    moved = [Attempt(point, squares) for point, squares in zip(points, setting.evaluate(points), strict=True)]
+    n = len(DAMPINGS)
+    return [
+        min([trial, *moved[n * k : n * (k + 1)]], key=lambda t: t.cost(setting.sigma)) for k, trial in enumerate(trials)
+    ]
+
+
+def _normals(setting: Setting, wheres: Sequence[Coordinates]) -> list[Normal]:
+    """Normal equations of several hypotheses, simulated in one batch."""
+    each = [nearby(where, where.values, WIDE, central=True) for where in wheres]
+    points = [where.at(values) for where, one in zip(wheres, each, strict=True) for values in one.values]
+    left, out, place = setting.loop.residuals(points) / setting.sigma, list[Normal](), 0
+    for where, one in zip(wheres, each, strict=True):
+        block = left[place : place + len(one.values)]
+        place += len(one.values)
+        out.append(reduced(derivatives(block, where, one), block[0], setting.slopes))
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """A hypothesis with its fitted trial and log evidence."""
+
+    law: DriveHypothesis
+    joint: int
+    trial: Attempt
+    evidence: float = -np.inf  # log likelihood and prior
+    prior: float = 0.0  # log prior probability, with that of its numbers
+
+
+def rejected(last: Attempt, offers: Sequence[Offer]) -> list[tuple[str, int, float]]:
+    """Laws of offers, their joints, and the share of the squared residual there that each explains [1]."""
+    before = np.sum(last.squares, axis=0)
+    return [(o.law.effect, o.joint, float(1 - o.trial.squares[:, o.joint].sum() / before[o.joint])) for o in offers]
+
+
+def tempered(setting: Setting, best: Offer, rival: Offer) -> float:
+    """Log odds of the best over a rival, at most what the differences across windows allow (Vuong 1989)."""
+    prior = best.prior - rival.prior
+    difference = np.sum((rival.trial.squares - best.trial.squares) / setting.sigma**2, axis=1)
+    return limited(best.evidence - rival.evidence - prior, prior, difference)
+
+
+def limited(odds: float, prior: float, difference: Array) -> float:
+    """Log odds of likelihood and prior, at most what the differences of the windows allow.
+
+    difference: (W,) [1] of the weighted squares of each window.
+    """
+    error = float(np.std(difference)) * np.sqrt(len(difference)) + 1e-300
+    z = max(float(np.sum(difference)) / error, 0.0)
+    return float(max(prior + min(odds, 0.5 * z * z + SLACK), 0.0))
+
+
+def mean_sigma(setting: Setting, trial: Attempt, floor: Array) -> Array:
+    """Weights of the joints: rms of the residual and noise, (n,) [rad or m]. floor: (n,) [rad or m]."""
+    rows = setting.loop.rows + 1
+    return np.asarray(np.sqrt(np.mean(trial.squares, axis=0) / rows + floor**2))
+
+
+def half_log(squares: Array, floor: Array, setting: Setting) -> float:
+    """Negative log likelihood: half the number of independent samples times the log of the mean square, all joints.
+
+    squares: (W, n) [rad2 or m2]; floor: (n,) [rad or m].
+    """
+    rows = setting.loop.rows + 1
+    return half_log_of(squares / rows, floor, rows)
+
+
+def half_log_of(mean: Array, floor: Array, rows: int) -> float:
+    """The same by mean squares of windows of some rows.
+
+    mean: (W, n) [rad2 or m2]; floor: (n,) [rad or m].
+    """
+    whole = np.log(np.mean(mean, axis=0) + 0.1 * floor**2)
+    return float(0.5 * len(mean) * min(rows, PER_WINDOW) * np.sum(whole))
+
+
+def price(setting: Setting, last: Attempt, trial: Attempt) -> float:
+    """Log prior of the additional numbers, as in a diagnosis of torque: typical sizes times each effect size."""
+    new = [k for k, slot in enumerate(trial.where.slots) if slot not in last.where.slots]
+    if not new:
+        return 0.0
+    sizes = [trial.where.slots[k].typical for k in new]
+    return price_of(information(setting, trial.where), new, sizes, setting.loop.rows + 1)
+
+
+def price_of(whole: Array, new: Sequence[int], sizes: Sequence[float], rows: int) -> float:
+    """The same by the information of all numbers, in windows of some rows, and typical sizes of the new ones.
+
+    whole: (P, P) [inverse products of SERVO_UNITS].
+    """
+    whole = whole * min(rows, PER_WINDOW) / rows
+    old = [k for k in range(len(whole)) if k not in new]
+    across = whole[np.ix_(old, new)]
+    own = whole[np.ix_(new, new)] - across.T @ np.linalg.pinv(whole[np.ix_(old, old)], hermitian=True) @ across
+    nothing = np.zeros((1, len(new)))
+    return float(
+        log_bayes_factor(StackedPriors(np.diag(sizes)[None], nothing, nothing * np.nan), own[None], nothing)[0]
+    )
+
+
+def weighed(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> Offer:
+    """The offer with its log evidence and its log prior. floor: (n,) [rad or m]."""
+    choices = len(HYPOTHESES) * len(last.where.servos)
+    before, after = last.where.servos[offer.joint], offer.trial.where.servos[offer.joint]
+    prior = float(np.log(offer.law.plausible(before, after) / choices)) + price(setting, last, offer.trial)
+    return replace(offer, evidence=prior - half_log(offer.trial.squares, floor, setting), prior=prior)

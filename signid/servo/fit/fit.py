@@ -12,14 +12,12 @@ from ...frozen import Frozen
 from ...model import Model
 from ...servos import LOOP_NUMBERS, Servo, ServoGrid
 from ...types import Array, Mask, Robot
-from ..assumptions import OWN, Assumptions, Name, unions
+from ..given import OWN, Assumptions, Name, unions
 from ..plant.course import RobotCourse, bodies_of, course, groups, part, recorded_course, refined, single
 from ..plant.drives import COARSE, LONGEST
-from .coordinates import Coordinates, slots
-from .intervals import covariance
-from .normal import FitPoint, normal
+from .coordinates import Coordinates, slots, started, typical
+from .normal import FitPoint, covariance, normal
 from .solve import Solved, scan, solve
-from .typical import started, typical
 from .windows import FitWindows, shoot, window_places, windows_of
 
 

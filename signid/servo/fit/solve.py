@@ -11,8 +11,7 @@ import numpy as np
 
 from ...types import Array
 from .coordinates import Coordinates
-from .intervals import covariance
-from .normal import FitPoint, Normal, cost, normal, residuals, settle
+from .normal import FitPoint, Normal, cost, covariance, normal, residuals, settle
 from .windows import FitWindows
 
 FAR = 0.05  # relative gain of the cost below which differences become central

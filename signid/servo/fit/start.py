@@ -16,11 +16,12 @@ from scipy.signal import butter, filtfilt
 from ...model import Model
 from ...servos import Servo, ServoGrid
 from ...types import Array, Mask
-from ..plant.commands import commands_at
-from ..plant.course import RobotCourse, bodies_of, groups, part, recorded_course
+from ..plant.course import RobotCourse, bodies_of, groups, motion_of, part, recorded_course
 from ..plant.drives import copies_of
+from ..plant.grid import commands_at
 from ..plant.torque import EFFORT
-from .windows import shoot, window_places, windows_of
+from .normal import NUDGE, STATE, state_slopes
+from .windows import FitWindows, shoot, window_places, windows_of
 
 DELAYS = tuple(k * 0.005 for k in range(13))  # [s]
 SHARES = (0.15, 0.25, 0.35, 0.5, 0.65, 0.8, 0.9)  # quantiles of |error| that are tried as its limit
@@ -29,11 +30,13 @@ CUTOFF, EDGE = 6.0, 0.3  # [Hz] of both sides, [s] left out at the ends
 SLIDING = 0.05  # [rad/s] over which friction turns
 COLUMNS = 5  # torque, speed, friction, armature, constant
 SPREAD = 6.0  # largest ratio of a stiffness to the median of the joints
-
-
 RATIOS = (0.01, 0.02, 0.035, 0.06, 0.1)  # [s] kd over kp that are tried where the limit acts on the damping, too
 LIMITS = tuple(0.95 * 0.78**k for k in range(12))  # of the largest torque, where a limit is tried
 BRIEF = 0.2  # [s]: nearly linear
+LENGTH = 0.2  # [s] rows that are compared; a start is forgotten within them
+ROUNDS = 4  # of Gauss-Newton
+FIRST_SHARES = (0.0, 0.1, 0.3, 0.6, 1.0)  # of its step that are tried
+LEAST = 1e-4  # [rad or m] least noise of positions
 
 
 class _Factors(NamedTuple):
@@ -205,3 +208,36 @@ def _squares(
     q0, v0 = (np.repeat(x[None], len(LIMITS), 0) for x in (windows.q0, windows.v0))
     error = shoot(windows, copies, q0, v0)[0] - windows.measured
     return np.asarray(np.nan_to_num(error**2, nan=np.inf).sum(axis=(1, 2)) / windows.inside.sum())
+
+
+def first_state(model: Model, grid: ServoGrid) -> tuple[Array, Array]:
+    """Positions (n,) [rad or m] and speeds (n,) [rad/s or m/s] of the first row.
+
+    Smoothed positions have no right speed at the first row: a robot that begins to move there seems to move before.
+    Driven joints have the state that a window of the fit would have (section 3 of `servo/README.md`).
+    """
+    motion, driven = motion_of(grid), [j for j, joint in enumerate(grid.joints) if joint in model.servos]
+    q, v = motion.q[0].copy(), motion.v[0].copy()
+    servos, n = [model.servos[grid.joints[j]] for j in driven], len(driven)
+    rows = min(int(round(LENGTH * grid.rate)), len(grid) - 1)
+    windows = windows_of([grid], driven, servos, [part(recorded_course(model, grid), driven)], [(0, 0, rows)])
+    smoothed, wide, nudges = np.concatenate([q[driven], v[driven]]), np.repeat(STATE, n), np.repeat(NUDGE, n)
+    at, noise = smoothed, np.zeros(n)
+    for k in range(ROUNDS):
+        found = _positions(windows, servos, at + np.vstack([np.zeros(2 * n), np.diag(nudges)]))
+        left = found[0] - windows.measured
+        if k == 0:
+            noise = np.maximum(np.sqrt(np.mean(left**2, axis=(0, 1))), LEAST)
+        slopes = state_slopes((found[1:] - found[0]) / nudges[:, None, None, None], noise)
+        step = slopes.inverse[0] @ (slopes.slopes[0].T @ (left / noise).ravel() + (at - smoothed) / wide**2)
+        tried = at - np.array(FIRST_SHARES)[:, None] * step
+        misfit = np.sum(((_positions(windows, servos, tried) - windows.measured) / noise) ** 2, axis=(1, 2, 3))
+        at = tried[np.argmin(misfit + np.sum(((tried - smoothed) / wide) ** 2, axis=1))]
+    q[driven], v[driven] = at[:n], at[n:]
+    return q, v
+
+
+def _positions(windows: FitWindows, servos: Sequence[Servo], states: Array) -> Array:
+    """Positions (C, 1, T, n) [rad or m] from C states (C, 2n): positions first, then speeds."""
+    starts = states[:, None, : len(servos)], states[:, None, len(servos) :]
+    return shoot(windows, copies_of([servos] * len(states)), *starts)[0]

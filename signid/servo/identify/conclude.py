@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
-from ...errors import shorten
+from ...errors import decimals, shorten
 from ...model import Model, command_model
-from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo
-from ...types import Robot
-from ..assumptions import OWN, Assumptions, Name
-from ..fit import ServoFit
-from ..hints import Estimates, equal_hints, unequal_flags
-from ..search.data import ServoData, loop_error
+from ...robot.alike import alike, name_pattern
+from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo, ServoGrid
+from ...types import Array, Robot
+from ..fit import ServoFit, fit_servos, start_limits
+from ..given import OWN, Assumptions, Name
+from ..plant.course import recorded_course
+from ..plant.roll_out import roll_out_along
+from ..search.choice import SHORT, Candidate
+from ..search.data import ServoData, loop_error, position_noise
+from ..search.laws import STEPS, WORTH, largest_torques, limited
 from ..search.searcher import Chosen, ServoOptions
-from .assess import closed_loops, nominal_servos
-from .facts import joint_facts
-from .fits import block, number_at_bound, number_std
+from .facts import demand, joint_facts
+from .fits import block, closed_loops, nominal_servos, number_at_bound, number_std
 from .flags import (
     assumption_notes,
     duty_notes,
@@ -32,11 +36,19 @@ from .flags import (
     worse_flag,
     worse_than_stated,
 )
-from .held_out import HeldOutError, compared, far_flags, held_out_errors
 from .identifiable import RARE, JointFacts, dependence, dependent_numbers, joint_numbers
 from .result import ServoIdentification, ServoJoint, ServoRollOut, ServoTrace
-from .scale import alternatives, known_scale
-from .start import Stated
+from .scale import Stated, alternatives, known_scale
+
+HORIZON = 1.0  # [s] of the roll-outs, from measured states
+FAR = 3.0  # [1] held-out rms over that of the training data, from which it is flagged
+LOUD = 3.0  # [1] held-out rms over the noise of positions, from which it is more than noise; as of torque
+TRIFLE = 0.02  # [1] held-out rms over that of the tracking error, below which no use of a model depends on it
+ALIKE = 0.9  # [1] limit of held-out rows over the bound of the training data, below which the two contradict
+EQUAL = 0.05  # probability of such differences among equal joints, over all numbers, from which --equal is proposed
+DIFFERENT = 0.01  # the same, below which the number that differs is named
+LEAST = "kp"  # number that at least two joints must have
+Estimates = Mapping[str, tuple[float, float]]  # value and standard deviation by number [SERVO_UNITS]
 
 
 @dataclass(frozen=True)
@@ -239,3 +251,178 @@ def _flags(
         *rollout_flags(rolled),
     )
     return tuple(dict.fromkeys(flags))
+
+
+@dataclass(frozen=True)
+class HeldOutError:
+    """Rms error of one joint over roll-outs of one second [rad or m]."""
+
+    joint: str
+    unit: str
+    trained: float  # on the data of the fit
+    held_out: float
+    far: bool  # whether the held-out one is far above that of the fit, and matters
+
+
+def held_out_errors(model: Model, data: ServoData, servos: Mapping[str, Servo]) -> dict[str, HeldOutError]:
+    """Errors of each joint with a drive on the data of the fit and on held-out data, by the same linearised loop."""
+    trained, unseen = (_rms(model, servos, grids) for grids in (data.train, data.held_out))
+    noise, tracking = position_noise(data.held_out), _tracking(data.held_out)
+    far = (unseen > FAR * trained) & (unseen > LOUD * noise) & (unseen > TRIFLE * tracking)
+    unit = ["m" if model.robot.prismatic[model.robot.index(joint)] else "rad" for joint in data.joints]
+    return {
+        joint: HeldOutError(
+            joint,
+            unit[j],
+            float(trained[j]),
+            float(unseen[j]),
+            bool(far[j]),
+        )
+        for j, joint in enumerate(data.joints)
+        if joint in servos
+    }
+
+
+def far_flags(errors: Mapping[str, HeldOutError]) -> Iterator[str]:
+    """A sentence on the joints whose held-out positions are predicted far worse than those of the fit."""
+    if far := [one for one in errors.values() if one.far]:
+        each = [
+            f"{x.joint} ({decimals(1e3 * x.held_out)} m{x.unit} instead of {decimals(1e3 * x.trained)})" for x in far
+        ]
+        yield (
+            f"the held-out motion of {shorten(each, 4)} is predicted far worse than that of the training data, in rms "
+            f"over one second: the model lacks an effect that acts there; run signid diagnose with model.json and the "
+            f"recordings, or learn from such motion as well"
+        )
+
+
+def compared(
+    model: Model,
+    data: ServoData,
+    servos: Mapping[str, Servo],
+    facts: Mapping[str, JointFacts],
+    errors: Mapping[str, HeldOutError],
+) -> dict[str, JointFacts]:
+    """Facts of the joints with what held-out rows say of limits that the data of the fit do not reach."""
+    torques = {joint: _demand(model, data, servos[joint], joint, fact) for joint, fact in facts.items()}
+    beyond = {
+        joint: torque
+        for joint, torque in torques.items()
+        if not servos[joint].effort_limit < np.inf and torque > facts[joint].largest_torque
+    }
+    if not beyond:
+        return dict(facts)
+    limits = _limits(model, data, servos, beyond)
+    found = dict(facts)
+    for joint, torque in beyond.items():
+        limit = limits.get(joint, np.inf)
+        limit = limit if limit > ALIKE * facts[joint].largest_torque else np.inf
+        if errors[joint].far or limit < np.inf:
+            found[joint] = replace(facts[joint], held_out_torque=torque, held_out_limit=limit)
+    return found
+
+
+def _demand(model: Model, data: ServoData, servo: Servo, joint: str, fact: JointFacts) -> float:
+    """Torque [N.m or N] that held-out rows ask of a drive, exceeded in a share RARE of them."""
+    j, damping = data.joints.index(joint), fact.drive_damping
+    rows = [demand(servo, grid, recorded_course(model, grid).motion.v[:, j], j, damping) for grid in data.held_out]
+    return float(np.quantile(np.abs(np.concatenate(rows)), 1 - RARE))
+
+
+def _limits(
+    model: Model, data: ServoData, servos: Mapping[str, Servo], joints: Mapping[str, float]
+) -> dict[str, float]:
+    """Effort limits [N.m or N] with which short windows of held-out rows are predicted notably better than without."""
+    top = largest_torques(replace(data, train=data.held_out), {joint: servos[joint] for joint in joints})
+    start = limited(Candidate(servos, ()), start_limits(model, data.held_out, servos, top), "effort")
+
+    def fitted(drives: Mapping[str, Servo], free: Sequence[tuple[str, str]], steps: int) -> ServoFit:
+        return fit_servos(
+            model,
+            data.held_out,
+            drives,
+            free,
+            window=SHORT,
+            relinearise=False,
+            iterations=steps,
+            scales=False,
+            coarse=True,
+        )
+
+    found = fitted(start.servos, [(joint, "effort_limit") for joint in joints], STEPS).servos
+    without, limits = (fitted(drives, (), 0).residual_rms for drives in (servos, found))  # states as measured
+    helps = dict(zip(data.joints, limits < WORTH * without, strict=True))
+    return {joint: found[joint].effort_limit for joint in joints if helps[joint]}
+
+
+def _rms(model: Model, servos: Mapping[str, Servo], grids: Sequence[ServoGrid]) -> Array:
+    """Rms (n,) [rad or m] of roll-outs along the recorded motion, restarted from measured states."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = [roll_out_along(recorded_course(model, grid), servos, grid, HORIZON) - grid.q for grid in grids]
+        return np.asarray(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)))
+
+
+def _tracking(grids: Sequence[ServoGrid]) -> Array:
+    """Rms (n,) [rad or m] of command - position while the drives are on."""
+    return np.asarray(np.sqrt(np.mean(np.concatenate([g.on * (g.command - g.q) for g in grids]) ** 2, axis=0)))
+
+
+def equal_hints(found: Mapping[str, Estimates], equal: Sequence[Sequence[str]] = ()) -> Iterator[str]:
+    """Sentences on joints whose names differ in a side, finger or limb only.
+
+    found: estimates by servo joint, of those numbers that recordings identify; equal: joints fitted as equal already.
+    """
+    for members in alike(tuple(found)):
+        if any(set(members) <= set(group) for group in equal):
+            continue
+        name, p = _likeliest(members, found)
+        if p > EQUAL and sum(LEAST in found[joint] for joint in members) > 1:
+            yield (
+                f"{shorten(members)}: no number differs beyond its interval; --equal "
+                f"'{name_pattern(members, tuple(found))}' fits them as equal drives, with narrower intervals"
+            )
+        elif p < DIFFERENT:
+            yield f"{shorten(members)} are alike by name and differ: {_difference(name, members, found)}"
+
+
+def unequal_flags(found: Mapping[str, Estimates], equal: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Sentences on joints that were fitted as equal, and differ if they are not. Arguments as `equal_hints`."""
+    for members in equal:
+        name, p = _likeliest(members, found)
+        if p < DIFFERENT:
+            yield (
+                f"{shorten(members)}: the recordings contradict equal drives: {_difference(name, members, found)}; "
+                f"leave joints that differ out of --equal"
+            )
+
+
+def _likeliest(members: Sequence[str], found: Mapping[str, Estimates]) -> tuple[str, float]:
+    """Number that differs most surely, and the probability of that among all numbers of equal joints; "", 1: none."""
+    tests = {name: _test(name, members, found) for name in dict.fromkeys(n for j in members for n in found[j])}
+    likely = {name: p for name, p in tests.items() if p is not None}
+    name = min(likely, key=lambda name: likely[name], default="")
+    return name, min(1.0, len(likely) * likely[name]) if name else 1.0
+
+
+def _test(name: str, members: Sequence[str], found: Mapping[str, Estimates]) -> float | None:
+    """Probability of such differences of a number if the joints are equal (Cochran's Q); None with fewer than two."""
+    each = np.array([found[joint][name] for joint in members if name in found[joint]]).reshape(-1, 2)
+    if len(each) < 2:
+        return None
+    value, weight = each[:, 0], each[:, 1] ** -2.0
+    mean = np.average(value, weights=weight)
+    return float(chi2.sf(np.sum(weight * (value - mean) ** 2), len(each) - 1))
+
+
+def _difference(name: str, members: Sequence[str], found: Mapping[str, Estimates]) -> str:
+    """Part of a sentence on the two joints whose values of a number are farthest apart."""
+    have = [joint for joint in members if name in found[joint]]
+    pairs = [(a, b) for k, a in enumerate(have) for b in have[k + 1 :]]
+
+    def apart(pair: tuple[str, str]) -> float:
+        (x, s), (y, t) = (found[joint][name] for joint in pair)
+        return abs(x - y) / float(np.hypot(s, t))
+
+    pair = max(pairs, key=apart)
+    values = " and ".join(f"{x:.3g} +- {1.96 * s:.2g}" for x, s in (found[joint][name] for joint in pair))
+    return f"{name.replace('_', ' ')} of {pair[0]} and {pair[1]} is {values} ({apart(pair):.1f} standard deviations)"

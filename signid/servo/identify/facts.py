@@ -14,7 +14,7 @@ from ..plant import servo_grids
 from ..plant.course import bodies_of, recorded_course
 from ..search.data import ServoData
 from .identifiable import RARE, JointFacts
-from .start import Stated, moves_while_off
+from .scale import Stated, moves_while_off
 
 FULL = 0.95  # duty from which a sample is left out of the slope
 LINEAR = 0.98  # share of the variance of the duty that the error explains

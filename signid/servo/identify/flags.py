@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from ...errors import decimals, shorten
-from ..assumptions import Assumptions, Name
+from ..given import Assumptions, Name
 from ..search.data import ServoData
-from .assess import STATED
 from .facts import shortest_period
+from .fits import STATED
 from .identifiable import ONE_NUMBER, UNREACHED, VAGUELY
 from .result import ServoJoint, ServoNumber, ServoRollOut
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import decimals, shorten
 from ...parameters import Array
 from ...servos import LOOP_UNITS, SERVO_UNITS, Servo
-from ..assumptions import Bounds, Prior
+from ..given import Bounds, Prior
 from .result import ServoNumber
 
 LIGHT = 0.15  # share of the torque that is known load, below which the scale is not identifiable (MuJoCo so101)

@@ -11,7 +11,7 @@ from ...model import Model
 from ...parameters import Array
 from ...servos import Servo
 from ...types import Input, Robot
-from ..assumptions import Bounds, Prior
+from ..given import Bounds, Prior
 from ..search.choice import Candidate
 from ..zeros import JointZero
 

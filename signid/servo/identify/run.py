@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from ...deadline import ends_in_time, time_is_up
 from ...errors import shorten
@@ -14,27 +15,25 @@ from ...faults.commands.rows import content_rate
 from ...model import Model, ModelSource, as_model, command_model
 from ...recording import Recordings, as_recordings
 from ...regression.session import only_once
-from ...servos import Servo
+from ...servos import Servo, ServoGrid
 from ...typed import typed
-from ...types import Progress, Recording
-from ..fit import start_servos
+from ...types import Array, Progress, Recording
+from ..fit import ServoFit, fit_servos, start_servos
 from ..given import given_texts
+from ..plant.course import bodies_of
 from ..plant.drives import LONGEST
-from ..search.choice import LOUDER, Candidate
-from ..search.data import ServoData, servo_data, thinned
-from ..search.run import EQUAL, search
-from ..search.searcher import KnownLimits, Searcher, ServoOptions
-from .assess import whole_rms
+from ..search.choice import LOUDER, Candidate, ServoTrial, improved, worth
+from ..search.data import ServoData, loop_error, servo_data, thinned
+from ..search.laws import rare_limits, try_laws
+from ..search.searcher import FIRST, Chosen, KnownLimits, Searcher, ServoOptions
+from ..zeros import JointZero, find_zeros, turns
 from .conclude import JudgedFit, Known, conclude, facts_of, judge
 from .facts import exceeded, full_duty_errors
-from .fits import final_fit, own_numbers, weigh_bodies
+from .fits import final_fit, own_numbers, weigh_bodies, whole_rms
 from .flags import worse_than_stated
 from .identifiable import RARE
 from .result import LoggedRows, ServoIdentification
-from .scale import connected_sets
-from .start import Stated, first_candidate, stated_laws, stated_numbers
-from .timing import command_timing
-from .zeros import joint_zeros, zero_flags
+from .scale import Stated, connected_sets, first_candidate, stated_laws, stated_numbers
 
 ALONE, COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits (BAM XL330, Go2)
 PLAIN = "duty"  # its regression has one number less
@@ -42,6 +41,17 @@ FINER = 0.7  # rows of the log over those of the grid [1], below which the grid 
 SEARCHED, FITTED = 60_000, 180_000  # substeps times squared joints of a branch
 LEAST_SHARE, LEAST_TIME = 0.1, 10.0  # of the rows, [s] a joint of a branch: the less of both is fitted (SO-101)
 KEPT = "the model was not fitted again to the held-out rows"
+MOST_JOINTS = 7  # beyond them the search over signs and zeros is too long
+CLEAR = 0.9  # probability from which a sign is identifiable
+PARTS = 4  # of a row
+BETWEEN = {2: 0.25, 4: 0.5}  # changes of the command in a row, and shift of what acts in it [rows]; 4: all the time
+EVERY = 0.5  # share of rows with a new command, of those while it moves, from which it may change between rows
+NEAR = 5  # rows around a change of a command, in which it moves
+GROWS, SURE = 1.05, 2.0  # rms, and its growth in standard errors over windows, that rule changes between rows out
+STEPS = 4  # most iterations of a fit
+EQUAL = ("effort", "duty")  # the same law while nothing saturates
+MORE = 6  # most iterations from a fit with one number less
+LOOSE = 0.15  # residual over the error of the loop from which limits are tried before friction
 
 
 @typed
@@ -233,3 +243,184 @@ def _unlike(judged: JudgedFit) -> Iterator[str]:
         yield f"its errors there are far above those of the training rows ({shorten(far)})"
     if beyond := [joint for joint, fact in judged.facts.items() if fact.held_out_limit < np.inf]:
         yield f"only they reach an effort limit, which the model lacks ({shorten(beyond)})"
+
+
+def joint_zeros(
+    model: Model, data: ServoData, servos: Mapping[str, Servo], seed: int
+) -> tuple[tuple[JointZero, ...], tuple[str, ...]]:
+    """Sign and zero of each revolute joint with a drive, and notes; servos: drives that start a fit."""
+    robot = bodies_of(model, data.joints)
+    driven = {joint: servos[joint] for joint in data.driven if joint in servos}
+    turning = [joint for j, joint in enumerate(data.joints) if joint in driven and turns(robot, j)]
+    if len(turning) > MOST_JOINTS:
+        note = f"signs and zeros of positions are not compared with gravity: {len(turning)} joints are too many"
+        return (), (note,)
+    zeros = find_zeros(robot, data.train, driven, seed)
+    return zeros, tuple(_notes(zeros))
+
+
+def zero_flags(zeros: Sequence[JointZero], columns: Mapping[str, str]) -> Iterator[str]:
+    """A sentence on each joint whose sign or zero differs from the description; columns: of q, by joint."""
+    for one in zeros:
+        if not one.changed or one.zero is None or one.std is None:
+            continue
+        turned = one.sign < 0
+        scale = "scale = -1, " if turned else ""
+        entry = f'q_{one.joint} = {{ column = "{columns.get(one.joint, "...")}", {scale}offset = {one.zero:.4g} }}'
+        what = "has the opposite sign, and its zero is" if turned else "has a zero that is"
+        unsure = (
+            ""
+            if one.sign_probability >= CLEAR
+            else f", whose sign is not sure (probability {one.sign_probability:.2f}),"
+        )
+        yield (
+            f"{one.joint}: the recorded position{unsure} {what} {one.zero:.3g} ± {1.96 * one.std:.2g} rad off the "
+            f"description, by the load of the joints (probability {_percent(one.probability)}); nothing was changed, "
+            f"and the scale rests on this gravity: for positions in rad write {entry}, and q_des_{one.joint} alike, "
+            f"into the column map (--columns), or pass the columns.toml that -o writes"
+        )
+
+
+def _percent(probability: float) -> str:
+    return "> 99 %" if probability > 0.99 else f"{100 * probability:.0f} %"
+
+
+def _notes(zeros: Sequence[JointZero]) -> Iterator[str]:
+    """Joints whose zeros nothing shows, if that of another joint is off."""
+    lost = [one.joint for one in zeros if not one.identifiable]
+    if lost and any(one.changed for one in zeros):
+        yield f"{shorten(lost)}: sign and zero of the position are not identifiable; gravity hardly depends on them"
+
+
+def command_timing(model: Model, data: ServoData, fit: ServoFit, window: float) -> dict[str, float]:
+    """Time [s] by which the delay of each joint may be longer, as its commands may change between rows; 0 if not."""
+    suspects = [joint for joint in fit.servos if _changes(data.train, data.joints.index(joint)) > EVERY]
+    found = dict.fromkeys(fit.servos, 0.0)
+    if not suspects or not fit.names:
+        return found
+    held = _squares(model, data, fit, 1, window)
+    for changes, shift in BETWEEN.items():
+        worse = _squares(model, data, fit, changes, window) - held
+        for joint in suspects:
+            j = data.joints.index(joint)
+            own, base = worse[:, j], float(np.mean(held[:, j]))
+            error = own.std(ddof=1) / np.sqrt(len(own)) if len(own) > 1 else np.inf
+            if not (own.mean() > SURE * error and own.mean() > (GROWS**2 - 1) * base):
+                found[joint] = shift * data.train[0].step
+    return found
+
+
+def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window: float) -> Array:
+    """Mean squares (W, n) [rad2 or m2] of windows, fitted with a number of `changes` of the command in each row."""
+    late = BETWEEN.get(changes, 0.0) * data.train[0].step
+    servos = {joint: servo.with_(delay=servo.delay + late) for joint, servo in fit.servos.items()}
+    grids = [_refined(grid, changes) for grid in data.train]
+    new = fit_servos(
+        model,
+        grids,
+        servos,
+        fit.free,
+        window=window,
+        relinearise=False,
+        iterations=STEPS,
+        scales=False,
+    )
+    return new.window_squares
+
+
+def _refined(grid: ServoGrid, changes: int) -> ServoGrid:
+    """Grid with PARTS times the rows; positions and commands are interpolated by splines, commands are then held."""
+    rows = np.arange(len(grid))
+    at = np.arange((len(grid) - 1) * PARTS + 1) / PARTS
+    held, kept = np.floor(at * changes + 1e-9) / changes, (at + 1e-9).astype(int)
+    speed, forward = grid.command_speed, grid.feed_forward
+    return replace(
+        grid,
+        rate=grid.rate * PARTS,
+        q=CubicSpline(rows, grid.q)(at),
+        command=grid.command[kept] if changes == 1 else CubicSpline(rows, grid.command)(held),
+        on=grid.on[kept],
+        voltage=grid.voltage[kept],
+        command_speed=None if speed is None else speed[kept],
+        feed_forward=None if forward is None else forward[kept],
+    )
+
+
+def _changes(grids: Sequence[ServoGrid], joint: int) -> float:
+    """Share of rows with a new command, of those near a change [1]."""
+    new = [np.diff(grid.command[:, joint]) != 0 for grid in grids]
+    near = [np.convolve(x, np.ones(2 * NEAR + 1), "same") > 0.5 for x in new]
+    return float(sum(x.sum() for x in new) / max(sum(x.sum() for x in near), 1))
+
+
+def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
+    """Choose laws of joints that no drive without limits explains, load friction, other laws, and other numbers.
+
+    Args:
+        by: model, data and options.
+        start: drives without limits, unless they are stated or tied to a gain.
+        limits: of joints that seem to saturate, and stated laws.
+    """
+    laws: dict[str, Mapping[str, float]] = {
+        joint: {law: 1 / len(EQUAL) for law in EQUAL} for joint in start.servos if joint not in limits.laws
+    }
+    by.say("fitting servos without limits", 0.1)
+    base = by.fit(start)
+    if not by.data.folds:
+        return Chosen(base.candidate, laws)
+    suspects = by.assumptions.with_peers(limits.joints(start.tied))
+    loose = by.near([joint for joint in suspects if base.residual[joint] > LOOSE * loop_error(by.data, joint)])
+    if first := [joint for joint in suspects if joint in loose]:
+        by.say("trying laws of servos", 0.15)
+        base, found = try_laws(by, base, first, limits, loose)
+        laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
+    before = base.candidate.free
+    if by.options.additional[:1] == (FIRST,):
+        by.say(f"trying {FIRST} of servos", 0.35)
+        base = _try_number(by, base, FIRST)
+    by.say("trying limits of servos", 0.4)
+    limits, rare = rare_limits(by, base, limits)
+    has = [joint for joint in suspects if base.candidate.servos[joint].effort_limit < np.inf]
+    if again := [*(joint for joint in has if joint not in loose or base.candidate.free != before), *rare]:
+        by.say("trying laws of servos", 0.4)
+        base, found = try_laws(by, base, again, limits)
+        laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
+    for k, name in enumerate(by.options.additional):
+        by.say(f"trying {name} of servos", 0.6 + 0.2 * k / len(by.options.additional))
+        base = _try_without(by, _try_number(by, base, name), name)
+    base = by.shorten(base) if base.candidate.window else by.lengthen(base)
+    return Chosen(base.candidate, laws)
+
+
+def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
+    """Free a number at all joints, and keep it where windows that took no part improve."""
+    start, neutral = base.candidate, getattr(Servo(), name)
+    joints = [joint for joint, servo in start.servos.items() if getattr(servo, name) == neutral]
+    if not joints:
+        return base
+    new = by.fit(start.changed({}, [(joint, name) for joint in joints]), MORE)
+    if not (promising := worth(base, new, joints)):
+        return base
+    near = by.near(promising)
+    if set(promising) != set(joints):
+        new = by.fit(start.only(near).changed({}, [(joint, name) for joint in promising]), MORE)
+    base = by.score(base, near)
+    new = by.score(new, near)
+    kept = improved(base, new, promising)
+    if not kept:
+        return base
+    if kept != promising:
+        near = by.near(kept)
+        new = by.score(by.fit(start.only(near).changed({}, [(joint, name) for joint in kept]), MORE), near)
+    return base.with_joints(new)
+
+
+def _try_without(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
+    """Give a free number up where the training data are fitted as well without it, by now that others are free."""
+    start, neutral = base.candidate, getattr(Servo(), name)
+    joints = [joint for joint, number in start.free if number == name]
+    if not joints:
+        return base
+    plain = start.changed({joint: start.servos[joint].with_(**{name: neutral}) for joint in joints})
+    new = by.fit(replace(plain, free=tuple(one for one in start.free if one[1] != name)), MORE)
+    return base if worth(new, base, joints) else new

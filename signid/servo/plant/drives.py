@@ -11,7 +11,7 @@ import numpy as np
 
 from ...servos import DRIVE_LAWS, LOOP_NUMBERS, Servo, ServoGrid
 from ...types import Array, Indices
-from .commands import commands_at
+from .grid import commands_at
 from .kernel import SHORT
 from .torque import DELAY, PROFILE, Drives
 

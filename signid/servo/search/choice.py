@@ -10,8 +10,8 @@ import numpy as np
 from ...model import Model
 from ...parameters import Array
 from ...servos import Servo, ServoGrid
-from ..assumptions import OWN, Assumptions
 from ..fit import ServoFit, fit_servos
+from ..given import OWN, Assumptions
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
 from .data import ServoData

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...model import Model
 from ...types import Progress
-from ..assumptions import Assumptions, unions
+from ..given import Assumptions, unions
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
 from .choice import DIVERGED, STEPS, Candidate, ServoTrial, scored, tried

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import t as student
@@ -11,11 +12,8 @@ from scipy.stats import t as student
 from ...servos import Servo, ServoGrid
 from ...types import Array, Robot
 from .chain import chain_of
-from .choose import chosen, cost, simplified
-from .fit import ZeroFit, fit_zeros, noise_of, weighted
-from .load import Loads, foreseen, unexplained
-from .rows import FEWEST, zero_rows
-from .search import POINTS, ZeroTrial, mirrored, search, turned
+from .fit import POINTS, ZeroFit, ZeroTrial, best_zeros, fit_zeros, mirrored, noise_of, search, turned, weighted
+from .rows import FEWEST, Loads, foreseen, unexplained, zero_rows
 
 FINEST, FINE, COARSE = 1200, 400, 200  # rows of the last fit, of those before, and of the search
 RIVALS = 2  # fits with another sign that are refined
@@ -30,6 +28,10 @@ SAVED = 0.02  # sum over joints of the log rms that all changes must save
 WHOLE = 4  # recordings from which they are held out whole
 FEW = 0.5  # nats of errors of a block that count as none
 MOST_NATS = 12.0  # nats that the evidence can reach; models of robots are not exact
+COST = 4.0  # nats that a changed zero or sign must save, beyond the fit of noise: a prior of 1/5 each and its width
+LIKELY = 3  # trials of the search from which the choice starts, beside the description
+WORSE = 0.2  # sum of log rms by which gravity alone may fit worse with a sign that is tried
+MOST = 6.0  # standard deviations of a zero that may be none
 
 
 def find_zeros(
@@ -240,3 +242,58 @@ class JointZero:
     identifiable: bool  # whether gravity shows sign and zero
     changed: bool  # whether it surely is not as the description says
     probability: float  # [1] that sign or zero are not as the description says
+
+
+class Proposal(NamedTuple):
+    """Start of a fit, and the joints whose zeros are free."""
+
+    signs: Array  # (n,) [1]
+    zeros: Array  # (n,) [rad or m]
+    free: tuple[int, ...]
+
+
+def chosen(loads: Loads, noise: Array, trials: Sequence[ZeroTrial], joints: Sequence[int]) -> ZeroFit:
+    """Cheapest fit from the description and from the best trials; noise: (n,) [rad or m] of independent rows."""
+    n = len(loads.rows.joints)
+    starts = [fit_zeros(loads, noise, np.ones(n), np.zeros(n), ())]
+    starts += [fit_zeros(loads, noise, trial.signs, trial.zeros, joints) for trial in trials[:LIKELY]]
+    starts.sort(key=cost)
+    ends = [simplified(loads, noise, start, joints) for start in starts[:2]]
+    return min(ends, key=cost)
+
+
+def cost(fit: ZeroFit) -> float:
+    """Errors and changes of a fit in nats."""
+    return fit.squares + COST * fit.changed
+
+
+def simplified(loads: Loads, noise: Array, fit: ZeroFit, joints: Sequence[int]) -> ZeroFit:
+    """Cheapest fit that changes of single joints lead to; noise: (n,) [rad or m]."""
+    for _ in range(2 * len(joints)):
+        best = fit
+        for proposal in _neighbours(loads, fit, joints):
+            other = fit_zeros(loads, noise, *proposal)
+            best = other if cost(other) < cost(best) - 0.1 else best
+        if best is fit:
+            break
+        fit = best
+    return fit
+
+
+def _neighbours(loads: Loads, fit: ZeroFit, joints: Sequence[int]) -> Iterator[Proposal]:
+    """Fits with another sign or zero of one joint that may be cheaper; zeros that were free may be as described."""
+    here = ZeroTrial(np.inf, fit.signs, fit.zeros)
+    for j in joints:
+        others = tuple(k for k in fit.free if k != j)
+        at = {sign: best_zeros(loads, here, (j,), (sign,)) for sign in (1.0, -1.0)}
+        least = min(one.score for one in at.values())
+        for sign, one in at.items():
+            plain = one.zeros.copy()
+            plain[j] = 0.0
+            other = sign != fit.signs[j]
+            if other and one.score > least + WORSE:
+                continue
+            if other or (j in fit.free and abs(fit.zeros[j]) < MOST * fit.std[j]):
+                yield Proposal(one.signs, plain, others)
+            if other or j not in fit.free:
+                yield Proposal(one.signs, one.zeros, (*others, j))

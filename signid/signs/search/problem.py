@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import Array, Frozen, Indices
-from ..observations import Observed
-from ..segments import Segment
+from ..observations import Observed, Segment
 from ..thresholds import FRICTION_PRIOR, PRIOR_STRENGTH
 
 RANK = 1e-7  # [largest singular value of the scaled rows] smaller ones count as zero; heuristic

@@ -8,7 +8,7 @@ begin and end at rest. `random_motion` does not search. `build_limits` gives the
 from .design import excite
 from .families import random_motion
 from .limits import Limits, build_limits
-from .result import Excitation, Separation, Use
+from .problem import Excitation, Separation, Use
 from .separation import separate
 
 __all__ = ["Excitation", "Limits", "Separation", "Use", "build_limits", "excite", "random_motion", "separate"]

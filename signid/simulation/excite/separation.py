@@ -33,8 +33,7 @@ from .families import (
     steady,
 )
 from .limits import Limits, build_limits
-from .problem import DIRECTION, ExcitationProblem, build_problem, usual_laws
-from .result import ENOUGH, Separation, budget_notes
+from .problem import DIRECTION, ENOUGH, ExcitationProblem, Separation, budget_notes, build_problem, usual_laws
 
 INDEPENDENT = 20.0  # [Hz] rate of torque samples with independent errors, after filters
 NEAR = 0.06  # [s] before and after a reversal in which torque does not count

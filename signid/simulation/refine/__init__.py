@@ -4,7 +4,6 @@
 unless the refined one predicts windows better that took no part in the fit.
 """
 
-from .fit import LAWS
-from .run import Refinement, refine, refine_parts
+from .fit import LAWS, Refinement, refine, refine_parts
 
 __all__ = ["LAWS", "Refinement", "refine", "refine_parts"]

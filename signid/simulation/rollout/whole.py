@@ -19,8 +19,7 @@ from ...robot import configuration
 from ...robot.dynamics import joint_inertia
 from ...types import Array, Indices, Recording, Result
 from ..plant.plant import apply_actuators
-from .run import STEP, simulate_windows
-from .windows import Windows, restrict_joints
+from .run import STEP, Windows, restrict_joints, simulate_windows
 
 (
     INERTIA,

@@ -6,7 +6,7 @@ from ....errors import one_line
 from ....model import Model
 from ....version import __version__
 from ...report.layout import torque_units
-from ..beyond import Exported
+from ..bodies import Exported
 from .graph import UNARY
 from .program import Function, Language, Program, program_of, statements
 

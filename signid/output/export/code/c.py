@@ -11,7 +11,7 @@ from ....model import Model, torque_model
 from ....types import Robot
 from ....version import __version__
 from ...report.layout import torque_units
-from ..beyond import Exported, c_comment
+from ..bodies import Exported, c_comment
 from .laws import writable
 from .observer import TERMS, ObserverCode, observer_code, observer_terms
 from .program import Function, Language, Program, program_of, statements

@@ -13,8 +13,7 @@ from ....recording.sampling import split
 from ....recording.sampling.clock import CHUNK
 from ....regression.session import Part, Session
 from ....types import Array, Indices, Recording
-from ..layout import determination, figure, thousandths
-from ..policy import plot_markup
+from ..layout import determination, figure, plot_markup, thousandths
 from ..sections import INK, Folds, JointPlots, Key, Plot
 from .frame import AFTER, BEFORE, FAINT, FLOOR, axis, curve, packed, thinned
 

@@ -4,23 +4,35 @@ from __future__ import annotations
 
 import gzip
 from base64 import b64encode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ....servos import Servo
 from ....types import Array, Indices, Input, Robot
 from ....version import __version__
 from ..documents import description, once
-from ..layout import share
-from ..policy import content_policy
-from ..sections import Card, Section
+from ..layout import content_policy, figure, plot_markup, share
+from ..sections import Card, Plot, Section
+
+if TYPE_CHECKING:
+    from ....servo.identify import ServoIdentification, ServoJoint
 
 TEMPLATES = Path(__file__).parent / "templates"
 PLOTLY = "plotly-cartesian.min.js.gz"  # scatter, bar and heat map: 1.5 MB of a page, of Plotly's 4.8 MB
 BEFORE, AFTER, FLOOR, FAINT = "#d1700e", "#2f7fc1", "#00876a", "#8a94a0"
 AXIS = {"showline": True, "linecolor": "#c5ccd3", "gridcolor": "#e3e8ec", "zeroline": False, "automargin": True}
+DRY = ("coulomb_friction", "load_friction", "stribeck_level")
+POINTS = 121  # of a curve
+REACHED = 0.99  # quantile of speeds and torques of the recordings up to which curves are drawn
+LOADS = ((0.0, FLOOR), (0.5, AFTER), (1.0, BEFORE))  # shares of the torque that was reached, and colours
+FRICTION = (
+    "Torque against the motion at steady speed by the model, up to the speeds and torques of the held-out "
+    "data. Drive: the motor moves the load; back-drive: the load moves the motor. Joints without identifiable dry "
+    "friction are not drawn, and viscous friction is left out where it is one number with kd."
+)
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:
@@ -98,3 +110,84 @@ def thinned(t: Array, lines: Array, first: Indices, most: int) -> tuple[Array, A
         kept = np.unique(np.concatenate(ends))
         breaks, t, lines = np.searchsorted(kept, breaks), t[kept], lines[kept]
     return np.insert(t, breaks, t[breaks]), np.insert(lines, breaks, np.nan, axis=0)
+
+
+def friction_plots(result: ServoIdentification, joints: Sequence[str]) -> list[Plot]:
+    """Plot friction against speed for some loads, of each of the joints with identifiable dry friction."""
+    return [plot for one in result.joints if one.joint in joints for plot in _friction_plot(result, one)]
+
+
+def steady_friction(servo: Servo, v: Array, load: float, viscous: float) -> Array:
+    """Friction torque (N,) [N.m or N] at steady speeds v (N,) [rad/s or m/s] against a load that turns the joint back.
+
+    It solves F = dry + viscous |v| + m |load + sign(v) F|, with the friction m of the torque of the motor: |tau| is
+    larger while the motor drives the load. NaN where no torque moves the joint.
+
+    load: [N.m or N], not negative; viscous: coefficient [N.m.s/rad or N.s/m].
+    """
+    m = servo.load_friction
+    own = servo.coulomb_friction + servo.stribeck_level * np.exp(-((v / servo.stribeck_velocity) ** 2))
+    own = np.maximum(own, 0.0) + viscous * np.abs(v)
+    locked = np.full_like(v, np.nan)
+    drive = (own + m * load) / (1 - m) if m < 1 else locked
+    braked = (own + m * load) / (1 + m)  # the motor brakes the load
+    pushed = (own - m * load) / (1 - m) if m < 1 else locked  # friction alone holds the load, and the motor pushes
+    return np.asarray(np.where(v > 0, drive, -np.where(braked <= load, braked, pushed)))
+
+
+def _friction_plot(result: ServoIdentification, one: ServoJoint) -> Iterator[Plot]:
+    numbers, servo = one.numbers, result.servos[one.joint]
+    known = {name for name, number in numbers.items() if number.value}
+    speed, torque = _reached(result, one.joint, servo)
+    if not known.intersection(DRY) or not speed > 0:
+        return
+    split = "viscous_friction" in known
+    v = np.linspace(-speed, speed, POINTS)
+    v[POINTS // 2] = np.nan  # friction at rest is between the two sides
+    unit = "N" if result.robot.prismatic[result.robot.index(one.joint)] else "N.m"
+    data, loads = [], LOADS if servo.load_friction > 0 and torque > 0 else LOADS[:1]
+    for part, colour in loads:
+        load = float(figure(part * torque, 2))
+        name = f"load {figure(load, 2)} {unit}" if len(loads) > 1 else "any load"
+        hover = plot_markup("$name: %{y:.3g} $unit at %{x:.3g}<extra></extra>", name=name, unit=unit)
+        y = steady_friction(servo, v, load, servo.viscous_friction if split else 0.0)
+        line = {"color": colour, "width": 2}
+        data.append(curve(name, packed(v), packed(y), line, hovertemplate=hover))
+    yield Plot(f"{one.joint}: {_words(one, split)}", data, _layout(unit))
+
+
+def _reached(result: ServoIdentification, joint: str, servo: Servo) -> tuple[float, float]:
+    """Speed [rad/s or m/s] and torque of the drive [N.m or N] that the held-out recordings reach."""
+    speeds, torques = [np.zeros(1)], [np.zeros(1)]
+    for trace in result.traces:
+        j = trace.joints.index(joint)
+        if len(trace.t) > 1:
+            speeds.append(np.abs(np.gradient(trace.simulated[:, j], trace.t)))
+            torques.append(np.abs(servo.kp * (trace.command[:, j] - trace.measured[:, j])))
+    speed, torque = (float(np.nanquantile(np.concatenate(x), REACHED)) for x in (speeds, torques))
+    return speed, min(torque, servo.effort_limit)
+
+
+def _words(one: ServoJoint, split: bool) -> str:
+    """Which friction is drawn."""
+    if split:
+        return "dry and viscous friction"
+    damping = one.numbers.get("damping")
+    if damping is None or damping.value is None:
+        return "dry friction"
+    return f"dry friction; viscous at most {figure(damping.value, 2)} {damping.unit}"
+
+
+def _layout(unit: str) -> dict[str, object]:
+    speed = "speed [m/s]" if unit == "N" else "speed [rad/s]"
+    corner = {"xref": "paper", "yref": "paper", "y": 0.02, "showarrow": False, "font": {"color": "#5b6773"}}
+    return {
+        "xaxis": axis(speed, nticks=6, zeroline=True),
+        "yaxis": axis(f"friction [{unit}]", nticks=6, zeroline=True),
+        "annotations": [
+            {**corner, "text": "back-drive", "x": 0.02, "xanchor": "left", "y": 0.98},
+            {**corner, "text": "drive", "x": 0.98, "xanchor": "right"},
+        ],
+        "showlegend": True,
+        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
+    }

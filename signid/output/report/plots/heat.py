@@ -11,7 +11,7 @@ import numpy as np
 from ....estimation.excitation import ENOUGH, ExcitationVerdict
 from ....estimation.fit_quality import Course
 from ....types import Array
-from ..policy import plot_markup
+from ..layout import plot_markup
 from ..sections import Plot
 from .courses import clock
 from .frame import AFTER, FLOOR, axis, packed

@@ -12,9 +12,8 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ....types import TWO_SIDED
-from ..layout import confidence, figure, heading, new_table, paragraph, plural, share, with_interval
+from ..layout import confidence, figure, heading, new_table, paragraph, plot_markup, plural, share, with_interval
 from ..plots.frame import AFTER, BEFORE, axis, render
-from ..policy import plot_markup
 from ..sections import Card, Plot
 from .sentences import listed, quantity
 

@@ -10,7 +10,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ....servo.diagnose.conclude import VISIBLE
-from ....servo.identify.assess import HORIZON
+from ....servo.identify.fits import HORIZON
 from ....types import Input
 from ..documents import Document, description, ending, fit_document, opening, picked
 from ..layout import figure, share, thousandths, with_interval

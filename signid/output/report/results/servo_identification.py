@@ -11,17 +11,16 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ....effects import EFFECTS
+from ....errors import decimals
 from ....model import standard_parameters
 from ....parameters import Array, pseudo_inertia
 from ....servos import PASSIVE
 from ....types import Input
 from ..documents import Document, description, ending, opening, picked, stamps_clock
-from ..layout import Worse, plural, share, thousandths
+from ..layout import Worse, figure, plural, share, thousandths, with_interval
 from ..plots.courses import loop_blocks, worst_joints
-from ..plots.frame import Header, sections_page, shared
-from ..plots.friction import FRICTION, friction_plots
-from ..sections import Card, Cells, Legend, Plain, Plots, Section, Sentences, terminal
-from .friction_models import models_section, number_cell
+from ..plots.frame import FRICTION, Header, friction_plots, sections_page, shared
+from ..sections import Block, Card, Cells, Legend, Plain, Plots, Section, Sentences, terminal
 from .sentences import WORSE
 
 if TYPE_CHECKING:
@@ -39,6 +38,12 @@ PREDICTED = ("predicted", "of tracking", "every second")  # heads of `loop_cells
 BOUNDS = "< and > are bounds of numbers that are not identifiable; - is one without a bound."
 IDEAL = "q = q_des"  # the nominal loop where no gain is stated
 DAMPING = "kd + viscous_friction + back_emf"
+MODELS = (
+    "Each model takes the place of the friction of the drives and is fitted to the same windows of the training rows. "
+    "The log Bayes factor is that of these rows over the first model; the probability allows for their differences. "
+    "M1 to M6: Duclusaud et al., arXiv 2410.08650; PACE: Bjelonic et al., 2025."
+)
+UNITS = {"s": "ms", "1": ""}  # as `number_cell` writes them
 
 
 def servo_identification_document(result: ServoIdentification, inputs: Sequence[Input] = ()) -> Document:
@@ -379,3 +384,72 @@ def _probability(value: float | None) -> str:
     if value is None:
         return "-"
     return ">0.999" if value > 0.999 else f"{value:.3f}" if value >= 0.0005 else "<0.001"
+
+
+def models_section(result: ServoIdentification, *, pages: bool = False) -> Section:
+    """One row per friction model: errors of whole recordings, evidence, time; `pages`: with the numbers of each."""
+    heads = ("model", "has", "mean |error|>", "rms>", "log Bayes factor>", "probability>", "processor s>")
+    rows = [
+        (
+            one.name,
+            one.terms,
+            _by_unit(result.rollout, one.mean_absolute),
+            _by_unit(result.rollout, one.rms),
+            f"{one.log_bayes_factor:.1f}",
+            "-" if np.isnan(one.probability) else f"{one.probability:.2f}",
+            f"{one.seconds:.1f}",
+        )
+        for one in result.friction_models
+    ]
+    data = "held-out data" if result.rollout.held_out else "data of the fit (none was held out)"
+    section = Section(f"Friction models: errors from commands alone, {data}", (Cells(heads, rows),) if rows else ())
+    return section.beside(*_model_numbers(result)) if pages else section
+
+
+def _by_unit(found: ServoRollOut, errors: Array) -> str:
+    """Mean error of the joints of each unit; "-" where it diverges."""
+    each = {unit: errors[[u == unit for u in found.units]] for unit in dict.fromkeys(found.units)}
+    means = {unit: x[~np.isnan(x)] for unit, x in each.items()}
+    return ", ".join(f"{thousandths(float(np.mean(x)))} m{unit}" for unit, x in means.items() if x.size)
+
+
+def _model_numbers(result: ServoIdentification) -> Iterator[Block]:
+    """Numbers of each friction model by joint, those that are not identifiable last."""
+    rows = [
+        (
+            one.name,
+            joint,
+            ", ".join(
+                f"{_word(x.name)} {number_cell(x)} {UNITS.get(x.unit, x.unit)}".rstrip()
+                for x in numbers.values()
+                if x.value is not None
+            ),
+            ", ".join(_word(x.name) for x in numbers.values() if x.value is None),
+        )
+        for one in result.friction_models
+        for joint, numbers in one.numbers.items()
+    ]
+    if rows:
+        yield Cells(("model", "joint", "numbers, ± 95 %", "not identifiable"), rows)
+        yield Legend(MODELS)
+
+
+def _word(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def number_cell(number: ServoNumber | None) -> str:
+    """Value with the half-width of its 95 % interval, or a bound; words where it is stated. Times in ms."""
+    if number is None:
+        return ""
+    scale = 1e3 if number.unit == "s" else 1.0
+    if number.value is None:
+        bounds = (("<", number.below), (">", number.above))
+        return next((f"{sign} {decimals(scale * bound, 2)}" for sign, bound in bounds if bound is not None), "-")
+    value = scale * number.value
+    if number.at_bound:
+        return f"{figure(value)} (bound)"
+    if number.stated or not number.std:
+        return f"{figure(value)} (stated)" if number.stated else f"({figure(value)})"
+    text = " ± ".join(text for text in with_interval(value, scale * number.std) if text != "-")
+    return f"{text} (with prior)" if number.prior else text

@@ -14,9 +14,8 @@ from ....signs import Signs, SignSegment, Trace
 from ....types import Array, Recording
 from ....version import __version__
 from ..documents import Document, picked
-from ..layout import CERTAIN, confidence, figure, plural, share, with_interval
+from ..layout import CERTAIN, confidence, figure, plot_markup, plural, share, with_interval
 from ..plots.frame import BEFORE, FAINT, Header, axis, curve, packed, sections_page, thinned
-from ..policy import plot_markup
 from ..sections import INK, Cells, Key, Plain, Plot, Plots, Section, terminal
 
 CHUNK = 65_536  # rows written at once

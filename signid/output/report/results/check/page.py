@@ -9,10 +9,9 @@ import numpy as np
 
 from .....types import Array, Input, Recording, Samples
 from .....version import __version__
-from ...layout import figure
+from ...layout import figure, plot_markup
 from ...plots.courses import FEWEST, OPEN, POINTS, Line, Panes, recorded_lines
 from ...plots.frame import AFTER, BEFORE, FAINT, FLOOR, Header, axis, curve, packed, sections_page
-from ...policy import plot_markup
 from ...sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Section, Sentences
 from .summary import CheckSummary, unit_sentences
 

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from ....errors import OptionError, RobotError, decimals, one_line, shorten
-from ....model import Model
-from ....payload import Load, carried
-from ....robot.dynamics import own_body
-from ....types import INERTIAL, TWO_SIDED, Array
-from ..beyond import model_digest
-from ..bodies import principal
+from ...errors import OptionError, RobotError, decimals, one_line, shorten
+from ...model import Model
+from ...payload import Load, carried
+from ...robot.dynamics import own_body
+from ...types import INERTIAL, TWO_SIDED, Array
+from ..report import WRITTEN
+from .bodies import Exported, c_comment, model_digest, principal, remarks
 
 POINT = 1e-4  # [m] radius of gyration below which a load is a point mass
 DIGITS = 9  # significant digits of the largest number of a vector in a file
+FRANKA_FLANGE = "link8"  # of panda_link8, fr3_link8
+KUKA_FLANGE = "tool0"  # the all-zero tool of ROS-Industrial's descriptions; `flange` has other axes
+UR_FLANGE = "tool0"  # the controller's pose of an all-zero TCP (ur_description); `flange` and `ee_link` have other axes
 
 
 class Flange(NamedTuple):
@@ -157,3 +162,130 @@ def rounded(values: Array) -> list[float]:
 def column_major(matrix: Array) -> list[float]:
     """Entries of a matrix: (k, l) [any unit], column by column."""
     return rounded(matrix.ravel(order="F"))
+
+
+def write_franka(model: Model, flange: str | None = None, tool: str | None = None) -> Exported:
+    """Write the end effector as JSON; `beside` has the numbers of `setLoad` as a C++ header.
+
+    JSON has no comments and Franka names all of its keys, so that frames, units and intervals stand in the header.
+
+    Raises:
+        OptionError: the model has no identifiable payload, or a frame is not known.
+        RobotError: the payload has no positive mass.
+    """
+    found = flange_of(model, FRANKA_FLANGE, flange, tool)
+    inertia = column_major(np.zeros((3, 3)) if found.inertia is None else found.inertia)
+    slug = re.sub(r"[^a-z0-9]+", "-", model.robot.name.lower()).strip("-")
+    document = {
+        "id": f"payload-{slug}",
+        "name": f"Payload of {model.robot.name}",
+        "color": "#808080",
+        "mass": rounded(np.array([found.mass]))[0],
+        "centerOfMass": rounded(found.centre),
+        "transformation": column_major(np.eye(4) if found.tool is None else found.tool.homogeneous),
+        "inertia": inertia,
+    }
+    notes = [
+        *found.notes,
+        "Desk imports an archive that holds this file as endeffector-config.json; use it or setLoad, not both",
+        *([] if found.inertia is not None else ["zeros stand for the inertia"]),
+        *([] if tool is not None else ["the tool frame is the flange, since no --tool LINK is named"]),
+    ]
+    units = "mass [kg], centre of mass [m] in the flange frame, inertia [kg.m2] column by column"
+    lines = [f"{WRITTEN}: numbers of franka::Robot::setLoad", units, *found.said, *notes]
+    header = [
+        *(f"// {c_comment(line)}" for line in lines),
+        "#pragma once",
+        "#include <array>",
+        f"constexpr double load_mass = {document['mass']!r};",
+        f"constexpr std::array<double, 3> F_x_Cload{{{{{_listed(document['centerOfMass'])}}}}};",
+        f"constexpr std::array<double, 9> load_inertia{{{{{_listed(inertia)}}}}};",
+        "// robot.setLoad(load_mass, F_x_Cload, load_inertia);",
+    ]
+    text = json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+    return Exported(text, tuple(notes), {"_load.h": "\n".join(header) + "\n"})
+
+
+def _listed(values: object) -> str:
+    return ", ".join(map(repr, values)) if isinstance(values, list) else ""
+
+
+def write_kuka(model: Model, flange: str | None = None, tool: str | None = None) -> Exported:
+    """Write `LOAD_DATA[1]`, and `TOOL_DATA[1]` if a tool frame is named.
+
+    Raises:
+        OptionError: the model has no identifiable payload, or a frame is not known.
+        RobotError: the payload has no positive mass.
+    """
+    found = flange_of(model, KUKA_FLANGE, flange, tool)
+    moments, axes = _principal(np.zeros((3, 3)) if found.inertia is None else found.inertia)
+    load = f"{{M {_real(found.mass)},CM {_pose(found.centre, axes)},J {_labelled('XYZ', moments)}}}"
+    lines = [f"LOAD_DATA[1]={load}"]
+    if found.tool is not None:
+        lines.append(f"TOOL_DATA[1]={_pose(found.tool.translation, found.tool.rotation)}")
+    notes = [
+        *found.notes,
+        "the index 1 stands for the number of the tool",
+        *([] if found.inertia is not None else ["zeros stand for the moments of inertia J"]),
+    ]
+    said = [
+        *found.said,
+        "M [kg]; X, Y, Z [mm] and A, B, C [deg] of CM: centre of mass and principal axes in the flange frame",
+        "A, B, C: rotations about Z, the new Y and the new X; J: principal moments [kg.m2] about the centre of mass",
+        *notes,
+    ]
+    return Exported("".join(f"; {line}\n" for line in said) + "\n".join(lines) + "\n", tuple(notes))
+
+
+def _principal(inertia: Array) -> tuple[Array, Array]:
+    """Principal moments (3,) [kg.m2] and axes as columns (3, 3) [1], nearest to those of the flange."""
+    moments, axes = np.linalg.eigh(inertia)
+    order = list(max(permutations(range(3)), key=lambda some: float(np.abs(np.diag(axes[:, list(some)])).sum())))
+    axes = axes[:, order] * np.where(np.diag(axes[:, order]) < 0, -1.0, 1.0)
+    if np.linalg.det(axes) < 0:
+        axes[:, np.argmin(np.diag(axes))] *= -1.0
+    return moments[order], axes
+
+
+def _pose(position: Array, rotation: Array) -> str:
+    """KRL frame of a position [m] and a rotation (3, 3) [1]."""
+    roll, pitch, yaw = pin.rpy.matrixToRpy(rotation)
+    return _labelled("XYZABC", [*(1e3 * position), *np.degrees([yaw, pitch, roll])])
+
+
+def _labelled(names: str, values: Array | list[float]) -> str:
+    return f"{{{','.join(f'{name} {_real(x)}' for name, x in zip(names, values, strict=True))}}}"
+
+
+def _real(value: float) -> str:
+    """Number of KRL with seven significant digits, without an exponent."""
+    return np.format_float_positional(float(f"{np.round(value, 9):.7g}") + 0.0, trim="0")
+
+
+def write_ur(model: Model, flange: str | None = None, tool: str | None = None) -> Exported:
+    """Write `set_target_payload`, and `set_tcp` if a tool frame is named.
+
+    Raises:
+        OptionError: the model has no identifiable payload, or a frame is not known.
+        RobotError: the payload has no positive mass.
+    """
+    found = flange_of(model, UR_FLANGE, flange, tool)
+    numbers = [_list(np.array([found.mass]))[1:-1], _list(found.centre)]
+    calls = [f"set_target_payload({', '.join(numbers)})"]
+    if found.inertia is not None:
+        six = _list(found.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+        calls = [f"set_target_payload({', '.join(numbers)}, {six})"]
+    if found.tool is not None:
+        calls.append(f"set_tcp(p{_list(np.append(found.tool.translation, pin.log3(found.tool.rotation)))})")
+    said = [
+        *found.said,
+        "mass [kg], centre of gravity [m] in the tool flange frame, inertia [Ixx, Iyy, Izz, Ixy, Ixz, Iyz] [kg.m2]",
+        *(["tool: position [m], rotation vector [rad] in the tool flange frame"] if found.tool is not None else []),
+        *found.notes,
+        f"software without set_target_payload: set_payload({', '.join(numbers)})",
+    ]
+    return Exported(remarks(said) + "\n".join(calls) + "\n", found.notes)
+
+
+def _list(values: Array) -> str:
+    return repr(rounded(values))
