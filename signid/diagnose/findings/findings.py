@@ -17,7 +17,7 @@ from ..data.dataset import Dataset
 from ..data.hypotheses import VARIABLES
 from ..data.locate import Location, locate
 from ..evidence.selection import Selection
-from ..extend.holdout import Prediction
+from ..extend.holdout import Prediction, predict
 from ..result import Alternative, Finding, Unexplained, without_cause
 from ..search.stepwise import required_log_odds
 from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
@@ -25,7 +25,7 @@ from .contender import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
 from .separating_motion import tell_apart
-from .stated import reported_laws, stated_number_findings, stated_numbers, torque_share, total_law
+from .stated import body_finding, reported_laws, stated_number_findings, stated_numbers, torque_share, total_law
 from .thresholds import (
     AMBIGUOUS,
     LEAST_PROBABILITY,
@@ -74,11 +74,17 @@ def conclude(
     reporter = _Reporter(dataset, selection, extended, stds, verdict.causes, seed)
     by_group = {contender.group: contender for contender in contenders}
     findings = list(reporter.findings([by_group[group] for group in (*verdict.causes, *verdict.secondary)]))
-    if not verdict.causes and (verdict.name == "unknown" or dataset.model.misfit is not None):
-        stated = list(stated_number_findings(dataset, session, selection, extended))
+    if not verdict.causes:
+        known, find = dataset.model.misfit is not None, body_finding
+        if known or verdict.name == "unknown":
+            find = stated_number_findings
+        stated = list(find(dataset, session, selection, extended))
         findings = [*stated, *findings]
-        if dataset.model.misfit is not None and any(finding.probability > SAID for finding in stated):
+        if find is body_finding and stated or known and any(finding.probability > SAID for finding in stated):
             verdict = replace(verdict, name="named")
+    if not any(finding.role == "cause" for finding in findings):  # numbers refitted beside no cause fit the noise
+        prediction = predict(session, dataset.model)
+        findings = [replace(finding, in_model=False) for finding in findings]
     floor, scale = selection.data.floor, selection.data.scale
     unexplained = tuple(_unexplained(dataset, prediction, verdict))
     if verdict.name == "named" and without_cause(findings, unexplained):
