@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from ..estimation.fit_quality import Course, Fit
 from ..model import Model
 from ..signs import Signs
@@ -45,6 +43,7 @@ class Finding(Frozen):
     alternatives: tuple[Alternative, ...]
     stated: Mapping[str, float] = field(default_factory=dict)  # stated values of parameters [unit of the parameter]
     in_model: bool = True  # whether the extended simulation has it: held-out torque is predicted better with it
+    refused: str = ""  # why the extended simulation does not have it
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ class Diagnosis(Result):
     """Differences between a simulation and recordings, and the laws that explain them."""
 
     robot: Robot
-    verdict: str  # "nothing_missing", "named" or "unknown"
+    verdict: str  # "nothing_missing", "named", "unknown" or "undecided"
     findings: tuple[Finding, ...]
     unexplained: tuple[Unexplained, ...]
     located: tuple[Location, ...]  # of the residual of the given simulation, per joint
@@ -105,8 +104,3 @@ class Diagnosis(Result):
     def without_cause(self) -> tuple[Unexplained, ...]:
         """Joints much of whose torque stays unexplained although the causes hardly act on them."""
         return without_cause(self.findings, self.unexplained)
-
-    @property
-    def gain(self) -> Array:
-        """(n,) held-out rms of the extended over the given simulation [1]."""
-        return np.asarray(self.after.held_out_rms / self.before.held_out_rms)
