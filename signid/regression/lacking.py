@@ -30,6 +30,7 @@ THIN = 0.02  # [m] added to the radius of gyration, for bodies that are stated a
 # [1] mean square change of base parameters, in plausible errors, from which on bodies moved too far, and share of it
 # that a law must spare. Measured: at most 0.18 for the arms above; 1.5 and 0.7 for a Baxter without its spring
 FAR, SPARED = 1.0, 0.5
+LOUD = 10.0  # [noise floors] held-out rms from which on a sentence says so
 SIMPLER = 0.02  # [1] share by which a law with one coefficient more must explain more, to be named first
 NEW = 1e-6  # [1] share of a column's sum of squares that fitted columns must leave, for the law to be tried
 TRIED = (  # laws of single joints that are linear
@@ -48,6 +49,7 @@ class Lack:
     variable: str  # that it is a function of: torque, acceleration, position, velocity, time, or none: a constant
     effects: tuple[str, ...]
     moved: bool = False  # whether it would spare a change of bodies beyond what a description can be wrong by
+    floors: float = 0.0  # [noise floors] held-out rms
 
     @property
     def sentence(self) -> str:
@@ -55,6 +57,7 @@ class Lack:
         which = " or ".join(effect.replace("_", " ") for effect in self.effects[:2])
         percent = f"{100 * self.share:.0f} %"
         fact = f"{self.variable} explains {percent} of the held-out residual of {self.joint}"
+        fact += f", {self.floors:.0f} times its noise floor" if self.floors > LOUD else ""
         if self.moved:
             fact = "the fit moves bodies beyond what a description can be wrong by"
             fact = f"{fact}, {percent} of it for want of a law at {self.joint}"
@@ -110,20 +113,22 @@ def find_lacks(
     matters = (fit.held_out_rms > LEFT * fit.noise_floor) & (fit.held_out_r2 < 1 - FELT**2)
     left = [trial for trial in trials if matters[trial.joint] and trial.explained > MOST]
     for joint in dict.fromkeys(trial.joint for trial in left):
-        yield _lack(task.robot.joints[joint], [(one.explained, one.effect) for one in left if one.joint == joint])
+        found = [(one.explained, one.effect) for one in left if one.joint == joint]
+        yield _lack(
+            task.robot.joints[joint], found, float(fit.held_out_rms[joint] / max(fit.noise_floor[joint], 1e-300))
+        )
     best = max(trials, key=lambda trial: trial.spared, default=None)
     if far and best is not None and best.spared > SPARED and all(trial.joint != best.joint for trial in left):
-        yield _lack(
-            task.robot.joints[best.joint], [(one.spared, one.effect) for one in trials if one.joint == best.joint], True
-        )
+        found = [(one.spared, one.effect) for one in trials if one.joint == best.joint]
+        yield _lack(task.robot.joints[best.joint], found, 0.0, moved=True)
 
 
-def _lack(name: str, found: list[tuple[float, Effect]], moved: bool = False) -> Lack:
+def _lack(name: str, found: list[tuple[float, Effect]], floors: float, moved: bool = False) -> Lack:
     worth = {effect: share - SIMPLER * len(effect.coefficients(effect.example)) for share, effect in found}
     order = sorted((pair for pair in found if pair[0] > MOST), key=lambda pair: -worth[pair[1]])
     share, first = order[0]
     names = tuple(effect.name for _, effect in order if _variable(effect) == _variable(first))
-    return Lack(name, share, _variable(first), names, moved)
+    return Lack(name, share, _variable(first), names, moved, floors)
 
 
 def _variable(effect: Effect) -> str:

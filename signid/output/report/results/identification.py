@@ -141,7 +141,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         ],
         "signs": None if result.signs is None else signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
-        "lacks": [{key: x for key, x in vars(lack).items() if key != "moved"} for lack in result.lacks],
+        "lacks": [{key: x for key, x in list(vars(lack).items())[:4]} for lack in result.lacks],
         **({} if result.refinement is None else {"refinement": _refinement(result, result.refinement)}),
         "excitation": excitation_verdict(result.excitation),
         "method": result.method,
