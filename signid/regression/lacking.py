@@ -20,7 +20,7 @@ from .motion import Motion
 from .projection import least_squares
 from .rows import Task
 
-# What is left of a joint matters if its held-out rms exceeds LEFT [noise floors] and FELT [standard deviations of its
+# The residual of a joint matters if its held-out rms exceeds LEFT [noise floors] and FELT [standard deviations of its
 # torque], and a law is named if it explains MOST [1] of its mean square, in AGREE [1] of BLOCKS blocks of consecutive
 # rows, since neighbouring rows are alike. Measured on real arms (panda, UR10e, TX40, EMPS): at most 0.26 for laws other
 # than friction of another form; 0.97 and more for springs
@@ -65,7 +65,7 @@ class Lack:
 
 
 class Accuracy(Protocol):
-    """What is known of a fit, (n,) [N.m or N], R2 [1]."""
+    """Accuracy of a fit: rms (n,) [N.m or N] and R2 (n,) [1]."""
 
     @property
     def train_rms(self) -> Array: ...
@@ -95,7 +95,7 @@ class _Trial(NamedTuple):
 
     effect: Effect
     joint: int
-    explained: float  # [1] share of the mean square that is left of the joint on held-out rows
+    explained: float  # [1] share of the mean square of the held-out residual of the joint
     spared: float  # [1] share of the change of the bodies
 
 
