@@ -20,6 +20,7 @@ from .model import Model, ModelSource, fitted_model, stated_parameters
 from .recording import Recordings, as_recordings
 from .regression.covariance import base_covariance, measure_misfit
 from .regression.factors import LAGS, Factors, Weigh
+from .regression.lacking import Lack
 from .regression.rows import Rows
 from .regression.session import ITSELF, Options, Session, only_once, recordings_used
 from .robot import as_robot, described_gravity
@@ -64,6 +65,7 @@ class Identification(Result):
     session: Session  # its recordings, ready to be reduced
     judged: Model  # fitted to the training rows alone, the model that `fit` is about; `model` if `fit.refit` is false
     refinement: Refinement | None = None  # by roll-outs, if asked for; its windows are held out as those of `fit`
+    lacks: tuple[Lack, ...] = ()  # laws that explain most of what the fit leaves of a joint on held-out rows; flagged
     refined: Model | None = None  # the model with refined numbers, fitted to all windows; None if it is not better
 
     @property
@@ -165,8 +167,9 @@ def identify(
 
 def _judged(found: Identification, rows: IdentifiedData) -> Identification:
     """With flags on the recordings and on joints that fit badly."""
-    own = identification_flags(rows, found.model, found.excitation, found.fit, found.estimate.value)
-    return replace(found, flags=(*own, *found.flags))
+    values = found.estimate.value, found.base_value
+    own, lacks = identification_flags(rows, found.model, found.excitation, found.fit, *values)
+    return replace(found, flags=(*own, *found.flags), lacks=lacks)
 
 
 def _refit(
