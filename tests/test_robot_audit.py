@@ -33,7 +33,8 @@ def arm(
         m, c, i = (mass, centre, inertia) if only in ("", link) else (1, 1, 1)
         xyz = " ".join(str(x * c) for x in place)
         own = " ".join(f'{key}="{x * i!r}"' for key, x in zip(("ixx", "iyy", "izz"), moments, strict=True))
-        text += f'<link name="{link}"><inertial><origin xyz="{xyz}"/><mass value="{weight * m}"/><inertia {own}/></inertial></link>'
+        inertial = f'<origin xyz="{xyz}"/><mass value="{weight * m}"/><inertia {own}/>'
+        text += f'<link name="{link}"><inertial>{inertial}</inertial></link>'
     for joint, before, link, z in (("shoulder", "base", "upper", 0.0), ("elbow", "upper", "fore", -0.28)):
         text += (
             f'<joint name="{joint}" type="revolute"><parent link="{before}"/><child link="{link}"/>'
