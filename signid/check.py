@@ -15,7 +15,7 @@ from .recording.sampling import Sampling
 from .regression.bandwidth import Band
 from .regression.factors import Factors
 from .regression.session import Options, Session
-from .robot import as_robot
+from .robot import as_robot, audit
 from .signs import Signs, prepare_and_recover
 from .typed import typed
 from .types import Array, BaseMap, Progress, Recording, Result, Robot
@@ -41,6 +41,7 @@ class Check(Result):
     faults: RecordingFaults
     advice: tuple[str, ...]
     notes: tuple[str, ...]
+    suspects: tuple[str, ...] = ()  # sentences of the audit of the description
     signs: Signs | None = None  # where torque was recorded without them
 
     @property
@@ -48,7 +49,7 @@ class Check(Result):
         """Reasons why the recordings are insufficient; empty when they are good."""
         lost = self.signs.flags if self.signs else ()
         columns = [flag for recording in self.recordings for flag in recording.flags]
-        return tuple(dict.fromkeys((*columns, *lost, *self.excitation.sentences, *self.faults.flags)))
+        return tuple(dict.fromkeys((*self.suspects, *columns, *lost, *self.excitation.sentences, *self.faults.flags)))
 
 
 @typed
@@ -67,7 +68,8 @@ def check(
     Raises:
         InputError: a recording or an option cannot be used; the sentence says which and why.
     """
-    robot = as_robot(robot, "check")
+    described = audit(as_robot(robot, "check"))
+    robot = described.robot
     recordings, options = as_recordings(recordings, robot, "check"), options or Options()
     recovered = prepare_and_recover(robot, recordings, recordings, options=options, progress=progress)
     session = recovered.session_to_fit(robot)
@@ -75,7 +77,8 @@ def check(
     evidence = described_evidence(session, signed)
     if mounted := under_found_gravity(robot, evidence):
         made = check(mounted.robot, recordings, options=options, progress=progress)
-        return replace(made, faults=replace(made.faults, findings=(mounted.fault, *made.faults.findings)))
+        faults = replace(made.faults, findings=(mounted.fault, *made.faults.findings))
+        return replace(made, faults=faults, suspects=described.before())
     with naming_faults(session):
         factors = session.reduce(session.train, progress=progress)
     found = estimate(factors, session.task.base, whiten=options.whiten)
@@ -102,6 +105,7 @@ def check(
         faults,
         _advice(session, factors, used),
         tuple(dict.fromkeys((*recovered.notes, *session.notes, *faults.notes))),
+        described.before(),
         recovered.signs,
     )
 

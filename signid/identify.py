@@ -23,7 +23,7 @@ from .regression.factors import LAGS, Factors, Weigh
 from .regression.lacking import Lack
 from .regression.rows import Rows
 from .regression.session import ITSELF, Options, Session, only_once, recordings_used
-from .robot import as_robot, described_gravity
+from .robot import as_robot, audit, described_gravity
 from .robot.dynamics import shows_gravity
 from .robot.joints import is_weightless
 from .signs import Recovered, Signs, prepare_and_recover
@@ -123,7 +123,8 @@ def identify(
         OptionError: a method or an estimator is unknown, or the recordings lack what it needs.
         RecordingError: a recording cannot be used, or its signs cannot be found; the sentence says which and why.
     """
-    robot = as_robot(robot, "identify")
+    described = audit(as_robot(robot, "identify"))
+    robot = described.robot
     held_out = as_recordings(held_out, robot, "identify")
     way = ESTIMATORS[estimator or "wls"] if isinstance(estimator, str | None) else estimator
     options = way.options(options or Options()) if estimator else options or Options()
@@ -152,7 +153,8 @@ def identify(
             refine=refine,
             progress=progress,
         )
-        return replace(found, flags=(f"{mounted.fault.sentence}; the model is identified with it", *found.flags))
+        sentence = f"{mounted.fault.sentence}; the model is identified with it"
+        return replace(found, flags=described.before((sentence, *found.flags)))
     with naming_faults(session):
         train, test, weigh = _factors(session, options, progress)
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
@@ -162,7 +164,7 @@ def identify(
     again = not held_out if refit is None else refit
     found = _refit(found, given, test, way, recovered, search) if again else found
     found = found if refine is None else _refined(found, tuple(refine))
-    return replace(found, inputs=recordings_used(recordings, held_out))
+    return replace(found, inputs=recordings_used(recordings, held_out), flags=described.before(found.flags))
 
 
 def _judged(found: Identification, rows: IdentifiedData) -> Identification:

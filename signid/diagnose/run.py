@@ -31,7 +31,7 @@ from .findings.findings import Conclusions, conclude
 from .findings.gravity import with_gravity_finding
 from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse, rollout_warnings
 from .findings.verdict import decide_verdict
-from .preparation import Mounting, build_in_time, mount, prepare_session
+from .preparation import Mounting, audited, build_in_time, mount, prepare_session
 from .result import Diagnosis
 from .search.iterate import SearchResult, select
 from .search.prune import prune
@@ -69,6 +69,7 @@ def diagnose(
         RecordingError: a recording cannot be used; the message says which and why.
     """
     model, recordings, held_out, reference = _given(model, recordings, held_out, reference)
+    model, suspects = audited(model)
     _check(recordings, reference, skip)
     show, options = progress or _no_progress, replace(options or Options(), effects=())
     healthy = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
@@ -100,6 +101,7 @@ def diagnose(
         signs=recovered.signs,
         inputs=recordings_used(recordings, held_out, reference),
         flags=(
+            *suspects,
             *_flags(recovered, mounting.faults),
             *answer.flags,
             *result.flags,
