@@ -104,7 +104,7 @@ def check(
         excitation,
         faults,
         _advice(session, factors, used),
-        tuple(dict.fromkeys((*recovered.notes, *session.notes, *faults.notes))),
+        tuple(dict.fromkeys((*described.notes, *recovered.notes, *session.notes, *faults.notes))),
         described.before(),
         recovered.signs,
     )

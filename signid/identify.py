@@ -159,7 +159,7 @@ def identify(
         train, test, weigh = _factors(session, options, progress)
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search)
-    notes = (*recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)
+    notes = (*described.notes, *recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)
     found = _judged(replace(found, notes=notes), IdentifiedData(session, train, test, everything, evidence))
     again = not held_out if refit is None else refit
     found = _refit(found, given, test, way, recovered, search) if again else found

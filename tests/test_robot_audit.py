@@ -88,7 +88,9 @@ def test_placeholders_and_impossible_inertias_have_their_words() -> None:
 
 
 def test_limits_of_zero_are_one_sentence() -> None:
-    (sentence,) = audit(arm(limit="0")).before()
+    found = audit(arm(limit="0"))
+    (sentence,) = found.notes
+    assert found.before() == () and {s.what for s in found.suspects} == {"effort"}
     assert sentence == "the effort limit of shoulder, elbow is stated as 0, which counts as none"
 
 
@@ -103,7 +105,7 @@ def test_known_defects_of_published_descriptions() -> None:
     ur5, baxter = audit(load_robot("ur5_robot")), audit(load_robot("baxter"))
     assert {s.link for s in ur5.suspects} == {"wrist_1_link", "wrist_2_link", "wrist_3_link"}
     assert len(ur5.before()) == 1
-    assert any("same damping of 0.7" in sentence for sentence in baxter.before())
+    assert any("same damping of 0.7" in note for note in baxter.notes)
 
 
 def test_inspect_flags_the_description(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]

@@ -69,7 +69,7 @@ def diagnose(
         RecordingError: a recording cannot be used; the message says which and why.
     """
     model, recordings, held_out, reference = _given(model, recordings, held_out, reference)
-    model, suspects = audited(model)
+    model, described = audited(model)
     _check(recordings, reference, skip)
     show, options = progress or _no_progress, replace(options or Options(), effects=())
     healthy = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
@@ -101,14 +101,22 @@ def diagnose(
         signs=recovered.signs,
         inputs=recordings_used(recordings, held_out, reference),
         flags=(
-            *suspects,
+            *described.before(),
             *_flags(recovered, mounting.faults),
             *answer.flags,
             *result.flags,
             *holdout_warnings(*comparison[:2]),
             *rollout_warnings(*rolled[:2]),
         ),
-        notes=(*recovered.notes, *notes, *session.notes, *mounting.faults.notes, *question.notes, *rolled[2]),
+        notes=(
+            *described.notes,
+            *recovered.notes,
+            *notes,
+            *session.notes,
+            *mounting.faults.notes,
+            *question.notes,
+            *rolled[2],
+        ),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
         recordings=recovered.session.recordings,

@@ -1,17 +1,17 @@
-"""Audit of a description before any fit: units, placeholders and impossible inertials, and defaults of joints."""
+"""Audit of a description without a recording: units, placeholders, impossible inertias, and defaults of joints."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from math import inf, pi
+from math import inf, pi, prod
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import shorten
 from ..types import Array, Mask, Robot
-from .description.document import IMPOSSIBLE, children, inertial_fault, parse
+from .description.document import IMPOSSIBLE, children, inertial_fault, local, parse
 
 THOUSAND = 1e3  # g in a kg, mm in a m
 INERTIA_UNITS = {1e3: "g.m2", 1e4: "kg.cm2", 1e6: "kg.mm2", 1e7: "g.cm2", 1e9: "g.mm2"}  # per kg.m2
@@ -29,6 +29,8 @@ SMALL = 0.02  # [m] smallest size of a body
 NEGLIGIBLE, EQUAL = 1e-7, 1e-6  # [kg.m2] inertia of a point mass, and [1] tolerance of equal moments
 FEW, SPREAD = 4, 2.0  # joints, and [1] ratio of their effort limits, from which on equal damping is a default
 UNITS = {"centre": ("centres of mass", "mm"), "mass": ("masses", "g"), "inertia": ("inertias", "")}
+VOLUME = {"box": 1.0, "cylinder": pi, "sphere": 4 / 3 * pi}  # [1] over the product of sizes, or of radius and length
+HARMLESS = ("damping", "effort", "velocity")  # kinds of suspects that no inertial torque depends on
 
 
 class Suspect(NamedTuple):
@@ -45,11 +47,16 @@ class Audit:
     """Suspects of a description, and the robot with its bodies corrected where a unit was recognised."""
 
     robot: Robot
-    suspects: tuple[Suspect, ...]
+    suspects: tuple[Suspect, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on harmless suspects: limits and damping."""
+        return tuple(dict.fromkeys(x.sentence for x in self.suspects if x.what in HARMLESS))
 
     def before(self, flags: Iterable[str] = ()) -> tuple[str, ...]:
-        """Sentences of the suspects, then the flags, each once."""
-        return tuple(dict.fromkeys((*(suspect.sentence for suspect in self.suspects), *flags)))
+        """Sentences on all other suspects, then the flags, each once."""
+        return tuple(dict.fromkeys((*(x.sentence for x in self.suspects if x.what not in HARMLESS), *flags)))
 
 
 class _Bodies(NamedTuple):
@@ -69,18 +76,20 @@ class _Bodies(NamedTuple):
         return float(np.max(self.path + np.maximum(self.centre, self.extent), initial=0.0))
 
     @property
+    def usual(self) -> float:
+        """Median of the lengths [m]; 0 without any."""
+        known = self.length[self.length > 0]
+        return float(np.median(known)) if len(known) else 0.0
+
+    @property
     def radius(self) -> Array:
         """Radii of gyration (nb,) [m], the largest; 0 without mass."""
-        moment = np.maximum(self.moments[:, 2], 0.0)
-        return np.sqrt(np.where(self.mass > 0, moment / np.where(self.mass > 0, self.mass, 1.0), 0.0))
+        return np.sqrt(np.maximum(self.moments[:, 2], 0.0) / np.where(self.mass > 0, self.mass, inf))
 
     @property
     def size(self) -> Array:
         """Sizes (nb,) [m]: of the shape or the link, at least half of the usual length."""
-        known = self.length[self.length > 0]
-        usual = float(np.median(known)) if len(known) else 0.0
-        least = np.full(len(self.mass), max(usual / 2, SMALL))
-        return np.asarray(np.maximum.reduce([self.length, self.extent, self.centre, least]))
+        return np.maximum.reduce([self.length, self.extent, self.centre]).clip(max(self.usual / 2, SMALL))
 
     @property
     def share(self) -> Array:
@@ -94,48 +103,41 @@ def audit(robot: Robot) -> Audit:
     Units are recognised where lengths, masses or inertias are 1000 times and more too large for a robot. A moving body
     is judged with all links that are rigidly attached to it, by which the torque changes.
     """
-    stated = np.array([body.toDynamicParameters() for body in list(robot.model.inertias)[1:]]).reshape(-1, 10)
     root = parse(robot.document) if robot.kind == "urdf" else None
-    bodies, found = _measure(robot, stated, root), list[Suspect]()
+    bodies, found = _measure(robot, root), list[Suspect]()
     if (far := bodies.length > FARTHEST).any():
         text = f"joints of {{}} are up to {bodies.length.max():.3g} m apart: their distances seem to be in mm"
         found += _suspects(robot, far, "length", THOUSAND, f"{text}; correct the description")
         bodies = bodies._replace(length=bodies.length / THOUSAND, path=bodies.path / THOUSAND)
-    factors = dict[str, Array]()
-    factors["centre"] = _centre_factors(bodies)
-    bodies = bodies._replace(centre=bodies.centre / factors["centre"])
-    factors["mass"] = _mass_factors(bodies)
-    bodies = bodies._replace(mass=bodies.mass / factors["mass"])
+    centre = _centre_factors(bodies)
+    bodies = bodies._replace(centre=bodies.centre / centre)
+    mass = _mass_factors(bodies)
+    bodies = bodies._replace(mass=bodies.mass / mass)
     default = _placeholders(bodies)
-    factors["inertia"] = _inertia_factors(bodies, default)
-    for what, each in factors.items():
-        found += _unit_suspects(robot, what, each)
-    bodies = bodies._replace(moments=bodies.moments / factors["inertia"][:, None])
+    inertia = _inertia_factors(bodies, default)
+    bodies = bodies._replace(moments=bodies.moments / inertia[:, None])
+    for what, factors in (("centre", centre), ("mass", mass), ("inertia", inertia)):
+        for factor in np.unique(factors[factors > 1]).tolist():
+            noun, unit = UNITS[what]
+            fact = f"the {noun} of {{}} are about {factor:.0f} times too large: they seem to be in"
+            advice = "correct the description; check, identify and diagnose calculate with the corrected numbers"
+            text = f"{fact} {unit or INERTIA_UNITS[factor]}; {advice}"
+            found += _suspects(robot, factors == factor, what, factor, text)
     found += [*_inertia_suspects(robot, bodies, default), *(() if root is None else _joint_suspects(robot, root))]
-    if all((each == 1).all() for each in factors.values()):
-        return Audit(robot, tuple(found))
-    return _corrected(robot, stated, factors, found)
+    return Audit(_corrected(robot, centre, mass, inertia), tuple(found))
 
 
-def _measure(robot: Robot, stated: Array, root: Any) -> _Bodies:
-    import pinocchio as pin
-
-    model, count = robot.model, len(stated)
-    offset = np.array([np.linalg.norm(place.translation) for place in list(model.jointPlacements)[1:]])
-    before = np.array(list(model.parents)[1:], int) - 1
-    length, path = np.zeros(count), offset.copy()
+def _measure(robot: Robot, root: Any) -> _Bodies:
+    stated, before = list(robot.model.inertias)[1:], np.array(list(robot.model.parents)[1:], int) - 1
+    offset = np.array([np.linalg.norm(place.translation) for place in list(robot.model.jointPlacements)[1:]])
+    length, path = np.zeros(len(stated)), offset.copy()
     for body in np.flatnonzero(before >= 0).tolist():
         length[before[body]] = max(length[before[body]], offset[body])
         path[body] += path[before[body]]
     length = np.where(length > SMALL, length, np.maximum(length, offset))
-    mass = stated[:, 0]
-    safe = np.where(mass == 0, 1.0, mass)
-    centre = np.linalg.norm(stated[:, 1:4] / safe[:, None], axis=1)
-    moments = np.empty((count, 3))
-    for body, row in enumerate(stated):
-        moments[body] = np.linalg.eigvalsh(
-            pin.Inertia.FromDynamicParameters(row).inertia if row[0] else np.zeros((3, 3))
-        )
+    mass = np.array([body.mass for body in stated])
+    centre = np.array([np.linalg.norm(body.lever) if body.mass else 0.0 for body in stated])
+    moments = np.array([np.linalg.eigvalsh(body.inertia) if body.mass else np.zeros(3) for body in stated])
     shapes = {} if root is None else {link.get("name"): _shape(link) for link in children(root, "link")}
     extent, density = np.array([shapes.get(link, (0.0, 0.0)) for link in robot.links]).reshape(-1, 2).T
     return _Bodies(mass, centre, moments, length, path, extent, density)
@@ -143,36 +145,27 @@ def _measure(robot: Robot, stated: Array, root: Any) -> _Bodies:
 
 def _shape(link: Any) -> tuple[float, float]:
     """Largest extent [m] of the boxes, cylinders and spheres of a link, and its density in them [kg/m3]; 0 without."""
-    extents, volumes = [0.0], [0.0]
-    for kind in ("visual", "collision"):
-        volume = 0.0
-        for shape in (form for part in children(link, kind) for some in children(part, "geometry") for form in some):
+    extents, volumes = [0.0], dict.fromkeys(("visual", "collision"), 0.0)
+    for kind in volumes:
+        for form in (form for part in children(link, kind) for some in children(part, "geometry") for form in some):
             try:
-                size = [float(x) for key in ("size", "radius", "length") for x in (shape.get(key) or "").split()]
+                size = [float(x) for key in ("size", "radius", "length") for x in (form.get(key) or "").split()]
             except ValueError:
+                size = []
+            if len(size) != {"box": 3, "cylinder": 2, "sphere": 1}.get(tag := local(form)):
+                volumes[kind] = inf  # a mesh, whose volume is unknown
                 continue
-            form = (str(shape.tag), len(size))
-            if form == ("box", 3):
-                volume += size[0] * size[1] * size[2]
-            elif form == ("cylinder", 2):
-                volume += pi * size[0] ** 2 * size[1]
-            elif form == ("sphere", 1):
-                volume += 4 / 3 * pi * size[0] ** 3
-            else:
-                volume = inf  # a mesh, whose volume is unknown
-                continue
-            extents.append(float(np.linalg.norm(size)) * (2 if form[0] == "sphere" else 1))
-        volumes.append(volume)
+            extents.append(float(np.linalg.norm(size)) * (2 if tag == "sphere" else 1))
+            volumes[kind] += VOLUME[tag] * prod(size) * {"cylinder": size[0], "sphere": size[0] ** 2}.get(tag, 1.0)
     stated = [float(mass.get("value") or 0) for part in children(link, "inertial") for mass in children(part, "mass")]
-    volume = max(volumes)
+    volume = max(volumes.values())
     return max(extents), stated[0] / volume if stated and 0 < volume < inf else 0.0
 
 
 def _centre_factors(bodies: _Bodies) -> Array:
     """Factors (nb,) [1] by which centres of mass are too far from their joints."""
-    known = bodies.length[bodies.length > 0]
-    usual = max(float(np.median(known)), SMALL) if len(known) else FARTHEST / ASIDE
-    far = bodies.centre > ASIDE * np.maximum.reduce([bodies.length, bodies.extent, np.full(len(bodies.mass), usual)])
+    usual = max(bodies.usual, SMALL) if bodies.usual else FARTHEST / ASIDE
+    far = bodies.centre > ASIDE * np.maximum(bodies.length, bodies.extent).clip(usual)
     most = np.sum(far) >= np.sum(bodies.mass > 0) / 2 > 0
     return np.where((bodies.centre > 0) if most else far, THOUSAND, 1.0)
 
@@ -180,11 +173,10 @@ def _centre_factors(bodies: _Bodies) -> Array:
 def _mass_factors(bodies: _Bodies) -> Array:
     """Factors (nb,) [1] by which masses are too large: of all bodies, or of those beyond the others and their shape."""
     weighs, volume = bodies.mass > 0, bodies.size**3
-    heaviest = np.arange(len(weighs)) == np.argmax(bodies.mass)
-    others = weighs & ~heaviest
-    if (others if others.any() else weighs).sum() == 0 or bodies.reach < SMALL:
-        return np.ones(len(weighs))
+    others = weighs & (np.arange(len(weighs)) != np.argmax(bodies.mass))
     limit, judged = (MASSIVE, others) if others.any() else (HEAVIEST, weighs)
+    if not judged.any() or bodies.reach < SMALL:
+        return np.ones(len(weighs))
     dense = others.any() and np.median(bodies.density) > HEAVIEST  # shapes of most bodies
     if dense or bodies.mass[judged].sum() > limit * volume[judged].sum():
         return np.where(weighs, THOUSAND, 1.0)
@@ -203,15 +195,16 @@ def _placeholders(bodies: _Bodies) -> Mask:
 
 def _inertia_factors(bodies: _Bodies, placeholder: Mask) -> Array:
     """Factors (nb,) [1] of units by which inertias are too large, the same of all bodies where most are."""
-    share, factors = np.where(placeholder, 0.0, bodies.share), np.ones(len(bodies.mass))
-    units = np.array(list(INERTIA_UNITS))
-    judged = share[share > 0]
-    if len(judged) and (middle := float(np.median(judged))) > UNIT:
-        unit = units[np.argmin(np.abs(np.log(middle / USUAL / units)))]
-        return np.where(share > unit * USUAL / THOUSAND, unit, factors)
-    for body in np.flatnonzero(share > UNIT_OF_ONE):
-        factors[body] = units[np.argmin(np.abs(np.log(share[body] / USUAL / units)))]
-    return factors
+    share, units = np.where(placeholder, 0.0, bodies.share), np.array(list(INERTIA_UNITS))
+
+    def nearest(ratio: Array) -> Array:
+        return np.asarray(units[np.argmin(np.abs(np.log(ratio[:, None] / USUAL / units)), axis=1)])
+
+    middle = np.median(share[share > 0]) if share.any() else 0.0
+    if middle > UNIT:
+        unit = nearest(np.array([middle]))
+        return np.where(share > unit * USUAL / THOUSAND, unit, 1.0)
+    return np.where(share > UNIT_OF_ONE, nearest(np.maximum(share, UNIT)), 1.0)
 
 
 def _suspects(robot: Robot, which: Mask, what: str, factor: float | None, text: str) -> Iterator[Suspect]:
@@ -219,15 +212,6 @@ def _suspects(robot: Robot, which: Mask, what: str, factor: float | None, text: 
     links = [link for link, own in zip(robot.links, which, strict=True) if own]
     sentence = text.format(("link " if len(links) == 1 else "links ") + shorten(links, 4))
     return (Suspect(link, what, factor, sentence) for link in links)
-
-
-def _unit_suspects(robot: Robot, what: str, factors: Array) -> Iterator[Suspect]:
-    noun, unit = UNITS[what]
-    for factor in sorted(set(factors[factors > 1].tolist())):
-        fact = f"the {noun} of {{}} are about {factor:.0f} times too large: they seem to be in"
-        advice = "correct the description; check, identify and diagnose calculate with the corrected numbers"
-        text = f"{fact} {unit or INERTIA_UNITS[factor]}; {advice}"
-        yield from _suspects(robot, factors == factor, what, factor, text)
 
 
 def _inertia_suspects(robot: Robot, bodies: _Bodies, placeholder: Mask) -> Iterator[Suspect]:
@@ -249,7 +233,7 @@ def _joint_suspects(robot: Robot, root: Any) -> Iterator[Suspect]:
     stated = {joint.get("name"): joint for joint in children(root, "joint")}
     own = [(name, link, stated[name]) for name, link in zip(list(robot.model.names)[1:], robot.links, strict=True)]
     for key in ("effort", "velocity"):
-        zero = [each for each in own if any(_is_zero(limit.get(key)) for limit in children(each[2], "limit"))]
+        zero = [each for each in own if any(float(x.get(key) or 1) == 0 for x in children(each[2], "limit"))]
         sentence = f"the {key} limit of {shorten([name for name, *_ in zero], 4)} is stated as 0, which counts as none"
         yield from (Suspect(link, key, None, sentence) for _, link, _ in zero)
     damping = [float(form.get("damping") or 0) for *_, joint in own for form in children(joint, "dynamics")]
@@ -259,20 +243,12 @@ def _joint_suspects(robot: Robot, root: Any) -> Iterator[Suspect]:
         yield from (Suspect(link, "damping", None, f"{text}: it is a default") for _, link, _ in own)
 
 
-def _is_zero(text: str | None) -> bool:
-    return text is not None and float(text) == 0
-
-
-def _corrected(robot: Robot, stated: Array, factors: dict[str, Array], found: Sequence[Suspect]) -> Audit:
-    """Audit with bodies divided by the factors of their units."""
-    import pinocchio as pin
-
+def _corrected(robot: Robot, centre: Array, mass: Array, inertia: Array) -> Robot:
+    """Robot with its bodies divided by factors (nb,) [1] of their units; itself where all are one."""
+    if not any((factors > 1).any() for factors in (centre, mass, inertia)):
+        return robot
     model = robot.model.copy()
-    for body in range(len(stated)):
-        mass, centre, moments = (factors[what][body] for what in ("mass", "centre", "inertia"))
-        if max(mass, centre, moments) > 1:
-            whole = pin.Inertia.FromDynamicParameters(stated[body])
-            whole.inertia = whole.inertia / moments
-            whole.mass, whole.lever = whole.mass / mass, whole.lever / centre
-            model.inertias[body + 1] = whole
-    return Audit(replace(robot, model=model), tuple(found))
+    for body, own in enumerate(model.inertias[1:]):
+        own.inertia, own.mass, own.lever = own.inertia / inertia[body], own.mass / mass[body], own.lever / centre[body]
+        model.inertias[body + 1] = own
+    return replace(robot, model=model)
