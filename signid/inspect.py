@@ -20,11 +20,7 @@ class Inspection(Result):
     robot: Robot
     base: BaseMap
     suspect: tuple[Suspect, ...] = ()
-
-    @property
-    def flags(self) -> tuple[str, ...]:
-        """Sentences on the suspects, each once."""
-        return tuple(dict.fromkeys(suspect.sentence for suspect in self.suspect))
+    flags: tuple[str, ...] = ()  # sentences on the suspects, each once
 
     @property
     def invisible(self) -> tuple[str, ...]:
@@ -49,4 +45,5 @@ def inspect(robot: ModelSource, effects: Sequence[str] = EFFECT_NAMES, seed: int
     """
     robot = as_robot(robot, "inspect")
     laws = [Law(EFFECTS[name], (j,)) for name in effects for j in range(len(robot.joints))]
-    return Inspection(robot, build_base(robot, laws, seed), audit(robot).suspects)
+    found = audit(robot)
+    return Inspection(robot, build_base(robot, laws, seed), found.suspects, (*found.before(), *found.notes))

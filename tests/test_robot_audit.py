@@ -87,6 +87,13 @@ def test_placeholders_and_impossible_inertias_have_their_words() -> None:
     assert ("fore", "impossible") in {(s.link, s.what) for s in audit(robot_from_text(flat, "urdf", "reach")).suspects}
 
 
+def test_points_and_bodies_that_never_turn_may_have_any_inertia() -> None:
+    point = re.sub(r"<inertia [^/]*/>", '<inertia ixx="0" iyy="0" izz="0"/>', arm().document)
+    assert audit(robot_from_text(point, "urdf", "reach")).suspects == ()
+    slide = re.sub(r"<inertia [^/]*/>", '<inertia ixx="1" iyy="1" izz="1"/>', arm().document)
+    assert audit(robot_from_text(slide.replace("revolute", "prismatic"), "urdf", "reach")).suspects == ()
+
+
 def test_limits_of_zero_are_one_sentence() -> None:
     found = audit(arm(limit="0"))
     (sentence,) = found.notes

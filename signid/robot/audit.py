@@ -64,7 +64,7 @@ class _Bodies(NamedTuple):
 
     mass: Array  # (nb,) [kg]
     centre: Array  # (nb,) [m] distance of the centre of mass from the joint
-    moments: Array  # (nb, 3) [kg.m2] principal, about the centre of mass
+    moments: Array  # (nb, 3) [kg.m2] principal, about the centre of mass; 0 where no joint turns the body
     length: Array  # (nb,) [m] to the farthest joint behind, or from the joint before where that is near
     path: Array  # (nb,) [m] from the root along the joints to this one
     extent: Array  # (nb,) [m] of the shape, 0 without
@@ -131,13 +131,16 @@ def _measure(robot: Robot, root: Any) -> _Bodies:
     stated, before = list(robot.model.inertias)[1:], np.array(list(robot.model.parents)[1:], int) - 1
     offset = np.array([np.linalg.norm(place.translation) for place in list(robot.model.jointPlacements)[1:]])
     length, path = np.zeros(len(stated)), offset.copy()
+    turns = np.array([not x.shortname().startswith("JointModelP") for x in list(robot.model.joints)[1:]])
     for body in np.flatnonzero(before >= 0).tolist():
         length[before[body]] = max(length[before[body]], offset[body])
         path[body] += path[before[body]]
+        turns[body] |= turns[before[body]]
     length = np.where(length > SMALL, length, np.maximum(length, offset))
     mass = np.array([body.mass for body in stated])
     centre = np.array([np.linalg.norm(body.lever) if body.mass else 0.0 for body in stated])
-    moments = np.array([np.linalg.eigvalsh(body.inertia) if body.mass else np.zeros(3) for body in stated])
+    counts = zip(stated, turns, strict=True)
+    moments = np.array([np.linalg.eigvalsh(x.inertia) if x.mass and turn else np.zeros(3) for x, turn in counts])
     shapes = {} if root is None else {link.get("name"): _shape(link) for link in children(root, "link")}
     extent, density = np.array([shapes.get(link, (0.0, 0.0)) for link in robot.links]).reshape(-1, 2).T
     return _Bodies(mass, centre, moments, length, path, extent, density)
@@ -219,12 +222,15 @@ def _inertia_suspects(robot: Robot, bodies: _Bodies, placeholder: Mask) -> Itera
     text = "the inertias of {} are placeholders: a power of ten in all directions; replace them"
     yield from _suspects(robot, placeholder, "placeholder", None, text)
     large = (bodies.share > LARGE) & (bodies.radius > WIDE * bodies.reach) & ~placeholder
-    most = bodies.radius[large].max(initial=0.0)
-    text = f"the inertias of {{}} are too large for mass and size (radius of gyration up to {most:.2g} m)"
+    widest = bodies.radius[large].max(initial=0.0)
+    text = f"the inertias of {{}} are too large for mass and size (radius of gyration up to {widest:.2g} m)"
     yield from _suspects(robot, large, "inertia", None, f"{text}; correct the description")
+    least, middle, most = bodies.moments.T
+    near = np.maximum(EQUAL * most, NEGLIGIBLE)
+    thin = (bodies.mass > 0) & (np.abs(least) <= near) & (most - middle <= near)  # points and rods
     kinds = [inertial_fault(m, np.diag(own)) for m, own in zip(bodies.mass, bodies.moments, strict=True)]
     for kind, texts in IMPOSSIBLE.items():
-        wrong = np.array([own == kind for own in kinds]) & ~placeholder
+        wrong = np.array([own == kind for own in kinds]) & ~placeholder & ~thin
         yield from _suspects(robot, wrong, "impossible", None, f"{{}} {texts[int(wrong.sum() > 1)]}")
 
 
