@@ -68,8 +68,7 @@ def check(
     Raises:
         InputError: a recording or an option cannot be used; the sentence says which and why.
     """
-    described = audit(as_robot(robot, "check"))
-    robot = described.robot
+    robot = (described := audit(as_robot(robot, "check"))).robot
     recordings, options = as_recordings(recordings, robot, "check"), options or Options()
     recovered = prepare_and_recover(robot, recordings, recordings, options=options, progress=progress)
     session = recovered.session_to_fit(robot)
@@ -114,15 +113,12 @@ def _advice(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:
     band, robot, said = session.task.band, session.robot, []
     if band.cutoff < LOW_CUTOFF:
         worst = robot.joints[int(np.argmin(band.per_joint))]
-        said.append(
-            f"encoder noise of {worst} allows only {band.cutoff:.2g} Hz: move faster, or record finer positions"
-        )
-    for joint, share in zip(robot.joints, used, strict=True):
-        if 0 < share < 0.3:
-            said.append(f"{joint} keeps {share:.0%} of its rows, the others are near a reversal: move it faster")
-    for joint, f in zip(robot.joints, factors.joints, strict=True):
-        if f.rows == 0:
-            said.append(f"{joint} has no torque column: only parameters that act on other joints are identifiable")
+        limit = f"encoder noise of {worst} allows only {band.cutoff:.2g} Hz"
+        said.append(f"{limit}: move faster, or record finer positions")
+    slow = [(joint, x) for joint, x in zip(robot.joints, used, strict=True) if 0 < x < 0.3]
+    said += [f"{joint} keeps {x:.0%} of its rows, the others are near a reversal: move it faster" for joint, x in slow]
+    bare = [joint for joint, f in zip(robot.joints, factors.joints, strict=True) if f.rows == 0]
+    said += [f"{j} has no torque column: only parameters that act on other joints are identifiable" for j in bare]
     if factors.rows < FEW_ROWS * session.task.base.rank / max(len(robot.joints), 1):
         said.append(f"{factors.rows} filtered rows for {session.task.base.rank} parameters are few: record for longer")
     return tuple(said)

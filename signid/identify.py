@@ -123,8 +123,7 @@ def identify(
         OptionError: a method or an estimator is unknown, or the recordings lack what it needs.
         RecordingError: a recording cannot be used, or its signs cannot be found; the sentence says which and why.
     """
-    described = audit(as_robot(robot, "identify"))
-    robot = described.robot
+    robot = (described := audit(as_robot(robot, "identify"))).robot
     held_out = as_recordings(held_out, robot, "identify")
     way = ESTIMATORS[estimator or "wls"] if isinstance(estimator, str | None) else estimator
     options = way.options(options or Options()) if estimator else options or Options()

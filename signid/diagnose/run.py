@@ -83,7 +83,7 @@ def diagnose(
         itself = _answer(replace(mounting.model, misfit=None), mounting, skip, healthy, options.seed, show)
         lacked = any(finding.role == "cause" for finding in itself.result.findings)
         answer = itself if lacked else answer
-    result, comparison, session = answer.result, answer.comparison, mounting.session
+    result, comparison, session, faults = answer.result, answer.comparison, mounting.session, mounting.faults
     question = _question(lacked, result.verdict) if known else _Question()
     rolled = _roll_out(session, given, result.prediction.model, show)
     return Diagnosis(
@@ -102,21 +102,13 @@ def diagnose(
         inputs=recordings_used(recordings, held_out, reference),
         flags=(
             *described.before(),
-            *_flags(recovered, mounting.faults),
+            *_flags(recovered, faults),
             *answer.flags,
             *result.flags,
             *holdout_warnings(*comparison[:2]),
             *rollout_warnings(*rolled[:2]),
         ),
-        notes=(
-            *described.notes,
-            *recovered.notes,
-            *notes,
-            *session.notes,
-            *mounting.faults.notes,
-            *question.notes,
-            *rolled[2],
-        ),
+        notes=(*described.notes, *recovered.notes, *notes, *session.notes, *faults.notes, *question.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
         recordings=recovered.session.recordings,

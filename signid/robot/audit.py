@@ -89,7 +89,8 @@ class _Bodies(NamedTuple):
     @property
     def size(self) -> Array:
         """Sizes (nb,) [m]: of the shape or the link, at least half of the usual length."""
-        return np.maximum.reduce([self.length, self.extent, self.centre]).clip(max(self.usual / 2, SMALL))
+        least = max(self.usual / 2, SMALL)
+        return np.asarray(np.maximum.reduce([self.length, self.extent, self.centre]).clip(least))
 
     @property
     def share(self) -> Array:
