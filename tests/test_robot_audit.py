@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from signid.cli.run import run
 from signid.robot import audit, load_robot, robot_from_text
 from signid.types import Robot
 
+ROBOTS = Path(__file__).parents[1] / "robots"
 BODIES = (
     ("upper", (0.01, 0.02, -0.12), 1.1, (0.006, 0.0065, 0.0012)),
     ("fore", (0, 0.01, -0.1), 0.6, (2e-3, 2.1e-3, 4e-4)),
@@ -125,3 +127,16 @@ def test_inspect_flags_the_description(tmp_path, capsys) -> None:  # type: ignor
     path.write_text(arm().document)
     assert run(["inspect", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["suspect"] == []
+
+
+@pytest.mark.parametrize("effort", ["20", "0"])
+def test_limits_of_zero_are_notes_of_check_and_identify(effort: str, tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    described = (ROBOTS / "3r" / "robot.urdf").read_text().replace('effort="20"', f'effort="{effort}"')
+    (tmp_path / "robot.urdf").write_text(described)
+    given = [str(tmp_path / "robot.urdf"), str(ROBOTS / "3r" / "recording.parquet"), "--json"]
+    for verb in ("check", "identify"):
+        assert run([verb, *given]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert found["flags"] == []
+        assert any("is stated as 0" in note for note in found["notes"]) == (effort == "0")
+        assert verb == "identify" or found["headline"].startswith("Good")
