@@ -47,10 +47,8 @@ def may_read(path: str | Path, folders: Sequence[str | Path]) -> bool:
 
 def _guard(folders: Sequence[str]) -> None:
     """Restrict this process permanently by an audit hook: it reads files of Python and of `folders`."""
-    own = tuple(
-        os.path.abspath(sysconfig.get_path(kind)) + os.sep for kind in ("stdlib", "platstdlib", "purelib", "platlib")
-    )
-
+    libraries = ("stdlib", "platstdlib", "purelib", "platlib")
+    own = tuple(os.path.abspath(sysconfig.get_path(kind)) + os.sep for kind in libraries)
     writes = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
     def watch(event: str, given: tuple[Any, ...]) -> None:
