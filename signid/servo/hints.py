@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from ..errors import shorten
-from ..robot.joints import alike, name_pattern
+from ..robot.alike import alike, name_pattern
 
 EQUAL = 0.05  # probability of such differences among equal joints, over all numbers, from which --equal is proposed
 DIFFERENT = 0.01  # the same, below which the number that differs is named

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import one_line, shorten
 from ...model import Model
-from ...robot.joints import name_pattern
+from ...robot.alike import name_pattern
 from ...servos import Servo
 from .beyond import MOST, Exported, beyond, remarks, summed
 from .drives import curved, lacked_notes, left_out
