@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from ..estimation.fit_quality import Course, Fit
 from ..model import Model
 from ..signs import Signs
@@ -104,3 +106,8 @@ class Diagnosis(Result):
     def without_cause(self) -> tuple[Unexplained, ...]:
         """Joints much of whose torque stays unexplained although the causes hardly act on them."""
         return without_cause(self.findings, self.unexplained)
+
+    @property
+    def gain(self) -> Array:
+        """(n,) held-out rms of the extended over the given simulation [1]."""
+        return np.asarray(self.after.held_out_rms / self.before.held_out_rms)
