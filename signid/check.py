@@ -15,7 +15,7 @@ from .recording.sampling import Sampling
 from .regression.bandwidth import Band
 from .regression.factors import Factors
 from .regression.session import Options, Session
-from .robot import as_robot
+from .robot import as_robot, audit
 from .signs import Signs, prepare_and_recover
 from .typed import typed
 from .types import Array, BaseMap, Progress, Recording, Result, Robot
@@ -41,6 +41,7 @@ class Check(Result):
     faults: RecordingFaults
     advice: tuple[str, ...]
     notes: tuple[str, ...]
+    suspects: tuple[str, ...] = ()  # sentences of the audit of the description
     signs: Signs | None = None  # where torque was recorded without them
 
     @property
@@ -48,7 +49,7 @@ class Check(Result):
         """Reasons why the recordings are insufficient; empty when they are good."""
         lost = self.signs.flags if self.signs else ()
         columns = [flag for recording in self.recordings for flag in recording.flags]
-        return tuple(dict.fromkeys((*columns, *lost, *self.excitation.sentences, *self.faults.flags)))
+        return tuple(dict.fromkeys((*self.suspects, *columns, *lost, *self.excitation.sentences, *self.faults.flags)))
 
 
 @typed
@@ -67,7 +68,7 @@ def check(
     Raises:
         InputError: a recording or an option cannot be used; the sentence says which and why.
     """
-    robot = as_robot(robot, "check")
+    robot = (described := audit(as_robot(robot, "check"))).robot
     recordings, options = as_recordings(recordings, robot, "check"), options or Options()
     recovered = prepare_and_recover(robot, recordings, recordings, options=options, progress=progress)
     session = recovered.session_to_fit(robot)
@@ -75,7 +76,8 @@ def check(
     evidence = described_evidence(session, signed)
     if mounted := under_found_gravity(robot, evidence):
         made = check(mounted.robot, recordings, options=options, progress=progress)
-        return replace(made, faults=replace(made.faults, findings=(mounted.fault, *made.faults.findings)))
+        faults = replace(made.faults, findings=(mounted.fault, *made.faults.findings))
+        return replace(made, faults=faults, suspects=described.before())
     with naming_faults(session):
         factors = session.reduce(session.train, progress=progress)
     found = estimate(factors, session.task.base, whiten=options.whiten)
@@ -101,7 +103,8 @@ def check(
         excitation,
         faults,
         _advice(session, factors, used),
-        tuple(dict.fromkeys((*recovered.notes, *session.notes, *faults.notes))),
+        tuple(dict.fromkeys((*described.notes, *recovered.notes, *session.notes, *faults.notes))),
+        described.before(),
         recovered.signs,
     )
 
@@ -110,15 +113,12 @@ def _advice(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:
     band, robot, said = session.task.band, session.robot, []
     if band.cutoff < LOW_CUTOFF:
         worst = robot.joints[int(np.argmin(band.per_joint))]
-        said.append(
-            f"encoder noise of {worst} allows only {band.cutoff:.2g} Hz: move faster, or record finer positions"
-        )
-    for joint, share in zip(robot.joints, used, strict=True):
-        if 0 < share < 0.3:
-            said.append(f"{joint} keeps {share:.0%} of its rows, the others are near a reversal: move it faster")
-    for joint, f in zip(robot.joints, factors.joints, strict=True):
-        if f.rows == 0:
-            said.append(f"{joint} has no torque column: only parameters that act on other joints are identifiable")
+        limit = f"encoder noise of {worst} allows only {band.cutoff:.2g} Hz"
+        said.append(f"{limit}: move faster, or record finer positions")
+    slow = [(joint, x) for joint, x in zip(robot.joints, used, strict=True) if 0 < x < 0.3]
+    said += [f"{joint} keeps {x:.0%} of its rows, the others are near a reversal: move it faster" for joint, x in slow]
+    bare = [joint for joint, f in zip(robot.joints, factors.joints, strict=True) if f.rows == 0]
+    said += [f"{j} has no torque column: only parameters that act on other joints are identifiable" for j in bare]
     if factors.rows < FEW_ROWS * session.task.base.rank / max(len(robot.joints), 1):
         said.append(f"{factors.rows} filtered rows for {session.task.base.rank} parameters are few: record for longer")
     return tuple(said)

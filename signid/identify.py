@@ -20,9 +20,10 @@ from .model import Model, ModelSource, fitted_model, stated_parameters
 from .recording import Recordings, as_recordings
 from .regression.covariance import base_covariance, measure_misfit
 from .regression.factors import LAGS, Factors, Weigh
+from .regression.lacking import Lack
 from .regression.rows import Rows
 from .regression.session import ITSELF, Options, Session, only_once, recordings_used
-from .robot import as_robot, described_gravity
+from .robot import as_robot, audit, described_gravity
 from .robot.dynamics import shows_gravity
 from .robot.joints import is_weightless
 from .signs import Recovered, Signs, prepare_and_recover
@@ -64,6 +65,7 @@ class Identification(Result):
     session: Session  # its recordings, ready to be reduced
     judged: Model  # fitted to the training rows alone, the model that `fit` is about; `model` if `fit.refit` is false
     refinement: Refinement | None = None  # by roll-outs, if asked for; its windows are held out as those of `fit`
+    lacks: tuple[Lack, ...] = ()  # laws that explain most of what the fit leaves of a joint on held-out rows; flagged
     refined: Model | None = None  # the model with refined numbers, fitted to all windows; None if it is not better
 
     @property
@@ -121,7 +123,7 @@ def identify(
         OptionError: a method or an estimator is unknown, or the recordings lack what it needs.
         RecordingError: a recording cannot be used, or its signs cannot be found; the sentence says which and why.
     """
-    robot = as_robot(robot, "identify")
+    robot = (described := audit(as_robot(robot, "identify"))).robot
     held_out = as_recordings(held_out, robot, "identify")
     way = ESTIMATORS[estimator or "wls"] if isinstance(estimator, str | None) else estimator
     options = way.options(options or Options()) if estimator else options or Options()
@@ -150,23 +152,25 @@ def identify(
             refine=refine,
             progress=progress,
         )
-        return replace(found, flags=(f"{mounted.fault.sentence}; the model is identified with it", *found.flags))
+        sentence = f"{mounted.fault.sentence}; the model is identified with it"
+        return replace(found, flags=described.before((sentence, *found.flags)))
     with naming_faults(session):
         train, test, weigh = _factors(session, options, progress)
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search)
-    notes = (*recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)
+    notes = (*described.notes, *recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)
     found = _judged(replace(found, notes=notes), IdentifiedData(session, train, test, everything, evidence))
     again = not held_out if refit is None else refit
     found = _refit(found, given, test, way, recovered, search) if again else found
     found = found if refine is None else _refined(found, tuple(refine))
-    return replace(found, inputs=recordings_used(recordings, held_out))
+    return replace(found, inputs=recordings_used(recordings, held_out), flags=described.before(found.flags))
 
 
 def _judged(found: Identification, rows: IdentifiedData) -> Identification:
     """With flags on the recordings and on joints that fit badly."""
-    own = identification_flags(rows, found.model, found.excitation, found.fit, found.estimate.value)
-    return replace(found, flags=(*own, *found.flags))
+    values = found.estimate.value, found.base_value
+    own, lacks = identification_flags(rows, found.model, found.excitation, found.fit, *values)
+    return replace(found, flags=(*own, *found.flags), lacks=lacks)
 
 
 def _refit(

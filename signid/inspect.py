@@ -8,17 +8,19 @@ from dataclasses import dataclass
 from .effects import EFFECT_NAMES, EFFECTS
 from .model import ModelSource
 from .regression.base_parameters import build_base
-from .robot import as_robot
+from .robot import Suspect, as_robot, audit
 from .typed import typed
 from .types import BaseMap, Law, Result, Robot
 
 
 @dataclass(frozen=True, eq=False)
 class Inspection(Result):
-    """Base parameters of a robot, from its structure alone."""
+    """Base parameters of a robot, from its structure alone, and numbers of its description that are probably wrong."""
 
     robot: Robot
     base: BaseMap
+    suspect: tuple[Suspect, ...] = ()
+    flags: tuple[str, ...] = ()  # sentences on the suspects, each once
 
     @property
     def invisible(self) -> tuple[str, ...]:
@@ -43,4 +45,5 @@ def inspect(robot: ModelSource, effects: Sequence[str] = EFFECT_NAMES, seed: int
     """
     robot = as_robot(robot, "inspect")
     laws = [Law(EFFECTS[name], (j,)) for name in effects for j in range(len(robot.joints))]
-    return Inspection(robot, build_base(robot, laws, seed))
+    found = audit(robot)
+    return Inspection(robot, build_base(robot, laws, seed), found.suspects, (*found.before(), *found.notes))

@@ -65,7 +65,12 @@ def test_numbers_that_are_not_known_are_no_dash() -> None:
     assert quantity(float("nan"), None, "N.m") == quantity(1.0, float("nan"), "N.m") == "not identifiable"
     assert quantity(0.0, 0.0, "N.m") == "0 N.m" and quantity(1e-7, 1e-9, "m") == "1.00e-07 ± 2e-09 m"
     nothing = made(verdict="nothing_missing", findings=(), tolerance=float("nan"))
-    assert verdict_words(nothing) == "no law is missing, but stated parameters are wrong (at joint_2)"
+    assert verdict_words(nothing) == "nothing is missing"
+
+
+def test_links_of_several_joints_are_left_out() -> None:
+    said = verdict_words(many(signid.load_robot("panda"), ("link_inertia", "spring"), 4))
+    assert "link" in said and not re.search("[{}]", said)
 
 
 def many(robot: Robot, effects: tuple[str, ...], joints: int) -> Diagnosis:

@@ -11,9 +11,9 @@ import numpy as np
 from ..deadline import OutOfTimeError, steps_shown
 from ..errors import RecordingError
 from ..faults import REFUSE, SAMPLE_KINDS, RecordingFault, RecordingFaults, examine, is_sole, naming_faults
-from ..model import Model
+from ..model import Model, stated_inertials
 from ..regression.session import Options, Session, longest_piece, rearrange
-from ..robot import with_gravity
+from ..robot import Audit, audit, with_gravity
 from ..signs import Recovered
 from ..types import Progress
 from .data.column_groups import build_groups, dry_friction
@@ -32,6 +32,17 @@ CLEAR_KINDS = ("torque sign", "torque order")  # recording faults that few rows 
 CLEARLY_EXPLAINED = 0.9  # share of the torque's sum of squares that such a fault explains, at least [1]; heuristic
 SHORT = "too little data"  # recording fault that priors compensate from LEAST_ROWS rows a joint on
 LEAST_ROWS = 12  # rows of a joint, and of all joints held out; heuristic
+
+
+def audited(model: Model) -> tuple[Model, Audit]:
+    """Simulation with the recognised units of its description corrected, and the audit.
+
+    An identified model, whose bodies are not those of the description, is unchanged.
+    """
+    if not np.array_equal(model.inertials, stated_inertials(model.robot)):
+        return model, Audit(model.robot)
+    found = audit(model.robot)
+    return replace(model, robot=found.robot, inertials=stated_inertials(found.robot)), found
 
 
 def prepare_session(

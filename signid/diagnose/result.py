@@ -45,6 +45,7 @@ class Finding(Frozen):
     alternatives: tuple[Alternative, ...]
     stated: Mapping[str, float] = field(default_factory=dict)  # stated values of parameters [unit of the parameter]
     in_model: bool = True  # whether the extended simulation has it: held-out torque is predicted better with it
+    refused: str = ""  # why the extended simulation does not have it
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class Diagnosis(Result):
     """Differences between a simulation and recordings, and the laws that explain them."""
 
     robot: Robot
-    verdict: str  # "nothing_missing", "named" or "unknown"
+    verdict: str  # "nothing_missing", "named", "unknown" or "undecided"
     findings: tuple[Finding, ...]
     unexplained: tuple[Unexplained, ...]
     located: tuple[Location, ...]  # of the residual of the given simulation, per joint

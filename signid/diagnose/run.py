@@ -31,7 +31,7 @@ from .findings.findings import Conclusions, conclude
 from .findings.gravity import with_gravity_finding
 from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse, rollout_warnings
 from .findings.verdict import decide_verdict
-from .preparation import Mounting, build_in_time, mount, prepare_session
+from .preparation import Mounting, audited, build_in_time, mount, prepare_session
 from .result import Diagnosis
 from .search.iterate import SearchResult, select
 from .search.prune import prune
@@ -69,6 +69,7 @@ def diagnose(
         RecordingError: a recording cannot be used; the message says which and why.
     """
     model, recordings, held_out, reference = _given(model, recordings, held_out, reference)
+    model, described = audited(model)
     _check(recordings, reference, skip)
     show, options = progress or _no_progress, replace(options or Options(), effects=())
     healthy = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
@@ -82,7 +83,7 @@ def diagnose(
         itself = _answer(replace(mounting.model, misfit=None), mounting, skip, healthy, options.seed, show)
         lacked = any(finding.role == "cause" for finding in itself.result.findings)
         answer = itself if lacked else answer
-    result, comparison, session = answer.result, answer.comparison, mounting.session
+    result, comparison, session, faults = answer.result, answer.comparison, mounting.session, mounting.faults
     question = _question(lacked, result.verdict) if known else _Question()
     rolled = _roll_out(session, given, result.prediction.model, show)
     return Diagnosis(
@@ -100,13 +101,14 @@ def diagnose(
         signs=recovered.signs,
         inputs=recordings_used(recordings, held_out, reference),
         flags=(
-            *_flags(recovered, mounting.faults),
+            *described.before(),
+            *_flags(recovered, faults),
             *answer.flags,
             *result.flags,
             *holdout_warnings(*comparison[:2]),
             *rollout_warnings(*rolled[:2]),
         ),
-        notes=(*recovered.notes, *notes, *session.notes, *mounting.faults.notes, *question.notes, *rolled[2]),
+        notes=(*described.notes, *recovered.notes, *notes, *session.notes, *faults.notes, *question.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
         recordings=recovered.session.recordings,

@@ -16,7 +16,7 @@ import numpy as np
 from ..deadline import time_is_up
 from ..regression.motion import Motion
 from ..types import Array, Frozen, Indices, Mask
-from .evidence import LAG, FaultEvidence, Signals, agreement, missing_laws, unexplained
+from .evidence import LAG, SPRING, FaultEvidence, Signals, agreement, missing_laws, unexplained
 from .result import REFUSE, WARN, RecordingFault
 
 SEARCH = "the search for distorted recordings"
@@ -140,7 +140,10 @@ def _judged(evidence: FaultEvidence, informative: Mask, trial: _Trial, rest: flo
     shares = float(before[betters].mean()), float(after[betters].mean())
     joints = () if trial.joint < 0 else (trial.joint,)
     as_well = nats(after, informative) + TIE
-    law = next((name for name, left in missing_laws(evidence) if nats(left, informative) <= as_well), "")
+    laws = {name: nats(left, informative) for name, left in missing_laws(evidence)}
+    if any(name.startswith(SPRING) and left < nats(after, informative) - TIE for name, left in laws.items()):
+        return None
+    law = next((name for name, left in laws.items() if left <= as_well), "")
     return Distortion(trial.kind, joints, trial.value, *shares, share, signals, law)
 
 

@@ -283,6 +283,9 @@ def informative_torques(x: Signals, signed: Mask) -> Mask:
     return np.asarray(signed & (size > 0) & (size >= WEAK * strong) & (size >= STEADY * rms))
 
 
+SPRING = "a spring"
+
+
 def missing_laws(evidence: FaultEvidence) -> Iterator[tuple[str, Array]]:
     """Each kind of missing law, in words, and the shares (n,) [1] of the torques' variances that it leaves.
 
@@ -297,6 +300,9 @@ def missing_laws(evidence: FaultEvidence) -> Iterator[tuple[str, Array]]:
     shares = np.ones(len(size))
     shares[joints] = np.mean(np.square(y), axis=1)
     yield "friction or a rotor of another size", shares
+    for k, j in enumerate(joints):
+        spring = leave(leave(x.torque[:, j] - x.predicted[:, j], own[k]), leave(evidence.q[:, [j]], own[k])) / size[j]
+        yield f"{SPRING} at {evidence.robot.joints[j]}", np.where(np.arange(len(size)) == j, np.mean(spring**2), shares)
     bodies = evidence.along(Correction.none(len(size))).bodies.reshape(count, len(size), -1, len(INERTIAL))
     for moved, joint in enumerate(evidence.robot.joints):
         columns = bodies[:, :, own_body(evidence.robot, moved)]

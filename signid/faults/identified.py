@@ -17,8 +17,9 @@ from ..estimation.fit_quality import LITTLE, Fit, judge_fit
 from ..model import Model, stated_parameters
 from ..recording.sampling import select_stretches
 from ..regression.factors import Factors
+from ..regression.lacking import Lack, find_lacks
 from ..regression.projection import least_squares
-from ..regression.rows import Rows, Task, read_rows, torque_rates
+from ..regression.rows import Rows, Task, read_rows
 from ..regression.session import Options, Session, prepare
 from ..types import Array, Mask, Recording
 from .channels import naming_faults
@@ -50,6 +51,7 @@ ALIKE, ROUGHLY = 3.0, 10.0
 # 8 ms, simulated without noise
 CLEAR = 0.4
 NEGATIVE = 0.5  # [1] share of joints with negative viscous friction from which on torque leads
+YIELDS = 0.5  # [1] torque that a law leaves, over what a correction leaves, below which the law is named instead
 NEXT = "run signid check on the recordings, then signid diagnose"
 
 
@@ -81,30 +83,33 @@ class Delay(NamedTuple):
 
 
 def identification_flags(
-    rows: IdentifiedData, model: Model, excitation: ExcitationVerdict, fit: Fit, value: Array
-) -> tuple[str, ...]:
-    """Sentences on recording faults, and on joints that fit badly for another reason.
+    rows: IdentifiedData, model: Model, excitation: ExcitationVerdict, fit: Fit, value: Array, base_value: Array
+) -> tuple[tuple[str, ...], tuple[Lack, ...]]:
+    """Sentences on recording faults, on laws that are missing and on joints that fit badly; and these laws.
 
-    value: (b,) [units of base] base parameters by least squares, without physical constraints.
+    value, base_value: (b,) [units of base] base parameters by least squares, without physical constraints and with.
     """
     session, faults = rows.session, list[RecordingFault]()
     sentences = [flag for recording in rows.recordings for flag in recording.flags]
     moving = np.array([joint not in excitation.resting for joint in fit.joints])
     signed = np.all([recording.signed for recording in rows.recordings], axis=0)
     found = examine(model, session, excitation, signed, rows.evidence).findings
-    faults = [f for f in found if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit)]
+    both, stated = (rows.train, rows.test), stated_parameters(session.task)
+    lacks = list(find_lacks(session.task, both, fit, base_value, stated, signed & moving))
+    faults = [f for f in found if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit, lacks)]
     sentences += [f"{fault.sentence}; {NEXT}" for fault in faults]
     delay = None if any(fault.kind == "lag" for fault in faults) else estimate_delay(session, signed & moving)
     if delay is not None and delay.is_clear(_negative_viscosity(value, session.task)):
         sentences.append(_delay_sentence(delay))
-    stated = session.task.base.combination @ stated_parameters(session.task).values
-    before = judge_fit(session, rows.train, rows.test, stated)
+    before = judge_fit(session, *both, session.task.base.combination @ stated.values)
     sound = moving & np.array([not any(joint in fault.joints for fault in faults) for joint in fit.joints])
     torques = [np.array([joint.total, joint.whole[-1, -1]]) / max(joint.rows, 1) for joint in rows.train.joints]
     mean, square = np.array(torques).T  # (n,) [N.m or N] and its square
     matters = fit.held_out_rms > TRIFLE * np.sqrt(square)
     bad = _bad(fit, np.maximum(square - mean**2, 0.0), sound)
-    return (*dict.fromkeys(sentences), *bad, *_worse(fit, before, sound & matters))
+    lacks = [lack for lack in lacks if sound[fit.joints.index(lack.joint)]]
+    sentences += [lack.sentence for lack in lacks]
+    return (*dict.fromkeys(sentences), *bad, *_worse(fit, before, sound & matters)), tuple(lacks)
 
 
 def _bad(fit: Fit, variance: Array, sound: Mask) -> Iterator[str]:
@@ -151,12 +156,14 @@ def _negative_viscosity(value: Array, task: Task) -> float:
     return float(np.mean(signs)) if signs else 0.0
 
 
-def _holds(fault: RecordingFault, fit: Fit) -> bool:
-    """Whether a fault remains after the fit: torque that the model explains belongs to its motion."""
-    if fault.kind != "unexplained torque":
-        return True
-    r2 = dict(zip(fit.joints, fit.held_out_r2, strict=True))
-    return not all(r2[joint] >= LITTLE for joint in fault.joints)
+def _holds(fault: RecordingFault, fit: Fit, lacks: Sequence[Lack]) -> bool:
+    """Whether a fault remains after the fit: torque that the model, or better a law, explains belongs to its motion."""
+    r2 = dict(zip(fit.joints, fit.held_out_r2.tolist(), strict=True))
+    claimed = fault.measures.get("explained_after", fault.measures.get("explained", 1.0))
+    left = [(1 - lack.share) * (1 - r2[lack.joint]) for lack in lacks if lack.joint in fault.joints and not lack.moved]
+    if any(x < YIELDS * (1 - claimed) for x in left):
+        return False
+    return fault.kind != "unexplained torque" or not all(r2[joint] >= LITTLE for joint in fault.joints)
 
 
 def _delay_sentence(delay: Delay) -> str:
@@ -176,7 +183,9 @@ def estimate_delay(session: Session, signed: Mask) -> Delay | None:
     near reversals are excluded, since dry friction leads the motion there. signed: (n,) joints that move and have
     signed torque.
     """
-    windows = _windows(session)
+    whole = sum(sampling.duration for _, sampling in session.train)
+    few = ((r, select_stretches(sampling, SECONDS * sampling.duration / whole)) for r, sampling in session.train)
+    windows = [rows for part in few for rows in read_rows(session.task, *part) if len(rows.t) > 1]
     found = [own for j in np.flatnonzero(signed).tolist() if (own := _joint_delay(windows, j)) is not None]
     if not found:
         return None
@@ -186,29 +195,19 @@ def estimate_delay(session: Session, signed: Mask) -> Delay | None:
     return Delay(common, float(np.sum(std**-2) ** -0.5), scatter, float(gain.mean()))
 
 
-def _windows(session: Session) -> list[tuple[Rows, Array]]:
-    """Rows of evenly spread stretches, and the derivative (M, n) [N.m/s or N/s] of their torque."""
-    task, out = session.task, list[tuple[Rows, Array]]()
-    whole = sum(sampling.duration for _, sampling in session.train)
-    for recording, sampling in session.train:
-        few = select_stretches(sampling, SECONDS * sampling.duration / whole)
-        out += zip(read_rows(task, recording, few), torque_rates(task, recording, few), strict=True)
-    return [(rows, rate) for rows, rate in out if len(rows.t) > 1]
-
-
-def _joint_delay(windows: list[tuple[Rows, Array]], joint: int) -> tuple[float, float, float] | None:
+def _joint_delay(windows: list[Rows], joint: int) -> tuple[float, float, float] | None:
     """Delay of one joint [s], its std [s] and its gain [1]; None if its rows are not informative."""
-    kept = [rows.steady[:, joint] & rows.recorded[joint] for rows, _ in windows]
+    kept = [rows.steady[:, joint] & rows.recorded[joint] for rows in windows]
     pairs = list(zip(windows, kept, strict=True))
-    if sum(int(k.sum()) for k in kept) < SPARE * max((rows.columns[joint].shape[1] for rows, _ in windows), default=1):
+    if sum(int(k.sum()) for k in kept) < SPARE * max((rows.columns[joint].shape[1] for rows in windows), default=1):
         return None
-    columns = np.concatenate([rows.columns[joint][k] for (rows, _), k in pairs])
-    torque = np.concatenate([rows.torque[k, joint] for (rows, _), k in pairs])
+    columns = np.concatenate([rows.columns[joint][k] for rows, k in pairs])
+    torque = np.concatenate([rows.torque[k, joint] for rows, k in pairs])
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     basis, factor = np.linalg.qr(columns / size)
     value = least_squares(factor, basis.T @ torque, 1e-10) / size
-    rate = np.concatenate([rate[k, joint] for (_, rate), k in pairs])
-    instrument = np.concatenate([np.gradient(rows.columns[joint] @ value, rows.t)[k] for (rows, _), k in pairs])
+    rate = np.concatenate([rows.slope[k, joint] for rows, k in pairs])
+    instrument = np.concatenate([np.gradient(rows.columns[joint] @ value, rows.t)[k] for rows, k in pairs])
     y, d, z = (x - basis @ (basis.T @ x) for x in (torque, rate, instrument))
     overlap = float(z @ d)
     if overlap <= 0 or not y.any():

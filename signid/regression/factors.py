@@ -15,7 +15,7 @@ from .rows import Rows, Task
 ROWS = 512  # largest number of rows; with 256, intervals of real recordings contain the truth less often
 LEAST = 128  # smallest limit on the number of rows, for many columns
 NUMBERS = 2**18  # largest number of entries of `columns` above that: 2 MB
-SAMPLED = ("number", "q", "v", "torque", "slope", "kept", "columns")  # arrays of a `RowSample`
+SAMPLED = ("number", "q", "v", "a", "torque", "slope", "kept", "columns")  # arrays of a `RowSample`
 LAGS = 6  # highest order of the autoregressive noise model
 Weigh = Callable[[int, Rows], Array]  # (joint, rows) -> weight (M,) [1] of each row
 
@@ -32,6 +32,7 @@ class RowSample(Frozen):
     stride: int  # [1] spacing of the sample, in rows
     q: Array  # (K, n) [rad or m]
     v: Array  # (K, n) [rad/s or m/s]
+    a: Array  # (K, n) [rad/s2 or m/s2]
     torque: Array  # (K, n) [N.m or N]
     slope: Array  # (K, n) [N.m/s or N/s] derivative of the torque
     kept: Mask  # (K, n) whether the row of the joint is valid
@@ -54,10 +55,13 @@ def sample_rows(task: Task, window: Rows, weights: Sequence[Array] | None = None
     root = [np.sqrt(w) for w in weights] if weights else [np.ones(len(kept))] * kept.shape[1]
     scale = np.where(kept, np.column_stack(root), 0.0)
     columns = [x * scale[:, j, None] for j, x in enumerate(window.columns)]
-    signals = (window.q, window.v, window.torque * scale, window.slope * scale, np.concatenate(columns, axis=1))
-    q, v, torque, slope, joined = (x.astype(np.float32).astype(np.float64) for x in signals)  # halves the size of files
+    joined = np.concatenate(columns, axis=1)
+    signals = (window.q, window.v, window.a, window.torque * scale, window.slope * scale, joined)
+    q, v, a, torque, slope, joined = (
+        x.astype(np.float32).astype(np.float64) for x in signals
+    )  # halves the size of files
     number = int(np.floor(window.t[0] / period)) + np.arange(len(window.t)) if len(window.t) else np.zeros(0, np.intp)
-    return _thinned(RowSample(number, period, 1, q, v, torque, slope, kept, joined))
+    return _thinned(RowSample(number, period, 1, q, v, a, torque, slope, kept, joined))
 
 
 def _thinned(sample: RowSample) -> RowSample:

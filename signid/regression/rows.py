@@ -84,18 +84,6 @@ def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[
         yield _window_rows(task, window, sampling.period, grid, first)
 
 
-def torque_rates(task: Task, recording: Recording, sampling: Sampling) -> Iterator[Array]:
-    """Derivative (M, n) [N.m/s or N/s] of the recorded torque at the rows of `read_rows`, window by window.
-
-    Central differences of the samples pass the filter of the rows; joints without torque have 0.
-    """
-    grid, edge = _grid(task), margin(task.band, task.recorded_derivatives)
-    for _, window in grid.read(recording, sampling):
-        tau = np.where(np.isnan(window.tau).all(axis=0), 0.0, window.tau)
-        rate = np.gradient(tau, sampling.period, axis=0)
-        yield grid.thin(rate[edge : len(rate) - edge])
-
-
 class _Grid(NamedTuple):
     """Grid of rows over samples, and of windows over rows."""
 

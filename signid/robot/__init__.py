@@ -4,14 +4,18 @@ Sources are URDF, xacro and MJCF files, robots that come with signid, and those 
 held fixed; mimic joints follow. `urdf_from_dh` generates a URDF from Denavit-Hartenberg parameters.
 """
 
+from .audit import Audit, Suspect, audit
 from .description.dh import DHLink, urdf_from_dh
 from .joints import configuration, hold, resting, weld, with_gravity
 from .load import as_robot, described_gravity, held_positions, load_robot, robot_from_text
 from .locate import locate, names
 
 __all__ = [
+    "Audit",
     "DHLink",
+    "Suspect",
     "as_robot",
+    "audit",
     "configuration",
     "described_gravity",
     "held_positions",

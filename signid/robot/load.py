@@ -256,13 +256,10 @@ def as_arguments(given: Mapping[str, object] | None) -> dict[str, str]:
         raise unexpected("xacro", "values by name of the argument", given, '{"name": "ur5e"}')
     if len(given) > MOST:
         raise OptionError(f"xacro has {len(given)} arguments; give {MOST} at most")
-    return {_name(name): _value(name, value) for name, value in given.items()}
-
-
-def _name(name: object) -> str:
-    if not isinstance(name, str) or not ASSIGNED.fullmatch(f"{name}:="):
-        raise OptionError(f"xacro has {str(name)[:80]!r} as the name of an argument; give letters, digits and _")
-    return name
+    for name in given:
+        if not isinstance(name, str) or not ASSIGNED.fullmatch(f"{name}:="):
+            raise OptionError(f"xacro has {str(name)[:80]!r} as the name of an argument; give letters, digits and _")
+    return {name: _value(name, value) for name, value in given.items()}
 
 
 def _value(name: str, value: object) -> str:

@@ -16,32 +16,18 @@ from .description.sandbox import may_read
 
 _DATA = "example-robot-data"
 _PACKAGE, _FILE = ("package://", "model://"), "file://"
-_FAMILIAR = {  # names in the loaders of example-robot-data -> file stems
-    "alexander": "alexander_v1.lowerBodyOnly",
-    "anymal": "anymal_b_simple/anymal",
-    "anymal_b": "anymal_b_simple/anymal",
-    "anymal_c": "anymal_c_simple/anymal",
-    "anymal_kinova": "anymal-kinova",
-    "asr_twodof": "TwoDofs",
-    "b1_z1": "b1-z1",
-    "borinot": "borinot_flying_arm_2",
-    "g1": "g1_29dof_rev_1_0",
-    "hector": "quadrotor_base",
-    "hextilt": "hextilt_flying_arm_5",
-    "hyq": "hyq_no_sensors",
-    "solo8": "solo",
-    "talos": "talos_reduced",
-    "talos_arm": "talos_left_arm",
-    "talos_box": "talos_reduced_box",
-    "talos_full": "talos_full_v2",
-    "talos_full_box": "talos_full_v2_box",
-    "ur10": "ur10_robot",
-    "ur10_limited": "ur10_joint_limited_robot",
-    "ur3": "ur3_robot",
-    "ur3_limited": "ur3_joint_limited_robot",
-    "ur5": "ur5_robot",
-    "ur5_limited": "ur5_joint_limited_robot",
-}
+_FAMILIAR = dict(  # names in the loaders of example-robot-data -> file stems
+    pair.split("=")
+    for pair in (
+        "alexander=alexander_v1.lowerBodyOnly anymal=anymal_b_simple/anymal anymal_b=anymal_b_simple/anymal "
+        "anymal_c=anymal_c_simple/anymal anymal_kinova=anymal-kinova asr_twodof=TwoDofs b1_z1=b1-z1 "
+        "borinot=borinot_flying_arm_2 g1=g1_29dof_rev_1_0 hector=quadrotor_base hextilt=hextilt_flying_arm_5 "
+        "hyq=hyq_no_sensors solo8=solo talos=talos_reduced talos_arm=talos_left_arm talos_box=talos_reduced_box "
+        "talos_full=talos_full_v2 talos_full_box=talos_full_v2_box ur10=ur10_robot "
+        "ur10_limited=ur10_joint_limited_robot ur3=ur3_robot ur3_limited=ur3_joint_limited_robot ur5=ur5_robot "
+        "ur5_limited=ur5_joint_limited_robot"
+    ).split()
+)
 
 
 def locate(source: str | Path) -> Path:

@@ -55,9 +55,8 @@ def inspect(robot: RobotArguments, run: RunOptions, effects: Effects = None) -> 
 
     described = given_robot(robot.robot, robot)
     found = look(described, given_effects(effects), run.seed)
-    if not run.json:
-        return show(tables(found))
-    return show(to_json(document(found, given_inputs(robot.robot, described, robot.actuators), seed=run.seed)))
+    content = document(found, given_inputs(robot.robot, described, robot.actuators), seed=run.seed)
+    return show(to_json(content) if run.json else tables(found), found.flags)
 
 
 @command("signid check 3r recording.csv")

@@ -17,7 +17,7 @@ from ..data.dataset import Dataset
 from ..data.hypotheses import VARIABLES
 from ..data.locate import Location, locate
 from ..evidence.selection import Selection
-from ..extend.holdout import Prediction
+from ..extend.holdout import Prediction, predict
 from ..result import Alternative, Finding, Unexplained, without_cause
 from ..search.stepwise import required_log_odds
 from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
@@ -25,7 +25,7 @@ from .contender import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
 from .separating_motion import tell_apart
-from .stated import reported_laws, stated_number_findings, stated_numbers, torque_share, total_law
+from .stated import body_finding, reported_laws, stated_number_findings, stated_numbers, torque_share, total_law
 from .thresholds import (
     AMBIGUOUS,
     LEAST_PROBABILITY,
@@ -36,15 +36,19 @@ from .thresholds import (
     UNSURE,
     VAGUE_STD,
 )
-from .verdict import Verdict
+from .verdict import Verdict, undecided_words
 
+VAGUE = "its numbers could all be zero"
+TOO_FEW = "the rows are too few to hold any out"
+UNSUPPORTED = "the held-out recordings are not predicted better with it"
+UNCAUSED = "the causes of the mismatch were not found, so the simulation stays as it was given"
 Deviations = Mapping[Group, Sequence[Mapping[str, float]]]  # standard deviations of the numbers of each law
 
 
 class Conclusions(NamedTuple):
     """Verdict, findings and extended simulation."""
 
-    verdict: str  # nothing_missing, named or unknown
+    verdict: str  # nothing_missing, named, unknown or undecided
     prediction: Prediction  # of the extended simulation
     findings: tuple[Finding, ...]
     unexplained: tuple[Unexplained, ...]
@@ -71,18 +75,27 @@ def conclude(
     if order:
         covariance = extended_covariance(prediction.model, selection, extended)
         prediction = prediction._replace(model=replace(prediction.model, covariance=covariance))
-    reporter = _Reporter(dataset, selection, extended, stds, verdict.causes, seed)
+    reporter = _Reporter(dataset, selection, extended, stds, verdict.causes, seed, session.judges_itself)
     by_group = {contender.group: contender for contender in contenders}
-    findings = list(reporter.findings([by_group[group] for group in (*verdict.causes, *verdict.secondary)]))
-    if not verdict.causes and (verdict.name == "unknown" or dataset.model.misfit is not None):
-        stated = list(stated_number_findings(dataset, session, selection, extended))
+    shown = {*verdict.causes, *verdict.secondary}
+    findings = list(reporter.findings([by_group[group] for group in verdict.ranked if group in shown]))
+    if not verdict.causes:
+        known, find = dataset.model.misfit is not None, body_finding
+        if known or verdict.name == "unknown":
+            find = stated_number_findings
+        stated = list(find(dataset, session, selection, extended))
         findings = [*stated, *findings]
-        if dataset.model.misfit is not None and any(finding.probability > SAID for finding in stated):
+        if find is body_finding and stated or known and any(finding.probability > SAID for finding in stated):
             verdict = replace(verdict, name="named")
+    if not any(finding.role == "cause" for finding in findings):  # numbers refitted beside no cause fit the noise
+        prediction = predict(session, dataset.model)
+        findings = [replace(finding, in_model=False, refused=finding.refused or UNCAUSED) for finding in findings]
     floor, scale = selection.data.floor, selection.data.scale
     unexplained = tuple(_unexplained(dataset, prediction, verdict))
     if verdict.name == "named" and without_cause(findings, unexplained):
         verdict = replace(verdict, name="unknown")
+    short = list(undecided_words(dataset, session, prediction.train, verdict))
+    verdict = replace(verdict, name="undecided") if short else verdict
     return Conclusions(
         verdict=verdict.name,
         prediction=prediction,
@@ -90,7 +103,7 @@ def conclude(
         unexplained=unexplained,
         located=tuple(_place(dataset, j, dataset.table.residual[:, j]) for j in range(dataset.table.joints)),
         tolerance=float(np.max(np.sqrt(verdict.threshold / selection.data.counts) * floor / scale)),
-        flags=tuple(_flags(dataset, findings, verdict, session.judges_itself, unexplained)),
+        flags=(*short, *_flags(dataset, findings, verdict, session.judges_itself, unexplained)),
     )
 
 
@@ -130,6 +143,7 @@ class _Reporter(Frozen):
     stds: Deviations
     causes: Sequence[Group]
     seed: int
+    reused: bool = False  # whether the training rows take the place of held-out rows
 
     def findings(self, contenders: Sequence[Contender]) -> Iterator[Finding]:
         """One finding for each law of some hypotheses, with a limited number of separating motions."""
@@ -166,6 +180,7 @@ class _Reporter(Frozen):
             alternatives=rivals,
             stated=stated_numbers(dataset.model, whole),
             in_model=in_model,
+            refused="" if in_model else VAGUE if _is_vague(law, std) else TOO_FEW if self.reused else UNSUPPORTED,
         )
 
     def alternatives(self, contender: Contender, law: Law, most: int) -> Iterator[Alternative]:

@@ -54,6 +54,6 @@ def with_gravity_finding(
         stated=stated,
         in_model=bool(np.allclose(result.prediction.model.robot.model.gravity.linear, list(value.values()))),
     )
-    verdict = "named" if result.verdict == "nothing_missing" else result.verdict
+    verdict = "unknown" if result.verdict == "unknown" else "named"
     flags = (*result.flags, *(() if any(value.values()) else (WEIGHTLESS,)))
     return result._replace(verdict=verdict, findings=(finding, *result.findings), flags=flags)

@@ -1,4 +1,4 @@
-"""Findings that a number of a stated law is wrong."""
+"""Findings that a number of a stated law, or a stated body, is wrong."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from ...effects import EFFECTS
 from ...effects.base import TorqueLaw
 from ...model import Model
 from ...regression.projection import leave
@@ -64,6 +65,53 @@ def stated_number_findings(
             alternatives=tuple(_rivals(selection.posterior, group, fit.value[place], library)),
             stated=stated_numbers(dataset.model, whole),
         )
+
+
+def body_finding(
+    dataset: Dataset, session: Session, selection: Selection, extended: ExtendedSimulation
+) -> Iterator[Finding]:
+    """Cause that bodies are wrong, where held-out rows support their refit, for a diagnosis without other causes.
+
+    It names the body whose change makes most of the torque; the others share the probability as its alternatives.
+    """
+    evidence, data, model = selection.evidence, selection.data, extended.prediction.model
+    groups = [group for group in data.refitted if group.bodies and group in extended.refitted]
+    if not groups or evidence.informed:
+        return
+    step, energy = model.inertials - dataset.model.inertials, dict[int, float]()
+    for joint, body in enumerate(selection.posterior.carried):
+        parts = [data.part(j, groups[body]) @ step[body] for j in data.rows(groups[body])]
+        energy[joint] = sum(float(x @ x) for x in parts)
+    wrong = 1 - float(np.exp(evidence.log_bayes_factors((), selection.dispersion)[1][0]))
+    shares = {j: wrong * x / max(sum(energy.values()), 1e-300) for j, x in energy.items()}
+    first, last = max(shares, key=lambda j: shares[j]), len(shares) - 1
+    effect, body = EFFECTS["link_inertia"], selection.posterior.carried[first]
+    rivals = [(x, Law(effect, (j,))) for j, x in shares.items() if j != first]
+    if first == last:  # a payload is a change of the last body
+        shares[first] /= 2
+        rivals.append((shares[first], Law(EFFECTS["payload"], (last,))))
+    law = Law(effect, (first,), dict(zip(effect.parameters, step[body].tolist(), strict=True)))
+    torque = {j: data.raw(j, groups[body]) @ step[body] for j in data.rows(groups[body])}
+    share = torque_share(torque, data.scale)
+    joint, fit = int(np.argmax(share)), selection.fit()
+    std = np.sqrt(np.diag(fit.covariance)[fit.place(groups[body])])
+    given, after = predict(session, dataset.model).held_out.residual, extended.prediction.held_out.residual
+    yield Finding(
+        law=law,
+        std=dict(zip(effect.parameters, std.tolist(), strict=True)),
+        role="cause",
+        probability=min(shares[first], MOST_PROBABLE),
+        torque_share=share,
+        where=locate(dataset.table, joint, torque[joint], bool(model.robot.prismatic[joint]), VARIABLES[:-1]),
+        statistic=float(np.log(max(wrong, 1e-300) / max(1 - wrong, np.exp(-MOST_LOG_ODDS)))),
+        threshold=float(np.log(LEAST_PROBABILITY / (1 - LEAST_PROBABILITY))),
+        held_out_gain=1 - float(np.nanmean(after[:, joint] ** 2) / np.nanmean(given[:, joint] ** 2)),
+        alternatives=tuple(
+            Alternative(rival, x, "")
+            for x, rival in sorted(rivals, key=lambda pair: -pair[0])
+            if x > LISTED_PROBABILITY
+        ),
+    )
 
 
 def total_law(law: Law, given: Model, extended: Model | None) -> Law:

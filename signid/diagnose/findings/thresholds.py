@@ -32,6 +32,8 @@ CLEAR_LOG_ODDS = 20.0  # log odds of a dependence without law that make somethin
 CLEAR_THRESHOLD = 0.8  # factor of the threshold in that case [1]; heuristic
 STATELESS_THRESHOLD = 3.0  # factor of the threshold of what depends on no variable [1]; heuristic
 UNEXPLAINED_ELSEWHERE = 0.25  # excess that causes at other joints leave of a joint's, over all [1]; heuristic
+QUIET_RATIO = 1.3  # residual rms over that of noise and known misfit up to which nothing is missing [1]; heuristic
+QUIET_SHARE = 0.05  # residual rms over the joint's torque up to which nothing is missing [1]; heuristic
 SMALL_EXCESS = 0.1  # excess that does not matter, over the largest [1]; heuristic
 
 # Held-out selection (held_out_selection.py)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...estimation.fit_quality import rms_of
+from ...faults.evidence import judge_amount
 from ...regression.projection import leave
+from ...regression.session import Session
 from ...types import Array, Frozen, Mask
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.noise import has_full_window
 from ..data.whitening import weights
 from ..evidence.selection import Posterior, Selection
+from ..extend.holdout import ResidualRows
+from ..result import MUCH
 from ..search.contributions import Contributions, measure_contributions
 from . import thresholds as tuned
 from .contender import Contender
@@ -23,13 +28,14 @@ from .contender import Contender
 class Verdict(Frozen):
     """Overall result: its name, and the selected laws as causes and as corrections."""
 
-    name: str  # nothing_missing, named or unknown
+    name: str  # nothing_missing, named, unknown or undecided
     causes: tuple[Group, ...]
     secondary: tuple[Group, ...]
     before: Array  # (n,) excess of the whitened sum of squares of the given simulation [1]
     after: Array  # (n,) excess with all selected laws [1]
     threshold: Array  # (n,) of the excess [1]
     contributions: Contributions
+    ranked: tuple[Group, ...] = ()  # causes and corrections, in the order of the torque that they explain
 
     def without(self, weak: Collection[Group]) -> Verdict:
         """Remove laws that held-out rows do not support; without causes the verdict is unknown or nothing missing."""
@@ -60,6 +66,32 @@ class Verdict(Frozen):
         return replace(self, causes=causes, secondary=(*refused, *self.secondary)) if causes else self
 
 
+def undecided_words(dataset: Dataset, session: Session, given: ResidualRows, verdict: Verdict) -> Iterator[str]:
+    """Why it cannot be said that nothing is missing, a sentence for each joint; none where that can be said.
+
+    More than white noise, reversals and a known misfit is left at these joints. `given` has the residual of the
+    simulation on the training rows.
+    """
+    if verdict.name != "nothing_missing":
+        return
+    data, robot = verdict.contributions.data, dataset.model.robot
+    misfit = np.zeros(data.joints) if dataset.model.misfit is None else np.nan_to_num(dataset.model.misfit.size)
+    noise = np.hypot(session.task.band.torque_floor, misfit)[None, :]
+    left = rms_of(given.residual) / rms_of(
+        np.hypot(noise, np.where(np.isnan(given.residual), np.nan, given.reversal_std))
+    )
+    share = rms_of(given.residual) / np.maximum(rms_of(given.torque), tuned.FAINT_JOINT * data.scale.max())
+    unseen = np.sqrt(verdict.threshold / data.counts) * data.floor / data.scale
+    few, rows = not judge_amount(session, session.train).enough, np.sum(np.isfinite(given.residual), axis=0)
+    for j in np.flatnonzero((left > tuned.QUIET_RATIO) & (share > tuned.QUIET_SHARE)).tolist():
+        why = "other bodies could make it, which the held-out rows do not confirm"
+        why = f"they are {'too few' if few else 'too noisy'} to show what it is" if few or unseen[j] > MUCH else why
+        yield (
+            f"{rows[j]} rows leave {share[j]:.0%} of the torque of {robot.joints[j]} unexplained, and {why}; record "
+            f"for longer, with more motion of this joint"
+        )
+
+
 def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[Contender]) -> Verdict:
     """Decide between named, unknown and nothing missing; rank the selected laws."""
     data, evidence, noise = selection.data, selection.evidence, dataset.noise
@@ -74,9 +106,12 @@ def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[
     threshold = tuned.NOTICED_STD * np.sqrt(2 * data.counts) * correlated + data.counts * tolerated
     threshold = threshold * (tuned.CLEAR_THRESHOLD if clear > tuned.CLEAR_LOG_ODDS and not selection.selected else 1.0)
     by_group = {contender.group: contender for contender in contenders}
-    importance = {g: _importance(selection.posterior, contributions, residual, g) for g in selection.selected}
+    explained = {g: _explained(selection.posterior, contributions, residual, g) for g in selection.selected}
+    left = np.sqrt(np.mean(residual**2, axis=0))
+    importance = {g: float(np.sqrt(np.sum(x**2 / np.maximum(left * data.scale, 1e-300)))) for g, x in explained.items()}
     largest = max(importance.values(), default=0.0)
-    ranked = sorted(selection.selected, key=lambda g: (by_group[g].log_at_scale < 0, -importance[g]))
+    moved = {g: importance[g] * float(np.sqrt(x.max())) for g, x in explained.items()}  # much torque is never last
+    ranked = sorted(selection.selected, key=lambda g: (by_group[g].log_at_scale < 0, -moved[g]))
     ranked = _drifts_first(ranked, contributions)
     causes = tuple(g for g in ranked if importance[g] >= tuned.CAUSE_SHARE * largest)
     secondary = tuple(group for group in ranked if group not in causes)
@@ -89,7 +124,7 @@ def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[
     else:
         named = _explain(causes, (before, after, threshold), by_group[causes[0]])
         name = "named" if named else "unknown"
-    return Verdict(name, causes, secondary, before, after, threshold, contributions)
+    return Verdict(name, causes, secondary, before, after, threshold, contributions, tuple(ranked))
 
 
 def _clearest_dependence(selection: Selection, before: Array) -> float:
@@ -107,22 +142,22 @@ def _excess(dataset: Dataset, counts: Array, residual: Array) -> Array:
     return np.asarray(np.sum((residual[order:][kept] * weight / noise.saturated_floor) ** 2, axis=0) - counts)
 
 
-def _importance(posterior: Posterior, contributions: Contributions, residual: Array, group: Group) -> float:
-    """Importance of a law [1]: geometric mean of its torque over the residual and over the joint's torque.
+def _explained(posterior: Posterior, contributions: Contributions, residual: Array, group: Group) -> Array:
+    """(n,) rms torque that a law explains at each joint [N.m or N].
 
     Only the part of the torque counts that no other selected law could make, since two laws may cancel each other, and
     at most the growth of the (M, n) residual of all laws without it. Bodies count as fitted, since they cannot be of
     any size.
     """
-    data, size = posterior.evidence.data, 0.0
+    data, square = posterior.evidence.data, np.zeros(residual.shape[1])
     for j in data.rows(group):
         torque, left = data.raw(j, group) @ contributions.coefficients[group], float(np.mean(residual[:, j] ** 2))
         beside = [(g, x) for g, x in contributions.coefficients.items() if g is not group and j in data.rows(g)]
         others = [data.raw(j, g) @ x if g.claim.bodies else data.raw(j, g) for g, x in beside]
         alone = leave(torque, np.column_stack(others)) if others else torque
         growth = max(float(np.mean((residual[:, j] + torque) ** 2)) - left, 0.0)
-        size += min(growth, float(np.mean(alone**2))) / max(float(np.sqrt(left)) * data.scale[j], 1e-300)
-    return float(np.sqrt(size))
+        square[j] = min(growth, float(np.mean(alone**2)))
+    return np.sqrt(square)
 
 
 def _drifts_first(ranked: Sequence[Group], contributions: Contributions) -> list[Group]:

@@ -146,6 +146,8 @@ def headline(robot: Robot, found: ReplayFindings) -> str:
     """The verdict of a diagnosis in a sentence, with at most three causes."""
     if found.verdict == "nothing_missing":
         return "Nothing is missing in the simulation."
+    if found.verdict == "undecided":
+        return "The recordings do not show whether something is missing."
     causes = [named(robot, x.law, x.std, x.stated) for x in found.findings if x.cause]
     if found.drives:
         listed = [f"{x.effect.replace('_', ' ')} of {x.joint}" for x in found.drives if x.cause]

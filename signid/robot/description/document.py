@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
 _ROUNDING = 1e-6  # tolerance of the triangle inequality for rounded numbers [share of the largest moment]
-_IMPOSSIBLE = {  # condition -> text for one link and for several that violate it
+IMPOSSIBLE = {  # condition -> text for one link and for several that violate it
     "mass": ("has an inertia without a positive mass", "have an inertia without a positive mass"),
     "positive": ("has an inertia that is not positive definite", "have inertias that are not positive definite"),
     "triangle": (
@@ -232,12 +232,12 @@ def impossible_notes(stated: Mapping[str, tuple[float, ArrayLike]]) -> tuple[str
 
     `stated` maps links to their mass [kg] and inertia about the centre of mass, (3, 3) [kg.m2].
     """
-    faults = {name: _fault(*inertial) for name, inertial in stated.items()}
-    links = {kind: [name for name, fault in faults.items() if fault == kind] for kind in _IMPOSSIBLE}
-    return tuple(note for kind, texts in _IMPOSSIBLE.items() for note in _sentence(links[kind], *texts))
+    faults = {name: inertial_fault(*inertial) for name, inertial in stated.items()}
+    links = {kind: [name for name, fault in faults.items() if fault == kind] for kind in IMPOSSIBLE}
+    return tuple(note for kind, texts in IMPOSSIBLE.items() for note in _sentence(links[kind], *texts))
 
 
-def _fault(mass: float, inertia: ArrayLike) -> str:
+def inertial_fault(mass: float, inertia: ArrayLike) -> str:
     """Violated condition ("mass", "positive", "triangle" or "") of a mass [kg] and its central inertia [kg.m2]."""
     if mass < 0:
         return "mass"

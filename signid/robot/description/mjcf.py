@@ -129,19 +129,15 @@ def _compiled(source: Source) -> _Compiled:
     """
     content = json.loads(_run_cached(source.text) if not source.files else _run(source.text, source.files))
     _check_finite(content)
+    for body in content["bodies"]:
+        body["mass"], *body["inertia"] = (0.0 if x <= NEGLIGIBLE else x for x in (body["mass"], *body["inertia"]))
     return _Compiled(
-        tuple(_Body(**{**body, **_without_negligible(body)}) for body in content["bodies"]),
+        tuple(_Body(**body) for body in content["bodies"]),
         tuple(_Joint(**joint) for joint in content["joints"]),
         tuple((one, other, polynomial) for one, other, polynomial in content["ties"]),
         content["gravity"],
         content["medium"],
     )
-
-
-def _without_negligible(body: Mapping[str, Any]) -> dict[str, Any]:
-    """Mass and moments of a body, with those that replaced zero as zero."""
-    mass = 0.0 if body["mass"] <= NEGLIGIBLE else body["mass"]
-    return {"mass": mass, "inertia": [0.0 if x <= NEGLIGIBLE else x for x in body["inertia"]]}
 
 
 def _run(text: str, files: Mapping[str, bytes]) -> str:

@@ -1,10 +1,9 @@
 """File access rules for descriptions, and a restricted process for xacro and for MuJoCo's compiler.
 
-The compiler is C code, which may crash on a damaged file; it reads files that signid has copied for it. Xacro files
-contain expressions, which are walked as a syntax tree (simpleeval): numbers, strings, lists, dictionaries, operators,
-the functions that xacro documents, and listed methods. Python never evaluates them, so an audit hook suffices for
-xacro: it reads the files that `may_read` allows, and neither writes, nor runs programs, nor connects. Time (SECONDS)
-and memory (MEMORY) of the process are limited.
+The compiler is C code, which may crash on a damaged file; it reads files that signid has copied for it. Python never
+evaluates the expressions of a xacro file (`xacro_strict`), so an audit hook suffices for xacro: it reads the files that
+`may_read` allows, and neither writes, nor runs programs, nor connects. Time (SECONDS) and memory (MEMORY) of the
+process are limited.
 
 The module runs as a script and imports nothing from signid.
 """
@@ -12,10 +11,12 @@ The module runs as a script and imports nothing from signid.
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import sys
 import sysconfig
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,6 @@ ARGUMENTS = "arguments.json"  # name of the file with the values of xacro's argu
 SENTENCE = 2  # exit code if the reason is a sentence of its own
 _FLAGS = ("GRAVITY", "SPRING", "DAMPER", "FRICTIONLOSS")  # of MuJoCo's mjtDisableBit
 _BODY = ("pos", "quat", "ipos", "iquat", "mass", "inertia", "gravcomp")  # of MuJoCo's mjModel
-LIBRARIES = ("stdlib", "platstdlib", "purelib", "platlib")  # folders of Python's own files
-WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC  # flags of a file that is opened
 MANIFESTS = ("package.xml", "manifest.xml", "stack.xml")
 REFUSED = tuple(
     "socket. subprocess. ctypes. shutil. os.system os.exec os.posix_spawn os.spawn os.fork os.kill os.remove os.rename "
@@ -48,13 +47,15 @@ def may_read(path: str | Path, folders: Sequence[str | Path]) -> bool:
 
 def _guard(folders: Sequence[str]) -> None:
     """Restrict this process permanently by an audit hook: it reads files of Python and of `folders`."""
-    own = tuple(os.path.abspath(sysconfig.get_path(kind)) + os.sep for kind in LIBRARIES)
+    libraries = ("stdlib", "platstdlib", "purelib", "platlib")
+    own = tuple(os.path.abspath(sysconfig.get_path(kind)) + os.sep for kind in libraries)
+    writes = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
     def watch(event: str, given: tuple[Any, ...]) -> None:
         if event == "open" and isinstance(given[0], str | bytes):
             path = os.path.abspath(os.fsdecode(given[0]))
             known = path.startswith(own) or os.path.basename(path) in MANIFESTS
-            if given[2] & WRITES or not (known or may_read(path, folders)):
+            if given[2] & writes or not (known or may_read(path, folders)):
                 raise PermissionError(13, WHERE, path)
         elif event.startswith(REFUSED):
             raise PermissionError(13, "a description may not do this", event)
@@ -74,116 +75,17 @@ def _limit() -> None:
             resource.setrlimit(kind, (least, least))
 
 
-def _expression_class() -> Any:
-    """Class of simpleeval's evaluators with the names and attributes of a xacro file."""
-    import ast
-
-    import simpleeval
-    import xacro
-
-    named, methods = (xacro.NameSpace, xacro.YamlDictWrapper), simpleeval.BASIC_ALLOWED_ATTRS
-
-    class Expression(simpleeval.EvalWithCompoundTypes):  # type: ignore[misc]
-        """Syntax-tree evaluator."""
-
-        def __init__(self, names: Any) -> None:
-            super().__init__(functions={})
-            self.names = names
-            for kind in (ast.JoinedStr, ast.FormattedValue, ast.Assign, ast.AugAssign):
-                del self.nodes[kind]
-
-        def _check_disallowed_items(self, item: Any) -> None:  # attributes and names are listed one by one
-            pass
-
-        def _eval_call(self, node: ast.Call) -> Any:
-            function = self._eval(node.func)
-            named_arguments = dict(self._eval(keyword) for keyword in node.keywords)
-            return function(*self._eval_list(ast.List(node.args)), **named_arguments)
-
-        def _eval_attribute(self, node: ast.Attribute) -> Any:
-            owner = self._eval(node.value)
-            if isinstance(owner, named) and node.attr not in methods[dict]:
-                return owner[node.attr]
-            kind = next((kind for kind in methods if kind is not None and isinstance(owner, kind)), None)
-            if kind is None or node.attr not in methods[kind] or node.attr in simpleeval.DISALLOW_METHODS:
-                raise simpleeval.FeatureNotAvailable(f"an expression may not use .{node.attr} here")
-            return getattr(owner, node.attr)
-
-    return Expression
-
-
-def _restrict_expressions(find: Callable[[str], str]) -> None:
-    """Let xacro and its `$(eval ...)` walk expressions as syntax trees, in place of Python's `eval`.
-
-    `find` finds the folder of a package for `$(find ...)`.
-    """
-    import xacro
-    from xacro import substitution_args
-
-    expression_class = _expression_class()
-
-    def evaluate(expression: str, names: Any, _: Any = None) -> Any:
-        return expression_class(names).eval(expression)
-
-    def substitute(expression: str, context: dict[str, Any]) -> str:
-        stated = context.get("arg", {})
-        given = {name: substitution_args.convert_value(text, "auto") for name, text in stated.items()}
-        own = {
-            "arg": lambda name: substitution_args.convert_value(stated[name], "auto"),
-            "dirname": lambda: os.path.dirname(context["filename"]),
-        }
-        known = {k: v for k, v in substitution_args._eval_dict.items() if not k.startswith("_")}
-        return str(evaluate(expression, {**given, **own, **known}))
-
-    for name in ("type", "vars", "issubclass"):  # they reach classes and their attributes
-        xacro._global_symbols["python"].pop(name, None)
-    xacro.safe_eval, substitution_args._eval, substitution_args._eval_find = evaluate, substitute, find
-
-
 def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
-    import io
-    import json
-
-    import xacro
-    from xacrodoc import XacroDoc
-
-    strict, packages = _beside("xacro_strict"), _beside("ros_packages")
-    with open(os.path.join(scratch, ARGUMENTS), encoding="utf-8") as stream:
-        arguments = strict.Arguments(json.load(stream))
-    named = filter(os.path.isfile, filter(os.path.isabs, arguments.values()))  # by the caller, not by the description
-    folders = [os.path.dirname(os.path.abspath(path)), *package_dirs, *named]
-    xacro.parse = strict.strict_parser(arguments)
-    xacro.abs_filename_spec = strict.strict_names(xacro.abs_filename_spec, packages.absent_package)
-    _restrict_expressions(packages.package_finder(path, package_dirs, folders.append))
-    _limit()
-    _guard(folders)
-    with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-        try:
-            text = str(XacroDoc.from_file(path, resolve_packages=False, subargs=arguments).dom.toxml())
-        except (Exception, SystemExit) as error:
-            raise arguments.explain(error) from None
-    arguments.check()
-    return text
-
-
-def _beside(name: str) -> Any:
-    """Module of this folder; the script has no package."""
-    from importlib.util import module_from_spec, spec_from_file_location
-
-    found = spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    assert found is not None and found.loader is not None, "it is a file of signid"
-    module = module_from_spec(found)
-    found.loader.exec_module(module)
-    return module
+    """URDF of a xacro file; the values of its arguments are in `scratch`."""
+    sys.path.append(os.path.dirname(os.path.abspath(__file__)))  # the script has no package
+    given = json.loads(Path(scratch, ARGUMENTS).read_text(encoding="utf-8"))
+    return str(import_module("xacro_strict").expand(path, package_dirs, given, _guard))
 
 
 def _compile(scratch: str) -> str:
     """Bodies, joints, joint constraints and gravity of `model.xml` in `scratch`, compiled by MuJoCo, as JSON."""
-    import json
-
     import mujoco
 
-    _limit()
     spec = mujoco.MjSpec.from_file(os.path.join(scratch, COMPILED))
     spec.compiler.usethread = False
     model = spec.compile()
@@ -236,6 +138,7 @@ def _main(scratch: str, path: str, *package_dirs: str) -> None:
     MJCF. The values of xacro's arguments are in ARGUMENTS, in `scratch`.
     """
     try:
+        _limit()
         result = _expand(path, package_dirs, scratch) if path else _compile(scratch)
         sys.stdout.buffer.write(result.encode())
     except (Exception, SystemExit) as error:  # expressions in the file may raise anything

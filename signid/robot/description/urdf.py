@@ -160,8 +160,8 @@ def left_out_notes(robot: Any, massless: Collection[str]) -> Iterator[str]:
 
     `robot` is the <robot> element; `massless` are the links whose moving body has no mass.
     """
-    drawn = [link.get("name") for link in children(robot, "link") if link.get("name") in massless and _drawn(link)]
-    if drawn:
+    bare = [link for link in children(robot, "link") if link.get("name") in massless and not children(link, "inertial")]
+    if drawn := [link.get("name") for link in bare if children(link, "visual") or children(link, "collision")]:
         theirs = "the shape of link" if len(drawn) == 1 else "the shapes of links"
         gives = "gives" if len(drawn) == 1 else "give"
         yield f"{theirs} {shorten(drawn)} {gives} no mass and no inertia; add an <inertial> there"
@@ -180,11 +180,6 @@ def _named(robot: Any, tag: str) -> list[str]:
     names = [part.get("name") or "" for part in children(robot, tag)]
     shown = [name for name in names if _LOOP.search(name) or (_FOLLOWS.search(name) and name not in follow)]
     return [f"{tag} {name}" for name in shown if tag == "joint" or not _FOLLOWS.search(name)]
-
-
-def _drawn(link: Any) -> bool:
-    """Whether a link has a shape, and no inertial."""
-    return bool(children(link, "visual") or children(link, "collision")) and not children(link, "inertial")
 
 
 class Pose(NamedTuple):

@@ -1,23 +1,44 @@
-"""Xacro's arguments, and a parser in place of xacro's: no document types, and a limited number of included files.
+"""Expansion of xacro in the restricted process of `sandbox`, which loads the module; it imports nothing from signid.
 
-The restricted process of `sandbox` loads the module, which imports nothing from signid.
+Expressions are walked as a syntax tree (simpleeval): numbers, strings, lists, dictionaries, operators, the functions
+that xacro documents, and listed methods. Python never evaluates them. A parser in place of xacro's refuses document
+types and limits the number of included files. Packages, which xacro files name by $(find PACKAGE), are found without
+an installation of ROS.
 """
 
 from __future__ import annotations
 
+import ast
+import contextlib
+import functools
+import io
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
-from xml.dom import expatbuilder
+from xml.dom import Node, expatbuilder
+
+import simpleeval
+import xacro
+from xacro import substitution_args
+from xacrodoc import XacroDoc
+from xacrodoc.packages import PackageFinder, PackageNotFoundError
 
 MOST_FILES, MOST_DEPTH = 500, 20  # largest number of included files (as of MJCF), and depth of files in files
 MOST_LETTERS = 100_000_000  # of all included files together
 MOST_NAMES = 20  # arguments that a sentence lists
 DOCTYPE = "the file declares a document type, which could load other files; remove the <!DOCTYPE ...>"
 ONE_ROBOT = "give the description of one robot"
+_TEXTS = (Node.TEXT_NODE, Node.CDATA_SECTION_NODE)
 _READ = re.compile(r"\$\(arg\s+([^\s()]+)\s*\)|\bxacro\.arg\(\s*['\"]([^'\"]+)['\"]")  # an argument that is read
 _EVALUATED = re.compile(r"\$\(eval\b[^$]*")  # an expression that may name arguments
+ABSENT = "package://"  # begins the text in place of the folder of a package that is not there
+MANIFEST, OLD_MANIFEST = "package.xml", "manifest.xml"  # of ROS 1 and 2, of rosbuild
+LONGEST = 100_000  # part of a manifest that is searched for the name [characters]
+INSIDE = frozenset("arms description grippers model models robot robots urdf xacro".split())  # of a package's folders
+_NAME = re.compile(r"[A-Za-z][\w\-]*")
+_STATED = re.compile(r"<name>\s*([\w\-]+)\s*</name>")
 
 
 class Sentence(Exception):
@@ -55,9 +76,11 @@ class Arguments(dict[str, str]):
                 node.parentNode.removeChild(node)
             elif "$" not in (default := node.getAttribute("default")):
                 self.defaults.setdefault(node.getAttribute("name"), default)
-        for text in _texts(document.documentElement):
-            self.read += [one or other for one, other in _READ.findall(text)]
-            self.expressions += _EVALUATED.findall(text)
+        for node in document.getElementsByTagName("*"):
+            texts = [part.data for part in node.childNodes if part.nodeType in _TEXTS]
+            for text in (*dict(node.attributes.items()).values(), *texts):
+                self.read += [one or other for one, other in _READ.findall(text)]
+                self.expressions += _EVALUATED.findall(text)
 
     def check(self) -> None:
         """Check that every argument that the expansion needs is given, and that every given one is an argument.
@@ -126,54 +149,81 @@ class Arguments(dict[str, str]):
             raise Sentence(f"the xacro file needs {noun} {_listed(names)}; add {options}")
 
 
+def expand(
+    path: str, package_dirs: Sequence[str], given: Mapping[str, str], restrict: Callable[[Sequence[str]], None]
+) -> str:
+    """URDF of a xacro file; `restrict` gets the folders that may be read, which $(find) extends.
+
+    Raises:
+        Sentence: a reason that is a sentence of its own.
+    """
+    arguments = Arguments(given)
+    named = filter(os.path.isfile, filter(os.path.isabs, arguments.values()))  # by the caller, not by the description
+    folders = [os.path.dirname(os.path.abspath(path)), *package_dirs, *named]
+    xacro.parse = strict_parser(arguments)
+    xacro.abs_filename_spec = strict_names(xacro.abs_filename_spec)
+    for name in ("type", "vars", "issubclass"):  # they reach classes and their attributes
+        xacro._global_symbols["python"].pop(name, None)
+    xacro.safe_eval, substitution_args._eval = _evaluate, _substitute
+    substitution_args._eval_find = package_finder(path, package_dirs, folders.append)
+    restrict(folders)
+    with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+        try:
+            text = str(XacroDoc.from_file(path, resolve_packages=False, subargs=arguments).dom.toxml())
+        except (Exception, SystemExit) as error:
+            raise arguments.explain(error) from None
+    arguments.check()
+    return text
+
+
+class _Expression(simpleeval.EvalWithCompoundTypes):  # type: ignore[misc]
+    """Syntax-tree evaluator with the names and attributes of a xacro file."""
+
+    def __init__(self, names: Any) -> None:
+        super().__init__(functions={})
+        self.names = names
+        for kind in (ast.JoinedStr, ast.FormattedValue, ast.Assign, ast.AugAssign):
+            del self.nodes[kind]
+
+    def _check_disallowed_items(self, item: Any) -> None:  # attributes and names are listed one by one
+        pass
+
+    def _eval_call(self, node: ast.Call) -> Any:
+        function = self._eval(node.func)
+        named = dict(self._eval(keyword) for keyword in node.keywords)
+        return function(*self._eval_list(ast.List(node.args)), **named)
+
+    def _eval_attribute(self, node: ast.Attribute) -> Any:
+        owner, methods = self._eval(node.value), simpleeval.BASIC_ALLOWED_ATTRS
+        if isinstance(owner, xacro.NameSpace | xacro.YamlDictWrapper) and node.attr not in methods[dict]:
+            return owner[node.attr]
+        kind = next((kind for kind in methods if kind is not None and isinstance(owner, kind)), None)
+        if kind is None or node.attr not in methods[kind] or node.attr in simpleeval.DISALLOW_METHODS:
+            raise simpleeval.FeatureNotAvailable(f"an expression may not use .{node.attr} here")
+        return getattr(owner, node.attr)
+
+
+def _evaluate(expression: str, names: Any, _: Any = None) -> Any:
+    return _Expression(names).eval(expression)
+
+
+def _substitute(expression: str, context: dict[str, Any]) -> str:
+    """Value of $(eval EXPRESSION)."""
+    arguments = context.get("arg", {})
+
+    def value(name: str) -> Any:
+        return substitution_args.convert_value(arguments[name], "auto")
+
+    own = {"arg": value, "dirname": lambda: os.path.dirname(context["filename"])}
+    known = {k: v for k, v in substitution_args._eval_dict.items() if not k.startswith("_")}
+    return str(_evaluate(expression, {**{name: value(name) for name in arguments}, **own, **known}))
+
+
 def strict_parser(arguments: Arguments) -> Callable[..., Any]:
     """Parser in place of xacro's, of a text, or of a file if its name is given.
 
     It raises Sentence for a document type, and if the files are too many, too large or too deep.
     """
-    read = _limited_reader()
-
-    def parse(text: Any, filename: str | None = None) -> Any:
-        where = "" if filename is None else f"included file {os.path.basename(filename)}: "
-        document = _Builder(where).parseString(text if filename is None else read(filename))
-        arguments.note(document)
-        return document
-
-    return parse
-
-
-def strict_names(absolute: Callable[[Any], str], absent_package: Callable[[object], str]) -> Callable[[Any], str]:
-    """Function in place of xacro's that makes the names of included files and of YAML files absolute.
-
-    It raises Sentence for a file of a package that is not there, also if the include is optional.
-    """
-
-    def complete(name: Any) -> str:
-        if package := absent_package(name):
-            reason = (
-                f"xacro cannot expand it: it needs the ROS package {package!r}, which is neither above nor beside it"
-            )
-            raise Sentence(f"{reason}; add --package-dir DIR, the folder that holds the package")
-        return absolute(name)
-
-    return complete
-
-
-class _Builder(expatbuilder.ExpatBuilderNS):
-    """Builder of trees that ends at the beginning of a document type."""
-
-    def __init__(self, where: str) -> None:
-        super().__init__()
-        self.where = where
-
-    def start_doctype_decl_handler(self, *_: Any) -> None:
-        raise Sentence(self.where + DOCTYPE)
-
-
-def _limited_reader() -> Callable[[str], str]:
-    """Reader of included files that counts them and their letters."""
-    import xacro
-
     files, letters = 0, 0
 
     def read(path: str) -> str:
@@ -196,22 +246,105 @@ def _limited_reader() -> Callable[[str], str]:
             raise Sentence(f"its files have more than {MOST_LETTERS / 1e6:.0f} MB; {ONE_ROBOT}")
         return text
 
-    return read
+    def parse(text: Any, filename: str | None = None) -> Any:
+        where = "" if filename is None else f"included file {os.path.basename(filename)}: "
+        document = _Builder(where).parseString(text if filename is None else read(filename))
+        arguments.note(document)
+        return document
+
+    return parse
 
 
-def _texts(element: Any) -> list[str]:
-    """Attributes and texts of an element and of all below it."""
-    found, stack = list[str](), [element]
-    while stack:
-        node = stack.pop()
-        if node.nodeType in (node.TEXT_NODE, node.CDATA_SECTION_NODE):
-            found.append(node.data)
-        elif node.nodeType == node.ELEMENT_NODE:
-            found += [value for _, value in node.attributes.items()]
-            stack += reversed(node.childNodes)
-    return found
+class _Builder(expatbuilder.ExpatBuilderNS):
+    """Builder of trees that ends at the beginning of a document type."""
+
+    def __init__(self, where: str) -> None:
+        super().__init__()
+        self.where = where
+
+    def start_doctype_decl_handler(self, *_: Any) -> None:
+        raise Sentence(self.where + DOCTYPE)
+
+
+def strict_names(absolute: Callable[[Any], str]) -> Callable[[Any], str]:
+    """Function in place of xacro's that makes the names of included files and of YAML files absolute.
+
+    It raises Sentence for a file of a package that is not there, also if the include is optional.
+    """
+
+    def complete(name: Any) -> str:
+        if (text := str(name)).startswith(ABSENT):
+            package = text.removeprefix(ABSENT).partition("/")[0]
+            reason = (
+                f"xacro cannot expand it: it needs the ROS package {package!r}, which is neither above nor beside it"
+            )
+            raise Sentence(f"{reason}; add --package-dir DIR, the folder that holds the package")
+        return absolute(name)
+
+    return complete
 
 
 def _listed(names: Sequence[str]) -> str:
     more = len(names) - MOST_NAMES
     return ", ".join(names) if more <= 0 else f"{', '.join(names[:MOST_NAMES])} and {more} more"
+
+
+def package_finder(path: str, package_dirs: Sequence[str], allow: Callable[[str], None]) -> Callable[[str], str]:
+    """Finder of a package's folder by its name, for the description in `path`.
+
+    A package is a folder with a manifest that states the name. It is searched in the given folders, above and beside
+    the description, and where ROS is installed. A folder without a manifest counts if its own name is that of the
+    package and it is in a given folder, or above the description and looks like a package. `allow` gets the folder
+    that is found. The name of a package that is not there becomes ABSENT and the name, as meshes have it.
+    """
+    place = Path(os.path.abspath(path))
+    above, given = place.parents, [Path(folder) for folder in package_dirs]
+
+    def candidates(name: str) -> Iterator[Path]:
+        for folder in given:
+            yield from (at for at in (folder, folder / name) if _states(at, name))
+            yield from (at for at in (folder, folder / name) if at.name == name and at.is_dir())
+            yield from _below(folder, name)
+        yield from (folder for folder in above if _states(folder, name))
+        yield from (folder for folder in above if folder.name == name and _like_package(folder, place))
+        yield from (folder / name for folder in above if _states(folder / name, name))
+        prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
+        shares = (Path(prefix, "share", name) for prefix in prefixes)
+        yield from (share for share in shares if _states(share, name))
+        yield from _below(None, name)
+
+    @functools.cache
+    def find(name: str) -> str:
+        found = next(candidates(name), None) if _NAME.fullmatch(name) else None
+        if found is None:
+            return ABSENT + name
+        allow(str(found))
+        return found.as_posix()
+
+    return find
+
+
+def _states(folder: Path, name: str) -> bool:
+    """Whether a folder has a manifest that states the name of the package; rosbuild's is named by its folder."""
+    try:
+        with open(folder / MANIFEST, encoding="utf-8", errors="replace") as stream:
+            stated = _STATED.search(stream.read(LONGEST))
+    except OSError:
+        return folder.name == name and (folder / OLD_MANIFEST).is_file()
+    return bool(stated and stated.group(1) == name)
+
+
+def _like_package(folder: Path, file: Path) -> bool:
+    """Whether a folder above a file is no other one of the computer: it has a _ and the layout of a ROS package."""
+    home = Path.home()
+    usual = "_" in folder.name and file.relative_to(folder).parts[0] in INSIDE
+    return usual and folder != home and folder not in home.parents
+
+
+def _below(folder: Path | None, name: str) -> Iterator[Path]:
+    """The package somewhere below a folder, or in ROS_PACKAGE_PATH."""
+    finder = PackageFinder()
+    if folder is not None:
+        finder.look_in([str(folder)])
+    with contextlib.suppress(PackageNotFoundError, OSError):
+        yield Path(finder.get_path(name))

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 INFORMED = "The covariance of the simulation is used as prior for its inertials and laws"
 FURTHER = "their errors appear about {:g} times larger, which makes alternatives harder to distinguish"
 RED = "bold red"  # of a headline whose flags say that it is not reliable
-COLOURS = {"nothing_missing": "bold green", "named": "bold", "unknown": "bold yellow"}
+COLOURS = {"nothing_missing": "bold green", "named": "bold", "unknown": "bold yellow", "undecided": "bold yellow"}
 CAUSES, CORRECTIONS, PLACES = 6, 3, 8  # maximum number shown
 SURE = 0.95  # probability from which a finding is considered certain
 LOUD = 1.5  # ratio of residual to irreducible rms from which a joint is unfolded
@@ -110,6 +110,7 @@ def _finding(robot: Robot, finding: Finding) -> Document:
         "joint": law_place(finding.law, robot)[0],
         "link": changed_link(robot, finding.law),
         **picked(finding, "role in_model probability"),
+        **({"refused": finding.refused} if finding.refused else {}),
         "parameters": finding_numbers(robot, finding),
         "meaning": finding.law.effect.meaning(finding.law.parameters),
         "torque_share": {name: share for name, share in shares if share > 0},
@@ -150,11 +151,11 @@ def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
 def _findings(result: Diagnosis) -> Iterator[RenderableType]:
     """The largest causes with their parameters, the largest corrections, and the number of others."""
     robot, titles = result.robot, words.role_words(result)
-    small = [finding for finding in result.findings if finding.role == "secondary"]
-    if result.causes:
+    large, small = words.by_size(result)
+    if large:
         yield heading(titles["cause"])
-        yield from _causes([words.finding_words(robot, finding) for finding in result.causes[:CAUSES]])
-        yield from _more(len(result.causes) - CAUSES)
+        yield from _causes([words.finding_words(robot, finding) for finding in large[:CAUSES]])
+        yield from _more(len(large) - CAUSES)
     if small:
         yield heading(titles["secondary"])
         lines = (words.secondary_words(robot, finding) for finding in small[:CORRECTIONS])
@@ -229,7 +230,7 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
     chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]] or order[:1]
     title, unreliable = f"{result.robot.name}: {words.verdict_words(result)}", words.is_unreliable(result.flags)
     roles = words.role_words(result)
-    corrections = [_row(result, finding) for finding in result.findings if finding.role == "secondary"]
+    corrections = [_row(result, finding) for finding in words.by_size(result)[1]]
     note = (
         f"Residual is measured - predicted torque, low-passed at {figure(result.cutoff)} Hz. Gaps: the joint is at "
         "rest, where dry friction is undetermined. Thick lines: means."
@@ -313,9 +314,9 @@ def _row(result: Diagnosis, finding: Finding) -> tuple[str, ...]:
 
 
 def _law_cards(result: Diagnosis) -> Iterator[LawCard]:
-    """A card per cause; what a law is stands in its first card only."""
+    """A card per large finding; what a law is stands in its first card only."""
     described = set[str]()
-    for finding in result.causes:
+    for finding in words.by_size(result)[0]:
         card = _card(result, finding)
         known = finding.law.effect.name in described
         described.add(finding.law.effect.name)
@@ -335,7 +336,7 @@ def _card(result: Diagnosis, finding: Finding) -> LawCard:
     where = f", mostly {cells.where}" if cells.where else ""
     evidence = (
         f"{cells.torque} of measured torque (rms){where}. "
-        f"{'' if finding.in_model else 'Not in the extended simulation. '}"
+        f"{'' if finding.in_model else f'Not in the extended simulation: {finding.refused}'.removesuffix(': ') + '. '}"
         f"Reduces the held-out sum of squares by {share(finding.held_out_gain)}. "
         f"Log odds {log_odds(finding.statistic)} (threshold: {log_odds(finding.threshold)})."
     )

@@ -154,7 +154,12 @@ def fleet_tables(document: Mapping[str, Any], reused: int = 0) -> list[Renderabl
 def lacking(robot: Mapping[str, Any], causes: Sequence[Mapping[str, Any]]) -> str:
     """Laws that a robot's simulation lacks, in words; those that all robots of its kind lack are counted."""
     none = UNDONE if robot["undone"] == len(robot["sessions"]) else "-"
-    words = {"nothing_missing": "nothing", "unknown": "physics that no law explains", "": none}
+    words = {
+        "nothing_missing": "nothing",
+        "unknown": "physics that no law explains",
+        "undecided": "undecided",
+        "": none,
+    }
     common = {one["cause"] for one in causes if one["kind"] == robot["kind"] and 1 < one["of"] == len(one["robots"])}
     lacks = zip(robot["causes"], robot.get("lacks", robot["causes"]), strict=True)
     own = [said for cause, said in lacks if cause not in common]

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ....estimation.excitation import ExcitationVerdict
     from ....estimation.fit_quality import Fit
     from ....identify import Identification
+    from ....simulation.refine import Refinement
 
 WIDE = 4  # maximum number of columns of law parameters
 LISTED = 12  # maximum number of correlated pairs listed
@@ -140,7 +141,8 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         ],
         "signs": None if result.signs is None else signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
-        **({} if result.refinement is None else {"refinement": _refinement(result)}),
+        "lacks": [{key: x for key, x in list(vars(lack).items())[:4]} for lack in result.lacks],
+        **({} if result.refinement is None else {"refinement": _refinement(result, result.refinement)}),
         "excitation": excitation_verdict(result.excitation),
         "method": result.method,
         "estimator": result.estimate.method,
@@ -242,11 +244,8 @@ def cutoff_words(torque: float, position: float) -> str:
     return f"Cut-off {figure(torque)} Hz for torque and {figure(position)} Hz for positions (set with --cutoff)"
 
 
-def _refinement(result: Identification) -> Document | None:
-    """Build the block `refinement` of identification.json; None if it was not asked for."""
-    found = result.refinement
-    if found is None:
-        return None
+def _refinement(result: Identification, found: Refinement) -> Document:
+    """Build the block `refinement` of identification.json."""
     joints = result.robot.joints
     return {
         "kept": found.kept,

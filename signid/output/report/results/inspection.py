@@ -31,6 +31,8 @@ def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: i
         "links": list(robot.links),
         "base_parameters": base_documents(found.base),
         **picked(found, "invisible combined"),
+        "suspect": [suspect._asdict() for suspect in found.suspect],
+        "flags": list(found.flags),
         "notes": list(robot.notes),
         **provenance((), inputs or [description(robot)], seed),
     }

@@ -108,7 +108,7 @@ def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
     """Parameters of a finding in one line each, with their meaning and their absence from the extended simulation."""
     cells = number_cells(robot, finding)
     lines = [f"{x.key}: {x.compared}" if x.stated else f"{x.key} {x.interval}".rstrip() for x in cells]
-    absent = "" if finding.in_model else "not in the extended simulation"
+    absent = "" if finding.in_model else f"not in the extended simulation: {finding.refused}".removesuffix(": ")
     return (*lines, *filter(None, [finding.law.effect.meaning(finding.law.parameters), absent]))
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ....diagnose import Diagnosis, Finding
     from ....diagnose.data.locate import Location
 
+LARGE = 0.2  # share of a joint's torque from which a correction is not small [1]
 FEW = 3  # maximum number of causes in a headline
 DIGITS = 4  # maximum number of significant digits in a headline
 LONG = 40  # length of joined names beyond which joints are only counted [characters]
@@ -26,7 +27,6 @@ BRIEF = 0.1  # times below are given in milliseconds [s]
 FIELD = re.compile(r"\{(\w+)\}")
 NOISE = 1.08  # ratio of residual to irreducible rms up to which a residual is noise
 NEGLIGIBLE = 0.001  # probability below which an alternative is not shown
-BETTER = 0.8  # ratio of held-out residuals, after to before, below which a refit is significant
 LITTLE = 0.3  # explained share below which no variable is named
 WORSE = 1.02  # ratio of errors, after to before, above which a result is worse
 GONE = 0.005  # share of torque below which a joint is not counted
@@ -168,7 +168,7 @@ def _together(findings: Sequence[Named], joints: int) -> str:
     where = ", ".join(places)
     where = where if len(places) <= FEW and len(where) <= LONG else f"{len(places)} joints"
     where = "all joints" if len(places) == joints else where
-    words = _template(findings[0]).partition(": ")[0].replace("{joint}", where)
+    words = _template(findings[0]).partition(": ")[0].replace("{joint}", where).replace(" (link {link})", "")
     found = [number for finding in findings if (number := main_number(finding)) is not None]
     units = list(dict.fromkeys(value.unit for _, value in found))
     values = [value.value for _, value in found if isfinite(value.value)]
@@ -250,11 +250,11 @@ class FindingWords(NamedTuple):
 
 def verdict_words(result: Diagnosis) -> str:
     """The verdict of a diagnosis in a sentence."""
+    if result.verdict == "undecided":
+        return "the recordings are too short, or move too little, to show whether something is missing"
     if result.verdict == "nothing_missing":
-        better = [joint for joint, gain in zip(result.robot.joints, result.gain, strict=True) if gain < BETTER]
-        refit = f", but stated parameters are wrong (at {shorten(better)})" if better else ""
         within = f", within {share(result.tolerance)} of the torque" if isfinite(result.tolerance) else ""
-        return f"{'no law' if better else 'nothing'} is missing{within}{refit}"
+        return f"nothing is missing{within}"
     causes = [named(result.robot, finding.law, finding.std, finding.stated) for finding in result.causes]
     left = [one.share for one in result.without_cause]
     words = causes_words(causes, result.verdict == "named", len(result.robot.joints), left)
@@ -267,6 +267,12 @@ def is_unreliable(flags: Sequence[str]) -> bool:
     from ....diagnose.findings.thresholds import AMBIGUOUS
 
     return any(AMBIGUOUS not in flag for flag in flags)
+
+
+def by_size(result: Diagnosis) -> tuple[list[Finding], list[Finding]]:
+    """Causes and corrections of much torque, and small corrections, each in the order of the torque they explain."""
+    small = [x for x in result.findings if x.role == "secondary" and x.torque_share.max() < LARGE]
+    return [x for x in result.findings if x not in small], small
 
 
 def role_words(result: Diagnosis) -> dict[str, str]:

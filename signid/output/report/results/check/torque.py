@@ -169,7 +169,7 @@ def _more(faults: int) -> str:
 def _faults(found: Check) -> tuple[FaultWords, ...]:
     """Faults of the log, the most severe first."""
     named = {f.sentence: FaultWords(f.kind, f.joints, f.sentence) for f in found.faults.findings}
-    ordered = dict.fromkeys((*found.faults.flags, *found.flags))
+    ordered = dict.fromkeys((*found.suspects, *found.faults.flags, *found.flags))
     return tuple(named.get(flag, FaultWords("", (), flag)) for flag in ordered if flag not in _of_a_fit(found))
 
 

@@ -1,0 +1,261 @@
+"""Audit of a description without a recording: units, placeholders, impossible inertias, and defaults of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from math import inf, pi, prod
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import shorten
+from ..types import Array, Mask, Robot
+from .description.document import IMPOSSIBLE, children, inertial_fault, local, parse
+
+THOUSAND = 1e3  # g in a kg, mm in a m
+INERTIA_UNITS = {1e3: "g.m2", 1e4: "kg.cm2", 1e6: "kg.mm2", 1e7: "g.cm2", 1e9: "g.mm2"}  # per kg.m2
+# [1] inertia over mass and size squared: usual; too large; of a wrong unit in one body, and in most. The median of the
+# bodies is 0.036 to 0.48 on sound robots of example-robot-data
+USUAL, LARGE, UNIT_OF_ONE, UNIT = 0.16, 12.0, 100.0, 30.0
+FARTHEST = 20.0  # [m] largest distance between joints
+ASIDE = 30.0  # [1] largest distance of a centre of mass over the size of a body
+# [kg/m3] masses over the cubes of sizes, 5 to 800 on these robots, from which on they are in g; density of metal, which
+# a single body may be, and a shape
+MASSIVE, HEAVIEST = 3000.0, 22_600.0
+HEAVY = 100.0  # [1] mass of one body over the median
+WIDE = 0.2  # [1] size, and radius of gyration, of one body over the reach, from which on it is large
+SMALL = 0.02  # [m] smallest size of a body
+NEGLIGIBLE, EQUAL = 1e-7, 1e-6  # [kg.m2] inertia of a point mass, and [1] tolerance of equal moments
+FEW, SPREAD = 4, 2.0  # joints, and [1] ratio of their effort limits, from which on equal damping is a default
+UNITS = {"centre": ("centres of mass", "mm"), "mass": ("masses", "g"), "inertia": ("inertias", "")}
+VOLUME = {"box": 1.0, "cylinder": pi, "sphere": 4 / 3 * pi}  # [1] over the product of sizes, or of radius and length
+HARMLESS = ("damping", "effort", "velocity")  # kinds of suspects that no inertial torque depends on
+
+
+class Suspect(NamedTuple):
+    """A number of a description that is probably wrong; the sentence names all links with the same fault."""
+
+    link: str
+    what: str  # "length", "centre", "mass", "inertia", "placeholder", "impossible", "damping", "effort" or "velocity"
+    factor: float | None  # [1] by which it is too large, where that is a unit
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class Audit:
+    """Suspects of a description, and the robot with its bodies corrected where a unit was recognised."""
+
+    robot: Robot
+    suspects: tuple[Suspect, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on harmless suspects: limits and damping."""
+        return tuple(dict.fromkeys(x.sentence for x in self.suspects if x.what in HARMLESS))
+
+    def before(self, flags: Iterable[str] = ()) -> tuple[str, ...]:
+        """Sentences on all other suspects, then the flags, each once."""
+        return tuple(dict.fromkeys((*(x.sentence for x in self.suspects if x.what not in HARMLESS), *flags)))
+
+
+class _Bodies(NamedTuple):
+    """Moving bodies as stated, without and with a shape."""
+
+    mass: Array  # (nb,) [kg]
+    centre: Array  # (nb,) [m] distance of the centre of mass from the joint
+    moments: Array  # (nb, 3) [kg.m2] principal, about the centre of mass; 0 where no joint turns the body
+    length: Array  # (nb,) [m] to the farthest joint behind, or from the joint before where that is near
+    path: Array  # (nb,) [m] from the root along the joints to this one
+    extent: Array  # (nb,) [m] of the shape, 0 without
+    density: Array  # (nb,) [kg/m3] of the link in its shape, 0 without
+
+    @property
+    def reach(self) -> float:
+        """Farthest that a body is along the joints [m]."""
+        return float(np.max(self.path + np.maximum(self.centre, self.extent), initial=0.0))
+
+    @property
+    def usual(self) -> float:
+        """Median of the lengths [m]; 0 without any."""
+        known = self.length[self.length > 0]
+        return float(np.median(known)) if len(known) else 0.0
+
+    @property
+    def radius(self) -> Array:
+        """Radii of gyration (nb,) [m], the largest; 0 without mass."""
+        return np.sqrt(np.maximum(self.moments[:, 2], 0.0) / np.where(self.mass > 0, self.mass, inf))
+
+    @property
+    def size(self) -> Array:
+        """Sizes (nb,) [m]: of the shape or the link, at least half of the usual length."""
+        least = max(self.usual / 2, SMALL)
+        return np.asarray(np.maximum.reduce([self.length, self.extent, self.centre]).clip(least))
+
+    @property
+    def share(self) -> Array:
+        """Largest moment over mass and size squared (nb,) [1]; 0 without mass."""
+        return np.asarray((self.radius / self.size) ** 2)
+
+
+def audit(robot: Robot) -> Audit:
+    """Judge the numbers of a description by each other, without a recording.
+
+    Units are recognised where lengths, masses or inertias are 1000 times and more too large for a robot. A moving body
+    is judged with all links that are rigidly attached to it, by which the torque changes.
+    """
+    root = parse(robot.document) if robot.kind == "urdf" else None
+    bodies, found = _measure(robot, root), list[Suspect]()
+    if (far := bodies.length > FARTHEST).any():
+        text = f"joints of {{}} are up to {bodies.length.max():.3g} m apart: their distances seem to be in mm"
+        found += _suspects(robot, far, "length", THOUSAND, f"{text}; correct the description")
+        bodies = bodies._replace(length=bodies.length / THOUSAND, path=bodies.path / THOUSAND)
+    centre = _centre_factors(bodies)
+    bodies = bodies._replace(centre=bodies.centre / centre)
+    mass = _mass_factors(bodies)
+    bodies = bodies._replace(mass=bodies.mass / mass)
+    default = _placeholders(bodies)
+    inertia = _inertia_factors(bodies, default)
+    bodies = bodies._replace(moments=bodies.moments / inertia[:, None])
+    for what, factors in (("centre", centre), ("mass", mass), ("inertia", inertia)):
+        for factor in np.unique(factors[factors > 1]).tolist():
+            noun, unit = UNITS[what]
+            fact = f"the {noun} of {{}} are about {factor:.0f} times too large: they seem to be in"
+            advice = "correct the description; check, identify and diagnose calculate with the corrected numbers"
+            text = f"{fact} {unit or INERTIA_UNITS[factor]}; {advice}"
+            found += _suspects(robot, factors == factor, what, factor, text)
+    found += [*_inertia_suspects(robot, bodies, default), *(() if root is None else _joint_suspects(robot, root))]
+    return Audit(_corrected(robot, centre, mass, inertia), tuple(found))
+
+
+def _measure(robot: Robot, root: Any) -> _Bodies:
+    stated, before = list(robot.model.inertias)[1:], np.array(list(robot.model.parents)[1:], int) - 1
+    offset = np.array([np.linalg.norm(place.translation) for place in list(robot.model.jointPlacements)[1:]])
+    length, path = np.zeros(len(stated)), offset.copy()
+    turns = np.array([not x.shortname().startswith("JointModelP") for x in list(robot.model.joints)[1:]])
+    for body in np.flatnonzero(before >= 0).tolist():
+        length[before[body]] = max(length[before[body]], offset[body])
+        path[body] += path[before[body]]
+        turns[body] |= turns[before[body]]
+    length = np.where(length > SMALL, length, np.maximum(length, offset))
+    mass = np.array([body.mass for body in stated])
+    centre = np.array([np.linalg.norm(body.lever) if body.mass else 0.0 for body in stated])
+    counts = zip(stated, turns, strict=True)
+    moments = np.array([np.linalg.eigvalsh(x.inertia) if x.mass and turn else np.zeros(3) for x, turn in counts])
+    shapes = {} if root is None else {link.get("name"): _shape(link) for link in children(root, "link")}
+    extent, density = np.array([shapes.get(link, (0.0, 0.0)) for link in robot.links]).reshape(-1, 2).T
+    return _Bodies(mass, centre, moments, length, path, extent, density)
+
+
+def _shape(link: Any) -> tuple[float, float]:
+    """Largest extent [m] of the boxes, cylinders and spheres of a link, and its density in them [kg/m3]; 0 without."""
+    extents, volumes = [0.0], dict.fromkeys(("visual", "collision"), 0.0)
+    for kind in volumes:
+        for form in (form for part in children(link, kind) for some in children(part, "geometry") for form in some):
+            try:
+                size = [float(x) for key in ("size", "radius", "length") for x in (form.get(key) or "").split()]
+            except ValueError:
+                size = []
+            if len(size) != {"box": 3, "cylinder": 2, "sphere": 1}.get(tag := local(form)):
+                volumes[kind] = inf  # a mesh, whose volume is unknown
+                continue
+            extents.append(float(np.linalg.norm(size)) * (2 if tag == "sphere" else 1))
+            volumes[kind] += VOLUME[tag] * prod(size) * {"cylinder": size[0], "sphere": size[0] ** 2}.get(tag, 1.0)
+    stated = [float(mass.get("value") or 0) for part in children(link, "inertial") for mass in children(part, "mass")]
+    volume = max(volumes.values())
+    return max(extents), stated[0] / volume if stated and 0 < volume < inf else 0.0
+
+
+def _centre_factors(bodies: _Bodies) -> Array:
+    """Factors (nb,) [1] by which centres of mass are too far from their joints."""
+    usual = max(bodies.usual, SMALL) if bodies.usual else FARTHEST / ASIDE
+    far = bodies.centre > ASIDE * np.maximum(bodies.length, bodies.extent).clip(usual)
+    most = np.sum(far) >= np.sum(bodies.mass > 0) / 2 > 0
+    return np.where((bodies.centre > 0) if most else far, THOUSAND, 1.0)
+
+
+def _mass_factors(bodies: _Bodies) -> Array:
+    """Factors (nb,) [1] by which masses are too large: of all bodies, or of those beyond the others and their shape."""
+    weighs, volume = bodies.mass > 0, bodies.size**3
+    others = weighs & (np.arange(len(weighs)) != np.argmax(bodies.mass))
+    limit, judged = (MASSIVE, others) if others.any() else (HEAVIEST, weighs)
+    if not judged.any() or bodies.reach < SMALL:
+        return np.ones(len(weighs))
+    dense = others.any() and np.median(bodies.density) > HEAVIEST  # shapes of most bodies
+    if dense or bodies.mass[judged].sum() > limit * volume[judged].sum():
+        return np.where(weighs, THOUSAND, 1.0)
+    least = MASSIVE * np.maximum(bodies.size, WIDE * bodies.reach) ** 3
+    return np.where((bodies.mass > HEAVY * np.median(bodies.mass[weighs])) & (bodies.mass > least), THOUSAND, 1.0)
+
+
+def _placeholders(bodies: _Bodies) -> Mask:
+    """Bodies (nb,) with three equal moments that are a power of ten, as others have or far too large for the body."""
+    least, most = bodies.moments[:, 0], bodies.moments[:, 2]
+    power = np.log10(np.where(most > NEGLIGIBLE, most, 2.0))
+    default = (most - least <= EQUAL * np.abs(most)) & (np.abs(power - np.round(power)) < EQUAL)
+    several = np.array([np.sum(default & (np.abs(power - x) < EQUAL)) > 1 for x in power])
+    return default & (several | (bodies.share > LARGE))
+
+
+def _inertia_factors(bodies: _Bodies, placeholder: Mask) -> Array:
+    """Factors (nb,) [1] of units by which inertias are too large, the same of all bodies where most are."""
+    share, units = np.where(placeholder, 0.0, bodies.share), np.array(list(INERTIA_UNITS))
+
+    def nearest(ratio: Array) -> Array:
+        return np.asarray(units[np.argmin(np.abs(np.log(ratio[:, None] / USUAL / units)), axis=1)])
+
+    middle = np.median(share[share > 0]) if share.any() else 0.0
+    if middle > UNIT:
+        unit = nearest(np.array([middle]))
+        return np.where(share > unit * USUAL / THOUSAND, unit, 1.0)
+    return np.where(share > UNIT_OF_ONE, nearest(np.maximum(share, UNIT)), 1.0)
+
+
+def _suspects(robot: Robot, which: Mask, what: str, factor: float | None, text: str) -> Iterator[Suspect]:
+    """Suspects of bodies (nb,) with one sentence, in which {} stands for their links."""
+    links = [link for link, own in zip(robot.links, which, strict=True) if own]
+    sentence = text.format(("link " if len(links) == 1 else "links ") + shorten(links, 4))
+    return (Suspect(link, what, factor, sentence) for link in links)
+
+
+def _inertia_suspects(robot: Robot, bodies: _Bodies, placeholder: Mask) -> Iterator[Suspect]:
+    """Placeholders, inertias too large for mass and size, and those that no body can have."""
+    text = "the inertias of {} are placeholders: a power of ten in all directions; replace them"
+    yield from _suspects(robot, placeholder, "placeholder", None, text)
+    large = (bodies.share > LARGE) & (bodies.radius > WIDE * bodies.reach) & ~placeholder
+    widest = bodies.radius[large].max(initial=0.0)
+    text = f"the inertias of {{}} are too large for mass and size (radius of gyration up to {widest:.2g} m)"
+    yield from _suspects(robot, large, "inertia", None, f"{text}; correct the description")
+    least, middle, most = bodies.moments.T
+    near = np.maximum(EQUAL * most, NEGLIGIBLE)
+    thin = (bodies.mass > 0) & (np.abs(least) <= near) & (most - middle <= near)  # points and rods
+    kinds = [inertial_fault(m, np.diag(own)) for m, own in zip(bodies.mass, bodies.moments, strict=True)]
+    for kind, texts in IMPOSSIBLE.items():
+        wrong = np.array([own == kind for own in kinds]) & ~placeholder & ~thin
+        yield from _suspects(robot, wrong, "impossible", None, f"{{}} {texts[int(wrong.sum() > 1)]}")
+
+
+def _joint_suspects(robot: Robot, root: Any) -> Iterator[Suspect]:
+    """Limits of zero, and one damping of all joints although their effort limits differ."""
+    stated = {joint.get("name"): joint for joint in children(root, "joint")}
+    own = [(name, link, stated[name]) for name, link in zip(list(robot.model.names)[1:], robot.links, strict=True)]
+    for key in ("effort", "velocity"):
+        zero = [each for each in own if any(float(x.get(key) or 1) == 0 for x in children(each[2], "limit"))]
+        sentence = f"the {key} limit of {shorten([name for name, *_ in zero], 4)} is stated as 0, which counts as none"
+        yield from (Suspect(link, key, None, sentence) for _, link, _ in zero)
+    damping = [float(form.get("damping") or 0) for *_, joint in own for form in children(joint, "dynamics")]
+    effort, same = robot.effort_limit, max(damping, default=0.0)
+    if len(damping) == len(own) >= FEW and min(damping) == same > 0 and effort.max() >= SPREAD * effort.min():
+        text = f"all joints have the same damping of {same:g}, although their effort limits differ"
+        yield from (Suspect(link, "damping", None, f"{text}: it is a default") for _, link, _ in own)
+
+
+def _corrected(robot: Robot, centre: Array, mass: Array, inertia: Array) -> Robot:
+    """Robot with its bodies divided by factors (nb,) [1] of their units; itself where all are one."""
+    if not any((factors > 1).any() for factors in (centre, mass, inertia)):
+        return robot
+    model = robot.model.copy()
+    for body, own in enumerate(model.inertias[1:]):
+        own.inertia, own.mass, own.lever = own.inertia / inertia[body], own.mass / mass[body], own.lever / centre[body]
+        model.inertias[body + 1] = own
+    return replace(robot, model=model)
