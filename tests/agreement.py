@@ -8,16 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 from arm import arm, harmonics
-from contract import law_of
+from contract import law_of, on_all_joints
 
 from signid.effects import EFFECTS
 from signid.effects.base import Effect, TransmissionLaw
-from signid.effects.law import law_torque
 from signid.model import Model, stated_inertials
 from signid.regression.bandwidth import lowpass, smooth
 from signid.regression.motion import Motion
 from signid.simulation.plant import simulate, track
-from signid.types import Array, Law
+from signid.types import Law
 
 SECONDS, CUTOFF, EDGE = 6.0, 15.0, 1000  # [s], [Hz], ignored samples at each end
 ROTOR = Law(EFFECTS["armature"], (1,), {"inertia": 0.2})
@@ -36,8 +35,8 @@ def agreement(effect: Effect, step: float = 1e-3) -> Agreement:
     ahead = (ROTOR,) if isinstance(effect, TransmissionLaw) else ()
     found = simulate(replace(bare, laws=(*ahead, law)), track(bare, harmonics(SECONDS, 1)), SECONDS, step=step)
     motion = Motion(arm(), found.t, found.q, found.true_v, found.true_a, recorded=found.tau)
-    shown = found.tau - motion.load - sum(_torque(other, motion) for other in ahead)
-    seen, planted = (smooth(x[EDGE:-EDGE], lowpass(1 / motion.dt, CUTOFF)) for x in (shown, _torque(law, motion)))
+    shown = found.tau - motion.load - sum(on_all_joints(other, motion) for other in ahead)
+    seen, planted = (smooth(x[EDGE:-EDGE], lowpass(1 / motion.dt, CUTOFF)) for x in (shown, on_all_joints(law, motion)))
     size = np.sum(planted**2)
     return Agreement(float(np.sum(seen * planted) / size), float(np.sqrt(np.sum((seen - planted) ** 2) / size)))
 
@@ -45,10 +44,3 @@ def agreement(effect: Effect, step: float = 1e-3) -> Agreement:
 @cache
 def _bare() -> Model:
     return Model(arm(), stated_inertials(arm()))
-
-
-def _torque(law: Law, motion: Motion) -> Array:
-    rows, torque = law_torque(law, motion)
-    out = np.zeros_like(motion.q)
-    out[:, list(rows)] = torque
-    return out

@@ -77,13 +77,7 @@ def write1(path: Path, known: Any, messages: Iterable[Message], squeeze: str = "
     bag = Writer1(path)
     if squeeze:
         bag.set_compression(Writer1.CompressionFormat[squeeze])
-    with bag:
-        at: dict[str, Any] = {}
-        for topic, message, received in messages:
-            kind = message.__msgtype__
-            at[topic] = at.get(topic) or bag.add_connection(topic, kind, typestore=known)
-            bag.write(at[topic], received, known.serialize_ros1(message, kind))
-    return path
+    return _filled(bag, known, messages, known.serialize_ros1)
 
 
 def write2(path: Path, known: Any, messages: Iterable[Message], mcap: bool = False, squeeze: str = "") -> Path:
@@ -91,13 +85,17 @@ def write2(path: Path, known: Any, messages: Iterable[Message], mcap: bool = Fal
     bag = Writer2(path, version=9, storage_plugin=StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3)
     if squeeze:
         bag.set_compression(CompressionMode[squeeze], CompressionFormat.ZSTD)
+    return _filled(bag, known, messages, known.serialize_cdr)
+
+
+def _filled(bag: Any, known: Any, messages: Iterable[Message], serialize: Callable[[Any, str], Any]) -> Path:
     with bag:
         at: dict[str, Any] = {}
         for topic, message, received in messages:
             kind = message.__msgtype__
             at[topic] = at.get(topic) or bag.add_connection(topic, kind, typestore=known)
-            bag.write(at[topic], received, known.serialize_cdr(message, kind))
-    return path
+            bag.write(at[topic], received, serialize(message, kind))
+    return Path(bag.path)
 
 
 def bare(folder: Path, suffix: str) -> Path:

@@ -30,6 +30,11 @@ PATIENCE = 60.0  # [s]
 Picture = Any  # (height, width, 3) of whole numbers up to 255
 
 
+def changed(area: tuple[slice, slice], before: Picture, after: Picture) -> int:
+    """Number of pixels of an area that differ."""
+    return int((np.abs(before[area] - after[area]).max(axis=2) > 12).sum())
+
+
 class Chromium:
     """One window. Every request and every error of the page is kept."""
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +13,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything imports nu
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.dont_write_bytecode = False  # else every worker and every command in a process of its own compiles all anew
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+os.environ.pop("SIGNID_DEBUG", None)  # else mistakes of a user are tracebacks
 
 import pytest  # noqa: E402
+from chromium import Chromium  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
 SHARED = {  # module of tests whose results are kept -> beginnings of the names of files that use them
@@ -23,6 +27,16 @@ SHARED = {  # module of tests whose results are kept -> beginnings of the names 
 
 settings.register_profile("signid", derandomize=True, deadline=None, max_examples=30, database=None)
 settings.load_profile("signid")
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark those cases of a parametrised test as slow whose ids match `slow_cases`, or do not match its `but`."""
+    case = getattr(item, "callspec", None)
+    for mark in item.iter_markers("slow_cases") if case is not None else ():
+        if any(re.search(pattern, case.id) for pattern in mark.args) or (
+            "but" in mark.kwargs and not re.search(mark.kwargs["but"], case.id)
+        ):
+            item.add_marker("slow")
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -45,3 +59,17 @@ def data() -> Path:
     if not folder:
         pytest.skip("SIGNID_DATA is unset: real recordings are not part of the repository")
     return Path(folder)
+
+
+@pytest.fixture(scope="module")
+def browser(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
+    """A window for the pages of one file, as large as the file's `WINDOW` says."""
+    window = Chromium(tmp_path_factory.mktemp("browser"), *getattr(request.module, "WINDOW", ()))
+    yield window
+    window.close()
+
+
+@pytest.fixture
+def inside(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands run in the folder that a file of tests calls its place."""
+    monkeypatch.chdir(place)

@@ -57,6 +57,14 @@ def _faults(effect: Effect) -> Iterator[str]:
     yield from _leading(effect, smooth_motion())
 
 
+def on_all_joints(law: Law, motion: Motion) -> Array:
+    """Torque (N, n) of a law [N.m or N], zero at joints where it does not act."""
+    rows, torque = law_torque(law, motion)
+    out = np.zeros_like(motion.q)
+    out[:, list(rows)] = torque
+    return out
+
+
 def law_of(effect: Effect, share: float = 1.0) -> Law:
     """The effect at its joints in the contract, with a share of its usual parameters."""
     shape = effect.shape(effect.example)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
+import pytest
 from toys import joint, link, toy
 
 from signid.effects.naming import parse_law
@@ -71,3 +75,17 @@ def mujoco_torque(text: str, motion: Motion, names: Sequence[str]) -> Array:
             torque[k] = (data.qfrc_inverse[joint_.dofadr] + dry)[0]
         found.append(robot.drive.T @ torque)
     return np.array(found)
+
+
+def executed(text: str, module: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Names of an exported Python file, with configurations as their class names and arguments."""
+
+    class Anything(ModuleType):
+        def __getattr__(self, kind: str) -> Any:
+            return lambda **numbers: SimpleNamespace(kind=kind, **numbers)
+
+    monkeypatch.setitem(sys.modules, module.split(".")[0], ModuleType(module.split(".")[0]))
+    monkeypatch.setitem(sys.modules, module, Anything(module))
+    found: dict[str, Any] = {}
+    exec(compile(text, "exported.py", "exec"), found)
+    return found

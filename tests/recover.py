@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 from arm import arm, harmonics
-from contract import PLACE
+from contract import PLACE, on_all_joints
 from scipy.ndimage import minimum_filter1d
 from scipy.optimize import minimize
 
 from signid.effects import EFFECTS
 from signid.effects.base import Effect, RecordingLaw
-from signid.effects.law import coefficient_count, hypotheses, law_columns, law_torque
+from signid.effects.law import coefficient_count, hypotheses, law_columns
 from signid.effects.trial import Trial
 from signid.model import Model, stated_inertials
 from signid.regression.bandwidth import Band, Decimator, choose_band
@@ -209,7 +209,7 @@ def solve(case: Case, laws: Sequence[Law], given: Sequence[Law] = ()) -> Found:
         rows, columns = law_columns(law, motion)
         wide[:, list(rows), at : at + columns.shape[2]] = columns
         at += columns.shape[2]
-    target = motion.recorded - motion.load - sum(_torque(law, motion) for law in (*case.rotors, *given))
+    target = motion.recorded - motion.load - sum(on_all_joints(law, motion) for law in (*case.rotors, *given))
     kept = case.steady[thin.half : len(motion) - thin.half : case.band.factor]
     y = thin(target) / case.noise
     a = thin(wide.reshape(len(wide), -1)).reshape(len(y), 3, -1) / case.noise[:, None]
@@ -231,11 +231,4 @@ def _predicting(case: Case, laws: Sequence[Law]) -> Motion:
     """The motion with the torque predicted from friction and rotors, before any recording law."""
     motion = case.motion
     before = [law for law in laws if law.effect is not case.effect] + list(case.rotors)
-    return replace(motion, predicted=motion.load + sum(_torque(law, motion) for law in before))
-
-
-def _torque(law: Law, motion: Motion) -> Array:
-    rows, torque = law_torque(law, motion)
-    out = np.zeros_like(motion.q)
-    out[:, list(rows)] = torque
-    return out
+    return replace(motion, predicted=motion.load + sum(on_all_joints(law, motion) for law in before))

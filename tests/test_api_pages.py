@@ -18,6 +18,8 @@ from readmes import FENCED, TEXTS, links
 import signid
 from signid.effects import EFFECTS
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("pdoc", reason="pdoc makes the API pages; it comes with signid[dev]")
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "signid"

@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 
 from benchmarks.arms import ARMS, load
-from benchmarks.concealed import session
+from benchmarks.concealed import session, stranger
 from benchmarks.concealed.cases import SIZES, SUITES, Case, cases, sample
 from benchmarks.concealed.evaluate import evaluate
 from benchmarks.concealed_real import leave_out, sets, trials
@@ -72,6 +72,33 @@ def test_a_session_does_not_reveal_its_answer(tmp_path: Path) -> None:
         assert (found.outcome, found.sure) == (outcome, outcome == "wrong")
 
 
+def test_a_strangers_robot_is_judged_by_what_is_beyond_the_ordinary(tmp_path: Path) -> None:
+    block = stranger.cases(24, 0)
+    assert {case.kind for case in block} == {*stranger.KINDS, stranger.HEALTHY} and len({c.name for c in block}) == 24
+    assert {case.kind for case in stranger.cases(3, 0, ["spring"])} == {"spring"}
+    spring = {"effect": "spring", "joint": "joint_2", "parameters": {}}
+    body = {"effect": "link_inertia", "joint": "joint_2", "role": "cause", "probability": 0.99, "parameters": {}}
+    own, twin = {**body, "alternatives": []}, {**body, "alternatives": [spring]}
+    cause, drag = {**own, **spring}, {**own, "effect": "fluid_drag", "joint": None}
+    (tmp_path / "run.json").write_text('{"code": 3, "cpu": 9.0}')
+    for faults, causes, outcome, sure in (
+        ([spring], [own, cause, drag], "right", True),
+        ([spring], [twin], "listed", False),
+        ([spring], [drag], "wrong", True),
+        ([spring], [own], "missed", False),
+        ([], [own], "silent", False),
+        ([], [drag], "alarm", True),
+    ):
+        truth = {"kind": "spring" if faults else "healthy", "faults": faults, "joints": ["joint_1", "joint_2"]}
+        (tmp_path / "truth.json").write_text(json.dumps(truth))
+        (tmp_path / "diagnosis.json").write_text(json.dumps({"verdict": "named", "findings": causes}))
+        found = stranger.judge(tmp_path)
+        assert (found.outcome, found.sure) == (outcome, sure)
+    (tmp_path / "run.json").write_text('{"code": 2, "cpu": 9.0}')
+    assert stranger.judge(tmp_path).outcome == "refused"
+
+
+@pytest.mark.slow
 def test_a_known_change_is_judged_beside_its_control(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder := tmp_path / "arm").mkdir()
     (folder / "robot.urdf").write_text((ROOT / "robots/3r/robot.urdf").read_text())
@@ -123,6 +150,7 @@ def test_published_parameters_score_as_cited() -> None:
     assert row.train == pytest.approx(5.66, abs=0.1) and row.test == pytest.approx(8.87, abs=0.1)
 
 
+@pytest.mark.slow
 def test_exports_of_a_pendulum_repeat_its_recording(tmp_path: Path) -> None:
     (bench,) = benches(tmp_path, ("pendulum",))
     rows = list(rolled(recorded(bench, bench.drives, 1), tmp_path))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import subprocess
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from strict_json import strict
 from swing import changed, csv, pristine, swing
 
 import signid
@@ -29,18 +29,8 @@ OUTPUTS = ["identification.json", "model.json", "report.html", "robot.urdf"]
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Run every test in its own folder with a recording of the pendulum."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("SIGNID_DEBUG", raising=False)
     (tmp_path / "swing.csv").write_text(csv(swing()))
     yield tmp_path
-
-
-def strict(text: str) -> Any:
-    """JSON as every reader understands it."""
-
-    def refuse(word: str) -> None:
-        raise AssertionError(f"{word} is no JSON")
-
-    return json.loads(text, parse_constant=refuse)
 
 
 def process(*arguments: str, **more: Any) -> subprocess.CompletedProcess[str]:
@@ -215,6 +205,7 @@ def test_an_unwritable_folder_is_refused_at_once(
     assert "Permission denied" in capfd.readouterr().err
 
 
+@pytest.mark.slow
 def test_libraries_print_nothing(folder: Path) -> None:
     (folder / "spoilt.csv").write_text(changed("tau_1", lambda x: np.where(np.arange(len(x)) == 500, np.nan, x)))
     done = process("identify", "1r", "spoilt.csv", "-o", "result", cwd=folder)

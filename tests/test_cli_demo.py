@@ -103,6 +103,7 @@ def test_the_files_say_the_same(shown: Outcome) -> None:
     assert "spring" in (folder / "replay.html").read_text() and "spring" in (folder / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_by_hand_the_diagnosis_is_the_same(
     shown: Outcome, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -114,6 +115,7 @@ def test_by_hand_the_diagnosis_is_the_same(
     assert again == first
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(shown: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     again = command(monkeypatch, tmp_path, "--robot", "3r", "--json")
     assert (again.code, again.err) == (0, "")
@@ -186,6 +188,7 @@ def test_bad_input_is_refused(
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 
+@pytest.mark.slow
 def test_an_interrupted_demonstration_can_be_repeated(
     shown: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -219,12 +222,14 @@ def test_an_interrupted_demonstration_can_be_repeated(
         shutil.rmtree(folder)
 
 
+@pytest.mark.slow
 def test_progress_goes_forward(tmp_path: Path) -> None:
     shares: list[float] = []
     demo(load_robot("1r"), tmp_path, progress=lambda what, share: shares.append(share))
     assert shares == sorted(shares) and shares[0] == 0 and shares[-1] < 1 and len(shares) > 4
 
 
+@pytest.mark.slow
 def test_the_panda_has_a_demonstration(tmp_path: Path) -> None:
     story = demo(load_robot("panda"), tmp_path)
     assert [outcome.kind for outcome in story.outcomes] == ["found"] * 3 and story.flags == ()

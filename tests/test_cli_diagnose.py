@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from strict_json import strict
 
 import signid
 from signid.cli import run
+
+pytestmark = pytest.mark.usefixtures("inside")
 
 SENSORS = "--noise 0.02 --encoder-bits 17".split()
 FILES = ["diagnosis.json", "model.json", "report.html", "robot.urdf"]
@@ -29,18 +32,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(autouse=True)
-def inside(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Commands run in that folder."""
-    monkeypatch.chdir(place)
-    monkeypatch.delenv("SIGNID_DEBUG", raising=False)
-
-
 def read(path: str | Path) -> Any:
-    def refuse(word: str) -> None:
-        raise AssertionError(f"{word} is no JSON")
-
-    return json.loads(Path(path).read_text(), parse_constant=refuse)
+    return strict(Path(path).read_text())
 
 
 def causes(document: Any) -> list[tuple[str, str]]:
@@ -54,6 +47,7 @@ def arm(place: Path) -> tuple[int, Any]:
     return code, read(place / "arm" / "diagnosis.json")
 
 
+@pytest.mark.slow
 def test_injected_laws_are_named_and_modelled(place: Path, arm: tuple[int, Any]) -> None:
     code, found = arm
     assert sorted(path.name for path in (place / "arm").iterdir()) == FILES
@@ -105,6 +99,7 @@ def test_options_reach_the_library(place: Path, capfd: pytest.CaptureFixture[str
     assert found["cutoff"]["torque"] == pytest.approx(9, rel=0.1) and sorted(place.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_signs_are_recovered_first(arm: tuple[int, Any]) -> None:
     code = run(["diagnose", "3r", "arm.csv", "--unsigned", "-o", "signless"])
     found = read("signless/diagnosis.json")

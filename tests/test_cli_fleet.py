@@ -41,6 +41,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_every_session_has_the_files_of_the_single_command(done: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(done)
     names = sorted(path.name for path in (done / "out/sessions").iterdir())
@@ -189,6 +190,7 @@ def _deadly(order: Order) -> Answer:
     return Answer(0, (str(os.getpid()),), {})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
     tmp_path: Path, workers: int, monkeypatch: pytest.MonkeyPatch
@@ -231,6 +233,7 @@ def test_the_processes_of_a_killed_fleet_end(tmp_path: Path) -> None:
     assert whole(tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_a_script_without_a_guard_runs_a_fleet_once(tmp_path: Path) -> None:
     path = manifest(tmp_path, f"3r,{record(tmp_path, 1)[0]},arm,,identify")
     script = tmp_path / "script.py"
@@ -276,6 +279,7 @@ def test_ctrl_c_and_kill_leave_complete_sessions_and_the_next_run_does_the_rest(
     assert whole(out) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="no groups of processes")
 def test_ctrl_c_in_a_terminal_stops_only_the_parent_process(tmp_path: Path) -> None:
     path = manifest(tmp_path, *[f"3r,{day},arm,,diagnose" for day in record(tmp_path, 4)])

@@ -101,6 +101,7 @@ def test_a_law_that_one_diagnosis_does_not_name_is_zero_there() -> None:
     assert find_changes([pair(0.3, stribeck_friction=0.7)])[0] == [], "another law of the joint may be the same physics"
 
 
+@pytest.mark.slow
 def test_findings_stand_in_the_file_on_the_terminal_and_on_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

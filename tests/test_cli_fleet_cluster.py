@@ -36,6 +36,7 @@ def workers(cluster: Any) -> tuple[list[int], list[int]]:
     return list(pids.values()), [pids[address] for address, tasks in working.items() if tasks and address in pids]
 
 
+@pytest.mark.slow
 def test_a_killed_worker_loses_nothing(cluster: Any, tmp_path: Path) -> None:
     rows = [f"3r,{day},arm {k},,identify" for k in range(2) for day in record(tmp_path, 2)]
     path, killed = manifest(tmp_path, *rows), list[int]()
@@ -53,6 +54,7 @@ def test_a_killed_worker_loses_nothing(cluster: Any, tmp_path: Path) -> None:
     assert contents(tmp_path / "far") == contents(tmp_path / "near") and near.document() == found.document()
 
 
+@pytest.mark.slow
 def test_a_task_that_kills_workers_is_reported(cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(spreading, "carry_out", _deadly)
     answers = dict(spread([Order(("die",), ""), Order(("live",), "")], scheduler=cluster.scheduler_address))
@@ -65,6 +67,7 @@ def test_a_task_that_kills_workers_is_reported(cluster: Any, tmp_path: Path, mon
     ].replace(")", "")
 
 
+@pytest.mark.slow
 def test_a_missing_scheduler_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(spreading, "PATIENCE", 2.0)
     with pytest.raises(OptionError, match="no Dask scheduler answers at tcp://127.0.0.1:9"):
@@ -86,6 +89,7 @@ def test_a_silent_server_is_reported_in_time(monkeypatch: pytest.MonkeyPatch) ->
             list(spread([Order((), "")], scheduler=f"tcp://127.0.0.1:{silent.getsockname()[1]}"))
 
 
+@pytest.mark.slow
 def test_a_lost_scheduler_keeps_finished_sessions(tmp_path: Path) -> None:
     path = manifest(tmp_path, *(f"3r,{day},arm,,identify" for day in record(tmp_path)))
     cluster = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0")

@@ -26,6 +26,7 @@ def numbers(days: np.ndarray, values: np.ndarray, std: float) -> list[tuple[floa
     return [(day, [Number("x", "N.m", value, std)]) for day, value in zip(days.tolist(), values.tolist(), strict=True)]
 
 
+@pytest.mark.slow_cases("20")
 @pytest.mark.parametrize("sessions", [3, 5, 20])
 @pytest.mark.parametrize("scatter", [1.0, 5.0])
 def test_noise_is_no_drift_even_above_its_stated_size(sessions: int, scatter: float) -> None:
@@ -129,6 +130,7 @@ def test_numbers_that_could_be_zero_are_counted() -> None:
     assert number_ranges(cause)[1:] == ["first moment y -0.0300 to 0 kg", "1 more parameter could be zero"]
 
 
+@pytest.mark.slow
 def test_drifts_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     record(tmp_path, 1)
 

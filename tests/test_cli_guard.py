@@ -22,6 +22,7 @@ THERE = {**os.environ, "PYTHONPATH": str(HERE), "LC_ALL": "C", "PYTHONUTF8": "0"
 posix = pytest.mark.skipif(os.name != "posix", reason="shell of POSIX systems")
 
 
+@pytest.mark.slow_cases("inspect nothing")
 @posix
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 @pytest.mark.parametrize(("command", "code"), [("inspect 1r", 0), ("inspect nothing", 2)])
@@ -39,6 +40,7 @@ def test_file_names_that_are_not_utf_8(tmp_path: Path) -> None:
     assert (tmp_path / "out/identification.json").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="file names of any bytes")
 def test_names_that_are_not_utf_8_are_replaced_wherever_they_are_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]

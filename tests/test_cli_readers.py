@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from pathlib import Path
 
@@ -43,6 +44,17 @@ def test_a_bag_is_read_as_a_table_is(
     monkeypatch.chdir(folder)
     codes = [run(shlex.split(COMMANDS[name].replace("{}", source))) for source in ("bag", "table.npz")]
     assert codes in ([0, 0], [3, 3]), capfd.readouterr().err
+
+
+def test_a_bag_has_the_numbers_of_the_table(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    assert [run(["identify", "1r", source, "-o", f"from/{source}"]) for source in ("bag", "table.npz")] == [0, 0]
+    texts = (Path("from", source, "identification.json").read_text() for source in ("bag", "table.npz"))
+    one, other = (json.loads(text) for text in texts)
+    assert [p["value"] for p in one["base_parameters"]] == pytest.approx(
+        [p["value"] for p in other["base_parameters"]], rel=1e-6
+    )
+    assert [file["path"] for file in one["inputs"]].count("bag") == 1
 
 
 def test_a_replay_of_a_dataset_needs_only_its_units(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from strict_json import strict
 
 import signid
 from signid.cli import run
@@ -25,15 +25,7 @@ REAL = "--noise 0.01 --encoder-bits 17 --seed 3".split()
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Run every test in its own folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("SIGNID_DEBUG", raising=False)
     yield tmp_path
-
-
-def strict(text: str) -> Any:
-    def refuse(word: str) -> None:
-        raise AssertionError(f"{word} is no JSON")
-
-    return json.loads(text, parse_constant=refuse)
 
 
 def printed(command: str, capfd: pytest.CaptureFixture[str], code: int = 0) -> Any:
@@ -168,6 +160,7 @@ def test_an_exciting_motion_is_followed(folder: Path, capfd: pytest.CaptureFixtu
     assert "Least identifiable of" in capfd.readouterr().out
 
 
+@pytest.mark.slow
 def test_excitation_distinguishes_laws_or_says_that_it_cannot(capfd: pytest.CaptureFixture[str]) -> None:
     both = "viscous_friction@1:coefficient=1,spring@1:stiffness=5,rest=0.2"
     found = printed(f"excite 1r -o m.csv --duration 4 --harmonics 3 --separate {both}", capfd)
@@ -206,6 +199,7 @@ def test_effects_are_listed_and_read_back(capfd: pytest.CaptureFixture[str]) -> 
     assert len(printed("effects", capfd)["effects"]) == len(EFFECTS.names) + len(DRIVE_EFFECTS.names)
 
 
+@pytest.mark.slow
 def test_every_effect_can_be_injected(capfd: pytest.CaptureFixture[str]) -> None:
     for effect in EFFECTS:
         text = law_syntax(effect).replace("[@JOINT]", "").replace("@JOINT", "@2").replace("partner=JOINT", "partner=3")

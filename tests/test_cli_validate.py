@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from hashlib import sha256
 from pathlib import Path
@@ -10,9 +9,12 @@ from typing import Any
 
 import polars as pl
 import pytest
+from strict_json import strict
 
 import signid
 from signid.cli import run
+
+pytestmark = pytest.mark.usefixtures("inside")
 
 EXAMPLES = Path(__file__).parents[1] / "robots" / "3r"
 MODELS = ["3r", "id/model.json"]
@@ -28,24 +30,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(autouse=True)
-def inside(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Commands run in that folder."""
-    monkeypatch.chdir(place)
-    monkeypatch.delenv("SIGNID_DEBUG", raising=False)
-
-
-def read(text: str) -> Any:
-    def refuse(word: str) -> None:
-        raise AssertionError(f"{word} is no JSON")
-
-    return json.loads(text, parse_constant=refuse)
-
-
 def printed(capfd: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
     capfd.readouterr()
     assert run(["validate", *arguments, "--json"]) == code
-    return read(capfd.readouterr().out)
+    return strict(capfd.readouterr().out)
 
 
 def test_the_document_has_the_fields_of_the_contract(capfd: pytest.CaptureFixture[str]) -> None:

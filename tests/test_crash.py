@@ -94,6 +94,7 @@ def test_two_runs_at_once_leave_complete_files(tmp_path: Path) -> None:
     assert len(list((tmp_path / "out").iterdir())) == FILES, "nothing else is left"
 
 
+@pytest.mark.slow_cases("parquet|npz")
 @pytest.mark.parametrize("name", ["out.csv", "out.parquet", "out.npz"])
 def test_a_full_disk_is_reported(name: str, tmp_path: Path) -> None:
     pytest.importorskip("resource")
@@ -144,6 +145,7 @@ def test_a_failed_part_leaves_nothing(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_strange_paths_work_everywhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -180,6 +182,7 @@ def test_too_little_memory_is_reported(tmp_path: Path, monkeypatch: pytest.Monke
         find_format(packed).open(packed)
 
 
+@pytest.mark.slow
 def test_a_memory_limit_is_reported(tmp_path: Path) -> None:
     pytest.importorskip("resource")
     program = """if 1:

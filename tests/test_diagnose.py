@@ -51,6 +51,9 @@ def effect(planted: Any) -> str:
     return str(planted[0] if isinstance(planted[0], str) else planted[0][0])
 
 
+@pytest.mark.slow_cases(
+    "external_contact|time_delay|payload|torque_lag|torque_sign|armature|channel_swap|spring|joint_coupling"
+)
 @pytest.mark.parametrize(("planted", "joints", "truth", "share"), FAULTS, ids=[effect(f[0]) for f in FAULTS])
 def test_a_fault_is_named_with_its_parameters(
     planted: Any, joints: tuple[int, ...], truth: dict[str, float], share: float
@@ -67,6 +70,9 @@ def test_a_fault_is_named_with_its_parameters(
     assert set(on) <= {j for j in ALL if j in joints or first.law.effect.scope != "joint"} and len(on)
 
 
+@pytest.mark.slow_cases(
+    "external_contact|time_delay|payload|torque_lag|torque_sign|armature|channel_swap|spring|joint_coupling"
+)
 @pytest.mark.parametrize("planted", [f[0] for f in FAULTS[:11]], ids=[effect(f[0]) for f in FAULTS[:11]])
 def test_the_extended_simulation_is_as_good_as_noise_allows(planted: Any) -> None:
     found = examine(planted)
@@ -79,6 +85,7 @@ def test_the_extended_simulation_is_as_good_as_noise_allows(planted: Any) -> Non
     assert found.unexplained == () and not any("no effect of the library" in flag for flag in found.flags)
 
 
+@pytest.mark.slow_cases("-1$|1r")
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("robot", ("3r", "1r"))
 def test_nothing_is_missing_for_a_healthy_robot(robot: str, seed: int) -> None:
@@ -99,6 +106,7 @@ def test_unstated_friction_is_named_and_nothing_else() -> None:
         assert value == pytest.approx(truth, rel=0.05), (name, j)
 
 
+@pytest.mark.slow
 def test_delay_and_lag_are_alternatives_while_they_are_short() -> None:
     found = look("3r", fault("time_delay", delay=0.005))
     listed = {finding.law.effect.name for finding in (*found.findings, *found.findings[0].alternatives)}
@@ -135,6 +143,7 @@ def test_unexplained_torque_is_unknown_and_located() -> None:
     assert (left.joint, left.place.variable) == (1, "velocity") and 0.03 < left.share < 0.2
 
 
+@pytest.mark.slow
 def test_a_law_outside_the_library_gives_the_right_family_or_unknown() -> None:
     found = look("3r", fault("tustin_friction", 2, level=0.5, velocity=0.2))
     assert found.verdict == "unknown" or named(found)[0] == ("stribeck_friction", (1,))
@@ -144,6 +153,7 @@ def test_a_law_outside_the_library_gives_the_right_family_or_unknown() -> None:
 HEAVY = (("link_2", 1.15),)
 
 
+@pytest.mark.slow
 def test_a_reference_distinguishes_the_load_from_wrong_bodies() -> None:
     made, healthy = recorded("3r", PAYLOAD, heavier=HEAVY), recorded("3r", seed=3, heavier=HEAVY)
     found = signid.diagnose(simulation("3r"), read("3r", made), reference=read("3r", healthy))

@@ -48,6 +48,7 @@ def ratios(contender: Contender) -> dict[object, float]:
     return {key: float(np.log(contender.probability / p)) for key, (p, _) in contender.rivals.items() if p > 1e-200}
 
 
+@pytest.mark.slow
 def test_evidence_between_laws_of_equal_torque_counts_less_under_model_error(question: Posed) -> None:
     (sure, _), (unsure, _) = contenders(question, 1.0), contenders(question, OFF)
     near, far = ratios(unsure), ratios(sure)
@@ -115,6 +116,7 @@ def test_a_link_error_explains_inertial_violations() -> None:
     assert resolved_violations(heavy.found(spring), heavy.found(), spring) == set()
 
 
+@pytest.mark.slow_cases("True")
 @pytest.mark.parametrize(("joints", "limited"), [([0, 1, 2], True), ([0, 1], False)])
 def test_laws_of_all_joints_are_uncertain_when_all_move_in_step(joints: list[int], limited: bool) -> None:
     assert _follows(posed("3r").group("base_tilt", 0, 1, 2), joints) == limited

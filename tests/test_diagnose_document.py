@@ -20,6 +20,8 @@ from signid.output.report import to_json  # noqa: E402
 from signid.output.report.results.diagnosis import diagnosis_document  # noqa: E402
 from signid.toml_json import check_schema  # noqa: E402
 
+pytestmark = pytest.mark.slow_cases("contact|pendulum|payload|coupling")
+
 NAMES = {effect.name for effect in EFFECTS}
 FIT = {"joints", "unit", "train_rms", "held_out_rms", "noise_floor", "held_out_r2"}
 PAYLOAD = fault("payload", mass=0.2, first_moment_x=0.03, first_moment_y=0.0, first_moment_z=0.0)
@@ -52,6 +54,7 @@ def written(found: Diagnosis) -> Any:
     return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
 
 
+@pytest.mark.slow_cases("pendulum")
 def test_the_document(found: Diagnosis) -> None:
     document, joints = written(found), list(found.robot.joints)
     check_schema(document, "diagnosis")
@@ -107,6 +110,7 @@ SILENT: list[tuple[str, Planted, tuple[str, ...]]] = [
 ]
 
 
+@pytest.mark.slow_cases("link_inertia|payload")
 @pytest.mark.parametrize(("robot", "planted", "skip"), SILENT, ids=[f[1][0] for f in SILENT])
 def test_nothing_missing_means_a_residual_of_noise(robot: str, planted: Any, skip: tuple[str, ...]) -> None:
     """The extended simulation contains inertial errors within tolerance, or the verdict is another."""

@@ -222,6 +222,7 @@ def _apart(text: str) -> float:
     return float(text.split("sets them ")[1].split()[0])
 
 
+@pytest.mark.slow_cases(but="planted1")
 @pytest.mark.parametrize(
     ("robot", "planted", "own", "twin"),
     [

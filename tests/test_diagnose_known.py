@@ -73,6 +73,7 @@ def _name(group: Group) -> str:
     return "body" if group.law is None else group.law.effect.name
 
 
+@pytest.mark.slow
 def test_a_link_with_scaled_inertia_is_named() -> None:
     model = simulation("3r")
     inertials = model.inertials.copy()

@@ -29,6 +29,7 @@ def off(found: Diagnosis, planted: Planted) -> float:
     return max(abs(law.parameters[key] / float(x) - 1) for key, x in planted[2])
 
 
+@pytest.mark.slow_cases(but="base_tilt")
 @pytest.mark.parametrize("other", OTHERS, ids=[other[0] for other in OTHERS])
 def test_a_payload_does_not_bias_the_parameters_of_affected_laws(other: Planted) -> None:
     found = look("3r", LOAD, other)
@@ -40,12 +41,14 @@ def test_a_payload_does_not_bias_the_parameters_of_affected_laws(other: Planted)
         assert abs(payload.law.parameters[key] - float(truth)) < 3 * payload.std[key]
 
 
+@pytest.mark.slow
 def test_inertial_errors_within_tolerance_are_relinearised_too() -> None:
     wrong = fault("link_inertia", 2, mass=0.4, first_moment_x=0.1, first_moment_y=0.0, first_moment_z=0.0)
     found = look("3r", wrong, OTHERS[0])
     assert found.prior_scale > 0 and named(found) == [("base_tilt", (0, 1, 2))] and off(found, OTHERS[0]) < 0.06
 
 
+@pytest.mark.slow
 def test_a_search_that_does_not_converge_is_flagged(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(TOGETHER, "_names", lambda _: object())
     monkeypatch.setattr(TOGETHER, "RELINEARISATION_ROUNDS", 1)
@@ -53,6 +56,7 @@ def test_a_search_that_does_not_converge_is_flagged(monkeypatch: pytest.MonkeyPa
     assert DISAGREEMENT in found.flags and off(found, OTHERS[1]) > 0.2
 
 
+@pytest.mark.slow
 def test_a_time_limit_in_a_later_round_keeps_earlier_findings(monkeypatch: pytest.MonkeyPatch) -> None:
     whole, about, asked = TOGETHER._search, TOGETHER.relinearise, list[bool]()
     later = list[bool]()

@@ -15,6 +15,7 @@ from signid.errors import OptionError
 CONTACT = fault("external_contact", force_x=3.0, force_y=-2.0, force_z=4.0, start=11.0, end=13.0)
 
 
+@pytest.mark.slow
 def test_a_spring_is_not_named_as_degrees() -> None:
     assert named(look("3r", fault("spring", 3, stiffness=0.5, rest=0.2))) == [("spring", (2,))]
 
@@ -25,6 +26,7 @@ def test_the_floor_is_noise_once_a_contact_is_named() -> None:
     assert np.all(found.after.irreducible_rms < 2 * healthy) and found.tolerance < 0.03
 
 
+@pytest.mark.slow
 def test_causes_make_held_out_torque_better() -> None:
     planted = fault("crossed_torque", 2, partner="joint_3", amplitude=0.5, frequency=3.0)
     found = look("3r", planted, seconds=16.0)
@@ -42,6 +44,7 @@ def test_the_limit_of_a_drive() -> None:
     assert found.findings[0].law.parameters["limit"] == pytest.approx(5.0, rel=0.15)
 
 
+@pytest.mark.slow
 def test_intervals_include_unexplained_torque() -> None:
     spring, wave = fault("spring", 2, stiffness=1.0, rest=0.2), fault("velocity_wave", 2, amplitude=0.3, velocity=0.25)
     (alone,) = look("3r", spring).findings

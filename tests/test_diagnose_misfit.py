@@ -84,6 +84,7 @@ def test_a_model_that_nothing_was_held_out_for_knows_no_misfit() -> None:
     assert (found.model.misfit is None) == found.session.judges_itself
 
 
+@pytest.mark.slow
 def test_nothing_has_changed_on_another_motion() -> None:
     found = signid.diagnose(known().model, [recording(5), recording(6)])
     assert all(finding.law.joints == (1,) for finding in found.causes)  # where the model lacked a law from the start
@@ -91,6 +92,7 @@ def test_nothing_has_changed_on_another_motion() -> None:
     assert any("nothing has changed since the model was identified" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_a_change_beyond_the_misfit_is_named() -> None:
     found = signid.diagnose(known().model, [recording(5, dry=2.5), recording(6, dry=2.5)])
     assert (found.verdict, found.question) == ("named", "changed")

@@ -43,6 +43,7 @@ def test_effect_obeys(effect: Effect) -> None:
     assert list(faults(effect)) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", list(EFFECTS), ids=lambda e: e.name)
 def test_simulator_agrees(effect: Effect) -> None:
     slope, left = agreement(effect)
@@ -129,6 +130,7 @@ def test_a_missing_partner_is_refused() -> None:
 SECONDS, SEED = 8.0, 5
 
 
+@pytest.mark.slow_cases("backlash")
 @pytest.mark.parametrize("effect", [e for e in EFFECTS if e.name != "gravity"], ids=lambda e: e.name)
 def test_parameters_are_recovered(effect: Effect) -> None:
     planted = case(effect, SEED, SECONDS)

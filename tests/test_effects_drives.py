@@ -116,6 +116,7 @@ def rubbing() -> tuple[tuple[Law, ...], Array]:
     return base, by_torque(base)
 
 
+@pytest.mark.slow_cases(but="servo_gain|effort_limit|command_delay|dead_band")
 @pytest.mark.parametrize("law", ALONE, ids=ids)
 def test_both_modes_simulate_one_loop(law: DriveLaw, usual: tuple[Array, Array]) -> None:
     laws = (drive(law.name, **LOOP[law.name]),)
@@ -128,6 +129,7 @@ def test_both_modes_simulate_one_loop(law: DriveLaw, usual: tuple[Array, Array])
     assert change > 0.01 and far < max(3e-3, 0.06 * change), (far, change)
 
 
+@pytest.mark.slow_cases("backlash|stribeck")
 @pytest.mark.parametrize("name", JOINT)
 def test_laws_of_the_joint_act_in_both_modes(name: str, rubbing: tuple[tuple[Law, ...], Array]) -> None:
     law, model, (base, plain) = drive(name, **JOINT[name]), pendulum(), rubbing
@@ -140,6 +142,7 @@ def test_laws_of_the_joint_act_in_both_modes(name: str, rubbing: tuple[tuple[Law
     assert change > 0.004 and far < max(2e-3, 0.15 * change), (far, change)
 
 
+@pytest.mark.slow
 def test_an_encoder_on_the_link_is_one_loop_in_both_modes() -> None:
     laws = (
         drive("coulomb_friction", level=1.0),
@@ -163,6 +166,7 @@ def test_laws_of_drives_need_commands() -> None:
         simulate(model, torques, 0.1)
 
 
+@pytest.mark.slow_cases("servo")
 @pytest.mark.parametrize("mode", [(), ("--servo",)], ids=["torque", "servo"])
 def test_every_law_of_drives_can_be_injected(
     mode: tuple[str, ...], capfd: pytest.CaptureFixture[str], tmp_path: object

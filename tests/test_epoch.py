@@ -10,6 +10,8 @@ import pytest
 
 from signid.cli import run
 
+pytestmark = pytest.mark.slow
+
 EPOCH = 1_700_000_000
 RECORD = (
     "simulate 3r --duration 20 --inject friction_drift@2:change=2,time_constant=5 --inject coulomb_friction@2:level=1 "

@@ -16,6 +16,8 @@ from benchmarks.plants.mujoco_ import Track
 from signid.robot import load_robot
 from signid.types import Robot
 
+pytestmark = pytest.mark.slow
+
 FOLDER = Path(__file__).parents[1] / "robots" / "3r"
 ARM = ARMS[0]
 

@@ -63,6 +63,7 @@ def off(found: Identification) -> float:
     return float(np.linalg.norm(found.estimate.value - right) / np.linalg.norm(right))
 
 
+@pytest.mark.slow_cases("^oe")
 @pytest.mark.parametrize("how", ["iv", "tls", "oe"])
 def test_without_noise_all_agree_with_least_squares(how: str) -> None:
     plain, other = (identified(name, 0, 0.0, 0.0, WIDE) for name in ("wls", how))
@@ -73,6 +74,7 @@ def test_without_noise_all_agree_with_least_squares(how: str) -> None:
     assert not other.flags
 
 
+@pytest.mark.slow
 def test_bias_of_least_squares_is_removed() -> None:
     ways = ("wls", "iv", "tls", "oe")
     means = {how: np.mean([off(identified(how, seed, NOISE, 0.01, WIDE)) for seed in SEEDS]) for how in ways}
@@ -81,6 +83,7 @@ def test_bias_of_least_squares_is_removed() -> None:
     assert means["tls"] < 0.8 * means["wls"]
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth_better_than_inflated_least_squares() -> None:
     def away(how: str) -> float:
         found = [identified(how, seed, MUCH, 0.02, WIDE) for seed in SEEDS]
@@ -103,6 +106,7 @@ def test_the_default_is_unchanged() -> None:
     assert np.array_equal(default.estimate.covariance, asked.estimate.covariance)
 
 
+@pytest.mark.slow
 def test_stated_gains_take_the_place_of_those_found() -> None:
     from benchmarks.plants.control import gains
     from benchmarks.plants.mujoco_ import build, mean_inertia
@@ -116,6 +120,7 @@ def test_stated_gains_take_the_place_of_those_found() -> None:
     assert off(found) < 0.05
 
 
+@pytest.mark.slow
 def test_every_estimator_downweights_outliers() -> None:
     made = columns(0, 0.0)
     rng = np.random.default_rng(4)
@@ -146,6 +151,7 @@ def test_noise_beyond_total_least_squares_is_flagged() -> None:
     assert any("position noise is" in flag and "lower the cut-off" in flag for flag in found.flags)
 
 
+@pytest.mark.slow
 def test_a_joint_at_rest_stays_unidentified() -> None:
     made = trial(signid.load_robot("3r"), rest=(2,), seconds=8)
     for how in ("tls", "iv", "oe"):
@@ -161,6 +167,7 @@ def test_another_package_can_register_an_estimator(monkeypatch: pytest.MonkeyPat
     assert ESTIMATORS["mine"].title == "weighted least squares"
 
 
+@pytest.mark.slow_cases("^oe")
 @pytest.mark.parametrize("how", ["wls", "tls", "oe"])
 def test_the_command_names_the_estimator(how: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "recording.parquet"

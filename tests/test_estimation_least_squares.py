@@ -129,6 +129,7 @@ def test_noise_alone_is_no_discrepancy(arm: Robot) -> None:
     assert 1 <= np.median(wider) < 1.05 and max(wider) < 1.3
 
 
+@pytest.mark.slow_cases("ripple|delay")
 @pytest.mark.parametrize("error", ["friction", "ripple", "delay", "hold"])
 def test_intervals_cover_the_truth_under_model_error(arm: Robot, error: str) -> None:
     shares: list[tuple[float, float]] = []

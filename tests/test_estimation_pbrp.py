@@ -89,6 +89,7 @@ def test_the_usual_algorithms_retrieve_a_pendulum(name: str, local: str) -> None
     assert got.best.feasible and got.best.converged and got.best.chi2 < 1e-3
 
 
+@pytest.mark.slow
 def test_an_arm_is_retrieved_without_gradients() -> None:
     got = retrieved(captured("3r", noise=0.05, laws=True, seed=6), runs=1, local_algorithm="LN_SBPLX")
     assert got.best.feasible and got.best.chi2 < 10

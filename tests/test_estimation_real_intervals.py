@@ -52,6 +52,7 @@ def test_the_share_counts_differences_within_joint_intervals() -> None:
     assert share(values, stds, np.array([True, False, False])) == 100.0
 
 
+@pytest.mark.slow_cases(but="EMPS")
 @pytest.mark.parametrize("name", SETS)
 def test_recordings_of_a_real_robot_agree(name: str, data: Path) -> None:
     folder, description, recordings = SETS[name]

@@ -17,6 +17,7 @@ from signid.faults.commands import audit_servos
 from signid.recording import read_bare
 
 
+@pytest.mark.slow_cases("so101")
 @PUBLIC
 @pytest.mark.parametrize(
     "folder", ["so101_servo", "bam_xl330", "bam_sts3250", "mauicv_servo", "go2_dls", "acromonk_dfki"]
@@ -50,6 +51,7 @@ def test_lags_of_public_recordings() -> None:
     assert all(one.command_period == pytest.approx(0.025, abs=1e-3) for one in found.joints)
 
 
+@pytest.mark.slow_cases("go2|degrees|held|leading|copied|late|following")
 @PUBLIC
 @pytest.mark.parametrize("name", ["so101_servo/reaching_points.csv.gz", "go2_dls/held_base_first.csv.gz"])
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)

@@ -128,6 +128,7 @@ def test_one_of_many_files_differs(change: Callable[[Columns], Columns]) -> None
     compare(audit_servos(files(parts)).flags, CHANGES[change], f"run{ODD}.csv")
 
 
+@pytest.mark.slow
 def test_files_and_episodes_that_agree_are_silent() -> None:
     for seed in (1, 2, 3):
         assert not audit_servos(files(episodes(seed))).flags
@@ -154,6 +155,7 @@ def lerobot(folder: Path, parts: list[Columns]) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_an_episode_of_a_dataset_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     parts = episodes(2)
     assert run(["check", str(lerobot(tmp_path / "good", parts))]) == 0

@@ -81,6 +81,7 @@ def test_every_recording_has_an_expectation() -> None:
     assert set(recordings()) == set(NAMED) | SILENT
 
 
+@pytest.mark.slow_cases("verb|reversed|saturated|spikes|signs_random")
 @pytest.mark.parametrize(
     ("verb", "name"), [*((check, name) for name in NAMED), *((wls, name) for name in [*NAMED][::3])]
 )

@@ -104,6 +104,7 @@ def test_the_right_gravity_is_no_flag_and_a_wrong_one_is_put_right() -> None:
     assert "--gravity 0,0,-9.81" in flag
 
 
+@pytest.mark.slow_cases("-1$")
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("gravity", MOUNTED)
 def test_links_with_errors_of_15_percent_do_not_hide_gravity(gravity: tuple[float, ...], seed: int) -> None:
@@ -157,6 +158,7 @@ def test_without_weight_friction_and_inertia_are_identified_and_masses_are_not(s
         assert laws["coulomb_friction"]["level"] == pytest.approx(COULOMB, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_diagnosis_finds_gravity_beside_the_other_laws() -> None:
     robot = signid.load_robot("3r")
     for gravity in ((0.0, -G, 0.0), (0.0, 0.0, 0.0)):

@@ -34,6 +34,7 @@ REAL = {
 }
 
 
+@pytest.mark.slow_cases(but="emps|panda")
 @pytest.mark.parametrize("name", REAL)
 def test_real_recordings_pass(data: Path, name: str) -> None:
     described, *paths = REAL[name]
@@ -57,6 +58,7 @@ def test_signless_hobby_servos_pass(data: Path) -> None:
     assert {f.kind for f in found.findings} <= {"excitation"}
 
 
+@pytest.mark.slow_cases("4-5")
 @pytest.mark.parametrize(("first", "second"), [(3, 4), (4, 5)])
 def test_exchanged_wrists_of_a_real_robot_are_reported(data: Path, first: int, second: int) -> None:
     robot = signid.load_robot(data / "ur10e_mamedov" / "ur10e.urdf", actuators=ACTUATORS)

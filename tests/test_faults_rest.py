@@ -11,6 +11,8 @@ from signid.cli import run
 from signid.faults import description
 from signid.types import Recording, Robot
 
+pytestmark = pytest.mark.slow
+
 JOINT, STUCK = "FL_calf_joint", "stands still"
 
 

@@ -69,6 +69,7 @@ def test_commands_end_with_2_or_3(
         assert any(WORDS[name] in line for line in said) and all(line.startswith("signid: ") for line in said), said
 
 
+@pytest.mark.slow_cases("identify-(another|halved|spikes)|diagnose-stuck")
 @pytest.mark.parametrize(
     ("verb", "name"),
     [

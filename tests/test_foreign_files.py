@@ -51,6 +51,7 @@ def test_a_foreign_file_of_the_same_name_is_kept(
     assert content(place) == before
 
 
+@pytest.mark.slow_cases("diagnose")
 @pytest.mark.parametrize("command", list(SINGLE)[:4])
 def test_results_beside_the_users_files_leave_them_alone_and_are_replaced(command: str, place: Path) -> None:
     (place / "robot.urdf").rename(place / "arm.urdf")
@@ -147,6 +148,7 @@ def test_a_session_folder_with_a_foreign_record_is_kept(record: str, manifest: P
     assert content(place) == before
 
 
+@pytest.mark.slow
 def test_a_fleet_replaces_its_own_sessions_unless_a_file_was_added(manifest: Path, place: Path) -> None:
     assert run("fleet manifest.csv -o out --workers 1".split()) in (0, 3)
     store = Store(place / "out")

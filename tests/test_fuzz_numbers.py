@@ -87,6 +87,7 @@ TROUBLE = {
 }
 
 
+@pytest.mark.slow_cases("thrice-True|large positions")
 @pytest.mark.parametrize(
     ("name", "unsigned"), [*((name, False) for name in TROUBLE), *((name, True) for name in [*TROUBLE][::2])]
 )
@@ -102,6 +103,7 @@ def test_extreme_numbers_are_reported_by_identify(name: str, unsigned: bool) -> 
     assert np.isfinite(found.parameters.values).all() and np.isfinite(found.base_value).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [x for x in TROUBLE if "large" in x or "rests" in x or "twice" in x or "step" in x])
 def test_extreme_numbers_are_reported_by_diagnose(name: str) -> None:
     diagnosed(spoilt(TROUBLE[name]))

@@ -25,6 +25,7 @@ def damaged(draw: st.DrawFn, seeds: tuple[bytes, ...]) -> bytes:
     return content[: draw(st.one_of(st.just(len(content)), st.integers(0, len(content))))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reader", readers(), ids=lambda reader: reader.name)
 def test_damaged_files_are_read_or_refused(reader: Reader) -> None:
     @settings(max_examples=SLOW if reader.slow else EXAMPLES)
@@ -37,6 +38,7 @@ def test_damaged_files_are_read_or_refused(reader: Reader) -> None:
     check()
 
 
+@pytest.mark.slow_cases("metadata")
 @pytest.mark.parametrize("reader", readers(), ids=lambda reader: reader.name)
 def test_malicious_files_are_refused_and_intact_ones_read(reader: Reader, tmp_path: Path) -> None:
     for token in () if reader.slow else (b"", b"\0", *TOKENS):

@@ -45,6 +45,7 @@ def test_words_that_results_use_are_explained(word: str) -> None:
     assert any(word in f"{row[0]} {row[1]}" for row in ROWS), word
 
 
+@pytest.mark.slow
 def test_units_of_results_are_in_the_glossary(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

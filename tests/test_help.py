@@ -76,6 +76,7 @@ def test_options_state_units_and_defaults(
         assert optional or shown or apart or command == "export", f"{option.name}: {help} shows no default"
 
 
+@pytest.mark.slow
 def test_the_examples_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     assert " ".join(example(shown("diagnose", monkeypatch, capfd))) in TEXTS["README.md"], "test_readme.py executes it"

@@ -38,6 +38,7 @@ def identify(data: Path, folder: str, urdf: str, *names: str, options: Options |
     return signid.identify(robot, [first], held_out=rest, options=options)
 
 
+@pytest.mark.slow_cases(but="panda|emps")
 @pytest.mark.parametrize("name", GOOD)
 def test_good_motion_is_not_flagged(data: Path, name: str) -> None:
     found = identify(data, *GOOD[name])
@@ -45,6 +46,7 @@ def test_good_motion_is_not_flagged(data: Path, name: str) -> None:
     assert found.physically_consistent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_motion_in_step_is_flagged(data: Path, number: int) -> None:
     found = identify(data, "kuka_lwr4_flobaroid", "kuka_lwr4.urdf", f"measurements_{number}", options=NO_ARMATURE)

@@ -43,6 +43,7 @@ def test_held_out_rows_are_learned_from_after_the_fit_is_measured(robot: signid.
     assert np.median(refit.estimate.std / split.estimate.std) < 0.9, "more rows, narrower intervals"
 
 
+@pytest.mark.slow
 def test_another_load_is_not_learned_from(robot: signid.Robot, tmp_path: Path) -> None:
     words = "simulate 3r --noise 0.02 --encoder-bits 17 --duration 12"
     assert run([*words.split(), "-o", str(tmp_path / "bare.csv")]) == 0
@@ -79,6 +80,7 @@ def emps() -> Identification:
     return signid.identify(robot, [recorded()], options=Options(effects=EFFECTS), refine=())
 
 
+@pytest.mark.slow
 def test_numbers_of_a_real_drive_are_refined() -> None:
     found = emps()
     assert found.refinement is not None and found.refinement.kept and found.refined is found.best

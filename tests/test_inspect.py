@@ -27,6 +27,7 @@ TWINS = """TwoDofs alexander_v1.lowerBodyOnly anymal_b anymal-kinova b1-z1 borin
     ur5_gripper ur5_joint_limited_robot ur5_limited ur5_robot""".split()  # the joints and bodies of another robot
 
 
+@pytest.mark.slow_cases("tiago_dual")
 @pytest.mark.parametrize("name", sorted({*names()} - {*TWINS}))
 def test_every_robot_is_inspected_or_refused_in_one_sentence(name: str) -> None:
     try:

@@ -50,6 +50,7 @@ def kind(place: str) -> str:
     return re.sub(r"/(\d+|link_\d+)(?=/|$)", "/", place)
 
 
+@pytest.mark.slow
 @several
 @pytest.mark.parametrize("command", COMMANDS)
 def test_all_numbers_agree(command: str, results: dict[tuple[str, str], Path]) -> None:

@@ -12,6 +12,8 @@ from test_size import HOSTS, MACHINE
 import signid
 from signid.types import Result
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def ran() -> Ran:

@@ -46,6 +46,7 @@ def results() -> dict[str, Any]:
     return {type(each).__name__: each for each in found}
 
 
+@pytest.mark.slow
 def test_a_repr_has_at_most_forty_lines_of_plain_text(results: dict[str, Any]) -> None:
     assert set(TABLES) - set(results) <= {"Fleet", "Separation", "ServoDiagnosis"}, "every other kind is tested here"
     for name, result in results.items():

@@ -26,6 +26,8 @@ from signid.output.report.results.signs import signs_page
 from signid.recording import read_recording
 from signid.recording.sampling import survey, time_origin
 
+pytestmark = pytest.mark.slow
+
 EPOCH = 1.7e9
 
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 import tomllib
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from exported import executed
 
 import signid
 from signid.cli import run
@@ -87,20 +86,6 @@ def test_an_identification_marks_what_it_does_not_identify() -> None:
         signid.export(found, "mjcf")
 
 
-def executed(text: str, module: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Names of an exported Python file, with configurations as mappings of their arguments."""
-
-    class Anything(ModuleType):
-        def __getattr__(self, kind: str) -> Any:
-            return lambda **numbers: numbers
-
-    monkeypatch.setitem(sys.modules, module.split(".")[0], ModuleType(module.split(".")[0]))
-    monkeypatch.setitem(sys.modules, module, Anything(module))
-    found: dict[str, Any] = {}
-    exec(text, found)
-    return found
-
-
 def test_what_is_left_out_is_no_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     unknown = dict.fromkeys(("delay", "coulomb_friction", "armature", "effort_limit"))
     model = with_servos(load_model("3r"), {"joint_2": Servo(kp=20.0, kd=0.5, not_identifiable=unknown)})
@@ -109,9 +94,9 @@ def test_what_is_left_out_is_no_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     node = yaml.safe_load(signid.export(model, "ros").text)["/**"]["ros__parameters"]["dynamics"]
     assert not set(unknown) & set(node["servo"]["joint_2"]) and node["joint"]["joint_2"] == {"effort_limit": 20.0}
     group = executed(signid.export(model, "isaaclab").text, "isaaclab.actuators", monkeypatch)["ACTUATORS"]["joint_2"]
-    assert group["stiffness"] == 20.0 and not {"armature", "friction", "min_delay", "effort_limit"} & set(group)
+    assert group.stiffness == 20.0 and not {"armature", "friction", "min_delay", "effort_limit"} & set(vars(group))
     motors = executed(signid.export(model, "mjlab").text, "mjlab.actuator", monkeypatch)["ACTUATORS"]
-    assert motors[1]["damping"] == 0.5 and not {"armature", "frictionloss", "delay_max_lag"} & set(motors[1])
+    assert motors[1].damping == 0.5 and not {"armature", "frictionloss", "delay_max_lag"} & set(vars(motors[1]))
     function = executed(signid.export(model, "expected").text, "none.at_all", monkeypatch)
     assert function["expected"]([0.0, 0.1], {"joint_2": [0.1, 0.1]})["joint_2"] == [0.1, 0.1]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,8 @@ from numpy.testing import assert_allclose
 import signid
 from signid.output.replay import Replay
 from signid.output.replay.track import follow
+
+WINDOW = 900, 720  # [px] of the browser
 
 ROOT = Path(__file__).parents[1]
 LAWS = ("coulomb_friction@2:level=0.8", "payload:mass=0.3,first_moment_x=0.03")
@@ -43,13 +44,6 @@ def address(shown: Replay, tmp_path_factory: pytest.TempPathFactory) -> str:
     return file.as_uri()
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
-    window = Chromium(tmp_path_factory.mktemp("browser"), 900, 720)
-    yield window
-    window.close()
-
-
 def numbers(text: str) -> list[float]:
     """Torque and position as printed: "1.23 N.m, −0.4 rad"."""
     return [float(part.split()[0].replace("\u2212", "-")) for part in text.split(", ")]
@@ -74,6 +68,7 @@ def test_the_measured_torque_is_that_of_the_recording() -> None:
     assert track.residual.shape == (1, *track.measured.shape)
 
 
+@pytest.mark.slow
 def test_the_curves_follow_slider_and_joint(browser: Chromium, address: str, shown: Replay) -> None:
     browser.open(f"{address}#joint=2&t=2", "window.player")
     assert not browser.value("document.querySelector('#curves').hidden"), "there is room for them"
@@ -91,6 +86,7 @@ def test_the_curves_follow_slider_and_joint(browser: Chromium, address: str, sho
     assert browser.value("document.querySelector('#curves').hidden") and not browser.errors
 
 
+@pytest.mark.slow
 def test_labels_are_legible_on_a_phone_and_clear_of_the_robot(browser: Chromium, address: str) -> None:
     browser.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
     browser.open(f"{address}#t=2", "window.player")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from chromium import Chromium, Picture
+from chromium import Chromium, Picture, changed
 from diagnosis_file import write_diagnosis
 
 import signid
@@ -47,23 +46,11 @@ def address(folder: Path, shown: Replay) -> str:
     return (folder / "replay.html").as_uri()
 
 
-@pytest.fixture(scope="module")
-def browser(folder: Path) -> Iterator[Chromium]:
-    window = Chromium(folder / "profile")
-    yield window
-    window.close()
-
-
 @pytest.fixture
 def page(browser: Chromium, address: str) -> Chromium:
     """The page, freshly opened in the middle of a roll-out."""
     browser.open(f"{address}#t=4.4", READY)
     return browser
-
-
-def changed(before: Picture, after: Picture) -> int:
-    """Number of pixels of the area that differ."""
-    return int((np.abs(before[AREA] - after[AREA]).max(axis=2) > 12).sum())
 
 
 def greenish(picture: Picture) -> int:
@@ -78,9 +65,9 @@ def test_both_robots_are_drawn_and_nothing_is_fetched(page: Chromium) -> None:
     ghost = page.picture()
     page.click("#show-simulated")
     none = page.picture()
-    assert changed(both, none) > 3000, "robots fill part of the picture"
+    assert changed(AREA, both, none) > 3000, "robots fill part of the picture"
     assert greenish(ghost) > 1500 and greenish(none) == 0
-    assert changed(both, ghost) > 1500
+    assert changed(AREA, both, ghost) > 1500
     assert not page.errors
     assert page.requests and {url.partition(":")[0] for url in page.requests} <= {"file", "data", "blob"}
     assert page.value("document.querySelector('#readout').textContent").startswith("robots up to ")
@@ -93,18 +80,20 @@ def test_both_robots_are_drawn_and_nothing_is_fetched(page: Chromium) -> None:
     assert max(page.value(apart)) < 0.005, "a roll-out starts from the measured state"
 
 
+@pytest.mark.slow
 def test_the_slider_and_the_strip_move_time(page: Chromium) -> None:
     first = page.picture()
     page.click("#time", 0.8)
     assert page.value("player.state.t") == pytest.approx(0.8 * page.value("player.length"), abs=0.15)
     second = page.picture()
-    assert changed(first, second) > 1000
+    assert changed(AREA, first, second) > 1000
     assert page.value("document.querySelector('#clock').textContent").startswith("6.")
     page.click("#map", 0.25)
     assert page.value("player.state.t") == pytest.approx(0.25 * page.value("player.length"), abs=0.05)
-    assert changed(second, page.picture()) > 1000
+    assert changed(AREA, second, page.picture()) > 1000
 
 
+@pytest.mark.slow
 def test_it_plays_pauses_and_has_speeds(page: Chromium) -> None:
     page.value("player.seek(0)")
     page.click("#play")
@@ -119,18 +108,19 @@ def test_it_plays_pauses_and_has_speeds(page: Chromium) -> None:
     page.until("!player.state.playing && player.state.t === player.length")
 
 
+@pytest.mark.slow
 def test_before_and_after_and_side_by_side(page: Chromium, shown: Replay) -> None:
     apart = (
         "Math.max(...player.stage.recorded.map((g, k) => g.position.distanceTo(player.stage.simulated[k].position)))"
     )
     before, given = page.value(apart), page.picture()
     page.click("#model label:nth-of-type(2)")
-    assert page.value(apart) < 0.3 * before and changed(given, page.picture()) > 300
+    assert page.value(apart) < 0.3 * before and changed(AREA, given, page.picture()) > 300
     error = np.nanmean(np.abs(shown.simulated[:, ..., :3] - shown.recorded[None, ..., :3]), axis=(1, 2, 3))
     assert error[1] < 0.3 * error[0]
     seen = page.picture()
     page.click("#layout label:nth-of-type(2)")
-    assert changed(seen, page.picture()) > 1000
+    assert changed(AREA, seen, page.picture()) > 1000
     assert page.value("player.stage.shift.length()") > 0.2
     ends = "document.querySelector('#scale div').textContent"
     assert page.value(ends).endswith("N.m")
@@ -165,6 +155,7 @@ def test_links_are_coloured_and_findings_marked_at_their_place(page: Chromium) -
     assert all(0 <= left < right <= 1000 and 0 <= top < bottom <= 700 for left, top, right, bottom in spots)
 
 
+@pytest.mark.slow_cases(but="1000-330")
 @pytest.mark.parametrize(("width", "height", "crowded"), [(1000, 700, False), (1000, 330, True), (390, 560, True)])
 def test_labels_without_room_are_counted_and_named(
     browser: Chromium, address: str, width: int, height: int, crowded: bool
@@ -188,6 +179,7 @@ def test_labels_without_room_are_counted_and_named(
         browser.send("Emulation.setDeviceMetricsOverride", **{**size, "width": 1000, "height": 700})
 
 
+@pytest.mark.slow
 def test_live_it_is_a_meshcat_viewer(browser: Chromium, shown: Replay, capfd: pytest.CaptureFixture[str]) -> None:
     meshcat = pytest.importorskip("meshcat")
     live = shown.show()
@@ -201,7 +193,7 @@ def test_live_it_is_a_meshcat_viewer(browser: Chromium, shown: Replay, capfd: py
         browser.until(
             "player.stage.viewer.scene_tree.find(['meshcat', 'elsewhere', 'ball']).object.children.length > 0"
         )
-        assert changed(alone, browser.picture()) > 500 and not browser.errors
+        assert changed(AREA, alone, browser.picture()) > 500 and not browser.errors
         assert all(url.startswith((live.url, "data:", "blob:")) for url in browser.requests)
     finally:
         live.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,6 +18,8 @@ from signid.output.report.results.check.torque import check_page
 from signid.output.report.results.diagnosis import diagnosis_page
 from signid.output.report.results.identification import identification_page
 from signid.output.report.results.validation import validation_page
+
+WINDOW = 1200, 900  # [px] of the browser
 
 DRAWN = "[...document.querySelectorAll('.plot')].filter(box => box.querySelector('.main-svg'))"
 HIDDEN = "[...document.querySelectorAll('details:not([open]) .plot')]"
@@ -62,13 +63,6 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: folder / f"{name}.html" for name in texts}
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
-    window = Chromium(tmp_path_factory.mktemp("browser"), 1200, 900)
-    yield window
-    window.close()
-
-
 def show(browser: Chromium, page: Path, width: int = 1200, **media: str) -> None:
     size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
     browser.send("Emulation.setDeviceMetricsOverride", **size)
@@ -85,6 +79,7 @@ def check_letters(browser: Chromium, width: int) -> None:
     assert browser.value(COLLIDE) == []
 
 
+@pytest.mark.slow_cases(but="diagnosis|drives")
 @pytest.mark.parametrize("name", PAGES)
 def test_every_plot_is_drawn_and_nothing_is_loaded(browser: Chromium, pages: dict[str, Path], name: str) -> None:
     show(browser, pages[name], WIDE)
@@ -110,6 +105,7 @@ def test_a_page_that_needs_the_network_is_caught(browser: Chromium, pages: dict[
         assert all(url.startswith(("file:", "data:", "blob:")) for url in browser.requests)
 
 
+@pytest.mark.slow_cases(but="390-diagnosis")
 @pytest.mark.parametrize("name", PAGES)
 @pytest.mark.parametrize("width", NARROW)
 def test_no_letters_run_into_each_other(browser: Chromium, pages: dict[str, Path], name: str, width: int) -> None:
@@ -125,6 +121,7 @@ def test_all_columns_of_the_drives_are_on_the_screen(browser: Chromium, pages: d
     assert len(shown) >= 9 and shown[0][0] == "joint" and all(0 < right <= width for _, right in shown)
 
 
+@pytest.mark.slow_cases("dark")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_letters_and_lines_stand_out_from_the_ground(browser: Chromium, pages: dict[str, Path], scheme: str) -> None:
     show(browser, pages["diagnosis"], scheme=scheme)
@@ -150,6 +147,7 @@ def contrast(one: float, other: float) -> float:
     return (max(one, other) + 0.05) / (min(one, other) + 0.05)
 
 
+@pytest.mark.slow
 def test_paper_is_white_and_no_plot_is_wider_than_it(browser: Chromium, pages: dict[str, Path]) -> None:
     show(browser, pages["diagnosis"], 1200, scheme="dark", medium="print")
     browser.value("(dispatchEvent(new Event('beforeprint')), 0)")
@@ -158,6 +156,7 @@ def test_paper_is_white_and_no_plot_is_wider_than_it(browser: Chromium, pages: d
     assert browser.value("document.querySelector('main').clientWidth") <= 700
 
 
+@pytest.mark.slow
 def test_dragging_zooms_and_a_double_click_goes_back(browser: Chromium, pages: dict[str, Path]) -> None:
     show(browser, pages["diagnosis"])
     browser.value("document.querySelector('details[open] .wide .plot').scrollIntoView({block: 'center'})")

@@ -202,6 +202,7 @@ def test_names_of_joints_are_text_in_the_page() -> None:
     assert "a<b>" not in page and "a\\u003cb" not in page and "a&lt;b&gt;" in page
 
 
+@pytest.mark.slow
 @PUBLIC
 def test_public_recordings_are_good() -> None:
     folder = DATA / "panda_gaz2019"

@@ -26,6 +26,8 @@ from signid.output.report.policy import content_policy, plot_markup
 from signid.output.report.results.fleet import fleet_page
 from signid.output.report.sections import Plot
 
+WINDOW = 800, 500  # [px] of the browser
+
 ROOT = Path(__file__).parents[1]
 IMAGE = '"><img src=x onerror=window.hit=1>'
 LINK = "<a href='https://example.com/' style='color:red'>go</a>"
@@ -100,13 +102,6 @@ def _fleet(patch: pytest.MonkeyPatch) -> None:
     Path("fleet.html").write_text(fleet_page(fleet("<b>fleet.csv", "out").document(), f"signid fleet {IMAGE}"))
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
-    window = Chromium(tmp_path_factory.mktemp("browser"), 800, 500)
-    yield window
-    window.close()
-
-
 def path(folder: Path, name: str) -> Path:
     """File of a page."""
     places = {"identification": "identify/report.html", "signs": "--unsigned/signs.html", "fleet": "fleet.html"}
@@ -129,6 +124,7 @@ def check_harmless(browser: Chromium) -> None:
     assert browser.errors == [], "nothing was tried that the policy refuses"
 
 
+@pytest.mark.slow_cases("signs|validation|diagnosis|^check")
 @pytest.mark.parametrize("name", PAGES)
 def test_names_are_text_in_every_page(browser: Chromium, folder: Path, name: str) -> None:
     show(browser, path(folder, name))
@@ -144,6 +140,7 @@ def test_names_are_text_in_every_page(browser: Chromium, folder: Path, name: str
         check_harmless(browser)
 
 
+@pytest.mark.slow_cases("replay")
 @pytest.mark.parametrize("name", ["fleet", "replay"])
 def test_the_policy_stops_a_page_that_was_tampered_with(browser: Chromium, folder: Path, name: str) -> None:
     """Were a name ever not escaped, the browser would neither run nor load anything."""

@@ -14,6 +14,8 @@ from test_output_report_policy import IMAGE, LINK, LOG, SCRIPT, SHOWN, check_har
 
 from signid.cli import run
 
+WINDOW = 800, 500  # [px] of the browser
+
 ROOT = Path(__file__).parents[1]
 ROBOT, BODY = "<svg onload=window.hit=3>", "<!--<script>"
 PAGES = {name: f"{name}/report.html" for name in ("identify", "validate", "diagnose")} | {"replay": "replay.html"}
@@ -42,13 +44,7 @@ def place(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     yield joint, folder
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
-    window = Chromium(tmp_path_factory.mktemp("browser"), 800, 500)
-    yield window
-    window.close()
-
-
+@pytest.mark.slow_cases(but="script-identify")
 @pytest.mark.parametrize("name", PAGES)
 def test_names_are_text_in_every_page_of_drives(browser: Chromium, place: tuple[str, Path], name: str) -> None:
     joint, folder = place

@@ -37,7 +37,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def inside(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
-    monkeypatch.delenv("SIGNID_DEBUG", raising=False)
 
 
 @pytest.fixture(scope="module")
@@ -158,6 +157,7 @@ def test_rerun_opens_its_log(log: ViewerLog, tmp_path: Path) -> None:
     assert "/findings" in text and "/summary" in text and "/links/link_3" in text
 
 
+@pytest.mark.slow
 def test_commands_write_logs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("mcap", reason="mcap is not installed (extra viewers)")
     pytest.importorskip("rerun", reason="rerun-sdk is not installed (extra viewers)")

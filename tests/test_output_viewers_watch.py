@@ -182,6 +182,7 @@ class Ros(ModuleType):
                 raise KeyboardInterrupt
 
 
+@pytest.mark.slow_cases("ends")
 @pytest.mark.parametrize("interrupt", [False, True], ids=["ends", "Ctrl-C"])
 def test_logs_of_a_topic_are_complete(
     interrupt: bool, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

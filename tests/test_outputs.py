@@ -108,6 +108,7 @@ def test_every_command_that_writes_is_here() -> None:
     assert set(commands.commands) == {*COMMANDS, *SILENT}
 
 
+@pytest.mark.slow_cases("demo")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_strange_names_are_fine(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = names(folder)

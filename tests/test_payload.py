@@ -63,6 +63,7 @@ def weighed(seed: int, friction: float = 1.0) -> Payload:
     return payload(robot(UR), [recording(UR, 0.0, seed)], [recording(UR, MASS, seed + 20, friction=friction)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [1.0, 1.05])
 def test_a_load_on_an_arm_of_six_joints_is_weighed(friction: float) -> None:
     held, errors = [], []
@@ -132,6 +133,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pyt
     assert capfd.readouterr().err.startswith("signid: no recording with the load was given")
 
 
+@pytest.mark.slow
 def test_the_load_of_a_real_arm(data: Path) -> None:
     """UR10e; the load was weighed, torque constants are known to some per cent."""
     from benchmarks.real_data import LOADED, UNLOADED, ur10e_model, ur10e_recording

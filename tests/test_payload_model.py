@@ -29,6 +29,7 @@ BOX = body(1.2, CENTRE, np.array([[0.004, 0.0005, 0], [0.0005, 0.003, -0.0002], 
 ERRORS = np.diag(np.array([0.01, *[0.001] * 3, *[1e-4] * 6]) ** 2)
 
 
+@pytest.mark.slow
 def test_a_saved_model_weighs_as_its_description_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

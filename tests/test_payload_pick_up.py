@@ -23,6 +23,7 @@ def weighed(*events: Alteration | Push, seed: int = 0) -> Payload:
     return payload(arm(), recorded(events, seed))
 
 
+@pytest.mark.slow_cases("18|9.0")
 @pytest.mark.parametrize(("when", "mass", "seed"), [(12.3, 1.2, 0), (18.0, 0.3, 1), (9.0, 3.0, 2)])
 def test_a_load_is_found_with_its_moment(when: float, mass: float, seed: int) -> None:
     found = weighed(Alteration(when, "payload", 5, mass), seed=seed)
@@ -33,6 +34,7 @@ def test_a_load_is_found_with_its_moment(when: float, mass: float, seed: int) ->
     assert abs(value - mass) < 4 * std and abs(value / mass - 1) < 0.03
 
 
+@pytest.mark.slow_cases(but="events0")
 @pytest.mark.parametrize("events", [(), *((event,) for event in OTHERS)])
 def test_no_load_is_invented(events: tuple[Alteration | Push, ...]) -> None:
     found = weighed(*events, seed=4)
@@ -43,6 +45,7 @@ def test_no_load_is_invented(events: tuple[Alteration | Push, ...]) -> None:
     assert "No load was found" in str(found) and found.to_frame("payload").is_empty()
 
 
+@pytest.mark.slow
 def test_commands_print_moments_or_the_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(arm().document)
@@ -98,6 +101,7 @@ def test_desired_positions_do_not_matter(tmp_path: Path, capsys: pytest.CaptureF
     assert abs(mass - 0.4) < 3 * std < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [(OTHER, LOADED), (LOADED, OTHER_DAY)])
 def test_a_load_on_a_real_robot(order: tuple[str, ...], data: Path) -> None:
     folder = data / "ur10e_mamedov"
@@ -110,6 +114,7 @@ def test_a_load_on_a_real_robot(order: tuple[str, ...], data: Path) -> None:
     assert abs(mass - SCALE) < 3 * std and abs(mass / SCALE - 1) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [(OTHER_DAY,), (SAME, OTHER), (LOADED,)])
 def test_a_real_robot_without_a_change_has_none(order: tuple[str, ...], data: Path) -> None:
     folder = data / "ur10e_mamedov"

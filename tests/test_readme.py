@@ -88,6 +88,7 @@ def test_commands_of_readmes_are_executed() -> None:
     assert [title(block) for block in shown if block not in (*EXTRACTS, *SCRIPTS)] == []
 
 
+@pytest.mark.slow_cases("fleet manifest|signid demo|signid diagnose 3r recording.csv")
 @pytest.mark.parametrize("block", EXTRACTS, ids=title)
 def test_extracts_agree_with_the_printed_text(
     block: Block, place: pytest.TempPathFactory, capfd: pytest.CaptureFixture[str]
@@ -102,11 +103,13 @@ def test_extracts_agree_with_the_printed_text(
             assert at >= 0, line
 
 
+@pytest.mark.slow_cases("diagnose/README")
 @pytest.mark.parametrize("block", SCRIPTS, ids=title)
 def test_commands_succeed(block: Block, place: pytest.TempPathFactory, capfd: pytest.CaptureFixture[str]) -> None:
     execute(block, place, capfd)
 
 
+@pytest.mark.slow
 def test_python_of_readmes_runs(tmp_path: Path) -> None:
     parts = blocks("python")
     code = "\n".join(f"print('in', {block.path!r})\n{block.text}" for block in parts)

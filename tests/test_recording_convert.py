@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 from bags import JOINTS, START, state, states, store, write1, write2
-from swing import csv, npz, pristine, swing
+from swing import csv, pristine, swing
 from test_recording import TAU, Q, T, arm, whole
 from test_recording_formats import sentence
 from test_recording_formats_lerobot import two_episodes
@@ -127,27 +127,6 @@ def test_names_are_held_against_a_robot(
     assert err == "" and "look it through" not in out
     robot = signid.load_robot("1r")
     same(read_recording("b.csv", robot).read(), read_recording("a.csv", robot, columns="map.toml").read())
-
-
-def test_commands_read_bags_directly(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    known, (t, q, tau) = store(), pristine().values()
-    messages = [
-        ("/js", state(known, START + round(s * 1e9), ["joint_1"], [a], [], [b]), START + round(s * 1e9))
-        for s, a, b in zip(t, q, tau, strict=True)
-    ]
-    write2(tmp_path / "bag", known, messages)
-    Path("a.npz").write_bytes(npz(swing()))
-    command("identify 1r bag -o from_bag", capfd)
-    command("identify 1r a.npz -o from_npz", capfd)
-    one, other = (json.loads(Path(folder, "identification.json").read_text()) for folder in ("from_bag", "from_npz"))
-    assert [p["value"] for p in one["base_parameters"]] == pytest.approx(
-        [p["value"] for p in other["base_parameters"]], rel=1e-6
-    )
-    command("simulate 1r --torque bag -o played.csv", capfd)
-    assert [file["path"] for file in one["inputs"]].count("bag") == 1
 
 
 def test_rows_that_lack_a_value_can_be_dropped() -> None:

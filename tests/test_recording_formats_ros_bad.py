@@ -172,6 +172,7 @@ def test_a_bag_of_ros_1_without_its_index(tmp_path: Path) -> None:
     refused(path, "reindex")
 
 
+@pytest.mark.slow
 def test_a_bag_that_unpacks_to_more_than_memory_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten megabytes of zeros in every fifty bytes of a chunk; data after them are not read."""
     resource = pytest.importorskip("resource")

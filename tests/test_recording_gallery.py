@@ -46,6 +46,7 @@ def opened(path: Path) -> bytes:
     return gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
 
 
+@pytest.mark.slow_cases("ur10e|tx40|panda")
 @pytest.mark.parametrize("name", DATA.names)
 def test_the_whole_way_from_the_files_of_the_source(
     name: str, data: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

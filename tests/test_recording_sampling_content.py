@@ -130,6 +130,7 @@ def test_any_range_of_samples_is_the_same() -> None:
     assert np.array_equal(part.q, whole.q[501:1502]) and np.array_equal(part.tau, whole.tau[501:1502])
 
 
+@pytest.mark.slow
 def test_the_rate_stands_in_the_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("recording", "held_out"):
         pl.DataFrame(resampled(original(name), 1250.0, "cubic")).write_parquet(tmp_path / f"{name}.parquet")
@@ -162,6 +163,7 @@ def test_recordings_with_content_up_to_their_rate() -> None:
     assert surveyed(original())[1].content is None
 
 
+@pytest.mark.slow
 def test_a_healthy_robot_stays_healthy(tmp_path: Path) -> None:
     motion, recording = str(tmp_path / "motion.csv"), str(tmp_path / "recording.csv")
     assert run(["excite", "1r", "--duration", "10", "-o", motion]) == 0

@@ -111,6 +111,7 @@ def test_notes_of_unusual_samples(case: str) -> None:
     sentence(notes[0], *culprits)
 
 
+@pytest.mark.slow
 def test_long_recordings_need_no_more_memory() -> None:
     """Reads are bounded by a few chunks, whatever the length."""
 

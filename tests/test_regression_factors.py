@@ -200,6 +200,7 @@ def test_joints_that_are_held_change_no_row(name: str, joints: Collection[int]) 
             assert np.allclose(rows, whole[:, j, wanted], rtol=1e-12, atol=1e-12 * np.abs(whole).max())
 
 
+@pytest.mark.slow
 def test_memory_does_not_hold_all_rows(
     arm: Robot, columns: dict[str, Array], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -28,6 +28,7 @@ def test_there_are_examples() -> None:
     assert {"1r", "3r"} <= {path.parent.name for path in EXAMPLES}
 
 
+@pytest.mark.slow_cases("tx40|ur10e")
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.parent.name)
 def test_example(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if path in ASKING and not os.environ.get("SIGNID_DATA"):

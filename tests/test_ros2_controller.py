@@ -174,6 +174,7 @@ def test_the_package_has_the_parts_that_ros_asks_for() -> None:
     assert len(own["kp"]) == len(own["kd"]) == len(panda.joints) and parameters(own)
 
 
+@pytest.mark.slow
 def test_the_build_installs_the_package(drive: Any) -> None:
     place = drive.folder / "install"
     assert yaml.safe_load((place / "share" / NAME / "arm.yaml").read_text()) == yaml.safe_load(

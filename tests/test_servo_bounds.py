@@ -58,6 +58,7 @@ def test_the_extremes_and_zeros_of_saved_drives_are_read_again(tmp_path: Path) -
     assert load_model(tmp_path / "model.json").servos["joint_1"] == servo
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", DRIVE_LAWS)
 def test_drives_that_are_read_can_be_exported(law: str, tmp_path: Path) -> None:
     whole = driven("1r", {"joint_1": Servo(kp=10.0, kd=1.0, effort_limit=5.0, speed_limit=4.0)}).document()

@@ -16,6 +16,8 @@ from signid.model import load_model, with_servos
 from signid.servos import Servo
 from signid.toml_json import check_schema
 
+pytestmark = pytest.mark.usefixtures("inside")
+
 TRUTH = Servo(kp=20.0, kd=0.8, delay=0.02, coulomb_friction=0.2, viscous_friction=0.1, armature=0.02)
 RATE, SECONDS = 100.0, 12.0
 HOSTILE = "held <b>out [red].csv"
@@ -44,13 +46,6 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     code = run(["identify", "1r", str(folder / "a.csv"), "--held-out", str(folder / HOSTILE), "-o", str(folder / "id")])
     assert code in (0, 3)
     return folder
-
-
-@pytest.fixture(autouse=True)
-def inside(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Commands run in that folder."""
-    monkeypatch.chdir(place)
-    monkeypatch.delenv("SIGNID_DEBUG", raising=False)
 
 
 def refused(capfd: pytest.CaptureFixture[str], *arguments: str) -> str:

@@ -35,6 +35,7 @@ def zeros_of(folder: Path) -> list[dict[str, Any]]:
     return list(content["servo"]["zeros"])
 
 
+@pytest.mark.slow
 def test_the_map_that_is_written_takes_the_zero_away(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -83,6 +83,7 @@ def test_gears_have_the_bound_of_bam() -> None:
         assert gear_bound.py_func(p, motor, -external, v) == pytest.approx(bam.bound(motor, external, v))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRUTHS)
 def test_a_model_is_recovered_and_has_the_evidence(name: str, tmp_path: Path) -> None:
     truth = PLAIN.with_(**TRUTHS[name])
@@ -102,6 +103,7 @@ def test_a_model_is_recovered_and_has_the_evidence(name: str, tmp_path: Path) ->
         assert all(numbers[key].value is None for key in ("gear_level", "gear_load", "gear_quadratic_external"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["M4", "PACE"])
 def test_a_plant_of_other_code_has_the_evidence_of_its_model(name: str, tmp_path: Path) -> None:
     """Explicit Euler with stops at .1 ms; what remains of the substeps of the fit lets M5 and M6 gain a little."""

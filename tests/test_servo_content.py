@@ -63,6 +63,7 @@ def test_steps_of_the_command_show_that_it_is_held_between_rows() -> None:
     assert delay.value == pytest.approx(SWING.delay, abs=2e-4) and (delay.std or 1) < 2e-4 and not delay.sentence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("raised", [interpolated, held])
 def test_rows_between_those_with_content_change_nothing(raised: type[dict[str, Array]]) -> None:
     half = every(log(), 2)

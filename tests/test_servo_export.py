@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+from exported import executed
 from servo_loops import SWING, driven, in_mujoco, motion, pendulum
 
 from signid.cli import run
@@ -32,6 +31,7 @@ LOOPS = {
 CLOSE = 1e-3  # [rad]
 
 
+@pytest.mark.slow_cases("saturated")
 @pytest.mark.parametrize("name", LOOPS)
 def test_mujoco_repeats_the_loop_of_a_pendulum(name: str) -> None:
     servo = LOOPS[name]
@@ -70,6 +70,7 @@ def arm(law: str, limit: float) -> Model:
     return driven(model.robot, numbers)
 
 
+@pytest.mark.slow_cases("effort-1.7|duty")
 @pytest.mark.parametrize(("law", "limit"), [("effort", np.inf), ("effort", 1.7), ("duty", 2.0)])
 def test_mujoco_repeats_the_loop_of_an_arm(law: str, limit: float) -> None:
     model = arm(law, limit)
@@ -83,20 +84,6 @@ def test_mujoco_repeats_the_loop_of_an_arm(law: str, limit: float) -> None:
 
 BEYOND = SWING.with_(load_friction=0.1, dead_band=0.01, profile_speed=4.0, droop=0.002)
 CURVED = SWING.with_(law="torque_speed", effort_limit=1.0, speed_limit=6.0)
-
-
-def executed(text: str, module: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Names of an exported Python file, with configurations as their class names and arguments."""
-
-    class Anything(ModuleType):
-        def __getattr__(self, kind: str) -> Any:
-            return lambda **numbers: SimpleNamespace(kind=kind, **numbers)
-
-    monkeypatch.setitem(sys.modules, module.split(".")[0], ModuleType(module.split(".")[0]))
-    monkeypatch.setitem(sys.modules, module, Anything(module))
-    found: dict[str, Any] = {}
-    exec(compile(text, "exported.py", "exec"), found)
-    return found
 
 
 def test_an_mjcf_says_what_it_lacks() -> None:

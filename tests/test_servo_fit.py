@@ -13,6 +13,7 @@ from signid.servos import Servo
 FREE = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")
 
 
+@pytest.mark.slow
 def test_a_fit_finds_the_drives_of_an_arm() -> None:
     model = load_model("3r")
     truth = {

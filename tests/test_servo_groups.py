@@ -73,6 +73,7 @@ def number(fit: ServoFit, name: tuple[str, str]) -> tuple[float, float]:
     return float(fit.values[k]), float(fit.std[k])
 
 
+@pytest.mark.slow
 def test_equal_joints_of_two_legs_have_one_number_from_both(model: Model, grid: ServoGrid) -> None:
     alone = fit_servos(model, [grid], START, FREE)
     both = fit_servos(model, [grid], START, FREE, assumptions=EQUAL)
@@ -88,6 +89,7 @@ def test_equal_joints_of_two_legs_have_one_number_from_both(model: Model, grid: 
             assert std < apart[:, 1].min(), "both legs give more than one"
 
 
+@pytest.mark.slow
 def test_a_prior_and_the_recordings_are_weighed_by_their_precision(model: Model, grid: ServoGrid) -> None:
     def fitted(prior: Prior) -> ServoFit:
         priors = {(name, "armature"): prior for name in HIPS}
@@ -219,6 +221,7 @@ def test_equal_numbers_are_hinted_at_with_the_option_to_type() -> None:
     assert list(equal_hints(between)) == [], "neither equal nor surely different"
 
 
+@pytest.mark.slow
 def test_equal_legs_are_hinted_at(files: tuple[str, str], capfd: pytest.CaptureFixture[str]) -> None:
     found = identified(files, capfd=capfd)
     said = " ".join(found["notes"])
@@ -229,6 +232,7 @@ def test_equal_legs_are_hinted_at(files: tuple[str, str], capfd: pytest.CaptureF
     assert "--equal" not in said and "contradict" not in said
 
 
+@pytest.mark.slow
 def test_drives_that_are_not_equal_are_flagged(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     robot, table = log(tmp_path, {**TRUE, "right_hip": HIP.with_(kp=14.0, coulomb_friction=0.4)})
     flags = " ".join(identified((str(robot), str(table)), "--equal", ".*_hip", capfd=capfd)["flags"])

@@ -88,6 +88,7 @@ def test_a_limit_that_pwm_shows_is_in_the_model_though_only_held_out_motion_reac
     assert limit.value == pytest.approx(0.8, abs=3 * limit.std) and gain.value == pytest.approx(8.0, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grows", [1.0, 3.0])
 def test_a_healthy_recording_keeps_its_bound(grows: float) -> None:
     result = found(np.inf, grows, refit=False)
@@ -96,6 +97,7 @@ def test_a_healthy_recording_keeps_its_bound(grows: float) -> None:
     assert 0.4 < bound < 0.62, "the training data ask for 0.62 N.m"
 
 
+@pytest.mark.slow
 def test_the_plant_of_mujoco(tmp_path: Path) -> None:
     path = tmp_path / "pendulum.urdf"
     path.write_text(PENDULUM)

@@ -205,6 +205,7 @@ def test_wrong_options_are_one_sentence(pendulum: tuple[Robot, dict[str, Array]]
         signid.identify_servos(robot, signid.read_recording(columns, robot), **wrong)
 
 
+@pytest.mark.slow
 def test_the_example_of_a_real_drive_runs(capsys: pytest.CaptureFixture[str]) -> None:
     example = Path(__file__).parents[1] / "robots" / "so101" / "servo.py"
     result = runpy.run_path(str(example))["main"]()

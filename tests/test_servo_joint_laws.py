@@ -59,6 +59,7 @@ def test_nothing_is_found_without_them(tmp_path: Path) -> None:
     assert found.verdict == "nothing_missing" and not found.findings
 
 
+@pytest.mark.slow_cases(but="spring")
 @pytest.mark.parametrize("name", PLANTED)
 def test_a_law_of_the_joint_is_named_first(name: str, tmp_path: Path) -> None:
     found = diagnose_servos(simulation(), str(record(tmp_path / "a.csv", law(name, **PLANTED[name]))))
@@ -73,6 +74,7 @@ def test_a_law_of_the_joint_is_named_first(name: str, tmp_path: Path) -> None:
     assert len(extended) == 1, "the extended simulation has the law"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["backlash", "dead_band"])
 def test_backlash_before_the_encoder_is_distinguished_from_a_dead_band(name: str, tmp_path: Path) -> None:
     gap, band = (law("backlash", gap=0.05), law("link_encoder", side=1.0)), law("dead_band", band=0.025)

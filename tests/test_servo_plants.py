@@ -24,6 +24,7 @@ def pendulum(tmp_path: Path) -> Bench:
     return found
 
 
+@pytest.mark.slow_cases("change5|change3|change4")
 @pytest.mark.parametrize(
     "change",
     [
@@ -44,6 +45,7 @@ def test_mujoco_and_signid_agree_on_a_drive(change: dict[str, object], pendulum:
     assert np.sqrt(np.mean((q - grid.q)[100:] ** 2)) < 8e-3  # the speed at the start is not measured
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [*cases([6], ["pendulum"]), *cases([2], ["arm"])], ids=lambda case: case.plant)
 def test_numbers_of_other_plants_lie_in_their_intervals(case: Case, tmp_path: Path) -> None:
     rows, _, rms = intervals(case, tmp_path)

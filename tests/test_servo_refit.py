@@ -64,6 +64,7 @@ def test_all_rows_narrow_the_intervals_and_keep_the_figures_of_the_split() -> No
     assert whole.servos["swing"].kp == whole.model.servos["swing"].kp == after["kp"].value != before["kp"].value
 
 
+@pytest.mark.slow
 def test_given_recordings_are_learned_from_only_if_asked() -> None:
     robot = pendulum()
     first, other = (signid.read_recording(log(8.0, seed=seed), robot) for seed in (1, 2))
@@ -75,6 +76,7 @@ def test_given_recordings_are_learned_from_only_if_asked() -> None:
     assert (whole.joints[0].numbers["kp"].std or 1) < 0.9 * (split.joints[0].numbers["kp"].std or 0)
 
 
+@pytest.mark.slow
 def test_a_limit_that_only_held_out_rows_reach_is_not_averaged_into_the_numbers() -> None:
     limited = SWING.with_(effort_limit=0.7)
     split, whole = (found(refit, 20.0, 2.0, limited) for refit in (False, None))
@@ -83,6 +85,7 @@ def test_a_limit_that_only_held_out_rows_reach_is_not_averaged_into_the_numbers(
     assert not notes(split)
 
 
+@pytest.mark.slow
 def test_bounds_of_all_rows_are_those_of_the_written_model() -> None:
     bounds = []
     for refit in (False, None):
@@ -99,6 +102,7 @@ def test_no_time_left_keeps_the_first_fit() -> None:
     assert any("the fit of drives to all rows was cut short" in flag for flag in late.flags)
 
 
+@pytest.mark.slow
 def test_the_command_says_it_in_json_and_can_leave_it_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "actuators.toml").write_text(
         "[joint.joint_1.servo]\nkp = 60.0\nkd = 1.5\nviscous_friction = 0.5\ndelay = 0.02\ncoulomb_friction = 0.5\n"

@@ -109,6 +109,7 @@ def test_public_repeats_of_a_hobby_servo() -> None:
         assert found is None or found.rms[0] == pytest.approx(rms, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_diagnosis_shows_repeats_in_terminal_report_and_document(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from chromium import Chromium, Picture
+from chromium import Chromium, changed
 from servo_loops import SWING, driven
 
 import signid
@@ -99,22 +99,19 @@ def page(folder: Path, shown: Replay) -> Iterator[Chromium]:
     window.close()
 
 
-def changed(before: Picture, after: Picture) -> int:
-    """Number of pixels of the area that differ."""
-    return int((np.abs(before[AREA] - after[AREA]).max(axis=2) > 12).sum())
-
-
+@pytest.mark.slow
 def test_the_ghosts_are_drawn_and_can_be_hidden(page: Chromium) -> None:
     seen = page.picture()
     page.click("#show-commanded")
     without = page.picture()
     page.click("#show-simulated")
-    assert changed(seen, without) > 50 < changed(without, page.picture())
+    assert changed(AREA, seen, without) > 50 < changed(AREA, without, page.picture())
     page.click("#show-commanded")
     page.click("#show-simulated")
     assert page.errors == [] and page.requests == [request for request in page.requests if request.startswith("file:")]
 
 
+@pytest.mark.slow
 def test_the_curves_show_command_measured_and_simulated(page: Chromium) -> None:
     words = page.value("document.querySelector('#key').textContent")
     assert all(word in words for word in ("measured", "simulated", "command", "rad"))

@@ -64,6 +64,7 @@ def grid(arm: Robot) -> ServoGrid:
     return recorded(arm, 0)
 
 
+@pytest.mark.slow
 def test_nothing_is_said_of_an_arm_as_described(arm: Robot, grid: ServoGrid) -> None:
     zeros = found(arm, grid)
     assert not any(one.changed for one in zeros.values())
@@ -74,6 +75,7 @@ def test_nothing_is_said_of_an_arm_as_described(arm: Robot, grid: ServoGrid) -> 
     assert not zeros["shoulder_pan"].identifiable and zeros["shoulder_pan"].zero is None
 
 
+@pytest.mark.slow_cases("change1")
 @pytest.mark.parametrize("change", [{ELBOW: (-1, 0.7), WRIST: (1, -0.4)}, {LIFT: (-1, 1.2), ELBOW: (1, -0.8)}])
 def test_other_signs_and_zeros_of_an_arm_are_found(
     change: dict[str, tuple[int, float]], arm: Robot, grid: ServoGrid

@@ -101,6 +101,7 @@ def whole(out: Path, verb: str) -> dict[str, object]:
     return document
 
 
+@pytest.mark.slow
 def test_a_long_diagnosis_ends_in_time(recording: Path, tmp_path: Path) -> None:
     out, words = tmp_path / "out", ("panda", str(recording))
     fit = ended(["-m", "signid", "identify", *words, "--method", "wls", "--json"])  # reads and prepares the same
@@ -117,6 +118,7 @@ def test_a_long_diagnosis_ends_in_time(recording: Path, tmp_path: Path) -> None:
     assert not any(w and one for w, one in zip(worse, loud, strict=True)), "never worse than the given simulation"
 
 
+@pytest.mark.slow_cases("diagnose")
 @pytest.mark.parametrize(("verb", "number", "name"), [(v, *s) for v, s in zip(COMMANDS, SIGNALS, strict=True)])
 def test_a_signal_leaves_the_best_so_far(
     verb: str, number: signal.Signals, name: str, recording: Path, tmp_path: Path
@@ -133,6 +135,7 @@ def test_a_signal_leaves_the_best_so_far(
         assert all(rms <= 1.051 * least for rms, least in zip(fit["train_rms"], plain, strict=True))
 
 
+@pytest.mark.slow_cases("first answer|-15-")
 @pytest.mark.parametrize(("number", "name"), SIGNALS)
 @pytest.mark.parametrize(
     ("event", "times", "words"),

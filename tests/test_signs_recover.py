@@ -136,6 +136,7 @@ def test_a_check_is_that_with_signs(arm: Robot, made: Trial) -> None:
     assert_allclose(found.std, wanted.std, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_a_held_out_recording_whose_signs_the_model_gave_is_noted(arm: Robot, made: Trial) -> None:
     torque, other = noisy(made), trial(arm, seed=3, seconds=12)
     learn, signed = signid.read_recording(lost(made, torque), arm), made.recording(tau=torque)

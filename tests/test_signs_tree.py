@@ -110,6 +110,7 @@ def test_one_segment_has_the_sign_that_physics_allows() -> None:
     assert np.array_equal(got.signs, toy.signs)
 
 
+@pytest.mark.slow_cases("COBYLA")
 @pytest.mark.parametrize(
     ("algorithm", "restarts", "budget"),
     [("LN_SBPLX", 2, 3000), ("LN_BOBYQA", 2, 300), ("LN_COBYLA", 2, 3000), ("LD_LBFGS", 2, 100), ("LD_SLSQP", 2, 100)],

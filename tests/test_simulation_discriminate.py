@@ -48,6 +48,7 @@ def test_twins_on_one_joint_are_structural() -> None:
     assert "structural" in found.flags[0] and not any("budget" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_laws_that_an_unknown_body_explains_are_structural() -> None:
     """Armature of the first joint is inertia of the first link about it."""
     model = load_model("3r")
@@ -57,6 +58,7 @@ def test_laws_that_an_unknown_body_explains_are_structural() -> None:
     assert not other.structural and len(other.flags) == 1  # the link is part of the bodies
 
 
+@pytest.mark.slow
 def test_laws_with_memory_and_torque_take_part() -> None:
     model = load_model("1r")
     assert brief(model, law("presliding_friction"), law("coulomb_friction")).shares[0] > 1e-3
@@ -115,6 +117,7 @@ def test_a_robot_that_cannot_hold_itself_gets_a_sentence() -> None:
         excite(model, limits=limits, budget=TINY)
 
 
+@pytest.mark.slow
 def test_grippers_and_joints_without_limits_take_part() -> None:
     """Panda's second finger follows the first; Kinova's joints turn without end."""
     found = excite(model_of("panda"), harmonics=3, budget=TINY)
@@ -150,6 +153,7 @@ def test_random_motion_has_the_size_that_is_asked_for() -> None:
         random_motion(robot, excursion=0.0)
 
 
+@pytest.mark.slow
 def test_a_special_case_is_distinguishable_one_way_only() -> None:
     found = brief(load_model("1r"), law("viscous_friction"), law("asymmetric_friction"))
     assert found.shares[0] < 1e-8 < found.shares[1]

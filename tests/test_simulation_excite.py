@@ -59,6 +59,7 @@ def panda() -> tuple[Model, Excitation]:
     return model, excite(model, harmonics=5, budget=SMALL)
 
 
+@pytest.mark.slow
 def test_an_arm_is_excited_within_its_limits(panda: tuple[Model, Excitation]) -> None:
     model, found = panda
     obeys(found, model)
@@ -68,6 +69,7 @@ def test_an_arm_is_excited_within_its_limits(panda: tuple[Model, Excitation]) ->
     assert len(found.expressions) == len(found.std) == len(found.relative_std)
 
 
+@pytest.mark.slow
 def test_distances_hold_for_the_meshes_themselves(panda: tuple[Model, Excitation]) -> None:
     """Hulls are larger than the meshes that they stand for."""
     model, found = panda
@@ -87,6 +89,7 @@ def test_distances_hold_for_the_meshes_themselves(panda: tuple[Model, Excitation
     )
 
 
+@pytest.mark.slow
 def test_it_informs_more_than_random_motions() -> None:
     model, family = arm("3r"), Fourier(DURATION, 5, 1 / DURATION)
     problem, rng = problem_of(model, family), np.random.default_rng(3)

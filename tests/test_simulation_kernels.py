@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from kernels import available, run_python, several
 
 CODE = """
@@ -28,6 +29,7 @@ np.savez(sys.argv[1], **found)
 """
 
 
+@pytest.mark.slow
 @several
 def test_motions_do_not_depend_on_the_kernel(tmp_path: Path) -> None:
     found = []

@@ -23,6 +23,7 @@ def still(made: Simulation, first: int = 0) -> bool:
     return bool(np.ptp(made.true_q[first:], axis=0).max() == 0 and not made.true_v[first + 1 :].any())
 
 
+@pytest.mark.slow_cases("rk4")
 @pytest.mark.parametrize(
     "laws",
     [

@@ -59,6 +59,7 @@ def law(name: str, **parameters: float) -> Law:
     return Law(EFFECTS[name], (0,), parameters)
 
 
+@pytest.mark.slow_cases(but="spring|stribeck|viscous")
 @pytest.mark.parametrize(
     "added",
     [

@@ -107,6 +107,7 @@ LAWS = (
 )
 
 
+@pytest.mark.slow_cases(but="elasticity|torque_gain|time_delay|payload")
 @pytest.mark.parametrize("added", LAWS, ids=lambda x: x.effect.name)
 def test_every_kind_of_law_is_rolled_out(added: Law) -> None:
     model = more(added)

@@ -68,6 +68,7 @@ def test_torque_that_leads_is_injected_by_the_command_line(tmp_path: Path) -> No
     assert_allclose(early.tau[:-8], plain.tau[8:], atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", (0.008, -0.008))
 def test_the_diagnosis_of_a_robot_in_mujoco_finds_the_direction(delay: float) -> None:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
@@ -95,6 +96,7 @@ def identified(delay: float) -> Identification:
     return signid.identify(signid.load_robot("3r"), read("3r", recorded("3r", *planted)))
 
 
+@pytest.mark.slow_cases("^0")
 @pytest.mark.parametrize(("delay", "words"), ((0.008, "ms late"), (-0.008, "ms early")))
 def test_identify_flags_a_delay_and_names_the_next_command(delay: float, words: str) -> None:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")

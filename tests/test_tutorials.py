@@ -59,6 +59,7 @@ def test_no_torque_sign(run_tutorial: Any, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_wrong_simulation(run_tutorial: Any, tmp_path: Path) -> None:
     names, printed = run_tutorial("wrong_simulation")
     assert any("joint_3 does not follow" in flag for flag in names["checked"].flags)

@@ -49,13 +49,14 @@ def columns(model: Model) -> dict[str, Any]:
     return {"t": asked.t, "q": asked.q, "tau": model.inverse(motion) + noise, "v": asked.v, "motion": motion}
 
 
-def found(model: Model, columns: Mapping[str, Any], **changed: Any) -> list[Event]:
+def found(model: Model, columns: Mapping[str, Any], rows: int = 64, **changed: Any) -> list[Event]:
+    """Events of a stream that arrives in pieces of some rows."""
     given = {**columns, **changed}
     watcher = Watcher(model, quiet=QUIET)
     events: list[Event] = []
-    for start in range(0, len(given["t"]), 8):
-        rows = slice(start, start + 8)
-        events += watcher.feed(given["t"][rows], given["q"][rows], given["tau"][rows])
+    for start in range(0, len(given["t"]), rows):
+        piece = slice(start, start + rows)
+        events += watcher.feed(given["t"][piece], given["q"][piece], given["tau"][piece])
     return [*events, *watcher.finish()]
 
 
@@ -90,6 +91,7 @@ def test_rows_that_come_one_by_one_give_the_same_contact(model: Model, columns: 
         assert a.end == b.end or abs((a.end or 0.0) - (b.end or 0.0)) < 0.02
 
 
+@pytest.mark.slow_cases("torque_gain|torque_offset")
 @pytest.mark.parametrize(
     ("law", "key", "joint", "number"),
     [
@@ -119,7 +121,7 @@ def test_a_payload_is_named(model: Model, columns: dict[str, Any]) -> None:
     more = loaded - model.inverse(columns["motion"])
     changes = [
         e
-        for e in found(model, columns, tau=columns["tau"] + np.where(columns["t"] > 14, 1.0, 0.0)[:, None] * more)
+        for e in found(model, columns, 8, tau=columns["tau"] + np.where(columns["t"] > 14, 1.0, 0.0)[:, None] * more)
         if isinstance(e, LastingChange)
     ]
     assert [e.law for e in changes] == ["payload"] * 2
@@ -159,6 +161,7 @@ def test_texts_are_streams(kind: str, model: Model, columns: dict[str, Any]) -> 
     assert [type(e) for e in events] == [Note, Contact, Contact]
 
 
+@pytest.mark.slow
 def test_a_growing_file_is_followed(model: Model, columns: dict[str, Any], tmp_path: Path) -> None:
     lines = text(columns, "csv", pushed(columns)).splitlines(keepends=True)
     path = tmp_path / "stream.csv"
@@ -237,6 +240,7 @@ def lost(columns: Mapping[str, Any], kind: str) -> dict[str, Any]:
     return {**columns, "t": t[keep], "q": q[keep], "tau": tau[keep]}
 
 
+@pytest.mark.slow_cases(but="missing")
 @pytest.mark.parametrize("kind", ["lost", "missing", "held", "bursts", "jitter"])
 def test_a_damaged_stream_has_no_false_contact(kind: str, model: Model, columns: dict[str, Any]) -> None:
     events = found(model, lost({**columns, "tau": pushed(columns)}, kind))

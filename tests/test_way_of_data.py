@@ -61,6 +61,9 @@ finally:
 """
 
 
+pytestmark = pytest.mark.slow_cases("diagnose")
+
+
 @pytest.fixture(scope="module", params=list(FEWEST))
 def traced(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, Any]]:
     """A verb on the recording of the 3R arm, and what the command entered, loaded and called."""

@@ -71,6 +71,7 @@ def test_the_versions_of_python_that_are_tested_are_listed() -> None:
     assert "Operating System :: OS Independent" in PROJECT["classifiers"]
 
 
+@pytest.mark.slow
 def test_imported_packages_are_required() -> None:
     core = distributions(PROJECT["dependencies"])
     optional = core | distributions(

@@ -154,6 +154,7 @@ def test_the_process_may_neither_write_nor_run_nor_connect(tmp_path: Path) -> No
     assert (tmp_path / "secret").exists() and not (tmp_path / "inside/w").exists()
 
 
+@pytest.mark.slow
 def test_macros_without_end_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sandbox, "SECONDS", 3)
     names = "abcdefghijklmnopqrstuvwxyz"

@@ -78,6 +78,7 @@ def test_values_reach_the_model_and_its_file_needs_no_argument(arm: str) -> None
     assert short.name == "7" and short.model.inertias[1].lever[0] == 0.1
 
 
+@pytest.mark.slow
 def test_every_command_with_a_robot_takes_them(arm: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["excite", arm, *GIVEN, "--duration", "3", "-o", "motion.csv"]) in (0, 3)
     assert run(["simulate", arm, *GIVEN, "--motion", "motion.csv", "-o", "log.csv"]) == 0

@@ -11,6 +11,8 @@ which the diagnosis never reads, and the diagnosis to `CACHE/diagnoses/NAME.json
 Suites: exact (inertials as stated), hard (5 % failures inertials, creeping dry friction), none (healthy, half of them
 hard), pairs (two faults at 5 %), foreign (laws that the library describes by similar effects), absent (laws missing in
 the library), removed (library without the effect). `--base 100` draws seeds that were not used for tuning.
+
+`--stranger` runs robots whose description is 30 % off and states no drives; its options: `--stranger --help`.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from ..summary import command_line, one_thread, origin, write_json
+from . import stranger
 from .cases import SIZES, SUITES, Case, cases, quick, sample
 from .evaluate import Evaluation, evaluate
 from .scene import ROBOTS
@@ -95,6 +98,8 @@ def record(wanted: Sequence[Case], cache: Path, options: argparse.Namespace, con
 def main() -> None:
     """Record, diagnose, evaluate and print; exit with 1 when a target is missed or a case failed."""
     one_thread()
+    if "--stranger" in sys.argv:
+        stranger.main()
     options, console = parse(), Console(width=150)
     with tempfile.TemporaryDirectory() as temporary:
         cache, wanted = options.cache or Path(temporary), chosen(options)

@@ -216,8 +216,8 @@ def _outcome(
     if suite in ("absent", "removed") and verdict == "unknown":
         return "right" if is_lead(document, truth) else "unknown"
     if verdict == "unknown":
-        listed = any(is_right(name, truth) for name in _listed(document["findings"]))
-        return "lead" if listed or is_lead(document, truth) else "unknown"
+        stated = any(is_right(name, truth) for name in listed(document["findings"]))
+        return "lead" if stated or is_lead(document, truth) else "unknown"
     if not causes:
         return "missed"
     if suite == "removed":
@@ -225,12 +225,12 @@ def _outcome(
         return "twin" if near else "wrong"
     if is_right(causes[0], truth):
         return "right"
-    if any(is_right(name, truth) for name in _listed(causes)):
+    if any(is_right(name, truth) for name in listed(causes)):
         return "stated"
     return "twin" if is_twin(causes[0], truth, answer["joints"]) else "wrong"
 
 
-def _listed(findings: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+def listed(findings: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
     """Findings and their alternatives."""
     for finding in findings:
         yield finding

@@ -32,7 +32,9 @@ class Place(NamedTuple):
 ROBOTS: Mapping[str, Place] = {
     "1r": Place((0.6,), 1.2),
     "3r": Place((0.0, 0.4, 0.6), 1.0),
+    "ur3": Place((0.0, -1.2, 1.2, -0.6, 0.9, 0.3), 0.9),
     "ur5": Place((0.0, -1.2, 1.2, -0.6, 0.9, 0.3), 0.9),
+    "ur10": Place((0.0, -1.2, 1.2, -0.6, 0.9, 0.3), 0.9),
     "panda": Place((0.0, -0.3, 0.0, -1.8, 0.3, 1.6, 0.4), 0.6),
     "kinova": Place((0.0, 2.6, 1.8, 0.3, 2.2, 0.4), 0.9),  # light wrist, like xarm7
     "xarm7": Place((0.0, -0.5, 0.2, 1.2, 0.3, 0.8, 0.3), 0.7),
@@ -114,6 +116,7 @@ class Scene:
 
     body: Body
     motions: tuple[Fourier, ...]
+    factors: Sequence[float] | Array = (1.0, 1.0, 1.0)  # on viscous, dry friction and rotors: (3,) or (3, n) [1]
 
     @cached_property
     def t(self) -> Array:
@@ -135,7 +138,7 @@ class Scene:
     @cached_property
     def rotors(self) -> Drives:
         """Drives without friction."""
-        return replace(Drives.none(len(self.body.joints)), armature=tuple(ROTOR * self.inertia))
+        return replace(Drives.none(len(self.body.joints)), armature=tuple(self.factors[2] * ROTOR * self.inertia))
 
     @cached_property
     def bodies(self) -> Array:
@@ -151,8 +154,8 @@ class Scene:
     @cached_property
     def drives(self) -> Drives:
         """Drives with rotors and friction at every joint."""
-        speed = rms(self.asked[1])
-        viscous, coulomb = FRICTION * self.scale / speed, FRICTION * self.scale
+        speed, factors = rms(self.asked[1]), self.factors
+        viscous, coulomb = factors[0] * FRICTION * self.scale / speed, factors[1] * FRICTION * self.scale
         return replace(self.rotors, viscous_friction=tuple(viscous), coulomb_friction=tuple(coulomb))
 
     @cached_property

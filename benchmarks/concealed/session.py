@@ -69,24 +69,35 @@ def _record(case: Case, folder: Path, rng: np.random.Generator) -> dict[str, Any
         joint = joints[-1] if effect == "payload" else str(rng.choice(joints))
         planted.append(plant(effect, joint, case.size, scene, rng))
     faults = [fault for fault, _ in planted]
-    drives = _known(scene, faults)
+    drives = stated_drives(scene, faults)
     noise = float(rng.uniform(*NOISE))
-    tracks = _follow(case, scene, drives, faults)
+    tracks = follow(scene, drives, faults, soft=case.hard)
+    write(folder, stated.urdf, scene, tracks, noise, rng)
+    (folder / "actuators.toml").write_text(actuators_file(drives, joints), encoding="utf-8")
+    return {"faults": facts(planted), "noise": noise, "joints": list(joints), "scale": scene.scale.tolist()}
+
+
+def facts(planted: Sequence[tuple[Fault, float]]) -> list[dict[str, Any]]:
+    """Planted faults and their sizes as JSON."""
+    return [
+        {"effect": fault.effect, "joint": fault.joint, "parameters": dict(fault.parameters), "size": size}
+        for fault, size in planted
+    ]
+
+
+def write(
+    folder: Path, urdf: str, scene: Scene, tracks: Sequence[Track], noise: float, rng: np.random.Generator
+) -> None:
+    """Write robot.urdf and the noisy recordings; `noise` is white noise over each joint's torque [1]."""
     folder.mkdir(parents=True, exist_ok=True)
     for k, track in enumerate(tracks):
         share = noise * np.maximum(scene.scale / rms(track.tau), 1.0)
         columns = log(track, int(rng.integers(2**31)), BITS, share, COLOURED * share)
         pl.DataFrame(columns).write_parquet(folder / f"recording_{k + 1}.parquet")
-    (folder / "robot.urdf").write_text(stated.urdf, encoding="utf-8")
-    (folder / "actuators.toml").write_text(actuators_file(drives, joints), encoding="utf-8")
-    concealed = [
-        {"effect": fault.effect, "joint": fault.joint, "parameters": dict(fault.parameters), "size": size}
-        for fault, size in planted
-    ]
-    return {"faults": concealed, "noise": noise, "joints": list(joints), "scale": scene.scale.tolist()}
+    (folder / "robot.urdf").write_text(urdf, encoding="utf-8")
 
 
-def _known(scene: Scene, faults: Sequence[Fault]) -> Drives:
+def stated_drives(scene: Scene, faults: Sequence[Fault]) -> Drives:
     """Stated drives: friction without the concealed one, and enough of it where a fault reduces it."""
     viscous, coulomb = (list(x) for x in (scene.drives.viscous_friction, scene.drives.coulomb_friction))
     for fault in faults:
@@ -101,7 +112,7 @@ def _known(scene: Scene, faults: Sequence[Fault]) -> Drives:
     return replace(scene.drives, viscous_friction=tuple(viscous), coulomb_friction=tuple(coulomb))
 
 
-def _follow(case: Case, scene: Scene, drives: Drives, faults: Sequence[Fault]) -> list[Track]:
+def follow(scene: Scene, drives: Drives, faults: Sequence[Fault], soft: bool) -> list[Track]:
     """Simulate the robot along all motions.
 
     Raises:
@@ -110,7 +121,7 @@ def _follow(case: Case, scene: Scene, drives: Drives, faults: Sequence[Fault]) -
     tracks = []
     for k, motion in enumerate(scene.motions):
         start = k * DURATION
-        track = mujoco_.simulate(scene.body, drives, motion, DURATION, RATE, faults, start, soft=case.hard)
+        track = mujoco_.simulate(scene.body, drives, motion, DURATION, RATE, faults, start, soft=soft)
         if not np.abs(track.q - motion.at(track.t)[0]).max() < LOST:
             raise ArithmeticError("the robot leaves its motion")
         tracks.append(track)
