@@ -96,7 +96,8 @@ def _names(selection: Selection) -> set[Key]:
 def _with_rows(posterior: Posterior, dataset: Dataset) -> Posterior:
     """The same prior with the rows of another dataset."""
     rows = whitened(dataset.table, dataset.noise)
-    return replace(posterior, evidence=Evidence(rows, posterior.evidence.stated_prior))
+    known = posterior.evidence
+    return replace(posterior, evidence=Evidence(rows, known.stated_prior, known.bare))
 
 
 def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> tuple[Dataset, Selection]:
