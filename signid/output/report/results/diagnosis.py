@@ -52,6 +52,7 @@ SURE = 0.95  # probability from which a finding is considered certain
 LOUD = 1.5  # ratio of residual to irreducible rms from which a joint is unfolded
 LISTED = 5  # maximum number of alternatives drawn
 RESIDUAL = "Residual of the simulation"
+ORDINARY = "Ordinary: the description does not state it"
 KEY = (("measured", "measured"), ("before", "before"), ("after", "after: extended simulation"))
 CORRECTED = ("law", "parameters, ± 95 %", "probability>", "of torque>", "mostly")
 HEAT = (
@@ -69,6 +70,7 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
         **({"question": result.question} if result.question else {}),
         "tolerance": result.tolerance,
         "findings": [_finding(robot, finding) for finding in result.findings],
+        "ordinary": list(_ordinary(result)),
         "unexplained": [
             {
                 "joint": robot.joints[left.joint],
@@ -128,6 +130,22 @@ def _finding(robot: Robot, finding: Finding) -> Document:
     }
 
 
+def _ordinary(result: Diagnosis) -> Iterator[Document]:
+    """Friction, rotors and offsets that the description does not state: each law with its number at each joint."""
+    some = [finding for finding in result.findings if finding.ordinary]
+    for effect in dict.fromkeys(finding.law.effect for finding in some):
+        own = [finding for finding in some if finding.law.effect is effect]
+        numbers = [finding_numbers(result.robot, finding) for finding in own]
+        yield {
+            "effect": effect.name,
+            "joints": [law_place(finding.law, result.robot)[0] for finding in own],
+            "parameters": {
+                key: {"unit": x["unit"], **{y: [number[key][y] for number in numbers] for y in ("value", "std")}}
+                for key, x in numbers[0].items()
+            },
+        }
+
+
 def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
     """Verdict, location of the residual, findings, alternatives, unexplained residual and held-out validation."""
     left, unreliable = words.unexplained_words(result), words.is_unreliable(result.flags)
@@ -156,6 +174,9 @@ def _findings(result: Diagnosis) -> Iterator[RenderableType]:
         yield heading(titles["cause"])
         yield from _causes([words.finding_words(robot, finding) for finding in large[:CAUSES]])
         yield from _more(len(large) - CAUSES)
+    if usual := words.ordinary_words(result):
+        yield heading(ORDINARY)
+        yield from map(paragraph, usual)
     if small:
         yield heading(titles["secondary"])
         lines = (words.secondary_words(robot, finding) for finding in small[:CORRECTIONS])
@@ -230,6 +251,7 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
     chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]] or order[:1]
     title, unreliable = f"{result.robot.name}: {words.verdict_words(result)}", words.is_unreliable(result.flags)
     roles = words.role_words(result)
+    usual = [_title(result, finding) for finding in result.findings if finding.ordinary]
     corrections = [_row(result, finding) for finding in words.by_size(result)[1]]
     note = (
         f"Residual is measured - predicted torque, low-passed at {figure(result.cutoff)} Hz. Gaps: the joint is at "
@@ -241,6 +263,7 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
     sections = [
         *_places(result),
         Section(roles["cause"], (Laws(list(_law_cards(result))),)),
+        Section(ORDINARY, (Sentences(words.ordinary_words(result)), Fold("Each of them", usual))),
         Section(roles["secondary"], (Cells(CORRECTED, corrections),)),
         Section("", (Sentences(words.trust_words(result)),)),
         Section("Alternatives, and motions that would separate them", tuple(_separating(result))),
