@@ -25,7 +25,7 @@ from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
 from .contender import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
-from .ordinary import block_of, ordinary_findings, without_vague
+from .ordinary import FORMS, block_of, ordinary_findings, without_vague
 from .separating_motion import tell_apart
 from .stated import body_finding, reported_laws, stated_number_findings, stated_numbers, torque_share, total_law
 from .thresholds import (
@@ -98,7 +98,9 @@ def conclude(
         if find is body_finding and stated or known and any(finding.probability > SAID for finding in stated):
             verdict = replace(verdict, name="named")
     if usual:
-        findings, prediction = [*findings, *usual], without_vague(session, prediction, ordinary, usual)
+        findings = [replace(x, ordinary=x.law.effect.name in FORMS) for x in findings]
+        findings = sorted([*findings, *usual], key=lambda finding: finding.ordinary)
+        prediction = without_vague(session, prediction, ordinary, usual)
     elif not any(finding.role == "cause" for finding in findings):  # numbers refitted beside no cause fit the noise
         prediction = predict(session, given)
         findings = [replace(finding, in_model=False, refused=finding.refused or UNCAUSED) for finding in findings]

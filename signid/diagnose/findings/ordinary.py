@@ -30,6 +30,7 @@ from ..search.thresholds import LEAST_TORQUE_SHARE
 from .stated import MOST_LOG_ODDS, stated_numbers, torque_share
 
 DRIVES = ("coulomb_friction", "viscous_friction", "torque_offset", "armature")
+FORMS = ("link_inertia", "asymmetric_friction", "stribeck_friction", "quadratic_friction", "presliding_friction")
 LEAST_DRIVE = 1e-6  # least start of friction and rotors [their units]: zero numbers are no columns
 TURNED = 2  # laws that begin at estimates, since other laws, such as a delay, change their torque
 FEWEST_JOINTS = 3  # joints in which equal friction is a placeholder, at least

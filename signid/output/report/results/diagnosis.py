@@ -12,7 +12,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from ....effects.naming import law_place
-from ....types import Input, Robot
+from ....types import Input
 from ..documents import Document, description, fit_with_errors, opening, picked, provenance
 from ..layout import Worse, confidence, determination, figure, heading, log_odds, new_table, paragraph, plural, share
 from ..plots.courses import joint_plots, rollout_plots, worst
@@ -69,7 +69,7 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
         "verdict": result.verdict,
         **({"question": result.question} if result.question else {}),
         "tolerance": result.tolerance,
-        "findings": [_finding(robot, finding) for finding in result.findings],
+        "findings": [_finding(result, finding) for finding in result.findings],
         "ordinary": list(_ordinary(result)),
         "unexplained": [
             {
@@ -105,8 +105,12 @@ def diagnosis_notes(result: Diagnosis) -> list[str]:
     return [*result.notes, f"{INFORMED}, {FURTHER.format(result.prior_scale)}" if result.prior_scale > 1 else INFORMED]
 
 
-def _finding(robot: Robot, finding: Finding) -> Document:
-    where, shares = finding.where, zip(robot.joints, finding.torque_share.tolist(), strict=True)
+def _finding(result: Diagnosis, finding: Finding) -> Document:
+    robot, where = result.robot, finding.where
+    shares = zip(robot.joints, finding.torque_share.tolist(), strict=True)
+    left = next((x for x in result.unexplained if x.joint == where.joint and not finding.ordinary), None)
+    rest = 0.0 if left is None else left.share * max(left.place.explained, 0.0) ** 0.5
+    moved = float(np.sqrt(np.nanmean(result.train.torque[:, where.joint] ** 2)))
     return {
         "effect": finding.law.effect.name,
         "joint": law_place(finding.law, robot)[0],
@@ -122,6 +126,7 @@ def _finding(robot: Robot, finding: Finding) -> Document:
             **({"time_origin": where.origin} if where.origin else {}),
         },
         "evidence": picked(finding, "statistic threshold held_out_gain"),
+        "remainder": {"rms": rest * moved, "unit": result.before.unit[where.joint], "share": rest},
         "alternatives": [
             {"effect": rival.law.effect.name, "joint": law_place(rival.law, robot)[0]}
             | picked(rival, "probability separating_motion")

@@ -271,7 +271,7 @@ def is_unreliable(flags: Sequence[str]) -> bool:
 
 def by_size(result: Diagnosis) -> tuple[list[Finding], list[Finding]]:
     """Causes and corrections of much torque, and small corrections, each in the order of the torque they explain."""
-    beyond = [finding for finding in result.findings if not finding.ordinary]
+    beyond = [finding for finding in result.findings if not finding.ordinary or not finding.in_model]
     small = [x for x in beyond if x.role == "secondary" and x.torque_share.max() < LARGE]
     return [x for x in beyond if x not in small], small
 
