@@ -27,7 +27,9 @@ from ..extend.extend import is_same
 from ..extend.holdout import Prediction, ResidualRows, predict
 from ..result import Finding
 from ..search.thresholds import LEAST_TORQUE_SHARE
+from .held_out_selection import error_change
 from .stated import MOST_LOG_ODDS, stated_numbers, torque_share
+from .thresholds import SAME_PREDICTION
 
 DRIVES = ("coulomb_friction", "viscous_friction", "torque_offset", "armature")
 FORMS = ("link_inertia", "asymmetric_friction", "stribeck_friction", "quadratic_friction", "presliding_friction")
@@ -47,14 +49,15 @@ def with_ordinary(model: Model, session: Session, skip: Collection[str]) -> tupl
     assumed = _placeholders(model, stated)
     if model.covariance is not None or model.misfit is not None or len(assumed) < len(stated):
         return model, ()
+    kept = [x for x in model.laws if x.effect.name not in DRIVES or any(x.effect.coefficients(x.parameters))]
     rough, laws = rough_drives(tuple(pieces(session.task, model, session.train))), list[Law]()
     for k, name in enumerate(DRIVES):
         effect, start = EFFECTS[name], np.maximum(rough[:, k] if k < TURNED else 0.0, LEAST_DRIVE * np.ones(len(rough)))
         (key,) = effect.linear()
-        known = {law.joints[0] for law in model.laws if law.effect is effect}
+        known = {law.joints[0] for law in kept if law.effect is effect}
         bare = [j for j in range(len(rough)) if j not in known and name not in skip]
         laws += [Law(effect, (j,), {key: float(start[j])}) for j in bare]
-    return replace(model, laws=(*model.laws, *laws)), (*assumed, *laws)
+    return replace(model, laws=(*kept, *laws)), (*assumed, *laws)
 
 
 def _placeholders(model: Model, stated: Sequence[Law]) -> tuple[Law, ...]:
@@ -72,12 +75,14 @@ def block_of(selection: Selection, ordinary: Sequence[Law]) -> tuple[Group, ...]
 def without_vague(
     session: Session, extended: Prediction, ordinary: Sequence[Law], findings: Sequence[Finding]
 ) -> Prediction:
-    """Extended simulation without the added laws of the block that are no findings."""
+    """Extended simulation without the added laws of the block that are no findings, if it predicts as well."""
     named, laws = [finding.law for finding in findings], extended.model.laws
     vague = [x for x in laws if any(is_same(x, y) for y in ordinary) and not any(is_same(x, y) for y in named)]
     if not vague:
         return extended
-    return predict(session, replace(extended.model, laws=tuple(law for law in laws if law not in vague)))
+    fewer = predict(session, replace(extended.model, laws=tuple(law for law in laws if law not in vague)))
+    worse = error_change(fewer.held_out, extended.held_out) > SAME_PREDICTION
+    return extended if worse else fewer
 
 
 def pinned(selection: Selection, ordinary: Sequence[Law]) -> Selection:
