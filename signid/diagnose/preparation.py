@@ -15,7 +15,7 @@ from ..model import Model, stated_inertials
 from ..regression.session import Options, Session, longest_piece, rearrange
 from ..robot import Audit, audit, with_gravity
 from ..signs import Recovered
-from ..types import Progress
+from ..types import Law, Progress
 from .data.column_groups import build_groups, dry_friction
 from .data.dataset import Dataset
 from .data.hypotheses import GRAVITY, pooled, propose
@@ -112,17 +112,21 @@ def _with_held_out(model: Model, session: Session) -> Session:
     return replace(session, held_out=session.train, notes=(*session.notes, note))
 
 
-def build_in_time(model: Model, session: Session, skip: Sequence[str], progress: Progress) -> tuple[Dataset, Whitened]:
+def build_in_time(
+    model: Model, session: Session, skip: Sequence[str], progress: Progress, free: Sequence[Law] = ()
+) -> tuple[Dataset, Whitened]:
     """Build motions and rows of all hypotheses, or of none if time is up before."""
     try:
         with steps_shown(progress, 0.2, 0.4):
-            return build(model, session, skip, progress)
+            return build(model, session, skip, progress, free)
     except OutOfTimeError:
-        return build(model, session, None, progress)
+        return build(model, session, None, progress, free)
 
 
-def build(model: Model, session: Session, skip: Sequence[str] | None, show: Progress) -> tuple[Dataset, Whitened]:
-    """Build motions and rows; if `skip` is None, of the simulation's own numbers alone.
+def build(
+    model: Model, session: Session, skip: Sequence[str] | None, show: Progress, free: Sequence[Law] = ()
+) -> tuple[Dataset, Whitened]:
+    """Build motions and rows; if `skip` is None, of the simulation's own numbers alone; laws `free` have flat priors.
 
     Raises:
         RecordingError: no stretch of the recordings is as long as the filter.
@@ -138,7 +142,7 @@ def build(model: Model, session: Session, skip: Sequence[str] | None, show: Prog
     motion = pooled([p.motion for p in made])
     hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT, GRAVITY))
     dry = dry_friction(model, made)
-    table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry), made, dry)
+    table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry, free), made, dry)
     periods = tuple(find_period(longest_piece(part).q, 1 / part[1].period) for part in parts)
     noise = measure_noise(table, periods, task.band.rate / task.band.factor).white()
     noise = noise if model.misfit is None else noise_of_misfit(noise, model.misfit, task.band)

@@ -45,6 +45,7 @@ class Finding(Frozen):
     alternatives: tuple[Alternative, ...]
     stated: Mapping[str, float] = field(default_factory=dict)  # stated values of parameters [unit of the parameter]
     in_model: bool = True  # whether the extended simulation has it: held-out torque is predicted better with it
+    ordinary: bool = False  # whether it is friction, a rotor or an offset of which the description states nothing
     refused: str = ""  # why the extended simulation does not have it
 
 

@@ -30,6 +30,7 @@ from .findings.alternatives import limit_in_step, replace_weak
 from .findings.findings import Conclusions, conclude
 from .findings.gravity import with_gravity_finding
 from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse, rollout_warnings
+from .findings.ordinary import pinned, with_ordinary
 from .findings.verdict import decide_verdict
 from .preparation import Mounting, audited, build_in_time, mount, prepare_session
 from .result import Diagnosis
@@ -132,13 +133,14 @@ def _answer(
 ) -> _Answer:
     """Search for laws that a simulation lacks, and conclude."""
     session, gravity = mounting.session, mounting.gravity
-    dataset, data = build_in_time(model, session, skip, show)
-    evidence = Evidence(data, stated_prior(model, data.groups))
+    given, (model, ordinary) = model, with_ordinary(model, session, skip)
+    dataset, data = build_in_time(model, session, skip, show, ordinary)
+    evidence = Evidence(data, stated_prior(model, data.groups), bool(ordinary))
     dataset, selection, disagreement = _search(dataset, _posterior(model, evidence, skip), skip, healthy, show)
-    selection, contenders = replace_weak(dataset, prune(dataset, session, selection))
+    selection, contenders = replace_weak(dataset, prune(dataset, session, pinned(selection, ordinary)))
     contenders = limit_in_step(dataset, contenders)
     verdict = decide_verdict(dataset, selection, contenders)
-    conclusions = conclude(dataset, session, selection, contenders, verdict, seed)
+    conclusions = conclude(dataset, session, selection, contenders, verdict, seed, given, ordinary)
     before, floor = predict(session, mounting.given), session.task.band.torque_floor
     result = keep_given_if_worse(before, add_empirical_torque(session, conclusions), dataset.noise, floor)
     if gravity is not None:

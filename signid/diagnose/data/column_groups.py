@@ -60,8 +60,10 @@ class Nuisance(NamedTuple):
     bodies: bool = False
 
 
-def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
+def nuisances(model: Model, motion: Motion, dry: Array, free: Sequence[Law] = ()) -> Iterator[Nuisance]:
     """Nuisance terms X a in the order of their columns, each with its prior; dry friction `dry` (n,) [N.m or N].
+
+    Laws that are `free` have flat priors, as have those of an identified model, whose covariance counts.
 
     They are coefficients of stated laws, shapes of dry friction near velocity reversals, and all inertial parameters.
     """
@@ -69,8 +71,9 @@ def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
     for law in model.laws:
         if is_refitted(law):
             rows, columns = law_columns(law, motion)
-            flat, own = [np.inf] * columns.shape[2], law_tolerance(law, float(stated[law.joints[0]]))
-            yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, flat if model.covariance else own, law)
+            own = law_tolerance(law, float(stated[law.joints[0]]))
+            spread = [np.inf] * columns.shape[2] if model.covariance or law in free else own
+            yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, spread, law)
     for j in np.flatnonzero(dry > 0).tolist():
         yield Nuisance({j: _reversal_columns(motion, j)}, [REVERSAL_STD * float(dry[j])] * 3)
     for body, spread in enumerate(tolerance(model).tolist()):
@@ -111,14 +114,19 @@ def _reversal_columns(motion: Motion, joint: int) -> Array:
 
 def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
     """(n,) dry friction of each joint [N.m or N]: stated, plus a rough estimate from the residual."""
-    found = stated_friction(model)
+    return np.asarray(stated_friction(model) + np.maximum(rough_drives(pieces)[:, 0], 0.0))
+
+
+def rough_drives(pieces: Sequence[Piece]) -> Array:
+    """(n, 3) rough estimates of dry friction [N.m or N], viscous friction and offset of each joint in the residual."""
     few = [(piece.motion[::DRY_STRIDE], piece.residual[::DRY_STRIDE]) for piece in pieces]
-    for j in range(len(found)):
+    out = np.zeros((few[0][1].shape[1], 3))
+    for j, drive in enumerate(out):
         x = np.concatenate([np.column_stack([_rough_columns(motion, j), y[:, j]]) for motion, y in few])
         x = x[np.isfinite(x).all(axis=1)]
         if len(x):
-            found[j] += max(float(least_squares(x[:, :-1], x[:, -1], 1e-6)[0]), 0.0)
-    return found
+            drive[:] = least_squares(x[:, :-1], x[:, -1], 1e-6)[:3]
+    return out
 
 
 def _rough_columns(motion: Motion, joint: int) -> Array:
@@ -127,10 +135,12 @@ def _rough_columns(motion: Motion, joint: int) -> Array:
     return np.column_stack([motion.direction[:, joint], motion.v[:, joint], np.ones(len(motion)), *bodies])
 
 
-def build_groups(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array) -> list[Group]:
+def build_groups(
+    model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array, free: Sequence[Law] = ()
+) -> list[Group]:
     """Groups of all columns: nuisance terms first, then the hypotheses; dry friction `dry` (n,) [N.m or N]."""
     out, at = list[Group](), 0
-    for found in nuisances(model, motion[:LAYOUT_SAMPLES], dry):
+    for found in nuisances(model, motion[:LAYOUT_SAMPLES], dry, free):
         size = len(found.deviation)
         out.append(Group(at, size, None, found.bodies, found.law, tuple(found.deviation)))
         at += size

@@ -17,9 +17,11 @@ from .batches import Batch, JointView, batches, joint_view, log_bayes_factor, st
 from .linear_model import Component, LinearModel, cached
 from .prior import CoefficientPrior
 from .thresholds import (
+    BARE_SCALES,
     COVARIANCE_SCALES,
     INERTIAL_SCALES,
     INTERVAL_COVARIANCE_SCALES,
+    LOG_BARE_SCALE_PRIOR,
     LOG_COVARIANCE_SCALE_PRIOR,
     LOG_INERTIAL_SCALE_PRIOR,
 )
@@ -82,12 +84,13 @@ class Evidence(LinearModel):
     @property
     def scales(self) -> Array:
         """(s,) [1] values of k: errors of the simulation, in standard deviations of their prior."""
-        return COVARIANCE_SCALES if self.informed else INERTIAL_SCALES
+        return COVARIANCE_SCALES if self.informed else BARE_SCALES if self.bare else INERTIAL_SCALES
 
     @property
     def scale_prior(self) -> Array:
         """(s,) [-] log prior probability of each scale."""
-        return LOG_COVARIANCE_SCALE_PRIOR if self.informed else LOG_INERTIAL_SCALE_PRIOR
+        bodies = LOG_BARE_SCALE_PRIOR if self.bare else LOG_INERTIAL_SCALE_PRIOR
+        return LOG_COVARIANCE_SCALE_PRIOR if self.informed else bodies
 
     def candidate_log_factor(
         self, fit: Fitted, dispersion: Array, prior: CoefficientPrior, columns: Mapping[int, Array]

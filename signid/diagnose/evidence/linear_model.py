@@ -67,6 +67,7 @@ class LinearModel(Frozen):
 
     data: Whitened
     stated_prior: StatedPrior | None = None  # None: the simulation has no covariance
+    bare: bool = False  # whether the description states nothing but bodies, whose errors may be large
     cache: dict[str, dict[Any, Any]] = field(default_factory=dict, repr=False)  # of methods, by arguments
     own_cache: dict[str, dict[Any, Any]] = field(default_factory=dict, repr=False, init=False)  # not appendable
 

@@ -11,6 +11,8 @@ import numpy as np
 # Scale k of the error of what the simulation states: [1] standard deviations of its prior.
 INERTIAL_SCALES = np.array([0.0, 1.0, 2.0])  # [1] without a covariance: of the tolerance of inertials. Prototype
 LOG_INERTIAL_SCALE_PRIOR = np.log([0.5, 0.4, 0.1])  # [1] of each scale. Prototype
+BARE_SCALES = np.array([0.0, 1.0, 2.0, 4.0, 6.0])  # [1] the same where the description states no friction either
+LOG_BARE_SCALE_PRIOR = np.log([0.16, 0.25, 0.22, 0.13, 0.24])  # [1] of each: half-Cauchy of median 2. Heuristic
 COVARIANCE_SCALES = np.array([1.0, 2.5])  # [1] with a covariance. Heuristic; idea: the ratio of Birge, 1932
 LOG_COVARIANCE_SCALE_PRIOR = np.log([0.95, 0.05])  # [1] of each scale. Heuristic
 INTERVAL_COVARIANCE_SCALES = np.array([1.0, 2.5, 6.0, 15.0])  # [1] with a covariance, for intervals. Heuristic

@@ -46,8 +46,8 @@ def rank_contenders(dataset: Dataset, selection: Selection) -> tuple[Contender, 
     """Compare each selected law with every hypothesis in its place.
 
     The odds that a rival would gain in addition to the law are subtracted from its own. If the given model is k times
-    further off than its covariance says, laws that explain the same torque are compared at k^2 times the variance of
-    the rows: they are formulas of the same kind, with errors of that size.
+    further off than its covariance says, or than the tolerance of bodies, laws that explain the same torque are
+    compared at k^2 times the variance of the rows: they are formulas of the same kind, with errors of that size.
 
     Source: Birge, Phys. Rev. 40, 1932 (k); Miller, Dunson, J. Am. Stat. Assoc. 114, 2019 (approximate models).
     """
@@ -129,9 +129,10 @@ class _Ranking(Frozen):
 
     @cached_property
     def _beside(self) -> list[_OddsBeside]:
-        """Odds beside all laws at the variance of the rows, and at k^2 times it for a model with a covariance."""
+        """Odds beside all laws at the variance of the rows, and at k^2 times it where its errors are k times larger."""
         own = self.selection
-        scales = [1.0, own.prior_scale] if own.evidence.informed and own.prior_scale > 1 else [1.0]
+        further = (own.evidence.informed or own.evidence.bare) and own.prior_scale > 1
+        scales = [1.0, own.prior_scale] if further else [1.0]
         dispersions = [own.dispersion * k**2 for k in scales]
         return [(one, own.posterior.odds(own.selected, one)[0]) for one in dispersions]
 

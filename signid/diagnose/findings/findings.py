@@ -10,6 +10,7 @@ import numpy as np
 
 from ...effects.naming import law_name
 from ...errors import shorten
+from ...model import Model
 from ...regression.session import Session
 from ...types import Array, Frozen, Law, Shape
 from ..data.column_groups import Group
@@ -24,6 +25,7 @@ from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
 from .contender import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
+from .ordinary import FORMS, block_of, ordinary_findings, without_vague
 from .separating_motion import tell_apart
 from .stated import body_finding, reported_laws, stated_number_findings, stated_numbers, torque_share, total_law
 from .thresholds import (
@@ -64,22 +66,30 @@ def conclude(
     contenders: Sequence[Contender],
     verdict: Verdict,
     seed: int,
+    given: Model,
+    ordinary: Sequence[Law] = (),
 ) -> Conclusions:
-    """Extend the simulation, and report each selected law with its numbers and alternatives."""
-    order = [*verdict.causes, *verdict.secondary]
-    extended = select_on_held_out(session, dataset.model, selection, order)
+    """Extend the simulation, and report each selected law with its numbers and alternatives.
+
+    `given` is the simulation without the ordinary laws.
+    """
+    order, block = [*verdict.causes, *verdict.secondary], block_of(selection, ordinary)
+    extended = select_on_held_out(session, dataset.model, selection, order, block)
     stds = standard_deviations(dataset, selection, reported_laws(dataset.model, extended))
     contenders = [_with_held_out(one, extended, stds, session.judges_itself) for one in contenders]
     verdict = _revised(verdict, contenders, extended, session.judges_itself)
     prediction = extended.prediction
-    if order:
+    if order or block:
         covariance = extended_covariance(prediction.model, selection, extended)
         prediction = prediction._replace(model=replace(prediction.model, covariance=covariance))
     reporter = _Reporter(dataset, selection, extended, stds, verdict.causes, seed, session.judges_itself)
     by_group = {contender.group: contender for contender in contenders}
     shown = {*verdict.causes, *verdict.secondary}
     findings = list(reporter.findings([by_group[group] for group in verdict.ranked if group in shown]))
-    if not verdict.causes:
+    usual = list(ordinary_findings(given, dataset, selection, extended.prediction, ordinary))
+    if not verdict.causes and usual:
+        verdict = replace(verdict, name="named" if verdict.name == "nothing_missing" else verdict.name)
+    elif not verdict.causes:
         known, find = dataset.model.misfit is not None, body_finding
         if known or verdict.name == "unknown":
             find = stated_number_findings
@@ -87,10 +97,18 @@ def conclude(
         findings = [*stated, *findings]
         if find is body_finding and stated or known and any(finding.probability > SAID for finding in stated):
             verdict = replace(verdict, name="named")
-    if not any(finding.role == "cause" for finding in findings):  # numbers refitted beside no cause fit the noise
-        prediction = predict(session, dataset.model)
+    if usual:
+        findings = [replace(x, ordinary=x.law.effect.name in FORMS) for x in findings]
+        findings = sorted([*findings, *usual], key=lambda finding: finding.ordinary)
+        prediction = without_vague(session, prediction, ordinary, usual)
+    elif not any(finding.role == "cause" for finding in findings):  # numbers refitted beside no cause fit the noise
+        prediction = predict(session, given)
         findings = [replace(finding, in_model=False, refused=finding.refused or UNCAUSED) for finding in findings]
     floor, scale = selection.data.floor, selection.data.scale
+    given_residual = dataset.table.residual.copy()
+    for law in (law for law in ordinary if law not in given.laws):
+        for j, torque in dataset.torque(law).items():
+            given_residual[:, j] += torque
     unexplained = tuple(_unexplained(dataset, prediction, verdict))
     if verdict.name == "named" and without_cause(findings, unexplained):
         verdict = replace(verdict, name="unknown")
@@ -101,7 +119,7 @@ def conclude(
         prediction=prediction,
         findings=tuple(findings),
         unexplained=unexplained,
-        located=tuple(_place(dataset, j, dataset.table.residual[:, j]) for j in range(dataset.table.joints)),
+        located=tuple(_place(dataset, j, given_residual[:, j]) for j in range(dataset.table.joints)),
         tolerance=float(np.max(np.sqrt(verdict.threshold / selection.data.counts) * floor / scale)),
         flags=(*short, *_flags(dataset, findings, verdict, session.judges_itself, unexplained)),
     )
@@ -230,7 +248,9 @@ def _flags(
         why = "but not by enough for so few rows" if reused else "but not the held-out recordings"
         yield f"{shorten(out)} {explain} the training recordings, {why}: {are} not in the extended simulation"
     for finding in findings:
-        unsure = finding.probability < UNSURE and finding.in_model  # the flag above names all others
+        unsure = (
+            finding.probability < UNSURE and finding.in_model and not finding.ordinary
+        )  # the flag above names all others
         if finding.role == "cause" and unsure and verdict.name == "named":
             rivals = ", ".join(f"{law_name(a.law, robot)} ({a.probability:.0%})" for a in finding.alternatives[:3])
             yield (

@@ -123,18 +123,21 @@ def _among(fit: Fitted, groups: Sequence[Group]) -> Mask:
 
 
 def select_on_held_out(
-    session: Session, model: Model, selection: Selection, order: Sequence[Group]
+    session: Session, model: Model, selection: Selection, order: Sequence[Group], block: RefitBlock = ()
 ) -> ExtendedSimulation:
     """Extend the simulation by the selected laws, given in `order`, that improve the held-out prediction.
+
+    The numbers of `block`, of which the description states nothing, are always fitted.
 
     Numbers that the simulation states are refitted only where the held-out prediction is clearly better for it, since
     a short recording may override better knowledge.
     """
     trials = Trials(session, model, selection)
-    separate, joint = Extension(tuple(order)), Extension(tuple(order), joint_fit=True)
+    first = frozenset({block} if block else ())
+    separate, joint = Extension(tuple(order), first), Extension(tuple(order), first, joint_fit=True)
     chosen, scores = _select(trials, joint)
     if not time_is_up(SEARCH):
-        other, given = _select(trials, separate), trials.held_out(Extension(()))
+        other, given = _select(trials, separate), trials.held_out(Extension((), first))
         better = error_change(trials.held_out(other[0]), given) - error_change(trials.held_out(chosen), given)
         chosen, scores = other if better < -tuned.LEAST_GAIN else (chosen, scores)
     return ExtendedSimulation(

@@ -12,7 +12,6 @@ from ..data.normal_equations import Fitted
 from ..data.whitened_rows import columns_of
 from ..evidence.prior import CoefficientPrior
 from ..evidence.selection import Posterior, Selection
-from ..evidence.thresholds import INERTIAL_SCALES
 from ..extend.extend import has_possible_numbers, is_possible, nearest_bodies
 from .thresholds import (
     ACTUATOR_RANGE,
@@ -35,11 +34,12 @@ def inertial_violations(selection: Selection) -> dict[int, float]:
     """
     if selection.evidence.informed or selection.evidence.prior_scale(selection.selected, selection.dispersion) == 0:
         return {}
-    fit = selection.evidence.fit(selection.selected, selection.dispersion, INERTIAL_SCALES[-1])
+    largest = selection.evidence.scales[-1]
+    fit = selection.evidence.fit(selection.selected, selection.dispersion, largest)
     bodies = [group for group in selection.data.refitted if group.bodies]
     step = fit.value[np.isin(fit.which, columns_of(bodies))]
     deviation = np.concatenate([group.deviation for group in bodies])
-    chi2 = np.sum((step / INERTIAL_SCALES[-1] / deviation).reshape(-1, len(INERTIAL)) ** 2, axis=1)
+    chi2 = np.sum((step / largest / deviation).reshape(-1, len(INERTIAL)) ** 2, axis=1)
     carried = selection.posterior.carried
     return {j: float(chi2[body]) for j, body in enumerate(carried) if chi2[body] > INERTIAL_VIOLATION}
 

@@ -31,6 +31,7 @@ from .contributions import measure_contributions
 from .shape_optimisation import optimise_shapes
 from .stepwise import SEARCH, inflated_dispersion, initial_selection, log_posterior, log_prior_odds, stepwise_search
 from .thresholds import (
+    CORRECTION_SHARE,
     MAX_ADDED_LAWS,
     MODEL_ERROR,
     NOISE_ERROR,
@@ -96,7 +97,8 @@ def _names(selection: Selection) -> set[Key]:
 def _with_rows(posterior: Posterior, dataset: Dataset) -> Posterior:
     """The same prior with the rows of another dataset."""
     rows = whitened(dataset.table, dataset.noise)
-    return replace(posterior, evidence=Evidence(rows, posterior.evidence.stated_prior))
+    known = posterior.evidence
+    return replace(posterior, evidence=Evidence(rows, known.stated_prior, known.bare))
 
 
 def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> tuple[Dataset, Selection]:
@@ -181,10 +183,15 @@ def _without_corrections(dataset: Dataset, selection: Selection) -> Selection:
     for group in selection.selected:
         if len(selection.selected) < 2 or time_is_up(SEARCH):
             break
+        if group not in selection.selected:  # replaced beside one that was dropped
+            continue
+        own = selection
+        share = measure_contributions(own.evidence, own.selected, own.dispersion, own.prior_scale).torque_share
         joints = set(selection.data.rows(group))
         beside = [g for g in selection.selected if g is not group and not joints.isdisjoint(selection.data.rows(g))]
-        if any(g.claim.finite or law.effect.shape(law.parameters) for g in beside for law in g.claim.laws):
-            rest = optimise_shapes(dataset, selection.without(group))
+        shaped = [g for g in beside if g.claim.finite or any(x.effect.shape(x.parameters) for x in g.claim.laws)]
+        if any(share[group].max() < CORRECTION_SHARE * share[g].max() for g in shaped):
+            rest = optimise_shapes(dataset, selection.without(group), joints)
             selection = rest if log_posterior(rest) >= log_posterior(selection) else selection
     return selection
 

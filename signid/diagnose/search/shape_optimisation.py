@@ -52,9 +52,14 @@ class _Others(NamedTuple):
     dispersion: Array  # (n,) variance of the whitened residual [1]
 
 
-def optimise_shapes(dataset: Dataset, selection: Selection) -> Selection:
-    """Optimise the shape of each selected law; recording laws are taken at finite size, not linearised about zero."""
+def optimise_shapes(dataset: Dataset, selection: Selection, joints: Collection[int] | None = None) -> Selection:
+    """Optimise the shape of each selected law; recording laws are taken at finite size, not linearised about zero.
+
+    Only of laws that act on one of some `joints`, unless these are None.
+    """
     for group in selection.selected:
+        if joints is not None and set(joints).isdisjoint(selection.data.rows(group)):
+            continue
         options = _options(selection.posterior, group, {other.claim.key for other in selection.selected})
         if not options or time_is_up(SEARCH):
             continue

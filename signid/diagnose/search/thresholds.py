@@ -28,6 +28,7 @@ MODEL_ERROR = 0.003  # discrepancy of every simulation, over the rms torque [1];
 WINDOWS_PER_ROW = 10  # contact windows that are compared, per row; log of their number is the penalty; simulated arms
 RELINEARISATION_ROUNDS = 3  # heuristic
 MAX_ADDED_LAWS = 2  # laws that relinearisation may add: more, and it diverges; heuristic
+CORRECTION_SHARE = 0.5  # torque of a law that corrects the shape of another, over that one's, at most [1]; heuristic
 NOISE_ROUNDS = 3  # alternations of noise estimation and search; heuristic
 RELEVANT_CHI2 = 1.0  # squared change of torque by relinearisation [variances of the rows]: one standard deviation
 

@@ -12,7 +12,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from ....effects.naming import law_place
-from ....types import Input, Robot
+from ....types import Input
 from ..documents import Document, description, fit_with_errors, opening, picked, provenance
 from ..layout import Worse, confidence, determination, figure, heading, log_odds, new_table, paragraph, plural, share
 from ..plots.courses import joint_plots, rollout_plots, worst
@@ -52,6 +52,7 @@ SURE = 0.95  # probability from which a finding is considered certain
 LOUD = 1.5  # ratio of residual to irreducible rms from which a joint is unfolded
 LISTED = 5  # maximum number of alternatives drawn
 RESIDUAL = "Residual of the simulation"
+ORDINARY = "Ordinary: the description does not state it"
 KEY = (("measured", "measured"), ("before", "before"), ("after", "after: extended simulation"))
 CORRECTED = ("law", "parameters, ± 95 %", "probability>", "of torque>", "mostly")
 HEAT = (
@@ -68,7 +69,8 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
         "verdict": result.verdict,
         **({"question": result.question} if result.question else {}),
         "tolerance": result.tolerance,
-        "findings": [_finding(robot, finding) for finding in result.findings],
+        "findings": [_finding(result, finding) for finding in result.findings],
+        "ordinary": list(_ordinary(result)),
         "unexplained": [
             {
                 "joint": robot.joints[left.joint],
@@ -103,8 +105,12 @@ def diagnosis_notes(result: Diagnosis) -> list[str]:
     return [*result.notes, f"{INFORMED}, {FURTHER.format(result.prior_scale)}" if result.prior_scale > 1 else INFORMED]
 
 
-def _finding(robot: Robot, finding: Finding) -> Document:
-    where, shares = finding.where, zip(robot.joints, finding.torque_share.tolist(), strict=True)
+def _finding(result: Diagnosis, finding: Finding) -> Document:
+    robot, where = result.robot, finding.where
+    shares = zip(robot.joints, finding.torque_share.tolist(), strict=True)
+    left = next((x for x in result.unexplained if x.joint == where.joint and not finding.ordinary), None)
+    rest = 0.0 if left is None else left.share * max(left.place.explained, 0.0) ** 0.5
+    moved = float(np.sqrt(np.nanmean(result.train.torque[:, where.joint] ** 2)))
     return {
         "effect": finding.law.effect.name,
         "joint": law_place(finding.law, robot)[0],
@@ -120,12 +126,29 @@ def _finding(robot: Robot, finding: Finding) -> Document:
             **({"time_origin": where.origin} if where.origin else {}),
         },
         "evidence": picked(finding, "statistic threshold held_out_gain"),
+        "remainder": {"rms": rest * moved, "unit": result.before.unit[where.joint], "share": rest},
         "alternatives": [
             {"effect": rival.law.effect.name, "joint": law_place(rival.law, robot)[0]}
             | picked(rival, "probability separating_motion")
             for rival in finding.alternatives
         ],
     }
+
+
+def _ordinary(result: Diagnosis) -> Iterator[Document]:
+    """Friction, rotors and offsets that the description does not state: each law with its number at each joint."""
+    some = [finding for finding in result.findings if finding.ordinary]
+    for effect in dict.fromkeys(finding.law.effect for finding in some):
+        own = [finding for finding in some if finding.law.effect is effect]
+        numbers = [finding_numbers(result.robot, finding) for finding in own]
+        yield {
+            "effect": effect.name,
+            "joints": [law_place(finding.law, result.robot)[0] for finding in own],
+            "parameters": {
+                key: {"unit": x["unit"], **{y: [number[key][y] for number in numbers] for y in ("value", "std")}}
+                for key, x in numbers[0].items()
+            },
+        }
 
 
 def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
@@ -156,6 +179,9 @@ def _findings(result: Diagnosis) -> Iterator[RenderableType]:
         yield heading(titles["cause"])
         yield from _causes([words.finding_words(robot, finding) for finding in large[:CAUSES]])
         yield from _more(len(large) - CAUSES)
+    if usual := words.ordinary_words(result):
+        yield heading(ORDINARY)
+        yield from map(paragraph, usual)
     if small:
         yield heading(titles["secondary"])
         lines = (words.secondary_words(robot, finding) for finding in small[:CORRECTIONS])
@@ -230,6 +256,7 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
     chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]] or order[:1]
     title, unreliable = f"{result.robot.name}: {words.verdict_words(result)}", words.is_unreliable(result.flags)
     roles = words.role_words(result)
+    usual = [_title(result, finding) for finding in result.findings if finding.ordinary]
     corrections = [_row(result, finding) for finding in words.by_size(result)[1]]
     note = (
         f"Residual is measured - predicted torque, low-passed at {figure(result.cutoff)} Hz. Gaps: the joint is at "
@@ -241,6 +268,7 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
     sections = [
         *_places(result),
         Section(roles["cause"], (Laws(list(_law_cards(result))),)),
+        Section(ORDINARY, (Sentences(words.ordinary_words(result)), Fold("Each of them", usual))),
         Section(roles["secondary"], (Cells(CORRECTED, corrections),)),
         Section("", (Sentences(words.trust_words(result)),)),
         Section("Alternatives, and motions that would separate them", tuple(_separating(result))),

@@ -271,8 +271,19 @@ def is_unreliable(flags: Sequence[str]) -> bool:
 
 def by_size(result: Diagnosis) -> tuple[list[Finding], list[Finding]]:
     """Causes and corrections of much torque, and small corrections, each in the order of the torque they explain."""
-    small = [x for x in result.findings if x.role == "secondary" and x.torque_share.max() < LARGE]
-    return [x for x in result.findings if x not in small], small
+    beyond = [finding for finding in result.findings if not finding.ordinary or not finding.in_model]
+    small = [x for x in beyond if x.role == "secondary" and x.torque_share.max() < LARGE]
+    return [x for x in beyond if x not in small], small
+
+
+def ordinary_words(result: Diagnosis) -> list[str]:
+    """Friction, rotors and offsets of which the description states nothing: a sentence for each kind."""
+    joints = len(result.robot.joints)
+    kinds = [
+        [named(result.robot, x.law, x.std, x.stated) for x in result.findings if x.ordinary and x.law.effect is effect]
+        for effect in dict.fromkeys(x.law.effect for x in result.findings if x.ordinary)
+    ]
+    return [finding_headline(kind[0]) if len(kind) == 1 else _together(kind, joints) for kind in kinds]
 
 
 def role_words(result: Diagnosis) -> dict[str, str]:

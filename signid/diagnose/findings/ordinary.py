@@ -1,0 +1,155 @@
+"""The ordinary: friction, rotor and offset of every joint, which a description does not state, and its bodies.
+
+Where a description states no friction, or the same number in every joint, these are one block of columns with flat
+priors beside every hypothesis, so that other laws are weighed with its coefficients integrated out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...effects import EFFECTS
+from ...effects.law import law_torque
+from ...model import Model
+from ...regression.session import Session
+from ...types import Array, Law
+from ..data.column_groups import Group, rough_drives
+from ..data.dataset import Dataset
+from ..data.hypotheses import VARIABLES
+from ..data.locate import locate
+from ..data.motions import pieces
+from ..evidence.bayes_factors import Evidence
+from ..evidence.selection import Selection
+from ..extend.extend import is_same
+from ..extend.holdout import Prediction, ResidualRows, predict
+from ..result import Finding
+from ..search.thresholds import LEAST_TORQUE_SHARE
+from .held_out_selection import error_change
+from .stated import MOST_LOG_ODDS, stated_numbers, torque_share
+from .thresholds import SAME_PREDICTION
+
+DRIVES = ("coulomb_friction", "viscous_friction", "torque_offset", "armature")
+FORMS = ("link_inertia", "asymmetric_friction", "stribeck_friction", "quadratic_friction", "presliding_friction")
+LEAST_DRIVE = 1e-6  # least start of friction and rotors [their units]: zero numbers are no columns
+TURNED = 2  # laws that begin at estimates, since other laws, such as a delay, change their torque
+FEWEST_JOINTS = 3  # joints in which equal friction is a placeholder, at least
+CLEAR_STD = 3.0  # standard deviations from zero from which an offset or a rotor is fitted beside laws [1]; heuristic
+USUAL_SHARE = 0.2  # prior rms torque of an ordinary law over its joint's [1]; heuristic
+
+
+def with_ordinary(model: Model, session: Session, skip: Collection[str]) -> tuple[Model, tuple[Law, ...]]:
+    """Description with the ordinary laws that it does not state, at rough numbers, and the laws of the block.
+
+    Without change where friction is stated, or where the model was identified.
+    """
+    stated = [law for law in model.laws if law.effect.dissipative and any(law.effect.coefficients(law.parameters))]
+    assumed = _placeholders(model, stated)
+    if model.covariance is not None or model.misfit is not None or len(assumed) < len(stated):
+        return model, ()
+    kept = [x for x in model.laws if x.effect.name not in DRIVES or any(x.effect.coefficients(x.parameters))]
+    rough, laws = rough_drives(tuple(pieces(session.task, model, session.train))), list[Law]()
+    for k, name in enumerate(DRIVES):
+        effect, start = EFFECTS[name], np.maximum(rough[:, k] if k < TURNED else 0.0, LEAST_DRIVE * np.ones(len(rough)))
+        (key,) = effect.linear()
+        known = {law.joints[0] for law in kept if law.effect is effect}
+        bare = [j for j in range(len(rough)) if j not in known and name not in skip]
+        laws += [Law(effect, (j,), {key: float(start[j])}) for j in bare]
+    return replace(model, laws=(*kept, *laws)), (*assumed, *laws)
+
+
+def _placeholders(model: Model, stated: Sequence[Law]) -> tuple[Law, ...]:
+    """Stated friction that is the same number in every joint, and so nobody's measurement; else none."""
+    numbers = {(law.effect.name, *law.parameters.values()) for law in stated}
+    everywhere = len({law.joints for law in stated}) == len(model.robot.joints) >= FEWEST_JOINTS
+    return tuple(stated) if len(numbers) == 1 and everywhere else ()
+
+
+def block_of(selection: Selection, ordinary: Sequence[Law]) -> tuple[Group, ...]:
+    """Groups of the block among the refitted columns."""
+    return tuple(group for group in selection.data.refitted if group.law is not None and group.law in ordinary)
+
+
+def without_vague(
+    session: Session, extended: Prediction, ordinary: Sequence[Law], findings: Sequence[Finding]
+) -> Prediction:
+    """Extended simulation without the added laws of the block that are no findings, if it predicts as well."""
+    named, laws = [finding.law for finding in findings], extended.model.laws
+    vague = [x for x in laws if any(is_same(x, y) for y in ordinary) and not any(is_same(x, y) for y in named)]
+    if not vague:
+        return extended
+    fewer = predict(session, replace(extended.model, laws=tuple(law for law in laws if law not in vague)))
+    worse = error_change(fewer.held_out, extended.held_out) > SAME_PREDICTION
+    return extended if worse else fewer
+
+
+def pinned(selection: Selection, ordinary: Sequence[Law]) -> Selection:
+    """Selection in which vague rotors and offsets are zero, so that numbers such as the rest of a spring are clear."""
+    fit, data, out = selection.fit(), selection.data, dict[Group, Group]()
+    for group in block_of(selection, ordinary):
+        assert group.law is not None, "the block has laws"
+        value, std = fit.value[fit.place(group)][0], np.sqrt(fit.covariance[fit.place(group), fit.place(group)][0, 0])
+        if group.law.effect.name in DRIVES[TURNED:] and not abs(value) > CLEAR_STD * std:
+            out[group] = replace(group, deviation=(LEAST_DRIVE,))
+    if not out:
+        return selection
+    known = selection.evidence
+    rows = replace(data, groups=tuple(out.get(group, group) for group in data.groups))
+    posterior = replace(selection.posterior, evidence=Evidence(rows, known.stated_prior, known.bare))
+    return replace(selection, posterior=posterior).with_selected(selection.selected)
+
+
+def ordinary_findings(
+    given: Model, dataset: Dataset, selection: Selection, extended: Prediction, ordinary: Sequence[Law]
+) -> Iterator[Finding]:
+    """One cause for each ordinary law whose torque counts and is clearly not what the description states.
+
+    Source: Dickey, Ann. Math. Statist. 42, 1971 (Savage's density ratio).
+    """
+    fit, data = selection.fit(), selection.data
+    for group in block_of(selection, ordinary):
+        assert group.law is not None, "the block has laws"
+        (joint,), (key,) = group.law.joints, group.law.effect.linear()
+        law = next((x for x in extended.model.laws if is_same(x, group.law)), None)
+        if law is None:
+            continue
+        stated = stated_numbers(given, law)
+        step = law.parameters[key] - stated.get(key, 0.0)
+        column, place = data.raw(joint, group)[:, 0], fit.place(group)
+        size = float(np.sqrt(np.mean(column**2))) / data.scale[joint]
+        variance = float(fit.covariance[place, place][0, 0])
+        shrunk = 1 / (1 + variance * (size / USUAL_SHARE) ** 2)  # variance of the posterior over that of the rows
+        odds = (np.log(1 - shrunk + 1e-12) + shrunk * step**2 / variance) / 2
+        odds = float(np.clip(odds, -MOST_LOG_ODDS, MOST_LOG_ODDS))
+        share = torque_share({joint: column * step}, data.scale)
+        if odds < 0 or share[joint] < LEAST_TORQUE_SHARE:
+            continue
+        yield Finding(
+            law=law,
+            std={key: float(np.sqrt(variance))},
+            role="cause",
+            probability=float(1 / (1 + np.exp(-odds))),
+            torque_share=share,
+            where=locate(dataset.table, joint, column * step, bool(given.robot.prismatic[joint]), VARIABLES[:-1]),
+            statistic=odds,
+            threshold=0.0,
+            held_out_gain=_gain(extended.held_out, step * _held_out_column(extended, law, key), joint),
+            alternatives=(),
+            stated=stated,
+            ordinary=True,
+        )
+
+
+def _held_out_column(extended: Prediction, law: Law, key: str) -> Array:
+    """(M,) torque of a law's coefficient at its joint on held-out rows [torque per coefficient]."""
+    rows = extended.held_out
+    made = [law_torque(replace(law, parameters={key: 1.0}), piece.motion)[1][:, :1] for piece in rows.pieces]
+    return np.concatenate([rows.thin(torque)[:, 0] for torque in made])
+
+
+def _gain(rows: ResidualRows, torque: Array, joint: int) -> float:
+    """Share of the held-out sum of squares at a joint that torque (M,) [N.m or N] of the extended model removes."""
+    after = rows.residual[:, joint]
+    return 1 - float(np.nansum(after**2) / max(float(np.nansum((after + torque) ** 2)), 1e-300))
