@@ -18,7 +18,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "identified __init__",
     "servo": "__init__ stated assumptions given hints plant simulate fit search zeros identify validate diagnose "
     "friction_models compare",
-    "diagnose": "data evidence result extend search findings preparation run __init__",
+    "diagnose": "data evidence result extend search findings preparation detectable run __init__",
     "output": "__init__ geometry report replay viewers export display",
     "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators expected code vendor function "
     "loop __init__",

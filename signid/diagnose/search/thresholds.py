@@ -31,7 +31,7 @@ MAX_ADDED_LAWS = 2  # laws that relinearisation may add: more, and it diverges; 
 NOISE_ROUNDS = 3  # alternations of noise estimation and search; heuristic
 RELEVANT_CHI2 = 1.0  # squared change of torque by relinearisation [variances of the rows]: one standard deviation
 
-# Pruning (prune.py)
+# Pruning (stepwise.py)
 SIGNIFICANT_CHI2 = 4.0  # squared coefficients, per number [variances]: two standard deviations
 
 # Stability of a law's gain (steady.py)

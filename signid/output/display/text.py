@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from html import escape
 from io import StringIO
+from math import inf
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console, RenderableType
@@ -12,14 +15,25 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from ...model import stated_inertials
+from ...servos import SERVO_NUMBERS, SERVO_UNITS
+from ...types import Input, Recording, Robot
+from ..report.documents import rms, tables as command_tables
+from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
+from ..report.results.fleet import fleet_tables
+from ..report.results.identification import fit_rows
+from ..report.results.inspection import joint_table
+from ..report.results.laws import law_document
+from ..report.results.signs import signs_tables
 from .frames import frame_names
-from .tables import tables
 
 MOST, WIDTH = 40, 100  # lines, and characters per line, of a repr
 LEAST = 3  # lines that a shortened section keeps: blank line, heading, number of the others
 ASIDE = ("Alternatives", "Small corrections", "Residual of the simulation")  # headings of sections shortened first
 ROWS, SENTENCES = 12, 12  # maximum number of rows per table, and of sentences, in HTML
 CELL = "text-align:{};white-space:nowrap;padding:2px 10px 2px 0"
+Renderables = list[RenderableType]
+LONGEST = 60  # characters of a formula, before the number of its other terms
 
 
 def text(result: Any) -> str:
@@ -131,3 +145,160 @@ def _cell(kind: str, shown: str, align: str) -> str:
 
 def _plain(block: RenderableType) -> str:
     return block.plain if isinstance(block, Text) else str(block)
+
+
+def tables(result: Any) -> Renderables:
+    """Heading, tables and notes of a result."""
+    short = TABLES.get(type(result).__name__)
+    return command_tables(result) if short is None else short(result)
+
+
+def _robot(robot: Robot) -> Renderables:
+    size = f"{plural(len(robot.joints), 'joint')}, {plural(len(robot.links), 'moving link')}"
+    return [heading(f"{robot.name}: {size}", below=False), *joint_table(robot), *note_lines(robot.notes)]
+
+
+def _recording(recording: Recording) -> Renderables:
+    rows = len(recording)
+    ends = [float(recording.read(k, k + 1).t[0]) for k in (0, rows - 1)] if rows else [0.0, 0.0]
+    name = Path(recording.path).name or "recording"
+    title = f"{name}: {plural(rows, 'row')}, {figure(ends[1] - ends[0])} s"
+    table = new_table("joint", "columns", "torque")
+    columns = [group for key, group in recording.columns.items() if key != "t" and group]
+    for j, joint in enumerate(recording.joints):
+        known = ("signed" if recording.signed[j] else "absolute") if recording.columns["tau"][j] else "not recorded"
+        table.add_row(joint, ", ".join(group[j] for group in columns if group[j]), known)
+    return [heading(title, below=False), table, *note_lines(recording.notes)]
+
+
+def _model(model: Any) -> Renderables:
+    robot = model.robot
+    own = model.laws_beside_drives
+    title = f"{robot.name}: model of {plural(len(robot.links), 'link')} with {plural(len(own), 'law')}"
+    bodies = new_table("link", "mass>", "stated>", "unit", "centre of mass [m]")
+    for link, x, stated in zip(robot.links, model.inertials, stated_inertials(robot), strict=True):
+        centre = ", ".join(figure(round(float(c), 9)) for c in x[1:4] / x[0]) if x[0] else "-"  # 1 nm: rounding
+        bodies.add_row(link, figure(float(x[0])), figure(float(stated[0])), "kg", centre)
+    laws = new_table("law", "joint", "parameter", "value>", "unit")
+    for law in own:
+        entry = law_document(robot, law)
+        for key, number in entry["parameters"].items() or [("", {"value": "", "unit": ""})]:
+            value = figure(number["value"]) if isinstance(number["value"], float) else str(number["value"])
+            laws.add_row(entry["effect"], entry["joint"] or "(robot)", key, value, number["unit"])
+    parts = [heading(title, below=False), bodies, *([heading("Laws"), laws] if own else [])]
+    return [*parts, *(_drives(model.servos) if model.servos else [])]
+
+
+def _drives(servos: Any) -> Renderables:
+    """Position drives of a model; numbers that are zero or infinite everywhere are left out."""
+    used = [name for name in SERVO_NUMBERS if any(0 < abs(getattr(x, name)) < inf for x in servos.values())]
+    heads = [f"{name.replace('_', ' ')}\n[{SERVO_UNITS[name]}]>" for name in used]
+    rows = ([joint, x.law, *(figure(getattr(x, name)) for name in used)] for joint, x in servos.items())
+    return [heading("Position drives"), new_table("joint", "law", *heads, rows=rows)]
+
+
+def _base(base: Any) -> Renderables:
+    sees = (plural(int(count), "joint") for count in base.sees.sum(axis=0))
+    rows = zip(map(_brief, base.expressions), base.units, sees, strict=True)
+    title = f"{plural(base.rank, 'base parameter')} of {len(base.labels)} standard parameters"
+    table = new_table("base parameter", "unit", "in the torque of", rows=rows)
+    return [heading(title, below=False), table, paragraph("Values and intervals: estimate of an identification.")]
+
+
+def _estimate(found: Any) -> Renderables:
+    count = len(found.value)
+    names, units = found.names or [str(k + 1) for k in range(count)], found.units or [""] * count
+    numbers = (with_interval(float(x), float(std)) for x, std in zip(found.value, found.std, strict=True))
+    rows = ((_brief(name), *number, unit) for name, number, unit in zip(names, numbers, units, strict=True))
+    title = heading(f"{plural(count, 'base parameter')} by {found.method}", below=False)
+    return [title, new_table("base parameter", "value>", "± (95 %)>", "unit", rows=rows), *note_lines(found.notes)]
+
+
+def _brief(formula: str) -> str:
+    """A formula of at most LONGEST characters: its first terms, and the number of the others."""
+    terms = re.split(r" (?=[+-] )", formula)
+    if len(formula) <= LONGEST or len(terms) == 1:
+        return formula
+    kept, text = 1, terms[0]
+    while len(longer := f"{text} {terms[kept]}") <= LONGEST - len(" ... and 99 more"):
+        kept, text = kept + 1, longer
+    return f"{text} ... and {len(terms) - kept} more"
+
+
+def _fit(fit: Any) -> Renderables:
+    heads = ("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
+    title = heading("Fit: rms of the residual torque", below=False)
+    return [title, new_table(*heads, rows=fit_rows(fit))]
+
+
+def _roll_out(rolled: Any) -> Renderables:
+    table = new_table("joint", *(f"after {horizon:g} s>" for horizon in rolled.horizons), "unit")
+    errors = [rolled.rms(horizon) for horizon in rolled.horizons]
+    for j, (joint, unit) in enumerate(zip(rolled.joints, rolled.unit, strict=True)):
+        table.add_row(joint, *(figure(float(error[j])) for error in errors), unit)
+    title = f"{plural(len(rolled.start), 'roll-out')} from measured states: rms position error"
+    return [heading(title, below=False), table, *note_lines(rolled.notes)]
+
+
+def _validated(one: Any) -> Renderables:
+    rolled = [] if one.rollout is None else _roll_out(one.rollout)
+    return [heading(one.name, below=False), *_fit(one.fit), *rolled]
+
+
+def _alone(one: Any) -> Any:
+    """A validation of one model."""
+    from ...servo.validate import ServoValidation
+
+    return ServoValidation((one,), tuple(Input(trace.path, "") for trace in one.traces), (), (), 0)
+
+
+def _simulation(simulation: Any) -> Renderables:
+    table = new_table("joint", "lowest position>", "highest position>", "rms torque>")
+    columns = (simulation.joints, simulation.q.min(axis=0), simulation.q.max(axis=0), rms(simulation.tau))
+    for joint, *numbers in zip(*columns, strict=True):
+        table.add_row(joint, *(figure(float(x)) for x in numbers))
+    seconds = figure(float(simulation.t[-1] - simulation.t[0]))
+    title = f"simulation: {plural(len(simulation.t), 'row')}, {seconds} s; rad or m, N.m or N"
+    return [heading(title, below=False), table]
+
+
+def _motion(found: Any) -> Renderables:
+    """Use of the limits of an exciting or a separating motion."""
+    names = ("position", "velocity", "acceleration", "torque")
+    table = new_table("share of limit", *(f"{name}>" for name in names))
+    for j, joint in enumerate(found.trajectory.joints):
+        table.add_row(joint, *(share(float(getattr(found.use, name)[j])) for name in names))
+    t = found.trajectory.t
+    title = (
+        f"motion of {plural(len(found.trajectory.joints), 'joint')}: {plural(len(t), 'row')}, {figure(float(t[-1]))} s"
+    )
+    return [heading(title, below=False), table, *_precision(found), *note_lines(found.notes)]
+
+
+def _precision(found: Any) -> Iterable[RenderableType]:
+    if hasattr(found, "expressions"):
+        rows = ((e, share(float(x))) for e, x in zip(found.expressions, found.relative_std, strict=True))
+        yield heading("Predicted standard deviations")
+        yield new_table("base parameter", "of its value>", rows=rows)
+    else:
+        names = " and ".join(law.effect.name for law in found.laws)
+        verdict = "distinguishes" if found.enough else "does not reliably distinguish"
+        yield paragraph(f"The motion {verdict} {names}.")
+
+
+TABLES: dict[str, Callable[[Any], Renderables]] = {
+    "BaseMap": _base,
+    "Estimate": _estimate,
+    "Excitation": _motion,
+    "Fit": _fit,
+    "Fleet": lambda fleet: fleet_tables(fleet.document(), fleet.reused),
+    "Model": _model,
+    "Recording": _recording,
+    "Robot": _robot,
+    "RollOut": _roll_out,
+    "Separation": _motion,
+    "ServoValidatedModel": lambda one: command_tables(_alone(one)),
+    "Signs": signs_tables,
+    "Simulation": _simulation,
+    "ValidatedModel": _validated,
+}

@@ -10,16 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from ...errors import RobotError
 from ...model import Model
 from ...robot import configuration
+from ...robot.description.document import children, parse
 from ...robot.dynamics import joint_of_row, own_row
 from ...robot.joints import is_plain
 from ...types import Array, Law, Robot
 from .beyond import BODIES, Exported, commented, fixed_note, held, lacking, summed
-from .bodies import LEAST, PossibleBodies, Principal, possible_bodies
+from .bodies import LEAST, PossibleBodies, Principal, possible_bodies, principal
 from .drives import STEP, mjcf_actuators, mjcf_joint, mjcf_notes
 from .shapes import Shapes, copied, pose_words, read_shapes, words
-from .trunk import trunk_notes, trunk_of
 
 _NUMBERS = {"damping": "viscous_friction", "frictionloss": "coulomb_friction", "armature": "armature"}
 _DENSITY = 2700.0  # density at which a payload is drawn [kg/m3]
@@ -243,3 +244,41 @@ def _parts(joint: Any) -> list[tuple[Any, Any]]:
         return [(joint, pin.SE3.Identity())]
     whole = joint.extract()
     return list(zip(whole.joints, whole.jointPlacements, strict=True))
+
+
+def trunk_of(robot: Robot) -> tuple[str, Principal]:
+    """Name of the base link, and its body with all links that are fixed to it.
+
+    Raises:
+        RobotError: the base has no mass, or its inertia is not physically consistent.
+    """
+    name, body = _name(robot), principal(robot.model.inertias[0].toDynamicParameters())
+    if body is None or body.mass <= LEAST:
+        what = "has no mass" if body is not None else "has an inertia that no body can have"
+        raise RobotError(
+            f"the base of {robot.name} {what}, so it cannot float; state its inertial in the description, or export "
+            f"with a fixed base"
+        )
+    return name, body
+
+
+def trunk_notes(model: Model) -> list[str]:
+    """Notes on a floating trunk."""
+    notes = ["the trunk floats on a free joint, with the mass that the description states"]
+    if model.covariance is not None:
+        notes.append(
+            "a fixed base does not identify all inertials that a floating one feels; those are of the description"
+        )
+    return notes
+
+
+def _name(robot: Robot) -> str:
+    """Name of the base link; "trunk" if the description has none or it is taken."""
+    name = "trunk"
+    if robot.kind == "urdf":
+        root: Any = parse(robot.document)
+        below = {node.get("link") for joint in children(root, "joint") for node in children(joint, "child")}
+        name = next((str(x.get("name")) for x in children(root, "link") if x.get("name") not in below), name)
+    while name in (*robot.links, "world", ""):
+        name += "_"
+    return name

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...diagnose.evidence.batches import StackedPriors, log_bayes_factor
+from ...diagnose.evidence.bayes_factors import StackedPriors, log_bayes_factor
 from ...types import Array
 from .hypotheses import HYPOTHESES, DriveHypothesis
 from .refine import Attempt, Setting, information

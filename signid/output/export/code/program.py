@@ -5,19 +5,36 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from ....errors import RobotError
+from ....errors import RobotError, shorten
 from ....model import Model, torque_model
 from ....robot import configuration
-from ....robot.dynamics import mass_matrices
+from ....robot.dynamics import mass_matrices, own_body
+from ....types import Array
 from ..beyond import fixed_note, lacking
-from .frame import JACOBIAN, PAYLOAD, frame_of, jacobian, payload_torque
-from .graph import Graph, Scalar, binary
+from .graph import Graph, Scalar, binary, unary
 from .laws import inertial, law_expressions, writable
-from .mass import accelerations, mass_matrix
-from .rigid import Expressions, rigid_torque, rotor_torque, tree_of
+from .rigid import (
+    Bodies,
+    Body,
+    Expressions,
+    State,
+    carried_wrench,
+    cross,
+    exact,
+    joint_torque,
+    motions,
+    placement,
+    rigid_torque,
+    rotor_torque,
+    tree_of,
+    wrench,
+)
 
 MASS = (
     "mass matrix by rows, of the bodies, the armature and couplings of joints: mass_matrix(q) a + "
@@ -41,6 +58,15 @@ FORWARD = (
 SMALLEST = 1e-9  # [rad/s or m/s] width of smoothing
 ROUNDED = 1e-12  # least ratio of eigenvalues of a mass matrix that is not singular by rounding
 ACCELERATION = re.compile(r"\ba\b")  # in the equation of a law
+JACOBIAN = (
+    "Jacobian (6, n) by rows, of {}: linear velocity of its origin, then angular velocity, both in the axes "
+    "of the base (LOCAL_WORLD_ALIGNED of Pinocchio), are jacobian(q) v"
+)
+PAYLOAD = (
+    "torque of a body fixed to {0} alone: add it to inverse_dynamics, to tracking_torque or, at v = a = 0, to gravity; "
+    "payload: mass [kg], first moment x, y, z [kg.m], inertia xx, xy, yy, xz, yz, zz [kg.m2], about the origin and in "
+    "the axes of {0}; friction that depends on load does not include it"
+)
 
 
 @dataclass(frozen=True)
@@ -188,3 +214,162 @@ def statements(program: Program, function: Function, language: Language) -> tupl
             words = language.words[operation].format(*(names[k] for k in inner))
             lines.append(language.line.format(names[number], words))
     return lines, [names[output.number] for output in function.outputs]
+
+
+def mass_matrix(graph: Graph, tree: Bodies, q: Expressions) -> Expressions:
+    """Mass matrix (n, n) of the bodies and their rotors, by the composite rigid body algorithm.
+
+    q: (n,) expressions [rad or m]. Source: Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.2.
+    """
+    zero, bodies = graph.constant(0.0), tree.bodies
+    angles = [graph.scalar(x) for x in tree.drive @ q + tree.rest]
+    places = [placement(graph, body, x) for body, x in zip(bodies, angles, strict=True)]
+    masses, moments, inertias = ([getattr(x, key) for x in bodies] for key in ("mass", "moment", "inertia"))
+    matrix = np.full((len(bodies), len(bodies)), zero)
+    for k in reversed(range(len(bodies))):
+        body, mass, moment, inertia = bodies[k], masses[k], moments[k], inertias[k]
+        graph.section = f"{body.name}: mass matrix"
+        wrench = (
+            (mass * body.axis, cross(moment, body.axis))
+            if body.prismatic
+            else (cross(body.axis, moment), inertia @ body.axis)
+        )
+        i = k
+        while i >= 0:
+            matrix[k, i] = matrix[i, k] = bodies[i].axis @ wrench[0 if bodies[i].prismatic else 1]
+            wrench, i = carried_wrench(*places[i], *wrench), bodies[i].parent
+        if body.parent >= 0:
+            graph.section = f"{body.name}: inertia with the bodies after it"
+            turn, offset = places[k]
+            first = turn @ moment
+            masses[body.parent] = masses[body.parent] + mass
+            moments[body.parent] = moments[body.parent] + first + mass * offset
+            turned = _turned(body, inertia, angles[k])
+            inertias[body.parent] = inertias[body.parent] + turned + _shift(offset, first + 0.5 * mass * offset)
+    graph.section = "mass matrix with rotors"
+    return tree.drive.T @ (matrix + np.diag(tree.rotors)) @ tree.drive
+
+
+def _turned(body: Body, inertia: Expressions, angle: Scalar) -> Expressions:
+    """Inertia (3, 3) of a body in the axes of its parent, turned about the third axis of a basis [kg.m2]."""
+    if body.prismatic:
+        return _congruent(body.rotation, inertia)
+    first = np.eye(3)[int(np.argmin(np.abs(body.axis)))]
+    first = first - (first @ body.axis) * body.axis
+    first /= np.linalg.norm(first)
+    basis = exact(np.column_stack([first, np.cross(body.axis, first), body.axis]))
+    (xx, xy, xz), (_, yy, yz), (*_, zz) = _congruent(basis.T, inertia)
+    s, c = unary("sin", angle), unary("cos", angle)
+    change = c * (xx - yy) - 2.0 * s * xy
+    xz, yz, xy = c * xz - s * yz, s * xz + c * yz, xy + s * change
+    spun = np.array([[yy + c * change, xy, xz], [xy, xx - c * change, yz], [xz, yz, zz]])
+    return _congruent(exact(body.rotation @ basis), spun)
+
+
+def _shift(offset: Expressions, moment: Expressions) -> Expressions:
+    """-[p][g] - [g][p] (3, 3) [kg.m2] of an offset p [m] and a moment g [kg.m]."""
+    x, y, z = 2.0 * offset * moment
+    across = np.outer(-offset, moment)
+    return np.diag([y + z, z + x, x + y]) + (across + across.T) * (1 - np.eye(3))
+
+
+def _congruent(turn: Array, inertia: Expressions) -> Expressions:
+    """R I R' (3, 3) of a symmetric I."""
+    left, out = turn @ inertia, inertia.copy()
+    for i, j in zip(*np.triu_indices(3), strict=True):
+        out[i, j] = out[j, i] = left[i] @ turn[j]
+    return out
+
+
+def accelerations(graph: Graph, matrix: Expressions, torque: Expressions) -> Expressions:
+    """Solution a (n,) of matrix @ a = torque by M = L' D L, which keeps the zeros of branches.
+
+    Source: Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.5.
+    """
+    rest, n, a = matrix.copy(), len(matrix), list(torque)
+    factor, inverse = np.full((n, n), graph.constant(0.0)), dict[int, Scalar]()
+    for k in reversed(range(n)):
+        inverse[k] = 1.0 / rest[k, k]
+        for i in range(k):
+            factor[k, i] = rest[k, i] * inverse[k]
+            for j in range(i + 1):
+                rest[i, j] = rest[j, i] = rest[i, j] - factor[k, i] * rest[k, j]
+            a[i] = a[i] - factor[k, i] * a[k]
+    for k in range(n):
+        a[k] = a[k] * inverse[k] - sum((factor[k, i] * a[i] for i in range(k)), graph.constant(0.0))
+    return np.array(a)
+
+
+class Frame(NamedTuple):
+    """A frame that moves with a body."""
+
+    name: str
+    body: int
+    rotation: Array  # (3, 3) in the frame of the body's joint [1]
+    position: Array  # (3,) [m]
+
+
+def frame_of(model: Model, link: str | None) -> Frame:
+    """Frame of a link by name; None: frame of the last joint, about which models state a payload.
+
+    Raises:
+        RobotError: no link that moves has that name.
+    """
+    robot = model.robot
+    if link is None:
+        body = own_body(robot, len(robot.joints) - 1)
+        return Frame(f"the frame of joint {robot.joints[-1]} ({robot.links[body]})", body, np.eye(3), np.zeros(3))
+    frames = {x.name: x for x in robot.model.frames if x.type == pin.FrameType.BODY and x.parentJoint > 0}
+    if link not in frames:
+        close = get_close_matches(link, frames, n=3, cutoff=0.6)
+        advice = f"did you mean {' or '.join(close)}?" if close else f"choose from {shorten(list(frames))}"
+        raise RobotError(f"{robot.name} has no link {link!r} that moves; {advice}")
+    place = frames[link].placement
+    return Frame(f"the frame of link {link}", frames[link].parentJoint - 1, exact(place.rotation), place.translation)
+
+
+def jacobian(graph: Graph, tree: Bodies, frame: Frame, q: Expressions) -> Expressions:
+    """Jacobian (6, n) of a frame in the axes of the base: linear rows, then angular [m/rad, 1/m or 1]."""
+    zero, angles = graph.constant(0.0), tree.drive @ q + tree.rest
+    chain = [frame.body]
+    while (parent := tree.bodies[chain[0]].parent) >= 0:
+        chain.insert(0, parent)
+    turn: Expressions = np.eye(3) + zero
+    origin: Expressions = np.array([zero] * 3)
+    axes: dict[int, tuple[Expressions, Expressions]] = {}
+    for k in chain:
+        body = tree.bodies[k]
+        graph.section = f"{body.name}: position"
+        turned, offset = placement(graph, body, graph.scalar(angles[k]))
+        origin = origin + turn @ offset
+        axes[k] = turn @ (body.rotation @ body.axis), origin
+        turn = turn @ turned
+    tip, columns = origin + turn @ frame.position, np.full((6, len(tree.bodies)), zero)
+    for k, (axis, origin) in axes.items():
+        graph.section = f"{tree.bodies[k].name}: column of the Jacobian"
+        prismatic = tree.bodies[k].prismatic
+        columns[:3, k] = axis if prismatic else cross(axis, tip - origin)
+        columns[3:, k] = zero if prismatic else axis
+    whole: Expressions = columns @ tree.drive
+    return whole
+
+
+def payload_torque(
+    graph: Graph, tree: Bodies, frame: Frame, motion: tuple[Expressions, Expressions, Expressions], payload: Expressions
+) -> Expressions:
+    """Torque (n,) of ten inertial parameters in a frame, in Pinocchio's order.
+
+    motion: q, v, a (n,) [rad or m, and their derivatives]; payload: (10,) [kg, kg.m, kg.m2].
+    """
+    mass, x, y, z, xx, xy, yy, xz, yz, zz = payload
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    states, none = motions(graph, tree, *motion), np.array([graph.constant(0.0)] * 3)
+    w, alpha, acc, *_ = states[frame.body]
+    graph.section = "payload: force and moment"
+    acc = acc + cross(alpha, frame.position) + cross(w, cross(w, frame.position))
+    turn, position = frame.rotation, frame.position
+    state = State(turn.T @ w, turn.T @ alpha, turn.T @ acc, turn, position)
+    forces = [(none, none)] * len(states)
+    force, moment = wrench(mass, np.array([x, y, z]), inertia, state)
+    forces[frame.body] = carried_wrench(turn, position, force, moment)
+    return joint_torque(graph, tree, states, forces)
