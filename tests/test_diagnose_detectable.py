@@ -12,7 +12,7 @@ from signid.diagnose.evidence.bayes_factors import Evidence, log_bayes_factor
 
 
 def of_group(evidence: Evidence, group: Group, squares: list[np.ndarray]) -> np.ndarray:
-    """Of one hypothesis, its (1, d, d) among those of all batches."""
+    """The (1, d, d) of one hypothesis among those of all batches."""
     (found,) = (
         square[[g]]
         for batch, square in zip(evidence.batches, squares, strict=True)

@@ -20,7 +20,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "friction_models compare",
     "diagnose": "data evidence result extend search findings preparation detectable run __init__",
     "output": "__init__ geometry report replay viewers export display",
-    "output/export": "beyond bodies shapes trunk drives training urdf mjcf actuators expected code vendor function "
+    "output/export": "beyond bodies shapes drives training urdf mjcf actuators expected code vendor function "
     "loop __init__",
     "output/report": "layout policy write documents sections plots results __init__",
     "output/report/results": "__init__ laws recordings sentences signs simulation identification friction_models "

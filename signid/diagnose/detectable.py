@@ -68,10 +68,10 @@ def detectable(selection: Selection, robot: Robot) -> tuple[Detectable, ...]:
 
 
 def measure_power(priors: StackedPriors, own: Array, whole: Array, direction: Array, logs: Array) -> Power:
-    """Log Bayes factors of laws with coefficients of growing size along directions (g, d), at the shortfall by noise.
+    """Log Bayes factors of laws of growing size, at the shortfall by noise.
 
-    own (k, g, d, d) [1 per coefficient, squared] is A at each of the k prior scales, whole (g, d, d) S'S; logs (k,) [-]
-    are the log posteriors of the scales without the law.
+    At size 1 they are direction (g, d) [1 per main coefficient]; own (k, g, d, d) [1 per coefficient, squared]
+    is A at each prior scale; whole (g, d, d) [1 per coefficient, squared] is S'S; logs (k,) [-] of scales.
     """
     along, most = (np.einsum("gi,...gij,gj->...g", direction, x, direction) for x in (own, whole))
     std = np.maximum(along, np.maximum(1e-12 * most, LEAST_INFORMATION)) ** -0.5  # (k, g)

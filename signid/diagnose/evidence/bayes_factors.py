@@ -103,7 +103,10 @@ class Evidence(LinearModel):
         return float(log_bayes_factor(stack_priors([prior]), *left)[0])
 
     def complements(self, selected: Sequence[Group], dispersion: Array, prior_scale: float) -> list[Array]:
-        """Of each batch of hypotheses, (g, d, d) [1 per coefficient, squared] A beside those that are selected."""
+        """A of all hypotheses beside those selected: of each batch (g, d, d) [1 per coefficient, squared].
+
+        The dispersion (n,) [1] is that of the whitened residual.
+        """
         out = [np.zeros(batch.priors.covariance_factor.shape) for batch in self.batches]
         for component in self.components(selected, prior_scale > 0):
             joints = list(component.joints)

@@ -16,7 +16,7 @@ from ..layout import UNKNOWN, confidence, figure, plural, share
 from .laws import changed_link, law_words, number_lines
 
 if TYPE_CHECKING:
-    from ....diagnose import Detectable, Diagnosis, Finding
+    from ....diagnose import Diagnosis, Finding
     from ....diagnose.data.locate import Location
 
 LARGE = 0.2  # share of a joint's torque from which a correction is not small [1]
@@ -366,7 +366,8 @@ def trust_words(result: Diagnosis) -> list[str]:
 def power_words(result: Diagnosis) -> list[str]:
     """The smallest sizes of usual laws that would have been named, and the laws of which no plausible size would."""
     seen, unseen = list[str](), list[str]()
-    for effect, unit, sizes in _sizes(result):
+    for effect, unit in dict.fromkeys((x.effect, x.unit) for x in result.detectable):
+        sizes = [x for x in result.detectable if (x.effect, x.unit) == (effect, unit)]
         law, least = effect.replace("_", " "), [x.smallest for x in sizes if x.smallest is not None]
         hidden = [x.joint for x in sizes if x.smallest is None and x.joint is not None]
         if len(least) < len(sizes):
@@ -380,18 +381,11 @@ def power_words(result: Diagnosis) -> list[str]:
 
 def smallest_sizes(result: Diagnosis) -> list[str]:
     """A line for each effect, with the smallest size that would have been named at each joint."""
-    said = list[str]()
-    for effect, unit, sizes in _sizes(result):
-        least = ["not" if x.smallest is None else quantity(x.smallest, None, unit) for x in sizes]
-        places = (f"{x.joint} {size}" if x.joint else size for x, size in zip(sizes, least, strict=True))
-        said.append(f"{effect.replace('_', ' ')}, {sizes[0].parameter.replace('_', ' ')}: {', '.join(places)}")
-    return said
-
-
-def _sizes(result: Diagnosis) -> Iterator[tuple[str, str, list[Detectable]]]:
-    """Effect, unit and smallest sizes at its joints, of all laws."""
-    for effect, unit in dict.fromkeys((x.effect, x.unit) for x in result.detectable):
-        yield effect, unit, [x for x in result.detectable if (x.effect, x.unit) == (effect, unit)]
+    said = dict[str, list[str]]()
+    for x in result.detectable:
+        size = "not" if x.smallest is None else quantity(x.smallest, None, x.unit)
+        said.setdefault(f"{x.effect}, {x.parameter}".replace("_", " "), []).append(f"{x.joint or ''} {size}".strip())
+    return [f"{law}: {', '.join(sizes)}" for law, sizes in said.items()]
 
 
 def _follows(place: Location) -> str:
