@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from random_rows import DISPERSION, FRICTION, OFFSET, SPRING, SWAP, VISCOUS, rows
 
-from signid.diagnose.evidence.batches import log_bayes_factor, stack_priors
-from signid.diagnose.evidence.bayes_factors import Evidence
+from signid.diagnose.evidence.bayes_factors import Evidence, log_bayes_factor, stack_priors
 from signid.diagnose.evidence.prior import CoefficientPrior
 from signid.regression.projection import leave
 

@@ -17,7 +17,7 @@ from signid.diagnose.findings.separating_motion import tell_apart
 from signid.diagnose.findings.thresholds import PLAUSIBLE
 from signid.diagnose.search.admissible import inertial_violations
 from signid.diagnose.search.contributions import measure_contributions, residual_growth
-from signid.diagnose.search.prune import prune
+from signid.diagnose.search.stepwise import prune
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
 from signid.regression.base_parameters import build_base

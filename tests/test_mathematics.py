@@ -18,7 +18,7 @@ from scipy.stats import multivariate_normal, norm
 
 from signid.diagnose.data.hypotheses import Hypothesis
 from signid.diagnose.data.whitening import project
-from signid.diagnose.evidence.batches import log_bayes_factor, stack_priors
+from signid.diagnose.evidence.bayes_factors import log_bayes_factor, stack_priors
 from signid.diagnose.evidence.prior import CoefficientPrior, coefficient_prior, log_prior
 from signid.diagnose.evidence.thresholds import EFFECT_SIZES
 from signid.diagnose.search.contributions import steadiness
@@ -88,7 +88,7 @@ def test_names_on_pages_of_mathematics_exist(room: str) -> None:
 
 
 def test_a_missing_name_is_found() -> None:
-    text = "`search/stepwise.nothing`, `evidence/nowhere`, `Selection.nothing`, `search/prune.prune`, `signid`"
+    text = "`search/stepwise.nothing`, `evidence/nowhere`, `Selection.nothing`, `search/stepwise.prune`, `signid`"
     assert [name for name, there in unresolved(text, PACKAGE / "diagnose") if not there] == [
         "search/stepwise.nothing",
         "evidence/nowhere",

@@ -12,7 +12,7 @@ from test_output_report import shown
 from test_signs_page import Page
 
 import signid
-from signid.diagnose import Alternative, Diagnosis, Finding, Unexplained
+from signid.diagnose import Alternative, Detectable, Diagnosis, Finding, Unexplained
 from signid.diagnose.data.locate import Location
 from signid.effects.naming import parse_law
 from signid.estimation.fit_quality import Course, Fit
@@ -209,3 +209,24 @@ def test_a_simulation_that_is_further_off_than_its_covariance_says_so() -> None:
     result = made(informed=True, prior_scale=2.5)
     assert further in " ".join(screen(result).split()) and further in words(result)
     assert further not in words(made(informed=True, prior_scale=1.0)) and further not in words(made(prior_scale=2.5))
+
+
+def test_what_would_have_been_seen_is_said_listed_and_folded() -> None:
+    sizes = (
+        Detectable("coulomb_friction", "joint_1", "level", 0.031, "N.m"),
+        Detectable("coulomb_friction", "joint_2", "level", 0.16, "N.m"),
+        Detectable("payload", "joint_3", "mass", 0.0124, "kg"),
+        Detectable("link_inertia", "joint_1", "mass", None, "kg"),
+        Detectable("base_tilt", None, "x", 0.002, "rad"),
+    )
+    result = made(detectable=sizes)
+    said = (
+        "a probability of .9: coulomb friction of any joint above 0.160 N.m, payload above 0.0124 kg; at no plausible"
+    )
+    assert said in shown(diagnosis_tables(result), 300) and said not in screen(made())
+    unseen = {"effect": "link_inertia", "joint": "joint_1", "parameter": "mass", "smallest": None, "unit": "kg"}
+    assert document(result)["detectable"][3] == unseen
+    page = diagnosis_page(result)
+    assert "Smallest size of each law" in page and "link inertia, mass: joint_1 not" in page
+    assert "coulomb friction, level: joint_1 0.0310 N.m, joint_2 0.160 N.m" in page
+    assert "Smallest size" not in diagnosis_page(made())

@@ -15,7 +15,8 @@ Data flow, in the order of `run`:
 - `evidence`: normal equations, likelihood, prior, Bayes factors and posterior odds;
 - `search`: selected laws, by stepwise search, shape optimisation, relinearisation and pruning;
 - `extend`: extended simulation and its residuals;
-- `findings`: verdict, findings, and the extended simulation that is returned.
+- `findings`: verdict, findings, and the extended simulation that is returned;
+- `detectable`: the smallest law of each kind that would have been named.
 
 `README.md` in this folder states the model with formulas and sources.
 """
@@ -26,8 +27,8 @@ from typing import TYPE_CHECKING
 from ..registry import inner_package as _package, public_names as _names
 
 if TYPE_CHECKING:
-    from .result import Alternative as Alternative, Diagnosis as Diagnosis, Finding as Finding  # isort: skip
-    from .result import Unexplained as Unexplained
+    from .result import Alternative as Alternative, Detectable as Detectable, Diagnosis as Diagnosis  # isort: skip
+    from .result import Finding as Finding, Unexplained as Unexplained
     from .run import diagnose as diagnose
 
 NAMES = _names(__name__)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,6 +61,16 @@ class Unexplained:
     modelled: bool = False  # whether the extended simulation has that function, as `empirical` torque
 
 
+class Detectable(NamedTuple):
+    """The smallest law of its effect and joint that the recordings would have named with a probability of .9."""
+
+    effect: str
+    joint: str | None  # None: the whole robot
+    parameter: str  # its first one; all other coefficients are zero
+    smallest: float | None  # [unit], a difference from a stated number; None: no plausible size would have been named
+    unit: str
+
+
 def without_cause(findings: Iterable[Finding], unexplained: Iterable[Unexplained]) -> tuple[Unexplained, ...]:
     """Joints much of whose torque stays unexplained although the causes hardly act on them."""
     causes = [finding.torque_share for finding in findings if finding.role == "cause"]
@@ -96,6 +107,7 @@ class Diagnosis(Result):
     seed: int
     recordings: tuple[Recording, ...] = ()  # training and held-out data, with recovered signs
     informed: bool = False  # whether the simulation has a covariance from identification
+    detectable: tuple[Detectable, ...] = ()
     question: str = ""  # of an identified model: what has "changed" since, or what it "lacked" from the start
 
     @property

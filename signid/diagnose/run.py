@@ -22,9 +22,10 @@ from ..typed import typed
 from ..types import Progress, Recording
 from .data.dataset import Dataset
 from .data.hypotheses import GRAVITY, is_transient
+from .detectable import detectable
 from .evidence.bayes_factors import Evidence
 from .evidence.prior import stated_prior
-from .evidence.selection import Posterior, StatedBodies
+from .evidence.selection import Posterior, Selection, StatedBodies
 from .extend.holdout import Comparison, compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
 from .findings.findings import Conclusions, conclude
@@ -35,8 +36,7 @@ from .findings.verdict import decide_verdict
 from .preparation import Mounting, audited, build_in_time, mount, prepare_session
 from .result import Diagnosis
 from .search.iterate import SearchResult, select
-from .search.prune import prune
-from .search.stepwise import SEARCH
+from .search.stepwise import SEARCH, prune
 
 HORIZON = 0.5  # length of the roll-outs [s]
 NOTHING_MISSING = "nothing_missing"  # verdict
@@ -98,7 +98,7 @@ def diagnose(
         rollout_before=rolled[0],
         rollout_after=rolled[1],
         model=result.prediction.model,
-        prior_scale=answer.prior_scale,
+        prior_scale=answer.selection.prior_scale,
         signs=recovered.signs,
         inputs=recordings_used(recordings, held_out, reference),
         flags=(
@@ -113,7 +113,8 @@ def diagnose(
         cutoff=session.task.band.cutoff,
         seed=options.seed,
         recordings=recovered.session.recordings,
-        informed=answer.informed,
+        informed=answer.selection.evidence.informed,
+        detectable=detectable(answer.selection, session.robot) if seconds_left() > 0 else (),
         question=question.name,
     )
 
@@ -123,8 +124,7 @@ class _Answer(NamedTuple):
 
     result: Conclusions
     comparison: Comparison
-    prior_scale: float
-    informed: bool
+    selection: Selection
     flags: tuple[str, ...]
 
 
@@ -146,7 +146,7 @@ def _answer(
     if gravity is not None:
         result = with_gravity_finding(result, gravity, mounting.given, before, dataset)
     comparison = compare(before, result.prediction, dataset.noise, floor)
-    return _Answer(result, comparison, selection.prior_scale, selection.evidence.informed, disagreement)
+    return _Answer(result, comparison, selection, disagreement)
 
 
 class _Question(NamedTuple):

@@ -32,7 +32,7 @@ CORRECTION_SHARE = 0.5  # torque of a law that corrects the shape of another, ov
 NOISE_ROUNDS = 3  # alternations of noise estimation and search; heuristic
 RELEVANT_CHI2 = 1.0  # squared change of torque by relinearisation [variances of the rows]: one standard deviation
 
-# Pruning (prune.py)
+# Pruning (stepwise.py)
 SIGNIFICANT_CHI2 = 4.0  # squared coefficients, per number [variances]: two standard deviations
 
 # Stability of a law's gain (steady.py)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...diagnose.evidence.batches import StackedPriors, log_bayes_factor
+from ...diagnose.evidence.bayes_factors import StackedPriors, log_bayes_factor
 from ...effects.drive import Reach
 from ...types import TWO_SIDED, Array
 from ..fit.coordinates import BODY, Coordinates, Slot

@@ -87,6 +87,7 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
             {"joint": robot.joints[x.joint], "depends_on": x.variable, **picked(x, "region share explained")}
             for x in result.located
         ],
+        "detectable": [one._asdict() for one in result.detectable],
         "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
         "rollout": None if before is None or after is None else after.document(before),
         "inertials": {"off": None if result.informed else result.prior_scale, "covariance": result.informed},
@@ -167,6 +168,7 @@ def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
         *_findings(result),
         *map(paragraph, words.trust_words(result)),
         *_alternatives(result),
+        *map(paragraph, words.power_words(result)),
         *terminal(last, diagnosis_notes(result)),
     ]
 
@@ -272,6 +274,7 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
         Section(roles["secondary"], (Cells(CORRECTED, corrections),)),
         Section("", (Sentences(words.trust_words(result)),)),
         Section("Alternatives, and motions that would separate them", tuple(_separating(result))),
+        Section(words.POWER, (Fold("Smallest size of each law", words.smallest_sizes(result)),)),
         Section("Unexplained residual", (Sentences(words.unexplained_words(result)),)),
         _fit(result).beside(Key(KEY), Folds(note, joint_plots(result.held_out, result.before, result.after, chosen))),
         _rolled(result).beside(*drawn),

@@ -30,6 +30,8 @@ NEGLIGIBLE = 0.001  # probability below which an alternative is not shown
 LITTLE = 0.3  # explained share below which no variable is named
 WORSE = 1.02  # ratio of errors, after to before, above which a result is worse
 GONE = 0.005  # share of torque below which a joint is not counted
+POWER = "What these recordings would have shown with a probability of .9"
+SAID = ("payload", "coulomb_friction", "spring")  # effects whose smallest size is said on the terminal
 RIVALS = 3  # maximum number of alternatives shown on the terminal
 
 
@@ -370,6 +372,31 @@ def trust_words(result: Diagnosis) -> list[str]:
         return []
     scale = figure(result.prior_scale, 2)
     return [f"The inertials of the simulation deviate by about {scale} times the usual tolerance."]
+
+
+def power_words(result: Diagnosis) -> list[str]:
+    """The smallest sizes of usual laws that would have been named, and the laws of which no plausible size would."""
+    seen, unseen = list[str](), list[str]()
+    for effect, unit in dict.fromkeys((x.effect, x.unit) for x in result.detectable):
+        sizes = [x for x in result.detectable if (x.effect, x.unit) == (effect, unit)]
+        law, least = effect.replace("_", " "), [x.smallest for x in sizes if x.smallest is not None]
+        hidden = [x.joint for x in sizes if x.smallest is None and x.joint is not None]
+        if len(least) < len(sizes):
+            unseen.append(f"{law} of {shorten(hidden)}" if hidden else law)
+        elif effect in SAID:
+            law += " of any joint" if len(sizes) > 1 else ""
+            seen.append(f"{law} above {quantity(max(least), None, unit)}")
+    said = [shorten(seen) if seen else "", f"at no plausible size {shorten(unseen)}" if unseen else ""]
+    return [f"{POWER}: {'; '.join(filter(None, said))}."] if seen or unseen else []
+
+
+def smallest_sizes(result: Diagnosis) -> list[str]:
+    """A line for each effect, with the smallest size that would have been named at each joint."""
+    said = dict[str, list[str]]()
+    for x in result.detectable:
+        size = "not" if x.smallest is None else quantity(x.smallest, None, x.unit)
+        said.setdefault(f"{x.effect}, {x.parameter}".replace("_", " "), []).append(f"{x.joint or ''} {size}".strip())
+    return [f"{law}: {', '.join(sizes)}" for law, sizes in said.items()]
 
 
 def _follows(place: Location) -> str:
