@@ -18,8 +18,7 @@ from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.dataset import Dataset
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.selection import Posterior, Selection
-from signid.diagnose.preparation import build, prepare_session
-from signid.diagnose.run import _no_progress, _posterior
+from signid.diagnose.run import _no_progress, _posterior, build, prepare_session
 from signid.diagnose.search.stepwise import initial_selection
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials

@@ -14,8 +14,7 @@ from signid.diagnose.data.whitened_rows import columns_of
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.prior import StatedPrior
 from signid.diagnose.evidence.thresholds import COVARIANCE_SCALES
-from signid.diagnose.findings.alternatives import _follows, limit_in_step, rank_contenders
-from signid.diagnose.findings.contender import Contender
+from signid.diagnose.findings.alternatives import Contender, _follows, limit_in_step, rank_contenders
 from signid.diagnose.findings.verdict import decide_verdict
 from signid.diagnose.search.admissible import resolved_violations
 from signid.diagnose.search.stepwise import is_applicable, present_laws

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from signid.diagnose.findings.contender import Contender
+from signid.diagnose.findings.alternatives import Contender
 
 LAW, RIVAL, UNKNOWN = ("spring", (0,)), ("counterbalance", (0,)), ("", (0,))
 

@@ -13,7 +13,7 @@ from signid.diagnose.data.column_groups import Group, tolerance
 from signid.diagnose.data.hypotheses import Hypothesis, is_refitted, propose
 from signid.diagnose.data.normal_equations import Fitted, solve
 from signid.diagnose.extend.extend import extend
-from signid.diagnose.findings.separating_motion import tell_apart
+from signid.diagnose.findings.findings import tell_apart
 from signid.diagnose.findings.thresholds import PLAUSIBLE
 from signid.diagnose.search.admissible import inertial_violations
 from signid.diagnose.search.contributions import measure_contributions, residual_growth

@@ -11,8 +11,13 @@ from diagnosis_rows import Question, law, moved, names, pose
 
 from signid.diagnose.data.hypotheses import Hypothesis
 from signid.diagnose.findings import alternatives
-from signid.diagnose.findings.alternatives import limit_in_step, rank_contenders, replace_weak
-from signid.diagnose.findings.contender import Contender, residual_energies
+from signid.diagnose.findings.alternatives import (
+    Contender,
+    limit_in_step,
+    rank_contenders,
+    replace_weak,
+    residual_energies,
+)
 from signid.diagnose.findings.thresholds import CAUSE_SHARE, FORMULA_ERROR, MOST_IN_STEP
 from signid.diagnose.findings.verdict import Verdict, _drifts_first, decide_verdict
 from signid.diagnose.search.contributions import measure_contributions

@@ -6,40 +6,62 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from ..deadline import ends_in_time, seconds_left, steps_shown, time_is_up
+import numpy as np
+
+from ..deadline import OutOfTimeError, ends_in_time, seconds_left, steps_shown, time_is_up
 from ..effects import EFFECT_NAMES, EFFECTS
-from ..errors import InputError, OptionError
-from ..faults import RecordingFaults
-from ..model import Model, ModelSource, as_model, torque_model
+from ..errors import InputError, OptionError, RecordingError
+from ..faults import REFUSE, SAMPLE_KINDS, RecordingFault, RecordingFaults, examine, is_sole, naming_faults
+from ..model import Model, ModelSource, as_model, stated_inertials, torque_model
 from ..recording import Recordings, as_recordings
 from ..regression.base_parameters import build_base
-from ..regression.session import Options, Session, recordings_used
+from ..regression.session import Options, Session, longest_piece, rearrange, recordings_used
+from ..robot import Audit, audit, with_gravity
 from ..robot.dynamics import own_body
 from ..signs import Recovered, prepare_and_recover
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.run import restrict_joints
 from ..typed import typed
-from ..types import Progress, Recording
+from ..types import Law, Progress, Recording
+from .data.column_groups import build_groups, dry_friction
 from .data.dataset import Dataset
-from .data.hypotheses import GRAVITY, is_transient
+from .data.hypotheses import GRAVITY, VARIABLES, is_transient, pooled, propose
+from .data.locate import locate
+from .data.motions import pieces, row_filter, subsample
+from .data.noise import find_period, measure_noise, noise_of_misfit
+from .data.rows import build_table
+from .data.whitened_rows import Whitened, whitened
 from .detectable import detectable
 from .evidence.bayes_factors import Evidence
 from .evidence.prior import stated_prior
 from .evidence.selection import Posterior, Selection, StatedBodies
-from .extend.holdout import Comparison, compare, predict
+from .extend.holdout import Comparison, Prediction, compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
 from .findings.findings import Conclusions, conclude
-from .findings.gravity import with_gravity_finding
 from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse, rollout_warnings
 from .findings.ordinary import pinned, with_ordinary
+from .findings.stated import MOST_LOG_ODDS, torque_share
 from .findings.verdict import decide_verdict
-from .preparation import Mounting, audited, build_in_time, mount, prepare_session
-from .result import Diagnosis
+from .result import Diagnosis, Finding
+from .search.contact_window import NAME as CONTACT
 from .search.iterate import SearchResult, select
 from .search.stepwise import SEARCH, prune
+from .search.thresholds import FIRST_LOG_ODDS
 
 HORIZON = 0.5  # length of the roll-outs [s]
 NOTHING_MISSING = "nothing_missing"  # verdict
+CUTOFF = 8.0  # cut-off if encoder noise allows it [Hz]: laws differ most in fast torque; heuristic
+NOISIEST_FACTOR = 1.5  # largest cut-off over the one that the noisiest encoder allows [1]; heuristic
+WORTH_PREPARING = 0.95  # cut-off over the allowed one below which the recordings are prepared again [1]; heuristic
+CLEAR_KINDS = ("torque sign", "torque order")  # recording faults that few rows show
+CLEARLY_EXPLAINED = 0.9  # share of the torque's sum of squares that such a fault explains, at least [1]; heuristic
+SHORT = "too little data"  # recording fault that priors compensate from LEAST_ROWS rows a joint on
+LEAST_ROWS = 12  # rows of a joint, and of all joints held out; heuristic
+NATS = 4.0  # log odds per nat of log unexplained shares: half of the blocks, as if each were one independent row
+WEIGHTLESS = (
+    "the recorded torque carries no weight of the robot, so masses are not identifiable; log the whole torque, or "
+    "state it with --gravity 0,0,0"
+)
 
 
 @typed
@@ -238,3 +260,153 @@ def _roll_out(
     except InputError as error:
         return None, None, (f"no roll-out was made: {error}",)
     return first, last, ()
+
+
+def audited(model: Model) -> tuple[Model, Audit]:
+    """Simulation with the recognised units of its description corrected, and the audit.
+
+    An identified model, whose bodies are not those of the description, is unchanged.
+    """
+    if not np.array_equal(model.inertials, stated_inertials(model.robot)):
+        return model, Audit(model.robot)
+    found = audit(model.robot)
+    return replace(model, robot=found.robot, inertials=stated_inertials(found.robot)), found
+
+
+def prepare_session(
+    model: Model, given: Recovered, options: Options, show: Progress
+) -> tuple[Session, RecordingFaults]:
+    """Session and recording faults; raises if the faults rule out a diagnosis.
+
+    The band is as wide as encoder noise allows, since laws differ most in fast torque; a given cut-off is kept.
+
+    Raises:
+        RecordingError: a recording fault rules out a diagnosis.
+    """
+    with naming_faults(given.session):
+        session = rearrange(model.robot, given.session, options)
+        band = session.task.band
+        allowed = min(CUTOFF, float(np.median(band.per_joint)), NOISIEST_FACTOR * float(np.min(band.per_joint)))
+        if options.cutoff is None and band.filtered and band.cutoff < WORTH_PREPARING * allowed:
+            session = rearrange(model.robot, session, replace(options, cutoff=allowed))
+    session = subsample(session)
+    show("looking for recording faults", 0.1)
+    faults = examine(model, session)
+    if broken := [one for one in faults.findings if one.kind in SAMPLE_KINDS and one.severity == REFUSE]:
+        raise RecordingError(broken[0].sentence)
+    if any(one.kind == SHORT and one.measures["rows"] >= LEAST_ROWS for one in faults.findings):
+        faults = replace(faults, findings=tuple(one for one in faults.findings if one.kind == SHORT or _is_clear(one)))
+    elif faults.refusal:
+        raise RecordingError(faults.refusal)
+    return _with_held_out(model, session), faults
+
+
+class Mounting(NamedTuple):
+    """Simulation and session under one gravity, and the finding if it is not the simulation's own."""
+
+    model: Model
+    session: Session
+    faults: RecordingFaults
+    given: Model  # the simulation as it was given
+    gravity: RecordingFault | None = None
+
+
+def mount(model: Model, session: Session, faults: RecordingFaults, skip: Sequence[str]) -> Mounting:
+    """Put simulation and session under the gravity that the recordings clearly show, else that of the simulation."""
+    given, shown = model, next((fault for fault in faults.findings if fault.kind == GRAVITY), None)
+    if shown is not None and (GRAVITY in skip or not is_sole(shown)):
+        shown = None
+    if shown is not None:
+        faults = replace(faults, findings=tuple(fault for fault in faults.findings if fault is not shown))
+        model = replace(model, robot=with_gravity(model.robot, [shown.measures[key] for key in "xyz"]))
+    task = replace(session.task, robot=with_gravity(session.robot, model.robot.model.gravity.linear))
+    return Mounting(model, replace(session, task=task), faults, given, shown)
+
+
+def _is_clear(fault: RecordingFault) -> bool:
+    """Whether few rows suffice for a recording fault: a sign or an order of torques that all parts agree on."""
+    measured = fault.measures
+    return fault.kind in CLEAR_KINDS and measured["agreement"] == 1 and measured["explained_after"] > CLEARLY_EXPLAINED
+
+
+def _with_held_out(model: Model, session: Session) -> Session:
+    """Session with held-out rows; where recordings are too short, the training rows take their place, with a note."""
+    thin = row_filter(session.task)
+    if sum(len(thin.at(p.motion.t)) for p in pieces(session.task, model, session.held_out)) >= LEAST_ROWS:
+        return session
+    note = (
+        "too short to hold rows out: held-out figures are those of the training rows, so optimistic; record for longer"
+    )
+    return replace(session, held_out=session.train, notes=(*session.notes, note))
+
+
+def build_in_time(
+    model: Model, session: Session, skip: Sequence[str], progress: Progress, free: Sequence[Law] = ()
+) -> tuple[Dataset, Whitened]:
+    """Build motions and rows of all hypotheses, or of none if time is up before."""
+    try:
+        with steps_shown(progress, 0.2, 0.4):
+            return build(model, session, skip, progress, free)
+    except OutOfTimeError:
+        return build(model, session, None, progress, free)
+
+
+def build(
+    model: Model, session: Session, skip: Sequence[str] | None, show: Progress, free: Sequence[Law] = ()
+) -> tuple[Dataset, Whitened]:
+    """Build motions and rows; if `skip` is None, of the simulation's own numbers alone; laws `free` have flat priors.
+
+    Raises:
+        RecordingError: no stretch of the recordings is as long as the filter.
+    """
+    show("building hypotheses", 0.2)
+    task, parts = session.task, session.train
+    made = tuple(pieces(task, model, parts))
+    if not made:
+        raise RecordingError(
+            f"no stretch of the recordings is as long as the filter for {task.band.cutoff:.3g} Hz; record for longer, "
+            f"or raise the cut-off"
+        )
+    motion = pooled([p.motion for p in made])
+    hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT, GRAVITY))
+    dry = dry_friction(model, made)
+    table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry, free), made, dry)
+    periods = tuple(find_period(longest_piece(part).q, 1 / part[1].period) for part in parts)
+    noise = measure_noise(table, periods, task.band.rate / task.band.factor).white()
+    noise = noise if model.misfit is None else noise_of_misfit(noise, model.misfit, task.band)
+    return Dataset(task, model, made, periods, table, noise), whitened(table, noise)
+
+
+def with_gravity_finding(
+    result: Conclusions, fault: RecordingFault, given: Model, before: Prediction, dataset: Dataset
+) -> Conclusions:
+    """Put gravity before the other findings.
+
+    given: the simulation with its own gravity, and `before` its prediction; the dataset has the gravity that was found.
+    """
+    effect, joints = EFFECTS[GRAVITY], tuple(range(len(given.robot.joints)))
+    value = {key: fault.measures[key] for key in "xyz"}
+    stated = dict(zip("xyz", map(float, given.robot.model.gravity.linear), strict=True))
+    torque = dataset.torque(Law(effect, joints, stated))  # what the simulation had instead
+    scale = np.sqrt(np.nanmean(before.train.torque**2, axis=0))
+    share = torque_share(torque, np.maximum(scale, 1e-300))
+    joint = int(np.argmax(share))
+    after = result.prediction.held_out.residual[:, joint]
+    odds = min(NATS * fault.measures["gain"] - float(np.log(len(list(EFFECTS)))), MOST_LOG_ODDS)
+    finding = Finding(
+        law=Law(effect, joints, value),
+        std={key: fault.measures[f"std_{key}"] for key in "xyz"},
+        role="cause",
+        probability=float(1 / (1 + np.exp(-odds))),
+        torque_share=share,
+        where=locate(dataset.table, joint, torque[joint], bool(given.robot.prismatic[joint]), VARIABLES[:-1]),
+        statistic=odds,
+        threshold=FIRST_LOG_ODDS,
+        held_out_gain=1 - float(np.nanmean(after**2) / np.nanmean(before.held_out.residual[:, joint] ** 2)),
+        alternatives=(),
+        stated=stated,
+        in_model=bool(np.allclose(result.prediction.model.robot.model.gravity.linear, list(value.values()))),
+    )
+    verdict = "unknown" if result.verdict == "unknown" else "named"
+    flags = (*result.flags, *(() if any(value.values()) else (WEIGHTLESS,)))
+    return result._replace(verdict=verdict, findings=(finding, *result.findings), flags=flags)

@@ -21,7 +21,7 @@ from ..extend.holdout import ResidualRows
 from ..result import MUCH
 from ..search.contributions import Contributions, measure_contributions
 from . import thresholds as tuned
-from .contender import Contender
+from .alternatives import Contender
 
 
 @dataclass(frozen=True, eq=False)
