@@ -17,7 +17,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "faults": "result channels commands evidence description lag_and_gain search distortions gravity examine "
     "identified __init__",
     "servo": "__init__ given plant simulate fit search zeros identify validate diagnose compare",
-    "diagnose": "data evidence result extend search findings preparation detectable run __init__",
+    "diagnose": "data evidence result extend search findings detectable run __init__",
     "output": "__init__ geometry report replay viewers export display",
     "output/export": "bodies shapes drives urdf mjcf actuators code vendor function loop __init__",
     "output/report": "layout write documents sections plots results __init__",

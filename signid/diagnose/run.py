@@ -162,7 +162,7 @@ def _answer(
     selection, contenders = replace_weak(dataset, prune(dataset, session, pinned(selection, ordinary)))
     contenders = limit_in_step(dataset, contenders)
     verdict = decide_verdict(dataset, selection, contenders)
-    conclusions = conclude(dataset, session, selection, contenders, verdict, seed, given, ordinary)
+    conclusions = conclude(dataset, session, selection, contenders, verdict, seed=seed, given=given, ordinary=ordinary)
     before, floor = predict(session, mounting.given), session.task.band.torque_floor
     result = keep_given_if_worse(before, add_empirical_torque(session, conclusions), dataset.noise, floor)
     if gravity is not None:

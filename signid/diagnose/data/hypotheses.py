@@ -130,7 +130,7 @@ def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypo
         for k, law in enumerate(laws[1:], 2)
         if law.effect is effect
     ]
-    return [*found, *more, *_scaled_links(model, skip), *_friction(set(known), n, skip), *_unknown(motion)]
+    return [*found, *more, *_scaled_links(model, skip), *_unknown(motion)]
 
 
 def _known(model: Model) -> dict[Key, list[Law]]:
@@ -201,17 +201,6 @@ def is_refitted(law: Law) -> bool:
 def is_transient(law: Law) -> bool:
     """Whether a law has a start and an end: a one-off event that other data neither predict nor are predicted by."""
     return {"start", "end"} <= set(law.effect.parameters)
-
-
-def _friction(known: set[Key], n: int, skip: Sequence[str]) -> Iterator[Hypothesis]:
-    """Viscous and dry friction together, at each joint that has neither and at all of these joints at once."""
-    friction = [effect for effect in EFFECTS if effect.usual and effect.dissipative]
-    bare = [j for j in range(n) if not any((effect.name, (j,)) in known for effect in friction)]
-    if any(effect.name in skip for effect in friction):
-        return
-    for joints in dict.fromkeys([*((j,) for j in bare), tuple(bare)]):
-        if joints:
-            yield Hypothesis(tuple(Law(effect, (j,)) for j in joints for effect in friction))
 
 
 def _unknown(motion: Motion) -> Iterator[Hypothesis]:

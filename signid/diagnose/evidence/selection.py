@@ -65,12 +65,6 @@ class Posterior(Frozen):
                 out.setdefault(group.hypothesis.key, []).append(k)
         return out
 
-    def parts(self, group: Group) -> tuple[Group, ...]:
-        """Hypotheses of its single laws if it has several, else itself."""
-        laws = group.claim.laws
-        found = self.single_laws([(law.effect.name, law.joints) for law in laws])
-        return found if len(laws) > 1 and len(found) == len(laws) else (group,)
-
     def single_laws(self, keys: Sequence[Key]) -> tuple[Group, ...]:
         """Hypotheses of single laws without shapes, for the keys that exist."""
         return tuple(self.evidence.data.groups[self.keys[key][0]] for key in keys if key in self.keys)

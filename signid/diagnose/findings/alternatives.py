@@ -123,9 +123,8 @@ class _Ranking(Frozen):
 
     def _in_place(self, group: Group, beside: _OddsBeside) -> tuple[dict[Key, Odds], dict[Key, float]]:
         """Odds of every hypothesis in the place of a law, and their logs less what each gains beside the law [-]."""
-        selection, own, (dispersion, others) = self.selection, group.claim.key, beside
+        selection, (dispersion, others) = self.selection, beside
         odds, _ = selection.posterior.odds(selection.selected, dispersion, without=group)
-        odds = {key: o for key, o in odds.items() if key == own or len(o.best.claim.laws) <= 1}
         gain = {key: max(0.0, others[key].log if key in others else 0.0) for key in odds}
         return odds, {key: o.log - gain[key] for key, o in odds.items()}
 

@@ -75,6 +75,7 @@ def conclude(
     selection: Selection,
     contenders: Sequence[Contender],
     verdict: Verdict,
+    *,
     seed: int,
     given: Model,
     ordinary: Sequence[Law] = (),

@@ -159,10 +159,9 @@ def _selected_keys(selection: Selection) -> set[Key]:
 
 
 def _with(selection: Selection, chosen: Odds) -> Selection:
-    """Add a hypothesis; a hypothesis of several laws becomes several, which may be dropped one by one."""
-    parts = tuple(part for part in selection.posterior.parts(chosen.best) if part not in selection.selected)
-    log_odds = {**selection.log_odds, **dict.fromkeys(parts, chosen.log)}
-    return selection.with_selected((*selection.selected, *parts), log_odds)
+    """Add a hypothesis."""
+    log_odds = {**selection.log_odds, chosen.best: chosen.log}
+    return selection.with_selected((*selection.selected, chosen.best), log_odds)
 
 
 def _exchanged(selection: Selection, better: float, joints: Collection[int] | None = None) -> Selection:
@@ -183,8 +182,8 @@ def _exchange(selection: Selection, group: Group, better: float) -> Selection:
     odds = {key: o for key, o in odds.items() if not links or o.best.claim.bodies & links}
     own = odds.get(group.claim.key)
     log = own.log if own is not None else -np.inf
-    single = {key: o for key, o in odds.items() if len(o.best.claim.laws) == 1 and o.log > log + better}
-    rival = _best_candidate(rest, single, trusted, NEXT_LOG_ODDS) if single else None
+    likelier = {key: o for key, o in odds.items() if o.best.claim.laws and o.log > log + better}
+    rival = _best_candidate(rest, likelier, trusted, NEXT_LOG_ODDS) if likelier else None
     if rival is not None:
         return _with(rest, rival)
     if log < required_log_odds(posterior, group, trusted, len(rest.selected), NEXT_LOG_ODDS, links):
