@@ -11,7 +11,7 @@ from plant import law
 
 from signid.diagnose.data.column_groups import Group, tolerance
 from signid.diagnose.data.hypotheses import Hypothesis, is_refitted, propose
-from signid.diagnose.data.normal_equations import Fitted, solve
+from signid.diagnose.data.whitened_rows import Fitted, solve
 from signid.diagnose.extend.extend import extend
 from signid.diagnose.findings.findings import tell_apart
 from signid.diagnose.findings.thresholds import PLAUSIBLE

@@ -10,8 +10,8 @@ import pytest
 
 from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.noise import _damped
-from signid.diagnose.data.normal_equations import solve
 from signid.diagnose.data.thresholds import MAX_AR_ROOT
+from signid.diagnose.data.whitened_rows import solve
 from signid.diagnose.extend.holdout import ResidualRows
 from signid.diagnose.findings.alternatives import Contender
 from signid.diagnose.findings.findings import _is_vague, _with_held_out

@@ -18,7 +18,7 @@ from signid.cli import run
 from signid.model import Model, load_model, with_servos
 from signid.output.export import export
 from signid.robot import robot_from_text
-from signid.robot.alike import alike, name_pattern
+from signid.robot.joints import alike, name_pattern
 from signid.servo.fit import ServoFit, fit_servos
 from signid.servo.given import Assumptions, Bounds, Prior
 from signid.servo.identify.conclude import equal_hints

@@ -16,9 +16,8 @@ from .column_groups import Group
 from .hypotheses import Hypothesis
 from .motions import Piece, row_filter, torque_of
 from .noise import Noise
-from .normal_equations import Fitted
 from .rows import RowTable
-from .whitened_rows import Whitened
+from .whitened_rows import Fitted, Whitened
 from .whitening import Whitening
 
 

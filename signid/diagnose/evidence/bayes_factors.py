@@ -12,8 +12,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from ...types import Array, Indices, Mask
 from ..data.column_groups import Group
-from ..data.normal_equations import Fitted
-from ..data.whitened_rows import Whitened
+from ..data.whitened_rows import Fitted, Whitened
 from .linear_model import Component, LinearModel, cached
 from .prior import CoefficientPrior
 from .thresholds import (

@@ -14,8 +14,7 @@ from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.noise import Noise, measure_noise, noise_of_misfit, noise_of_rest
-from ..data.normal_equations import solve
-from ..data.whitened_rows import columns_of
+from ..data.whitened_rows import columns_of, solve
 from ..data.whitening import NoiseEstimate, Whitening, estimate_discrepancy, features
 from .selection import Selection
 from .thresholds import MIN_FLOOR, MISFIT_GROWTH, RELEVANT_DROP

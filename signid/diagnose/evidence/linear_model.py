@@ -12,9 +12,8 @@ import numpy as np
 from ...regression.projection import leave
 from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
-from ..data.normal_equations import Fitted, join, solve
 from ..data.thresholds import FLAT_PRECISION
-from ..data.whitened_rows import Block, Gram, Whitened, columns_of, mean_products, total
+from ..data.whitened_rows import Block, Fitted, Gram, Whitened, columns_of, join, mean_products, solve, total
 from .prior import CoefficientPrior, StatedPrior, coefficient_prior
 from .thresholds import SELECTED_SIZE
 

@@ -13,8 +13,7 @@ import numpy as np
 from ...types import Array, BaseMap, Frozen, Indices
 from ..data.column_groups import Group
 from ..data.hypotheses import Hypothesis, Key
-from ..data.normal_equations import Fitted
-from ..data.whitened_rows import Whitened, mean_products
+from ..data.whitened_rows import Fitted, Whitened, mean_products
 from .bayes_factors import Evidence
 from .prior import coefficient_prior, log_prior
 from .thresholds import PRIOR_NOTHING

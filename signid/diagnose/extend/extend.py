@@ -16,8 +16,7 @@ from ...robot.dynamics import own_body
 from ...types import INERTIAL, Array, BaseMap, Effect, Estimate, Indices, Law, Parameters, pseudo_inertia
 from ..data.column_groups import Group, tolerance
 from ..data.hypotheses import is_refitted
-from ..data.normal_equations import Fitted
-from ..data.whitened_rows import columns_of
+from ..data.whitened_rows import Fitted, columns_of
 
 PRIOR_WEIGHTS = (0.01, 1.0)  # weights of the stated bodies where torque shows nothing, tried in turn [1]; heuristic
 ABSURD_MASS = 5.0  # mass over stated mass plus step beyond which the larger weight is used [1]; heuristic

@@ -14,8 +14,7 @@ from ...regression.session import Session
 from ...types import Array, Frozen, Law, Mask
 from ..data.column_groups import Group
 from ..data.hypotheses import is_transient
-from ..data.normal_equations import Fitted
-from ..data.whitened_rows import columns_of
+from ..data.whitened_rows import Fitted, columns_of
 from ..evidence.selection import Selection
 from ..extend.extend import extend, read_laws
 from ..extend.holdout import Prediction, ResidualRows, predict, residual_rows

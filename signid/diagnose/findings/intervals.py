@@ -21,8 +21,7 @@ from ..data.dataset import Dataset
 from ..data.hypotheses import is_refitted
 from ..data.motions import torque_of
 from ..data.noise import has_full_window
-from ..data.normal_equations import Fitted, solve
-from ..data.whitened_rows import columns_of, total
+from ..data.whitened_rows import Fitted, columns_of, solve, total
 from ..evidence.prior import law_parameter_columns, parameter_columns
 from ..evidence.selection import Selection
 from ..search.contributions import measure_contributions

@@ -8,8 +8,7 @@ from ...effects.base import ActuatorLaw
 from ...regression.projection import leave
 from ...types import INERTIAL
 from ..data.column_groups import Group
-from ..data.normal_equations import Fitted
-from ..data.whitened_rows import columns_of
+from ..data.whitened_rows import Fitted, columns_of
 from ..evidence.prior import CoefficientPrior
 from ..evidence.selection import Posterior, Selection
 from ..extend.extend import has_possible_numbers, is_possible, nearest_bodies

@@ -11,8 +11,7 @@ from scipy.special import stdtr
 
 from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
-from ..data.normal_equations import Factor, Fitted
-from ..data.whitened_rows import Whitened
+from ..data.whitened_rows import Factor, Fitted, Whitened
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Posterior
 from ..evidence.thresholds import PRIOR_NOTHING

@@ -17,7 +17,7 @@ from ...types import Array, Effect, Law
 from ..data.column_groups import Group
 from ..data.dataset import Dataset, append
 from ..data.hypotheses import Hypothesis, Key
-from ..data.normal_equations import Fitted
+from ..data.whitened_rows import Fitted
 from ..evidence.selection import Posterior, Selection
 from .contributions import measure_contributions
 from .stepwise import SEARCH, inflated_dispersion

@@ -14,7 +14,7 @@ import pinocchio as pin
 from ...errors import one_line, shorten
 from ...model import Model
 from ...recording.names.mapping import quoted
-from ...robot.alike import name_pattern
+from ...robot.joints import name_pattern
 from ...servos import PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo
 from ...types import Actuators, Array
 from .bodies import BODIES, MOST, Exported, beyond, fixed_note, remarks, summed

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from ...errors import decimals, shorten
 from ...model import Model, command_model
-from ...robot.alike import alike, name_pattern
+from ...robot.joints import alike, name_pattern
 from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..fit import ServoFit, fit_servos, start_limits
