@@ -25,7 +25,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "servo_identification check payload fleet inspection validation diagnosis servo_diagnosis",
     "estimation": "__init__ fit_quality excitation feasible pbrp least_squares standard estimators",
     "recording": "names streams formats source columns sampling noticed joining gallery read __init__ convert draft",
-    "robot": "alike joints dynamics actuators description audit locate load __init__",
+    "robot": "joints dynamics actuators description audit locate load __init__",
     "signs": "thresholds result observations search samples infer tree rows_of_file torque_constants recover __init__",
     "simulation": "__init__ plant excite rollout refine",
 }

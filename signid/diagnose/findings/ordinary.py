@@ -23,8 +23,7 @@ from ..data.locate import locate
 from ..data.motions import pieces
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Selection
-from ..extend.extend import is_same
-from ..extend.holdout import Prediction, ResidualRows, predict
+from ..extend.extend import Prediction, ResidualRows, is_same, predict
 from ..result import Finding
 from ..search.thresholds import LEAST_TORQUE_SHARE
 from .held_out_selection import error_change
