@@ -369,6 +369,7 @@ def build(
         )
     motion = pooled([p.motion for p in made])
     hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT, GRAVITY))
+    hypotheses = [one for one in hypotheses if one.stated not in free]
     dry = dry_friction(model, made)
     table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry, free), made, dry)
     periods = tuple(find_period(longest_piece(part).q, 1 / part[1].period) for part in parts)

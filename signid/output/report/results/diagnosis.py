@@ -14,7 +14,7 @@ from rich.text import Text
 from ....effects.naming import law_place
 from ....types import Input
 from ..documents import Document, description, fit_with_errors, opening, picked, provenance
-from ..layout import Worse, confidence, determination, figure, heading, log_odds, new_table, paragraph, plural, share
+from ..layout import Worse, confidence, determination, figure, heading, log_odds, paragraph, plural, share
 from ..plots.courses import joint_plots, rollout_plots, worst
 from ..plots.frame import AFTER, BEFORE, Header, sections_page, shared
 from ..plots.heat import heat_maps, hottest
@@ -192,16 +192,12 @@ def _findings(result: Diagnosis) -> Iterator[RenderableType]:
 
 
 def _causes(causes: Sequence[words.FindingWords]) -> Iterator[RenderableType]:
-    """A row per cause, with its parameters below."""
-    heads = ("law and its parameters, ± 95 %", "probability>", "of torque", "mostly")
-    rows = [(cells.law, cells.probability, cells.torque, cells.where) for cells in causes]
-    width = [max(map(len, [head.removesuffix(">"), *cells])) for head, *cells in zip(heads, *rows, strict=True)]
-    for k, cells in enumerate(causes):
-        table = new_table(*heads, rows=[rows[k]])
-        table.show_header = k == 0
-        for column, wide in zip(table.columns[:3], width, strict=False):
-            column.no_wrap, column.min_width = True, wide
-        yield table
+    """A sentence per cause, with its parameters, ± 95 %, below."""
+    for cells in causes:
+        own, of, joint = cells.torque.partition(" of ")
+        torque = f"{own} of the torque{of}{joint}"
+        where = [f"mostly {cells.where}"] if cells.where else []
+        yield paragraph(", ".join([cells.law, f"probability {cells.probability}", torque, *where]))
         yield from map(_indented, cells.numbers)
 
 
