@@ -264,9 +264,9 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
     rolled = first and last and rollout_plots([("before", first, BEFORE, "dot"), ("after", last, AFTER, "solid")])
     drawn = (Legend("Position error, rms over the windows."), Plots(rolled)) if rolled else ()
     sections = [
-        *_places(result),
         Section(roles["cause"], (Laws(list(_law_cards(result))),)),
         Section(ORDINARY, (Sentences(words.ordinary_words(result)), Fold("Each of them", usual))),
+        *_places(result),
         Section(roles["secondary"], (Cells(CORRECTED, corrections),)),
         Section("", (Sentences(words.trust_words(result)),)),
         Section("Alternatives, and motions that would separate them", tuple(_separating(result))),
