@@ -122,7 +122,8 @@ def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[
         )
         name = "unknown" if differs else "nothing_missing"
     else:
-        named = _explain(causes, (before, after, threshold), by_group[causes[0]])
+        whole = _excess(dataset, data.counts, dataset.table.residual) if evidence.bare else before  # bodies hide laws
+        named = _explain(causes, (whole, after, threshold), by_group[causes[0]])
         name = "named" if named else "unknown"
     return Verdict(name, causes, secondary, before, after, threshold, contributions, tuple(ranked))
 
