@@ -63,7 +63,7 @@ def test_uncertain_columns_are_flags_of_the_result() -> None:
     recording = signid.read_recording(numbered([1, 2]), known)
     assert recording.flags
     for verb in (signid.check, signid.identify):
-        assert verb(known, [recording]).flags[0] == recording.flags[0]  # type: ignore[operator]
+        assert verb(known, [recording]).flags[:2].count(recording.flags[0]) == 1  # type: ignore[operator]
 
 
 @pytest.mark.parametrize(

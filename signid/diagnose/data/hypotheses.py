@@ -26,7 +26,7 @@ Key = tuple[str, tuple[int, ...]]  # effect and joints, shared by all shapes of 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """One or several laws that the simulation may lack, with their shapes; without laws, an unknown dependence.
+    """A law that the simulation may lack, with its shape; without a law, an unknown dependence.
 
     An unknown dependence is a piecewise linear function of one variable of one joint.
     """
@@ -47,16 +47,15 @@ class Hypothesis:
 
     @cached_property
     def kind(self) -> str:
-        """Effect, effects or variable."""
-        return self.variable if self.unknown else "+".join(dict.fromkeys(law.effect.name for law in self.laws))
+        """Effect or variable."""
+        return self.variable if self.unknown else self.laws[0].effect.name
 
     @cached_property
     def key(self) -> Key:
         """Effect and joints, for all shapes."""
         if self.unknown:
             return self.kind, (self.joint,)
-        joints = tuple(sorted({j for law in self.laws for j in law.joints}))
-        return self._numbered(self.kind), self.laws[0].joints if len(self.laws) == 1 else joints
+        return self._numbered(self.kind), self.laws[0].joints
 
     @property
     def names(self) -> set[Key]:
@@ -89,14 +88,9 @@ class Hypothesis:
         """Columns S: for each joint whose torque it changes, (N, k) [torque per coefficient]."""
         if self.unknown:
             return {self.joint: hats(variable(motion, self.joint, self.variable), self.knots)}
-        made = [_secant(law, motion) if self.finite else law_columns(law, motion) for law in self.laws]
-        width, start, out = sum(columns.shape[2] for _, columns in made), 0, dict[int, Array]()
-        for rows, columns in made:
-            for k, j in enumerate(rows):
-                out.setdefault(j, np.zeros((len(motion), width)))
-                out[j][:, start : start + columns.shape[2]] = columns[:, k]
-            start += columns.shape[2]
-        return {j: finite(x @ self.numbers if self.scaled else x) for j, x in out.items()}
+        rows, columns = _secant(self.laws[0], motion) if self.finite else law_columns(self.laws[0], motion)
+        columns = columns @ self.numbers if self.scaled else columns
+        return {j: finite(columns[:, k]) for k, j in enumerate(rows)}
 
 
 def finite(x: Array) -> Array:

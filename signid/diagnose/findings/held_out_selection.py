@@ -16,7 +16,8 @@ from ..data.column_groups import Group
 from ..data.hypotheses import is_transient
 from ..data.whitened_rows import Fitted, columns_of
 from ..evidence.selection import Selection
-from ..extend.extend import Prediction, ResidualRows, extend, predict, read_laws, residual_rows
+from ..extend.extend import extend, read_laws
+from ..extend.holdout import Prediction, ResidualRows, predict, residual_rows
 from ..search.stepwise import SEARCH
 from . import thresholds as tuned
 

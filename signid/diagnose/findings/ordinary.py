@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...deadline import seconds_left
 from ...effects import EFFECTS
 from ...effects.law import law_torque
 from ...model import Model
@@ -23,7 +24,8 @@ from ..data.locate import locate
 from ..data.motions import pieces
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Selection
-from ..extend.extend import Prediction, ResidualRows, is_same, predict
+from ..extend.extend import is_same
+from ..extend.holdout import Prediction, ResidualRows, predict
 from ..result import Finding
 from ..search.thresholds import LEAST_TORQUE_SHARE
 from .held_out_selection import error_change
@@ -42,11 +44,12 @@ USUAL_SHARE = 0.2  # prior rms torque of an ordinary law over its joint's [1]; h
 def with_ordinary(model: Model, session: Session, skip: Collection[str]) -> tuple[Model, tuple[Law, ...]]:
     """Description with the ordinary laws that it does not state, at rough numbers, and the laws of the block.
 
-    Without change where friction is stated, or where the model was identified.
+    Without change where friction is stated, where the model was identified, or where no time is left to fit them.
     """
     stated = [law for law in model.laws if law.effect.dissipative and any(law.effect.coefficients(law.parameters))]
     assumed = _placeholders(model, stated)
-    if model.covariance is not None or model.misfit is not None or len(assumed) < len(stated):
+    identified = model.covariance is not None or model.misfit is not None
+    if identified or len(assumed) < len(stated) or seconds_left() <= 0:
         return model, ()
     kept = [x for x in model.laws if x.effect.name not in DRIVES or any(x.effect.coefficients(x.parameters))]
     rough, laws = rough_drives(tuple(pieces(session.task, model, session.train))), list[Law]()

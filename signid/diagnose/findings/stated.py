@@ -18,7 +18,8 @@ from ..data.hypotheses import VARIABLES, Key
 from ..data.locate import locate
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Posterior, Selection
-from ..extend.extend import extended_laws, is_plain, is_same, predict
+from ..extend.extend import extended_laws, is_plain, is_same
+from ..extend.holdout import predict
 from ..result import Alternative, Finding
 from ..search.thresholds import LEAST_TORQUE_SHARE
 from .held_out_selection import ExtendedSimulation

@@ -17,7 +17,8 @@ from ..data.hypotheses import Key
 from ..data.whitened_rows import columns_of
 from ..evidence.selection import Odds, Posterior, Selection
 from ..evidence.thresholds import PRIOR_NOTHING
-from ..extend.extend import extend, has_possible_numbers, read_laws, residual_rows
+from ..extend.extend import extend, has_possible_numbers, read_laws
+from ..extend.holdout import residual_rows
 from .admissible import inertial_violations, is_admissible, resolved_violations
 from .contributions import measure_contributions, residual_growth
 from .thresholds import (
