@@ -12,7 +12,7 @@ from captured import Captured, captured
 from numpy.testing import assert_allclose
 
 from signid.estimation.feasible import ConsistentFit, fit as solver, fit_consistent, problem as cone, standard_from_base
-from signid.estimation.feasible.problem import feasible_prior, inertial, pack
+from signid.estimation.feasible.fit import feasible_prior, inertial, pack
 from signid.types import Estimate, pseudo_inertia
 
 

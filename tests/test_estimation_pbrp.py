@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from signid.errors import OptionError
 from signid.estimation.feasible import fit_consistent
-from signid.estimation.feasible.problem import inertial
+from signid.estimation.feasible.fit import inertial
 from signid.estimation.pbrp import Bounds, Retrieval, bounds_around, read_bounds, retrieve
 from signid.estimation.pbrp.cost import physics_of
 from signid.types import Parameters

@@ -110,13 +110,11 @@ def find_lacks(
     if train.sample is None or test.sample is None or train is test:
         return
     trials, far = _trials(task, (_rows(task, train), _rows(task, test)), fit, value, stated, sound)
-    matters = (fit.held_out_rms > LEFT * fit.noise_floor) & (fit.held_out_r2 < 1 - FELT**2)
-    left = [trial for trial in trials if matters[trial.joint] and trial.explained > MOST]
+    left = [trial for trial in trials if trial.explained > MOST]
     for joint in dict.fromkeys(trial.joint for trial in left):
         found = [(one.explained, one.effect) for one in left if one.joint == joint]
-        yield _lack(
-            task.robot.joints[joint], found, float(fit.held_out_rms[joint] / max(fit.noise_floor[joint], 1e-300))
-        )
+        floors = float(fit.held_out_rms[joint] / max(fit.noise_floor[joint], 1e-300))
+        yield _lack(task.robot.joints[joint], found, floors)
     best = max(trials, key=lambda trial: trial.spared, default=None)
     if far and best is not None and best.spared > SPARED and all(trial.joint != best.joint for trial in left):
         found = [(one.spared, one.effect) for one in trials if one.joint == best.joint]
@@ -151,9 +149,8 @@ def _rows(task: Task, factors: Factors) -> _Rows:
     columns = np.zeros((len(factors.columns), len(rows.number), task.base.rank))
     for j, seen in enumerate(factors.columns):
         columns[j][:, seen] = rows.of(j, factors.columns)
-    motion = Motion(
-        task.robot, np.asarray(rows.number * rows.period, np.float64), rows.q, rows.v, rows.a, slow=task.slow
-    )
+    t = np.asarray(rows.number * rows.period, np.float64)
+    motion = Motion(task.robot, t, rows.q, rows.v, rows.a, slow=task.slow)
     return _Rows(columns, rows.torque.T, rows.kept, motion)
 
 
@@ -185,8 +182,9 @@ def _trials(
     def change(base: Array) -> float:
         return float((base - centre) @ prior @ (base - centre)) / len(value)
 
+    matters = (fit.held_out_rms > LEFT * fit.noise_floor) & (fit.held_out_r2 < 1 - FELT**2)
     trials, moved = list[_Trial](), change(start)
-    for joint in np.flatnonzero(sound).tolist():
+    for joint in np.flatnonzero(sound & (matters | (moved > FAR))).tolist():
         rest = (train.torque[joint] - train.columns[joint] @ start) * weight[joint]
         before = min((test.torque[joint] - test.columns[joint] @ x for x in (value, start)), key=lambda x: float(x @ x))
         for effect in _candidates(task, joint):
@@ -201,7 +199,7 @@ def _trials(
             base = start - shift @ found
             after = test.torque[joint] - test.columns[joint] @ base - judged[:, new] @ found
             old, left = (np.array([x @ x for x in np.array_split(y, BLOCKS)]) for y in (before, after))
-            steady = np.mean(left[old > 0] < old[old > 0]) >= AGREE if old.any() else False
+            steady = matters[joint] and old.any() and np.mean(left[old > 0] < old[old > 0]) >= AGREE
             explained = 1 - float(left.sum() / old.sum()) if steady else 0.0
             spared = 1 - change(base) / moved if moved > 0 and left.sum() <= old.sum() else 0.0
             trials.append(_Trial(effect, joint, explained, spared))

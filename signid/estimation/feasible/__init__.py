@@ -3,7 +3,6 @@
 A body is feasible if its pseudo-inertia, a matrix of its mass, first moments and inertia, is positive definite.
 """
 
-from .fit import ConsistentFit, fit_consistent
-from .problem import standard_from_base
+from .fit import ConsistentFit, fit_consistent, standard_from_base
 
 __all__ = ["ConsistentFit", "fit_consistent", "standard_from_base"]

@@ -14,7 +14,7 @@ from ...errors import OptionError
 from ...optimisers import OPTIMISERS, Optimum, Problem
 from ...toml_json import read_toml
 from ...types import Array, BaseMap, Estimate, Frozen, Indices, Parameters, pseudo_inertia
-from ..feasible.problem import TO_INERTIAL, coefficient_sizes, feasible_prior, inertial, pack, positive
+from ..feasible.fit import TO_INERTIAL, coefficient_sizes, feasible_prior, inertial, pack, positive
 
 _MASS = (0.2, 3.0)  # [1] smallest and largest mass over that of the description
 _HUGE = 1e100  # largest number in a bounds file

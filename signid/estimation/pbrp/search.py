@@ -11,7 +11,7 @@ from ...deadline import show_step, time_is_up
 from ...errors import OptionError
 from ...optimisers import OPTIMISERS, Optimum
 from ...types import BaseMap, Estimate, Frozen, Label, Parameters
-from ..feasible.problem import information_root
+from ..feasible.fit import information_root
 from .cost import SEARCH, Bounds, PenaltyCost, Physics, bounds_around, check_box, cost_over, descend, physics_of
 
 _SHARPEST = 1e4  # [standard deviations per width of the box] largest sharpness that the search resolves
