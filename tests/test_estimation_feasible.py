@@ -11,7 +11,7 @@ import pytest
 from captured import Captured, captured
 from numpy.testing import assert_allclose
 
-from signid.estimation.feasible import ConsistentFit, fit as solver, fit_consistent, problem as cone, standard_from_base
+from signid.estimation.feasible import ConsistentFit, fit as solver, fit_consistent, standard_from_base
 from signid.estimation.feasible.fit import feasible_prior, inertial, pack
 from signid.types import Estimate, pseudo_inertia
 
@@ -23,7 +23,7 @@ def fitted(case: Captured) -> ConsistentFit:
 def least_chi2(case: Captured) -> float:
     """Least chi2 of feasible parameters, by a formulation without prior, barrier or Newton's method."""
     x = cp.Variable(len(case.base.labels))
-    root = cone.information_root(case.estimate.information)
+    root = solver.information_root(case.estimate.information)
     basis = np.array([pseudo_inertia(e) for e in np.eye(10)]).reshape(10, 16).T
     bodies = [
         cp.reshape(basis @ x[i : i + 10], (4, 4), order="C") >> 0 for i in range(0, inertial(case.prior).sum(), 10)
@@ -102,7 +102,7 @@ def test_a_failing_solver_only_adds_a_note(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_solver_answers_are_verified(monkeypatch: pytest.MonkeyPatch) -> None:
     case = captured("3r", noise=0.05)
-    u = cone.build_problem(case.base, case.estimate, case.prior, 1e-2).start
+    u = solver.build_problem(case.base, case.estimate, case.prior, 1e-2).start
     u[:10] = pack(np.diag([1.0, 1.0, -1e-9, 1.0]))
     monkeypatch.setattr(solver, "trace", lambda problem, heavier: None)
     monkeypatch.setattr(cp.Problem, "solve", lambda problem, **_: setattr(problem.variables()[0], "value", u))

@@ -19,7 +19,7 @@ import signid
 from signid.cli import run
 from signid.recording import read_recording
 from signid.recording.sampling import Sampling, samples, survey
-from signid.recording.sampling.content import find_content
+from signid.recording.sampling.grid import find_content
 from signid.robot import load_robot
 from signid.types import Samples
 

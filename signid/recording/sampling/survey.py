@@ -14,8 +14,7 @@ from ...types import Array, Recording, Robot, Samples
 from .accumulate import Accumulator, register_spans
 from .choice import Choice, choose_clock
 from .clock import CHUNK, Clock, likely_unit, read_clock, time_origin
-from .content import Content, content_notes, find_content, widest
-from .grid import Sampling, at_content, row_reader
+from .grid import Content, Sampling, at_content, content_notes, find_content, row_reader, widest
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
 NEEDED = ("t", "q", "tau")
