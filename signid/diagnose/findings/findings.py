@@ -33,7 +33,7 @@ from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
 from .alternatives import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
-from .ordinary import FORMS, block_of, ordinary_findings, without_vague
+from .ordinary import FORMS, beside_wrong_bodies, block_of, ordinary_findings, without_vague
 from .stated import body_finding, reported_laws, stated_number_findings, stated_numbers, torque_share, total_law
 from .thresholds import (
     AMBIGUOUS,
@@ -99,6 +99,7 @@ def conclude(
     findings = list(reporter.findings([by_group[group] for group in verdict.ranked if group in shown]))
     usual = list(ordinary_findings(given, dataset, selection, extended.prediction, ordinary))
     if not verdict.causes and usual:
+        findings = [*findings, *body_finding(dataset, session, selection, extended)]
         verdict = replace(verdict, name="named" if verdict.name == "nothing_missing" else verdict.name)
     elif not verdict.causes:
         known, find = dataset.model.misfit is not None, body_finding
@@ -110,6 +111,7 @@ def conclude(
             verdict = replace(verdict, name="named")
     if usual:
         findings = [replace(x, ordinary=x.law.effect.name in FORMS) for x in findings]
+        findings = [beside_wrong_bodies(finding, dataset.table.joints) for finding in findings]
         findings = sorted([*findings, *usual], key=lambda finding: finding.ordinary)
         prediction = without_vague(session, prediction, ordinary, usual)
     elif not any(finding.role == "cause" for finding in findings):  # numbers refitted beside no cause fit the noise

@@ -26,7 +26,7 @@ from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Selection
 from ..extend.extend import is_same
 from ..extend.holdout import Prediction, ResidualRows, predict
-from ..result import Finding
+from ..result import Alternative, Finding
 from ..search.thresholds import LEAST_TORQUE_SHARE
 from .held_out_selection import error_change
 from .stated import MOST_LOG_ODDS, stated_numbers, torque_share
@@ -38,6 +38,7 @@ LEAST_DRIVE = 1e-6  # least start of friction and rotors [their units]: zero num
 TURNED = 2  # laws that begin at estimates, since other laws, such as a delay, change their torque
 FEWEST_JOINTS = 3  # joints in which equal friction is a placeholder, at least
 CLEAR_STD = 3.0  # standard deviations from zero from which an offset or a rotor is fitted beside laws [1]; heuristic
+MOST_PROBABLE_BODY = 0.9  # probability of one changed body where all may be wrong, at most [1]; heuristic
 USUAL_SHARE = 0.2  # prior rms torque of an ordinary law over its joint's [1]; heuristic
 
 
@@ -142,6 +143,21 @@ def ordinary_findings(
             stated=stated,
             ordinary=True,
         )
+
+
+def beside_wrong_bodies(finding: Finding, joints: int) -> Finding:
+    """A change of a body, or a gain, with its structural twins as alternatives: other bodies may be wrong with it."""
+    own, (first, last) = (finding.law.effect.name, finding.law.joints), (finding.law.joints[0], joints - 1)
+    known = {own, *((x.law.effect.name, x.law.joints) for x in finding.alternatives)}
+    near = [("link_inertia", (j,)) for j in (first - 1, first, first + 1) if 0 <= j <= last]
+    twins = [twin for twin in [("payload", (last,)), *near] if twin not in known]
+    if own[0] not in ("link_inertia", "payload", "torque_gain") or not twins:
+        return finding
+    probability = min(finding.probability, MOST_PROBABLE_BODY)
+    left = max(1 - probability - sum(rival.probability for rival in finding.alternatives), 0.0) / len(twins)
+    rivals = (*finding.alternatives, *(Alternative(Law(EFFECTS[name], at), left, "") for name, at in twins))
+    ranked = tuple(sorted(rivals, key=lambda rival: -rival.probability))
+    return replace(finding, probability=probability, alternatives=ranked)
 
 
 def _held_out_column(extended: Prediction, law: Law, key: str) -> Array:
