@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 
 import signid
 from signid.check import check
 from signid.cli import run
-from signid.faults import description
 from signid.types import Recording, Robot
 
 pytestmark = pytest.mark.slow
@@ -41,7 +42,7 @@ def test_a_joint_at_rest_by_static_friction_is_no_stuck_sensor(
     still = np.diff(resting.read().q[:, robot.joints.index(JOINT)]) == 0
     assert still.mean() > 0.1
     assert not stuck(robot, resting)
-    monkeypatch.setattr(description, "BEYOND", 0.0)
+    monkeypatch.setattr(import_module("signid.faults.examine"), "BEYOND", 0.0)
     assert stuck(robot, resting), "its torque varies as much as when it moves: only its size distinguishes it"
 
 

@@ -19,13 +19,20 @@ from signid.cli.run import run
 from signid.faults import SAMPLE_KINDS
 from signid.faults.channels import CHANNELS
 from signid.faults.commands import audit_servos
-from signid.faults.description import LIMITS
 from signid.faults.distortions import KINDS as DISTORTIONS
+from signid.faults.examine import LIMITS
 from signid.faults.search import CLAIMS
 from signid.output.report.layout import share
 from signid.output.report.results.check.drives import SEARCHED, audit_page, audit_summary
 from signid.output.report.results.check.summary import unit_sentences
-from signid.output.report.results.check.torque import IN_SAMPLES, IN_TORQUE, check_document, check_page, check_summary
+from signid.output.report.results.check.torque import (
+    IN_DESCRIPTION,
+    IN_SAMPLES,
+    IN_TORQUE,
+    check_document,
+    check_page,
+    check_summary,
+)
 from signid.recording import read_bare
 
 G, RATE = 9.81, 250.0
@@ -98,6 +105,7 @@ def test_torque_without_weight_has_a_headline_with_a_number() -> None:
 
 def test_what_was_looked_for_names_every_kind_of_fault() -> None:
     kinds = [kind for group in (IN_SAMPLES, IN_TORQUE) for known in group.values() for kind in known]
+    kinds += IN_DESCRIPTION.values()
     others = {"gravity", "weight", "units", "gain", "unexplained torque", "absolute torque"}
     limits = {f"{kind} limit" for kind in LIMITS}
     assert sorted(kinds) == sorted({*SAMPLE_KINDS, *CHANNELS, *limits, *CLAIMS, *DISTORTIONS, *others})

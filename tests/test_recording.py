@@ -195,4 +195,4 @@ def test_unused_columns_are_named_where_a_joint_has_no_position() -> None:
     robot, t = load_robot("3r"), np.linspace(0, 1, 50)
     columns = {"t": t, "base_yaw_position": t, "q_2": t, "q_3": t, "tau_2": t, "tau_3": t}
     (note,) = read_recording(columns, robot).notes
-    assert note == "joint joint_1 has no position column and is held fixed; unused columns: base_yaw_position"
+    assert note == "joint joint_1 (at 0) has no position column and is held fixed; unused columns: base_yaw_position"

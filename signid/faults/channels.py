@@ -222,7 +222,9 @@ def _faults(q: Array, tau: Array, period: float, signed: bool) -> Iterator[tuple
     if np.all(np.isfinite(tau)) and len(np.unique(tau)) >= LEVELS:
         sides = [(_clipped(side * tau, q), side) for side in (1.0, -1.0)[: 1 + signed]]
         yield from (("clipping", count, float(np.max(side * tau))) for count, side in sides if count)
-        if not any(count for count, _ in sides) and (stuck := _stuck_torque(tau, q, period)):
+        rests = [(a, b) for a, b in true_runs(np.diff(tau) == 0) if (b - a) * period >= STILL]
+        stuck = max((b - a + 1 for a, b in rests if np.ptp(q[a : b + 1]) > TRAVEL * np.ptp(q)), default=0)
+        if stuck and not any(count for count, _ in sides):
             yield "stuck torque", stuck, stuck * period
     if skips := _skips(q, period):
         yield "skipping position", len(skips), max(skips) * period
@@ -238,13 +240,6 @@ def _clipped(y: Array, q: Array) -> int:
     moving = np.mean(np.diff(q, prepend=q[0])[at] != 0)
     many = at.sum() >= max(OFTEN, CLIPPED * len(y), NEXT * below) and moving > 0.3
     return int(at.sum()) if many and len(runs) > 1 and max(b - a for a, b in runs) >= RUN else 0
-
-
-def _stuck_torque(y: Array, q: Array, period: float) -> int:
-    """Length in samples of the longest stretch with constant value while the position changes."""
-    runs = [(a, b) for a, b in true_runs(np.diff(y) == 0) if (b - a) * period >= STILL]
-    far = TRAVEL * np.ptp(q)
-    return max((b - a + 1 for a, b in runs if np.ptp(q[a : b + 1]) > far), default=0)
 
 
 def _skips(q: Array, period: float) -> list[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -16,14 +16,14 @@ from ..model import Model, stated_inertials, stated_laws
 from ..regression.session import Part, Session
 from ..robot import with_gravity
 from ..types import Array, Mask, Robot
-from .channels import SAMPLE_KINDS, judge_channels, judge_samples
-from .description import absolute_torques, judge_limits, judge_standstills
-from .distortions import KINDS as DISTORTIONS, Distortion, distortion_fault, find_distortion, nats
+from .channels import SAMPLE_KINDS, judge_channels, judge_samples, longest_rows, true_runs
+from .distortions import KINDS as DISTORTIONS, DistortionSearch, distortion_fault, find_distortion, nats
 from .evidence import (
     Correction,
     FaultEvidence,
     Signals,
     amount_fault,
+    fit_passive,
     gather,
     informative_torques,
     judge_amount,
@@ -32,7 +32,7 @@ from .evidence import (
 )
 from .gravity import GravityEstimate, Weights, find_gravity, gravity_fault, under_gravity, weigh, weight_fault
 from .lag_and_gain import Gains, Lags, factor_faults, judge_gains, judge_lags, lag_faults
-from .result import REFUSE, UNCERTAIN, WARN, RecordingFault, RecordingFaults, named, percent
+from .result import NOTE, REFUSE, UNCERTAIN, WARN, RecordingFault, RecordingFaults, named, percent
 from .search import CLAIMS, Claim, claim_faults, search
 
 # [1] smallest unexplained share of a joint's torque that is a fault; smallest deviation of that torque over the
@@ -47,6 +47,18 @@ UNFIT = "unexplained torque"
 SIGNS, ORDERS = ("torque sign", "position sign", "axis"), ("torque order", "position order", "joint order")
 # kinds that can be the cause of values beyond limits, and of insufficient excitation
 CAUSES = (*CLAIMS, "absolute torque", "units", "gain", UNFIT, *SAMPLE_KINDS, *DISTORTIONS)
+# Absolute torque: largest minimum of the torque over its maximum [1]; smallest share of the rows with the rarer sign of
+# the predicted torque [1]; number of joints without negative torque that friction cannot explain; largest residual of
+# the absolute predicted torque, over the residual of the signed one, and over the torque (sums of squares) [1]
+NEAR, BOTH, SEVERAL = 0.02, 0.1, 2
+BETTER, ALIKE = 0.5, 0.2
+FAR = 0.05  # [ranges, or rad or m] excess of a position that is a rounding error of the description
+STRONGER, FASTER, LARGE = 1.05, 1.2, 1.5  # [1] tolerated torque and velocity over their limits; torque that is a fault
+LIMITS = {  # units of a revolute and of a prismatic joint; what to check
+    "torque": (("N.m", "N"), "its unit"),
+    "velocity": (("rad/s", "m/s"), "time and unit"),
+    "position": (("rad", "m"), "its zero and unit"),
+}
 
 
 class TorqueComparison(NamedTuple):
@@ -60,7 +72,7 @@ class TorqueComparison(NamedTuple):
     left: Array  # (n,) [1] unexplained shares after them
     lags: Lags
     gains: Gains
-    distortion: Distortion | None
+    search: DistortionSearch
     weights: Weights
     gravity: GravityEstimate | None = None  # if it explains the torque as well as any fault
     rivals: tuple[RecordingFault, ...] = ()  # faults that explain it as well as gravity
@@ -99,10 +111,15 @@ class Case:
         assert self.evidence is not None, "checks that compare need evidence"
         return _compare(self.evidence)
 
-    def has(self, need: str) -> bool:
-        """Whether a check can have what it needs: samples, sound samples, or evidence."""
-        sound = not any(fault.severity == REFUSE and fault.kind in SAMPLE_KINDS for fault in self.found)
-        return need == "samples" or (sound and (need == "sound samples" or self.evidence is not None))
+    @property
+    def sound(self) -> bool:
+        """Whether no fault of the samples rules out a comparison with the model."""
+        return not any(fault.severity == REFUSE and fault.kind in SAMPLE_KINDS for fault in self.found)
+
+    @property
+    def compared(self) -> FaultEvidence | None:
+        """Evidence of sound samples."""
+        return self.evidence if self.sound else None
 
 
 def examine(
@@ -128,55 +145,46 @@ def examine(
         fact = f"the simulation moves {', '.join(model.robot.joints)}, the recordings {', '.join(joints)}"
         raise OptionError(f"{fact}; give a simulation of the recorded joints")
     case = Case(model, session, excitation, signed, evidence)
-    for check in CHECKS:
-        if case.has(check.needs):
-            case.found += check.find(case)
-    if not case.has("evidence"):
+    _look(case)
+    if case.compared is None:
         nothing, unknown = np.full(len(joints), np.nan), (UNCERTAIN,) * len(joints)
         return RecordingFaults(joints, nothing, nothing, nothing, unknown, unknown, tuple(case.found), nothing)
     seen = case.comparison
     late = seen.done.lag[list(seen.done.tau_from)] + seen.lags.own
     explained = np.where(seen.evidence.signed, 1 - seen.left, np.nan)
-    weight = np.where(seen.weights.strong & (seen.distortion is None), seen.weights.share, np.nan)
+    weight = np.where(seen.weights.strong & (seen.search.found is None), seen.weights.share, np.nan)
     weight[[j for claim in seen.claims for j in claim.joints]] = np.nan
-    return RecordingFaults(joints, explained, seen.gains.factor, late, *_verdicts(seen), tuple(case.found), weight)
+    verdicts, tried = _verdicts(seen), seen.search.tried
+    return RecordingFaults(joints, explained, seen.gains.factor, late, *verdicts, tuple(case.found), weight, tried)
 
 
-def _damaged_samples(case: Case) -> Iterable[RecordingFault]:
-    return judge_samples(case.parts, case.session.robot, case.session.task.band.per_joint)
+def _look(case: Case) -> None:
+    """Add the findings of all checks; later ones see what earlier ones have found."""
+    session, robot, parts = case.session, case.session.robot, case.parts
+    case.found += judge_samples(parts, robot, session.task.band.per_joint)
+    if (evidence := case.compared) is not None:
+        case.found += judge_standstills(evidence, parts)
+        case.found += _lost_signs(case, evidence) if case.sound else ()
+    if case.sound and not (amount := judge_amount(session, case.used)).enough:
+        case.found.append(amount_fault(amount, len(robot.joints)))
+    if case.compared is not None:
+        damaged = {joint for fault in case.found if fault.kind in SAMPLE_KINDS for joint in fault.joints}
+        faults = _torque_faults(case.comparison)
+        case.found += [f for f in faults if not (f.kind == UNFIT and damaged.issuperset(f.joints))]
+    case.found += judge_channels(parts, robot)
+    case.found += [f for f in judge_limits(case.compared, parts, robot) if f.joints[0] not in _caused(case)]
+    if case.compared is not None and not _caused(case):
+        case.found += _excitation(case)
 
 
-def _stuck_sensors(case: Case) -> Iterable[RecordingFault]:
-    assert case.evidence is not None, "needed"
-    return judge_standstills(case.evidence, case.parts)
-
-
-def _lost_signs(case: Case) -> Iterator[RecordingFault]:
+def _lost_signs(case: Case, evidence: FaultEvidence) -> Iterator[RecordingFault]:
     """Absolute torque in columns of signed torque; it is compared by its size alone from here on."""
-    assert case.evidence is not None, "needed"
-    if (lost := absolute_torques(case.evidence, case.parts)).any():
-        case.evidence = replace(case.evidence, signed=case.evidence.signed & ~lost)
-        fact = f"the torque of {named([case.evidence.robot.joints[j] for j in np.flatnonzero(lost)])}"
-        fact = f"{fact} is never negative although the predicted torque changes its sign"
+    if (lost := absolute_torques(evidence, case.parts)).any():
+        case.evidence = replace(evidence, signed=evidence.signed & ~lost)
+        joints = tuple(evidence.robot.joints[j] for j in np.flatnonzero(lost))
+        fact = f"the torque of {named(joints)} is never negative although the predicted torque changes its sign"
         advice = "these are absolute values: name the columns abs_tau_JOINT, or use --unsigned (unsigned=True)"
-        joints = tuple(case.evidence.robot.joints[j] for j in np.flatnonzero(lost))
         yield RecordingFault("absolute torque", joints, REFUSE, {}, f"{fact}; {advice}")
-
-
-def _too_little_data(case: Case) -> Iterator[RecordingFault]:
-    amount = judge_amount(case.session, case.used)
-    if not amount.enough:
-        yield amount_fault(amount, len(case.session.robot.joints))
-
-
-def _torque_against_model(case: Case) -> Iterator[RecordingFault]:
-    """Faults of torque, apart from joints that are unexplained since their samples are damaged."""
-    known = {joint for fault in case.found if fault.kind in SAMPLE_KINDS for joint in fault.joints}
-    yield from (f for f in _torque_faults(case.comparison) if not (f.kind == UNFIT and known.issuperset(f.joints)))
-
-
-def _channels(case: Case) -> Iterable[RecordingFault]:
-    return judge_channels(case.parts, case.session.robot)
 
 
 def _caused(case: Case) -> set[str]:
@@ -185,40 +193,13 @@ def _caused(case: Case) -> set[str]:
     return {joint for f in case.found if f.kind in CAUSES for joint in f.joints or robot.joints}
 
 
-def _limits(case: Case) -> Iterator[RecordingFault]:
-    evidence = case.evidence if case.has("evidence") else None
-    caused = _caused(case)
-    yield from (f for f in judge_limits(evidence, case.parts, case.session.robot) if f.joints[0] not in caused)
-
-
 def _excitation(case: Case) -> Iterator[RecordingFault]:
-    if _caused(case):
-        return
     found, session = case.excitation, case.session
     if found is None:
         factors = session.reduce(session.train)
         found = judge_excitation(session.task, factors, estimate(factors, session.task.base))
     measures = {"share": float(found.shares[0]) if len(found.shares) else 0.0}
     yield from (RecordingFault("excitation", found.resting, WARN, measures, text) for text in found.sentences)
-
-
-class FaultCheck(NamedTuple):
-    """A check, and what it needs: samples, sound samples, or evidence: rows compared with the model."""
-
-    needs: str
-    find: Callable[[Case], Iterable[RecordingFault]]
-
-
-CHECKS = (  # in the order of the findings; later checks see what earlier ones have found
-    FaultCheck("samples", _damaged_samples),
-    FaultCheck("evidence", _stuck_sensors),
-    FaultCheck("evidence", _lost_signs),
-    FaultCheck("sound samples", _too_little_data),
-    FaultCheck("evidence", _torque_against_model),
-    FaultCheck("samples", _channels),
-    FaultCheck("samples", _limits),
-    FaultCheck("evidence", _excitation),
-)
 
 
 class Mounted(NamedTuple):
@@ -274,13 +255,13 @@ def _compare_under_gravity(evidence: FaultEvidence) -> TorqueComparison:
     left, own = unexplained(evidence.corrected(done)), informative[list(done.tau_from)]
     if claims and max(claim.after for claim in claims) > CHANCE and np.any(left[own] >= UNEXPLAINED):
         claims, done, left, own = [], nothing, unexplained(evidence.plain), informative
-    distortion = find_distortion(evidence, informative, nats(left, own))
-    if distortion is not None:
+    tried = find_distortion(evidence, informative, nats(left, own))
+    if (distortion := tried.found) is not None:
         claims, done, own = [], nothing, informative
     signals = evidence.corrected(done) if distortion is None else distortion.signals
     lags, gains = judge_lags(evidence, done, own), judge_gains(evidence, done)
     left = unexplained(signals)
-    return TorqueComparison(evidence, own, claims, done, signals, left, lags, gains, distortion, weigh(evidence))
+    return TorqueComparison(evidence, own, claims, done, signals, left, lags, gains, tried, weigh(evidence))
 
 
 def _torque_faults(seen: TorqueComparison) -> Iterator[RecordingFault]:
@@ -288,8 +269,8 @@ def _torque_faults(seen: TorqueComparison) -> Iterator[RecordingFault]:
     blocks = len(np.unique(evidence.block))
     if seen.gravity is not None:
         yield gravity_fault(seen.gravity, seen.rivals, evidence)
-    if seen.distortion is not None:
-        yield distortion_fault(seen.distortion, joints, blocks)
+    if seen.search.found is not None:
+        yield distortion_fault(seen.search.found, joints, blocks)
         return
     if seen.gravity is None and not seen.claims and seen.weights.only.any():
         yield weight_fault([joints[j] for j in np.flatnonzero(seen.weights.only)])
@@ -325,3 +306,95 @@ def _verdicts(seen: TorqueComparison) -> tuple[tuple[str, ...], tuple[str, ...]]
             right = seen.informative[j] and (n == 1 and verdicts is order or rival - seen.left[j] >= CLEAR)
             verdicts.append("wrong" if j in faulty else "right" if right else UNCERTAIN)
     return tuple(signs), tuple(order)
+
+
+def absolute_torques(evidence: FaultEvidence, parts: Sequence[Part]) -> Mask:
+    """Mask (n,) of joints with absolute values in a signed torque column.
+
+    If at least one joint shows it, all joints whose torque is never negative are included.
+    """
+    predicted, torque = evidence.plain.predicted, evidence.plain.torque
+    rarer = np.minimum((predicted > 0).mean(axis=0), (predicted < 0).mean(axis=0))
+    sizes, plain = (np.sum((torque - p) ** 2, axis=0) for p in (np.abs(predicted), predicted))
+    raw = np.concatenate([np.nan_to_num(longest_rows(part).tau) for part in parts])
+    least, most = raw.min(axis=0), raw.max(axis=0)
+    never = evidence.signed & (least >= 0) & (most > 0)
+    touches = never & (least <= NEAR * most) & (rarer >= BOTH)
+    alike = (sizes <= BETTER * plain) & (sizes <= ALIKE * np.sum(torque**2, axis=0))
+    lost = touches & (alike | ((touches & (sizes < plain)).sum() >= SEVERAL))
+    return np.asarray(never if lost.any() else lost)
+
+
+def judge_limits(evidence: FaultEvidence | None, parts: Sequence[Part], robot: Robot) -> Iterator[RecordingFault]:
+    """Values beyond the limits of the description, with a tolerance for noise."""
+    low, high, travel = robot.lower, robot.upper, robot.upper - robot.lower
+    bottom, top = np.min([s.lower for _, s in parts], axis=0), np.max([s.upper for _, s in parts], axis=0)
+    room = FAR * np.maximum(1.0, np.where(np.isfinite(travel), travel, 1.0))
+    above, over = top - high >= low - bottom, (low < high) & ((top > high + room) | (bottom < low - room))
+    found = [("position", np.where(above, top, bottom), np.where(above, high, low), over)]
+    if evidence is not None:
+        speed = np.abs(evidence.plain.v).max(axis=0)
+        torque = np.max([np.abs(curve.x).max(axis=0) for curve in evidence.torques], axis=0)
+        for kind, value, limit, most in (
+            ("velocity", speed, robot.velocity_limit, FASTER),
+            ("torque", torque, robot.effort_limit, STRONGER),
+        ):
+            found.append((kind, value, limit, (limit > 0) & (value > most * limit)))
+    for kind, value, limit, exceeded in found:
+        units, check = LIMITS[kind]
+        for j in np.flatnonzero(exceeded):
+            reached = f"{value[j]:.4g} {units[int(robot.prismatic[j])]}, beyond its limit of {limit[j]:.4g}"
+            sentence = f"the {kind} of {robot.joints[j]} reaches {reached}; check {check}, or correct the description"
+            severity = WARN if kind == "torque" and value[j] >= LARGE * limit[j] else NOTE
+            measures = {"value": float(value[j]), "limit": float(limit[j])}
+            yield RecordingFault(f"{kind} limit", (robot.joints[j],), severity, measures, sentence)
+
+
+LONG = 1.0  # [s] smallest duration of a standstill
+# [1] smallest variation of the torque that the model does not explain in standstills, over the torque's variation
+# elsewhere. Friction at rest alone varies less than that of a moving joint
+MUCH = 0.6
+# A joint also rests by static friction, which is about as large as the friction of the moving joint: quantiles of the
+# torque that the model does not explain, largest static friction over their half range, and smallest share of rows
+# beyond it
+RANGE, BREAKAWAY, BEYOND = (2.0, 98.0), 1.5, 0.05
+LEAST = 20  # rows in standstills, and elsewhere
+
+
+def judge_standstills(evidence: FaultEvidence, parts: Sequence[Part]) -> Iterator[RecordingFault]:
+    """Faults of joints with signed torque whose position stands still for a second or longer, and moves elsewhere.
+
+    A joint that rests by static friction is no fault: it holds any torque up to its breakaway friction. A joint whose
+    sensor is stuck needs more or less.
+    """
+    for j, joint in enumerate(evidence.robot.joints):
+        still, seconds = _standstills(evidence, parts, j)
+        if not evidence.signed[j] or min(still.sum(), (~still).sum()) < LEAST:
+            continue
+        x, at_rest = (evidence.plain.joint(j).rows(rows) for rows in (~still, still))
+        gain = float(fit_passive(x).gain[0, 0])
+        rest = at_rest.torque - gain * at_rest.predicted
+        share = float(np.std(rest)) / max(float(np.std(x.torque)), 1e-300)
+        low, high = np.percentile(x.torque - gain * x.predicted, RANGE)
+        beyond = float(np.mean(np.abs(rest - (low + high) / 2) > BREAKAWAY * (high - low) / 2))
+        if gain > 0 and share >= MUCH and beyond >= BEYOND:
+            fact = f"the position of {joint} stands still for {seconds:.2g} s while its torque varies as if it moved"
+            advice = "the sensor is stuck: check it, or cut that part out"
+            measures = {"seconds": seconds, "share": share, "beyond": beyond}
+            yield RecordingFault("stuck position", (joint,), REFUSE, measures, f"{fact}; {advice}")
+
+
+def _standstills(evidence: FaultEvidence, parts: Sequence[Part], joint: int) -> tuple[Mask, float]:
+    """Mask (K,) of the rows in standstills, and the duration of the longest one [s]."""
+    still, longest = np.zeros(len(evidence.q), dtype=bool), 0.0
+    times, ends = evidence.moments, np.cumsum([len(t) for t in evidence.moments])
+    for part in parts:
+        rows = longest_rows(part)
+        for a, b in true_runs(np.diff(rows.q[:, joint]) == 0):
+            if (seconds := float(rows.t[b] - rows.t[a])) < LONG:
+                continue
+            longest = max(longest, seconds)
+            for t, end in zip(times, ends, strict=True):
+                if rows.t[0] <= t[0] and t[-1] <= rows.t[-1]:
+                    still[end - len(t) : end] |= (t > rows.t[a]) & (t < rows.t[b])
+    return still, longest

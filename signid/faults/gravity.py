@@ -8,7 +8,7 @@ What remains is a direction, or no gravity at all, and is compared with the give
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -18,7 +18,7 @@ import numpy as np
 from ..robot import with_gravity
 from ..robot.joints import gravity_text, root_link
 from ..types import Array, Frozen, Mask
-from .distortions import nats, thinned
+from .distortions import axis_words, descend, nats, thinned
 from .evidence import Correction, FaultEvidence, Signals, fit_passive, informative_torques, unexplained
 from .result import WARN, RecordingFault, named, percent
 
@@ -192,22 +192,9 @@ def _best(evidence: FaultEvidence, informative: Mask, given: Array, columns: Arr
     scores = [score(u) for u in starts]
     if min(scores) > stated - PROMISING:
         return None
-    direction, left = _descend(score, starts[int(np.argmin(scores))], min(scores))
+    direction, left = descend(score, starts[int(np.argmin(scores))], _around, STEPS)
     axis = _axis(direction)
     return size * (axis if axis.any() and score(axis) <= left + SNAP else direction) + 0.0
-
-
-def _descend(score: Callable[[Array], float], start: Array, left: float) -> tuple[Array, float]:
-    """Unit vector with the least score, by steps around the best one that become smaller."""
-    best = start
-    for step in STEPS:
-        while True:
-            trials = _around(best, step)
-            scores = [score(u) for u in trials]
-            if min(scores) >= left:
-                break
-            best, left = trials[int(np.argmin(scores))], min(scores)
-    return best, left
 
 
 def _around(direction: Array, angle: float) -> list[Array]:
@@ -286,8 +273,8 @@ def gravity_fault(found: GravityEstimate, rivals: Sequence[RecordingFault], evid
         fact, how = "the recorded torque carries no weight of the robot", "without gravity"
         advice = f"log the whole torque, or state it with --gravity {words}; masses are not identifiable from it"
     else:
-        fact = f"gravity acts along {_along(found.value)} of {root_link(robot)} {gravity_text(found.value)}"
-        fact, how = f"{fact}: {_mounting(found.value)}", "with it"
+        along = f"{axis_words(found.value) or 'the direction'} of {root_link(robot)} {gravity_text(found.value)}"
+        fact, how = f"gravity acts along {along}: {_mounting(found.value)}", "with it"
         advice = f"state it with --gravity {words}"
     measures = dict(zip(("x", "y", "z", "std_x", "std_y", "std_z"), (*found.value, *found.std), strict=True))
     measures |= {"explained_before": 1 - found.before, "explained_after": 1 - found.after, "gain": found.gain}
@@ -301,13 +288,6 @@ def weight_fault(joints: Sequence[str]) -> RecordingFault:
     fact = f"the torque of {named(joints)} carries no weight of the links, although that of other joints does"
     why = "its drive, a spring or a counterweight compensates it, so masses are not identifiable from it"
     return RecordingFault("weight", tuple(joints), WARN, {}, f"{fact}: {why}; log the whole torque")
-
-
-def _along(gravity: Array) -> str:
-    """Direction of gravity (3,) in a sentence: "-y"."""
-    k = int(np.argmax(np.abs(gravity)))
-    plain = np.count_nonzero(gravity) == 1
-    return f"{'-' if gravity[k] < 0 else ''}{'xyz'[k]}" if plain else "the direction"
 
 
 def _mounting(gravity: Array) -> str:

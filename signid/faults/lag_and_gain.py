@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..regression.projection import least_squares
-from ..types import Array, Indices, Mask, Robot
+from ..regression.projection import least_squares, leave
+from ..types import Array, Mask, Robot
 from .evidence import LAG, Correction, FaultEvidence, Signals, fit_passive
 from .result import REFUSE, WARN, RecordingFault, percent
 
@@ -79,20 +79,16 @@ def judge_lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> 
     at = np.array([np.interp(common, lags, column) for column in left.T])
     alike = at[informative] <= TOGETHER * least[informative] + FLOOR
     together = bool(np.all(alike)) and abs(common) < EDGE * LAG
-    changed, size = _change(evidence, done, best), np.maximum(_rms(evidence.corrected(done).torque), 1e-300)
+    places, late = list(done.tau_from), np.zeros_like(best)
+    late[places] = best
+    changed = _rms(evidence.late(done.lag + late) - evidence.late(done.lag))[places]
+    size = np.maximum(_rms(evidence.corrected(done).torque), 1e-300)
     share = np.where(saves, changed / size, 0.0)
     if together and 2 * saves.sum() >= max(1, informative.sum()):
         # One clock: the change of all torques together counts, since a joint without gravity changes much alone
         much = float(np.linalg.norm(changed[saves]) / np.linalg.norm(size[saves])) >= LARGE or abs(common) >= LATE
         return Lags(own, common, share, saves & much)
     return Lags(own, common if together else np.nan, share, saves & (share >= LARGE) & (np.abs(best) >= LATE))
-
-
-def _change(evidence: FaultEvidence, done: Correction, lag: Array) -> Array:
-    """Rms (n,) [N.m or N] of the change of each joint's torque by its lag."""
-    places, late = list(done.tau_from), np.zeros_like(lag)
-    late[places] = lag
-    return _rms(evidence.late(done.lag + late) - evidence.late(done.lag))[places]
 
 
 def _rms(x: Array) -> Array:
@@ -115,10 +111,12 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     factor, spread = np.full(n, np.nan), np.full(n, np.nan)
     strongest, speed = _rms(x.predicted).max(initial=0.0), _rms(x.v)
     usable = evidence.signed & (np.std(x.predicted, axis=0) >= SMALL * strongest) & (speed >= MOVES * speed.max())
+    some = [evidence.block != k for k in np.unique(evidence.block)]  # the jackknife over blocks
     for j in np.flatnonzero(usable).tolist():
-        rotor = not evidence.rotors[j]
-        if gain := _informative_gain(x.joint(j), rotor):
-            spread[j] = _spread(x.joint(j), evidence.block, gain, rotor)
+        one, rotor = x.joint(j), not evidence.rotors[j]
+        if gain := _informative_gain(one, rotor):
+            gains = np.array([fit_passive(one.rows(rows), rotor=rotor).gain[0, 0] for rows in some])
+            spread[j] = np.sqrt((len(some) - 1) * np.mean((gains - gain) ** 2)) / gain
             factor[j] = gain if spread[j] <= PRECISE else np.nan
     known = np.isfinite(factor)
     if not known.any():
@@ -140,13 +138,6 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     own = np.where(apart, factor, middle)
     chosen = np.flatnonzero(apart).tolist() if lone and beaten(middle, own) else []
     return Gains(factor, spread, middle if common else 1.0, tuple(chosen))
-
-
-def _spread(x: Signals, block: Indices, gain: float, rotor: bool) -> float:
-    """Standard error of the logarithm of one joint's gain, by the jackknife over blocks."""
-    blocks = np.unique(block)
-    gains = np.array([fit_passive(x.rows(block != k), rotor=rotor).gain[0, 0] for k in blocks])
-    return float(np.sqrt((len(blocks) - 1) * np.mean((gains - gain) ** 2)) / gain)
 
 
 def _inertial(evidence: FaultEvidence, x: Signals) -> float:
@@ -173,8 +164,7 @@ def _residual(x: Signals, known: Mask, shared: Array | None = None) -> float:
         own = np.stack([x.v[:, j], x.direction[:, j], x.a[:, j], np.ones(len(x.v))], axis=1)
         rest = (x.torque[:, j] - x.predicted[:, j])[:, None]
         free = rest if shared is None else np.column_stack([shared[:, j], rest])
-        basis = np.linalg.qr(own)[0]
-        rows.append((free - basis @ (basis.T @ free)) / np.std(x.torque[:, j]))
+        rows.append(leave(free, own) / np.std(x.torque[:, j]))
     columns, y = np.split(np.concatenate(rows), [-1], axis=1)
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     fitted = scaled @ least_squares(scaled, y, 1e-6) if scaled.shape[1] else 0.0

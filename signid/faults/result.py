@@ -38,6 +38,7 @@ class RecordingFaults(Frozen):
     order: tuple[str, ...]  # (n,) verdicts on the joint of a torque column
     findings: tuple[RecordingFault, ...]
     weight: Array  # (n,) [1] share of the description's weight in the torque; NaN if it does not show, or with a fault
+    tried: tuple[str, ...] = ()  # kinds of faults of the description that were tried
 
     @property
     def refusal(self) -> str:

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..deadline import time_is_up
 from ..types import Array, Frozen, Mask
-from .evidence import Correction, FaultEvidence, Signals, agreement, unexplained, unexplained_by_others
+from .distortions import nats
+from .evidence import Correction, FaultEvidence, agreement, unexplained, unexplained_by_others
 from .lag_and_gain import LATE, lag_table
 from .result import REFUSE, WARN, RecordingFault, named, percent
 
@@ -37,10 +38,8 @@ CLAIMS = {  # kind -> fault of some joints, correction that was tried, advice
 DIAGNOSABLE = ("torque sign", "torque order", "lag")  # faults that a diagnosis can handle, since it has laws for them
 SEARCH = "the search for recording faults"
 WELL, CLOSELY = 0.05, 0.01  # [1] unexplained share of a good fit, and of the criterion for ties
-LEAST_GAIN, NEARLY = (
-    0.8,
-    0.3,
-)  # [nats] smallest reduction of the log unexplained variance by a claim; tolerance for rivals
+# [nats] smallest reduction of the log unexplained variance by a claim; tolerance for rivals
+LEAST_GAIN, NEARLY = 0.8, 0.3
 LEFT, BETTER = 0.35, 0.5  # [1] largest unexplained share after a claim, and over that before it, on some joint
 WORSE = 0.25  # [1] increase of the unexplained share of any joint from which on a correction is rejected
 AGREE = 0.8  # [1] smallest share of blocks in which a claim improves the fit
@@ -83,16 +82,18 @@ def search(evidence: FaultEvidence, informative: Mask) -> list[Claim]:
 
 def _next(evidence: FaultEvidence, done: Correction, informative: Mask) -> Claim | None:
     before = _left(evidence, done)
-    if _nats(before, informative) - informative.sum() * np.log(WELL) < LEAST_GAIN:
+    if nats(before, informative, WELL) - informative.sum() * np.log(WELL) < LEAST_GAIN:
         return None
     evaluated = []  # rank (smaller is better), candidate, unexplained shares
     for trial in _trials(evidence, done, informative[list(done.tau_from)]):
         if time_is_up(SEARCH, answer=False):
             return None
         left = _left(evidence, trial.correction)
-        if np.any((left - before)[evidence.signed] > WORSE) or not _betters_all(trial, done, informative, before, left):
+        # An exchange improves all informative torques of its joints: an improvement of one may be chance
+        own = [k for k in (done.tau_from[j] for j in trial.joints) if informative[k]] if "order" in trial.kind else []
+        if np.any((left - before)[evidence.signed] > WORSE) or any(left[k] > max(before[k], WELL) for k in own):
             continue
-        evaluated.append(((_nats(left, informative), _nats(left, informative, CLOSELY)), trial, left))
+        evaluated.append(((nats(left, informative, WELL), nats(left, informative, CLOSELY)), trial, left))
     if not evaluated:
         return None
     evaluated.sort(key=lambda one: (round(one[0][0], 1), one[0][1]))
@@ -100,7 +101,7 @@ def _next(evidence: FaultEvidence, done: Correction, informative: Mask) -> Claim
     if best.kind == "lag" and np.abs(best.correction.lag - done.lag).max() < LATE:
         return None
     betters = np.flatnonzero(informative & (left <= BETTER * before))
-    if _nats(before, informative) - rank[0] < LEAST_GAIN or not np.any(left[betters] <= LEFT):
+    if nats(before, informative, WELL) - rank[0] < LEAST_GAIN or not np.any(left[betters] <= LEFT):
         return None
     before_it, after_it = (evidence.corrected(correction) for correction in (done, best.correction))
     joints, moved = ([c.tau_from.index(k) for k in betters.tolist()] for c in (done, best.correction))
@@ -119,13 +120,9 @@ def _left(evidence: FaultEvidence, correction: Correction) -> Array:
     return out
 
 
-def _betters_all(trial: CorrectionTrial, done: Correction, informative: Mask, before: Array, left: Array) -> bool:
-    """Whether an exchange improves all informative torques of its joints; an improvement of one may be chance."""
-    columns = [k for k in (done.tau_from[j] for j in trial.joints) if informative[k]]
-    return "order" not in trial.kind or all(left[k] <= max(before[k], WELL) for k in columns)
-
-
 def _trials(evidence: FaultEvidence, done: Correction, informative: Mask) -> Iterator[CorrectionTrial]:
+    from scipy.optimize import linear_sum_assignment  # its import takes longer than all other checks
+
     n, prismatic = len(informative), evidence.robot.prismatic
     for i in range(n):
         if informative[i]:
@@ -136,7 +133,9 @@ def _trials(evidence: FaultEvidence, done: Correction, informative: Mask) -> Ite
         everyone = tuple(range(n))
         yield CorrectionTrial("torque sign", everyone, done.scale(everyone, torque=-1))
         yield CorrectionTrial("position sign", everyone, done.scale(everyone, position=-1))
-    order = _best_order(evidence.corrected(done), informative)
+    cost, both = np.where(np.eye(n), 0.0, 2.0), np.outer(informative, informative)
+    cost[both] = unexplained_by_others(evidence.corrected(done)).min(axis=2)[both]
+    order = tuple(linear_sum_assignment(cost)[1].tolist())  # torques by the joint that explains them best, of any sign
     moved = tuple(i for i in range(n) if order[i] != i)
     if len(moved) > 2:
         yield CorrectionTrial("torque order", moved, done.exchange(order, torques=True))
@@ -151,29 +150,12 @@ def _trials(evidence: FaultEvidence, done: Correction, informative: Mask) -> Ite
         for joints in sorted({which, *((j,) for j in which)} - {()}):
             if unit != "degrees" or np.ptp(evidence.q[:, list(joints)], axis=0).max() > WIDE:
                 yield CorrectionTrial(unit, joints, done.scale(joints, position=scale))
-    yield from _lags(evidence, done, informative)
-
-
-def _best_order(x: Signals, informative: Mask) -> tuple[int, ...]:
-    """Assignment of torques to joints with the smallest sum of unexplained shares, for any signs."""
-    from scipy.optimize import linear_sum_assignment  # its import takes longer than all other checks
-
-    left, both = np.where(np.eye(len(informative)), 0.0, 2.0), np.outer(informative, informative)
-    left[both] = unexplained_by_others(x).min(axis=2)[both]
-    return tuple(linear_sum_assignment(left)[1].tolist())
-
-
-def _lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> Iterator[CorrectionTrial]:
     lags, left = lag_table(evidence, done)
-    for joints in sorted({tuple(range(len(informative))), *((j,) for j in np.flatnonzero(informative).tolist())}):
+    for joints in sorted({tuple(range(n)), *((j,) for j in np.flatnonzero(informative).tolist())}):
         own = left[:, [j for j in joints if informative[j]]]
         best = int(np.argmin(np.log(np.maximum(own, CLOSELY)).sum(axis=1)))
         if lags[best]:
             yield CorrectionTrial("lag", joints, done.earlier(joints, float(lags[best])))
-
-
-def _nats(left: Array, informative: Mask, floor: float = WELL) -> float:
-    return float(np.sum(np.log(np.maximum(left[informative], floor))))
 
 
 def claim_faults(claims: Sequence[Claim], joints: Sequence[str], blocks: int) -> Iterator[RecordingFault]:
@@ -190,12 +172,9 @@ def claim_faults(claims: Sequence[Claim], joints: Sequence[str], blocks: int) ->
         fault, how, advice = CLAIMS[kind]
         gain = f"model and friction explain {percent(1 - after)} of the torque instead of {percent(1 - before)}"
         better = f"better in {round(sure * blocks)} of {blocks} blocks of the recordings"
-        sentence = f"{fault.format(named(about))}: {how}, {gain} ({better}); {advice}{_equally_likely(rivals)}"
+        others = [CLAIMS[rival][0].format(named(who)) for rival, who in rivals if rival != "lag"][:3]
+        likely = f" (equally likely: {'; '.join(others)})" if others else ""
+        sentence = f"{fault.format(named(about))}: {how}, {gain} ({better}); {advice}{likely}"
         mild = kind in DIAGNOSABLE or any(rival in DIAGNOSABLE for rival, _ in rivals)
         measures = {"explained_before": 1 - before, "explained_after": 1 - after, "agreement": sure}
         yield RecordingFault(kind, about, WARN if mild else REFUSE, measures, sentence, tuple(rivals))
-
-
-def _equally_likely(rivals: Sequence[tuple[str, tuple[str, ...]]]) -> str:
-    others = [CLAIMS[kind][0].format(named(about)) for kind, about in rivals if kind != "lag"]
-    return f" (equally likely: {'; '.join(others[:3])})" if others else ""

@@ -14,7 +14,7 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import OptionError, RecordingError, shorten, unexpected
-from ..robot import as_robot
+from ..robot import as_robot, resting
 from ..typed import typed
 from ..types import Array, Recording, Robot, ServoSamples, Table
 from .columns import TORQUES, UNSTATED, Assignment, assign_columns, conversion, function, stated_units, unit_caveats
@@ -254,7 +254,7 @@ def _notes(
     """Deviations from what a user may expect; used: the columns that are read."""
     if not any(found.torque(j) for j in joints):
         yield f"no torque and no current: a recording of servos{suggest(opened.table.columns, robot)}"
-    if absent := [name for j, name in enumerate(robot.joints) if j not in joints]:
+    if absent := [f"{name} (at {x:.4g})" for name, x in resting(robot, [robot.joints[j] for j in joints]).items()]:
         subject, verbs = ("joint", ("has", "is")) if len(absent) == 1 else ("joints", ("have", "are"))
         fact = f"{subject} {', '.join(absent)} {verbs[0]} no position column and {verbs[1]} held fixed"
         others = [x for x in opened.table.columns if x not in used]

@@ -61,12 +61,8 @@ def audit_servos(recordings: Recording | Sequence[Recording], units: Mapping[str
         raise RecordingError(f"{source} has no commanded position of a joint that it records; add columns q_des_J")
     read, clocks, parts = tracks
     coarsest = max((quantum(each) for each in parts.values() if each), default=0.0)
-    odd = _odd_episodes(given, tracks, units)
-    audits = [
-        _audit(joint, units.get(joint, "rad"), each, tracks.period, coarsest, odd)
-        for joint, each in parts.items()
-        if each
-    ]
+    known = tracks.period, coarsest, _odd_episodes(given, tracks, units)
+    audits = [_audit(joint, units.get(joint, "rad"), each, *known) for joint, each in parts.items() if each]
     silent = [joint for joint, each in parts.items() if not each]
     notes = [note for recording in given for note in recording.notes]
     stamps = list(judge_stamps(given, clocks))
@@ -122,7 +118,8 @@ class _Tracks(NamedTuple):
 
 def _read(recordings: Sequence[Recording]) -> _Tracks:
     samples = [read_samples(recording) for recording in recordings]
-    clocks = [_clock(each) for each in samples]
+    rows = [np.any([driven(each, j) for j in range(each.q.shape[1])], axis=0) for each in samples]
+    clocks = [read_stamps(each.t, own) for each, own in zip(samples, rows, strict=True)]
     names = dict.fromkeys(joint for recording in recordings for joint in _commanded(recording))
     read = list(zip(recordings, samples, strict=True))
     return _Tracks(samples, clocks, {joint: _parts(joint, read, clocks) for joint in names})
@@ -140,11 +137,6 @@ def _odd_episodes(recordings: Sequence[Recording], tracks: _Tracks, units: Mappi
 def _commanded(recording: Recording) -> list[str]:
     columns = recording.columns.get("q_des", ())
     return [joint for joint, column in zip(recording.joints, columns, strict=True) if column] if any(columns) else []
-
-
-def _clock(samples: Samples) -> RowClock:
-    rows = np.any([driven(samples, j) for j in range(samples.q.shape[1])], axis=0)
-    return read_stamps(samples.t, rows)
 
 
 def _parts(joint: str, read: Sequence[tuple[Recording, Samples]], clocks: Sequence[RowClock]) -> list[Part]:
@@ -327,7 +319,8 @@ def _differences(
     if one.correlation < -LOST:
         yield against
     late, nearer = one.shift - shift, 1 - one.best < NEARER * (1 - one.correlation)
-    if abs(late) > max(LATE, PERIODS * period) and nearer and one.best > OTHER and _agree(others):
+    follow = one.best > OTHER and all(each.correlation > FOLLOWS for each in others)
+    if abs(late) > max(LATE, PERIODS * period) and nearer and follow:
         way = "later" if late > 0 else "earlier"
         yield f"answers {1e3 * abs(late):.0f} ms {way} {where}: q and q_des are of different rows there; leave it out"
     if max(one.correlation, one.best) < LOST:
@@ -343,7 +336,8 @@ def _moved(one: _Answer, others: Sequence[_Answer], unit: str) -> str:
     """Describe another zero of an episode than that of the others, which agree; "" if it is the same."""
     if len(others) < FEWEST - 1 or (one.moves and one.correlation < FOLLOWS):
         return ""
-    usual, apart = _middle([each.zero for each in others]), _spread([each.zero for each in others])
+    usual = _middle([each.zero for each in others])
+    apart = max(abs(each.zero - usual) for each in others)
     span = max(each.range for each in (one, *others))
     if not abs(one.zero - usual) > max(ZERO_LEAST if unit else 0.0, ZERO * span, APART * apart):
         return ""
@@ -352,20 +346,6 @@ def _moved(one: _Answer, others: Sequence[_Answer], unit: str) -> str:
     return f"is {size} {way} its usual place {where}: the zero has changed; calibrate it, or leave it out"
 
 
-def _agree(others: Sequence[_Answer]) -> bool:
-    """Whether all follow at the usual shift."""
-    return min(each.correlation for each in others) > FOLLOWS
-
-
 def _middle(values: Sequence[float]) -> float:
-    known = _finite(values)
-    return float(np.median(known)) if len(known) else 0.0
-
-
-def _spread(values: Sequence[float]) -> float:
-    """Largest difference from the median."""
-    return float(np.abs(_finite(values) - _middle(values)).max(initial=0.0))
-
-
-def _finite(values: Sequence[float]) -> Array:
-    return np.asarray(values, float)[np.isfinite(values)]
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.median(known)) if known else 0.0

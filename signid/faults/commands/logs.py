@@ -239,9 +239,8 @@ def judge_joint(
 ) -> Iterator[str]:
     """Flags of one joint; grids: its parts on a uniform grid, without full turns."""
     if (shift := copied(parts)) is not None:
-        rows = (
-            f", {abs(shift)} row{'s' if abs(shift) > 1 else ''} {'later' if shift > 0 else 'earlier'}" if shift else ""
-        )
+        way = "later" if shift > 0 else "earlier"
+        rows = f", {abs(shift)} row{'s' if abs(shift) > 1 else ''} {way}" if shift else ""
         advice = "it is no command; record what is sent to the drive"
         yield f"{audit.joint}: q_des equals q{rows}: {advice}"
         return
@@ -330,11 +329,8 @@ def _log(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
     joint = audit.joint
     count, size = jumps(parts)
     if count:
-        why = (
-            "the encoder wraps around"
-            if turn_of(size, audit.unit)
-            else "the position wraps around, or rows are damaged"
-        )
+        turn = turn_of(size, audit.unit)
+        why = "the encoder wraps around" if turn else "the position wraps around, or rows are damaged"
         times = "once" if count == 1 else f"{count} times"
         yield f"{joint}: q jumps {times} by {_length(size, audit)} from row to row: {why}; unwrap it"
     if audit.held > HELD:
@@ -347,9 +343,8 @@ def _log(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
 
 def judge_limits(audit: JointAudit) -> Iterator[str]:
     """Limits of the numbers of the audit, in recordings without a fault."""
-    joint = audit.joint
     if audit.saturated > SATURATED:
-        fact = f"{joint} is at its limit in {audit.saturated:.0%} of the rows"
+        fact = f"{audit.joint} is at its limit in {audit.saturated:.0%} of the rows"
         yield f"{fact}: stiffness hardly shows there; command smaller or slower motion"
 
 

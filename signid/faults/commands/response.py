@@ -281,20 +281,13 @@ def _solved(table: Array) -> tuple[Array, Array]:
 
 def _discrete(w: float, z: float, period: float) -> tuple[Array, Array]:
     """Numerator and denominator of the second-order response to a held command, with a gain of one at rest."""
+    z = z if abs(z - 1) >= 1e-6 else 1 + 1e-6  # two poles
     root = np.sqrt(complex(z * z - 1))
-    p, r = np.exp((-z + root) * w * period), np.exp((-z - root) * w * period)
+    slow, fast = (-z + root) * w, (-z - root) * w
+    p, r = np.exp(slow * period), np.exp(fast * period)
     a = np.real(np.array([1.0, -(p + r), p * r]))
-    first = _step_response(w, z, period)
+    first = float(np.real(1 + (fast * p - slow * r) / (slow - fast)))
     return np.array([0.0, first, float(a.sum()) - first]), a
-
-
-def _step_response(w: float, z: float, t: float) -> float:
-    """Response to a unit step after a time t [s]."""
-    if abs(z - 1) < 1e-6:
-        z = 1 + 1e-6
-    root = np.sqrt(complex(z * z - 1))
-    p, r = (-z + root) * w, (-z - root) * w
-    return float(np.real(1 + (r * np.exp(p * t) - p * np.exp(r * t)) / (p - r)))
 
 
 SETTLE, LAGS = 0.4, 5.0  # [s], [lags] after the last change of the command
@@ -335,15 +328,10 @@ def _holds(part: Part, lag: float, quantum: float, span: float) -> list[tuple[fl
     holds = []
     for k in np.flatnonzero(long).tolist():
         low, first, high = int(edges[k]), int(starts[k]), int(edges[k + 1])
-        q = _still(part.t[first:high], part.q[first:high], quantum)
-        if len(q):
+        t, q = part.t[first:high], part.q[first:high]
+        away = np.flatnonzero(np.abs(q - q[-1]) > 2.5 * quantum)
+        since = int(away[-1]) + 1 if len(away) else 0  # the row from which on the joint does not move any more
+        if t[-1] - t[since] >= STILL:
             step = float(part.command[low] - part.command[low - 1]) if low else 0.0
-            holds.append((float(part.command[low] - np.median(q)), float(np.sign(step))))
+            holds.append((float(part.command[low] - np.median(q[since:])), float(np.sign(step))))
     return holds
-
-
-def _still(t: Array, q: Array, quantum: float) -> Array:
-    """Positions (M,) from which on the joint does not move any more, at least for 0.2 s."""
-    away = np.flatnonzero(np.abs(q - q[-1]) > 2.5 * quantum)
-    first = int(away[-1]) + 1 if len(away) else 0
-    return q[first:] if t[-1] - t[first] >= STILL else q[:0]

@@ -49,7 +49,7 @@ IN_SAMPLES = {  # what is looked for in the samples, and the kinds of its faults
     "exceeded limits": ("torque limit", "velocity limit", "position limit"),
 }
 IN_TORQUE = {  # what is looked for by comparison of signed torque with the description
-    "wrong sign or axis": ("torque sign", "position sign", "axis"),
+    "wrong sign": ("torque sign", "position sign", "axis"),
     "exchanged joints": ("torque order", "position order", "joint order"),
     "wrong unit, scale or gain": ("degrees", "revolutions", "millimetres", "units", "gain", "position scale"),
     "shifted zero": ("position zero",),
@@ -59,6 +59,7 @@ IN_TORQUE = {  # what is looked for by comparison of signed torque with the desc
     "other gravity": ("gravity", "weight"),
     "unexplained torque": ("unexplained torque",),
 }
+IN_DESCRIPTION = {"wrong axis": "joint axis", "held joints elsewhere": "held joints"}  # where torque is unexplained
 
 
 def check_summary(found: Check) -> CheckSummary:
@@ -181,7 +182,8 @@ def _of_a_fit(found: Check) -> tuple[str, ...]:
 def _clear(found: Check) -> Iterator[str]:
     """Faults that were looked for and not found."""
     seen = {fault.kind for fault in found.faults.findings}
-    for words, kinds in (*IN_SAMPLES.items(), *(IN_TORQUE.items() if found.faults.compared else ())):
+    tried = {words: (kind,) for words, kind in IN_DESCRIPTION.items() if kind in found.faults.tried}
+    for words, kinds in (IN_SAMPLES | (IN_TORQUE if found.faults.compared else {}) | tried).items():
         if not seen.intersection(kinds):
             yield words
 
@@ -259,13 +261,11 @@ def motion_sizes(found: Check) -> tuple[Array, Array, Array]:
 
 
 def _identifiable(found: Check) -> Identifiable:
-    names = zip(found.base.expressions, found.verdicts, strict=True)
     groups: dict[str, list[str]] = {}
-    for name, verdict in names:
+    for name, verdict in zip(found.base.expressions, found.verdicts, strict=True):
         groups.setdefault(verdict, []).append(name)
-    return Identifiable(
-        "base parameter", *(tuple(groups.get(verdict, ())) for verdict in ("identifiable", "weak", "unidentifiable"))
-    )
+    which = (tuple(groups.get(verdict, ())) for verdict in ("identifiable", "weak", "unidentifiable"))
+    return Identifiable("base parameter", *which)
 
 
 def _faults_document(found: RecordingFaults) -> Document:
