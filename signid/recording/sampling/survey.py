@@ -31,7 +31,6 @@ MILLISECONDS, CRAWL = 0.5, 0.05  # [s], [rad/s] integer time steps this long wit
 HUGE = 1e9  # [rad, m, N.m or N] implausible magnitude for any robot
 STILL = 1e-9  # [rad or m] smaller ranges count as no motion
 RADIANS = 'convert it to radians, or write [units] q = "deg", on two lines, into a column map (--columns)'
-BRIDGE = "signid convert --drop-missing bridges short gaps"
 
 
 @dataclass
@@ -239,7 +238,7 @@ def faults(facts: Facts) -> Iterator[str]:
     if used < FEWEST:
         least = f"at least {FEWEST} are needed, in stretches of half a second or more without a gap or a missing value"
         worst = max(facts.missing, key=lambda column: facts.missing[column], default="")
-        lack = f", {facts.missing[worst]} lack {worst} ({BRIDGE})" if facts.missing.get(worst) else ""
+        lack = f", {facts.missing[worst]} lack {worst}" if facts.missing.get(worst) else ""
         yield f"too short: only {used} of {rows} samples can be used{lack}; {least}"
     if not facts.moves.any():
         constant = ", ".join(facts.recording.columns["q"])
@@ -299,8 +298,7 @@ def notes(facts: Facts) -> Iterator[str]:
         yield f"{_count(accumulated.gaps, 'gap')} in time split the recording, {longest}{since}"
     if any(facts.missing.values()):
         where = ", ".join(f"{count} in {name}" for name, count in facts.missing.items() if count)
-        omitted = f"{_count(facts.incomplete, 'sample')} of {rows} omitted"
-        yield f"values are missing ({where}); {omitted}" + (f"; {BRIDGE}" if facts.incomplete else "")
+        yield f"values are missing ({where}); {_count(facts.incomplete, 'sample')} of {rows} omitted"
     if facts.repeated:
         yield f"{_count(facts.repeated, 'sample')} dropped: same time as the previous sample"
     if facts.choice.times is not None:
