@@ -6,19 +6,17 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import shorten
-from ..types import Array, Recording
+from ..types import Array, Indices, Recording
 from .names.mapping import DerivedTable
 from .sampling.clock import CHUNK, FASTEST, GAP, GAP_SECONDS, SLOWEST
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
-PERIODS, SECONDS = 6.5, 0.05  # holes of up to so many periods that are no longer than so many seconds are short, too
+PERIODS, SECONDS = 6.5, 0.05  # [periods], [s] holes that are no longer than both are short, too
 WRAP = 3.0  # [rad or m] change of a position across a hole that may be a wrap of its encoder, which is left alone
 CLOSE = 0.2  # [periods] distance of rows below which they state no slope
 MUCH = 0.1  # [1] bridged share of a column from which results are flagged
-Rows = NDArray[np.intp]
 
 
 def bridge(recording: Recording) -> Recording:
@@ -38,19 +36,21 @@ def bridge(recording: Recording) -> Recording:
     longest = max(GAP * period, GAP_SECONDS, min(PERIODS * period, SECONDS)) * (1 + 1e-6)
     positions, reach = {*columns["q"], *columns.get("q_des", ())}, 4 * int(longest / period) + 4
     straight = {names[0], *columns.get("q_des", ()), *np.array(columns["tau"])[~recording.signed].tolist()}
-    found: dict[str, list[tuple[Rows, Array]]] = {}
+    found: dict[str, list[tuple[Indices, Array]]] = {}
     for start in range(0, table.rows, CHUNK):
         low = max(0, start - reach)
-        values = table.read(names, low, min(table.rows, start + CHUNK + reach))
-        lost = np.isnan(values).any(axis=0)
-        lost[0], t = lost.any(), np.arange(len(values)) * period
+        values = np.array(table.read(names, low, min(table.rows, start + CHUNK + reach)))
+        lost = np.array(np.isnan(values).any(axis=0))
+        lost[0], t = lost.any(), np.asarray(np.arange(len(values)) * period)
         for k in np.flatnonzero(lost).tolist():  # first the stamps, by their rows; then the others, by their stamps
             most = WRAP if names[k] in positions else np.inf if k else longest
             rows, filled = _bridged(t, values[:, k], (period, longest, most), names[k] in straight)
             values[rows, k], t = filled, t if k else values[:, 0]
             inside = (rows >= start - low) & (rows < start - low + CHUNK)
             found.setdefault(names[k], []).append((rows[inside] + low, filled[inside]))
-    parts = {name: tuple(map(np.concatenate, zip(*pieces, strict=True))) for name, pieces in found.items()}
+    parts = {
+        name: (np.concatenate([r for r, _ in own]), np.concatenate([x for _, x in own])) for name, own in found.items()
+    }
     counts = {name: len(rows) for name, (rows, _) in parts.items() if len(rows)}
     if not counts:
         return recording
@@ -66,8 +66,8 @@ def bridge(recording: Recording) -> Recording:
     return replace(recording, table=bridged, notes=(*recording.notes, note), flags=flags)
 
 
-def _bridged(t: Array, x: Array, limits: tuple[float, float, float], straight: bool) -> tuple[Rows, Array]:
-    """Rows (k,) of short holes of a column x (N,) at t (N,) [s], and their values (k,) [unit of x].
+def _bridged(t: Array, x: Array, limits: tuple[float, float, float], straight: bool) -> tuple[Indices, Array]:
+    """Indices (k,) of short holes of a column x (N,) at t (N,) [s], and their values (k,) [unit of x].
 
     Limits: the period [s], the longest time between known values [s] and the largest difference [unit of x] of them.
     """
@@ -91,7 +91,7 @@ def _bridged(t: Array, x: Array, limits: tuple[float, float, float], straight: b
     return lost, line
 
 
-def _filled(rows: Rows, filled: Array, values: Array, start: int) -> Array:
+def _filled(rows: Indices, filled: Array, values: Array, start: int) -> Array:
     low, high = np.searchsorted(rows, [start, start + len(values)])
     values = values.copy()
     values[rows[low:high] - start] = filled[low:high]

@@ -362,7 +362,8 @@ def read_bare(
     joints = _joints_of_names(opened, signals)
     if not signals["t"].mapped:
         ask_for_time(opened.table, "t", {each.column for name, each in signals.items() if split(name)}, opened.name)
-    chosen = {kind: tuple(_column(signals, kind, joint) for joint in joints) for kind in KINDS}
+    columns_of_joints = {name: signal.column for name, signal in signals.items()}
+    chosen = {kind: tuple(columns_of_joints.get(f"{kind}_{joint}", "") for joint in joints) for kind in KINDS}
     functions: dict[str, Callable[[Array, int], Array]] = {}
     unknown: set[tuple[str, str]] = set()
     for kind, joint in product(KINDS, joints):
@@ -400,11 +401,6 @@ def read_bare(
         units=units,
     )
     return bridge(recording), {joint: "" if ("q", joint) in unknown else "rad" for joint in joints}
-
-
-def _column(signals: dict[str, Signal], kind: str, joint: str) -> str:
-    signal = signals.get(f"{kind}_{joint}")
-    return signal.column if signal else ""
 
 
 def _unstated(opened: Opened, mapping: ParsedColumns, signal: Signal, kind: str) -> bool:
