@@ -17,7 +17,7 @@ from signid.cli.run import run
 from signid.errors import RecordingError
 from signid.faults.commands import audit_servos
 from signid.recording import read_bare, read_recording
-from signid.recording.formats.arrays import memory_table
+from signid.recording.formats.base import memory_table
 from signid.types import Recording
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from signid.errors import RecordingError
 from signid.recording.formats import FORMATS, parquet
-from signid.recording.formats.arrays import memory_table
+from signid.recording.formats.base import memory_table
 
 NAMES = ("t", "q_1", "tau_1")
 VALUES = np.array([[0.0, 1.0, -2.0], [0.5, np.nan, 3.25], [1.0, 1.5, 1e-7]])

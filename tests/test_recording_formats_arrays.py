@@ -14,7 +14,7 @@ from test_recording_formats import refusal, sentence
 from signid.errors import InputError, OptionError, RecordingError
 from signid.recording import read_recording
 from signid.recording.formats import FORMATS, base
-from signid.recording.formats.arrays import memory_table
+from signid.recording.formats.base import memory_table
 from signid.types import Table
 
 N = 9

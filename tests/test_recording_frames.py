@@ -62,10 +62,13 @@ def test_all_are_the_same_recording(case: str) -> None:
 
 def test_missing_values_are_nan() -> None:
     holes = pd.DataFrame(whole()).convert_dtypes()
-    holes.loc[3, "q_2"] = pd.NA
-    for frame in (holes, pl.DataFrame(whole()).with_columns(q_2=pl.when(pl.col("t") != T[3]).then("q_2"))):
+    holes.loc[3:8, "q_2"] = pd.NA
+    for frame in (
+        holes,
+        pl.DataFrame(whole()).with_columns(q_2=pl.when(~pl.col("t").is_between(T[3], T[8])).then("q_2")),
+    ):
         q = read_recording(frame, arm()).read().q
-        assert np.argwhere(np.isnan(q)).tolist() == [[3, 1]]
+        assert np.argwhere(np.isnan(q)).tolist() == [[k, 1] for k in range(3, 9)]
 
 
 def test_dates_in_parquet(tmp_path: Path) -> None:

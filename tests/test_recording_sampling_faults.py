@@ -59,7 +59,7 @@ BAD: dict[str, tuple[Change, tuple[str, ...]]] = {
     "nothing moves": (put("q", slice(None), 0.5), ("no joint moves", "q_1, q_2")),
     "one sample": (keep(slice(1)), ("too short", "single")),
     "few samples": (keep(slice(15)), ("too short", "0 of 15")),
-    "full of holes": (put("q", (slice(None, None, 7), 1), np.nan), ("too short", "q_2", "286")),
+    "full of holes": (put("q", (np.arange(N) % 40 < 6, 1), np.nan), ("too short", "q_2", "300")),
     "short runs": (put("t", slice(None), T + np.floor(T / 0.3)), ("too short", "half a second")),
 }
 
@@ -95,7 +95,7 @@ NOTED: dict[str, tuple[Change, tuple[str, ...]]] = {
     "a bit beyond": (scale("q", 3.0), ("shoulder", "beyond the limits", "rad")),
     "no torque of one": (lambda c: c.update(tau=c["tau"][:, :1]), ("elbow moves",)),
     "dead velocity": (lambda c: c.update(dq=np.gradient(c["q"], T, axis=0) * [1, 0]), ("dq_2", "zero")),
-    "too short": (put("q", ([300, 330], 0), np.nan), ("1 stretch", "0.5 s")),
+    "too short": (put("q", (np.r_[300:306, 330:336], 0), np.nan), ("1 stretch", "0.5 s")),
     "jitter": (put("t", slice(None, None, 2), T[::2] + 0.002), ("from 8 to 12 ms", "resampled every")),
 }
 

@@ -9,13 +9,12 @@ import numpy as np
 
 from ..errors import RecordingError, one_line, shorten
 from ..types import Array, Robot, ServoSamples
-from .columns import TORQUES
+from .columns import TORQUES, Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .formats.base import About
 from .joining import Files, open_files
 from .names.mapping import DRIVE, Heading, MotorRange, calibrated, heading_lines, key_of, quoted, read_map, split
 from .names.match import Guess, guess_columns, match_signals, pair_in_order
 from .names.vocabulary import Change, change_of
-from .noticed import Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .sampling.clock import rivals
 from .source import Opened, Source
 
@@ -84,7 +83,12 @@ def draft_map(
     spare = [one.column for _, one in matched if one.desired]
     signals, time = _unsigned(signals, values), _time(guesses, values)
     unstated = About.of(opened.table).unstated
-    lines = tuple(_checked(line, unstated) for line in _lines(signals, time, values, robot))
+    lines = tuple(
+        line._replace(noticed=line.noticed.with_caveat(unstated=True))
+        if line.kind in ("q", "q_des") and line.guess.column in unstated
+        else line
+        for line in _lines(signals, time, values, robot)
+    )
     lines = _calibrated(lines, values, ranges or {})
     offered = tuple((key, one.column) for key, one in pair_in_order(guesses, signals, robot))
     used = {line.guess.column for line in lines} | {column for _, column in offered}
@@ -113,13 +117,6 @@ def _calibrated(
         else line
         for line in lines
     )
-
-
-def _checked(line: MappedColumn, unstated: Collection[str]) -> MappedColumn:
-    """A line, with a caveat on its unit if the dataset does not state that of its positions."""
-    if line.kind not in ("q", "q_des") or line.guess.column not in unstated:
-        return line
-    return line._replace(noticed=line.noticed.with_caveat(unstated=True))
 
 
 def _numbers(opened: Opened) -> Iterator[tuple[str, Array]]:

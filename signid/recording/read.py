@@ -21,6 +21,7 @@ from .columns import TORQUES, UNSTATED, Assignment, assign_columns, conversion, 
 from .formats import FORMATS
 from .formats.base import About
 from .formats.json_ import holds_samples
+from .missing import bridge
 from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
 from .names.match import guess, suggest
 from .sampling.clock import CHUNK, ask_for_time
@@ -94,7 +95,7 @@ def read_recording(
     flags = () if any(torques) else tuple(dropped)
     constants = _torque_constants(robot, joints, torques, absolute, opened.name)
     absolutes = {c: _absolute for c, kind in zip(chosen["tau"], torques, strict=True) if unsigned and kind}
-    return Recording(
+    recording = Recording(
         tuple(robot.joints[j] for j in joints),
         DerivedTable(found.table, absolutes) if absolutes else found.table,
         chosen,
@@ -112,6 +113,7 @@ def read_recording(
         (*found.flags, *flags),
         {name: unit for name, unit in found.units.items() if any(name in group for group in chosen.values())},
     )
+    return bridge(recording)
 
 
 def same_joints(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -360,7 +362,8 @@ def read_bare(
     joints = _joints_of_names(opened, signals)
     if not signals["t"].mapped:
         ask_for_time(opened.table, "t", {each.column for name, each in signals.items() if split(name)}, opened.name)
-    chosen = {kind: tuple(_column(signals, kind, joint) for joint in joints) for kind in KINDS}
+    columns_of_joints = {name: signal.column for name, signal in signals.items()}
+    chosen = {kind: tuple(columns_of_joints.get(f"{kind}_{joint}", "") for joint in joints) for kind in KINDS}
     functions: dict[str, Callable[[Array, int], Array]] = {}
     unknown: set[tuple[str, str]] = set()
     for kind, joint in product(KINDS, joints):
@@ -397,12 +400,7 @@ def read_bare(
         flags=tuple(implausible),
         units=units,
     )
-    return recording, {joint: "" if ("q", joint) in unknown else "rad" for joint in joints}
-
-
-def _column(signals: dict[str, Signal], kind: str, joint: str) -> str:
-    signal = signals.get(f"{kind}_{joint}")
-    return signal.column if signal else ""
+    return bridge(recording), {joint: "" if ("q", joint) in unknown else "rad" for joint in joints}
 
 
 def _unstated(opened: Opened, mapping: ParsedColumns, signal: Signal, kind: str) -> bool:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ..errors import OptionError, RecordingError, readable
 from ..types import Table
 from .formats import find_format
-from .formats.arrays import memory_table
+from .formats.base import memory_table
 from .names.mapping import Heading
 
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from ...errors import RecordingError, shorten
 from ...types import Table
-from .arrays import MOST_DEPTH, memory_table
-from .base import MOST_COLUMNS, About, Format, memory_limited, require_memory
+from .base import MOST_COLUMNS, MOST_DEPTH, About, Format, memory_limited, memory_table, require_memory
 
 TIMES = 3  # peak memory while reading [times the size of the numbers]
 TEXTS = ("char", "cell", "string")  # classes of MATLAB that are no numbers, although they are stored so
@@ -53,7 +52,8 @@ def open_hdf5(path: Path) -> Table:
                 numbers = _holds_numbers(dataset)
                 size += dataset.size * dataset.dtype.itemsize if numbers else 0
                 require_memory(path, TIMES * size)
-                arrays[name] = _value(dataset) if numbers else ""
+                value = np.asarray(dataset[()]) if numbers else ""  # MATLAB has no vectors, but matrices of one row
+                arrays[name] = np.squeeze(value) if numbers and _kind(dataset) else value
     except RecordingError:
         raise
     except MemoryError as error:
@@ -107,12 +107,6 @@ def _holds_numbers(dataset: Any) -> bool:
     """Whether an array is one of numbers in this file."""
     elsewhere = dataset.is_virtual or dataset.external
     return not (elsewhere or dataset.shape is None or dataset.dtype.hasobject or _kind(dataset) in TEXTS)
-
-
-def _value(dataset: Any) -> np.ndarray:
-    """Numbers of an array; MATLAB has no vectors, but matrices of one row or column."""
-    value = np.asarray(dataset[()])
-    return np.squeeze(value) if _kind(dataset) else value
 
 
 PLUGIN = Hdf5()

@@ -16,9 +16,8 @@ import numpy as np
 
 from ...errors import RecordingError
 from ...types import Array, Table
-from .arrays import MOST_DEPTH, memory_table
-from .base import MOST_COLUMNS, MOST_PARTS, About, Format, MemoryTable, require_memory
-from .text import MISSING
+from .base import MOST_COLUMNS, MOST_DEPTH, MOST_PARTS, About, Format, MemoryTable, memory_table, require_memory
+from .csv_ import MISSING
 
 LINES = (".jsonl", ".ndjson")
 MOST_LINE = 1_000_000  # length of a line [bytes]

@@ -14,8 +14,7 @@ import numpy as np
 
 from ...errors import RecordingError
 from ...types import Table
-from .arrays import MOST_DEPTH
-from .base import MOST, MOST_PARTS, Format, free_memory, memory_limited, require_memory
+from .base import MOST, MOST_DEPTH, MOST_PARTS, Format, free_memory, memory_limited, require_memory
 from .hdf5 import open_hdf5, without_objects
 
 HEADER = 128  # length of the header [bytes]

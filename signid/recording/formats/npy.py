@@ -10,8 +10,7 @@ import numpy as np
 from ...errors import OptionError, RecordingError
 from ...types import Table
 from ..names.mapping import Heading
-from .arrays import memory_table
-from .base import Format, require_memory
+from .base import Format, memory_table, require_memory
 
 
 class Npy(Format):

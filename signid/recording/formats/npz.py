@@ -11,8 +11,7 @@ import numpy as np
 
 from ...errors import RecordingError
 from ...types import Array, Table
-from .arrays import memory_table
-from .base import MOST, Format, free_memory
+from .base import MOST, Format, free_memory, memory_table
 
 
 class Npz(Format):

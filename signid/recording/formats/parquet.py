@@ -13,8 +13,7 @@ import polars as pl
 
 from ...errors import RecordingError
 from ...types import Array, Table
-from .arrays import MOST_DEPTH
-from .base import BROKEN, MOST_COLUMNS, MOST_PARTS, Format, hushed, refusal
+from .base import BROKEN, MOST_COLUMNS, MOST_DEPTH, MOST_PARTS, Format, hushed, refusal
 
 SLAB = 262_144  # [rows] decoded at once
 NUMBERS = (pl.Boolean, pl.Null, pl.Datetime, pl.Duration)  # types that are read as numbers

@@ -4,8 +4,7 @@ Nothing is downloaded automatically. `sets` lists the data sets; other packages 
 `signid.data`.
 """
 
-from .download import DATA, check_source, data_folder, fetch, is_complete, recordings
-from .sets import DataSet, Product
+from .download import DATA, DataSet, Product, check_source, data_folder, fetch, is_complete, recordings
 
 __all__ = [
     "DATA",

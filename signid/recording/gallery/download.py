@@ -5,7 +5,10 @@ from __future__ import annotations
 import gzip
 import os
 import time
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from http.client import IncompleteRead, responses
 from pathlib import Path
@@ -18,7 +21,7 @@ from ...errors import DownloadError, OptionError, RecordingError
 from ...registry import Registry
 from ...robot.locate import robots_folder
 from ...version import __version__
-from .sets import SETS, DataSet, Product
+from . import convert
 
 if TYPE_CHECKING:
     from ...types import Progress
@@ -27,6 +30,57 @@ VARIABLE = "SIGNID_DATA"  # folder of downloaded recordings; by default data
 LOCAL = ("localhost", "127.0.0.1", "::1")
 GONE = (404, 410)  # HTTP status codes of missing files
 SIZE, SILENCE, DURATION = 2**25, 30.0, 600.0  # limits of a file: size [bytes], time without data, duration [s]
+
+
+@dataclass(frozen=True)
+class Product:
+    """A file that is converted from source files."""
+
+    name: str
+    sources: tuple[str, ...]  # paths in the repository, in the order of the arguments of `make`
+    make: Callable[..., str]
+    sha256: str  # expected digest of the text before compression
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """Public recordings at one commit of a repository on GitHub."""
+
+    name: str
+    title: str
+    folder: str
+    seconds: float  # duration of all recordings [s]
+    repository: str  # OWNER/NAME
+    commit: str
+    licence: str
+    cite: str
+    megabytes: float  # approximate download size
+    products: tuple[Product, ...]
+    carried: tuple[tuple[str, str], ...] = ()  # files that come with signid: name, and path below robots/
+    example: str = ""  # command of an example, with {folder} and {robots}; empty: robots/NAME/identify.py
+    drives: bool = False  # commands and positions of position drives, instead of torques or motor currents
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Paths of all files to download, without repetitions."""
+        return tuple(dict.fromkeys(path for product in self.products for path in product.sources))
+
+    @property
+    def base(self) -> str:
+        """Base address of the source files."""
+        return f"https://raw.githubusercontent.com/{self.repository}/{self.commit}"
+
+
+def _data_set(name: str, entry: dict[str, Any]) -> DataSet:
+    carried, products = tuple(entry.pop("carried", {}).items()), []
+    for file in entry.pop("files"):
+        make = partial(getattr(convert, file["make"]), **file.get("options", {}))
+        products.append(Product(file["name"], tuple(file["sources"]), make, file["sha256"]))
+    return DataSet(name=name, products=tuple(products), carried=carried, **entry)
+
+
+_LISTED = tomllib.loads(Path(__file__).with_name("sets.toml").read_text(encoding="utf-8"))
+SETS = {name: _data_set(name, entry) for name, entry in _LISTED.items()}
 
 
 class _Gallery(Registry[DataSet]):

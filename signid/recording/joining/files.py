@@ -10,11 +10,11 @@ import numpy as np
 
 from ...errors import RecordingError, shorten
 from ...types import Array
+from ..columns import time_unit
 from ..formats.base import About
 from ..names.mapping import ParsedColumns, Signal, split
 from ..names.match import Guess, guess
 from ..names.vocabulary import Change, change_of
-from ..noticed import time_unit
 from ..sampling.clock import ask_for_time
 from ..source import Opened
 from ..streams import WRAP, Stamps, plural
@@ -190,7 +190,8 @@ def name_columns(files: Sequence[Timed], mapping: ParsedColumns, notes: list[str
     Raises:
         RecordingError: two files have the same signal.
     """
-    signals = [_signals(file, mapping) for file in files]
+    own_signals = (own_columns(mapping, file.opened).signals(file.opened.table.columns, file.name) for file in files)
+    signals = [[s for s in own if s.column != file.column] for own, file in zip(own_signals, files, strict=True)]
     bare = [{s.column: one for s in own if not s.mapped and (one := _without_joint(s.column))} for own in signals]
     kinds = [{(one.kind, one.desired) for one in own.values()} for own in bare]
     found: list[list[NamedColumn]] = []
@@ -201,11 +202,6 @@ def name_columns(files: Sequence[Timed], mapping: ParsedColumns, notes: list[str
         if own:
             notes.append(f"{file.name}: columns without a joint in their names are those of the joint {stem}")
     return _distinct(files, found)
-
-
-def _signals(file: Timed, mapping: ParsedColumns) -> list[Signal]:
-    own = own_columns(mapping, file.opened)
-    return [s for s in own.signals(file.opened.table.columns, file.name) if s.column != file.column]
 
 
 def _without_joint(column: str) -> Guess | None:

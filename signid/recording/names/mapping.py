@@ -110,7 +110,9 @@ class ParsedColumns(NamedTuple):
                     yield Signal(logical, name, False, unit)
 
     def _renamed(self, name: str) -> str:
-        name = _lower_kind(name)
+        written = (kind for kind in KINDS if name.lower().startswith(f"{kind}_"))
+        kind = "t" if name == "T" else next(written, "")  # Q_1 is q_1, T is t
+        name = kind + name[len(kind) :]
         for kind, token in split(name):
             if token in self.joints:
                 return f"{kind}_{self.joints[token]}"
@@ -118,13 +120,6 @@ class ParsedColumns(NamedTuple):
                 inner = token[len(self.pattern[0]) : len(token) - len(self.pattern[1])]
                 return f"{kind}_{inner}" if inner else name
         return name
-
-
-def _lower_kind(name: str) -> str:
-    """A column name whose kind is written as here: Q_1 is q_1, T is t."""
-    found = (kind for kind in KINDS if name.lower().startswith(f"{kind}_"))
-    kind = "t" if name == "T" else next(found, "")
-    return kind + name[len(kind) :]
 
 
 def split(logical: str) -> list[tuple[str, str]]:

@@ -1,6 +1,6 @@
 """Sampling of recordings: usable stretches, their uniform time grid, and samples on it.
 
-Nonuniform time steps are resampled; gaps and missing values split a recording into stretches.
+Nonuniform time steps are resampled; gaps and long holes of missing values split a recording into stretches.
 """
 
 from .clock import time_origin

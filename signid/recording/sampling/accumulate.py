@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...types import Array, Recording
+from ...types import Array, Indices, Mask, Recording
 from .clock import CHUNK, Clock
 from .grid import BRIEFEST, SHORTEST, STRIDE, Stretch
 
@@ -15,7 +14,6 @@ SMOOTH = 0.02  # [s] averaging time of velocities
 WINDOWS = (16, 256)  # [samples] lengths over which a uniform clock must not drift
 UNEVEN = 1e-3  # tolerance of a uniform clock [periods]
 TURN = 0.16  # [1] jumps this close to the span of a register, relative to it, are wraps
-Rows = NDArray[np.intp]
 FAST = 10.0  # [1] step that is a jump, over the largest usual step
 USUAL = 0.995  # [1] quantile of the steps that is the largest usual one; jumps are rare
 ALMOST = 0.8  # [1] smallest jump over the range of the positions: from one end to the other
@@ -87,9 +85,7 @@ class Accumulator:
         self._open: OpenStretch | None = None
         self._last, self._missing, self._turned = np.nan, False, np.zeros(n)
 
-    def take(
-        self, start: int, t: Array, q: Array, tau: Array, missing: NDArray[np.bool_], dropped: NDArray[np.bool_]
-    ) -> None:
+    def take(self, start: int, t: Array, q: Array, tau: Array, missing: Mask, dropped: Mask) -> None:
         """Add a chunk of N rows, the first of which has the number `start`.
 
         t: (N,) nondecreasing times [s]; q: (N, n) [rad or m]; tau: (N, n) [N.m or N];
@@ -134,7 +130,7 @@ class Accumulator:
         self._turned = self._turned + self._open.turns
         self._open = None
 
-    def _extend(self, stretch: OpenStretch, rows: Rows, t: Array, q: Array, tau: Array) -> None:
+    def _extend(self, stretch: OpenStretch, rows: Indices, t: Array, q: Array, tau: Array) -> None:
         steps = np.diff(t, prepend=stretch.t) if stretch.kept else np.diff(t)
         stretch.range.add(self._measure(t, self._unwrap(stretch, rows, q), tau, steps))
         self.uniform = self.uniform and self._is_uniform(t, steps)
@@ -142,7 +138,7 @@ class Accumulator:
         stretch.kept, stretch.stop = stretch.kept + len(t), int(rows[-1]) + 1
         stretch.t, stretch.q = float(t[-1]), q[-1]
 
-    def _unwrap(self, stretch: OpenStretch, rows: Rows, q: Array) -> Array:
+    def _unwrap(self, stretch: OpenStretch, rows: Indices, q: Array) -> Array:
         """Positions (N, n) [rad or m] without wraps of the encoder."""
         if not self.spans.any():
             return q

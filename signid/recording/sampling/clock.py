@@ -92,7 +92,9 @@ def read_clock(recording: Recording, name: str) -> Clock:
     period = float(np.median(forward))
     if not FASTEST <= period <= SLOWEST:
         unit = likely_unit(period)
-        advice = f"it looks like {unit}; convert it to seconds" + _line(unit)
+        advice = f"it looks like {unit}; convert it to seconds"
+        if short := {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns", "hours": "h"}.get(unit):
+            advice += f', or write [units] t = "{short}", on two lines, into a column map (--columns)'
         raise RecordingError(f"{name}: column {column!r} steps by {period:g}, which cannot be seconds: {advice}")
     mean = float(forward[(forward <= max(GAP * period, GAP_SECONDS)) & (forward > CLOSE * period)].mean())
     return Clock(period, mean, resolution(last) if len(last) else 0.0)
@@ -123,12 +125,6 @@ def resolution(stamps: Array) -> float:
     if np.array_equal(stamps, stamps.astype(np.float32)):
         return float(np.spacing(np.abs(stamps).max().astype(np.float32)))
     return limit
-
-
-def _line(unit: str) -> str:
-    """Line of a column map for a unit of time, as the end of a message."""
-    short = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns", "hours": "h"}.get(unit)
-    return f', or write [units] t = "{short}", on two lines, into a column map (--columns)' if short else ""
 
 
 class EvenClock(NamedTuple):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import RecordingError
 from ...types import Array, Recording, Robot, Samples
+from ..streams import plural
 from .accumulate import Accumulator, register_spans
 from .choice import Choice, choose_clock
 from .clock import CHUNK, Clock, likely_unit, read_clock, time_origin
@@ -30,7 +31,6 @@ MILLISECONDS, CRAWL = 0.5, 0.05  # [s], [rad/s] integer time steps this long wit
 HUGE = 1e9  # [rad, m, N.m or N] implausible magnitude for any robot
 STILL = 1e-9  # [rad or m] smaller ranges count as no motion
 RADIANS = 'convert it to radians, or write [units] q = "deg", on two lines, into a column map (--columns)'
-BRIDGE = "signid convert --drop-missing bridges short gaps"
 
 
 @dataclass
@@ -109,19 +109,15 @@ def survey(recording: Recording, robot: Robot) -> Sampling:
     facts, dropped = _read(recording, robot, clock, wraps, Choice.stamps(clock.period))
     if facts.accumulated.uniform or not facts.accumulated.stretches:
         sampling = _sampling(facts, clock, dropped)
-        return sampling if _is_rounded(clock, sampling.period) else _limited(recording, sampling)
+        count = sampling.period / clock.step if clock.step > ROUNDED * sampling.period else 0.0
+        rounded = abs(count - round(count)) > ROUNDED  # so coarsely that samples look like interpolated ones
+        return sampling if rounded else _limited(recording, sampling)
     spans = [(stretch.start, stretch.stop) for stretch in facts.accumulated.stretches]
     choice = choose_clock(recording, robot, clock, spans, dropped)
     if choice.times is not None:
         clock = Clock(choice.period, choice.period, 0.0)
         facts, dropped = _read(recording, robot, clock, wraps, choice)
     return _limited(recording, _sampling(facts, clock, dropped))
-
-
-def _is_rounded(clock: Clock, period: float) -> bool:
-    """Whether stamps are rounded so coarsely that samples at rounded times look like interpolated ones."""
-    count = period / clock.step if clock.step > ROUNDED * period else 0.0
-    return abs(count - round(count)) > ROUNDED
 
 
 def _limited(recording: Recording, sampling: Sampling) -> Sampling:
@@ -238,7 +234,7 @@ def faults(facts: Facts) -> Iterator[str]:
     if used < FEWEST:
         least = f"at least {FEWEST} are needed, in stretches of half a second or more without a gap or a missing value"
         worst = max(facts.missing, key=lambda column: facts.missing[column], default="")
-        lack = f", {facts.missing[worst]} lack {worst} ({BRIDGE})" if facts.missing.get(worst) else ""
+        lack = f", {facts.missing[worst]} lack {worst}" if facts.missing.get(worst) else ""
         yield f"too short: only {used} of {rows} samples can be used{lack}; {least}"
     if not facts.moves.any():
         constant = ", ".join(facts.recording.columns["q"])
@@ -295,13 +291,12 @@ def notes(facts: Facts) -> Iterator[str]:
         origin = time_origin(facts.recording)
         longest = f"the longest {length:.3g} s at t = {at - origin:.6g} s"
         since = " since the start" if origin else ""
-        yield f"{_count(accumulated.gaps, 'gap')} in time split the recording, {longest}{since}"
+        yield f"{plural(accumulated.gaps, 'gap')} in time split the recording, {longest}{since}"
     if any(facts.missing.values()):
         where = ", ".join(f"{count} in {name}" for name, count in facts.missing.items() if count)
-        omitted = f"{_count(facts.incomplete, 'sample')} of {rows} omitted"
-        yield f"values are missing ({where}); {omitted}" + (f"; {BRIDGE}" if facts.incomplete else "")
+        yield f"values are missing ({where}); {plural(facts.incomplete, 'sample')} of {rows} omitted"
     if facts.repeated:
-        yield f"{_count(facts.repeated, 'sample')} dropped: same time as the previous sample"
+        yield f"{plural(facts.repeated, 'sample')} dropped: same time as the previous sample"
     if facts.choice.times is not None:
         yield _even(facts.choice)
     elif not accumulated.uniform:
@@ -309,7 +304,8 @@ def notes(facts: Facts) -> Iterator[str]:
         fact = f"time steps vary from {least:.4g} to {most:.4g} ms"
         yield f"{fact}: resampled every {accumulated.clock.period * 1e3:.6g} ms by cubic interpolation"
     if accumulated.short:
-        yield f"{_count(accumulated.short, 'stretch', 'es')} shorter than 8 samples or 0.5 s omitted"
+        stretches = "1 stretch" if accumulated.short == 1 else f"{accumulated.short} stretches"
+        yield f"{stretches} shorter than 8 samples or 0.5 s omitted"
     yield from _joint_notes(facts)
     yield from _dead_derivatives(facts)
 
@@ -319,7 +315,7 @@ def _even(choice: Choice) -> str:
     jitter, period = choice.jitter * 1e3, choice.period * 1e3
     fact = f"stamps of time jitter by {jitter:.2g} ms rms around an even clock of {period:.5g} ms"
     lost = (
-        f", {_count(choice.missing, 'row')} {'is' if choice.missing == 1 else 'are'} missing" if choice.missing else ""
+        f", {plural(choice.missing, 'row')} {'is' if choice.missing == 1 else 'are'} missing" if choice.missing else ""
     )
     return f"{fact}; the even clock is used{lost}"
 
@@ -349,7 +345,3 @@ def _dead_derivatives(facts: Facts) -> Iterator[str]:
         columns = zip(facts.recording.columns.get(key, ()), facts.moves, strict=False)
         if dead := [name for name, moves in columns if moves and name in facts.dead]:
             yield f"{', '.join(dead)}: zero throughout although the joints move; {word} are computed from positions"
-
-
-def _count(number: int, word: str, plural: str = "s") -> str:
-    return f"{number} {word}{plural if number != 1 else ''}"

@@ -1,0 +1,98 @@
+"""Missing values: short holes of a column are bridged from the rows beside them, and said; longer ones stay missing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from ..errors import shorten
+from ..types import Array, Indices, Recording
+from .names.mapping import DerivedTable
+from .sampling.clock import CHUNK, FASTEST, GAP, GAP_SECONDS, SLOWEST
+
+SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
+PERIODS, SECONDS = 6.5, 0.05  # [periods], [s] holes that are no longer than both are short, too
+WRAP = 3.0  # [rad or m] change of a position across a hole that may be a wrap of its encoder, which is left alone
+CLOSE = 0.2  # [periods] distance of rows below which they state no slope
+MUCH = 0.1  # [1] bridged share of a column from which results are flagged
+
+
+def bridge(recording: Recording) -> Recording:
+    """The recording with short holes of time, positions, their derivatives, torques and commands bridged, and said.
+
+    A hole is short if the known values beside it are at most 3.5 periods or 10 ms apart, as for rows that are missing
+    altogether, or 6.5 periods that are at most 50 ms. Its values are those of the cubic through two known values on
+    either side; of the line for time, commands and unsigned torques, which stay nonnegative.
+    """
+    table, columns = recording.table, recording.columns
+    names = tuple(dict.fromkeys(c for key in SIGNALS for c in columns.get(key, ()) if c))
+    stamps = table.read(names[:1], 0, CHUNK)[:, 0]
+    steps = np.diff(stamps[np.isfinite(stamps)])
+    period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    if not FASTEST <= period <= SLOWEST:
+        return recording
+    longest = max(GAP * period, GAP_SECONDS, min(PERIODS * period, SECONDS)) * (1 + 1e-6)
+    positions, reach = {*columns["q"], *columns.get("q_des", ())}, 4 * int(longest / period) + 4
+    straight = {names[0], *columns.get("q_des", ()), *np.array(columns["tau"])[~recording.signed].tolist()}
+    found: dict[str, list[tuple[Indices, Array]]] = {}
+    for start in range(0, table.rows, CHUNK):
+        low = max(0, start - reach)
+        values = np.array(table.read(names, low, min(table.rows, start + CHUNK + reach)))
+        lost = np.array(np.isnan(values).any(axis=0))
+        lost[0], t = lost.any(), np.asarray(np.arange(len(values)) * period)
+        for k in np.flatnonzero(lost).tolist():  # first the stamps, by their rows; then the others, by their stamps
+            most = WRAP if names[k] in positions else np.inf if k else longest
+            rows, filled = _bridged(t, values[:, k], (period, longest, most), names[k] in straight)
+            values[rows, k], t = filled, t if k else values[:, 0]
+            inside = (rows >= start - low) & (rows < start - low + CHUNK)
+            found.setdefault(names[k], []).append((rows[inside] + low, filled[inside]))
+    parts = {
+        name: (np.concatenate([r for r, _ in own]), np.concatenate([x for _, x in own])) for name, own in found.items()
+    }
+    counts = {name: len(rows) for name, (rows, _) in parts.items() if len(rows)}
+    if not counts:
+        return recording
+    where = shorten([f"{count} in {name}" for name, count in counts.items()], 6)
+    apart, total = f"at most {longest * 1e3:.3g} ms apart", sum(counts.values())
+    note = (
+        f"{total} missing {'value is' if total == 1 else 'values are'} bridged from the rows beside, {apart} ({where})"
+    )
+    much = [f"{count / table.rows:.0%} of {name}" for name, count in counts.items() if count > MUCH * table.rows]
+    flag = f"values are missing and bridged from the rows beside, {shorten(much, 6)}: intervals do not hold this"
+    bridged = DerivedTable(table, {name: partial(_filled, *parts[name]) for name in counts})
+    flags = (*recording.flags, flag) if much else recording.flags
+    return replace(recording, table=bridged, notes=(*recording.notes, note), flags=flags)
+
+
+def _bridged(t: Array, x: Array, limits: tuple[float, float, float], straight: bool) -> tuple[Indices, Array]:
+    """Indices (k,) of short holes of a column x (N,) at t (N,) [s], and their values (k,) [unit of x].
+
+    Limits: the period [s], the longest time between known values [s] and the largest difference [unit of x] of them.
+    """
+    (period, longest, most), measured = limits, np.isfinite(t)
+    known, lost = np.flatnonzero(np.isfinite(x) & measured), np.flatnonzero(np.isnan(x) & measured)
+    if len(known) < 2:
+        return lost[:0], x[:0]
+    after = np.searchsorted(known, lost)
+    four = known[np.clip(after[:, None] + np.arange(-2, 2), 0, len(known) - 1)]
+    steps, rises = np.diff(t[four], axis=1), np.abs(np.diff(x[four], axis=1))
+    short = (after > 0) & (after < len(known)) & (steps[:, 1] > 0) & (steps[:, 1] <= longest) & (rises[:, 1] < most)
+    lost, four, steps, rises = lost[short], four[short], steps[short], rises[short]
+    share = (t[lost] - t[four[:, 1]]) / steps[:, 1]
+    line = (1 - share) * x[four[:, 1]] + share * x[four[:, 2]]
+    smooth = ((steps > CLOSE * period) & (steps <= longest) & (rises < most)).all(axis=1) & (not straight)
+    at, cubic = four[smooth], np.zeros(int(smooth.sum()))
+    for i in range(4):
+        rest = t[np.delete(at, i, axis=1)]
+        cubic += ((t[lost[smooth], None] - rest) / (t[at[:, i], None] - rest)).prod(axis=1) * x[at[:, i]]
+    line[smooth] = cubic
+    return lost, line
+
+
+def _filled(rows: Indices, filled: Array, values: Array, start: int) -> Array:
+    low, high = np.searchsorted(rows, [start, start + len(values)])
+    values = values.copy()
+    values[rows[low:high] - start] = filled[low:high]
+    return values
