@@ -240,6 +240,8 @@ def revised_map(
 ) -> str:
     """Text of a column map with other signs and zeros of revolute joints; the entries of a map given remain.
 
+    A column keeps its kind: a current stays a current, and absolute values have no sign that could turn.
+
     Args:
         given: the map that the recording was read with.
         joints: of the recording.
@@ -254,10 +256,12 @@ def revised_map(
     for kind in SIGNED:
         for joint, column in zip(joints, columns.get(kind, ()), strict=False):
             if column and joint in turned and (kind in SHIFTED or turned[joint].sign < 0):
-                key = next(
-                    (k for k, name in parsed.named.items() if name in (column, bracketed(column)[0])), f"{kind}_{joint}"
-                )
-                entries[key] = _entry(key, column, _changed(parsed, key, column, turned[joint]))
+                key = next((k for k, name in parsed.named.items() if name in (column, bracketed(column)[0])), "")
+                names = (key, _lower_kind(bracketed(column)[0]))
+                if not any(name.startswith("abs_") for name in names):
+                    current = kind == "tau" and names[1].startswith("current_")
+                    key = key or f"{'current' if current else kind}_{joint}"
+                    entries[key] = _entry(key, column, _changed(parsed, key, column, turned[joint]))
     return "\n".join([*heading_lines(parsed.heading), *entries.values(), *_tables(parsed)]) + "\n"
 
 

@@ -153,14 +153,11 @@ def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> 
                     factor = float(recording.torque_per_unit[j]) if signal == "tau" else 1.0
                     key = signal, recording.units.get(column, NOT_STATED), into, factor != 1
                     found.setdefault(key, {})[column] = factor
+    ordered = sorted(found.items(), key=lambda item: [*WORDS, item[0][0]].index(item[0][0]))
     return tuple(
         UnitUse(signal, tuple(own), *stated, into, (min(own.values()), max(own.values())) if current else ())
-        for (signal, stated, into, current), own in sorted(found.items(), key=lambda item: _place(item[0][0]))
+        for (signal, stated, into, current), own in ordered
     )
-
-
-def _place(signal: str) -> int:
-    return [*WORDS, signal].index(signal)
 
 
 def _unit(signal: str, place: str) -> str:
