@@ -93,8 +93,7 @@ def read_recording(
     chosen, dropped = drop_implausible(found.table, chosen)
     flags = () if any(torques) else tuple(dropped)
     constants = _torque_constants(robot, joints, torques, absolute, opened.name)
-    discarded = [c for c in chosen["tau"] if unsigned and c]
-    absolutes = {c: lambda values, _: np.abs(values) for c in discarded}
+    absolutes = {c: lambda values, _: np.abs(values) for c in chosen["tau"] if unsigned and c}
     return Recording(
         tuple(robot.joints[j] for j in joints),
         DerivedTable(found.table, absolutes) if absolutes else found.table,
