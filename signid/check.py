@@ -118,7 +118,7 @@ def _advice(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:
     slow = [(joint, x) for joint, x in zip(robot.joints, used, strict=True) if 0 < x < 0.3]
     said += [f"{joint} keeps {x:.0%} of its rows, the others are near a reversal: move it faster" for joint, x in slow]
     bare = [joint for joint, f in zip(robot.joints, factors.joints, strict=True) if f.rows == 0]
-    said += [f"{j} has no torque column: only parameters that act on other joints are identifiable" for j in bare]
+    said += [f"{j} has no usable torque: only parameters that act on other joints are identifiable" for j in bare]
     if factors.rows < FEW_ROWS * session.task.base.rank / max(len(robot.joints), 1):
         said.append(f"{factors.rows} filtered rows for {session.task.base.rank} parameters are few: record for longer")
     return tuple(said)

@@ -92,7 +92,6 @@ def several() -> list[Case]:
         Case(
             "the one held out is missing", "identify 1r good.csv --held-out gone.csv -o out", "gone", {"good.csv": good}
         ),
-        Case("check has the same eyes", "check 1r bad.csv", "q_1", {"bad.csv": csv(swing(q_1=None))}),
     ]
 
 

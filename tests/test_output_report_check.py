@@ -23,16 +23,18 @@ from signid.faults.distortions import KINDS as DISTORTIONS
 from signid.faults.examine import LIMITS
 from signid.faults.search import CLAIMS
 from signid.output.report.layout import share
-from signid.output.report.results.check.drives import SEARCHED, audit_page, audit_summary
-from signid.output.report.results.check.summary import unit_sentences
-from signid.output.report.results.check.torque import (
+from signid.output.report.results.check.summaries import (
     IN_DESCRIPTION,
     IN_SAMPLES,
     IN_TORQUE,
+    SEARCHED,
+    audit_page,
+    audit_summary,
     check_document,
     check_page,
     check_summary,
 )
+from signid.output.report.results.check.summary import unit_sentences
 from signid.recording import read_bare
 
 G, RATE = 9.81, 250.0

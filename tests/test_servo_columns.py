@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,12 @@ import pytest
 from test_servo_cli import recording
 
 from signid.cli import run
+from signid.cli.commands.drives import revised_columns
 from signid.recording import read_recording
 from signid.recording.names.mapping import Turned, revised_map
 from signid.robot import load_robot
+from signid.servo.identify.run import zero_flags
+from signid.servo.zeros import JointZero
 from signid.toml_json import check_schema
 
 ZERO = 0.6  # [rad]
@@ -87,3 +91,42 @@ def test_signs_act_on_all_columns_of_a_joint_and_the_map_of_the_user_remains(tmp
     assert read.t == pytest.approx(t) and read.q_des is not None and read.dq is not None
     assert read.q == pytest.approx(np.column_stack([0.3 - t, 45 * t + 0.3, t]))
     assert read.q_des[:, 0] == pytest.approx(0.2 - t) and read.dq[:, 0] == pytest.approx(-1 - t)
+
+
+def test_amperes_stay_amperes_and_what_has_no_sign_gets_none(tmp_path: Path) -> None:
+    """A turned joint turns its signed current, in A; absolute values are read as before, whatever a map calls them."""
+    robot = load_robot("3r")
+    t = np.arange(50) / 50
+    columns = {"q": np.column_stack([t, t, t]), "abs_current_1": 1 + t, "current_2": 2 + t, "strom": 3 + t}
+    kinds = {"q": ("q_1", "q_2", "q_3"), "tau": ("abs_current_1", "current_2 [mA]", "strom")}
+    given = {"abs_current_3": "strom", "units": {"abs_current": "mA"}}
+    text = revised_map(given, robot.joints, kinds, dict.fromkeys(robot.joints, Turned(-1, 0.0)))
+    assert "tau_" not in text and 'abs_current_3 = "strom"' in text and "abs_current_1" not in text
+    assert f'current_{robot.joints[1]} = {{ column = "current_2 [mA]", scale = -0.001, offset = 0 }}' in text
+    (tmp_path / "map.toml").write_text(text)
+    spread = {f"q_{j + 1}": columns["q"][:, j] for j in range(3)} | {
+        ("current_2 [mA]" if key == "current_2" else key): x for key, x in columns.items() if key != "q"
+    }
+    pl.DataFrame({"t": t, **spread}).write_csv(tmp_path / "a.csv")
+    read = read_recording(tmp_path / "a.csv", robot, columns=tmp_path / "map.toml")
+    assert read.signed.tolist() == [False, True, False] and read.scaled is not None and not read.scaled.any()
+    assert read.read().tau[:, [1, 2]] == pytest.approx(np.column_stack([-0.001 * (2 + t), 0.001 * (3 + t)]))
+    lying = revised_map({"tau_1": "abs_current_1"}, robot.joints, kinds, {robot.joints[0]: Turned(-1, 0.0)})
+    assert 'tau_1 = "abs_current_1"' in lying and lying.count("abs_current_1") == 1
+
+
+def test_a_sign_that_may_be_either_is_not_written(tmp_path: Path) -> None:
+    def turned(joint: str, sign: int, probability: float) -> JointZero:
+        return JointZero(joint, sign, probability, 0.3, 0.01, probability > 0.9, True, 0.99)
+
+    zeros = (turned("a", -1, 0.52), turned("b", -1, 0.97), turned("c", 1, 0.52))
+    log = SimpleNamespace(joints=("a", "b", "c"), columns={"q": ("q_a", "q_b", "q_c")})
+    files, notes = revised_columns(SimpleNamespace(zeros=zeros), [log], None, str(tmp_path))  # type: ignore[arg-type]
+    text = str(files["columns.toml"])
+    assert "q_a" not in text and "q_b" in text and "scale = -1" in text and not notes
+    assert 'q_c = { column = "q_c", scale = 1, offset = 0.3 }' in text  # the sign of the description stays
+    first, second, _ = zero_flags(zeros, {})
+    assert "probability 0.52" in first and "scale = -1," not in first and "no file states it" in first
+    assert "scale = -1, offset = 0.3" in second
+    files, _ = revised_columns(SimpleNamespace(zeros=zeros[:1]), [log], None, str(tmp_path))  # type: ignore[arg-type]
+    assert not files

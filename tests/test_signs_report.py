@@ -163,8 +163,12 @@ def test_rows_are_as_sure_as_their_segment(chunk: int, monkeypatch: pytest.Monke
     rows = "".join(
         signed_csv(recording, found(segments=(*segments, SignSegment(0, 2, t[6], t[6], -1, 0.5))), 0)
     ).splitlines()
-    sure = np.array([[float(cell) for cell in row.split(",")[2::2]] for row in rows[1:]]).T
-    assert rows[0] == "t,tau_shoulder,sure_shoulder,tau_elbow,sure_elbow,tau_wrist,sure_wrist"
+    cells = np.array([row.split(",") for row in rows[1:]])
+    sure = cells[:, 2::2].astype(float).T
+    assert rows[0] == "t,tau_shoulder,sure_shoulder,tau_elbow,sure_elbow,abs_tau_wrist,sure_wrist"
+    assert cells[:, 1].tolist() == [*["1.0"] * 5, "", "", "", "1.0", "1.0"]  # 0.75 is no sign to write
+    assert cells[:, 3].tolist() == [*["1.0"] * 5, *["-1.0"] * 3, "1.0", "1.0"]
+    assert cells[:, 5].tolist() == ["1.0"] * 10  # no sign of the wrist is certain
     one = 0.9995
     assert sure[0].tolist() == [0, one, one, one, 0, 0.75, 0.75, 0.75, 0, 0]  # the last of a segment has turned round
     assert sure[1].tolist() == [1] * 10  # its torque had its sign

@@ -35,19 +35,19 @@ AIMS = {  # [lines of Python] a room is to have; what it has today is below
     "": 2400,
 }
 TODAY = {
-    "recording": 8438,
+    "recording": 8442,
     "robot": 3260,
     "effects": 2324,
     "simulation": 4329,
     "estimation": 2422,
     "signs": 3190,
-    "faults": 3747,
-    "servo": 8916,
-    "diagnose": 6800,
+    "faults": 3756,
+    "servo": 8914,
+    "diagnose": 6818,
     "payload": 1422,
     "watch": 2070,
     "output": 12951,
-    "cli": 5473,
+    "cli": 5469,
 }
 LOWERED = 60  # [lines] below the number of today from which the number is to be lowered
 TOGETHER = {"optimisers": "estimation", "validate": "payload"}  # rooms that are counted with another

@@ -15,7 +15,7 @@ from .terminal import show
 if TYPE_CHECKING:
     from ..check import Check
     from ..diagnose import Diagnosis
-    from ..faults import ServoAudit
+    from ..faults import ServoAudit, UnusableRecordings
     from ..identify import Identification
     from ..output.report import Content
     from ..output.viewers import ViewerLog
@@ -105,7 +105,7 @@ def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) ->
 
 
 def deliver_report(
-    found: Validation | ServoValidation | Check | ServoAudit,
+    found: Validation | ServoValidation | Check | ServoAudit | UnusableRecordings,
     inputs: Sequence[Input],
     output: str | None,
     json: bool,

@@ -10,7 +10,7 @@ from .channels import SAMPLE_KINDS, naming_faults
 from .evidence import FaultEvidence
 from .examine import described_evidence, examine, is_sole, under_found_gravity
 from .identified import NO_EXCITATION, OF_A_FIT, IdentifiedData, identification_flags, recording_flags
-from .result import REFUSE, JointAudit, RecordingFault, RecordingFaults, ServoAudit
+from .result import REFUSE, JointAudit, RecordingFault, RecordingFaults, ServoAudit, UnusableRecordings
 
 __all__ = [
     "NO_EXCITATION",
@@ -23,6 +23,7 @@ __all__ = [
     "RecordingFault",
     "RecordingFaults",
     "ServoAudit",
+    "UnusableRecordings",
     "described_evidence",
     "examine",
     "identification_flags",

@@ -37,7 +37,7 @@ from .search import CLAIMS, Claim, claim_faults, search
 
 # [1] smallest unexplained share of a joint's torque that is a fault; smallest deviation of that torque over the
 # largest; smallest rms velocity of that joint over the largest
-UNEXPLAINED, STRONG, MOVES = 0.6, 0.05, 0.05
+UNEXPLAINED, DEVIATES, MOVES = 0.6, 0.05, 0.05
 CLEAR = 0.2  # [1] difference of unexplained shares by which the right sign or order is better than a wrong one
 USABLE = 0.5  # [1] smallest share of bodies with mass, for the description to be used as a simulation
 CHANCE = 0.2  # [1] unexplained share after a claim, from which on it is chance if another torque remains unexplained
@@ -279,7 +279,7 @@ def _torque_faults(seen: TorqueComparison) -> Iterator[RecordingFault]:
     yield from factor_faults(seen.gains, evidence.robot)
     speed = np.sqrt(np.mean(x.v**2, axis=0))
     deviation = np.where(evidence.signed, np.std(x.torque, axis=0), 0.0)
-    strong = (speed >= MOVES * speed.max()) & (deviation >= STRONG * deviation.max())
+    strong = (speed >= MOVES * speed.max()) & (deviation >= DEVIATES * deviation.max())
     for j in np.flatnonzero(seen.informative & (seen.left >= UNEXPLAINED) & strong):
         explained = 1 - float(seen.left[j])
         fact = f"the torque of {joints[j]} does not follow from its motion"

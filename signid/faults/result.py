@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..types import Array, Frozen, Recording
+from ..types import Array, Frozen, Input, Recording
 
 REFUSE, WARN, NOTE = "refuse", "warn", "note"
 UNCERTAIN = "uncertain"  # verdict in files
@@ -145,6 +145,16 @@ class ServoAudit(Frozen):
             for flag in getattr(joint, kind):
                 own.setdefault(flag.removeprefix(joint.joint), []).append(joint.joint)
         return (f"{', '.join(names)}{said}" for said, names in own.items())
+
+
+@dataclass(frozen=True)
+class UnusableRecordings:
+    """Recordings that can be opened and not be checked."""
+
+    files: tuple[Input, ...]
+    rows: tuple[int, ...]  # of each file
+    flags: tuple[str, ...]  # reasons, with what to correct
+    notes: tuple[str, ...] = ()
 
 
 def named(joints: Sequence[str]) -> str:

@@ -94,7 +94,7 @@ def read_recording(
     chosen, dropped = drop_implausible(found.table, chosen)
     flags = () if any(torques) else tuple(dropped)
     constants = _torque_constants(robot, joints, torques, absolute, opened.name)
-    absolutes = {c: _absolute for c, kind in zip(chosen["tau"], torques, strict=True) if unsigned and kind}
+    absolutes = {c: lambda values, _: np.abs(values) for c in chosen["tau"] if unsigned and c}
     recording = Recording(
         tuple(robot.joints[j] for j in joints),
         DerivedTable(found.table, absolutes) if absolutes else found.table,
@@ -178,10 +178,6 @@ def with_signs(recording: Recording, signs: NDArray[np.int8] | NDArray[np.float3
 def _apply(signs: NDArray[Any], values: Array, start: int) -> Array:
     sign = signs[start : start + len(values)]
     return np.where(sign == 0, np.nan, np.abs(values) * sign)
-
-
-def _absolute(values: Array, start: int) -> Array:
-    return np.abs(values)
 
 
 def _by_joint(source: Mapping[str, ArrayLike], robot: Robot) -> Mapping[str, ArrayLike]:

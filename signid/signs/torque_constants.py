@@ -40,6 +40,15 @@ LOOSE = 0.3  # relative standard deviation [1] above which a constant counts as 
 ROUGH = 0.1  # the same, above which a constant is flagged as rough
 
 
+class UnknownConstants(OptionError):
+    """Torque constants that are neither stated nor identifiable: of `joints`."""
+
+    def __init__(self, robot: Robot, lost: Mask, fact: str, remedy: str) -> None:
+        self.joints = tuple(robot.joints[j] for j in np.flatnonzero(lost))
+        units = " or ".join(sorted({_unit(robot, j) for j in np.flatnonzero(lost).tolist()}))
+        super().__init__(f"{fact}; state torque_constant [{units} at the joint] in an actuators file, {remedy}")
+
+
 @dataclass(frozen=True, eq=False)
 class Constants(Frozen):
     """Torque constants of n joints, as logarithms with their covariance."""
@@ -246,8 +255,7 @@ class TorqueConstants(Frozen):
 
     def describe(self, signs: Signs) -> Signs:
         """The signs found in scaled recordings, with constants, notes and flags."""
-        notes, flags = (*self.notes, *signs.notes), (*self.flags, *signs.flags)
-        return replace(signs, gains=self.gains, notes=notes, flags=flags)
+        return replace(signs, gains=self.gains, notes=(*self.notes, *signs.notes), flags=(*self.flags, *signs.flags))
 
 
 def find_gains(session: Session, progress: Progress | None = None) -> TorqueConstants | None:
@@ -269,18 +277,15 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
     observed = observe(session.task, session.learned)
     anchors = observed.known & ~unknown
     if not anchors.any() and not stated_inertials(robot).any():
-        raise OptionError(
-            f"the torque constants of {_names(robot, unknown)} are not known, no torque of another joint is, and the "
-            f"description states no inertials to set the scale; {_state(robot, unknown)}, of one at least"
-        )
+        fact = f"the torque constants of {_names(robot, unknown)} are not known, no torque of another joint is, and the"
+        fact += " description states no inertials to set the scale"
+        raise UnknownConstants(robot, unknown, fact, "of one at least")
     constants = _settle(session, observed, unknown)
     lost = unknown & ~(constants.std <= LOOSE)
     if lost.any():
-        raise OptionError(
-            f"the torque constant of {_names(robot, lost)} is not known, and neither parameters shared with other "
-            f"joints nor stated inertials determine it to {100 * LOOSE:.0f} %; {_state(robot, lost)}, or leave out the "
-            f"column of the current"
-        )
+        fact = f"the torque constant of {_names(robot, lost)} is not known, and neither parameters shared with other"
+        fact += f" joints nor stated inertials determine it to {100 * LOOSE:.0f} %"
+        raise UnknownConstants(robot, lost, fact, "or leave out the column of the current")
     value, std = np.where(unknown, np.exp(constants.log), 1.0), np.where(unknown, constants.std, 0.0)
     covariance = np.where(np.outer(unknown, unknown), constants.covariance, 0.0)
     gains = tuple(
@@ -357,11 +362,6 @@ def _constants(task: Task, factors: Factors, unknown: Mask) -> Constants:
         return shared
     relative = share_constants(factors, task.base, recorded & (np.arange(len(unknown)) != reference))
     return replace(combine(relative, described, anchors), described=True)
-
-
-def _state(robot: Robot, joints: Mask) -> str:
-    units = sorted({_unit(robot, j) for j in np.flatnonzero(joints).tolist()})
-    return f"state torque_constant [{' or '.join(units)} at the joint] in an actuators file"
 
 
 def _unit(robot: Robot, joint: int) -> str:

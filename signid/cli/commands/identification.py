@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from ...deadline import USUAL, time_limit
-from ...errors import InputError, OptionError, readable
+from ...errors import InputError, OptionError, RecordingError, readable
 from ..app import Text, Texts, command, option, output_option
 from ..arguments import (
     check_options,
@@ -21,6 +21,7 @@ from ..arguments import (
     given_robot,
     has_drives,
     instead_of_torque,
+    without_torque,
 )
 from ..options import (
     DriveOptions,
@@ -36,9 +37,11 @@ from ..options import (
 from ..terminal import bars, check_folder, show
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
+    from ...check import Check
     from ...estimation.standard import Search
+    from ...faults import ServoAudit, UnusableRecordings
     from ...types import Input, Recording, Robot
 
 
@@ -76,27 +79,30 @@ def check(
     and cut-off of each joint, and what to record next. DIR gets check.json and report.html. Lost torque signs
     (abs_tau_J, abs_current_J or --unsigned) are recovered first, as in identify. Recordings of servos (q_J and q_des_J,
     no torque) are audited: lag, droop, saturation and faults of the log; a description is not needed then, signid check
-    RECORDING.
+    RECORDING. A file that can be opened is never refused: what is wrong with it is the verdict.
     """
-    from ...check import check as judge
+    from numpy.linalg import LinAlgError
+
     from ...recording import is_recording
+    from ...recording.source import digest_of
+    from ...types import Input
     from ..files import CHECKED, deliver_report
 
     check_folder(output, True, CHECKED)
-    if is_recording(robot.robot):
-        return _audit(context, None, [robot.robot, *(recordings or ())], robot, rows, run, output=output)
-    described = given_robot(robot.robot, robot)
-    given = given_recordings(_needed(recordings, robot), described, rows.columns, unsigned)
-    if not any(any(recording.columns["tau"]) for recording in given):
-        return _audit(context, described, given, robot, rows, run, output=output)
+    bare = is_recording(robot.robot)
+    paths = [robot.robot, *(recordings or ())] if bare else _needed(recordings, robot)
+    described = None if bare else given_robot(robot.robot, robot)
+    found: Check | ServoAudit | UnusableRecordings
     try:
-        with bars(run.json) as progress:
-            found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
-    except InputError as error:
-        notes = instead_of_torque(context, error, given, "checked")
-        return _audit(context, described, given, robot, rows, run, output=output, notes=notes)
-    inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
-    return deliver_report(found, inputs, output, run.json, given_command(context), seed=run.seed)
+        found = _checked(context, described, paths, rows, run, unsigned)
+    except (RecordingError, LinAlgError, ArithmeticError) as error:
+        found = _unusable(paths, rows.columns, error)
+    if described is not None:
+        inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
+    else:
+        inputs = [Input(readable(rows.columns), digest_of(Path(rows.columns)), "columns")] if rows.columns else []
+    name = None if hasattr(found, "robot") else described.name if described else ""
+    return deliver_report(found, inputs, output, run.json, given_command(context), seed=run.seed, robot=name)
 
 
 def _needed(recordings: Texts, robot: RobotArguments) -> list[str]:
@@ -105,44 +111,66 @@ def _needed(recordings: Texts, robot: RobotArguments) -> list[str]:
     return recordings
 
 
-def _audit(
+def _checked(
     context: typer.Context,
     described: Robot | None,
-    given: Sequence[str | Recording],
-    robot: RobotArguments,
+    paths: Sequence[str],
     rows: RowOptions,
     run: RunOptions,
-    *,
-    output: str | None,
-    notes: Sequence[str] = (),
-) -> int:
-    """Audit recordings of servos, with more notes; without a description they are given by name."""
-    from ...faults.commands import audit_servos
-    from ...recording import read_bare
-    from ...recording.source import digest_of
-    from ...types import Input
-    from ..files import deliver_report
+    unsigned: bool,
+) -> Check | ServoAudit:
+    """Check of torque, or audit of position drives; currents whose constants are unknown are left out, and named."""
+    from ...check import check as judge
+    from ...signs.torque_constants import UnknownConstants
 
-    units: dict[str, str] = {}
-    read: list[Recording] = []
-    for each in given:
-        if isinstance(each, str):
-            recording, own = read_bare(each, columns=rows.columns)
-            units |= own
-        else:
-            recording = each
-        read.append(recording)
-    if described is not None:
-        units = {
-            joint: "m" if slides else "rad" for joint, slides in zip(described.joints, described.prismatic, strict=True)
-        }
-    found, name = audit_servos(read, units), described.name if described else ""
-    found = replace(found, notes=(*notes, *found.notes))
-    if described is not None:
-        inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
-    else:
-        inputs = [Input(readable(rows.columns), digest_of(Path(rows.columns)), "columns")] if rows.columns else []
-    return deliver_report(found, inputs, output, run.json, given_command(context), seed=run.seed, robot=name)
+    if described is None:
+        from ...recording import read_bare
+
+        read = [read_bare(path, columns=rows.columns) for path in paths]
+        units = {joint: unit for _, own in read for joint, unit in own.items()}
+        return _audit([recording for recording, _ in read], units)
+    kinds = zip(described.joints, described.prismatic, strict=True)
+    units = {joint: "m" if slides else "rad" for joint, slides in kinds}
+    given, lacking = given_recordings(paths, described, rows.columns, unsigned), list[str]()
+    while any(any(recording.columns["tau"]) for recording in given):
+        try:
+            with bars(run.json) as progress:
+                found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
+            return replace(found, suspects=(*lacking, *found.suspects))
+        except InputError as error:
+            try:
+                return _audit(given, units, instead_of_torque(context, error, given, "checked"))
+            except InputError:
+                if not isinstance(error, UnknownConstants):
+                    raise
+            given = [without_torque(recording, error.joints) for recording in given]
+            lacking.append(str(error))
+    if lacking:
+        raise RecordingError(lacking[-1])
+    return _audit(given, units)
+
+
+def _unusable(paths: Sequence[str], columns: str | None, error: Exception) -> UnusableRecordings:
+    """Recordings that cannot be checked, and why; the error of opening them where that fails."""
+    from ...faults import UnusableRecordings
+    from ...recording.names.mapping import read_map
+    from ...recording.source import open_source
+    from ...types import Input
+
+    opened = [open_source(path, (), read_map(columns).heading) for path in paths]
+    reason = (
+        str(error) if isinstance(error, RecordingError) else f"numbers lead to no result ({error}); check their units"
+    )
+    files = tuple(Input(one.path, one.sha256, "recording") for one in opened)
+    return UnusableRecordings(files, tuple(one.table.rows for one in opened), (reason,))
+
+
+def _audit(given: Sequence[Recording], units: Mapping[str, str], notes: Sequence[str] = ()) -> ServoAudit:
+    """Audit recordings of servos whose positions have these units by joint, with more notes."""
+    from ...faults.commands import audit_servos
+
+    found = audit_servos(given, units)
+    return replace(found, notes=(*notes, *found.notes))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,8 +246,9 @@ def identify(
     command = given_command(context)
 
     def identify_drives(notes: Sequence[str] = ()) -> int:
-        recorded = _Recorded(described, given, held_out, read)
-        return _deliver_drives(recorded, fit, drives, rows, run, command, notes=notes)
+        return _deliver_drives(
+            _Recorded(described, given, held_out, read), fit, drives, rows, run, command, notes=notes
+        )
 
     if servo:
         return identify_drives()

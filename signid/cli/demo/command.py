@@ -43,8 +43,7 @@ def demo(
     """
     from ...output.report import Screen, document, tables, to_json, write_files
     from ..files import diagnosis_files
-    from .run import RECORDINGS, demo as play
-    from .words import comparison, story_document
+    from .run import RECORDINGS, comparison, demo as play, story_document
 
     check_folder(output, False, FILES)
     described = given_robot(robot, RobotOptions(xacro=xacro))

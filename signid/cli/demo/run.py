@@ -1,4 +1,4 @@
-"""Run a demonstration: conceal laws, record, diagnose, and compare the findings with what was concealed."""
+"""Run a demonstration: conceal laws, record, diagnose, and compare the findings with what was concealed, in words."""
 
 from __future__ import annotations
 
@@ -9,13 +9,19 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
 
 from ...diagnose import Diagnosis, Finding, diagnose
 from ...effects import EFFECTS
-from ...effects.naming import law_name
+from ...effects.naming import law_name, law_place
 from ...errors import readable
 from ...model import Model, stated_inertials, stated_laws
 from ...output.replay import Replay, replay
+from ...output.report import figure, with_interval
+from ...output.report.documents import fit_with_errors, provenance
+from ...output.report.layout import confidence, heading, new_table
+from ...output.report.results.laws import law_numbers
 from ...recording import read_recording
 from ...recording.formats import find_format
 from ...regression.motion import Motion
@@ -24,7 +30,7 @@ from ...robot import hold, resting
 from ...robot.dynamics import joint_of_row, own_row
 from ...simulation.excite import build_limits, excite
 from ...simulation.plant import Sensors, record, simulate, track
-from ...types import Array, Frozen, Indices, Law, Progress, Recording, Robot, Trajectory
+from ...types import Array, Frozen, Indices, Input, Law, Progress, Recording, Robot, Trajectory
 
 RECORDINGS = ("recording.csv", "held_out.csv")  # training data, held-out data
 PERIOD, PERIODS, HARMONICS = 8.0, 2, 8  # period of a motion [s], number of periods, harmonics
@@ -33,6 +39,12 @@ RATE, BITS, NOISE = 250.0, 17, 0.01  # sampling rate [Hz], encoder bits, torque 
 MARGIN = 0.7  # share of every limit that the motions use
 COARSE = 10  # decimation of the motion that determines the size of the laws
 FOUND, MINOR, RIVAL, MISSED = "found", "minor", "alternative", "missed"
+OUTCOMES = {
+    FOUND: ("found", "green"),
+    MINOR: ("found, as a correction", "green"),
+    RIVAL: ("only an alternative", "yellow"),
+    MISSED: ("missed", "bold red"),
+}
 TOGETHER = (  # combinations of effects, chosen by the seed
     ("spring", "viscous_friction", "coulomb_friction"),
     ("base_tilt", "spring", "coulomb_friction"),
@@ -283,3 +295,64 @@ def _tip(robot: Robot, joint: int) -> Any:
     body = joint_of_row(robot.model, own_row(robot, joint))
     ends = [frame.placement.translation for frame in robot.model.frames if frame.parentJoint == body]
     return max(ends, key=np.linalg.norm)
+
+
+def comparison(story: Story) -> list[RenderableType]:
+    """Table of the concealed laws: true and found parameters, and probabilities."""
+    robot, table = story.simulation.robot, new_table("concealed", "true>", "found>", "±>", "unit", "probability>", "")
+    for outcome in story.outcomes:
+        shown = confidence(outcome.probability) if outcome.probability else "-"
+        table.add_row(law_name(outcome.law, robot), "", "", "", "", shown, Text(*OUTCOMES[outcome.kind]))
+        for key, number in _numbers(story, outcome).items():
+            found, std = number["found"], number["std"]
+            cells = ("-" if found is None else figure(found), "-") if std is None else with_interval(found, std)
+            table.add_row(f"  {key}", figure(number["value"]), *cells, number["unit"], "", "")
+    return [heading("Concealed and found laws, ± 95 %"), table]
+
+
+def _numbers(story: Story, outcome: LawOutcome) -> dict[str, dict[str, Any]]:
+    """True value, unit, and estimate with standard deviation of each parameter; None: not found."""
+    robot, named = story.simulation.robot, outcome.found
+    found = law_numbers(robot, named.law, named.std) if named else {}
+    missing = {"value": None, "std": None}
+    return {
+        key: {
+            "value": number["value"],
+            "unit": number["unit"],
+            "found": found.get(key, missing)["value"],
+            "std": found.get(key, missing)["std"],
+        }
+        for key, number in law_numbers(robot, outcome.law, {}).items()
+    }
+
+
+def story_document(story: Story, name: str) -> dict[str, Any]:
+    """Build demo.json: concealed laws, findings and validation; `name` is the robot as given on the command line."""
+    result, robot = story.result, story.simulation.robot
+    before, after = result.rollout_before, result.rollout_after
+    return {
+        "schema": "signid.demo/1",
+        "robot": robot.name,
+        "joints": list(robot.joints),
+        "recordings": {"duration": DURATION, "rate": RATE, "encoder_bits": BITS, "torque_noise": NOISE},
+        "verdict": result.verdict,
+        "concealed": [_concealed(story, outcome) for outcome in story.outcomes],
+        "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
+        "rollout": None if before is None or after is None else after.document(before),
+        "flags": list(story.flags),
+        "notes": list(result.notes),
+        **provenance(result.inputs, [Input(readable(name), robot.sha256, "description")], story.seed),
+    }
+
+
+def _concealed(story: Story, outcome: LawOutcome) -> dict[str, Any]:
+    """A concealed law and its estimated parameters, if it was found."""
+    robot, (law, kind, finding, probability) = story.simulation.robot, outcome
+    return {
+        "effect": law.effect.name,
+        "joint": law_place(law, robot)[0],
+        "outcome": kind,
+        "probability": probability,
+        "alternative_to": law_name(finding.law, robot) if finding and not outcome.found else None,
+        "parameters": _numbers(story, outcome),
+    }

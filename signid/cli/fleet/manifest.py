@@ -161,8 +161,8 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
         _split(row.get("reference", "")),
         row.get("columns", ""),
         row.get("actuators", ""),
-        _gravity(row.get("gravity", "")),
-        _xacro(row.get("xacro", "")),
+        ",".join(map(repr, parse_gravity(row["gravity"]))) if row.get("gravity") else "",
+        tuple(f"{name}:={value}" for name, value in parse_arguments(_split(row.get("xacro", ""))).items()),
         row.get("time", ""),
         _day(row.get("time", "")),
     )
@@ -170,16 +170,6 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
 
 def _split(cell: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in cell.split(";") if part.strip())
-
-
-def _gravity(text: str) -> str:
-    """Gravity X,Y,Z as the option takes it; ValueError if it is not a vector."""
-    return ",".join(map(repr, parse_gravity(text))) if text else ""
-
-
-def _xacro(text: str) -> tuple[str, ...]:
-    """Arguments NAME:=VALUE of a xacro file, separated by `;`; ValueError if they are of another form."""
-    return tuple(f"{name}:={value}" for name, value in parse_arguments(_split(text)).items())
 
 
 def _day(text: str) -> float | None:

@@ -183,10 +183,6 @@ def _predicted(found: Any) -> pl.DataFrame:
     return table_of("expression:s std:f relative_std:f", rows)
 
 
-def _structural(found: Any) -> pl.DataFrame:
-    return table_of("expression:s unit:s", zip(found.base.expressions, found.base.units, strict=True))
-
-
 def _payload(found: Any) -> pl.DataFrame:
     centre = zip((f"centre_{axis}" for axis in "xyz"), *found.centre, "m" * 3, strict=True)
     inertia = zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)
@@ -347,7 +343,10 @@ FRAMES: dict[str, dict[str, Maker]] = {
         "residuals": _residuals,
         "segments": _segments,
     },
-    "Inspection": {"base_parameters": _structural, "joints": lambda result: _joints(result.robot)},
+    "Inspection": {
+        "base_parameters": lambda result: _mapped(result.base),
+        "joints": lambda result: _joints(result.robot),
+    },
     "Model": {"laws": _stated_laws, "standard_parameters": _bodies, "drives": _stated_drives},
     "Payload": {"payload": _payload},
     "Recording": {"samples": _samples},

@@ -101,16 +101,12 @@ def _shortened(sections: Sequence[Sequence[str]], most: int) -> list[str]:
     """At most `most` lines: side matters are cut, then the longest sections, finally the last ones."""
     limits = [len(section) for section in sections]
     if sum(limits) > most:
-        limits = [min(n, LEAST) if _is_aside(each) else n for n, each in zip(limits, sections, strict=True)]
+        aside = ["".join(each[1:2]).startswith(ASIDE) for each in sections]  # headings below a blank line
+        limits = [min(n, LEAST) if small else n for n, small in zip(limits, aside, strict=True)]
     while sum(limits) > most and max(limits) > LEAST:
         limits[max(range(len(limits)), key=lambda k: (limits[k], k))] -= 1
     lines = [line for section, limit in zip(sections, limits, strict=True) for line in _cut(section, limit)]
     return lines if len(lines) <= most else [*lines[: most - 1], f"... and {len(lines) - most + 1} more lines"]
-
-
-def _is_aside(section: Sequence[str]) -> bool:
-    """Whether a section begins with the heading of a side matter, below a blank line."""
-    return len(section) > 1 and section[1].startswith(ASIDE)
 
 
 def _cut(block: Sequence[str], limit: int) -> list[str]:

@@ -138,7 +138,11 @@ def marks(robot: Robot, findings: Sequence[ReplayFinding], reach: float, origin:
 
     Labels count times from the time stamp `origin` [s].
     """
-    placed = (replace(_mark(robot, finding, reach, origin), joints=_places(robot, finding.law)) for finding in findings)
+    placed = []
+    for finding in findings:
+        law = finding.law
+        joints = () if law_place(law, robot)[0] is None else tuple(robot.joints[j] for j in law.joints)
+        placed.append(replace(_mark(robot, finding, reach, origin), joints=joints))
     return sorted(placed, key=lambda mark: not mark.cause)
 
 
@@ -153,10 +157,6 @@ def headline(robot: Robot, found: ReplayFindings) -> str:
         listed = [f"{x.effect.replace('_', ' ')} of {x.joint}" for x in found.drives if x.cause]
         return f"Missing or wrongly stated: {', '.join(listed)}."
     return sentence_case(causes_words(causes, found.verdict == "named", len(robot.joints), found.left)) + "."
-
-
-def _places(robot: Robot, law: Law) -> tuple[str, ...]:
-    return () if law_place(law, robot)[0] is None else tuple(robot.joints[j] for j in law.joints)
 
 
 def drive_marks(robot: Robot, findings: Sequence[DriveFinding]) -> list[Mark]:

@@ -75,7 +75,10 @@ def replay(
     models, more = zip(*(with_drives(x, shown) if drives else restrict_joints(x, [shown]) for x in given), strict=True)
     robot: Robot = models[0].robot
     seen, far = look(robot, package_dirs), reach(robot)
-    marked = [] if found is None else _marks(found, far, time_origin(recording))
+    marked: list[Mark] = []
+    if found is not None:
+        own = found.after.robot
+        marked = [*marks(own, found.findings, far, time_origin(recording)), *drive_marks(own, found.drives)]
     bodies = sorted({*seen.bodies, *(mark.body for mark in marked)})
     span = shown.read(len(shown) - 1).t[0] - shown.read(0, 1).t[0]
     slow = MOST / (len(bodies) * (1 + drives + len(models)) * max(float(span), 1e-9))
@@ -83,6 +86,7 @@ def replay(
         notes.append(f"{slow:.3g} frames per second instead of {rate:g}, to limit the size of the page")
         rate = slow
     track = follow_commands(models, shown, horizon, rate) if drives else follow(models, shown, horizon or HORIZON, rate)
+    wanted = track.command
     return Replay(
         robot=robot,
         title=f"{robot.name}: {Path(recording.path).name or 'recording'}",
@@ -91,7 +95,7 @@ def replay(
         movers=tuple(movers(robot, bodies)),
         track=track,
         recorded=poses(robot, track.recorded, bodies),
-        commanded=None if track.command is None else poses(robot, _whole(track.command, track.recorded), bodies),
+        commanded=None if wanted is None else poses(robot, np.where(np.isnan(wanted), track.recorded, wanted), bodies),
         simulated=np.stack([poses(robot, q, bodies) for q in track.simulated]),
         marks=tuple(marked),
         verdict="" if found is None else found.verdict,
@@ -101,16 +105,6 @@ def replay(
         origin=time_origin(recording),
         notes=tuple(dict.fromkeys((*notes, *seen.notes, *(note for each in more for note in each)))),
     )
-
-
-def _marks(found: ReplayFindings, reach: float, origin: float) -> list[Mark]:
-    robot = found.after.robot
-    return [*marks(robot, found.findings, reach, origin), *drive_marks(robot, found.drives)]
-
-
-def _whole(command: Array, recorded: Array) -> Array:
-    """Commands (F, n) [rad or m], completed by recorded positions (F, n) [rad or m]."""
-    return np.where(np.isfinite(command), command, recorded)
 
 
 def _check(recording: Recording, drives: bool, horizon: float | None, rate: float) -> None:

@@ -134,7 +134,7 @@ def law_units(robot: Robot, law: Law) -> dict[str, str]:
 
 
 WRITERS = {  # result type -> module below results/, and start of the names of its _document, _tables and _page
-    "Check": ("check.torque", "check"),
+    "Check": ("check.summaries", "check"),
     "Conversion": ("recordings", "conversion"),
     "Diagnosis": ("diagnosis", "diagnosis"),
     "Excitation": ("simulation", "excitation"),
@@ -142,12 +142,13 @@ WRITERS = {  # result type -> module below results/, and start of the names of i
     "Inspection": ("inspection", "inspection"),
     "Payload": ("payload", "payload"),
     "Separation": ("simulation", "excitation"),
-    "ServoAudit": ("check.drives", "audit"),
+    "ServoAudit": ("check.summaries", "audit"),
     "ServoDiagnosis": ("servo_diagnosis", "servo_diagnosis"),
     "ServoIdentification": ("servo_identification", "servo_identification"),
     "ServoSimulation": ("simulation", "servo_simulation"),
     "ServoValidation": ("validation", "servo_validation"),
     "SimulationRun": ("simulation", "simulation"),
+    "UnusableRecordings": ("check.page", "unusable"),
     "Validation": ("validation", "validation"),
 }
 REPORTED = (

@@ -110,9 +110,7 @@ class ParsedColumns(NamedTuple):
                     yield Signal(logical, name, False, unit)
 
     def _renamed(self, name: str) -> str:
-        written = (kind for kind in KINDS if name.lower().startswith(f"{kind}_"))
-        kind = "t" if name == "T" else next(written, "")  # Q_1 is q_1, T is t
-        name = kind + name[len(kind) :]
+        name = _lower_kind(name)
         for kind, token in split(name):
             if token in self.joints:
                 return f"{kind}_{self.joints[token]}"
@@ -120,6 +118,13 @@ class ParsedColumns(NamedTuple):
                 inner = token[len(self.pattern[0]) : len(token) - len(self.pattern[1])]
                 return f"{kind}_{inner}" if inner else name
         return name
+
+
+def _lower_kind(name: str) -> str:
+    """A column name whose kind is written as here: Q_1 is q_1, T is t."""
+    found = (kind for kind in KINDS if name.lower().startswith(f"{kind}_"))
+    kind = "t" if name == "T" else next(found, "")
+    return kind + name[len(kind) :]
 
 
 def split(logical: str) -> list[tuple[str, str]]:
@@ -235,6 +240,8 @@ def revised_map(
 ) -> str:
     """Text of a column map with other signs and zeros of revolute joints; the entries of a map given remain.
 
+    A column keeps its kind: a current stays a current, and absolute values have no sign that could turn.
+
     Args:
         given: the map that the recording was read with.
         joints: of the recording.
@@ -249,10 +256,12 @@ def revised_map(
     for kind in SIGNED:
         for joint, column in zip(joints, columns.get(kind, ()), strict=False):
             if column and joint in turned and (kind in SHIFTED or turned[joint].sign < 0):
-                key = next(
-                    (k for k, name in parsed.named.items() if name in (column, bracketed(column)[0])), f"{kind}_{joint}"
-                )
-                entries[key] = _entry(key, column, _changed(parsed, key, column, turned[joint]))
+                key = next((k for k, name in parsed.named.items() if name in (column, bracketed(column)[0])), "")
+                names = (key, _lower_kind(bracketed(column)[0]))
+                if not any(name.startswith("abs_") for name in names):
+                    current = kind == "tau" and names[1].startswith("current_")
+                    key = key or f"{'current' if current else kind}_{joint}"
+                    entries[key] = _entry(key, column, _changed(parsed, key, column, turned[joint]))
     return "\n".join([*heading_lines(parsed.heading), *entries.values(), *_tables(parsed)]) + "\n"
 
 

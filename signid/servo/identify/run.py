@@ -26,7 +26,7 @@ from ..search.choice import LOUDER, Candidate, ServoTrial, improved, worth
 from ..search.data import ServoData, loop_error, servo_data, thinned
 from ..search.laws import rare_limits, try_laws
 from ..search.searcher import FIRST, Chosen, KnownLimits, Searcher, ServoOptions
-from ..zeros import JointZero, find_zeros, turns
+from ..zeros.run import CLEAR, JointZero, find_zeros, turns
 from .conclude import JudgedFit, Known, conclude, facts_of, judge
 from .facts import exceeded, full_duty_errors
 from .fits import final_fit, own_numbers, weigh_bodies, whole_rms
@@ -42,7 +42,7 @@ SEARCHED, FITTED = 60_000, 180_000  # substeps times squared joints of a branch
 LEAST_SHARE, LEAST_TIME = 0.1, 10.0  # of the rows, [s] a joint of a branch: the less of both is fitted (SO-101)
 KEPT = "the model was not fitted again to the held-out rows"
 MOST_JOINTS = 7  # beyond them the search over signs and zeros is too long
-CLEAR = 0.9  # probability from which a sign is identifiable
+UNDECIDED = "no file states it: move the joint by hand, and write scale = 1 or -1 into the column map (--columns)"
 PARTS = 4  # of a row
 BETWEEN = {2: 0.25, 4: 0.5}  # changes of the command in a row, and shift of what acts in it [rows]; 4: all the time
 EVERY = 0.5  # share of rows with a new command, of those while it moves, from which it may change between rows
@@ -256,7 +256,11 @@ def joint_zeros(
         note = f"signs and zeros of positions are not compared with gravity: {len(turning)} joints are too many"
         return (), (note,)
     zeros = find_zeros(robot, data.train, driven, seed)
-    return zeros, tuple(_notes(zeros))
+    lost = [one.joint for one in zeros if not one.identifiable]
+    if not lost or not any(one.changed for one in zeros):
+        return zeros, ()
+    note = f"{shorten(lost)}: sign and zero of the position are not identifiable; gravity hardly depends on them"
+    return zeros, (note,)
 
 
 def zero_flags(zeros: Sequence[JointZero], columns: Mapping[str, str]) -> Iterator[str]:
@@ -265,31 +269,20 @@ def zero_flags(zeros: Sequence[JointZero], columns: Mapping[str, str]) -> Iterat
         if not one.changed or one.zero is None or one.std is None:
             continue
         turned = one.sign < 0
+        sure = "> 99 %" if one.probability > 0.99 else f"{100 * one.probability:.0f} %"
         scale = "scale = -1, " if turned else ""
         entry = f'q_{one.joint} = {{ column = "{columns.get(one.joint, "...")}", {scale}offset = {one.zero:.4g} }}'
         what = "has the opposite sign, and its zero is" if turned else "has a zero that is"
-        unsure = (
-            ""
-            if one.sign_probability >= CLEAR
-            else f", whose sign is not sure (probability {one.sign_probability:.2f}),"
+        unsure = f", whose sign is not sure (probability {one.sign_probability:.2f})," * (one.sign_probability < CLEAR)
+        remedy = (
+            f"for positions in rad write {entry}, and q_des_{one.joint} alike, into the column map (--columns), or "
+            f"pass the columns.toml that -o writes"
         )
         yield (
             f"{one.joint}: the recorded position{unsure} {what} {one.zero:.3g} ± {1.96 * one.std:.2g} rad off the "
-            f"description, by the load of the joints (probability {_percent(one.probability)}); nothing was changed, "
-            f"and the scale rests on this gravity: for positions in rad write {entry}, and q_des_{one.joint} alike, "
-            f"into the column map (--columns), or pass the columns.toml that -o writes"
+            f"description, by the load of the joints (probability {sure}); nothing was changed, "
+            f"and the scale rests on this gravity: {remedy if one.decided else UNDECIDED}"
         )
-
-
-def _percent(probability: float) -> str:
-    return "> 99 %" if probability > 0.99 else f"{100 * probability:.0f} %"
-
-
-def _notes(zeros: Sequence[JointZero]) -> Iterator[str]:
-    """Joints whose zeros nothing shows, if that of another joint is off."""
-    lost = [one.joint for one in zeros if not one.identifiable]
-    if lost and any(one.changed for one in zeros):
-        yield f"{shorten(lost)}: sign and zero of the position are not identifiable; gravity hardly depends on them"
 
 
 def command_timing(model: Model, data: ServoData, fit: ServoFit, window: float) -> dict[str, float]:

@@ -243,6 +243,11 @@ class JointZero:
     changed: bool  # whether it surely is not as the description says
     probability: float  # [1] that sign or zero are not as the description says
 
+    @property
+    def decided(self) -> bool:
+        """Whether the sign may stand in a file: it is that of the description, or identifiable."""
+        return self.sign > 0 or self.sign_probability >= CLEAR
+
 
 class Proposal(NamedTuple):
     """Start of a fit, and the joints whose zeros are free."""

@@ -83,12 +83,9 @@ def identifier(name: str) -> str:
 
 
 def _signature(function: Function, name: str, n: int) -> str:
-    given = (_argument(key, _SIZES.get(key, n)) for key in function.arguments)
+    sizes = {key: _SIZES.get(key, n) for key in function.arguments}
+    given = (f"double {key}" if size is None else f"const double {key}[{size}]" for key, size in sizes.items())
     return f"void {name}_{function.name}({', '.join(given)}, double {function.result}[{len(function.outputs)}])"
-
-
-def _argument(key: str, size: int | None) -> str:
-    return f"double {key}" if size is None else f"const double {key}[{size}]"
 
 
 def _definition(program: Program, function: Function, name: str, joints: Sequence[str], linkage: str = "") -> str:

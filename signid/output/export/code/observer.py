@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ....model import Model
-from ....types import Array
 from ....watch.blocks import HALF
 from ....watch.contacts import APART, LASTING, LEAVE
 from ....watch.intake import LEAST, LOST
@@ -63,15 +62,11 @@ def observer_code(model: Model, name: str) -> ObserverCode:
         "NAME": name,
         "COUNT": str(n),
         "TERMS": str(len(TERMS) * n),
-        "MISFIT": _list(misfit),
+        "MISFIT": f"{{{', '.join(repr(float(x)) for x in misfit)}}}",
     }
     pattern = re.compile(rf"\b({'|'.join(numbers)})(?=\b|_)")
     header, source, test = (pattern.sub(lambda found: numbers[found[0]], text) for text in (_HEADER, _SOURCE, _TEST))
     return ObserverCode(header, source, test)
-
-
-def _list(x: Array) -> str:
-    return "{" + ", ".join(repr(float(value)) for value in x) + "}"
 
 
 _CONSTANTS = {

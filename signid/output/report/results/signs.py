@@ -81,11 +81,13 @@ def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
     """Yield signed.csv in pieces: the recording's rows with t [s], and tau_J [N.m or N] and sure_J [1] of each joint.
 
     `sure_J` is the confidence of the segment of a row. It is 0 outside of segments, where the sign follows the model,
-    and 1 for torques recorded with signs. Numbers are written exactly; missing numbers are empty cells. `part` is the
-    index of the recording's trace.
+    and 1 for torques recorded with signs. Torques of segments whose sign is uncertain are missing; a joint without a
+    certain one has abs_tau_J instead. Numbers are written exactly; missing numbers are empty cells. `part` is the index
+    of the recording's trace.
     """
     columns = recording.columns["tau"]
     joints = [j for j, column in enumerate(columns) if column]
+    lost = {j for j in signs.hidden if not any(one.confidence >= CERTAIN for one in signs.of(j))}
     names = [*recording.columns["t"], *(columns[j] for j in joints)]
     scale = np.array([1.0, *recording.torque_per_unit[joints]])
     for start in range(0, max(1, len(recording)), CHUNK):
@@ -93,8 +95,10 @@ def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
         t, *torques = np.ascontiguousarray(values.T)
         cells = {"t": t}
         for j, tau in zip(joints, torques, strict=True):
-            name = recording.joints[j]
-            cells |= {f"tau_{name}": tau, f"sure_{name}": _sure(signs, part, j, t, tau)}
+            name, sure = recording.joints[j], _sure(signs, part, j, t, tau)
+            known = np.where((sure > 0) & (sure < CERTAIN), np.nan, tau)
+            cells |= {f"abs_tau_{name}": np.abs(tau)} if j in lost else {f"tau_{name}": known}
+            cells[f"sure_{name}"] = sure
         yield pl.DataFrame(cells).fill_nan(None).write_csv(include_header=start == 0)
 
 

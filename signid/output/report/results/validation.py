@@ -81,7 +81,8 @@ def validation_tables(result: Validation) -> list[RenderableType]:
     """Rms, noise floor, R2 and roll-out errors of every model, per joint."""
     cutoff = cutoff_words(result.cutoff, result.position_cutoff)
     last = Section("", (Plain(f"{cutoff}; rows where a joint is at rest are excluded. Nothing was fitted."),))
-    return [*_top(result, "validated"), *terminal([_torque(result), _rolled(result), last], result.notes)]
+    top = [heading(_title(result, "validated"), below=False), *_listed(result)]
+    return [*top, *terminal([_torque(result), _rolled(result), last], result.notes)]
 
 
 def servo_validation_tables(result: ServoValidation) -> list[RenderableType]:
@@ -166,11 +167,6 @@ def _loop_title(result: ServoValidation) -> str:
 def _poor(result: ServoValidation) -> bool:
     """Whether a model predicts a joint badly."""
     return any(poor_joints(one.rollout) for one in result.models)
-
-
-def _top(result: Any, what: str) -> list[RenderableType]:
-    """Title, and the numbers of several models."""
-    return [heading(_title(result, what), below=False), *_listed(result)]
 
 
 def _listed(result: Any) -> list[RenderableType]:

@@ -1,19 +1,37 @@
-"""Page of a check: the description on the terminal in full, with recordings over time and their spectra."""
+"""Page of a check: the description on the terminal in full, with recordings over time and their spectra.
+
+Recordings that cannot be checked have no other description than the reason and what to correct.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich.console import RenderableType
 
+from .....faults import UnusableRecordings
 from .....types import Array, Input, Recording, Samples
 from .....version import __version__
-from ...layout import figure, plot_markup
+from ...documents import Document, ending, once
+from ...layout import figure, plot_markup, plural
 from ...plots.courses import FEWEST, OPEN, POINTS, Line, Panes, recorded_lines
 from ...plots.frame import AFTER, BEFORE, FAINT, FLOOR, Header, axis, curve, packed, sections_page
 from ...sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Section, Sentences
-from .summary import CheckSummary, unit_sentences
+from .summary import (
+    SAMPLING,
+    UNUSABLE,
+    CheckSummary,
+    FaultWords,
+    GravityUse,
+    Identifiable,
+    first_part,
+    summary_document,
+    summary_tables,
+    unit_sentences,
+)
 
 MOST_RECORDINGS = 4  # maximum number of recordings that are drawn
 ROWS, WINDOW = 65_536, 2048  # most rows of a spectrum, and rows of one window
@@ -74,6 +92,46 @@ def summary_page(
     header = Header(summary.title, f"check of {summary.title}", list(_cards(summary)), kind, summary.headline)
     content = {"flags": (), "notes": summary.notes, "files": files, "version": __version__, **given}
     return sections_page(header, sections, content)
+
+
+def _unusable(found: UnusableRecordings, robot: str) -> CheckSummary:
+    given, remedy = plural(len(found.files), "recording"), found.flags[0].partition("; ")[2]
+    rows = [(Path(file.path).name, str(count), *"------") for file, count in zip(found.files, found.rows, strict=True)]
+    return CheckSummary(
+        title=f"{robot}: {given}" if robot else given,
+        verdict=UNUSABLE,
+        headline=f"Not usable for identification: {first_part(found.flags[0])}",
+        sampling=Cells(SAMPLING, rows),
+        gravity=GravityUse("not judged", "not judged: the recordings cannot be used as they are"),
+        faults=tuple(FaultWords("", (), flag) for flag in found.flags),
+        identifiable=Identifiable("parameter", (), (), ()),
+        advice=(remedy,) if remedy else (),
+    )
+
+
+def unusable_document(found: UnusableRecordings, inputs: Sequence[Input], seed: int = 0, robot: str = "") -> Document:
+    """Build check.json of recordings that cannot be checked; `robot`: its name, "" without a description."""
+    files = zip(found.files, found.rows, strict=True)
+    return {
+        "schema": "signid.check/1",
+        "robot": robot or None,
+        **summary_document(_unusable(found, robot)),
+        "recordings": [{"path": file.path, "rows": rows} for file, rows in files],
+        **ending(found, found.files, inputs, seed),
+    }
+
+
+def unusable_tables(found: UnusableRecordings, robot: str = "") -> list[RenderableType]:
+    """The reason, and what to correct, on one screen; `robot` as in the document."""
+    return summary_tables(_unusable(found, robot))
+
+
+def unusable_page(
+    found: UnusableRecordings, inputs: Sequence[Input] = (), command: str = "", seed: int = 0, robot: str = ""
+) -> str:
+    """Render report.html of recordings that cannot be checked; `robot` as in the document."""
+    summary, files = _unusable(found, robot), once([*found.files, *inputs])
+    return summary_page(summary, [], Cells((), ()), files, command=command, seed=seed)
 
 
 def recording_files(recordings: Sequence[Recording]) -> list[Input]:

@@ -36,6 +36,7 @@ WORDS = {
     "tau": "torque",
 }
 RATES = {"dq": "/s", "ddq": "/s2", "dq_des": "/s"}  # what follows the unit of position
+SAMPLING = "recording", "rows>", "used>", "seconds>", "rate\n[Hz]>", "content\n[Hz]>", "clock", "breaks>"
 NOT_STATED = StatedUnit("", "")
 OTHERS = {"t": "s", "on": "1", "pwm": "1", "volt": "V", "temp": "C"}  # units of other signals
 
@@ -98,7 +99,7 @@ class Identifiable(NamedTuple):
         return f"{plural(self.total, self.noun)}: {counts}, {len(self.unidentifiable)} unidentifiable"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CheckSummary:
     """All that is said about recordings before a fit, in the order of the screen."""
 
@@ -106,18 +107,18 @@ class CheckSummary:
     verdict: str  # GOOD, LIMITED, FAULTY or UNUSABLE
     headline: str
     sampling: Cells
-    sampled: tuple[str, ...]  # sentences on clock, gaps and content
-    units: tuple[UnitUse, ...]
-    unit_notes: tuple[str, ...]  # units that may be wrong
+    sampled: tuple[str, ...] = ()  # sentences on clock, gaps and content
+    units: tuple[UnitUse, ...] = ()
+    unit_notes: tuple[str, ...] = ()  # units that may be wrong
     gravity: GravityUse
     faults: tuple[FaultWords, ...]
-    clear: tuple[str, ...]  # faults that were looked for and not found
-    joints: Cells
-    legend: str  # of the table of joints
+    clear: tuple[str, ...] = ()  # faults that were looked for and not found
+    joints: Cells = Cells((), ())
+    legend: str = ""  # of the table of joints
     identifiable: Identifiable
-    excitation: str  # sentence on it; "" where it was not judged
+    excitation: str = ""  # sentence on it; "" where it was not judged
     advice: tuple[str, ...]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 def first_part(sentence: str) -> str:
@@ -153,14 +154,11 @@ def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> 
                     factor = float(recording.torque_per_unit[j]) if signal == "tau" else 1.0
                     key = signal, recording.units.get(column, NOT_STATED), into, factor != 1
                     found.setdefault(key, {})[column] = factor
+    ordered = sorted(found.items(), key=lambda item: [*WORDS, item[0][0]].index(item[0][0]))
     return tuple(
         UnitUse(signal, tuple(own), *stated, into, (min(own.values()), max(own.values())) if current else ())
-        for (signal, stated, into, current), own in sorted(found.items(), key=lambda item: _place(item[0][0]))
+        for (signal, stated, into, current), own in ordered
     )
-
-
-def _place(signal: str) -> int:
-    return [*WORDS, signal].index(signal)
 
 
 def _unit(signal: str, place: str) -> str:
