@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from motions import Trial, trial
 from numpy.testing import assert_allclose
-from signid.output.report.results.check.torque import IN_DESCRIPTION, check_document, check_summary
 
 import signid
 from signid.check import check
 from signid.errors import RecordingError
 from signid.faults import RecordingFault
 from signid.faults.distortions import axis_words
+from signid.output.report.results.check.summaries import IN_DESCRIPTION, check_document, check_summary
 from signid.robot import load_robot
 from signid.types import Array, Robot
 

@@ -33,7 +33,7 @@ from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
 from .alternatives import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
-from .ordinary import FORMS, beside_wrong_bodies, block_of, ordinary_findings, without_vague
+from .ordinary import FORMS, beside_wrong_bodies, block_of, ordinary_findings, softened, without_vague
 from .stated import body_finding, reported_laws, stated_number_findings, stated_numbers, torque_share, total_law
 from .thresholds import (
     AMBIGUOUS,
@@ -111,8 +111,8 @@ def conclude(
             verdict = replace(verdict, name="named")
     if usual:
         findings = [replace(x, ordinary=x.law.effect.name in FORMS) for x in findings]
-        findings = [beside_wrong_bodies(finding, dataset.table.joints) for finding in findings]
-        findings = sorted([*findings, *usual], key=lambda finding: finding.ordinary)
+        findings = [softened(beside_wrong_bodies(finding, dataset.table.joints)) for finding in findings]
+        findings = sorted([*findings, *usual], key=lambda finding: (finding.ordinary, finding.role != "cause"))
         prediction = without_vague(session, prediction, ordinary, usual)
     elif not any(finding.role == "cause" for finding in findings):  # numbers refitted beside no cause fit the noise
         prediction = predict(session, given)

@@ -16,7 +16,7 @@ from ...effects import EFFECTS
 from ...effects.law import law_torque
 from ...model import Model
 from ...regression.session import Session
-from ...types import Array, Law
+from ...types import Law
 from ..data.column_groups import Group, rough_drives
 from ..data.dataset import Dataset
 from ..data.hypotheses import VARIABLES
@@ -138,7 +138,7 @@ def ordinary_findings(
             where=locate(dataset.table, joint, column * step, bool(given.robot.prismatic[joint]), VARIABLES[:-1]),
             statistic=odds,
             threshold=0.0,
-            held_out_gain=_gain(extended.held_out, step * _held_out_column(extended, law, key), joint),
+            held_out_gain=_gain(extended.held_out, replace(law, parameters={key: step}), joint),
             alternatives=(),
             stated=stated,
             ordinary=True,
@@ -160,14 +160,15 @@ def beside_wrong_bodies(finding: Finding, joints: int) -> Finding:
     return replace(finding, probability=probability, alternatives=ranked)
 
 
-def _held_out_column(extended: Prediction, law: Law, key: str) -> Array:
-    """(M,) torque of a law's coefficient at its joint on held-out rows [torque per coefficient]."""
-    rows = extended.held_out
-    made = [law_torque(replace(law, parameters={key: 1.0}), piece.motion)[1][:, :1] for piece in rows.pieces]
-    return np.concatenate([rows.thin(torque)[:, 0] for torque in made])
+def softened(finding: Finding) -> Finding:
+    """Friction that falls off with the square of speed is no cause: it is the shape of Coulomb friction that rises."""
+    if finding.law.effect.name != "quadratic_friction" or finding.law.parameters["coefficient"] >= 0:
+        return finding
+    return replace(finding, role="secondary", probability=min(finding.probability, MOST_PROBABLE_BODY))
 
 
-def _gain(rows: ResidualRows, torque: Array, joint: int) -> float:
-    """Share of the held-out sum of squares at a joint that torque (M,) [N.m or N] of the extended model removes."""
-    after = rows.residual[:, joint]
-    return 1 - float(np.nansum(after**2) / max(float(np.nansum((after + torque) ** 2)), 1e-300))
+def _gain(rows: ResidualRows, law: Law, joint: int) -> float:
+    """Share of the held-out sum of squares at a joint that the torque of a law of the extended model removes."""
+    made = [rows.thin(law_torque(law, piece.motion)[1][:, :1]) for piece in rows.pieces]
+    after, torque = rows.residual[:, joint], np.concatenate(made)[:, 0]
+    return 1 - float(np.nansum(after**2)) / max(float(np.nansum((after + torque) ** 2)), 1e-300)
