@@ -102,9 +102,8 @@ def conclude(
         findings = [*findings, *body_finding(dataset, session, selection, extended)]
         verdict = replace(verdict, name="named" if verdict.name == "nothing_missing" else verdict.name)
     elif not verdict.causes:
-        known, find = dataset.model.misfit is not None, body_finding
-        if known or verdict.name == "unknown":
-            find = stated_number_findings
+        known = dataset.model.misfit is not None
+        find = stated_number_findings if known or verdict.name == "unknown" else body_finding
         stated = list(find(dataset, session, selection, extended))
         findings = [*stated, *findings]
         if find is body_finding and stated or known and any(finding.probability > SAID for finding in stated):

@@ -156,8 +156,7 @@ def beside_wrong_bodies(finding: Finding, joints: int) -> Finding:
     probability = min(finding.probability, MOST_PROBABLE_BODY)
     left = max(1 - probability - sum(rival.probability for rival in finding.alternatives), 0.0) / len(twins)
     rivals = (*finding.alternatives, *(Alternative(Law(EFFECTS[name], at), left, "") for name, at in twins))
-    ranked = tuple(sorted(rivals, key=lambda rival: -rival.probability))
-    return replace(finding, probability=probability, alternatives=ranked)
+    return replace(finding, probability=probability, alternatives=tuple(sorted(rivals, key=lambda x: -x.probability)))
 
 
 def softened(finding: Finding) -> Finding:

@@ -93,6 +93,8 @@ def body_finding(
     law = Law(effect, (first,), dict(zip(effect.parameters, step[body].tolist(), strict=True)))
     torque = {j: data.raw(j, groups[body]) @ step[body] for j in data.rows(groups[body])}
     share = torque_share(torque, data.scale)
+    if min(share.max() / LEAST_TORQUE_SHARE, shares[first] / LEAST_PROBABILITY) < 1:
+        return
     joint, fit = int(np.argmax(share)), selection.fit()
     std = np.sqrt(np.diag(fit.covariance)[fit.place(groups[body])])
     given, after = predict(session, dataset.model).held_out.residual, extended.prediction.held_out.residual
