@@ -48,8 +48,7 @@ ORDINARY = (  # what every description lacks; a wrong body counts where the thin
     *("viscous_friction", "coulomb_friction", "asymmetric_friction", "stribeck_friction", "armature", "torque_offset"),
     "link_inertia",
 )
-TURNS = 3  # sessions of each arm, and of each of two random ones, per block of 24
-MOTIONS = 3  # recordings of 16 s, the last one held out
+TURNS, MOTIONS = 3, 3  # sessions of each arm and of two random ones per block of 24; recordings of 16 s, one held out
 SIZES = (0.05, 0.30)  # rms torque of the thing over that of its joint [1]
 DRIVE_FACTORS = (0.5, 4.0)  # of viscous friction, dry friction (2.5 to 20 % of the torque each) and rotors [1]
 MASS_ERROR, LENGTH_ERROR = 0.30, 0.10  # standard deviations of the logarithms of each body's mass and lengths [1]
