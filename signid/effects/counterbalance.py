@@ -15,7 +15,7 @@ class Counterbalance(TorqueLaw):
     parameters = {"amplitude": Coefficient("N.m"), "phase": Coefficient("rad")}
     example = {"amplitude": 5.0, "phase": 0.4}
     twins = ("base_tilt", "encoder_offset", "payload", "link_inertia")
-    coefficients, physical, common = sine_cosine, amplitude_phase, 0.3  # a spring is more common
+    coefficients, physical = sine_cosine, amplitude_phase
 
     def columns(self, x: View) -> list[Array]:
         return [np.sin(x.q), np.cos(x.q)]

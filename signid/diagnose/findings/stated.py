@@ -82,7 +82,7 @@ def body_finding(
     for joint, body in enumerate(selection.posterior.carried):
         parts = [data.part(j, groups[body]) @ step[body] for j in data.rows(groups[body])]
         energy[joint] = sum(float(x @ x) for x in parts)
-    wrong = 1 - float(np.exp(evidence.log_bayes_factors((), selection.dispersion)[1][0]))
+    wrong = 1 - float(evidence.log_bayes_factors((), selection.dispersion)[1][0])
     shares = {j: wrong * x / max(sum(energy.values()), 1e-300) for j, x in energy.items()}
     first, last = max(shares, key=lambda j: shares[j]), len(shares) - 1
     effect, body = EFFECTS["link_inertia"], selection.posterior.carried[first]
@@ -93,7 +93,7 @@ def body_finding(
     law = Law(effect, (first,), dict(zip(effect.parameters, step[body].tolist(), strict=True)))
     torque = {j: data.raw(j, groups[body]) @ step[body] for j in data.rows(groups[body])}
     share = torque_share(torque, data.scale)
-    if min(share.max() / LEAST_TORQUE_SHARE, shares[first] / LEAST_PROBABILITY) < 1:
+    if min(share.max() / LEAST_TORQUE_SHARE, wrong / LEAST_PROBABILITY) < 1:
         return
     joint, fit = int(np.argmax(share)), selection.fit()
     std = np.sqrt(np.diag(fit.covariance)[fit.place(groups[body])])
