@@ -63,13 +63,3 @@ def test_an_identified_model_is_taken_at_its_word() -> None:
     model = signid.identify(simulation("3r").robot, recordings[:2]).model
     session = prepare(model.robot, recordings[:2], options=Options())
     assert with_ordinary(model, session, ()) == (model, ())
-
-
-def test_a_changed_body_has_its_twins_where_all_bodies_may_be_wrong() -> None:
-    payload = fault("payload", mass=0.3, first_moment_x=0.02, first_moment_y=0.0, first_moment_z=0.03)
-    found = look("3r", payload, stated=())
-    (body, *_) = [x for x in found.findings if x.law.effect.name in ("payload", "link_inertia")]
-    named = {(body.law.effect.name, body.law.joints), *((x.law.effect.name, x.law.joints) for x in body.alternatives)}
-    assert ("payload", (2,)) in named and body.ordinary == (body.law.effect.name == "link_inertia")
-    assert body.probability <= 0.9
-    assert body.probability + sum(rival.probability for rival in body.alternatives) <= 1 + 1e-9

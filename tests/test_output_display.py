@@ -56,7 +56,8 @@ def test_a_repr_has_at_most_forty_lines_of_plain_text(results: dict[str, Any]) -
     text = repr(results["Identification"])
     assert "3r: 25 base parameters, 3 joints" in text and "coulomb friction" in text and "Torque signs" in text
     assert "tables, to_frame(name): base_parameters, laws" in text
-    assert all(word in repr(results["Diagnosis"]) for word in ("Coulomb friction of all joints", "Held-out", "Roll-outs"))
+    words = ("Coulomb friction of all joints", "Held-out", "Roll-outs")
+    assert all(word in repr(results["Diagnosis"]) for word in words)
 
 
 def test_flags_are_in_the_repr(results: dict[str, Any]) -> None:

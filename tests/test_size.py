@@ -43,7 +43,7 @@ TODAY = {
     "signs": 3190,
     "faults": 3756,
     "servo": 8914,
-    "diagnose": 6819,
+    "diagnose": 6818,
     "payload": 1422,
     "watch": 2070,
     "output": 12951,

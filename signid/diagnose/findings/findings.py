@@ -99,7 +99,6 @@ def conclude(
     findings = list(reporter.findings([by_group[group] for group in verdict.ranked if group in shown]))
     usual = list(ordinary_findings(given, dataset, selection, extended.prediction, ordinary))
     if not verdict.causes and usual:
-        findings = [*findings, *body_finding(dataset, session, selection, extended)]
         verdict = replace(verdict, name="named" if verdict.name == "nothing_missing" else verdict.name)
     elif not verdict.causes:
         known = dataset.model.misfit is not None
