@@ -259,9 +259,8 @@ def _flags(
         why = "but not by enough for so few rows" if reused else "but not the held-out recordings"
         yield f"{shorten(out)} {explain} the training recordings, {why}: {are} not in the extended simulation"
     for finding in findings:
-        unsure = (
-            finding.probability < UNSURE and finding.in_model and not finding.ordinary
-        )  # the flag above names all others
+        named_above = not finding.in_model
+        unsure = finding.probability < UNSURE and not named_above and not finding.ordinary
         if finding.role == "cause" and unsure and verdict.name == "named":
             rivals = ", ".join(f"{law_name(a.law, robot)} ({a.probability:.0%})" for a in finding.alternatives[:3])
             yield (

@@ -55,7 +55,7 @@ def with_ordinary(model: Model, session: Session, skip: Collection[str]) -> tupl
     kept = [x for x in model.laws if x.effect.name not in DRIVES or any(x.effect.coefficients(x.parameters))]
     rough, laws = rough_drives(tuple(pieces(session.task, model, session.train))), list[Law]()
     for k, name in enumerate(DRIVES):
-        effect, start = EFFECTS[name], np.maximum(rough[:, k] if k < TURNED else 0.0, LEAST_DRIVE * np.ones(len(rough)))
+        effect, start = EFFECTS[name], np.maximum(rough[:, k] if k < TURNED else np.zeros(len(rough)), LEAST_DRIVE)
         (key,) = effect.linear()
         known = {law.joints[0] for law in kept if law.effect is effect}
         bare = [j for j in range(len(rough)) if j not in known and name not in skip]
