@@ -60,9 +60,6 @@ def test_no_torque_sign(run_tutorial: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    reason="bodies that may be far off hide a counterbalance in a small slow motion, and no finding says so"
-)
 def test_wrong_simulation(run_tutorial: Any, tmp_path: Path) -> None:
     names, printed = run_tutorial("wrong_simulation")
     assert any("joint_3 does not follow" in flag for flag in names["checked"].flags)
