@@ -300,10 +300,11 @@ def _weightless(robot: Robot) -> Iterator[str]:
 
 def _left_out(given: Given, found: Estimate) -> Iterator[str]:
     """Flags for springs and weight that the fit does not contain, and for too few rows to learn from or to judge by."""
-    if springs := given.session.robot.springs:
+    fitted = any(law.effect.name == "spring" for law in given.session.task.laws)
+    if (springs := given.session.robot.springs) and not fitted:
         yield (
-            f"identify fits no springs, so those that the description states at {shorten(list(springs))} distort its "
-            f"other numbers there; signid diagnose keeps them"
+            f"no springs are fitted, so those that the description states at {shorten(list(springs))} distort other "
+            f"numbers there; signid diagnose keeps them, and --effects with spring fits them"
         )
     yield from _weightless(given.session.robot)
     if ITSELF in given.session.notes:

@@ -95,6 +95,7 @@ class Effect:
     source: ClassVar[str] = ""
     typical: ClassVar[str] = ""  # typical magnitudes
     parameters: ClassVar[Mapping[str, Coefficient | Shape]] = {}
+    regressors: ClassVar[Mapping[str, Coefficient]] = {}  # coefficient of each column; {}: the linear parameters
     example: ClassVar[Numbers] = {}  # typical values: demonstration, injection, contract test
     headline: ClassVar[str] = ""  # a finding in words, fields: {joint}, {partner}, {KEY}; "": name, joint, main number
     optional: ClassVar[tuple[str, ...]] = ()  # parameters that default to a function of the others

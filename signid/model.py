@@ -234,13 +234,10 @@ def stated_inertials(robot: Robot) -> Array:
 
 def stated_parameters(task: Task) -> Parameters:
     """Standard parameters of the description and the actuators file."""
-    stated = stated_inertials(task.robot).ravel()
-    drives, effects = task.robot.actuators, []
-    for label in task.base.labels[len(stated) :]:
-        assert label.law is not None and label.joint is not None, "labels after the bodies are those of laws"
-        field = getattr(drives, task.laws[label.law].effect.name, None)
-        effects.append(0.0 if field is None else float(np.nan_to_num(field[label.joint])))
-    return Parameters(task.base.labels, np.append(stated, effects))
+    known = {(x.effect, x.joints): x.effect.coefficients(x.parameters) for x in stated_laws(task.robot)}
+    zeros = ((law, [0.0] * len(law.effect.coefficients(law.effect.example))) for law in task.laws)
+    effects = [x for law, zero in zeros for x in known.get((law.effect, law.joints), zero)]
+    return Parameters(task.base.labels, np.append(stated_inertials(task.robot), effects))
 
 
 def stated_laws(robot: Robot) -> tuple[Law, ...]:

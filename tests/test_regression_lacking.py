@@ -11,7 +11,7 @@ from motions import trial
 
 import signid
 from signid.identify import Identification
-from signid.output.report.results.identification import identification_document
+from signid.output.report.results.identification import identification_document, identified_numbers
 from signid.regression.lacking import Lack
 from signid.regression.session import Options
 from signid.types import Robot
@@ -52,6 +52,24 @@ def test_friction_that_was_left_out_is_named(arm: Robot) -> None:
     assert {lack.joint for lack in found.lacks} == set(arm.joints)
     assert all(lack.effects[0] == "coulomb_friction" and lack.variable == "velocity" for lack in found.lacks)
     assert all(lack.share > 0.9 for lack in found.lacks)
+
+
+def test_a_fitted_spring_has_its_stiffness_and_rest_with_intervals(arm: Robot) -> None:
+    found = identify(arm, 1, "spring", ("viscous_friction", "coulomb_friction", "armature", "spring"))
+    numbers = {
+        x["joint"]: x["parameters"] for x in identification_document(found)["effects"] if x["effect"] == "spring"
+    }
+    for key, true in {"stiffness": 25.0, "rest": 0.4}.items():
+        assert numbers["joint_2"][key]["value"] == pytest.approx(true, abs=3 * numbers["joint_2"][key]["std"])
+        assert 0 < numbers["joint_2"][key]["std"] < 0.1 * true
+    assert not [lack for lack in found.lacks if lack.joint == "joint_2"]
+
+
+def test_the_rest_of_a_spring_beside_an_offset_has_no_interval(arm: Robot) -> None:
+    found = identify(arm, 1, "spring", (*USUAL, "spring"))
+    (spring,) = (law for law in identified_numbers(found) if law[0].effect == "spring" and law[0].joint == "joint_2")
+    stiffness, rest = spring
+    assert stiffness.value == pytest.approx(25.0, abs=3 * (stiffness.std or np.nan)) and rest.std is None
 
 
 @pytest.mark.parametrize("effects", [USUAL, (*USUAL, "quadratic_friction")])

@@ -15,6 +15,7 @@ class Spring(TorqueLaw):
     source = "Wang, Gondokaryono, Munawar, Fischer, Identification of the da Vinci Research Kit, IEEE RA-L 4(4), 2019"
     typical = "up to 30 N.m/rad"
     parameters = {"stiffness": Coefficient("N.m/rad", positive=True), "rest": Coefficient("rad")}
+    regressors = {"stiffness": Coefficient("N.m/rad", positive=True), "torque_at_zero": Coefficient("N.m")}
     example = {"stiffness": 8.0, "rest": 0.3}
 
     def columns(self, x: View) -> list[Array]:
@@ -25,7 +26,7 @@ class Spring(TorqueLaw):
 
     def physical(self, coefficients: Sequence[float], shape: Numbers) -> dict[str, float]:
         stiffness, constant = map(float, coefficients)
-        return {"stiffness": stiffness, "rest": -constant / stiffness}
+        return {"stiffness": stiffness, "rest": -constant / stiffness if stiffness else 0.0}
 
 
 PLUGIN = Spring()

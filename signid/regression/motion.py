@@ -259,7 +259,7 @@ def labels(robot: Robot, laws: Sequence[Law] = ()) -> tuple[Label, ...]:
     ]
     for k, law in enumerate(laws):
         where = "_".join(str(robot.numbers[j]) for j in law.joints)
-        coefficients = law.effect.linear()
+        coefficients = law.effect.regressors or law.effect.linear()
         for key, coefficient in coefficients.items():
             name = law.effect.name if len(coefficients) == 1 else f"{law.effect.name}.{key}"
             joint = law.joints[0]

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ....identify import Identification
     from ....simulation.refine import Refinement
 
+SMALL = 1e-6  # [1] step of finite differences over the coefficients of a law
 WIDE = 4  # maximum number of columns of law parameters
 LISTED = 12  # maximum number of correlated pairs listed
 KEY = (("measured", "measured"), ("before", "before: robot description"), ("after", "after: identified model"))
@@ -82,13 +83,12 @@ class LawNumber(NamedTuple):
 
 def identified_numbers(result: Identification) -> list[list[LawNumber]]:
     """Parameters of each law of the model, with their standard deviations."""
-    singles, std = _alone(result.base), result.estimate.std
-    places: dict[int, list[int]] = {}
+    singles, places = _alone(result.base), dict[int, list[int]]()
     for k, label in enumerate(result.base.labels):
         if label.law is not None:
             places.setdefault(label.law, []).append(k)
-    known = {i: [float(std[singles[k]]) if k in singles else None for k in own] for i, own in places.items()}
-    return [_numbers(result, law, known.get(i, [])) for i, law in enumerate(result.model.laws)]
+    rows = {i: [singles.get(k) for k in own] for i, own in places.items()}
+    return [_numbers(result, law, rows.get(i, [])) for i, law in enumerate(result.model.laws)]
 
 
 def _alone(base: BaseMap) -> dict[int, int]:
@@ -104,13 +104,27 @@ def _rigid_rows(base: BaseMap) -> list[int]:
     return [row for row in range(base.rank) if row not in laws]
 
 
-def _numbers(result: Identification, law: Law, known: Sequence[float | None]) -> list[LawNumber]:
-    linear = list(law.effect.linear())
-    plain = type(law.effect).physical is Effect.physical  # the parameters are the coefficients
+def _numbers(result: Identification, law: Law, rows: Sequence[int | None]) -> list[LawNumber]:
     joint = result.robot.joints[law.joints[0]] if len(law.joints) == 1 else None
-    std = {key: known[linear.index(key)] for key in law.parameters if plain and key in linear}
-    units, values = law_units(result.robot, law), law.parameters.items()
+    units, std = law_units(result.robot, law), _deviations(result, law, rows)
+    values = law.parameters.items()
     return [LawNumber(law.effect.name, joint, key, float(x), std.get(key), units[key]) for key, x in values]
+
+
+def _deviations(result: Identification, law: Law, rows: Sequence[int | None]) -> dict[str, float]:
+    """Standard deviation of each identifiable parameter, from the base parameters `rows` that are its coefficients."""
+    effect, estimate = law.effect, result.estimate
+    if type(effect).physical is Effect.physical:  # the parameters are the coefficients
+        return {k: float(estimate.std[row]) for k, row in zip(effect.linear(), rows, strict=False) if row is not None}
+    known = {k: row for k, row in enumerate(rows) if row is not None}
+    first, covariance = [*known], estimate.covariance[np.ix_([*known.values()], [*known.values()])]
+    at = np.array(effect.coefficients(law.parameters))
+    step = SMALL * max(float(np.abs(at).max()), SMALL)
+    ends = [[list(effect.physical(at + x, {}).values()) for x in sign * step * np.eye(len(at))] for sign in (1, -1)]
+    slopes = (np.array(ends[0]) - ends[1]) / (2 * step)  # (k coefficients, k parameters)
+    mixed = np.any(np.delete(slopes, first, axis=0), axis=0).tolist()  # with coefficients that are not identifiable
+    std = np.sqrt(np.diag(slopes[first].T @ covariance @ slopes[first]))
+    return {key: float(x) for key, x, no in zip(effect.linear(), std, mixed, strict=True) if not no}
 
 
 def base_documents(base: BaseMap) -> list[Document]:
