@@ -49,7 +49,7 @@ from .search.stepwise import SEARCH, prune
 from .search.thresholds import FIRST_LOG_ODDS
 
 HORIZON = 0.5  # length of the roll-outs [s]
-NOTHING_MISSING = "nothing_missing"  # verdict
+NOTHING_MISSING, UNDECIDED = "nothing_missing", "undecided"  # verdicts
 CUTOFF = 8.0  # cut-off if encoder noise allows it [Hz]: laws differ most in fast torque; heuristic
 NOISIEST_FACTOR = 1.5  # largest cut-off over the one that the noisiest encoder allows [1]; heuristic
 WORTH_PREPARING = 0.95  # cut-off over the allowed one below which the recordings are prepared again [1]; heuristic
@@ -102,7 +102,7 @@ def diagnose(
     mounting = mount(model, *prepare_session(model, recovered, options, show), skip)._replace(given=given)
     answer = _answer(mounting.model, mounting, skip, healthy, options.seed, show)
     known, lacked = mounting.model.misfit is not None, False
-    if known and answer.result.verdict == NOTHING_MISSING and not time_is_up(SEARCH, answer=False):
+    if known and answer.result.verdict in (NOTHING_MISSING, UNDECIDED) and not time_is_up(SEARCH, answer=False):
         itself = _answer(replace(mounting.model, misfit=None), mounting, skip, healthy, options.seed, show)
         lacked = any(finding.role == "cause" for finding in itself.result.findings)
         answer = itself if lacked else answer
