@@ -11,12 +11,13 @@ from typing import IO, Any
 from ...errors import OptionError
 from ...robot.description.document import children, parse
 from ...robot.locate import find_mesh
-from .links import QUANTITIES, Head, Links, Signal
+from ...types import Robot
+from .links import QUANTITIES, Head, Signal
 from .messages import McapFile
 
 LIBRARIES = {"rrd": ("rerun", "mcap", "rosbags"), "mcap": ("mcap", "rosbags")}  # modules by kind of log
 NAMES = {"rerun": "rerun-sdk"}  # package of a module, if it has another name
-DECODERS = ("ros2_reflection", "ros2msg", "urdf")  # of Rerun: transforms and texts, joint states, the robot
+DECODERS = ("ros2_reflection", "ros2msg")  # of Rerun: transforms and texts, joint states
 TITLES = {  # of plots
     "effort": "torque [N.m] or force [N]",
     "position": "position [rad or m]",
@@ -60,27 +61,6 @@ class RerunFile(McapFile):
         self.shown: dict[str, Signal] = {}  # a signal of each topic
         super().__init__(self.messages, head)
 
-    def robot(self, t: float, links: Links) -> None:
-        """Write the robot with the meshes that are found; from now on positions move the links."""
-        self.path = links.robot.path
-        super().robot(t, links)
-
-    def description(self, urdf: str) -> str:
-        """The URDF with the paths of mesh files that are found, without other meshes and collision shapes."""
-        from lxml import etree
-
-        root = parse(urdf)
-        for link in children(root, "link"):
-            for shape in children(link, "collision") if children(link, "visual") else ():
-                link.remove(shape)
-        for mesh in list(root.iter("mesh")):
-            if (path := find_mesh(mesh.get("filename", ""), self.path, self.package_dirs)) is not None:
-                mesh.set("filename", str(path.absolute()))
-            else:  # Rerun would warn on the terminal
-                shape = mesh.getparent().getparent()
-                shape.getparent().remove(shape)
-        return str(etree.tostring(root, encoding="unicode"))
-
     def signals(self, signals: Sequence[Signal]) -> None:
         """Write signals, each with its plots."""
         self.shown |= {each.topic: each for each in signals}
@@ -90,6 +70,7 @@ class RerunFile(McapFile):
         """Write the file. Rerun's own writer hides errors of a full disk, and its pieces would be no file."""
         import rerun as rr
         from rerun.chunk import McapReader
+        from rerun.urdf import UrdfTree
 
         with self.scratch:
             with self.messages:
@@ -98,6 +79,11 @@ class RerunFile(McapFile):
             buffer = stream.binary_stream()
             stream.send_recording_name(self.head.title)
             time = "timestamp_ns" if self.head.dated else "duration_ns"
+            if self.links is not None:
+                drawn = self.place.with_name("robot.urdf")
+                drawn.write_bytes(_with_meshes(self.links.robot, self.package_dirs))
+                shapes = (each for each in UrdfTree.from_file_path(drawn).stream() if each.entity_path != "/tf_static")
+                stream.send_chunks(list(shapes))  # messages move the links
             stream.send_chunks(McapReader(self.place, timeline_type=time, decoders=DECODERS).stream())
             stream.send_blueprint(self._layout())
             self.out.write(buffer.read() or b"")
@@ -125,7 +111,27 @@ class RerunFile(McapFile):
             )
             for title, tab in plots.items()
         ]
-        drawn = [] if self.links is None else [blueprint.Spatial3DView(origin="/", name="robot")]
+        drawn = []
+        if self.links is not None:
+            frame = blueprint.SpatialInformation(target_frame=self.links.root)
+            drawn = [blueprint.Spatial3DView(origin="/", name="robot", spatial_information=frame)]
         above, below = blueprint.Horizontal(*drawn, blueprint.Tabs(*tabs)), blueprint.TextLogView(name="remarks")
         whole = blueprint.Vertical(above, below, row_shares=[4, 1])
         return blueprint.Blueprint(whole, auto_layout=False, auto_views=False)
+
+
+def _with_meshes(robot: Robot, package_dirs: Sequence[str]) -> bytes:
+    """URDF with the paths of meshes that are found, without other meshes and collision shapes beside visual ones."""
+    from lxml import etree
+
+    root = parse(robot.document)
+    for link in children(root, "link"):
+        for shape in children(link, "collision") if children(link, "visual") else ():
+            link.remove(shape)
+    for mesh in list(root.iter("mesh")):
+        if (path := find_mesh(mesh.get("filename", ""), robot.path, package_dirs)) is not None:
+            mesh.set("filename", str(path.absolute()))
+        else:  # Rerun would warn on the terminal
+            shape = mesh.getparent().getparent()
+            shape.getparent().remove(shape)
+    return bytes(etree.tostring(root))

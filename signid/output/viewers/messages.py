@@ -39,13 +39,9 @@ class McapFile:
     def robot(self, t: float, links: Links) -> None:
         """Write /robot_description and /tf_static; from now on positions move the links on /tf."""
         self.links = links
-        self._send("/robot_description", t, TEXT, data=self.description(links.robot.document))
+        self._send("/robot_description", t, TEXT, data=links.robot.document)
         if links.fixed:
             self._frames("/tf_static", t, links.fixed)
-
-    def description(self, urdf: str) -> str:
-        """The URDF as it is written; viewers find its meshes themselves."""
-        return urdf
 
     def signals(self, signals: Sequence[Signal]) -> None:
         """Write a JointState of each signal for each instant, in the order of time."""
