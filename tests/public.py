@@ -27,8 +27,6 @@ MESH = """<{0}>
 
 def layout(data: Path, wanted: DataSet) -> dict[str, bytes]:
     """Each file of the source by its path."""
-    if wanted.name == "mauicv_servo":
-        return mauicv(data / wanted.folder, wanted)
     drives = {"bam_xl330": bam, "bam_sts3250": bam}
     make = {"1r": seed, "3r": seed, "emps": emps, "panda": panda, "tx40": tx40, "ur10e": ur10e, **drives}[wanted.name]
     files: dict[str, bytes] = {}
@@ -57,24 +55,6 @@ def bam(paths: tuple[str, ...], cells: Mapping[str, list[str]]) -> dict[str, byt
         for i in range(len(cells["t"]))
     ]
     return {paths[0]: json.dumps({"motor": "a motor", "entries": entries}).encode()}
-
-
-def mauicv(folder: Path, wanted: DataSet) -> dict[str, bytes]:
-    entries: dict[str, list[dict[str, object]]] = {}
-    for product in wanted.products:
-        cells = table(folder / product.name)
-        runs = cells.get("run", ["0"] * len(cells["t"]))
-        for run in dict.fromkeys(runs):
-            rows = [i for i, one in enumerate(runs) if one == run]
-            known = {"sensor_data": "q_servo", "actions": "q_des_servo"}
-            values = {key: [half_turns(cells[name][i]) for i in rows] for key, name in known.items()}
-            motion = product.name.partition(".")[0].split("_")[1]
-            entries.setdefault(product.sources[0], []).append({"type": motion, **values})
-    return {path: json.dumps({"data": listed}).encode() for path, listed in entries.items()}
-
-
-def half_turns(cell: str) -> float | None:
-    return float(cell) / np.pi if cell else None
 
 
 def panda(paths: tuple[str, ...], cells: Mapping[str, list[str]]) -> dict[str, bytes]:

@@ -1,4 +1,4 @@
-"""Summary of sessions: drift or noise, equal causes, and their page."""
+"""Summary of sessions: equal causes, and their page."""
 
 from __future__ import annotations
 
@@ -8,51 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from chromium import Chromium
 from fleets import manifest, record
 from test_output_report import shown
-from test_output_report_browser import DRAWN, EMPTY, show
 
 from signid.cli.fleet import run as run_module
 from signid.cli.fleet.run import DONE, Answer, Order, fleet
-from signid.cli.fleet.summary import Number, find_drifts
 from signid.output.report.results.fleet import cause_sentence, fleet_page, fleet_tables, number_ranges
-
-
-def numbers(days: np.ndarray, values: np.ndarray, std: float) -> list[tuple[float, list[Number]]]:
-    return [(day, [Number("x", "N.m", value, std)]) for day, value in zip(days.tolist(), values.tolist(), strict=True)]
-
-
-@pytest.mark.slow_cases("20")
-@pytest.mark.parametrize("sessions", [3, 5, 20])
-@pytest.mark.parametrize("scatter", [1.0, 5.0])
-def test_noise_is_no_drift_even_above_its_stated_size(sessions: int, scatter: float) -> None:
-    rng, alarms = np.random.default_rng(0), 0
-    for _ in range(200):
-        days = [np.sort(rng.uniform(0, 100, sessions)) for _ in range(30)]
-        robots = [
-            (str(k), numbers(d, 5 + scatter * 0.1 * rng.standard_normal(sessions), 0.1)) for k, d in enumerate(days)
-        ]
-        alarms += any(line.beyond for line in find_drifts(robots))
-    assert alarms <= 0.05 * 200 + 2 * (0.05 * 0.95 * 200) ** 0.5
-
-
-def test_a_drift_is_found_and_its_interval_covers_it() -> None:
-    rng, inside, found = np.random.default_rng(1), 0, 0
-    for _ in range(300):
-        days = np.arange(8.0) * 30
-        std = rng.uniform(0.05, 0.2)
-        truth = numbers(days, 2 + 0.01 * days + std * rng.standard_normal(8), std)
-        still = [(str(k), numbers(days, 5 + 0.1 * rng.standard_normal(8), 0.1)) for k in range(10)]
-        lines = find_drifts([("worn", truth), *still])
-        line = next(line for line in lines if line.robot == "worn")
-        inside += abs(line.slope - 0.01) <= line.half
-        found += line.beyond
-        assert line.change == pytest.approx(210 * line.slope)
-    assert found == 300 and 0.93 <= inside / 300 <= 0.99
-    assert find_drifts([("two", truth[:2]), ("same day", [truth[0]] * 5)]) == ()
 
 
 def diagnosis(causes: Mapping[str, float], level: float) -> dict[str, Any]:
@@ -127,25 +89,3 @@ def test_numbers_that_could_be_zero_are_counted() -> None:
     assert cause_sentence(cause) == "1 of 4 robots lacks payload" and number_ranges(cause) == ["mass 0.300 kg"]
     cause["numbers"] += [number("first_moment_x", -0.001, 0.002), number("first_moment_y", -0.03, 0.0)]
     assert number_ranges(cause)[1:] == ["first moment y -0.0300 to 0 kg", "1 more parameter could be zero"]
-
-
-@pytest.mark.slow
-def test_drifts_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    record(tmp_path, 1)
-
-    def answer(orders: Sequence[Order], *_: object) -> Iterator[tuple[int, Answer]]:
-        for k in range(len(orders)):
-            document = diagnosis({"coulomb_friction": 1.0 + 0.2 * k}, 1.0)
-            yield k, Answer(DONE, (), {"diagnosis.json": json.dumps(document).encode()})
-
-    monkeypatch.setattr(run_module, "spread", answer)
-    rows = [f"3r,day_0.parquet,worn,2026-0{k}-01,diagnose" for k in range(1, 7)]
-    found = fleet(manifest(tmp_path, *rows), tmp_path / "out")
-    assert [drift.beyond for drift in found.drifts] == [True]
-    (tmp_path / "index.html").write_text(fleet_page(found.document(), "signid fleet x"), encoding="utf-8")
-    browser = Chromium(tmp_path / "browser", 1200, 900)
-    try:
-        show(browser, tmp_path / "index.html")
-        assert browser.value(f"{DRAWN}.length") == 1 and browser.value(EMPTY) == [] and browser.errors == []
-    finally:
-        browser.close()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +90,7 @@ def frame_errors(found: dict[str, list[tuple[int, Any]]], states: str) -> list[f
 
 def test_torque_is_measured_predicted_and_extended(log: ViewerLog, folder: Path, recording: Recording) -> None:
     signals = {signal.topic.removeprefix("/"): signal for signal in log.signals}
-    assert {f"/{name}" for name in signals} == TOPICS and log.findings is not None
+    assert {f"/{name}" for name in signals} == TOPICS
     measured, samples = signals["measured"], recording.read()
     rows = np.searchsorted(samples.t, measured.t - 1e-9)
     assert measured.effort is not None and measured.position is not None
@@ -104,7 +103,7 @@ def test_torque_is_measured_predicted_and_extended(log: ViewerLog, folder: Path,
         float(np.sqrt(np.mean(np.square(signals[name].effort)))) for name in ("residual", "residual_extended")
     )
     assert after < 0.2 * before, "the extended simulation has the laws; instants of reversal remain"
-    assert any("Coulomb friction of joint_2" in mark.title for mark in log.findings.marks)
+    assert any("Coulomb friction of joint_2" in remark.sentence and remark.warning for remark in log.remarks)
 
 
 def test_mcap_is_opened_by_its_library_and_by_ros(log: ViewerLog, folder: Path) -> None:
@@ -117,10 +116,9 @@ def test_mcap_is_opened_by_its_library_and_by_ros(log: ViewerLog, folder: Path) 
         assert_allclose([message.effort for _, message in messages], signal.effort)
         assert all(tuple(message.name) == signal.joints for _, message in messages)
         assert all(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == t for t, message in messages)
-    [(_, findings)] = found["/findings"]
-    assert log.findings is not None
-    assert findings.status[0].message == log.findings.verdict and findings.status[0].level == 1
-    assert {status.name for status in findings.status[1:]} == {mark.title for mark in log.findings.marks}
+    findings = [(message.msg, message.level) for _, message in found["/findings"]]
+    assert findings == [(one.sentence, 30 if one.warning else 20) for one in log.remarks] and len(findings) >= 3
+    assert findings[0][0].startswith("The simulation lacks") and findings[0][1] == 30
     assert_allclose(frame_errors(found, "/measured"), 0.0, atol=1e-12)
     (folder / "log.mcap").write_bytes(data)
     assert run("convert log.mcap --topic /measured -o back.csv".split()) == 0
@@ -139,22 +137,32 @@ def test_rerun_opens_its_log(log: ViewerLog, tmp_path: Path) -> None:
     reader = chunks.RrdReader(tmp_path / "log.rrd")
     [entry] = reader.recordings()
     assert entry.application_id == "signid" and reader.blueprints(), "a layout is stored, too"
-    rows, values = Counter[str](), dict[str, list[float]]()
+    values, texts = dict[str, list[list[float]]](), list[str]()
     for chunk in reader.stream():
         batch, path = chunk.to_record_batch(), str(chunk.entity_path)
         for name in batch.schema.names:
-            if name.endswith("Scalars:scalars") or name == "Scalars:scalars":
-                rows[path] += batch.num_rows
-                values.setdefault(path, []).extend(x[0] for x in batch.column(name).to_pylist())
+            if name.endswith("Scalars:scalars"):
+                values.setdefault(path, []).extend(batch.column(name).to_pylist())
+            if name.endswith("TextLog:text"):
+                texts += [x[0] for x in batch.column(name).to_pylist()]
     for signal in log.signals:
-        name = signal.topic.removeprefix("/")
-        group = "effort_residual" if name.startswith("residual") else "effort"
-        for j, joint in enumerate(signal.joints):
-            path = f"/{group}/{joint}/{name}"
-            assert signal.effort is not None
-            assert_allclose(np.sort(values[path]), np.sort(signal.effort[:, j]))
+        assert signal.effort is not None
+        assert_allclose(values[f"{signal.topic}/effort"], signal.effort)
+    assert sorted(texts) == sorted(f"[signid] {remark.sentence}" for remark in log.remarks)
     text = str(reader.store().schema())
-    assert "/findings" in text and "/summary" in text and "/links/link_3" in text
+    assert "/3r/visual_geometries/link_3" in text and "/tf_static" in text
+
+
+def test_rerun_has_the_meshes_that_are_found(folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    chunks = pytest.importorskip("rerun.chunk", reason="rerun-sdk is not installed (extra viewers)")
+    shape = '<visual><geometry><mesh filename="package://arm/{}.stl"/></geometry></visual></link>'
+    text = signid.load_robot("3r").document.replace("</link>", shape.format("base"), 1)
+    (tmp_path / "arm.urdf").write_text(text.replace("</link>", shape.format("absent"), 2))
+    (tmp_path / "base.stl").write_bytes(bytes(80) + (1).to_bytes(4, "little") + bytes(50))
+    assert run(["replay", str(tmp_path / "arm.urdf"), "arm.csv", "--rrd", str(tmp_path / "a.rrd")]) == 0
+    meshes = chunks.RrdReader(tmp_path / "a.rrd").stream()
+    kept = [str(each.entity_path) for each in meshes if "Asset3D:blob" in str(each.to_record_batch().schema.names)]
+    assert len(kept) == 1 and "WARN" not in capfd.readouterr().err
 
 
 @pytest.mark.slow
@@ -200,7 +208,8 @@ def test_drives_are_logged_by_their_positions(tmp_path: Path) -> None:
     saved = driven("3r", {"joint_2": SWING.with_(kp=300.0, kd=20.0)}).save(tmp_path / "model.json")
     assert run(["simulate", str(saved), "--servo", "--duration", "3", "-o", str(tmp_path / "x.csv")]) == 0
     found = opened(viewer_log(str(saved), str(tmp_path / "x.csv")).mcap())
-    assert set(found) == {*ROBOT, "/commanded", "/measured", "/predicted", "/residual"}
+    assert set(found) == {*ROBOT, "/findings", "/commanded", "/measured", "/predicted", "/residual"}
+    assert found["/findings"][0][1].msg.startswith("note: ")
     measured, predicted, rest = (
         np.array([message.position for _, message in found[f"/{name}"]])
         for name in ("measured", "predicted", "residual")

@@ -71,7 +71,7 @@ def test_the_whole_way_from_the_files_of_the_source(
 
 
 def test_the_carried_descriptions_belong_to_the_recordings(data: Path) -> None:
-    for name in ("panda", "emps", "bam_xl330", "bam_sts3250", "mauicv_servo"):
+    for name in ("panda", "emps", "bam_xl330", "bam_sts3250"):
         (file, path), *_ = DATA[name].carried
         mine, theirs = (signid.load_robot(there) for there in (ROOT / "robots" / path, data / DATA[name].folder / file))
         assert mine.joints == theirs.joints

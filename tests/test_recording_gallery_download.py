@@ -9,7 +9,7 @@ from serving import TEXT, Server, send, serve, toy
 
 from signid.errors import DownloadError, OptionError
 from signid.recording.gallery import DATA, fetch
-from signid.recording.gallery.download import check_source, is_allowed
+from signid.recording.gallery.download import check_source
 
 PATH = "logs/a_toy.csv"
 
@@ -23,9 +23,8 @@ def no_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def haste(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Limits that a test reaches."""
-    for name, limit in (("SIZE", 10_000), ("SILENCE", 0.3), ("DURATION", 0.6)):
-        monkeypatch.setattr(f"signid.recording.gallery.download.{name}", limit)
+    """A limit that a test reaches."""
+    monkeypatch.setattr("signid.recording.gallery.download.SILENCE", 0.3)
 
 
 def refusal(server: Server) -> str:
@@ -69,25 +68,6 @@ def test_a_transfer_in_pieces_that_breaks_off() -> None:
 
 
 @pytest.mark.usefixtures("haste")
-def test_a_file_that_is_too_large_is_not_begun() -> None:
-    with serve({PATH: lambda to: send(to, b"", length=50_000_000)}) as server:
-        assert "it has more than the limit of 0.01 MB" in refusal(server)
-
-
-@pytest.mark.usefixtures("haste")
-def test_a_file_without_end_is_cut() -> None:
-    def answer(to: BaseHTTPRequestHandler) -> None:
-        to.send_response(200)
-        to.end_headers()
-        with pytest.raises(OSError):  # the reader goes away
-            for _ in range(100_000):
-                to.wfile.write(b"0" * 1000)
-
-    with serve({PATH: answer}) as server:
-        assert "it has more than the limit of 0.01 MB" in refusal(server)
-
-
-@pytest.mark.usefixtures("haste")
 @pytest.mark.parametrize("begun", [False, True])
 def test_a_server_that_falls_silent(begun: bool) -> None:
     def answer(to: BaseHTTPRequestHandler) -> None:
@@ -100,30 +80,15 @@ def test_a_server_that_falls_silent(begun: bool) -> None:
         assert "no data for 0.3 s" in refusal(server)
 
 
-@pytest.mark.usefixtures("haste")
-def test_a_server_that_drips_is_left() -> None:
-    def answer(to: BaseHTTPRequestHandler) -> None:
-        send(to, b"", length=9000)
-        while not server.over.wait(0.02):
-            try:
-                to.wfile.write(b"0" * 100)
-            except OSError:
-                return
-
-    with serve({PATH: answer}) as server:
-        assert "it takes more than 0.6 s" in refusal(server)
-
-
 @pytest.mark.parametrize(
     ("where", "why"),
     [
-        ("http://example.com/x", "it redirects to 'http://example.com/x', which is not encrypted"),
-        ("ftp://localhost/x", "not encrypted"),
-        ("file:///etc/hostname", "not encrypted"),
+        ("ftp://localhost/x", "No connection adapters"),
+        ("file:///etc/hostname", "No connection adapters"),
         ("http://[x/", "Invalid IPv6 URL"),
     ],
 )
-def test_a_way_out_of_encryption_is_not_followed(where: str, why: str) -> None:
+def test_a_way_to_another_protocol_is_not_followed(where: str, why: str) -> None:
     with serve({PATH: lambda to: send(to, b"", code=302, Location=where)}) as server:
         assert why in refusal(server)
     assert server.asked == [PATH]
@@ -145,25 +110,21 @@ def test_no_server_at_all_and_one_without_encryption() -> None:
 
 
 @pytest.mark.parametrize(
-    ("address", "local", "allowed"),
+    "address",
+    ["https://raw.githubusercontent.com/x", "http://localhost:8000/x", "http://127.0.0.1/x", "http://[::1]:80/x"],
+)
+def test_addresses(address: str) -> None:
+    assert check_source(f"{address}/") == address
+
+
+@pytest.mark.parametrize(
+    "source",
     [
-        ("https://raw.githubusercontent.com/x", False, True),
-        ("http://raw.githubusercontent.com/x", True, False),
-        ("http://localhost:8000/x", True, True),
-        ("http://localhost:8000/x", False, False),
-        ("http://127.0.0.1.example.com/x", True, False),
-        ("http://localhost@example.com/x", True, False),
-        ("https:///x", False, False),
-        ("file:///etc/hostname", True, False),
-        ("https://[::1", True, False),
-        ("https://host:port/x", False, False),
+        *("", "panda", "ftp://x/y", "http://example.com", "https://x/y?z", "https://x/y#z"),
+        *("http://raw.githubusercontent.com/x", "http://127.0.0.1.example.com/x", "http://localhost@example.com/x"),
+        *("https:///x", "file:///etc/hostname", "https://[::1", "https://host:port/x"),
     ],
 )
-def test_addresses(address: str, local: bool, allowed: bool) -> None:
-    assert is_allowed(address, local) is allowed
-
-
-@pytest.mark.parametrize("source", ["", "panda", "ftp://x/y", "http://example.com", "https://x/y?z", "https://x/y#z"])
 def test_sources_that_are_none(source: str) -> None:
     with pytest.raises(OptionError, match="not a valid address for downloads"):
         check_source(source)

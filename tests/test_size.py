@@ -35,7 +35,7 @@ AIMS = {  # [lines of Python] a room is to have; what it has today is below
     "": 2400,
 }
 TODAY = {
-    "recording": 8442,
+    "recording": 8358,
     "robot": 3260,
     "effects": 2324,
     "simulation": 4329,
@@ -43,11 +43,11 @@ TODAY = {
     "signs": 3190,
     "faults": 3756,
     "servo": 8914,
-    "diagnose": 6818,
+    "diagnose": 6817,
     "payload": 1422,
     "watch": 2070,
-    "output": 12951,
-    "cli": 5469,
+    "output": 12658,
+    "cli": 5327,
 }
 LOWERED = 60  # [lines] below the number of today from which the number is to be lowered
 TOGETHER = {"optimisers": "estimation", "validate": "payload"}  # rooms that are counted with another

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from shlex import join
 from typing import Annotated
@@ -61,15 +60,10 @@ def demo(
         return show(text, story.flags)
     code = show([*tables(result), *comparison(story)], story.flags, written)
     Screen().write(f"again: {again} -o again\n")
-    if browser:
-        _open([path for path in written if path.suffix == ".html"])
-    return code
-
-
-def _open(pages: Sequence[Path]) -> None:
-    """Open pages in the browser if the session is interactive."""
-    import webbrowser
-
     screen = sys.platform != "linux" or any(os.environ.get(name) for name in SCREENS)
-    for page in pages if screen and sys.stdout.isatty() else ():
-        webbrowser.open(page.resolve().as_uri())
+    if browser and screen and sys.stdout.isatty():
+        import webbrowser
+
+        for page in (path for path in written if path.suffix == ".html"):
+            webbrowser.open(page.resolve().as_uri())
+    return code

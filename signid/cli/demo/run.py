@@ -47,21 +47,16 @@ OUTCOMES = {
 }
 TOGETHER = (  # combinations of effects, chosen by the seed
     ("spring", "viscous_friction", "coulomb_friction"),
-    ("base_tilt", "spring", "coulomb_friction"),
     ("payload", "coulomb_friction"),
     ("armature", "viscous_friction"),
     ("payload", "spring"),
     ("viscous_friction", "spring"),
-    ("base_tilt", "viscous_friction"),
     ("payload", "viscous_friction", "coulomb_friction"),
     ("spring", "armature"),
-    ("base_tilt", "coulomb_friction"),
 )
 SIZE, PAYLOAD = (0.15, 0.3), (0.4, 0.8)  # range of a law's torque over the std of the joint torque
 WEAK = 0.02  # joints with less than this share of the largest joint torque get no law
-SPATIAL = 3  # minimum number of joints for laws of bodies to be distinguishable
-TILT, MOST_TILT = 0.05, 0.1  # tilt at which the size is evaluated, and largest tilt [rad]
-ASIDE = 0.03  # largest offset of a payload from the tip, per axis [m]
+SPATIAL = 3  # minimum number of joints for a payload to be distinguishable
 REST_OFFSET = 0.3  # largest offset of a spring's rest position from the mean position [rad or m]
 DIGITS = 2  # significant digits of the concealed parameters
 
@@ -144,17 +139,8 @@ def _motion(known: Model, seed: int) -> Trajectory:
 def _record(true: Model, known: Model, motion: Trajectory, name: str, seed: int) -> bytes:
     """Content of a recording of the true robot, whose controller knows its description."""
     moved = simulate(true, track(known, motion), DURATION)
-    columns = record(true.robot, moved, Sensors(RATE, BITS), seed=seed)
-    return find_format(Path(name)).encode({**columns, **_noisy(true.robot, columns, seed)}, name)
-
-
-def _noisy(robot: Robot, columns: Mapping[str, Array], seed: int) -> dict[str, Array]:
-    """The torques with white noise, of at least the size for a weak joint."""
-    names = [f"tau_{joint}" for joint in robot.joints]
-    torque = np.column_stack([columns[name] for name in names])
-    size = np.sqrt(np.mean(torque**2, axis=0))
-    noise = np.maximum(size, weak_torque(robot, size)) * np.random.default_rng([seed, 3]).standard_normal(torque.shape)
-    return dict(zip(names, (torque + NOISE * noise).T, strict=True))
+    columns = record(true.robot, moved, Sensors(RATE, BITS, NOISE), seed=seed)
+    return find_format(Path(name)).encode(columns, name)
 
 
 def _read(files: Mapping[str, bytes], robot: Robot, folder: Path) -> list[Recording]:
@@ -174,19 +160,11 @@ def take_arm(robot: Robot) -> Robot:
     Fingers are the part of the limb after its last branching, if that is the shorter part.
     """
     at = {joint_of_row(robot.model, own_row(robot, j)): joint for j, joint in enumerate(robot.joints)}
-    limb = max((_way(robot, i, at) for i in at), key=len)
+    limb = max(([k for k in robot.model.supports[i] if k in at] for i in at), key=len)
     forks = [k for k, i in enumerate(limb, 1) if len(robot.model.children[i]) > 1]
     if forks and 2 * forks[-1] > len(limb):
         limb = limb[: forks[-1]]
     return hold(robot, resting(robot, but=[at[i] for i in limb]))
-
-
-def _way(robot: Robot, last: int, at: Mapping[int, str]) -> list[int]:
-    """Indices of the actuated joints from the base to the last one."""
-    way = [last]
-    while way[0]:
-        way.insert(0, int(robot.model.parents[way[0]]))
-    return [i for i in way if i in at]
 
 
 def _misses(outcomes: tuple[LawOutcome, ...], result: Diagnosis) -> Iterator[str]:
@@ -204,13 +182,12 @@ def _misses(outcomes: tuple[LawOutcome, ...], result: Diagnosis) -> Iterator[str
 
 
 def _outcome(law: Law, result: Diagnosis) -> LawOutcome:
-    for finding in result.findings:
-        if _same(finding.law, law):
-            return LawOutcome(law, FOUND if finding.role == "cause" else MINOR, finding, finding.probability)
-    for finding in result.findings:
-        for rival in finding.alternatives:
-            if _same(rival.law, law):
-                return LawOutcome(law, RIVAL, finding, rival.probability)
+    own = next((one for one in result.findings if _same(one.law, law)), None)
+    if own is not None:
+        return LawOutcome(law, FOUND if own.role == "cause" else MINOR, own, own.probability)
+    rivals = ((one, rival) for one in result.findings for rival in one.alternatives if _same(rival.law, law))
+    for finding, rival in rivals:
+        return LawOutcome(law, RIVAL, finding, rival.probability)
     return LawOutcome(law, MISSED, None, 0.0)
 
 
@@ -234,8 +211,9 @@ def conceal(known: Model, motion: Motion, seed: int) -> tuple[Law, ...]:
     Laws that the simulation already states at the same joint are not drawn.
     """
     torque, rng = known.inverse(motion), np.random.default_rng(seed)
-    scale = np.std(torque, axis=0)
-    scene = _Scene(known, motion, torque, scale, np.flatnonzero(scale >= weak_torque(known.robot, scale)))
+    scale, kind = np.std(torque, axis=0), known.robot.prismatic
+    largest = np.array([np.max(scale[kind == own]) for own in kind])  # of the joints of the same kind
+    scene = _Scene(known, motion, torque, scale, np.flatnonzero(scale >= WEAK * largest))
     possible = [names for names in TOGETHER if all(_places(scene, name) for name in names)]
     laws: list[Law] = []
     for name in possible[seed % len(possible)]:
@@ -245,20 +223,11 @@ def conceal(known: Model, motion: Motion, seed: int) -> tuple[Law, ...]:
     return tuple(laws)
 
 
-def weak_torque(robot: Robot, size: Array) -> Array:
-    """Torque below which a joint is weak, (n,) [N.m or N], from the strongest joint of the same kind.
-
-    size: (n,) torque of each joint [N.m or N].
-    """
-    most = [float(np.max(size[robot.prismatic == kind], initial=0.0)) for kind in (False, True)]
-    return WEAK * np.where(robot.prismatic, most[1], most[0])
-
-
 def _places(scene: _Scene, name: str) -> list[tuple[int, ...]]:
     """Joints where a law is possible and not yet stated by the simulation."""
     effect, n = EFFECTS[name], len(scene.scale)
-    if effect.scope in ("robot", "tip"):
-        return [tuple(range(n)) if effect.scope == "robot" else (n - 1,)] if n >= SPATIAL else []
+    if effect.scope == "tip":
+        return [(n - 1,)] if n >= SPATIAL else []
     known = [law.joints for law in scene.known.laws if law.effect.name == name and any(law.parameters.values())]
     first = int(name == "armature")  # at the first joint it is equivalent to link inertia
     return [(j,) for j in scene.strong.tolist() if (j,) not in known and j >= first]
@@ -271,7 +240,6 @@ def _sized(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
     added = Model(known.robot, known.inertials, (*known.laws, unit)).inverse(scene.motion) - scene.torque
     size = np.max(np.std(added[:, scene.strong], axis=0) / scene.scale[scene.strong])
     factor = rng.uniform(*PAYLOAD if name == "payload" else SIZE) / size
-    factor = min(factor, MOST_TILT / TILT) if name == "base_tilt" else factor
     numbers = {key: x if key == "rest" else factor * x for key, x in shape.items()}
     return Law(effect, joints, {key: float(f"{x:.{DIGITS}g}") for key, x in numbers.items()})
 
@@ -279,11 +247,8 @@ def _sized(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
 def _shape(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Mapping[str, float]:
     """Parameters of a law, before scaling."""
     if name == "payload":
-        centre = _tip(scene.known.robot, joints[0]) + rng.uniform(-ASIDE, ASIDE, 3)
-        return {"mass": 1.0, **{f"first_moment_{axis}": float(x) for axis, x in zip("xyz", centre, strict=True)}}
-    if name == "base_tilt":
-        way = rng.uniform(0, 2 * np.pi)
-        return {"x": TILT * np.cos(way), "y": TILT * np.sin(way)}
+        centre = zip("xyz", _tip(scene.known.robot, joints[0]), strict=True)
+        return {"mass": 1.0, **{f"first_moment_{axis}": float(x) for axis, x in centre}}
     if name == "spring":
         middle = float(np.mean(scene.motion.q[:, joints[0]]))
         return {"stiffness": 1.0, "rest": middle + rng.uniform(-REST_OFFSET, REST_OFFSET)}
@@ -314,16 +279,12 @@ def _numbers(story: Story, outcome: LawOutcome) -> dict[str, dict[str, Any]]:
     """True value, unit, and estimate with standard deviation of each parameter; None: not found."""
     robot, named = story.simulation.robot, outcome.found
     found = law_numbers(robot, named.law, named.std) if named else {}
-    missing = {"value": None, "std": None}
-    return {
-        key: {
-            "value": number["value"],
-            "unit": number["unit"],
-            "found": found.get(key, missing)["value"],
-            "std": found.get(key, missing)["std"],
-        }
-        for key, number in law_numbers(robot, outcome.law, {}).items()
-    }
+    numbers = {}
+    for key, true in law_numbers(robot, outcome.law, {}).items():
+        own = found.get(key, {})
+        known = {"found": own.get("value"), "std": own.get("std")}
+        numbers[key] = {"value": true["value"], "unit": true["unit"], **known}
+    return numbers
 
 
 def story_document(story: Story, name: str) -> dict[str, Any]:

@@ -42,7 +42,7 @@ def fleet(
     MANIFEST has the columns robot and recording (several files: a;b), and optionally held_out, reference, columns,
     actuators, xacro (name:=a;model:=b), task (diagnose, identify), name (of the individual robot), time
     (2026-03-31), session (its folder); paths are relative to the manifest. DIR gets index.html and fleet.json
-    with robots ranked by mismatch, common causes and drifting parameters, and sessions/NAME with the files of the
+    with robots ranked by mismatch, changes, outliers and common causes, and sessions/NAME with the files of the
     single command. An interrupted run can be repeated: sessions whose files are unchanged are not run again.
     """
     from ...output.report import to_json, write_files

@@ -17,7 +17,7 @@ from ...types import Array, Input, Result
 from ...version import __version__
 from ..terminal import FLAGGED
 from .manifest import Entry
-from .summary import Cause, Drift, Number, Summary, find_drifts
+from .summary import Cause, Number, Summary
 
 SCHEMA = "signid.fleet/1"
 UNDONE = "not done"
@@ -54,7 +54,6 @@ class Fleet(Result):
     """All sessions in the order of the manifest, and their joint evaluation."""
 
     outcomes: tuple[Outcome, ...]
-    drifts: tuple[Drift, ...]
     changes: tuple[ParameterChange, ...]  # between sessions of a robot; the most probable first
     outliers: tuple[ParameterChange, ...]  # robots beside the others of their kind
     tested: tuple[int, int]  # number of comparisons of both
@@ -93,7 +92,6 @@ class Fleet(Result):
             "schema": SCHEMA,
             "robots": [_robot(name, sessions) for name, sessions in self.robots],
             "causes": self.causes,
-            "drifts": [_drift(drift) for drift in self.drifts],
             **change_document(self.changes, self.outliers, self.tested),
             "sessions": [_session(outcome) for outcome in self.outcomes],
             "inputs": [self.manifest._asdict()],
@@ -105,12 +103,7 @@ class Fleet(Result):
 def gather(outcomes: Sequence[Outcome], manifest: Input, seed: int, reused: int = 0) -> Fleet:
     """Evaluate sessions jointly; they stand in the order of the manifest."""
     (moved, pairs), (apart, robots) = find_changes(_sessions(outcomes)), find_outliers(_kinds(outcomes))
-    series: dict[tuple[str, str], list[tuple[float, Any]]] = {}
-    for one in outcomes:
-        if one.entry.day is not None and one.summary.numbers:
-            series.setdefault((one.entry.name, one.entry.task), []).append((one.entry.day, one.summary.numbers))
-    drifts = find_drifts((name, found) for (name, _), found in series.items())
-    return Fleet(tuple(outcomes), drifts, tuple(moved), tuple(apart), (pairs, robots), manifest, seed, reused)
+    return Fleet(tuple(outcomes), tuple(moved), tuple(apart), (pairs, robots), manifest, seed, reused)
 
 
 def _sessions(outcomes: Sequence[Outcome]) -> list[list[ComparedSession]]:
@@ -205,22 +198,6 @@ def _session(outcome: Outcome) -> dict[str, Any]:
         "files": list(outcome.files),
         **_taken(outcome.summary, "mismatch", "joint", "left", "verdict"),
         "causes": [cause.name for cause in outcome.summary.causes],
-    }
-
-
-def _drift(drift: Drift) -> dict[str, Any]:
-    return {
-        "name": drift.robot,
-        "number": drift.what,
-        "unit": drift.unit,
-        "day": drift.day.tolist(),
-        "value": drift.value.tolist(),
-        "std": drift.std.tolist(),
-        "slope": {"value": drift.slope, "half": drift.half, "unit": f"{drift.unit}/d"},
-        "line": {"day": drift.mean_day, "value": drift.middle},
-        "change": drift.change,
-        "chance": drift.chance,
-        "beyond_noise": drift.beyond,
     }
 
 

@@ -61,14 +61,14 @@ def _base(result: Any) -> pl.DataFrame:
     return table_of("expression:s value:f std:f estimate:f unit:s", rows)
 
 
+def _mapped(base: Any) -> pl.DataFrame:
+    return table_of("expression:s unit:s", zip(base.expressions, base.units, strict=True))
+
+
 def _estimated(found: Any) -> pl.DataFrame:
     count = len(found.value)
     names, units = found.names or map(str, range(1, count + 1)), found.units or [None] * count
     return table_of("expression:s value:f std:f unit:s", zip(names, found.value, found.std, units, strict=True))
-
-
-def _mapped(base: Any) -> pl.DataFrame:
-    return table_of("expression:s unit:s", zip(base.expressions, base.units, strict=True))
 
 
 def _checked(result: Any) -> pl.DataFrame:
@@ -174,15 +174,6 @@ def _validated(result: Any) -> pl.DataFrame:
     )
 
 
-def _joints(robot: Robot) -> pl.DataFrame:
-    return pl.DataFrame(joint_documents(robot))
-
-
-def _predicted(found: Any) -> pl.DataFrame:
-    rows = zip(found.expressions, found.std, found.relative_std, strict=True)
-    return table_of("expression:s std:f relative_std:f", rows)
-
-
 def _payload(found: Any) -> pl.DataFrame:
     centre = zip((f"centre_{axis}" for axis in "xyz"), *found.centre, "m" * 3, strict=True)
     inertia = zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)
@@ -192,17 +183,9 @@ def _payload(found: Any) -> pl.DataFrame:
     return table_of("parameter:s value:f std:f unit:s", [*numbers, *moments])
 
 
-def _robots(fleet: Any) -> pl.DataFrame:
-    """One row per robot of a fleet, with its latest diagnosis."""
-    keys = "name verdict joint mismatch left explained".split()
-    rows = (tuple(robot.get(key) for key in keys) for robot in fleet.document()["robots"])
-    return table_of("robot:s verdict:s joint:s mismatch:f after:f explained:f", rows)
-
-
-def _sessions(fleet: Any) -> pl.DataFrame:
-    keys = "session name robot task state".split()
-    rows = (tuple(session.get(key) for key in keys) for session in fleet.document()["sessions"])
-    return table_of("session:s name:s robot:s task:s state:s", rows)
+def _listed(columns: str, keys: str, rows: Iterable[Mapping[str, Any]]) -> pl.DataFrame:
+    """A row per entry of a document, with its values at some keys."""
+    return table_of(columns, (tuple(row.get(key) for key in keys.split()) for row in rows))
 
 
 def _drives(result: Any) -> pl.DataFrame:
@@ -228,11 +211,6 @@ def _loops(result: Any) -> pl.DataFrame:
     found = result.rollout
     sizes = picked(found, "whole_rms one_second_rms nominal_whole_rms nominal_one_second_rms")
     return pl.DataFrame({"joint": list(found.joints), "unit": list(found.units), **sizes})
-
-
-def _validated_loops(result: Any) -> pl.DataFrame:
-    """The same of each model."""
-    return pl.concat([_loops(one).insert_column(0, pl.lit(one.name).alias("model")) for one in result.models])
 
 
 def _residuals(result: Any) -> pl.DataFrame:
@@ -274,17 +252,15 @@ def _long(joints: Iterable[str], first: Mapping[str, Any], values: Mapping[str, 
     )
 
 
-def _rolled(runs: Iterable[tuple[str, Any]]) -> pl.DataFrame:
-    """Rms error of roll-outs over the time since their start; no rows without a roll-out."""
-    rows = []
-    for name, run in runs:
-        if run is not None:
-            rms = np.sqrt(np.mean(run.error**2, axis=0))
-            rows += [
-                (name, joint, unit, t, x)
-                for j, (joint, unit) in enumerate(zip(run.joints, run.unit, strict=True))
-                for t, x in zip(run.t.tolist(), rms[:, j].tolist(), strict=True)
-            ]
+def _rolled(runs: Mapping[str, Any]) -> pl.DataFrame:
+    """Rms error of roll-outs over the time since their start, by name; no rows without a roll-out."""
+    rows = [
+        (name, joint, unit, t, x)
+        for name, run in runs.items()
+        if run is not None
+        for joint, unit, rms in zip(run.joints, run.unit, np.sqrt(np.mean(run.error**2, axis=0)).T, strict=True)
+        for t, x in zip(run.t, rms, strict=True)
+    ]
     return table_of(ROLLED, rows)
 
 
@@ -327,14 +303,28 @@ FRAMES: dict[str, dict[str, Maker]] = {
         "alternatives": _alternatives,
         "unexplained": _unexplained,
         "fit": _compared,
-        "rollouts": lambda result: _rolled([("before", result.rollout_before), ("after", result.rollout_after)]),
+        "rollouts": lambda result: _rolled({"before": result.rollout_before, "after": result.rollout_after}),
         "residuals": _residuals,
         "segments": _segments,
     },
     "Estimate": {"base_parameters": _estimated},
-    "Excitation": {"motion": _motion, "base_parameters": _predicted},
+    "Excitation": {
+        "motion": _motion,
+        "base_parameters": lambda found: table_of(
+            "expression:s std:f relative_std:f", zip(found.expressions, found.std, found.relative_std, strict=True)
+        ),
+    },
     "Fit": {"fit": _fit},
-    "Fleet": {"robots": _robots, "sessions": _sessions},
+    "Fleet": {
+        "robots": lambda fleet: _listed(
+            "robot:s verdict:s joint:s mismatch:f after:f explained:f",
+            "name verdict joint mismatch left explained",
+            fleet.document()["robots"],
+        ),
+        "sessions": lambda fleet: _listed(
+            "session:s name:s robot:s task:s state:s", "session name robot task state", fleet.document()["sessions"]
+        ),
+    },
     "Identification": {
         "base_parameters": _base,
         "laws": _identified_laws,
@@ -345,24 +335,28 @@ FRAMES: dict[str, dict[str, Maker]] = {
     },
     "Inspection": {
         "base_parameters": lambda result: _mapped(result.base),
-        "joints": lambda result: _joints(result.robot),
+        "joints": lambda result: pl.DataFrame(joint_documents(result.robot)),
     },
     "Model": {"laws": _stated_laws, "standard_parameters": _bodies, "drives": _stated_drives},
     "Payload": {"payload": _payload},
     "Recording": {"samples": _samples},
-    "Robot": {"joints": _joints},
-    "RollOut": {"rollouts": lambda result: _rolled([("simulation", result)])},
+    "Robot": {"joints": lambda robot: pl.DataFrame(joint_documents(robot))},
+    "RollOut": {"rollouts": lambda result: _rolled({"simulation": result})},
     "Separation": {"motion": _motion},
     "ServoIdentification": {"drives": _drives, "closed_loops": _loops, "positions": _traced},
     "ServoSimulation": {"samples": lambda run: pl.DataFrame(dict(run.columns))},
     "ServoValidatedModel": {"closed_loops": _loops, "positions": _traced},
-    "ServoValidation": {"closed_loops": _validated_loops},
+    "ServoValidation": {
+        "closed_loops": lambda result: pl.concat(
+            _loops(one).insert_column(0, pl.lit(one.name).alias("model")) for one in result.models
+        )
+    },
     "Signs": {"segments": _segments},
     "Simulation": {"samples": _simulated},
     "ValidatedModel": {"fit": lambda one: _fit(one.fit)},
     "Validation": {
         "fit": _validated,
-        "rollouts": lambda result: _rolled([(one.name, one.rollout) for one in result.models]),
+        "rollouts": lambda result: _rolled({one.name: one.rollout for one in result.models}),
         "residuals": _validated_residuals,
     },
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from io import StringIO
 from math import inf
@@ -18,7 +18,7 @@ from rich.text import Text
 from ...errors import OutputError
 from ...model import stated_inertials
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
-from ...types import Input, Recording, Robot
+from ...types import Recording, Robot
 from ..report.documents import rms, tables as command_tables, to_json
 from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
 from ..report.results.fleet import fleet_tables
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 MOST, WIDTH = 40, 100  # lines, and characters per line, of a repr
 LEAST = 3  # lines that a shortened section keeps: blank line, heading, number of the others
 ASIDE = ("Alternatives", "Small corrections", "Residual of the simulation")  # headings of sections shortened first
-ROWS, SENTENCES = 12, 12  # maximum number of rows per table, and of sentences, in HTML
+ROWS, SENTENCES, BLOCKS = 12, 12, 20  # maximum number of rows per table, of flags, and of tables and sentences, in HTML
 CELL = "text-align:{};white-space:nowrap;padding:2px 10px 2px 0"
 Renderables = list[RenderableType]
 LONGEST = 60  # characters of a formula, before the number of its other terms
@@ -52,12 +52,10 @@ def text(result: Any) -> str:
 def html(result: Any) -> str:
     """HTML of a result for notebooks; names and sentences are escaped, long tables shortened."""
     blocks = tables(result)
-    shown = [_element(each) for each in blocks]
-    if len(shown) > (most := SENTENCES + 8):
-        shown = [*shown[:most], _paragraph(f"and {len(shown) - most} more")]
-    flags = [_paragraph(f"flag: {flag}", "color:#b3261e") for flag in _flags(result, blocks)]
-    parts = [*flags[:SENTENCES], *shown, *(_paragraph(names, "color:#8a94a0") for names in _names(result))]
-    return f'<div class="signid">{"".join(parts)}</div>'
+    flags = [_paragraph(f"flag: {flag}", "color:#b3261e") for flag in _flags(result, blocks)[:SENTENCES]]
+    more = [_paragraph(f"and {len(blocks) - BLOCKS} more")] if len(blocks) > BLOCKS else []
+    names = [_paragraph(line, "color:#8a94a0") for line in _names(result)]
+    return f'<div class="signid">{"".join([*flags, *map(_element, blocks[:BLOCKS]), *more, *names])}</div>'
 
 
 def _flags(result: Any, shown: Sequence[RenderableType]) -> list[str]:
@@ -128,20 +126,15 @@ def _paragraph(sentence: str, style: str = "") -> str:
 
 
 def _table(table: Table) -> str:
-    heads = "".join(_cell("th", _plain(column.header), column.justify) for column in table.columns)
+    def row(kind: str, cells: Iterable[RenderableType]) -> str:
+        styled = zip(cells, (CELL.format(column.justify) for column in table.columns), strict=True)
+        return "".join(f'<{kind} style="{style}">{escape(_plain(cell))}</{kind}>' for cell, style in styled)
+
     rows = list(zip(*(column.cells for column in table.columns), strict=True))
-    aligned = [column.justify for column in table.columns]
-    body = "".join(f"<tr>{''.join(_cells(row, aligned))}</tr>" for row in rows[:ROWS])
-    more = [_paragraph(f"and {len(rows) - ROWS} more rows")] if len(rows) > ROWS else []
-    return "".join([f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>", *more])
-
-
-def _cells(row: Iterable[RenderableType], aligned: Sequence[str]) -> Iterator[str]:
-    return (_cell("td", _plain(cell), align) for cell, align in zip(row, aligned, strict=True))
-
-
-def _cell(kind: str, shown: str, align: str) -> str:
-    return f'<{kind} style="{CELL.format(align)}">{escape(shown)}</{kind}>'
+    heads, body = row("th", (column.header for column in table.columns)), [row("td", cells) for cells in rows[:ROWS]]
+    lines = "".join(f"<tr>{line}</tr>" for line in body)
+    more = _paragraph(f"and {len(rows) - ROWS} more rows") if len(rows) > ROWS else ""
+    return f"<table><thead><tr>{heads}</tr></thead><tbody>{lines}</tbody></table>{more}"
 
 
 def _plain(block: RenderableType) -> str:
@@ -246,11 +239,10 @@ def _validated(one: Any) -> Renderables:
     return [heading(one.name, below=False), *_fit(one.fit), *rolled]
 
 
-def _alone(one: Any) -> Any:
-    """A validation of one model."""
-    from ...servo.validate import ServoValidation
-
-    return ServoValidation((one,), tuple(Input(trace.path, "") for trace in one.traces), (), (), 0)
+def _validated_drives(one: Any) -> Renderables:
+    rows = zip(one.rollout.joints, map(figure, one.rollout.whole_rms), one.rollout.units, strict=True)
+    table = new_table("joint", "rms of a whole recording>", "unit", rows=rows)
+    return [heading(f"{one.name}: closed loop from commands alone", below=False), table]
 
 
 def _simulation(simulation: Any) -> Renderables:
@@ -273,18 +265,7 @@ def _motion(found: Any) -> Renderables:
     title = (
         f"motion of {plural(len(found.trajectory.joints), 'joint')}: {plural(len(t), 'row')}, {figure(float(t[-1]))} s"
     )
-    return [heading(title, below=False), table, *_precision(found), *note_lines(found.notes)]
-
-
-def _precision(found: Any) -> Iterable[RenderableType]:
-    if hasattr(found, "expressions"):
-        rows = ((e, share(float(x))) for e, x in zip(found.expressions, found.relative_std, strict=True))
-        yield heading("Predicted standard deviations")
-        yield new_table("base parameter", "of its value>", rows=rows)
-    else:
-        names = " and ".join(law.effect.name for law in found.laws)
-        verdict = "distinguishes" if found.enough else "does not reliably distinguish"
-        yield paragraph(f"The motion {verdict} {names}.")
+    return [heading(title, below=False), table, *note_lines(found.notes)]
 
 
 TABLES: dict[str, Callable[[Any], Renderables]] = {
@@ -298,7 +279,7 @@ TABLES: dict[str, Callable[[Any], Renderables]] = {
     "Robot": _robot,
     "RollOut": _roll_out,
     "Separation": _motion,
-    "ServoValidatedModel": lambda one: command_tables(_alone(one)),
+    "ServoValidatedModel": _validated_drives,
     "Signs": signs_tables,
     "Simulation": _simulation,
     "ValidatedModel": _validated,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,7 +24,7 @@ from ..replay.marks import ReplayFindings, drive_marks, headline, marks, read_fo
 from ..replay.shapes import reach
 from ..replay.track import Track, predictions, surveyed
 from .files import log_file
-from .links import QUANTITIES, Findings, Head, Links, Signal
+from .links import Head, Links, Remark, Signal
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
@@ -44,19 +43,19 @@ class ViewerLog(Frozen):
 
     head: Head
     signals: tuple[Signal, ...]
-    findings: Findings | None  # of the diagnosis
-    drawn: Robot | None = None  # over the joints of the only recording
+    remarks: tuple[Remark, ...] = ()  # verdict and findings of the diagnosis, and notes
+    drawn: Robot | None = None  # URDF over the joints of the only recording
 
     def rrd(self) -> bytes:
-        """Write a recording of Rerun. Its bytes differ from call to call, since Rerun numbers its chunks by the clock.
+        """Write a recording of Rerun, which reads the same messages. Its bytes differ from call to call.
 
         Raises:
-            OptionError: rerun-sdk is not installed.
+            OptionError: rerun-sdk, mcap or rosbags is not installed.
         """
         return self._written("rrd")
 
     def mcap(self) -> bytes:
-        """Write an MCAP file with messages of ROS 2 (JointState, DiagnosticArray, TFMessage).
+        """Write an MCAP file with messages of ROS 2 (JointState, Log, TFMessage).
 
         Raises:
             OptionError: mcap or rosbags is not installed.
@@ -65,8 +64,8 @@ class ViewerLog(Frozen):
 
     def _written(self, kind: str) -> bytes:
         file = log_file(kind, out := BytesIO(), self.head)
-        if self.findings is not None:
-            file.findings(self.findings)
+        for remark in self.remarks:
+            file.remark("/findings", remark)
         if self.drawn is not None:
             file.robot(_start(self.signals), Links(self.drawn))
         file.signals(self.signals)
@@ -101,16 +100,20 @@ def viewer_log(
     read = as_recordings(recordings, model.robot, "viewer_log")
     found = None if diagnosis is None else read_found(diagnosis)
     models = [model] if found is None else [model, found.after]
-    notes: list[str] = []
-    names = _names(read)
-    made = [_signals(name, each, models, rolled, notes) for name, each in zip(names, read, strict=True)]
-    signals = tuple(signal for each in made for signal in each)
-    origins, name = [time_origin(each) for each in read], model.robot.name
+    notes, signals = list[str](), list[Signal]()
+    for k, recording in enumerate(read, 1):
+        folder = "" if len(read) == 1 else f"/{Path(recording.path).stem or 'recording'}_{k}"
+        signals += _signals(folder, recording, models, rolled, notes)
+    origins, name, notes = [time_origin(each) for each in read], model.robot.name, list(dict.fromkeys(notes))
+    start = _start(signals)
     return ViewerLog(
-        head=Head(name, name, all(origins), tuple(dict.fromkeys(notes)), _identity(name, signals)),
-        signals=signals,
-        findings=None if found is None else _findings(found, _start(signals), origins[0]),
-        drawn=restrict_joints(model, read)[0].robot if len(read) == 1 else None,
+        head=Head(name, name, all(origins), notes),
+        signals=tuple(signals),
+        remarks=(
+            *([] if found is None else _remarks(found, start, origins[0])),
+            *(Remark(start, f"note: {note}", False) for note in notes),
+        ),
+        drawn=restrict_joints(model, read)[0].robot if len(read) == 1 and model.robot.kind == "urdf" else None,
     )
 
 
@@ -119,26 +122,14 @@ def _start(signals: Sequence[Signal]) -> float:
     return min(float(signal.t[0]) for signal in signals)
 
 
-def _identity(name: str, signals: Sequence[Signal]) -> str:
-    """Identifier of the recording in Rerun: the same for the same signals."""
-    digest = sha256(name.encode())
-    for x in (x for each in signals for x in (each.t, each.position, each.effort) if x is not None):
-        digest.update(np.ascontiguousarray(x).tobytes())
-    return digest.hexdigest()[:32]
-
-
-def _findings(found: ReplayFindings, start: float, origin: float) -> Findings:
+def _remarks(found: ReplayFindings, start: float, origin: float) -> Iterator[Remark]:
+    """Verdict and findings of a diagnosis, causes as warnings."""
     robot = found.after.robot
-    placed = marks(robot, found.findings, reach(robot), origin)
-    return Findings(start, headline(robot, found), (*placed, *drive_marks(robot, found.drives)))
-
-
-def _names(recordings: Sequence[Recording]) -> list[str]:
-    """Name of each recording by its file; empty for a single one."""
-    if len(recordings) == 1:
-        return [""]
-    stems = [Path(each.path).name.partition(".")[0] or "recording" for each in recordings]
-    return [stem if stems.count(stem) == 1 else f"{stem}_{k + 1}" for k, stem in enumerate(stems)]
+    placed = [*marks(robot, found.findings, reach(robot), origin), *drive_marks(robot, found.drives)]
+    yield Remark(start, headline(robot, found), bool(placed))
+    for mark in placed:
+        at = start if mark.time is None else mark.time[0]
+        yield Remark(at, f"{mark.title}: {'; '.join(mark.lines)}", mark.cause)
 
 
 def _signals(
@@ -148,18 +139,15 @@ def _signals(
     prepare = with_drives if drives else lambda model, each: restrict_joints(model, [each])
     restricted, more = zip(*(prepare(model, recording) for model in models), strict=True)
     notes += [note for each in more for note in each]
-    make = partial(_signal, (folder,) if folder else (), restricted[0].robot.joints)
+    make = partial(_signal, folder, restricted[0].robot.joints)
     if drives:
         return _driven(restricted, recording, make)
     need_torque([recording])
     return [*_torques(restricted, recording, make, notes), *_rolled(rolled, make)]
 
 
-def _signal(folder: tuple[str, ...], joints: tuple[str, ...], name: str, t: Array, **values: Array) -> Signal:
-    """A signal on its topic; residuals have plots of their own."""
-    rest = "_residual" if name in RESIDUALS else ""
-    curves = {quantity: (*folder, f"{quantity}{rest}", name) for quantity in QUANTITIES}
-    return Signal("/".join(("", *folder, name)), curves, joints, t, drawn=name == "measured", **values)
+def _signal(folder: str, joints: tuple[str, ...], name: str, t: Array, **values: Array) -> Signal:
+    return Signal(f"{folder}/{name}", joints, t, drawn=name == "measured", **values)
 
 
 def _torques(

@@ -15,14 +15,12 @@ import numpy as np
 
 from ...model import Model
 from ...watch import Contact, Event, Note, WatchedBlocks
-from ..replay.shapes import reach
 from ..report.write import open_output, refused_output
 from .files import log_file
-from .links import Arrow, Head, Links, Remark, Signal
+from .links import Head, Links, Remark, Signal
 
 RATE = 100.0  # [Hz] of rows; the residual has a time constant of 20 ms
-LONG, THICK = 0.3, 0.02  # [1] length and thickness of an arrow over the reach of the robot
-STATE = {"effort": ("torque", "measured"), "position": ("q", "q"), "velocity": ("v", "v")}  # curves
+EFFORTS = ("predicted_torque", "external_torque", "threshold")  # topics, as in blocks of a watch
 
 
 class WatchLogs:
@@ -45,9 +43,7 @@ class WatchLogs:
         sentence: Callable[[Event], str],
         package_dirs: Sequence[str] = (),
     ) -> None:
-        self.robot, self.bodies, self.sentence = model.robot, model.bodies(), sentence
-        self.links, self.reach = Links(model.robot), reach(model.robot)
-        self.q = np.zeros(len(model.robot.joints))  # [rad or m] of the last row
+        self.robot, self.sentence = model.robot, sentence
         self.begun, self.last = False, -np.inf
         head = Head(model.robot.name, f"watch of {model.robot.name}")
         with ExitStack() as stack:
@@ -72,12 +68,12 @@ class WatchLogs:
             times = [*(float(each.t[0]) for each in signals), *(remark.t for remark in remarks)]
             for file, guard in self.files:
                 with guard():
-                    if times and not self.begun:
-                        file.robot(times[0], self.links)
+                    if times and not self.begun and self.robot.kind == "urdf":
+                        file.robot(times[0], Links(self.robot))
                     if signals:
                         file.signals(signals)
                     for remark in remarks:
-                        file.remark(remark)
+                        file.remark("/signid/log", remark)
             self.begun = self.begun or bool(times)
 
     def _signals(self, blocks: Sequence[WatchedBlocks]) -> list[Signal]:
@@ -91,29 +87,16 @@ class WatchLogs:
                 self.last = t
         if not kept:
             return []
-        t, q, v, measured, *efforts = (x[kept] for x in rows)
-        self.q, joints = q[-1], self.robot.joints
-        signals = [Signal("/joint_states", STATE, joints, t, q, v, measured, drawn=True)]
-        names = {"predicted_torque": "predicted", "external_torque": "residual", "threshold": "threshold"}
-        for (topic, curve), x in zip(names.items(), efforts, strict=True):
-            signals.append(Signal(f"/signid/{topic}", {"effort": ("torque", curve)}, joints, t, effort=x))
-        return signals
+        t, q, v, measured, *rest = (x[kept] for x in rows)
+        joints, efforts = self.robot.joints, zip(EFFORTS, rest, strict=True)
+        state = Signal("/joint_states", joints, t, q, v, measured, drawn=True)
+        return [state, *(Signal(f"/signid/{name}", joints, t, effort=x) for name, x in efforts)]
 
     def _remark(self, event: Event) -> Remark:
         """An event; a warning when a contact begins and for a change."""
-        contact = event if isinstance(event, Contact) else None
-        warning = not isinstance(event, Note) and (contact is None or contact.end is None)
+        ended = isinstance(event, Contact) and event.end is not None
         text = json.dumps(event.document(), ensure_ascii=False)
-        arrow = None if contact is None else self._arrow(contact)
-        return Remark(event.t, self.sentence(event), text, warning, arrow)
-
-    def _arrow(self, contact: Contact) -> Arrow:
-        """Arrow of the force on the link, its tip at the centre of mass."""
-        body = self.robot.links.index(contact.link) + 1
-        self.links.poses(self.q)
-        tip = self.links.data.oMi[body].act(self.bodies.inertias[body].lever)
-        way = None if contact.force is None else LONG * self.reach * np.array(contact.force)
-        return Arrow(tip, way, THICK * self.reach, contact.end is not None, bool(contact.cause))
+        return Remark(event.t, self.sentence(event), not isinstance(event, Note) and not ended, text)
 
     def __enter__(self) -> WatchLogs:
         return self

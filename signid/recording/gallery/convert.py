@@ -26,8 +26,6 @@ _BAM = {  # column: key of an entry; angles in rad, volts, degrees Celsius, torq
     "on_servo": "torque_enable",
 }
 _DUTY = 885  # full duty in the register of a Dynamixel XL330
-_PAUSE = 1.0  # time between runs in one recording [s]
-_SMALL = 0.3  # commands below are small [half turns]; those of the source are up to 0.05, or from 0.55
 
 
 def _read_numbers(raw: bytes, skip: int = 0) -> Array:
@@ -63,7 +61,7 @@ def _write_table(columns: Mapping[str, Array], digits: int = DIGITS) -> str:
 
 
 def _instants(samples: int, step: float = 0.02) -> Array:
-    """Times of the samples, (N,) [s]; the simulated arms 1r and 3r, and the servo of mauicv, have 50 Hz."""
+    """Times of the samples, (N,) [s]; the simulated arms 1r and 3r have 50 Hz."""
     return np.arange(samples, dtype=np.float64) * step
 
 
@@ -134,38 +132,3 @@ def bam(raw: bytes) -> str:
     load = columns["pwm_servo"]
     columns["pwm_servo"] = np.where(load >= 2**15, load - 2**16, load) / _DUTY
     return _write_table(columns, DRIVE_DIGITS)
-
-
-def mauicv(raw: bytes, motion: str, small: bool | None = None) -> str:
-    """Runs of one motion, one after another; `small`: those with small or large commands only, None: all.
-
-    Raises:
-        ValueError: there is no such run.
-    """
-    runs = [_run(entry) for entry in json.loads(raw)["data"] if entry["type"] == motion]
-    runs = [run for run in runs if small is None or small == (np.nanmax(np.abs(run["q_des_servo"])) < _SMALL * np.pi)]
-    if not runs:
-        raise ValueError(f"it contains no {motion}")
-    start = 0.0
-    for k, run in enumerate(runs):
-        run["t"] += start
-        run["run"] = np.full(len(run["t"]), float(k))
-        start = run["t"][-1] + _PAUSE
-    return _with_blanks({key: np.concatenate([run[key] for run in runs]) for key in runs[0]})
-
-
-def mauicv_drop(raw: bytes) -> str:
-    """Recording of one fall of the arm."""
-    (entry,) = json.loads(raw)["data"]
-    return _with_blanks(_run(entry))
-
-
-def _run(entry: Mapping[str, Sequence[float | None]]) -> dict[str, Array]:
-    """Times [s], positions and commands [rad] of a run, (N,) each; NaN: the servo gets no pulses."""
-    q, command = (np.pi * np.array(entry[key], np.float64) for key in ("sensor_data", "actions"))
-    return {"t": _instants(len(q)), "q_servo": q, "q_des_servo": command}
-
-
-def _with_blanks(columns: Mapping[str, Array]) -> str:
-    """Text of a table whose missing commands are blank cells."""
-    return _write_table(columns, DRIVE_DIGITS).replace("nan", "")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import os
-import time
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from http.client import IncompleteRead, responses
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urljoin, urlsplit
+from urllib.parse import urlsplit
 from zlib import error as ZlibError
 
 from ...errors import DownloadError, OptionError, RecordingError
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 VARIABLE = "SIGNID_DATA"  # folder of downloaded recordings; by default data
 LOCAL = ("localhost", "127.0.0.1", "::1")
 GONE = (404, 410)  # HTTP status codes of missing files
-SIZE, SILENCE, DURATION = 2**25, 30.0, 600.0  # limits of a file: size [bytes], time without data, duration [s]
+SILENCE = 30.0  # limit of the time without data [s]
 
 
 @dataclass(frozen=True)
@@ -135,23 +134,18 @@ def check_source(source: str) -> str:
     Raises:
         OptionError: there is no such folder, and the address is neither https nor of this machine.
     """
-    folder = os.path.expanduser(source)
-    if source and os.path.isdir(folder):
+    if source and os.path.isdir(folder := os.path.expanduser(source)):
         return folder.rstrip("/") or "/"
-    if not is_allowed(source, local=True) or urlsplit(source).query or urlsplit(source).fragment:
+    try:
+        parts = urlsplit(source)
+        local, _ = parts.hostname in LOCAL, parts.port  # an invalid port is a ValueError
+        allowed = parts.hostname and (parts.scheme == "https" or (parts.scheme == "http" and local))
+    except ValueError:
+        allowed = False
+    if not allowed or parts.query or parts.fragment:
         advice = "give https://HOST/PATH, http://localhost:PORT for a server on this machine, or a folder"
         raise OptionError(f"--source {source!r} is not a valid address for downloads, and no folder; {advice}")
     return source.rstrip("/")
-
-
-def is_allowed(address: str, local: bool) -> bool:
-    """Whether an address is HTTPS or, with `local`, of this machine."""
-    try:
-        parts = urlsplit(address)
-        host, _ = parts.hostname, parts.port
-    except ValueError:
-        return False
-    return bool(host) and (parts.scheme == "https" or (parts.scheme == "http" and local and host in LOCAL))
 
 
 def fetch(wanted: DataSet, source: str | None = None, progress: Progress | None = None) -> dict[str, bytes]:
@@ -205,7 +199,7 @@ def _note(wanted: DataSet, base: str) -> str:
 def _obtain(address: str) -> bytes:
     """Read a file of a folder, or download it."""
     try:
-        return _download(address) if urlsplit(address).scheme else _read(Path(address))
+        return _download(address) if urlsplit(address).scheme else Path(address).read_bytes()
     except (OSError, ValueError) as error:  # ValueError: another attempt would fail as well
         status = getattr(getattr(error, "response", None), "status_code", None)
         reason = f"the server answers {status} ({responses.get(status, 'unknown')})" if status else _reason(error)
@@ -214,57 +208,16 @@ def _obtain(address: str) -> bytes:
         raise DownloadError(f"cannot download {address}: {reason}; {advice}") from error
 
 
-def _read(file: Path) -> bytes:
-    if not file.is_file():
-        raise ValueError("there is no such file")
-    _check_size(file.stat().st_size)
-    return file.read_bytes()
-
-
-def _check_size(size: int) -> None:
-    if size > SIZE:
-        raise ValueError(f"it has more than the limit of {SIZE / 1e6:g} MB")
-
-
 def _download(address: str) -> bytes:
     """Download a file to a temporary folder and return its content."""
     from pooch import HTTPDownloader, get_logger, retrieve
 
     local = urlsplit(address).hostname in LOCAL
-
-    def inspect(response: Any, **_: object) -> None:
-        _check_size(int(response.headers.get("Content-Length", 0)))
-        where = response.headers.get("Location") if response.is_redirect else None
-        if where and not is_allowed(urljoin(response.url, where), local):
-            raise ValueError(f"it redirects to {where!r}, which is not encrypted")
-
     settings: dict[str, Any] = {"timeout": SILENCE, "headers": {"User-Agent": f"signid/{__version__}"}}
-    settings |= {"hooks": {"response": inspect}, "proxies": {"http": "", "https": ""} if local else None}
+    settings["proxies"] = {"http": "", "https": ""} if local else None
     get_logger().setLevel("WARNING")
     with TemporaryDirectory() as place:
-        file = retrieve(address, None, "source", place, downloader=HTTPDownloader(progressbar=_Meter(), **settings))
-        return Path(file).read_bytes()
-
-
-class _Meter:
-    """Progress bar for pooch that ends a download beyond its limits, also of a server that states no size."""
-
-    def __init__(self) -> None:
-        self.total, self.done, self.end = 0, 0, time.monotonic() + DURATION
-
-    def update(self, size: int) -> None:
-        """Count the bytes of a chunk, of which the last may be shorter."""
-        _check_size(self.done)
-        self.done += size
-        if time.monotonic() > self.end:
-            raise OSError(f"it takes more than {DURATION:g} s")
-
-    def reset(self) -> None:
-        """Begin to count again, as pooch asks when the file is whole."""
-        self.done = 0
-
-    def close(self) -> None:
-        """Nothing is left to do."""
+        return Path(retrieve(address, None, "source", place, downloader=HTTPDownloader(**settings))).read_bytes()
 
 
 def _reason(error: BaseException) -> str:

@@ -1,9 +1,8 @@
-"""Fleet: sentences, terminal tables and page of mismatch, common causes, changes and drift."""
+"""Fleet: sentences, terminal tables and page of mismatch, common causes, changes and outliers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import UTC, datetime, timedelta
 from math import log10, nan
 from typing import Any
 from urllib.parse import quote
@@ -12,23 +11,21 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ....types import TWO_SIDED
-from ..layout import confidence, figure, heading, new_table, paragraph, plot_markup, plural, share, with_interval
-from ..plots.frame import AFTER, BEFORE, axis, render
-from ..sections import Card, Plot
+from ..layout import confidence, figure, heading, new_table, paragraph, plural, share
+from ..plots.frame import render
+from ..sections import Card
 from .sentences import listed, quantity
 
 UNDONE, FLAGGED = "not done", "flagged"  # states of a session in fleet.json
 SHOWN, FEW = 20, 4  # maximum number of rows per table and of parameters per cause
 HEADED = 2  # maximum number of robots in the headline
-DRAWN, LISTED = 24, 60  # maximum number of drifts drawn and listed
+LISTED = 60  # maximum number of changes or outliers listed
 FOUND = (("changes", "Changes between sessions of a robot"), ("outliers", "Outliers between robots of one kind"))
 REPORT = "report.html"
-SHADE = "rgba(209,112,14,.16)"
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def fleet_headline(document: Mapping[str, Any], reused: int = 0) -> str:
-    """Name the robots that changed, are outliers or drift, with one number each; without any, count the fleet."""
+    """Name the robots that changed or are outliers, with one number each; without any, count the fleet."""
     found: dict[str, str] = {}
     outliers = findings(document, "outliers")
     apart = {(one["name"], one["number"]): f" ({_others(one)})" for one in outliers}
@@ -36,8 +33,6 @@ def fleet_headline(document: Mapping[str, Any], reused: int = 0) -> str:
         found.setdefault(change["name"], change_headline(change) + apart.get((change["name"], change["number"]), ""))
     for outlier in outliers:
         found.setdefault(outlier["name"], outlier_headline(outlier))
-    for drift in drifting(document):
-        found.setdefault(drift["name"], f"{drift['name']}: {drift['number']} drifts by {drift_sentence(drift)}")
     beyond = [f"and {plural(len(found) - HEADED, 'more robot')}"] if len(found) > HEADED else []
     return "; ".join([*list(found.values())[:HEADED], *beyond]) or fleet_sentence(document, reused)
 
@@ -46,13 +41,10 @@ def fleet_sentence(document: Mapping[str, Any], reused: int = 0) -> str:
     """Summarise a fleet in one sentence; `reused`: sessions that were stored by an earlier run."""
     robots, sessions = document["robots"], document["sessions"]
     differ = sum(robot["verdict"] not in ("", "nothing_missing") for robot in robots)
-    drifts = len({drift["name"] for drift in drifting(document)})
     undone = sum(session["state"] == UNDONE for session in sessions)
     parts = []
     if any(robot["verdict"] for robot in robots):
         parts.append(f"{plural(differ, 'robot')} {_do(differ, 'differs', 'differ')} from the simulation")
-    if document["drifts"]:
-        parts.append(f"{plural(drifts, 'robot')} {_do(drifts, 'drifts', 'drift')}")
     changed, apart = (len({one["name"] for one in findings(document, key)}) for key in ("changes", "outliers"))
     parts += [f"{plural(changed, 'robot')} changed between sessions"] if changed else []
     parts += [f"{plural(apart, 'robot')} {_do(apart, 'is an outlier', 'are outliers')}"] if apart else []
@@ -65,11 +57,6 @@ def fleet_sentence(document: Mapping[str, Any], reused: int = 0) -> str:
 def findings(document: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
     """Changes or outliers of a fleet that are findings, the most probable first."""
     return [one for one in document.get(key, ()) if one["finding"]]
-
-
-def drifting(document: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Drifts of a fleet that exceed the noise."""
-    return [drift for drift in document["drifts"] if drift["beyond_noise"]]
 
 
 def change_headline(change: Mapping[str, Any]) -> str:
@@ -117,28 +104,13 @@ def cause_sentence(cause: Mapping[str, Any]) -> str:
     )
 
 
-def drift_sentence(drift: Mapping[str, Any]) -> str:
-    """Slope and change of a parameter, in words."""
-    slope = drift["slope"]
-    value, half = with_interval(slope["value"], slope["half"] / TWO_SIDED)
-    return f"{value} ± {half} {slope['unit']}, {drift_change(drift)} in total"
-
-
-def drift_change(drift: Mapping[str, Any]) -> str:
-    """Total change of a drift."""
-    return f"{drift['change']:+.2g} {drift['unit']}".rstrip()
-
-
 def fleet_tables(document: Mapping[str, Any], reused: int = 0) -> list[RenderableType]:
-    """Terminal tables of a fleet: changes, outliers and drifts, then one line for each robot."""
+    """Terminal tables of a fleet: changes and outliers, then one line for each robot."""
     robots, headline, sentence = document["robots"], fleet_headline(document, reused), fleet_sentence(document, reused)
     shown = [paragraph(text) for text in dict.fromkeys((headline, sentence))]
     for key, title in FOUND:
         if found := findings(document, key):
             shown += [heading(title), *(paragraph(one["sentence"]) for one in found[:SHOWN]), *_more(len(found))]
-    if drifts := drifting(document):
-        sentences = (f"{drift['name']}: {drift['number']}: {drift_sentence(drift)}" for drift in drifts[:SHOWN])
-        shown += [heading("Significant drift"), *map(paragraph, sentences), *_more(len(drifts))]
     table = new_table("robot", "mismatch>", "joint", "after>", "explained>", "lacks")
     for robot in robots[:SHOWN]:
         mismatch, *after = mismatch_cells(robot)
@@ -209,7 +181,6 @@ def _do(count: int, one: str, many: str) -> str:
 
 def fleet_page(document: Mapping[str, Any], command: str = "", reused: int = 0) -> str:
     """Render index.html from the content of fleet.json, with links to the reports of its sessions."""
-    drifts, beyond = document["drifts"], drifting(document)
     headline, sentence = fleet_headline(document, reused), fleet_sentence(document, reused)
     sessions = {session["session"]: session for session in document["sessions"]}
     flagged = sum(session["state"] == FLAGGED for session in sessions.values())
@@ -225,10 +196,6 @@ def fleet_page(document: Mapping[str, Any], command: str = "", reused: int = 0) 
         kinds=len({robot["kind"] for robot in document["robots"] if robot["kind"]}) > 1,
         found=[(title, [one["sentence"] for one in findings(document, key)[:LISTED]]) for key, title in FOUND],
         compared=document.get("comparison"),
-        drifting=[_drift_plot(drift) for drift in beyond[:DRAWN]],
-        drawn=[f"{drift['name']}, {drift['number']}: {drift_sentence(drift)}" for drift in beyond[:DRAWN]],
-        drifts=[_drift_row(drift) for drift in drifts[:LISTED]],
-        looked=len(drifts),
         sessions=[(one, _link(one)) for one in document["sessions"]],
         document=document,
         command=command,
@@ -245,9 +212,6 @@ def _cards(document: Mapping[str, Any]) -> Iterator[Card]:
         cause = document["causes"][0]
         beside = cause.get("title", cause["cause"])
         yield Card("most common cause", f"{len(cause['robots'])} of {plural(cause['of'], 'robot')}", beside)
-    if document["drifts"]:
-        count = len(drifting(document))
-        yield Card("significant drift", plural(count, "parameter"), f"of {len(document['drifts'])} tested")
     done = sum(session["state"] != UNDONE for session in document["sessions"])
     yield Card("sessions completed", f"{done} of {len(document['sessions'])}", "each with its own report")
 
@@ -279,44 +243,6 @@ def _cause_rows(causes: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]
             ", ".join(number_ranges(cause)),
             which,
         )
-
-
-def _drift_plot(drift: Mapping[str, Any]) -> Plot:
-    """Plot values with 95 % intervals over time, the regression line and the interval of its slope."""
-    days, unit = drift["day"], drift["unit"] or "1"
-    points = {
-        "type": "scatter",
-        "mode": "markers",
-        "x": [_date(day) for day in days],
-        "y": drift["value"],
-        "error_y": {"type": "data", "array": [TWO_SIDED * std for std in drift["std"]], "thickness": 1.2, "width": 3},
-        "marker": {"color": AFTER, "size": 6},
-        "hovertemplate": plot_markup("%{y:.4g} $unit, %{x}<extra></extra>", unit=unit),
-    }
-    ends, slope = [min(days), max(days)], drift["slope"]
-    line = {"type": "scatter", "mode": "lines", "hoverinfo": "skip"}
-    fit = {**line, **_straight(drift, ends, 0.0), "line": {"color": BEFORE, "dash": "dot", "width": 2}}
-    edges = [_straight(drift, way, side * slope["half"]) for side, way in ((-1, ends), (1, ends[::-1]))]
-    corners = {axis: [x for edge in edges for x in edge[axis]] for axis in "xy"}
-    fan = {**line, **corners, "line": {"width": 0}, "fill": "toself", "fillcolor": SHADE}
-    layout = {"xaxis": axis("date, UTC", type="date", nticks=5), "yaxis": axis(f"value [{unit}]", nticks=6)}
-    return Plot(f"{drift['name']}: {drift['number']}", [fan, fit, points], layout)
-
-
-def _straight(drift: Mapping[str, Any], days: Sequence[float], steeper: float) -> dict[str, list[Any]]:
-    """Points of the regression line, or of a steeper line through its centre."""
-    slope, middle = drift["slope"]["value"] + steeper, drift["line"]
-    return {"x": [_date(day) for day in days], "y": [middle["value"] + slope * (day - middle["day"]) for day in days]}
-
-
-def _drift_row(drift: Mapping[str, Any]) -> tuple[str, ...]:
-    slope, change = drift_sentence(drift).partition(", ")[0], drift_change(drift)
-    count, beyond = str(len(drift["day"])), "yes" if drift["beyond_noise"] else "no"
-    return drift["name"], drift["number"], count, slope, change, figure(drift["chance"], 2), beyond
-
-
-def _date(day: float) -> str:
-    return (EPOCH + timedelta(days=round(day * 86_400) / 86_400)).strftime("%Y-%m-%d %H:%M:%S")
 
 
 def _link(session: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""MCAP files with messages of ROS 2 in CDR, which Foxglove, RViz and PlotJuggler show."""
+"""MCAP files with messages of ROS 2 in CDR, which Foxglove, RViz, PlotJuggler and Rerun show."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from typing import IO, Any
 import numpy as np
 
 from ...version import __version__
-from .links import QUANTITIES, Arrow, Findings, Head, Links, Pose, Remark, Signal, drawn_urdf
+from .links import QUANTITIES, Head, Links, Pose, Remark, Signal
 
 TEXT, TIME = "std_msgs/msg/String", "builtin_interfaces/msg/Time"
 LATCHED = ("/robot_description", "/tf_static")
+INFO, WARN = 20, 30  # levels of rcl_interfaces/Log
 NANO = 1_000_000_000
 ENDLESS = "{sec: 9223372036, nsec: 854775807}"  # a duration of rosbag2
 LATCH = (  # the quality of service that rosbag2 offers: history of the last one, reliable, transient local
     f"- {{history: 1, depth: 1, reliability: 1, durability: 1, deadline: {ENDLESS}, lifespan: {ENDLESS}, "
     f"liveliness: 1, liveliness_lease_duration: {ENDLESS}, avoid_ros_namespace_conventions: false}}"
 )
-ARROW, SPHERE, ADD, DELETE = 0, 2, 0, 2  # types and actions of visualization_msgs/Marker
-COLOUR = {"r": 0.9, "g": 0.1, "b": 0.1, "a": 1.0}
 
 
 class McapFile:
@@ -40,7 +39,7 @@ class McapFile:
     def robot(self, t: float, links: Links) -> None:
         """Write /robot_description and /tf_static; from now on positions move the links on /tf."""
         self.links = links
-        self._send("/robot_description", t, TEXT, data=drawn_urdf(links))
+        self._send("/robot_description", t, TEXT, data=links.robot.document)
         if links.fixed:
             self._frames("/tf_static", t, links.fixed)
 
@@ -56,48 +55,18 @@ class McapFile:
             if one.drawn and self.links is not None and np.isfinite(known["position"]).all():
                 self._frames("/tf", t, self.links.poses(known["position"]))
 
-    def findings(self, found: Findings) -> None:
-        """Write verdict and findings: a warning for each cause, with its numbers as lines."""
-        shared = {"hardware_id": self.head.robot}
-        status = [{"level": int(bool(found.marks)), "name": "verdict", "message": found.verdict, **shared}]
-        for mark in found.marks:
-            lines = [(f"line_{k + 1}", line) for k, line in enumerate(mark.lines)]
-            values = [{"key": key, "value": x} for key, x in (*(("joint", joint) for joint in mark.joints), *lines)]
-            given = {"level": int(mark.cause), "name": mark.title, "message": "; ".join(mark.lines), "values": values}
-            status.append({**given, **shared})
-        self._send("/findings", found.t, "diagnostic_msgs/msg/DiagnosticArray", header={}, status=status)
-
-    def remark(self, remark: Remark) -> None:
-        """Write an event as JSON and as a line of a log, and its arrow."""
-        self._send("/signid/events", remark.t, TEXT, data=remark.document)
-        given = {"level": 30 if remark.warning else 20, "name": "signid", "msg": remark.sentence}
-        self._send("/signid/log", remark.t, "rcl_interfaces/msg/Log", **given)
-        if remark.arrow is not None:
-            markers = [self._marker(remark.arrow)]
-            self._send("/signid/contacts", remark.t, "visualization_msgs/msg/MarkerArray", markers=markers)
+    def remark(self, topic: str, remark: Remark) -> None:
+        """Write a line of text, and an event also as JSON."""
+        if remark.document:
+            self._send("/signid/events", remark.t, TEXT, data=remark.document)
+        given = {"level": WARN if remark.warning else INFO, "name": "signid", "msg": remark.sentence}
+        self._send(topic, remark.t, "rcl_interfaces/msg/Log", **given)
 
     def close(self) -> None:
         """Write notes and the index."""
         notes = {f"note_{k + 1}": note for k, note in enumerate(self.head.notes)}
         self.writer.add_metadata("signid", {"robot": self.head.robot, "version": __version__, **notes})
         self.writer.finish()
-
-    def _marker(self, arrow: Arrow) -> dict[str, Any]:
-        """Arrow that ends at the centre of mass; a sphere there if the direction is unknown."""
-        known, tip = arrow.way is not None, dict(zip("xyz", arrow.tip.tolist(), strict=True))
-        ends = [] if arrow.way is None else [dict(zip("xyz", (arrow.tip - arrow.way).tolist(), strict=True)), tip]
-        sizes = [arrow.radius * x for x in ((1, 2, 4) if known else (4, 4, 4))]
-        return {
-            "header": {"frame_id": "" if self.links is None else self.links.root},
-            "ns": "contact",
-            "type": ARROW if known else SPHERE,
-            "action": DELETE if arrow.removed else ADD,
-            "pose": {"orientation": {"w": 1.0}, "position": {} if known else tip},
-            "scale": dict(zip("xyz", sizes, strict=True)),
-            "color": COLOUR,
-            "points": ends,
-            "lifetime": {"sec": int(arrow.ended)},
-        }
 
     def _frames(self, topic: str, t: float, poses: Sequence[Pose]) -> None:
         moved = [
