@@ -158,7 +158,8 @@ def test_rerun_has_the_meshes_that_are_found(folder: Path, tmp_path: Path, capfd
     shape = '<visual><geometry><mesh filename="package://arm/{}.stl"/></geometry></visual></link>'
     text = signid.load_robot("3r").document.replace("</link>", shape.format("base"), 1)
     (tmp_path / "arm.urdf").write_text(text.replace("</link>", shape.format("absent"), 2))
-    (tmp_path / "base.stl").write_bytes(bytes(80) + (1).to_bytes(4, "little") + bytes(50))
+    (tmp_path / "arm").mkdir()
+    (tmp_path / "arm" / "base.stl").write_bytes(bytes(80) + (1).to_bytes(4, "little") + bytes(50))
     assert run(["replay", str(tmp_path / "arm.urdf"), "arm.csv", "--rrd", str(tmp_path / "a.rrd")]) == 0
     meshes = chunks.RrdReader(tmp_path / "a.rrd").stream()
     kept = [str(each.entity_path) for each in meshes if "Asset3D:blob" in str(each.to_record_batch().schema.names)]

@@ -47,16 +47,20 @@ OUTCOMES = {
 }
 TOGETHER = (  # combinations of effects, chosen by the seed
     ("spring", "viscous_friction", "coulomb_friction"),
+    ("base_tilt", "spring", "coulomb_friction"),
     ("payload", "coulomb_friction"),
     ("armature", "viscous_friction"),
     ("payload", "spring"),
     ("viscous_friction", "spring"),
+    ("base_tilt", "viscous_friction"),
     ("payload", "viscous_friction", "coulomb_friction"),
     ("spring", "armature"),
+    ("base_tilt", "coulomb_friction"),
 )
 SIZE, PAYLOAD = (0.15, 0.3), (0.4, 0.8)  # range of a law's torque over the std of the joint torque
 WEAK = 0.02  # joints with less than this share of the largest joint torque get no law
-SPATIAL = 3  # minimum number of joints for a payload to be distinguishable
+SPATIAL = 3  # minimum number of joints for laws of bodies to be distinguishable
+TILT, MOST_TILT = 0.05, 0.1  # tilt at which the size is evaluated, and largest tilt [rad]
 REST_OFFSET = 0.3  # largest offset of a spring's rest position from the mean position [rad or m]
 DIGITS = 2  # significant digits of the concealed parameters
 
@@ -226,8 +230,8 @@ def conceal(known: Model, motion: Motion, seed: int) -> tuple[Law, ...]:
 def _places(scene: _Scene, name: str) -> list[tuple[int, ...]]:
     """Joints where a law is possible and not yet stated by the simulation."""
     effect, n = EFFECTS[name], len(scene.scale)
-    if effect.scope == "tip":
-        return [(n - 1,)] if n >= SPATIAL else []
+    if effect.scope in ("robot", "tip"):
+        return [tuple(range(n)) if effect.scope == "robot" else (n - 1,)] if n >= SPATIAL else []
     known = [law.joints for law in scene.known.laws if law.effect.name == name and any(law.parameters.values())]
     first = int(name == "armature")  # at the first joint it is equivalent to link inertia
     return [(j,) for j in scene.strong.tolist() if (j,) not in known and j >= first]
@@ -240,6 +244,7 @@ def _sized(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
     added = Model(known.robot, known.inertials, (*known.laws, unit)).inverse(scene.motion) - scene.torque
     size = np.max(np.std(added[:, scene.strong], axis=0) / scene.scale[scene.strong])
     factor = rng.uniform(*PAYLOAD if name == "payload" else SIZE) / size
+    factor = min(factor, MOST_TILT / TILT) if name == "base_tilt" else factor
     numbers = {key: x if key == "rest" else factor * x for key, x in shape.items()}
     return Law(effect, joints, {key: float(f"{x:.{DIGITS}g}") for key, x in numbers.items()})
 
@@ -249,6 +254,9 @@ def _shape(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
     if name == "payload":
         centre = zip("xyz", _tip(scene.known.robot, joints[0]), strict=True)
         return {"mass": 1.0, **{f"first_moment_{axis}": float(x) for axis, x in centre}}
+    if name == "base_tilt":
+        way = rng.uniform(0, 2 * np.pi)
+        return {"x": TILT * np.cos(way), "y": TILT * np.sin(way)}
     if name == "spring":
         middle = float(np.mean(scene.motion.q[:, joints[0]]))
         return {"stiffness": 1.0, "rest": middle + rng.uniform(-REST_OFFSET, REST_OFFSET)}
