@@ -39,7 +39,7 @@ from .extend.holdout import Comparison, Prediction, compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
 from .findings.findings import Conclusions, conclude
 from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse, rollout_warnings
-from .findings.ordinary import pinned, possible, with_ordinary
+from .findings.ordinary import impossible, pinned, with_ordinary, without
 from .findings.stated import MOST_LOG_ODDS, torque_share
 from .findings.verdict import decide_verdict
 from .result import Diagnosis, Finding
@@ -158,9 +158,11 @@ def _answer(
     given, (model, ordinary) = model, with_ordinary(model, session, skip)
     dataset, data = build_in_time(model, session, skip, show, ordinary)
     evidence = Evidence(data, stated_prior(model, data.groups), bool(ordinary))
-    dataset, selection, disagreement = _search(dataset, _posterior(model, evidence, skip), skip, healthy, show)
-    if (posterior := possible(selection, ordinary)) is not None:
-        dataset, selection, disagreement = _search(dataset, posterior, skip, healthy, show)
+    first, posterior = dataset, _posterior(model, evidence, skip)
+    dataset, selection, disagreement = _search(first, posterior, skip, healthy, show)
+    if negative := impossible(selection, ordinary):
+        posterior = replace(posterior, evidence=without(evidence, negative))
+        dataset, selection, disagreement = _search(first, posterior, skip, healthy, show)
     selection, contenders = replace_weak(dataset, prune(dataset, session, pinned(selection, ordinary)))
     contenders = limit_in_step(dataset, contenders)
     verdict = decide_verdict(dataset, selection, contenders)

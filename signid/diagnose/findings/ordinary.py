@@ -23,7 +23,7 @@ from ..data.hypotheses import VARIABLES
 from ..data.locate import locate
 from ..data.motions import pieces
 from ..evidence.bayes_factors import Evidence
-from ..evidence.selection import Posterior, Selection
+from ..evidence.selection import Selection
 from ..extend.extend import is_same
 from ..extend.holdout import Prediction, ResidualRows, predict
 from ..result import Alternative, Finding
@@ -88,38 +88,33 @@ def without_vague(
     return extended if worse else fewer
 
 
-def possible(selection: Selection, ordinary: Sequence[Law]) -> Posterior | None:
-    """Evidence in which rotors whose inertia is clearly negative are left out; None without any.
+def impossible(selection: Selection, ordinary: Sequence[Law]) -> list[Law]:
+    """Rotors of the block whose inertia is clearly negative: in a motion of one frequency, such a rotor is a spring."""
+    rotors = [(law, x) for law, x in _deviations(selection, ordinary) if law.effect.name == DRIVES[-1]]
+    return [law for law, x in rotors if x < -CLEAR_STD]
 
-    In a motion of one frequency, a rotor of negative inertia makes the torque of a spring.
-    """
-    deviations = _deviations(selection, ordinary)
-    return _without(selection, [g for g, law, x in deviations if law.effect.name == DRIVES[-1] and x < -CLEAR_STD])
+
+def without(evidence: Evidence, laws: Sequence[Law]) -> Evidence:
+    """Evidence in which some laws of the block are held at zero."""
+    data = evidence.data
+    groups = tuple(replace(g, deviation=(LEAST_DRIVE,)) if g.law in laws else g for g in data.groups)
+    return Evidence(replace(data, groups=groups), evidence.stated_prior, evidence.bare)
 
 
 def pinned(selection: Selection, ordinary: Sequence[Law]) -> Selection:
     """Selection in which vague rotors and offsets are zero, so that numbers such as the rest of a spring are clear."""
-    late, deviations = DRIVES[TURNED:], _deviations(selection, ordinary)
-    posterior = _without(selection, [g for g, law, x in deviations if law.effect.name in late and abs(x) <= CLEAR_STD])
-    return selection if posterior is None else replace(selection, posterior=posterior).with_selected(selection.selected)
+    late = [(law, x) for law, x in _deviations(selection, ordinary) if law.effect.name in DRIVES[TURNED:]]
+    evidence = without(selection.evidence, [law for law, x in late if not abs(x) > CLEAR_STD])
+    posterior = replace(selection.posterior, evidence=evidence)
+    return replace(selection, posterior=posterior).with_selected(selection.selected) if late else selection
 
 
-def _deviations(selection: Selection, ordinary: Sequence[Law]) -> list[tuple[Group, Law, float]]:
-    """Groups of the block with their laws and their coefficients over their standard deviations [1]."""
+def _deviations(selection: Selection, ordinary: Sequence[Law]) -> list[tuple[Law, float]]:
+    """Laws of the block with their coefficients over their standard deviations [1]."""
     fit = selection.fit()
-    places = [(group, group.law, fit.place(group).start) for group in block_of(selection, ordinary)]
     std = np.sqrt(np.diag(fit.covariance))
-    return [(group, law, float(fit.value[at] / std[at])) for group, law, at in places if law is not None]
-
-
-def _without(selection: Selection, groups: Sequence[Group]) -> Posterior | None:
-    """Evidence in which the coefficients of some groups are held at zero; None without any."""
-    if not groups:
-        return None
-    known, data = selection.evidence, selection.data
-    held = tuple(replace(g, deviation=(LEAST_DRIVE,)) if g in groups else g for g in data.groups)
-    evidence = Evidence(replace(data, groups=held), known.stated_prior, known.bare)
-    return replace(selection.posterior, evidence=evidence)
+    places = [(group.law, fit.place(group).start) for group in block_of(selection, ordinary)]
+    return [(law, float(fit.value[at] / std[at])) for law, at in places if law is not None]
 
 
 def ordinary_findings(
