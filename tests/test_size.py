@@ -43,11 +43,11 @@ TODAY = {
     "signs": 3190,
     "faults": 3756,
     "servo": 8914,
-    "diagnose": 6837,
+    "diagnose": 6834,
     "payload": 1422,
     "watch": 2070,
     "output": 12674,
-    "cli": 5327,
+    "cli": 5335,
 }
 LOWERED = 60  # [lines] below the number of today from which the number is to be lowered
 TOGETHER = {"optimisers": "estimation", "validate": "payload"}  # rooms that are counted with another
