@@ -112,7 +112,7 @@ class WatchLogs:
         body = self.robot.links.index(contact.link) + 1
         self.links.poses(self.q)
         tip = self.links.data.oMi[body].act(self.bodies.inertias[body].lever)
-        way = None if contact.force is None else LONG * self.reach * np.array(contact.force)
+        way = None if contact.direction is None else LONG * self.reach * np.array(contact.direction)
         return Arrow(tip, way, THICK * self.reach, contact.end is not None, bool(contact.cause))
 
     def __enter__(self) -> WatchLogs:
