@@ -362,7 +362,8 @@ def _unlike(audit: JointAudit, found: Response, parts: Sequence[Part], grids: Se
     if moved := drift(rows, audit.range):
         fact = f"{audit.joint}: the zero of q drifts by {_length(moved, audit)} against q_des over the recording"
         yield f"{fact}: the encoder slips or loses counts; check it, or use short stretches"
-    if SCALES[0] < found.scale < SCALES[1] and abs((factor := scaled(rows, audit.unit)) - 1) > GAIN:
+    plain = audit.residual < CLEAN or not SCALES[0] < found.scale < SCALES[1]  # said already
+    if not plain and abs((factor := scaled(rows, audit.unit)) - 1) > GAIN:
         fact = f"{audit.joint}: q is {factor:.3g} of q_des, at every angle"
         yield f"{fact}, which no load explains; check units, gear ratio and scale of both columns"
     if levels := ahead(grids, audit.range):

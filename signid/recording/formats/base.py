@@ -17,13 +17,12 @@ from numpy.typing import ArrayLike
 
 from ...errors import OptionError, RecordingError
 from ...types import Array, Table
-from ..names.mapping import Heading
+from ..names.mapping import MOST_COLUMNS, Heading
 from ..names.match import guess
 
 MOST_DEPTH = 20  # groups inside each other
 NUMBERS, DATES = "biuf", "mM"  # kinds of data types
 MOST = 8_000_000_000  # maximum uncompressed size of a file that is read completely [bytes]
-MOST_COLUMNS = 20_000  # of a table
 MOST_PARTS = 1000  # numbers of a list that becomes columns; longer ones are images or scans
 _MEMORY, _OWN = Path("/proc/meminfo"), Path("/proc/self/statm")  # of Linux
 _LIMITED = Lock()
@@ -45,7 +44,10 @@ def memory_table(arrays: Mapping[str, Any], source: str, about: About | None = N
     for name, value in _leaves(arrays, "", source, 0):
         if name in given:
             raise RecordingError(f"{source} has two arrays {name!r}; give every array its own name")
-        given[name] = _seconds(np.asarray(value))
+        array = np.asarray(value)
+        if np.ma.isMaskedArray(value) and array.dtype.kind in NUMBERS:
+            array = np.ma.filled(value.astype(np.float64), np.nan)  # masked values are missing
+        given[name] = _seconds(array)
     reference, rows = _samples(given)
     columns: dict[str, np.ndarray] = {}
     for name, value in given.items():
