@@ -27,7 +27,7 @@ PROBE = 64  # rows of zeros and ones that show the conversion of each column
 TICK = 0.025  # [s] rows that arrive within this time are processed together
 LARGEST = 1 << 18  # [bytes] of a read
 MOST_READS = 16  # reads of standard input that wait
-CHUNK = 0.1  # [s] of rows of a recording
+CHUNK = 100  # rows of a recording
 ROS = "ros:"  # beginning of the name of a topic
 
 
@@ -148,10 +148,10 @@ def check(recording: Recording, name: str) -> None:
         raise RecordingError(f"{name} has currents of unknown torque constants; state them in the actuators file")
 
 
-def played(recording: Recording, size: int) -> Iterator[StreamRows]:
+def played(recording: Recording) -> Iterator[StreamRows]:
     """Rows of a recording in chunks."""
-    for start in range(0, len(recording), size):
-        samples = recording.read(start, start + size)
+    for start in range(0, len(recording), CHUNK):
+        samples = recording.read(start, start + CHUNK)
         yield StreamRows(samples.t, samples.q, samples.tau, samples.dq)
 
 
@@ -209,18 +209,11 @@ def open_stream(
         else as_recording(source, robot, "watch")
     )
     check(recording, recording.path or "the recording")
-    return Stream(recording.joints, played(recording, _size(recording)), recording)
+    return Stream(recording.joints, played(recording), recording)
 
 
 def _is_text(stream: object) -> bool:
     return isinstance(stream, Iterator) or (isinstance(stream, Sequence) and all(isinstance(x, str) for x in stream))
-
-
-def _size(recording: Recording) -> int:
-    """Rows of a chunk."""
-    t = recording.read(0, 100).t
-    period = float(np.nanmedian(np.abs(np.diff(t)))) if len(t) > 1 else CHUNK
-    return int(np.clip(CHUNK / max(period, 1e-6), 1, 1000)) if np.isfinite(period) else 1
 
 
 def _parsed(texts: Iterator[str], robot: Robot, columns: ColumnMap | None, name: str) -> Stream:

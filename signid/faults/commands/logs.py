@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import pi
-from typing import NamedTuple
 
 import numpy as np
 
@@ -212,21 +211,15 @@ def frozen(parts: Sequence[Part], step: float) -> float:
     return longest if longest > FROZEN else 0.0
 
 
-class Course(NamedTuple):
-    """Rows of one joint with its command, late by the usual shift."""
-
-    command: Array  # (N,) [rad or m]
-    way: Array  # (N,) [1] its direction
-    t: Array  # (N,) [1] time over the duration, from -1/2 to 1/2 or so
-    q: Array  # (N,) [rad or m]
+Course = tuple[Array, Array, Array, Array]  # command, late by the shift, its direction, time over the duration, q: (N,)
 
 
 def course(parts: Sequence[Part], grids: Sequence[Grid], shift: float) -> Course:
-    """Rows of all parts; shift of the command [s]."""
+    """Rows of all parts of one joint; shift of the command [s]."""
     late = [grid.command[np.maximum(np.arange(len(grid.q)) - round(shift / grid.period), 0)] for grid in grids]
     t = np.concatenate([p.t[0] + g.period * np.arange(len(g.q)) for p, g in zip(parts, grids, strict=True)])
     way = np.concatenate([np.sign(np.gradient(x)) for x in late])
-    return Course(np.concatenate(late), way, (t - t.mean()) / max(float(np.ptp(t)), TINY), joined(grids, "q"))
+    return np.concatenate(late), way, (t - t.mean()) / max(float(np.ptp(t)), TINY), joined(grids, "q")
 
 
 def _left(columns: Sequence[Array], y: Array) -> tuple[float, float]:
@@ -236,8 +229,8 @@ def _left(columns: Sequence[Array], y: Array) -> tuple[float, float]:
     return float(value[-1]), float(np.mean((y - x @ value) ** 2))
 
 
-APART_FROM, SHRINKS, HALVES = 0.6, 0.5, (0.3, 3.0)  # [1] of time; of the residual; drift of each half over that of all
-DRIFTS, LEAST_DRIFT = 0.1, 0.05  # [range], [rad or m]
+OTHER, SHRINKS, HALVES = 0.6, 0.5, (0.3, 3.0)  # [1] time unlike motion; residual; drift of each half over that of all
+DRIFTS, LEAST_DRIFT = 0.1, 0.05  # [range], [rad or m]; of healthy logs at most 0.07 in both halves
 
 
 def drift(rows: Course, span: float) -> float:
@@ -245,26 +238,27 @@ def drift(rows: Course, span: float) -> float:
 
     A drift is not like the motion, explains most of what the command leaves, and has its share in both halves.
     """
-    z = (rows.command - rows.command.mean()) / span
-    columns = [np.ones_like(z), z, z**2, z**3, rows.way]
-    size, after = _left([*columns, rows.t], rows.q)
-    like = _left(columns, rows.t)[1] / max(float(np.var(rows.t)), TINY)
-    if like < APART_FROM or after > SHRINKS * _left(columns, rows.q)[1] or abs(size) < max(DRIFTS * span, LEAST_DRIFT):
+    command, way, t, q = rows
+    z = (command - command.mean()) / span
+    columns = [np.ones_like(z), z, z**2, z**3, way]
+    size, after = _left([*columns, t], q)
+    like = _left(columns, t)[1] < OTHER * float(np.var(t))
+    if like or after > SHRINKS * _left(columns, q)[1] or abs(size) < max(DRIFTS * span, LEAST_DRIFT):
         return 0.0
-    sides = (rows.t < 0, rows.t >= 0)
-    each = [_left([x[side] for x in (*columns, rows.t)], rows.q[side])[0] / size for side in sides]
+    each = [_left([x[side] for x in (*columns, t)], q[side])[0] / size for side in (t < 0, t >= 0)]
     return size if all(HALVES[0] < share < HALVES[1] for share in each) else 0.0
 
 
 LOADED, LINEAR = 2.0, 0.1  # [1] residual of a load over that of a scale; of a scale, over the error
-WINDOW_OF_STEP, STEPS, AHEAD = 0.06, 0.06, 0.5  # [s]; [range] of a step; [1] motion before it over that after it
+WINDOW, STEPS, AHEAD = 0.06, 0.06, 0.5  # [s]; [range] of a step; [1] motion before it over that after it
 
 
 def scaled(rows: Course, unit: str) -> float:
     """Motion per command [1] if the error grows with q as of a factor, and not as of a load; else 1."""
-    error, loads = rows.command - rows.q, [np.sin(rows.q), np.cos(rows.q)] if unit == "rad" else [np.ones_like(rows.q)]
-    factor, left = _left([rows.way, rows.q], error)
-    alike = left > LINEAR * float(np.mean(error**2)) or _left([*loads, rows.way], error)[1] < LOADED * left
+    command, way, _, q = rows
+    error, loads = command - q, [np.sin(q), np.cos(q)] if unit == "rad" else [np.ones_like(q)]
+    factor, left = _left([way, q], error)
+    alike = left > LINEAR * float(np.mean(error**2)) or _left([*loads, way], error)[1] < LOADED * left
     return 1.0 if alike or factor <= -1 else 1 / (1 + factor)
 
 
@@ -272,7 +266,7 @@ def ahead(grids: Sequence[Grid], span: float) -> float:
     """Median step of a command that q follows before it is made [rad or m], 0 if it does not; span: range."""
     found = list[tuple[float, float, float]]()
     for grid in grids:
-        k, step = max(1, round(WINDOW_OF_STEP / grid.period)), np.diff(grid.command)
+        k, step = max(1, round(WINDOW / grid.period)), np.diff(grid.command)
         at = np.flatnonzero(step) + 1
         at = at[(at >= k) & (at < len(grid.q) - k)]
         way, q = np.sign(step[at - 1]), grid.q
