@@ -1,4 +1,4 @@
-"""What a watch says of streams that it cannot rely on, and that it does not depend on how they arrive."""
+"""Streams that a watch cannot rely on are said, and events do not depend on how a stream arrives."""
 
 from __future__ import annotations
 

@@ -47,6 +47,8 @@ class StreamRows(NamedTuple):
 def given_rows(t: Array, q: Array, tau: Array, dq: Array | None, joints: int) -> StreamRows:
     """Rows as they were given; masked values are missing.
 
+    t: (N,) [s]; q: (N, joints) [rad or m]; tau: (N, joints) [N.m or N]; dq: (N, joints) [rad/s or m/s].
+
     Raises:
         OptionError: an array holds no real numbers, or has another shape than (N,), and (N, joints) of the others.
     """
@@ -84,7 +86,11 @@ class Intake:
         self.noted: dict[str, float] = {}
 
     def take(self, rows: StreamRows) -> tuple[list[StreamPiece], list[Note]]:
-        """Cut rows at gaps and jumps, and leave unusable rows out."""
+        """Cut rows at gaps and jumps, and leave unusable rows out.
+
+        Raises:
+            RecordingError: t is not in seconds.
+        """
         notes: list[Note] = []
         known = np.isfinite(rows.t)
         for signal in (rows.q, rows.tau, *(() if rows.dq is None else (rows.dq,))):

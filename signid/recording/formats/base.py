@@ -17,12 +17,13 @@ from numpy.typing import ArrayLike
 
 from ...errors import OptionError, RecordingError
 from ...types import Array, Table
-from ..names.mapping import MOST_COLUMNS, Heading
+from ..names.mapping import Heading
 from ..names.match import guess
 
 MOST_DEPTH = 20  # groups inside each other
 NUMBERS, DATES = "biuf", "mM"  # kinds of data types
 MOST = 8_000_000_000  # maximum uncompressed size of a file that is read completely [bytes]
+MOST_COLUMNS = 20_000  # of a table
 MOST_PARTS = 1000  # numbers of a list that becomes columns; longer ones are images or scans
 _MEMORY, _OWN = Path("/proc/meminfo"), Path("/proc/self/statm")  # of Linux
 _LIMITED = Lock()
