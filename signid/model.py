@@ -32,6 +32,7 @@ from .typed import typed
 from .types import INERTIAL, Array, Law, Parameters, Robot
 
 SCHEMA = "signid.model/1"
+MOST_LAWS = 2000
 ESTIMATED = ("covariance", "misfit", "payload_covariance")  # keys whose numbers have no usual range
 
 
@@ -313,6 +314,9 @@ def _read(path: Path) -> Model:
             raise RobotError(
                 f"{path} has the schema {content.get('schema')!r}; give a model.json of `signid identify` ({SCHEMA!r})"
             )
+        effects = content.get("effects") if isinstance(content, dict) else None
+        if isinstance(effects, list) and len(effects) > MOST_LAWS:
+            raise ValueError(f"effects: it has {len(effects)} laws, more than {MOST_LAWS}")  # the schema is slow
         check_schema(content, "model")
         described: Mapping[str, str] = content["robot"]
         gravity = content.get("gravity")  # absent in older files

@@ -75,7 +75,7 @@ def test_a_push_is_a_contact(model: Model, columns: dict[str, Any]) -> None:
     assert 0 < begun.t - 16 < 0.05 and begun.end is None and "joint_2" in begun.joints
     assert abs(ended.start - 16) < 0.03 and ended.end is not None and abs(ended.end - 16.4) < 0.1
     assert ended.link == "link_3" and ended.torque["joint_2"] == pytest.approx(1.5, rel=0.2)
-    assert ended.force is not None and np.linalg.norm(ended.force) == pytest.approx(1)
+    assert ended.direction is not None and np.linalg.norm(ended.direction) == pytest.approx(1)
 
 
 def test_rows_that_come_one_by_one_give_the_same_contact(model: Model, columns: dict[str, Any]) -> None:

@@ -75,10 +75,10 @@ def show(shown: str | Sequence[RenderableType], flags: Sequence[str] = (), writt
     else:
         Screen().print(*shown, sep="\n")
     said = {getattr(block, "plain", "") for block in shown}
-    for flag in flags:
-        if flag not in said:
-            write_error(flag)
-    if repeated := len(said.intersection(flags)):
+    new = [flag for flag in flags if flag not in said]
+    for flag in new or flags:  # those of the result again where there are no others
+        write_error(flag)
+    if new and (repeated := len(said.intersection(flags))):
         say = "a sentence of the result says" if repeated == 1 else f"{repeated} sentences of the result say"
         write_error(f"{say} what not to rely on")
     if written and not isinstance(shown, str):

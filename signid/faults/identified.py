@@ -6,7 +6,7 @@ follows from the correlation of the residual with the derivative of the torque.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -223,8 +223,10 @@ OF_A_FIT = ("too little data", "excitation")  # kinds of faults that matter only
 NO_EXCITATION = ExcitationVerdict(np.ones(1), np.ones(1), (), (), (), (), ())  # not judged: nothing is fitted
 
 
-def recording_flags(model: Model, recordings: Sequence[Recording], options: Options | None = None) -> tuple[str, ...]:
-    """A sentence on each fault of recordings with signed torque, apart from those that matter only for a fit.
+def recording_flags(
+    model: Model, recordings: Sequence[Recording], options: Options | None = None, kinds: Collection[str] = ()
+) -> tuple[str, ...]:
+    """A sentence on each fault of recordings with signed torque: of some kinds, or all but those that matter for a fit.
 
     Raises:
         InputError: a recording cannot be used, or moves other joints than the model; the sentence says which and why.
@@ -233,4 +235,5 @@ def recording_flags(model: Model, recordings: Sequence[Recording], options: Opti
     with naming_faults(session):
         found = examine(model, session, NO_EXCITATION).findings
     severe = [fault for severity in (REFUSE, WARN) for fault in found if fault.severity == severity]
-    return tuple(dict.fromkeys(fault.sentence for fault in severe if fault.kind not in OF_A_FIT))
+    said = (fault.sentence for fault in severe if (fault.kind in kinds if kinds else fault.kind not in OF_A_FIT))
+    return tuple(dict.fromkeys(said))

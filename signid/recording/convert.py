@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -78,9 +79,14 @@ def convert(
     about, skipped = About.of(opened.table), []
     found: dict[str, Array] = {}
     stated: dict[str, str] = {}
+    joints = Counter(_joint(signal) for signal in signals)
     for signal in sorted(signals, key=lambda each: each.logical != "t"):
-        values, unit = _values(opened, mapping, signal, robot)
-        if values is None:
+        try:
+            values, unit = _values(opened, mapping, signal, robot)
+        except RecordingError:
+            joint = _joint(signal)
+            if signal.mapped or signal.logical == "t" or (joint and (joint.isdecimal() or joints[joint] > 1)):
+                raise  # of a joint that has other columns; any other one is text
             skipped.append(signal.column)
             continue
         found[signal.logical] = values
@@ -125,7 +131,7 @@ def _kind(name: str) -> str:
 def _signals(opened: Opened, mapping: ParsedColumns) -> list[Signal]:
     signals = list(mapping.signals(opened.table.columns, opened.name))
     names = [signal.logical for signal in signals]
-    if twice := next((name for name in names if names.count(name) > 1), None):
+    if twice := next((name for name, count in Counter(names).items() if count > 1), None):
         both = [signal.column for signal in signals if signal.logical == twice]
         raise RecordingError(f"{opened.name}: {' and '.join(both)} would both be {twice}; correct the column map")
     if not opened.table.rows:
@@ -141,18 +147,23 @@ def _one_time(opened: Opened, signals: list[Signal]) -> tuple[list[Signal], list
     return [each for each in signals if each.column not in left], left
 
 
-def _values(opened: Opened, mapping: ParsedColumns, signal: Signal, robot: Robot | None) -> tuple[Array | None, str]:
-    """Column (N,) in the unit of recordings (None if it holds no numbers), and its unit in the source."""
+def _joint(signal: Signal) -> str:
+    """Joint of a column that identification reads, "" if it is none."""
+    pairs = split(signal.logical)
+    return pairs[0][1] if pairs and pairs[0][0] not in DRIVE else ""
+
+
+def _values(opened: Opened, mapping: ParsedColumns, signal: Signal, robot: Robot | None) -> tuple[Array, str]:
+    """Column (N,) in the unit of recordings, and its unit in the source.
+
+    Raises:
+        RecordingError: the column holds something else than numbers.
+    """
     table, kind = opened.table, _kind(signal.logical)
     key = resolve(signal.logical, robot) if robot and kind not in ("", "t") else None
     prismatic = bool(robot.prismatic[key[1]]) if robot and key and key[1] >= 0 else None
     change = conversion(opened, mapping, signal, kind, prismatic) if kind else None
-    try:
-        table.read([signal.column], 0, 0)
-    except RecordingError:
-        if signal.mapped:
-            raise
-        return None, ""
+    table.read([signal.column], 0, 0)
     change_values = function(kind, change)
     converted = DerivedTable(table, {signal.column: change_values}) if change_values else table
     stated = stated_units(mapping, [(kind, signal)] if change else []).get(signal.column)

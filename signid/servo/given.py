@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from ..errors import OptionError, shorten
 from ..robot.joints import find
-from ..servos import LARGEST, LIMITS, PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo, number_fault
+from ..servos import LARGEST, LIMITS, PASSIVE, SERVO_NUMBERS, SERVO_UNITS, SMALLEST, Servo, number_fault
 from ..types import Robot
 
 KNOWN = ("masses", "kp", "nothing")
@@ -63,7 +63,7 @@ def given_texts(
     bounds: Sequence[str] = (),
     equal: Sequence[str] = (),
 ) -> Given:
-    """Read texts of a user about drives; of several texts on one number of a joint the last one holds.
+    """Read texts of a user about drives; a later text holds for the joints that it shares with others.
 
     Args:
         robot: robot of the drives.
@@ -98,7 +98,7 @@ def given_texts(
 
 def _scale(words: Sequence[str], given: Mapping[Name, float], gains: bool) -> str:
     """Source of the scale of torque, by default stated gains, else masses; gains: whether the user states any."""
-    if wrong := next((word for word in words if word not in KNOWN), None):
+    if (wrong := next((word for word in words if word not in KNOWN), None)) is not None:
         raise OptionError(f"known is {wrong!r}; give one of {', '.join(KNOWN)}, or NAME=VALUE: kp=20, for example")
     if len(set(words) | ({"kp"} if gains else set())) > 1:
         raise OptionError("the scale of torque is known from one source; give --known masses, nothing or a gain kp=20")
@@ -114,6 +114,9 @@ def _read(
 ) -> dict[Name, T]:
     """Values by joint and number of the texts of an option."""
     entries = [_entry(option, text, robot, joints) for text in texts]
+    seen = [(entry.number, entry.joints) for entry in entries]
+    if twice := next((entry.text for k, entry in enumerate(entries) if seen[k] in seen[:k]), ""):
+        raise OptionError(f"{option} is {twice!r}, and these joints have that number already; give it once")
     return {(joint, entry.number): read for entry in entries for read in [value(entry)] for joint in entry.joints}
 
 
@@ -185,7 +188,7 @@ def _prior(entry: _Entry) -> Prior:
     mean, std = _pair(entry, r"\+-|±|\+/-")
     if fault := number_fault(entry.number, mean, entry.number in POSITIVE):
         raise entry.wrong(f"{fault} as the mean")
-    if not 0 < std <= LARGEST:
+    if not SMALLEST <= std <= LARGEST:
         raise entry.wrong("expected a positive standard deviation after +-")
     return Prior(mean, std)
 

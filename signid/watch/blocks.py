@@ -42,12 +42,7 @@ class Cutter:
 
     def cut(self, rows: StreamRows) -> Blocks | None:
         """Append rows; the blocks that are complete, or None."""
-        kept = self.rows
-        if kept is not None:
-            dq = None if kept.dq is None or rows.dq is None else np.concatenate([kept.dq, rows.dq])
-            t, q, tau = (np.concatenate(pair) for pair in zip(kept[:3], rows[:3], strict=True))
-            rows = StreamRows(t, q, tau, dq)
-        self.rows = rows
+        self.rows = rows = rows if self.rows is None else self.rows.then(rows)
         if not self.half:
             if len(rows.t) < FIRST:
                 return None

@@ -76,7 +76,7 @@ class Contacts:
         assert self.most is not None, "a contact is going on"
         return max(now - self.below - float(np.log(self.most[0] / LEAVE)) / GAIN, self.peak)
 
-    def close(self, t: float, end: float, cause: str = "") -> Contact:
+    def close(self, t: float, end: float, cause: str | None = None) -> Contact:
         """End of the contact, with its largest torque."""
         assert self.begun is not None and self.most is not None, "a contact is going on"
         _, ratio, r, q = self.most

@@ -40,10 +40,10 @@ class Contact(Event):
     joints: tuple[str, ...]  # joints whose residual exceeds its threshold
     link: str  # furthest loaded link
     torque: Mapping[str, float]  # [N.m or N] external torque of each joint; at the end, of the largest moment
-    force: tuple[float, float, float] | None  # unit vector of the force in the world; None with fewer than 3 joints
+    direction: tuple[float, float, float] | None  # of the force, in the world [1]; None with fewer than 3 joints
     start: float  # [s]
     end: float | None = None  # [s]
-    cause: str = ""  # the change that explains it, if it was no contact
+    cause: str | None = None  # the change that explains it, if it was no contact
     corrects: float | None = None  # [s] t of the event that this one replaces
 
 

@@ -7,11 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import OptionError, RecordingError
+from ..recording.sampling.clock import likely_unit
 from ..types import Array, Indices, Mask, Robot
 from .events import Note
 
 SHORTEST = 1e-6  # [s] period below which a stamp counts as repeated; no log is faster
-SLOWEST = 0.03  # [s] period above which a stream is too slow
+SLOWEST, LATEST = 0.03, 0.25  # [s] period above which a stream is too slow, and from which on t is not in seconds
 LONGEST = 0.1  # [s] time without rows that is noted; slower streams: `PERIODS`
 PERIODS = 8.0  # [1] the same, in sampling periods
 LOST, LEAST = 3.5, 0.008  # [1], [s] time without rows after which the state is reset: in usual steps, and the least
@@ -35,6 +37,33 @@ class StreamRows(NamedTuple):
         """Some of the rows."""
         return StreamRows(self.t[which], self.q[which], self.tau[which], None if self.dq is None else self.dq[which])
 
+    def then(self, rows: StreamRows) -> StreamRows:
+        """These rows and further ones; without dq where either lacks it."""
+        dq = None if self.dq is None or rows.dq is None else np.concatenate([self.dq, rows.dq])
+        t, q, tau = (np.concatenate(pair) for pair in zip(self[:3], rows[:3], strict=True))
+        return StreamRows(t, q, tau, dq)
+
+
+def given_rows(t: Array, q: Array, tau: Array, dq: Array | None, joints: int) -> StreamRows:
+    """Rows as they were given; masked values are missing.
+
+    t: (N,) [s]; q: (N, joints) [rad or m]; tau: (N, joints) [N.m or N]; dq: (N, joints) [rad/s or m/s].
+
+    Raises:
+        OptionError: an array holds no real numbers, or has another shape than (N,), and (N, joints) of the others.
+    """
+    found = list[Array]()
+    for name, given in (("t", t), ("q", q), ("tau", tau), *(() if dq is None else (("dq", dq),))):
+        try:
+            values = np.ma.filled(np.ma.asarray(given).astype(np.float64, casting="same_kind"), np.nan)
+        except (TypeError, ValueError):
+            raise OptionError(f"{name} of the rows holds no real numbers; give arrays of floats") from None
+        shape = (len(found[0]), joints) if found else (len(values) if values.ndim else 1,)
+        if values.shape != shape:
+            raise OptionError(f"{name} of the rows has shape {values.shape}; expected {shape} by t and the joints")
+        found.append(values)
+    return StreamRows(*found)
+
 
 class StreamPiece(NamedTuple):
     """Rows that follow those before, or, if `fresh`, begin a new stretch."""
@@ -57,7 +86,11 @@ class Intake:
         self.noted: dict[str, float] = {}
 
     def take(self, rows: StreamRows) -> tuple[list[StreamPiece], list[Note]]:
-        """Cut rows at gaps and jumps, and leave unusable rows out."""
+        """Cut rows at gaps and jumps, and leave unusable rows out.
+
+        Raises:
+            RecordingError: t is not in seconds.
+        """
         notes: list[Note] = []
         known = np.isfinite(rows.t)
         for signal in (rows.q, rows.tau, *(() if rows.dq is None else (rows.dq,))):
@@ -85,6 +118,10 @@ class Intake:
         if np.isnan(self.period) and len(self.steps) >= FIRST:
             self.usual = float(np.percentile(self.steps, USUAL))
             self.period = mean_step(np.array(self.steps))
+            if self.period >= LATEST:
+                unit = likely_unit(self.period)
+                fact = f"t steps by {self.period:.3g}, which cannot be seconds of a robot that is watched"
+                raise RecordingError(f"{fact}: it looks like {unit}; convert it, or state its unit in a column map")
             if self.period > SLOWEST:
                 slow = f"rows come at {1 / self.period:.3g} Hz, too slowly for contacts and fast motion"
                 notes += self._note("slow", float(rows.t[-1]), f"{slow}; give 50 Hz or more")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE, IncrementalDecoder, getincrementaldecoder
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -26,7 +27,7 @@ PROBE = 64  # rows of zeros and ones that show the conversion of each column
 TICK = 0.025  # [s] rows that arrive within this time are processed together
 LARGEST = 1 << 18  # [bytes] of a read
 MOST_READS = 16  # reads of standard input that wait
-CHUNK = 0.1  # [s] of rows of a recording
+CHUNK = 100  # rows of a recording
 ROS = "ros:"  # beginning of the name of a topic
 
 
@@ -56,7 +57,7 @@ class Parser:
             raise RecordingError(
                 f"{self.name} has a line of more than {MOST_LINE} characters; give one row of CSV or JSON per line"
             )
-        found = [values for line in lines if (values := self._values(line.strip())) is not None]
+        found = [values for line in lines if (values := self._values(line.strip().removeprefix("\ufeff"))) is not None]
         if not found:
             return None
         assert self.convert is not None, "the first row sets it"
@@ -80,10 +81,7 @@ class Parser:
         parts = line.split(",")
         if len(parts) != len(self.header):
             return lost
-        try:
-            return [float(part) for part in parts]
-        except ValueError:
-            return None if [part.strip().strip('"') for part in parts] == self.header else _forgiving(parts)
+        return None if [part.strip().strip('"') for part in parts] == self.header else list(map(_number, parts))
 
     def _begin(self, names: Sequence[str], line: str) -> None:
         """Assign the columns.
@@ -150,10 +148,10 @@ def check(recording: Recording, name: str) -> None:
         raise RecordingError(f"{name} has currents of unknown torque constants; state them in the actuators file")
 
 
-def played(recording: Recording, size: int) -> Iterator[StreamRows]:
+def played(recording: Recording) -> Iterator[StreamRows]:
     """Rows of a recording in chunks."""
-    for start in range(0, len(recording), size):
-        samples = recording.read(start, start + size)
+    for start in range(0, len(recording), CHUNK):
+        samples = recording.read(start, start + CHUNK)
         yield StreamRows(samples.t, samples.q, samples.tau, samples.dq)
 
 
@@ -165,15 +163,11 @@ def _numbers(line: str) -> dict[str, float] | None:
         return None
 
 
-def _forgiving(parts: Sequence[str]) -> list[float]:
-    """Numbers, NaN for what is none."""
-    out = []
-    for part in parts:
-        try:
-            out.append(float(part))
-        except ValueError:
-            out.append(float("nan"))
-    return out
+def _number(part: str) -> float:
+    try:
+        return float(part)
+    except ValueError:
+        return float("nan")
 
 
 class Stream(NamedTuple):
@@ -215,18 +209,11 @@ def open_stream(
         else as_recording(source, robot, "watch")
     )
     check(recording, recording.path or "the recording")
-    return Stream(recording.joints, played(recording, _size(recording)), recording)
+    return Stream(recording.joints, played(recording), recording)
 
 
 def _is_text(stream: object) -> bool:
     return isinstance(stream, Iterator) or (isinstance(stream, Sequence) and all(isinstance(x, str) for x in stream))
-
-
-def _size(recording: Recording) -> int:
-    """Rows of a chunk."""
-    t = recording.read(0, 100).t
-    period = float(np.nanmedian(np.abs(np.diff(t)))) if len(t) > 1 else CHUNK
-    return int(np.clip(CHUNK / max(period, 1e-6), 1, 1000)) if np.isfinite(period) else 1
 
 
 def _parsed(texts: Iterator[str], robot: Robot, columns: ColumnMap | None, name: str) -> Stream:
@@ -248,7 +235,7 @@ def _parsed(texts: Iterator[str], robot: Robot, columns: ColumnMap | None, name:
 
 def _standard_input(idle: float) -> Iterator[str]:
     """Text of standard input as it arrives; "" after each tick without any."""
-    source, arrived, last, rest = sys.stdin.fileno(), Queue[bytes](maxsize=MOST_READS), time.monotonic(), b""
+    source, arrived, last, decode = sys.stdin.fileno(), Queue[bytes](maxsize=MOST_READS), time.monotonic(), _Decoder()
 
     def read() -> None:
         while True:
@@ -270,49 +257,55 @@ def _standard_input(idle: float) -> Iterator[str]:
             continue
         while parts[-1] and not arrived.empty():
             parts.append(arrived.get())
-        whole, rest = _lines(rest + b"".join(parts))
-        yield whole
+        yield decode(b"".join(parts))
         last = time.monotonic()  # the work on these rows is no time without any
         if not parts[-1]:
-            yield rest.decode(errors="replace")
             return
 
 
-def _lines(content: bytes) -> tuple[str, bytes]:
-    """Complete lines, and the rest; a line that is too long is passed on in pieces, for the parser to refuse it."""
-    whole, line, rest = content.rpartition(b"\n")
-    if len(rest) > MOST_LINE:
-        return content.decode(errors="replace"), b""
-    return (whole + line).decode(errors="replace"), rest
+class _Decoder:
+    """Text of bytes that arrive in pieces: UTF-16 if they begin like its mark, which UTF-8 never does, else UTF-8."""
+
+    def __init__(self) -> None:
+        self.decoder: IncrementalDecoder | None = None
+
+    def __call__(self, content: bytes) -> str:
+        if self.decoder is None and content:
+            kind = "utf-16" if content[:1] in (BOM_UTF16_LE[:1], BOM_UTF16_BE[:1]) else "utf-8"
+            self.decoder = getincrementaldecoder(kind)("replace")
+        return "" if self.decoder is None else self.decoder.decode(content)
 
 
 def _growing(path: Path, idle: float) -> Iterator[str]:
     """Text of a file as it grows; from its beginning again if it is shortened or replaced."""
-    if not path.is_file():
-        raise RecordingError(f"{readable(str(path))} does not exist; give a file that grows, or - for standard input")
-    last, place, rest = time.monotonic(), 0, b""
-    source = path.open("rb")
+    last, place, source, decode = time.monotonic(), 0, _open_file(path), _Decoder()
     try:
         while True:
             got = source.read(LARGEST)
             if got:
                 place += len(got)
-                whole, rest = _lines(rest + got)
-                yield whole
+                yield decode(got)
                 last = time.monotonic()
                 if len(got) == LARGEST:
                     continue
             elif time.monotonic() - last > idle:
-                yield rest.decode(errors="replace")
                 return
             elif _replaced(path, source, place):
                 source.close()
-                source, place, rest = path.open("rb"), 0, b""
+                place, source, decode = 0, _open_file(path), _Decoder()
             else:
                 yield ""
             time.sleep(TICK)
     finally:
         source.close()
+
+
+def _open_file(path: Path) -> Any:
+    """Open a regular file; a pipe in its place would wait for a writer."""
+    if not path.is_file():
+        fault = "is not a file" if path.exists() else "does not exist"
+        raise RecordingError(f"{readable(str(path))} {fault}; give a file that grows, or - for standard input")
+    return open(path, "rb", opener=lambda name, flags: os.open(name, flags | getattr(os, "O_NONBLOCK", 0)))
 
 
 def _replaced(path: Path, source: Any, place: int) -> bool:

@@ -9,8 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError, OptionError
+from ..faults.examine import UNFIT
 from ..faults.identified import recording_flags
+from ..faults.result import named
+from ..faults.search import CLAIMS
 from ..model import Model, ModelSource, as_model, torque_model
+from ..recording import read_recording
 from ..recording.names.mapping import ColumnMap
 from ..regression.covariance import Misfit
 from ..robot import hold, resting
@@ -21,7 +25,7 @@ from .changes import Changes
 from .contacts import Contacts
 from .events import Contact, Event, LastingChange, Note
 from .frames import Framer, Frames
-from .intake import Intake, StreamRows
+from .intake import Intake, StreamRows, given_rows
 from .observer import Momentum, Observed, Observer, Residual
 from .quiet import Quiet
 from .sources import Stream, open_stream
@@ -34,7 +38,11 @@ SLOWEST = 0.05  # [1] speed below which the direction of friction is uncertain, 
 STILL = 0.01  # [rad/s or m/s] the same, at least
 JITTER = 4.0  # [standard deviations] of the velocity, the same
 WARM = 0.3  # [1] share of the quiet stretch that gives the speeds alone
-LONGEST, FEWEST = 0.1, 100  # [s] of rows that are processed together; rows, before the period is known
+TOGETHER, FEWEST = 0.02, 21  # [s] of rows that are processed together; rows, before the period is known
+EDGES = 16  # latest edges that give the noise of the velocity
+DEAD, MATTERS = 0.05, 0.05  # [1] deviation of a dead torque over the predicted one; of that, over the largest
+SPARSE = 0.01  # [s] between rows of the quiet stretch that are examined for faults, in about a second
+UNLIKE = (*CLAIMS, "absolute torque", "units", "gain", UNFIT)  # faults after which torque does not follow the model
 FEWEST_USED = 2  # rows of a stream that can be watched
 BEFORE = 4.0  # [s] before a change is noticed in which it may have looked like a contact
 CORRELATED = 0.1  # [s] of the misfit of a model that states none
@@ -64,7 +72,7 @@ class Watcher:
     """
 
     def __init__(self, model: ModelSource, *, quiet: float = QUIET, sensitivity: float = 1.0) -> None:
-        self.model = _checked(model, quiet, sensitivity)
+        self.model = _watched(model, quiet, sensitivity)
         robot = self.model.robot
         self.momentum = Momentum(self.model)
         self.intake, self.cutter = Intake(robot), Cutter()
@@ -84,25 +92,48 @@ class Watcher:
         self.t = float("nan")
         self.ignored = bool(self.momentum.ignored)
         self.given = self.used = 0  # rows
+        self.waiting: StreamRows | None = None  # rows that are processed with later ones
+        self.speeds = np.zeros((0, n))  # [rad/s or m/s] of the latest edges
+        self.rows: list[StreamRows] | None = []  # of the quiet stretch; None: it was examined for faults
+        self.flags: list[str] = []  # reasons not to rely on the watch, one sentence each
 
     def feed(self, t: Array, q: Array, tau: Array, dq: Array | None = None) -> list[Event]:
-        """Events of further rows: t (N,) [s], q (N, n) [rad or m], tau (N, n) [N.m or N], dq (N, n) [rad/s or m/s]."""
-        pieces, notes = self.intake.take(StreamRows(t, q, tau, dq))
-        self.given, self.used = self.given + len(t), self.used + sum(len(piece.rows.t) for piece in pieces)
-        events: list[Event] = list(notes)
+        """Events of further rows: t (N,) [s], q (N, n) [rad or m], tau (N, n) [N.m or N], dq (N, n) [rad/s or m/s].
+
+        Rows are processed in pieces of 20 ms, so that events do not depend on how the stream is cut; the last rows wait
+        for further ones, or for `finish`. Masked values are missing.
+
+        Raises:
+            OptionError: arrays of other shapes, or without real numbers.
+            RecordingError: t is not in seconds.
+        """
+        rows = given_rows(t, q, tau, dq, len(self.std))
+        self.given += len(rows.t)
+        waiting, start = rows if self.waiting is None else self.waiting.then(rows), 0
+        events: list[Event] = []
         self.blocks.clear()
-        if self.ignored and len(t):
+        while len(waiting.t) - start >= (size := self._size()):
+            events += self._process(waiting.at(slice(start, start + size)))
+            start += size
+        self.waiting = waiting.at(slice(start, None))
+        return events
+
+    def _process(self, given: StreamRows) -> list[Event]:
+        pieces, notes = self.intake.take(given)
+        self.used += sum(len(piece.rows.t) for piece in pieces)
+        events: list[Event] = list(notes)
+        if self.ignored:
             names = ", ".join(dict.fromkeys(self.momentum.ignored))
-            events.append(Note(float(t[0]), f"the watch ignores these laws of the model: {names}"))
+            events.append(Note(float(given.t[0]), f"the watch ignores these laws of the model: {names}"))
             self.ignored = False
         for piece in pieces:
             if piece.fresh:
                 self._restart()
-            for start in range(0, len(piece.rows.t), self._size()):
-                rows = piece.rows.at(slice(start, start + self._size()))
-                self.t = float(rows.t[-1])
-                if (blocks := self.cutter.cut(rows)) is not None:
-                    events += self._blocks(blocks)
+            if self.rows is not None:
+                self.rows.append(piece.rows)
+            self.t = float(piece.rows.t[-1])
+            if (blocks := self.cutter.cut(piece.rows)) is not None:
+                events += self._blocks(blocks)
         return events
 
     @property
@@ -118,22 +149,27 @@ class Watcher:
         return self.changes.carried[:size], np.asarray(sum(one.covariance for one in named))
 
     def finish(self) -> list[Event]:
-        """Events at the end of the stream: the end of a contact that is going on."""
-        return [] if self.contacts.begun is None else [self.contacts.close(self.t, self.t)]
+        """Events at the end of the stream: of rows that wait, and the end of a contact that is going on."""
+        waiting, self.waiting = self.waiting, None
+        self.blocks.clear()
+        events = self._process(waiting) if waiting is not None and len(waiting.t) else []
+        return events if self.contacts.begun is None else [*events, self.contacts.close(self.t, self.t)]
 
     def fault(self) -> str:
-        """Sentence on a stream that has ended without rows that could be watched; empty if there were some."""
+        """Sentence on a stream that has ended before anything was watched; empty if something was."""
         if self.used >= FEWEST_USED:
-            return ""
+            fact = f"nothing was watched: the stream ended within its first stretch of {self.duration:g} s of motion"
+            return "" if self.sizes is not None else f"{fact}, which gives the thresholds; shorten it (--quiet)"
         fact = f"{self.used or 'none'} of the {self.given} rows" if self.given else "no row, only a header,"
         return f"{fact} could be watched; expected a number in t, q and tau of each joint, and t that increases"
 
     def _size(self) -> int:
         """Rows that are processed together."""
         period = self.intake.period
-        return max(1, round(LONGEST / period)) if period > 0 else FEWEST
+        return max(1, round(TOGETHER / period)) if period > 0 else FEWEST
 
     def _restart(self) -> None:
+        self.speeds = self.speeds[:0]
         for part in (self.cutter, self.observer, self.framer, self.contacts):
             part.restart()
 
@@ -196,7 +232,9 @@ class Watcher:
     def _slow(self, blocks: Blocks) -> None:
         """Speed below which the direction of friction is uncertain, from the largest one and the noise so far."""
         fastest = np.maximum(SLOWEST * np.abs(blocks.v).max(axis=0), STILL)
-        noise = JITTER * np.std(np.diff(blocks.v, 2, axis=0), axis=0) / np.sqrt(6) if len(blocks.v) > 4 else 0.0
+        self.speeds = np.concatenate([self.speeds[:-1], blocks.v])[-EDGES:]  # the first edge is the last one before
+        some = len(self.speeds) > 4
+        noise = JITTER * np.std(np.diff(self.speeds, 2, axis=0), axis=0) / np.sqrt(6) if some else 0.0
         self.momentum.slow = np.maximum(self.momentum.slow, np.maximum(fastest, noise))
 
     def _calibrate(self, frames: Frames | None, seen: Observed, step: float) -> list[Event]:
@@ -217,7 +255,31 @@ class Watcher:
         self.changes = Changes(self.model, noise)
         self.framer.narrow(noise.spread)
         self.quiet, self.seen = Quiet(len(self.std)), []
-        return [self._watching(float(frames.t[-1]), whole, moved)]
+        t = float(frames.t[-1])
+        self.flags += (unlike := self._unlike(whole, moved))
+        return [self._watching(t, whole, moved), *(Note(t, flag) for flag in unlike)]
+
+    def _unlike(self, seen: Observed, moved: Mask) -> tuple[str, ...]:
+        """Faults of the quiet stretch, whose residual makes thresholds so wide that nothing exceeds them."""
+        kept, self.rows = self.rows, None
+        if kept is None:
+            return ()
+        predicted = seen.columns[:, 2]
+        size, measured = predicted.std(axis=0), (predicted + seen.residual).std(axis=0)
+        dead = (measured < DEAD * size) & (moved | ((measured == 0) & (size > MATTERS * size.max())))
+        if dead.any():
+            joints = named([self.model.robot.joints[j] for j in np.flatnonzero(dead)])
+            fact = f"the torque of {joints} does not follow the model: it hardly changes while the model's does"
+            return (f"{fact}, so contacts are missed there; check its columns and sensors",)
+        every = max(1, round(SPARSE / self.intake.period))
+        t, q, tau = (np.concatenate(parts)[::every] for parts in zip(*(rows[:3] for rows in kept), strict=True))
+        table = {"t": t}
+        for joint, *both in zip(self.model.robot.joints, q.T, tau.T, strict=True):
+            table |= {f"q_{joint}": both[0], f"tau_{joint}": both[1]}
+        try:
+            return recording_flags(self.model, [read_recording(table, self.model.robot)], kinds=UNLIKE)
+        except InputError:  # too short, or too damaged, to be examined
+            return ()
 
     def _misfit(self) -> Misfit:
         """Misfit of the model; none where it states none."""
@@ -283,12 +345,16 @@ def open_watch(
     idle: float = np.inf,
 ) -> tuple[Watcher, Stream]:
     """The watcher of the joints of a stream, and the stream; arguments are those of `watch`."""
-    _checked(model, quiet, sensitivity)  # before waiting for the stream
+    _watched(model, quiet, sensitivity)  # before waiting for the stream
     opened = open_stream(stream, model.robot, columns, follow, idle)
-    return Watcher(_of_joints(model, opened.joints), quiet=quiet, sensitivity=sensitivity), opened
+    watcher = Watcher(_of_joints(model, opened.joints), quiet=quiet, sensitivity=sensitivity)
+    if opened.recording is not None:  # all of it is examined: `stream_flags`
+        watcher.rows = None
+    return watcher, opened
 
 
-def _checked(model: ModelSource, quiet: float, sensitivity: float) -> Model:
+@typed
+def _watched(model: ModelSource, quiet: float, sensitivity: float) -> Model:
     """Model to watch with, if it, the duration of the quiet stretch [s] and the sensitivity [1] can be used."""
     if not 0 < quiet < 1e5:
         raise OptionError(f"quiet is {quiet:g} s; give the duration of the stretch without contacts, such as 10")

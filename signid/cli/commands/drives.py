@@ -124,7 +124,7 @@ def _laws(robot: Robot, texts: Sequence[str]) -> Mapping[str, str] | str | None:
     if not texts:
         return None
     pairs = list(_pairs(robot, texts))
-    if wrong := next((law for _, law in pairs if law not in DRIVE_LAWS), None):
+    if (wrong := next((law for _, law in pairs if law not in DRIVE_LAWS), None)) is not None:
         raise OptionError(f"--law {wrong!r} is none of {', '.join(DRIVE_LAWS)}; write LAW, or J=LAW for joint J")
     if any(joint is None for joint, _ in pairs):
         if len(pairs) > 1:
@@ -143,7 +143,7 @@ def _joint(given: str, robot: Robot) -> str:
 def _pairs(robot: Robot, texts: Sequence[str]) -> Iterator[tuple[str | None, str]]:
     for text in texts:
         joint, _, law = text.rpartition("=")
-        yield (_joint(joint, robot) if joint else None), law
+        yield (_joint(joint, robot) if "=" in text else None), law
 
 
 def injected_numbers(text: str, robot: Robot) -> tuple[str, dict[str, float]]:

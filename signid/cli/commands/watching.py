@@ -65,7 +65,7 @@ def watch(
 
     --mcap and --rrd write torque, residuals, thresholds, events and the moving robot as a log.
     """
-    from ...watch import open_watch, stream_flags
+    from ...watch import Note, open_watch, stream_flags
     from ..files import check_logs
 
     files = check_logs(rrd=watching.rrd, mcap=watching.mcap)
@@ -73,7 +73,7 @@ def watch(
         if path is not None:
             check_unread(path, [stream, watching.columns, simulation.simulation, simulation.actuators], f"--{kind}")
     model, _ = given_model(simulation)
-    idle, flags = _idle(watching.idle), tuple[str, ...]()
+    idle, flags = _idle(watching.idle), list[str]()
     with ExitStack() as stack:
         try:
             if watching.save is not None:
@@ -89,10 +89,11 @@ def watch(
             )
             stack.callback(_save, model, watcher, watching.save)
             logs = _logs(watcher, files, simulation.package_dir or (), stack)
-            for flag in (flags := stream_flags(watcher.model, opened)):
-                write_error(flag)
             live = not json and sys.stdout.isatty()
             emit, refresh = _view(watcher, stack) if live else (_print, None)
+            flags = watcher.flags
+            flags += stream_flags(watcher.model, opened)
+            emit([Note(0.0, flag) for flag in flags])
             for rows in opened.chunks:
                 if rows is not None and len(rows.t):
                     emit(found := watcher.feed(*rows))
@@ -102,12 +103,13 @@ def watch(
                     refresh()
             emit(found := watcher.finish())
             if logs is not None:
-                logs.take((), found)
+                logs.take(watcher.blocks, found)
             if not flags and (fault := watcher.fault()):
-                flags = (*flags, fault)
-                write_error(f"{'standard input' if stream == '-' else stream}: {fault}")
+                flags.append(f"{'standard input' if stream == '-' else stream}: {fault}")
         except KeyboardInterrupt:
             pass
+    for flag in flags:
+        write_error(flag)
     return FLAGGED if flags else DONE
 
 

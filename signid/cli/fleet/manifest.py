@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from difflib import get_close_matches
 from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 
 from ...errors import ManifestError, readable, shorten
@@ -24,7 +25,8 @@ BELONGS = {"reference": "diagnose"}  # column -> the only task that uses it
 DAY = 86_400.0  # s
 LONGEST = 100  # maximum length of a session name [characters]
 LARGEST = 50_000_000  # size of the file [bytes]
-MOST = 50  # maximum number of errors listed
+MOST = 3  # maximum number of errors listed
+MOST_SESSIONS = 100_000
 
 
 @dataclass(frozen=True)
@@ -91,11 +93,13 @@ def read_manifest(path: str | Path) -> Manifest:
         raise ManifestError([f"cannot read the manifest {path}: {fault}"])
     try:
         content = source.read_bytes()
-        rows = list(_rows(content.decode("utf-8-sig"), source.name))
+        rows = list(islice(_rows(content.decode("utf-8-sig"), source.name), MOST_SESSIONS + 1))
     except OSError as error:
         raise ManifestError([f"cannot read the manifest {path}: {error.strerror}"]) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise ManifestError([f"{source.name} is not a CSV file of sessions ({error}); save as CSV in UTF-8"]) from None
+    if len(rows) > MOST_SESSIONS:
+        raise ManifestError([f"{source.name} lists more than {MOST_SESSIONS} sessions; give it in parts"])
     entries, faults = list[Entry](), list[str]()
     for line, row in rows:
         try:

@@ -191,6 +191,92 @@ def command_period(parts: Sequence[Part]) -> float:
     return float(np.median(every)) if len(every) else np.nan
 
 
+FROZEN, BEFORE = 0.3, 4  # [s]; rows before that
+ABRUPT, TOGETHER = 10.0, 2.5  # [steps of the encoder] by which q moves in each of these; healthy logs: 3.0, 1.0
+
+
+def frozen(parts: Sequence[Part], step: float) -> float:
+    """Duration [s] for which q repeats most after it stopped within one row, as no drive does; step: of the encoder.
+
+    Steps of a few encoder steps count where the command stops in the same row: a joint follows it later.
+    """
+    longest = 0.0
+    for part in parts:
+        d, sent = np.abs(np.diff(part.q)), np.diff(part.command) != 0
+        for a, b in true_runs(np.asarray(d == 0)):
+            least = float(d[a - BEFORE : a].min()) if a >= BEFORE else 0.0
+            together = bool(sent[a - BEFORE : a].all()) and not sent[a:b].any()  # q_des stops in the same row
+            if least > (TOGETHER if together else ABRUPT) * step:
+                longest = max(longest, float(part.t[b] - part.t[a]))
+    return longest if longest > FROZEN else 0.0
+
+
+Course = tuple[Array, Array, Array, Array]  # command, late by the shift, its direction, time over the duration, q: (N,)
+
+
+def course(parts: Sequence[Part], grids: Sequence[Grid], shift: float) -> Course:
+    """Rows of all parts of one joint; shift of the command [s]."""
+    late = [grid.command[np.maximum(np.arange(len(grid.q)) - round(shift / grid.period), 0)] for grid in grids]
+    t = np.concatenate([p.t[0] + g.period * np.arange(len(g.q)) for p, g in zip(parts, grids, strict=True)])
+    way = np.concatenate([np.sign(np.gradient(x)) for x in late])
+    return np.concatenate(late), way, (t - t.mean()) / max(float(np.ptp(t)), TINY), joined(grids, "q")
+
+
+def _left(columns: Sequence[Array], y: Array) -> tuple[float, float]:
+    """Last coefficient and mean square residual of y (N,) by least squares."""
+    x = np.column_stack(columns)
+    value = np.linalg.lstsq(x, y, rcond=None)[0]
+    return float(value[-1]), float(np.mean((y - x @ value) ** 2))
+
+
+OTHER, SHRINKS, HALVES = 0.6, 0.5, (0.3, 3.0)  # [1] time unlike motion; residual; drift of each half over that of all
+DRIFTS, LEAST_DRIFT = 0.1, 0.05  # [range], [rad or m]; of healthy logs at most 0.07 in both halves
+
+
+def drift(rows: Course, span: float) -> float:
+    """Motion of the zero of q over a recording [rad or m], 0 if it is none; span: range of the command.
+
+    A drift is not like the motion, explains most of what the command leaves, and has its share in both halves.
+    """
+    command, way, t, q = rows
+    z = (command - command.mean()) / span
+    columns = [np.ones_like(z), z, z**2, z**3, way]
+    size, after = _left([*columns, t], q)
+    like = _left(columns, t)[1] < OTHER * float(np.var(t))
+    if like or after > SHRINKS * _left(columns, q)[1] or abs(size) < max(DRIFTS * span, LEAST_DRIFT):
+        return 0.0
+    each = [_left([x[side] for x in (*columns, t)], q[side])[0] / size for side in (t < 0, t >= 0)]
+    return size if all(HALVES[0] < share < HALVES[1] for share in each) else 0.0
+
+
+LOADED, LINEAR = 2.0, 0.1  # [1] residual of a load over that of a scale; of a scale, over the error
+WINDOW, STEPS, AHEAD = 0.06, 0.06, 0.5  # [s]; [range] of a step; [1] motion before it over that after it
+
+
+def scaled(rows: Course, unit: str) -> float:
+    """Motion per command [1] if the error grows with q as of a factor, and not as of a load; else 1."""
+    command, way, _, q = rows
+    error, loads = command - q, [np.sin(q), np.cos(q)] if unit == "rad" else [np.ones_like(q)]
+    factor, left = _left([way, q], error)
+    alike = left > LINEAR * float(np.mean(error**2)) or _left([*loads, way], error)[1] < LOADED * left
+    return 1.0 if alike or factor <= -1 else 1 / (1 + factor)
+
+
+def ahead(grids: Sequence[Grid], span: float) -> float:
+    """Median step of a command that q follows before it is made [rad or m], 0 if it does not; span: range."""
+    found = list[tuple[float, float, float]]()
+    for grid in grids:
+        k, step = max(1, round(WINDOW / grid.period)), np.diff(grid.command)
+        at = np.flatnonzero(step) + 1
+        at = at[(at >= k) & (at < len(grid.q) - k)]
+        way, q = np.sign(step[at - 1]), grid.q
+        found += zip(way * (q[at] - q[at - k]), way * (q[at + k] - q[at]), np.abs(step[at - 1]), strict=True)
+    if not found:
+        return 0.0
+    before, after, size = np.median(np.array(found), axis=0).tolist()
+    return size if size > STEPS * span and before > AHEAD * after > 0 else 0.0
+
+
 COARSE = 10.0  # steps of the encoder below which a command says nothing
 STUCK = 0.05  # motion over the range of the command
 FOLLOWS, AGAINST, CERTAIN = 0.5, 0.9, 0.95  # correlations
@@ -257,9 +343,26 @@ def judge_joint(
         ends = [(float(x.min()), float(x.max())) for x in (joined(grids, "q"), joined(grids, "command"))]
         apart = ends[0][0] >= 0 >= ends[1][1] or ends[1][0] >= 0 >= ends[0][1]
         yield from _response(audit, found, grids[0].period, float(np.std(joined(parts, "q"))), apart)
+    if found is not None and found.correlation > AGAINST:
+        yield from _unlike(audit, found, parts, grids)
     yield from _log(audit, parts)
     yield from _damaged(audit, parts)
     yield from _coarse(audit, parts)
+
+
+def _unlike(audit: JointAudit, found: Response, parts: Sequence[Part], grids: Sequence[Grid]) -> Iterator[str]:
+    """A flag of a position or command that is like the other one, but for a drift, a factor or coarse levels."""
+    rows = course(parts, grids, max(found.shift, 0.0) if np.isfinite(found.shift) else 0.0)
+    if moved := drift(rows, audit.range):
+        fact = f"{audit.joint}: the zero of q drifts by {_length(moved, audit)} against q_des over the recording"
+        yield f"{fact}: the encoder slips or loses counts; check it, or use short stretches"
+    plain = audit.residual < CLEAN or not SCALES[0] < found.scale < SCALES[1]  # said already
+    if not plain and abs((factor := scaled(rows, audit.unit)) - 1) > GAIN:
+        fact = f"{audit.joint}: q is {factor:.3g} of q_des, at every angle"
+        yield f"{fact}, which no load explains; check units, gear ratio and scale of both columns"
+    if levels := ahead(grids, audit.range):
+        fact = f"{audit.joint}: q follows steps of q_des of {_length(levels, audit)} before they are made"
+        yield f"{fact}: q_des is rounded; record the command that is sent, with all its digits"
 
 
 def _curve(found: Response, grids: Sequence[Grid]) -> str:
@@ -358,7 +461,10 @@ def _damaged(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
             fact = f"{audit.joint}: {name} jumps away and back within one row {count} times, by up to"
             yield f"{fact} {_length(size, audit)}: lost or damaged values; leave these cells empty"
     seconds, sweeps = stuck(parts, audit.range)
-    if sweeps > SWEEPS and not explained["command"] and not abs(audit.shift) > LONGEST:
+    if still := frozen(parts, audit.quantum):
+        fact = f"{audit.joint}: q stops within one row and stays the same for {still:.3g} s"
+        yield f"{fact}: the sensor or the log is stuck; leave these rows out"
+    elif sweeps > SWEEPS and not explained["command"] and not abs(audit.shift) > LONGEST:
         fact = f"{audit.joint}: q stays the same for {seconds:.3g} s while q_des moves"
         yield f"{fact}: the sensor is stuck, or the drive is off; leave these rows out or mark them (on_J)"
 

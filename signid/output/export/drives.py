@@ -189,7 +189,7 @@ def mjcf_notes(model: Model) -> list[str]:
         f"command that much early), which needs MuJoCo 3.5 or newer"
     )
     notes.append(
-        f"the time step of {1e3 * STEP:g} ms repeats the loop to 1 mrad; at 1 ms, positions differ by half a step "
+        f"a time step of {1e3 * STEP:g} ms repeats the loop to 1 mrad; at 1 ms, positions differ by half a step "
         f"times the speed, and by some mrad where torque is limited"
     )
     notes.append("mj_initCtrlHistory sets the commands before the start; without it they are 0 until the delay is over")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import one_line, shorten
+from ...errors import RecordingError, one_line, shorten
 from ...model import Model, with_servos
 from ...recording import Recordings, as_recording
 from ...robot import resting
@@ -57,6 +57,8 @@ def loop_of(model: Model, recording: Recordings) -> Loop:
         RecordingError: the recording cannot be used.
     """
     given = as_recording(recording, model.robot, "export")
+    if not any(given.columns.get("q_des", ())):
+        raise RecordingError(f"{given.path or 'the recording'} has no q_des_J, so no drive can start from it; add it")
     driven, robot, flags, notes = prepared_model(model.robot.name, model, [given], None)
     grid = servo_grid(given, robot)
     motion = motion_of(grid)

@@ -35,6 +35,7 @@ from .drives import STEP, mjcf_actuators, mjcf_joint, mjcf_notes
 from .shapes import Shapes, copied, pose_words, read_shapes, words
 
 _NUMBERS = {"damping": "viscous_friction", "frictionloss": "coulomb_friction", "armature": "armature"}
+DIFFERENT = 1e-3  # [1] difference of the mass of a floating robot from its description that is said
 _DENSITY = 2700.0  # density at which a payload is drawn [kg/m3]
 
 
@@ -69,7 +70,9 @@ def write_mjcf(
     _add(root, "compiler", {"angle": "radian", "autolimits": "true"})
     gravity = robot.model.gravity if floating else model.bodies().gravity
     option = {"gravity": words(gravity.linear), "integrator": "implicitfast"}
-    _add(root, "option", option | ({"timestep": repr(STEP)} if model.servos else {}))
+    options = parse(robot.document).iter("option") if robot.kind == "mjcf" else ()
+    steps = [x for node in options if (x := node.get("timestep"))] or ([repr(STEP)] if model.servos else [])
+    _add(root, "option", option | ({"timestep": steps[-1]} if steps else {}))
     _add(_add(root, "default"), "geom", {"contype": "0", "conaffinity": "0", "group": "2"})
     _group(root, "asset", "mesh", shapes.meshes)
     world = _add(root, "worldbody")
@@ -206,7 +209,7 @@ def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodi
     if ties:
         each = ", ".join(f"{tie['joint1']} of {tie['joint2']}" for tie in ties)
         notes.append(f"mimic joints are equality constraints, which are slightly compliant in MuJoCo: {each}")
-    notes += [*mjcf_notes(model), *bodies.notes, *(trunk_notes(model) if floating else ())]
+    notes += [*mjcf_notes(model), *bodies.notes, *(trunk_notes(model, bodies) if floating else ())]
     if empty := [link for link, body in zip(robot.links, bodies.links, strict=True) if body.mass <= LEAST]:
         notes.append(f"massless links get {LEAST:g} kg, since MuJoCo rejects zero mass: {', '.join(empty)}")
     return notes
@@ -274,9 +277,14 @@ def trunk_of(robot: Robot) -> tuple[str, Principal]:
     return name, body
 
 
-def trunk_notes(model: Model) -> list[str]:
+def trunk_notes(model: Model, bodies: PossibleBodies) -> list[str]:
     """Notes on a floating trunk."""
     notes = ["the trunk floats on a free joint, with the mass that the description states"]
+    trunk = float(model.robot.model.inertias[0].mass)
+    mass = trunk + sum(body.mass for body in (*bodies.links, *(body for _, body in bodies.loads)))
+    stated = float(sum(body.mass for body in model.robot.model.inertias))
+    if abs(mass - stated) > DIFFERENT * stated:
+        notes.append(f"the floating robot has {mass:.4g} kg, {stated:.4g} kg in the description")
     if model.covariance is not None:
         notes.append(
             "a fixed base does not identify all inertials that a floating one feels; those are of the description"

@@ -45,7 +45,10 @@ def memory_table(arrays: Mapping[str, Any], source: str, about: About | None = N
     for name, value in _leaves(arrays, "", source, 0):
         if name in given:
             raise RecordingError(f"{source} has two arrays {name!r}; give every array its own name")
-        given[name] = _seconds(np.asarray(value))
+        array = np.asarray(value)
+        if np.ma.isMaskedArray(value) and array.dtype.kind in NUMBERS:
+            array = np.ma.filled(value.astype(np.float64), np.nan)  # masked values are missing
+        given[name] = _seconds(array)
     reference, rows = _samples(given)
     columns: dict[str, np.ndarray] = {}
     for name, value in given.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import permutations
@@ -21,6 +22,7 @@ from .vocabulary import OF, Change, bracketed, change_of
 KINDS = tuple("abs_current abs_tau current dq_des tau_ff q_des volt temp pwm ddq tau dq on q".split())  # longest first
 DRIVE = ("on", "pwm", "volt", "temp")  # kinds of columns whose names often mean something else
 MOST_SKIPPED = 10_000  # lines before a header
+MOST_NAMES = 20_000  # of columns
 SHIFTED = ("q", "q_des")  # kinds of columns that a zero shifts
 SIGNED = (*SHIFTED, "dq", "dq_des", "ddq", "tau", "tau_ff", "current", "pwm")  # kinds whose sign is that of the joint
 FIELDS = ("column", "unit", "scale", "offset")  # keys of a column in the long form
@@ -182,7 +184,11 @@ def read_heading(name: str, skip: object, names: object) -> Heading:
     if not isinstance(names, Sequence) or isinstance(names, str) or not all(isinstance(each, str) for each in names):
         raise RecordingError(f"{name} gives names = {names!r}; expected a list of names of columns, {form}")
     filled = [each.strip() for each in names]
-    if twice := next((each for each in filled if each and filled.count(each) > 1), ""):
+    if len(filled) > MOST_NAMES:
+        raise RecordingError(
+            f"{name} gives {len(filled)} names, more than {MOST_NAMES}; name only columns of the robot"
+        )
+    if twice := next((each for each, count in Counter(filled).items() if each and count > 1), ""):
         raise RecordingError(f"{name} gives the name {twice!r} to two columns; give every column its own name")
     return Heading(skip, tuple(filled))
 

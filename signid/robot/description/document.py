@@ -153,6 +153,9 @@ def parse(text: str) -> Any:
         root = etree.fromstring(data, strict)
     except etree.XMLSyntaxError as error:
         if any(entry.domain_name != "NAMESPACE" for entry in strict.error_log):
+            if text.lstrip().startswith("{"):
+                commands = "diagnose, validate, simulate, replay, export and watch"
+                raise RobotError(f"the file is JSON, not a description; {commands} take a model.json") from None
             raise RobotError(f"the file is not valid XML: {str(error.msg).splitlines()[0]}") from None
         root = etree.fromstring(data, _parser(recover=True))  # tags with an undeclared prefix
     if root.getroottree().docinfo.doctype:

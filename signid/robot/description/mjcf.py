@@ -108,7 +108,7 @@ def read_mjcf(document: Document) -> Draft:
         model=model,
         axes=tuple(axes),
         links=links,
-        document=_text(name, found) if source.files else text,
+        document=_text(name, found, root) if source.files else text,
         kind="mjcf",
         notes=(
             *unnamed,
@@ -310,13 +310,14 @@ def _notes(found: _Compiled, constraints: int) -> Iterator[str]:
         yield "forces of the medium (density, viscosity, wind) are ignored"
 
 
-def _text(name: str, found: _Compiled) -> str:
-    """MJCF of the compiled bodies and joints, which needs no other file."""
+def _text(name: str, found: _Compiled, source: Any) -> str:
+    """MJCF of the compiled bodies and joints, with the time step of its source, which needs no other file."""
     from lxml import etree
 
     root = etree.Element("mujoco", {"model": name})
     etree.SubElement(root, "compiler", {"angle": "radian"})
-    etree.SubElement(root, "option", {"gravity": _words(found.gravity)})
+    steps = [("timestep", x) for node in source.iter("option") if (x := node.get("timestep"))]
+    etree.SubElement(root, "option", {"gravity": _words(found.gravity), **dict(steps)})
     nodes = [etree.SubElement(root, "worldbody")]
     for body in found.bodies:
         pose = {"name": body.name, "pos": _words(body.pos), "quat": _words(body.quat), "gravcomp": repr(body.gravcomp)}
