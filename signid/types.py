@@ -135,6 +135,14 @@ class StatedUnit(NamedTuple):
     by: str  # "its name", "the column map"
 
 
+class Reading(NamedTuple):
+    """How a log is turned into rows."""
+
+    text: str  # TOML
+    rows: tuple[tuple[str, str, str, str], ...] = ()  # joint, columns, units, reasons, where it was drafted
+    path: str = ""  # of its file, where it was found
+
+
 @dataclass(frozen=True, eq=False)
 class Recording(Result):
     """Positions and torques of n joints over time, read in chunks from a table."""
@@ -150,6 +158,7 @@ class Recording(Result):
     scaled: Mask | None = None  # (n,) False where the torque constant of a current is unknown; None: all known
     flags: tuple[str, ...] = ()  # uncertain column assignments, one sentence each
     units: Mapping[str, StatedUnit] = field(default_factory=dict)  # by column; for others that of `Samples` is assumed
+    reading: Reading | None = None  # that was found or drafted; None where columns have names of recordings, or a map
 
     def __len__(self) -> int:
         return self.table.rows
