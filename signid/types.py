@@ -142,6 +142,12 @@ class Reading(NamedTuple):
     rows: tuple[tuple[str, str, str, str], ...] = ()  # joint, columns, units, reasons, where it was drafted
     path: str = ""  # of its file, where it was found
 
+    def with_constants(self, lines: Sequence[str]) -> Reading:
+        """The reading with lines on torque constants."""
+        before, title, after = self.text.partition("[torque_constant]")
+        first, _, rest = after.partition("\n")
+        return self._replace(text=before + "\n".join([f"{title or '[torque_constant]'}{first}", *lines, rest]))
+
 
 @dataclass(frozen=True, eq=False)
 class Recording(Result):

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import typer
-from click import get_current_context
 
 from ..effects import EFFECT_NAMES
 from ..errors import InputError, OptionError, OutputError, UndecidedReading, readable
@@ -130,11 +129,18 @@ def given_model(
 
 
 def given_recordings(
-    paths: Iterable[str] | None, robot: Robot, columns: str | None, unsigned: bool = False, output: str | None = None
+    paths: Iterable[str] | None,
+    robot: Robot,
+    columns: str | None,
+    unsigned: bool = False,
+    *,
+    output: str | None = None,
+    quiet: bool = True,
 ) -> list[Recording]:
     """Read recordings with a column map file, or by their readings; `unsigned` discards the signs of torques.
 
-    A drafted reading with lines to choose is written beside the recording, or into the folder `output`.
+    A drafted reading with lines to choose is written beside the recording, or into the folder `output`. Unless
+    `quiet`, a reading without any is printed.
 
     Raises:
         UndecidedReading: lines of a reading are to be chosen; the sentence names the file.
@@ -149,14 +155,14 @@ def given_recordings(
             found.append(read_recording(path, robot, columns=known, unsigned=unsigned))
         except UndecidedReading as error:
             raise _written_reading(error, place) from None
-        _print_reading(found[-1])
+        if not quiet:
+            _print_reading(found[-1])
     return found
 
 
 def _print_reading(recording: Recording) -> None:
-    """Print a drafted reading, one line for each joint, unless the command prints JSON."""
-    context = get_current_context(silent=True)
-    if recording.reading is None or not recording.reading.rows or not context or context.params.get("json"):
+    """Print a drafted reading, one line for each joint."""
+    if recording.reading is None or not recording.reading.rows:
         return
     from ..output.report import Screen
     from ..output.report.layout import new_table

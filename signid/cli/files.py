@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from ..validate import Validation
 
 Logs: TypeAlias = "tuple[ViewerLog, Mapping[str, Path]] | None"
-RANGE = 1.96  # [standard deviations] half an interval of 95 %
 FRICTION = ("viscous_friction", "coulomb_friction")
 VALIDATED = ("validation.json", "report.html")
 WEIGHED = ("payload.json", "model.json")
@@ -45,7 +44,7 @@ def deliver(result: Identification, inputs: Sequence[Input], output: str | None,
     if output is not None:
         described, notes = _urdf(result.robot, _identifiable_bodies(result), result.best.laws)
         result = replace(result, notes=(*result.notes, *notes))
-        signed = _signed(result.signs, result.recordings, result.robot) | _readings(result.signs, result.recordings)
+        signed = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
         files = {**described, "report.html": page(result, inputs, command), **signed}
     text = to_json(document(result, inputs))
     files = {"identification.json": text, "model.json": to_json(result.best.document()), **files}
@@ -100,7 +99,7 @@ def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) ->
 
     described, notes = _extended_urdf(result)
     result = replace(result, notes=(*result.notes, *notes))
-    signed = _signed(result.signs, result.recordings, result.robot) | _readings(result.signs, result.recordings)
+    signed = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
     model = to_json(result.model.document())
     return result, {"model.json": model, **described, "report.html": page(result, inputs, command), **signed}
 
@@ -204,23 +203,11 @@ def _signed(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) 
     return {**dict(zip(names, tables, strict=True)), "signs.html": signs_page(signs, units)}
 
 
-def _readings(signs: Signs | None, recordings: Sequence[Recording]) -> dict[str, Content]:
-    """The readings of recordings, with the torque constants that were found as comments."""
+def _readings(recordings: Sequence[Recording]) -> dict[str, Content]:
+    """The readings of recordings, by the names of their files."""
     from ..recording.reading import reading_path
 
-    gains = () if signs is None else signs.gains
-    lines = [
-        f"# {x.joint} = {x.value:.5g}  # {x.value - RANGE * x.std:.5g} to {x.value + RANGE * x.std:.5g} {x.unit} (95 %)"
-        for x in gains
-    ]
-    files: dict[str, Content] = {}
-    for recording in recordings:
-        if recording.reading or (gains and recording.path):
-            before, title, after = (recording.reading.text if recording.reading else "").partition("[torque_constant]")
-            first, _, rest = after.partition("\n")
-            found = "\n".join([f"{title or '[torque_constant]'}{first}", *lines, rest])
-            files[reading_path(recording.path).name] = before + found
-    return files
+    return {reading_path(each.path).name: each.reading.text for each in recordings if each.reading and each.path}
 
 
 def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, Content], tuple[str, ...]]:

@@ -25,7 +25,7 @@ from .formats.json_ import holds_samples
 from .missing import bridge
 from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
 from .names.match import guess, suggest
-from .reading import draft_reading, found_reading, reading_beside
+from .reading import commanded_torques, draft_reading, found_reading, reading_beside
 from .sampling.clock import CHUNK, ask_for_time
 from .source import Opened, Source, columns_of, open_source
 
@@ -132,7 +132,8 @@ def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, 
         (*found.flags, *flags),
         {name: unit for name, unit in found.units.items() if any(name in group for group in chosen.values())},
     )
-    return bridge(recording)
+    recording = bridge(recording)
+    return replace(recording, notes=(*recording.notes, *commanded_torques(recording)))
 
 
 def same_joints(recordings: Sequence[Recording]) -> tuple[str, ...]:

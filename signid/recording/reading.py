@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import RecordingError, UndecidedReading, readable, shorten
-from ..types import Reading, Robot
+from ..types import Reading, Recording, Robot
 from .columns import TORQUES
 from .draft import DraftedMap, draft_map
 from .names.mapping import DRIVE
@@ -14,6 +16,8 @@ from .names.vocabulary import Change
 
 SUFFIX = ".reading.toml"  # of the name of the log
 DOUBT = "CHECK"  # in the reason of a unit that the user is to check
+COMMAND = 0.999  # correlation of a torque with kp (q_des - q) - kd dq above which it is a command
+EXAMINED, FEWEST = 20_000, 100  # [rows] that decide it, at most and at least
 SHOWN = ("t", "q", "q_des", "dq", *TORQUES)  # kinds of columns that a reading lists
 
 
@@ -85,3 +89,25 @@ def _rows(drafted: DraftedMap, robot: Robot) -> Iterator[tuple[str, str, str, st
 
 def _unit(unit: str | Change) -> str:
     return unit if isinstance(unit, str) else f"value * {unit.scale / unit.over:.6g} + {unit.offset:.6g}"
+
+
+def commanded_torques(recording: Recording) -> Iterator[str]:
+    """A note on each torque that is no measurement: kp (q_des - q) - kd dq of the same rows explains it."""
+    if not any(recording.columns["q_des"]) or not any(recording.columns["tau"]):
+        return
+    rows = recording.read(0, EXAMINED, servo=False)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        v = np.gradient(rows.q, rows.t, axis=0) if rows.dq is None and len(rows.t) > 1 else rows.dq
+    if v is None or rows.q_des is None:
+        return
+    for j, name in enumerate(recording.joints):
+        columns = np.column_stack([rows.q_des[:, j] - rows.q[:, j], -v[:, j], rows.tau[:, j]])
+        columns = columns[np.isfinite(columns).all(axis=1)]
+        errors, tau = columns[:, :2], columns[:, 2]
+        if len(tau) < FEWEST or not recording.signed[j] or not tau.std():
+            continue
+        kp, kd = np.linalg.lstsq(errors, tau, rcond=None)[0].tolist()
+        alike = float(np.corrcoef(errors @ [kp, kd], tau)[0, 1]) if (errors @ [kp, kd]).std() else 0.0
+        if alike > COMMAND and kp > 0:
+            fact = f"the torque of {name} is a command, not a measurement: {kp:.4g} (q_des - q) - {kd:.4g} dq"
+            yield f"{fact} explains it (correlation {alike:.5f})"

@@ -87,7 +87,9 @@ def diagnose(
     gains = simulation.actuators if simulation.saved else None
     model, _ = given_model(replace(simulation, actuators=None) if gains else simulation)
     given, held_out, healthy = (
-        given_recordings(paths, model.robot, diagnosis.columns, diagnosis.unsigned, diagnosis.output)
+        given_recordings(
+            paths, model.robot, diagnosis.columns, diagnosis.unsigned, output=diagnosis.output, quiet=run.json
+        )
         for paths in (recordings, diagnosis.held_out, diagnosis.reference)
     )
     skip = [name.strip() for text in diagnosis.skip or () for name in text.split(",")]
@@ -187,7 +189,9 @@ def validate(
     stated = robot.actuators is not None and all(source.saved for source in sources)
     sources = [replace(one, actuators=None) if stated else one for one in sources]
     models = {readable(source.simulation): given_model(source)[0] for source in sources}
-    read = given_recordings(recordings, _reader(list(models.values())), validation.columns, output=validation.output)
+    read = given_recordings(
+        recordings, _reader(list(models.values())), validation.columns, output=validation.output, quiet=run.json
+    )
     servo = has_drives(read)
     if stated and not servo:
         given_model(replace(sources[0], actuators=robot.actuators))

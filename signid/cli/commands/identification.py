@@ -134,7 +134,10 @@ def _checked(
         return _audit([recording for recording, _ in read], units)
     kinds = zip(described.joints, described.prismatic, strict=True)
     units = {joint: "m" if slides else "rad" for joint, slides in kinds}
-    given, lacking = given_recordings(paths, described, rows.columns, unsigned, output), list[str]()
+    given, lacking = (
+        given_recordings(paths, described, rows.columns, unsigned, output=output, quiet=run.json),
+        list[str](),
+    )
     while any(any(recording.columns["tau"]) for recording in given):
         try:
             with bars(run.json) as progress:
@@ -240,7 +243,7 @@ def identify(
     check_folder(fit.output, run.json, IDENTIFIED)
     described = given_robot(robot.robot, under_gravity(robot, recordings, rows.columns))
     given, held_out = (
-        given_recordings(paths, described, rows.columns, fit.unsigned, fit.output)
+        given_recordings(paths, described, rows.columns, fit.unsigned, output=fit.output, quiet=run.json)
         for paths in (recordings, fit.held_out)
     )
     servo = has_drives((*given, *held_out), drives.servo)
