@@ -205,14 +205,6 @@ def under_gravity(options: Given, paths: Iterable[str] | None, columns: str | No
     return options if found is None or options.gravity else replace(options, gravity=",".join(map(str, found)))
 
 
-def without_torque(recording: Recording, joints: Sequence[str]) -> Recording:
-    """The recording without the torques or currents of some joints."""
-    lost = [joint in joints for joint in recording.joints]
-    tau = tuple("" if out else column for out, column in zip(lost, recording.columns["tau"], strict=True))
-    known = None if recording.scaled is None or (recording.scaled | lost).all() else recording.scaled | lost
-    return replace(recording, columns={**recording.columns, "tau": tau}, signed=recording.signed | lost, scaled=known)
-
-
 def given_options(rows: RowOptions, seed: int, robust: bool = False) -> Options:
     """Return the options of the regression; `robust` down-weights outliers."""
     from ..regression.session import Options

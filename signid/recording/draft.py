@@ -282,7 +282,7 @@ def _text(
 
 def _missing(columns: Sequence[Array]) -> str:
     """Section on missing values of columns (rows,), with the number of rows that lack one."""
-    lost = np.isnan(columns).any(axis=0) if columns else np.zeros(0, bool)
+    lost = np.asarray(np.isnan(columns).any(axis=0)) if columns else np.zeros(0, bool)
     said = f"# {int(lost.sum())} of {len(lost)} rows lack a value: short holes are bridged\n" if lost.any() else ""
     return f"\n[missing]\n{said}# values = [-999]  # numbers that stand for a missing value\n"
 

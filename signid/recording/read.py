@@ -177,6 +177,14 @@ def need_torque(recordings: Sequence[Recording]) -> None:
             raise RecordingError(f"{fault}; add columns such as tau_{joint} or current_{joint}")
 
 
+def without_torque(recording: Recording, joints: Sequence[str]) -> Recording:
+    """The recording without the torques or currents of some joints."""
+    lost = [joint in joints for joint in recording.joints]
+    tau = tuple("" if out else column for out, column in zip(lost, recording.columns["tau"], strict=True))
+    known = None if recording.scaled is None or (recording.scaled | lost).all() else recording.scaled | lost
+    return replace(recording, columns={**recording.columns, "tau": tau}, signed=recording.signed | lost, scaled=known)
+
+
 def with_signs(recording: Recording, signs: NDArray[np.int8] | NDArray[np.float32]) -> Recording:
     """Apply signs to the absolute torques of a recording; signed torques are unchanged.
 

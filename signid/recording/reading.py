@@ -15,7 +15,7 @@ from .names.mapping import DRIVE
 from .names.vocabulary import Change
 
 SUFFIX = ".reading.toml"  # of the name of the log
-DOUBT = "CHECK"  # in the reason of a unit that the user is to check
+CHECK = "CHECK"  # in the reason of a unit that the user is to check
 COMMAND = 0.999  # correlation of a torque with kp (q_des - q) - kd dq above which it is a command
 EXAMINED, FEWEST = 20_000, 100  # [rows] that decide it, at most and at least
 SHOWN = ("t", "q", "q_des", "dq", *TORQUES)  # kinds of columns that a reading lists
@@ -64,14 +64,14 @@ def draft_reading(source: str | Path, robot: Robot, topics: Sequence[str], error
 
 
 def _choices(drafted: DraftedMap, torque: bool) -> Iterator[str]:
-    """What is to be chosen, one clause each."""
+    """Clauses on what is to be chosen."""
     if drafted.offered:
         pairs = [f"{column} for {signal}" for signal, column in drafted.offered]
         yield f"choose the joints of columns (which?: {shorten(pairs, 3)})"
-    doubtful = {line.kind: line for line in drafted.lines if DOUBT in line.noticed.why}
-    for kind, line in doubtful.items():
+    guessed = {line.kind: line for line in drafted.lines if CHECK in line.noticed.why}
+    for kind, line in guessed.items():
         if not (torque and kind in DRIVE):
-            yield f"check the unit of {kind} ({line.noticed.why.removesuffix(f': {DOUBT}').removesuffix(f', {DOUBT}')})"
+            yield f"check the unit of {kind} ({line.noticed.why.removesuffix(f': {CHECK}').removesuffix(f', {CHECK}')})"
     yield from ((sentence.partition(": ")[2] or sentence).partition("; ")[0] for sentence in drafted.lacking)
 
 

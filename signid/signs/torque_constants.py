@@ -15,7 +15,20 @@ from ..recording import same_joints, with_signs
 from ..regression.factors import Factors, JointFactors
 from ..regression.rows import Task
 from ..regression.session import Session
-from ..types import Array, BaseMap, Estimate, Frozen, Indices, Mask, Progress, Reading, Recording, Robot, prismatic_unit
+from ..types import (
+    TWO_SIDED,
+    Array,
+    BaseMap,
+    Estimate,
+    Frozen,
+    Indices,
+    Mask,
+    Progress,
+    Reading,
+    Recording,
+    Robot,
+    prismatic_unit,
+)
 from .infer import infer
 from .observations import Observed, observe
 from .result import Gain, Signs
@@ -258,7 +271,7 @@ class TorqueConstants(Frozen):
     def _lines(self) -> list[str]:
         """Lines of a reading that state the constants, as comments with their intervals."""
         whence = "description" if self.described else "motion"
-        ends = [(gain.value - 1.96 * gain.std, gain.value + 1.96 * gain.std) for gain in self.gains]
+        ends = [(gain.value - TWO_SIDED * gain.std, gain.value + TWO_SIDED * gain.std) for gain in self.gains]
         return [
             f"# {gain.joint} = {gain.value:.5g}  # {low:.5g} to {high:.5g} {gain.unit} (95 %), from the {whence}"
             for gain, (low, high) in zip(self.gains, ends, strict=True)

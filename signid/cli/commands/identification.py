@@ -22,7 +22,6 @@ from ..arguments import (
     has_drives,
     instead_of_torque,
     under_gravity,
-    without_torque,
 )
 from ..options import (
     DriveOptions,
@@ -124,6 +123,7 @@ def _checked(
 ) -> Check | ServoAudit:
     """Check of torque, or audit of position drives; currents whose constants are unknown are left out, and named."""
     from ...check import check as judge
+    from ...recording import without_torque
     from ...signs.torque_constants import UnknownConstants
 
     if described is None:

@@ -88,7 +88,14 @@ def identified_numbers(result: Identification) -> list[list[LawNumber]]:
         if label.law is not None:
             places.setdefault(label.law, []).append(k)
     known = {i: [float(std[singles[k]]) if k in singles else None for k in own] for i, own in places.items()}
-    return [_numbers(result, law, known.get(i, [])) for i, law in enumerate(result.model.laws)]
+    numbers = [_numbers(result, law, known.get(i, [])) for i, law in enumerate(result.model.laws)]
+    currents = (_numbers(result, law, std.tolist()) for law, std in result.currents)
+    return [*numbers, *([n._replace(unit=_in_amperes(n.unit)) for n in own] for own in currents)]
+
+
+def _in_amperes(unit: str) -> str:
+    """Unit of a number of a law in the current of a joint without a torque constant."""
+    return "A.s2/rad" if unit == "kg.m2" else unit.replace("N.m", "A").replace("N", "A")
 
 
 def _alone(base: BaseMap) -> dict[int, int]:
@@ -133,11 +140,11 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "moved": float(result.moved),
         "effects": [
             {
-                "effect": law.effect.name,
-                "joint": robot.joints[law.joints[0]] if len(law.joints) == 1 else None,
+                "effect": numbers[0].effect,
+                "joint": numbers[0].joint,
                 "parameters": {n.key: {"value": n.value, "std": n.std, "unit": n.unit} for n in numbers},
             }
-            for law, numbers in zip(result.model.laws, identified_numbers(result), strict=True)
+            for numbers in identified_numbers(result)
         ],
         "signs": None if result.signs is None else signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
