@@ -68,7 +68,7 @@ class Identification(Result):
     judged: Model  # fitted to the training rows alone, the model that `fit` is about; `model` if `fit.refit` is false
     refinement: Refinement | None = None  # by roll-outs, if asked for; its windows are held out as those of `fit`
     lacks: tuple[Lack, ...] = ()  # laws that explain most of what the fit leaves of a joint on held-out rows; flagged
-    currents: tuple[tuple[Law, Array], ...] = ()  # laws in A of joints without a torque constant, and their std (k,)
+    currents: tuple[tuple[Law, Array], ...] = ()  # without a torque constant: law, std (k,) [A, A.s/rad] of its numbers
     refined: Model | None = None  # the model with refined numbers, fitted to all windows; None if it is not better
 
     @property
@@ -193,8 +193,8 @@ def _with_currents(
 
     Bodies are fitted beside them, in A as well, and left out of the result.
     """
-    parts = [[replace(each, scaled=None) for each in group] for group in (recordings, held_out)]
-    session = prepare(found.robot, *parts, found.session.options)
+    given, judging = ([replace(each, scaled=None) for each in group] for group in (recordings, held_out))
+    session = prepare(found.robot, given, judging, found.session.options)
     train, test = session.reduce(session.train), session.reduce(session.held_out)
     base, terms = session.task.base, np.count_nonzero(session.task.base.combination, axis=1)
     fit, currents = found.fit, list[tuple[Law, Array]]()

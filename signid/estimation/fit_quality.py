@@ -123,7 +123,7 @@ def _mean(x: Array) -> Array:
 
 
 def factor_rms(factors: Factors, value: Array) -> tuple[Array, Array]:
-    """Residual rms [N.m or N] and R2 [1] per joint; NaN without recorded torque."""
+    """Residual rms [N.m or N] and R2 [1] per joint, of value (b,) [units of base]; NaN without recorded torque."""
     rms, r2 = np.full((2, len(factors.joints)), np.nan)
     for j, (joint, columns) in enumerate(zip(factors.joints, factors.columns, strict=True)):
         if joint.rows == 0:

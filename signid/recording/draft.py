@@ -12,9 +12,9 @@ from ..types import Array, Robot, ServoSamples
 from .columns import TORQUES, Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .formats.base import About
 from .joining import Files, open_files
-from .names.mapping import DRIVE, Heading, MotorRange, calibrated, heading_lines, key_of, quoted, read_map, split
+from .names.mapping import DRIVE, Heading, MotorRange, calibrated, entry, heading_lines, key_of, quoted, read_map, split
 from .names.match import Guess, guess_columns, match_signals, pair_in_order
-from .names.vocabulary import Change, change_of
+from .names.vocabulary import Change, change_of, without_unit
 from .sampling.clock import rivals
 from .source import Opened, Source
 
@@ -257,10 +257,12 @@ def _text(
         "[columns]",
     ]
     for kind, unit in shared.items():
-        if kind != "t" and (mine := [line for line in lines if line.kind == kind]):
+        mine = [line for line in lines if line.kind == kind]
+        keys = [(key, column) for key, column in offered if split(key)[0][0] == kind]
+        if kind != "t" and (mine or keys):
             out += ["", *_section(kind, mine, unit)]
-            keys = [(key, column) for key, column in offered if split(key)[0][0] == kind]
-            out += [f"# {key_of(key)} = {quoted(column)}  # which?" for key, column in keys]
+            units = {column: "" if unit else without_unit(column)[1] for _, column in keys}
+            out += [f"# {entry(key, column, units[column])}  # which?" for key, column in keys]
     if lacking:
         out += ["", *(f"# {one_line(sentence)}" for sentence in lacking)]
     measured = {line.joint for line in lines if line.kind == "q"}

@@ -291,7 +291,7 @@ def revised_map(
         RecordingError: unreadable or invalid column map, or a unit that does not fit.
     """
     parsed = read_map(given)
-    entries = {key: _entry(key, column, parsed.own.get(key, "")) for key, column in parsed.named.items()}
+    entries = {key: entry(key, column, parsed.own.get(key, "")) for key, column in parsed.named.items()}
     for kind in SIGNED:
         for joint, column in zip(joints, columns.get(kind, ()), strict=False):
             if column and joint in turned and (kind in SHIFTED or turned[joint].sign < 0):
@@ -300,7 +300,7 @@ def revised_map(
                 if not any(name.startswith("abs_") for name in names):
                     current = kind == "tau" and names[1].startswith("current_")
                     key = key or f"{'current' if current else kind}_{joint}"
-                    entries[key] = _entry(key, column, _changed(parsed, key, column, turned[joint]))
+                    entries[key] = entry(key, column, _changed(parsed, key, column, turned[joint]))
     return "\n".join([*heading_lines(parsed.heading), *entries.values(), *_tables(parsed)]) + "\n"
 
 
@@ -313,7 +313,8 @@ def _changed(parsed: ParsedColumns, key: str, column: str, turned: Turned) -> Ch
     return Change(turned.sign * own.scale, own.over, turned.sign * own.offset + shift)
 
 
-def _entry(key: str, column: str, own: str | Change) -> str:
+def entry(key: str, column: str, own: str | Change) -> str:
+    """Line of a column map; own: unit, "" if none is stated, or scale and offset."""
     if isinstance(own, Change):
         numbers = f"scale = {own.scale / own.over:.12g}, offset = {own.offset:.6g}"
         return f"{key_of(key)} = {{ column = {quoted(column)}, {numbers} }}"
