@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -137,7 +137,7 @@ def identify(
     everything = (*recordings, *held_out)
     only_once(everything)
     again = partial(
-        _again,
+        identify,
         method=method,
         signs=signs,
         estimator=estimator,
@@ -153,14 +153,14 @@ def identify(
         lost = [without_torque(recording, error.joints) for recording in everything]
         if not all(map(any, (recording.columns["tau"] for recording in lost))) or not _all_signed(everything, error):
             raise
-        found = again(robot, lost[: len(recordings)], lost[len(recordings) :])
+        found = again(robot, lost[: len(recordings)], held_out=lost[len(recordings) :])
         return _with_currents(found, recordings, held_out, error)
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
     session = recovered.session_to_fit(robot)
     signed = np.all([recording.signed for recording in everything], axis=0)
     evidence = described_evidence(session, signed)
     if mounted := under_found_gravity(robot, evidence):
-        found = again(mounted.robot, recordings, held_out)
+        found = again(mounted.robot, recordings, held_out=held_out)
         sentence = f"{mounted.fault.sentence}; the model is identified with it"
         return replace(found, flags=described.before((sentence, *found.flags)))
     with naming_faults(session):
@@ -173,11 +173,6 @@ def identify(
     found = _refit(found, given, test, way, recovered, search) if again else found
     found = found if refine is None else _refined(found, tuple(refine))
     return replace(found, inputs=recordings_used(recordings, held_out), flags=described.before(found.flags))
-
-
-def _again(robot: Robot, recordings: Recordings, held_out: Recordings, **given: Any) -> Identification:
-    """Identify another robot, or from other recordings, with the same options."""
-    return identify(robot, recordings, held_out=held_out, **given)
 
 
 def _all_signed(recordings: Sequence[Recording], error: UnknownConstants) -> bool:
@@ -219,7 +214,8 @@ def _with_currents(
                 currents.append((replace(law, parameters=parameters), own.std[at]))
     names = shorten(list(error.joints))
     flag = f"{error}; friction and residual of {names} are in A, and masses and inertias leave its current out"
-    return replace(found, fit=fit, currents=tuple(currents), flags=(flag, *found.flags))
+    notes = tuple(note for note in found.notes if "has no torque column" not in note)
+    return replace(found, fit=fit, currents=tuple(currents), flags=(flag, *found.flags), notes=notes)
 
 
 def _judged(found: Identification, rows: IdentifiedData) -> Identification:

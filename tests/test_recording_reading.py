@@ -67,7 +67,7 @@ def test_lines_to_choose_are_written_once_and_found(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write("log.csv", "Zeit_ms", "Winkel_{}_Grad", "Drehmoment_{}_Nm")
-    names = {f"{kind}_{j}_{unit}": f"{kind}_{word}_{unit}" for j, word in ((1, "Fuss"), (2, "Bein"), (3, "Kopf"))
+    names = {f"{kind}_{j}_{unit}": f"{kind}_{word}_{unit}" for j, word in ((1, "Fuss"), (2, "Knie"), (3, "Kopf"))
              for kind, unit in (("Winkel", "Grad"), ("Drehmoment", "Nm"))}  # fmt: skip
     pl.read_csv("log.csv", separator=";").rename(names).write_csv("log.csv")
     assert run(["identify", "3r", "log.csv", "-o", "r"]) == 3
