@@ -136,7 +136,7 @@ def identify(
     recordings = as_recordings(recordings, robot, "identify")
     everything = (*recordings, *held_out)
     only_once(everything)
-    again = partial(
+    repeat = partial(
         identify,
         method=method,
         signs=signs,
@@ -153,14 +153,14 @@ def identify(
         lost = [without_torque(recording, error.joints) for recording in everything]
         if not all(map(any, (recording.columns["tau"] for recording in lost))) or not _all_signed(everything, error):
             raise
-        found = again(robot, lost[: len(recordings)], held_out=lost[len(recordings) :])
+        found = repeat(robot, lost[: len(recordings)], held_out=lost[len(recordings) :])
         return _with_currents(found, recordings, held_out, error)
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
     session = recovered.session_to_fit(robot)
     signed = np.all([recording.signed for recording in everything], axis=0)
     evidence = described_evidence(session, signed)
     if mounted := under_found_gravity(robot, evidence):
-        found = again(mounted.robot, recordings, held_out=held_out)
+        found = repeat(mounted.robot, recordings, held_out=held_out)
         sentence = f"{mounted.fault.sentence}; the model is identified with it"
         return replace(found, flags=described.before((sentence, *found.flags)))
     with naming_faults(session):
