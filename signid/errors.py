@@ -26,6 +26,14 @@ class RecordingError(InputError):
     """Invalid recording, column or sample."""
 
 
+class UndecidedReading(RecordingError):
+    """A log whose drafted reading, `text`, has lines to choose; the command line writes it and exits with 3."""
+
+    def __init__(self, sentence: str, text: str) -> None:
+        super().__init__(sentence)
+        self.text = text
+
+
 class OptionError(InputError):
     """Unknown option or plug-in name, or contradictory options."""
 

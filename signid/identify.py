@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,23 +13,24 @@ from .deadline import ends_in_time, seconds_left, steps_shown
 from .errors import OptionError, RecordingError, shorten
 from .estimation.estimators import ESTIMATORS, Estimator, Given
 from .estimation.excitation import ExcitationVerdict, judge_excitation
-from .estimation.fit_quality import Fit, judge_fit
+from .estimation.fit_quality import Fit, factor_rms, judge_fit
 from .estimation.least_squares import estimate
 from .estimation.standard import METHODS, Search, choose_in_time
 from .faults import IdentifiedData, described_evidence, identification_flags, naming_faults, under_found_gravity
 from .model import Model, ModelSource, fitted_model, stated_parameters
-from .recording import Recordings, as_recordings
+from .recording import Recordings, as_recordings, without_torque
 from .regression.covariance import base_covariance, measure_misfit
 from .regression.factors import LAGS, Factors, Weigh
 from .regression.lacking import Lack
 from .regression.rows import Rows
-from .regression.session import ITSELF, Options, Session, only_once, recordings_used
+from .regression.session import ITSELF, Options, Session, only_once, prepare, recordings_used
 from .robot import as_robot, audit, described_gravity
 from .robot.dynamics import shows_gravity
 from .robot.joints import is_weightless
 from .signs import Recovered, Signs, prepare_and_recover
+from .signs.torque_constants import UnknownConstants
 from .typed import typed
-from .types import Array, BaseMap, Estimate, Input, Parameters, Progress, Recording, Result, Robot
+from .types import Array, BaseMap, Estimate, Input, Law, Parameters, Progress, Recording, Result, Robot
 
 if TYPE_CHECKING:
     from .simulation.refine import Refinement
@@ -66,6 +68,7 @@ class Identification(Result):
     judged: Model  # fitted to the training rows alone, the model that `fit` is about; `model` if `fit.refit` is false
     refinement: Refinement | None = None  # by roll-outs, if asked for; its windows are held out as those of `fit`
     lacks: tuple[Lack, ...] = ()  # laws that explain most of what the fit leaves of a joint on held-out rows; flagged
+    currents: tuple[tuple[Law, Array], ...] = ()  # without a torque constant: law, std (k,) [A, A.s/rad] of its numbers
     refined: Model | None = None  # the model with refined numbers, fitted to all windows; None if it is not better
 
     @property
@@ -133,25 +136,31 @@ def identify(
     recordings = as_recordings(recordings, robot, "identify")
     everything = (*recordings, *held_out)
     only_once(everything)
-    recovered = prepare_and_recover(robot, recordings, held_out, options=options, method=signs, progress=progress)
+    repeat = partial(
+        identify,
+        method=method,
+        signs=signs,
+        estimator=estimator,
+        search=search,
+        options=options,
+        refit=refit,
+        refine=refine,
+        progress=progress,
+    )
+    try:
+        recovered = prepare_and_recover(robot, recordings, held_out, options=options, method=signs, progress=progress)
+    except UnknownConstants as error:
+        lost = [without_torque(recording, error.joints) for recording in everything]
+        if not all(map(any, (recording.columns["tau"] for recording in lost))) or not _all_signed(everything, error):
+            raise
+        found = repeat(robot, lost[: len(recordings)], held_out=lost[len(recordings) :])
+        return _with_currents(found, recordings, held_out, error)
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
     session = recovered.session_to_fit(robot)
     signed = np.all([recording.signed for recording in everything], axis=0)
     evidence = described_evidence(session, signed)
     if mounted := under_found_gravity(robot, evidence):
-        found = identify(
-            mounted.robot,
-            recordings,
-            held_out=held_out,
-            method=method,
-            signs=signs,
-            estimator=estimator,
-            search=search,
-            options=options,
-            refit=refit,
-            refine=refine,
-            progress=progress,
-        )
+        found = repeat(mounted.robot, recordings, held_out=held_out)
         sentence = f"{mounted.fault.sentence}; the model is identified with it"
         return replace(found, flags=described.before((sentence, *found.flags)))
     with naming_faults(session):
@@ -164,6 +173,49 @@ def identify(
     found = _refit(found, given, test, way, recovered, search) if again else found
     found = found if refine is None else _refined(found, tuple(refine))
     return replace(found, inputs=recordings_used(recordings, held_out), flags=described.before(found.flags))
+
+
+def _all_signed(recordings: Sequence[Recording], error: UnknownConstants) -> bool:
+    """Whether the currents of the joints without a constant have their signs."""
+    at = [recordings[0].joints.index(joint) for joint in error.joints]
+    return all(recording.signed[at].all() for recording in recordings)
+
+
+def _with_currents(
+    found: Identification, recordings: Sequence[Recording], held_out: Sequence[Recording], error: UnknownConstants
+) -> Identification:
+    """With laws and fit, in A, of joints whose torque constant is not known; each is fitted alone to its current.
+
+    Bodies are fitted beside them, in A as well, and left out of the result.
+    """
+    given, judging = ([replace(each, scaled=None) for each in group] for group in (recordings, held_out))
+    session = prepare(found.robot, given, judging, found.session.options)
+    train, test = session.reduce(session.train), session.reduce(session.held_out)
+    base, terms = session.task.base, np.count_nonzero(session.task.base.combination, axis=1)
+    fit, currents = found.fit, list[tuple[Law, Array]]()
+    for j in (found.robot.index(joint) for joint in error.joints):
+        seen = train.columns[j]
+        one, other = (
+            replace(x, joints=(x.joints[j],), columns=(np.arange(len(seen)),), sample=None) for x in (train, test)
+        )
+        own = estimate(one, base, np.zeros(len(seen)))
+        (trained, _), (judged, r2) = factor_rms(one, own.value), factor_rms(other, own.value)
+        fit = fit.in_amperes(j, (trained[0], judged[0], session.task.band.torque_floor[j], r2[0]))
+        for law in (law for law in session.task.laws if law.joints == (j,)):
+            of = [
+                k
+                for k, label in enumerate(base.labels)
+                if label.law is not None and session.task.laws[label.law] is law
+            ]
+            rows = [np.flatnonzero((base.combination[seen][:, k] != 0) & (terms[seen] == 1)) for k in of]
+            if all(len(row) == 1 for row in rows):  # not in combination with other parameters
+                at = np.concatenate(rows)
+                parameters = law.effect.physical(own.value[at].tolist(), law.effect.shape(law.parameters))
+                currents.append((replace(law, parameters=parameters), own.std[at]))
+    names = shorten(list(error.joints))
+    flag = f"{error}; friction and residual of {names} are in A, and masses and inertias leave its current out"
+    notes = tuple(note for note in found.notes if "has no torque column" not in note)
+    return replace(found, fit=fit, currents=tuple(currents), flags=(flag, *found.flags), notes=notes)
 
 
 def _judged(found: Identification, rows: IdentifiedData) -> Identification:

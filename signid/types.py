@@ -135,6 +135,20 @@ class StatedUnit(NamedTuple):
     by: str  # "its name", "the column map"
 
 
+class Reading(NamedTuple):
+    """How a log is turned into rows."""
+
+    text: str  # TOML
+    rows: tuple[tuple[str, str, str, str], ...] = ()  # joint, columns, units, reasons, where it was drafted
+    path: str = ""  # of its file, where it was found
+
+    def with_constants(self, lines: Sequence[str]) -> Reading:
+        """The reading with lines on torque constants."""
+        before, title, after = self.text.partition("[torque_constant]")
+        first, _, rest = after.partition("\n")
+        return self._replace(text=before + "\n".join([f"{title or '[torque_constant]'}{first}", *lines, rest]))
+
+
 @dataclass(frozen=True, eq=False)
 class Recording(Result):
     """Positions and torques of n joints over time, read in chunks from a table."""
@@ -150,6 +164,7 @@ class Recording(Result):
     scaled: Mask | None = None  # (n,) False where the torque constant of a current is unknown; None: all known
     flags: tuple[str, ...] = ()  # uncertain column assignments, one sentence each
     units: Mapping[str, StatedUnit] = field(default_factory=dict)  # by column; for others that of `Samples` is assumed
+    reading: Reading | None = None  # that was found or drafted; None where columns have names of recordings, or a map
 
     def __len__(self) -> int:
         return self.table.rows

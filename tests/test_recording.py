@@ -165,7 +165,7 @@ def test_recordings_that_cannot_be_used(case: str) -> None:
         ("log.doc", "t,q_1,tau_1\n", ("log.doc", "format", ".csv", ".parquet", ".npz")),
         ("a.csv", "t,q_1,tau_1\n", ("a.csv", "no samples")),
         ("a.csv", "t,q_1,tau_1\n0,1,up\n", ("a.csv", "'tau_1'", "'up'", "row 1")),
-        ("a.csv", "t,q1,tau1\n0,1,2\n", ("a.csv", "no position")),
+        ("a.csv", "t,x1,tau1\n0,1,2\n", ("a.csv", "no position")),
     ],
 )
 def test_files_that_cannot_be_used(name: str, content: str | None, culprits: tuple[str, ...], tmp_path: Path) -> None:

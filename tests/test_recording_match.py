@@ -128,7 +128,7 @@ def test_joints_that_no_column_fits_are_lines_to_choose() -> None:
     assert '# q_shoulder_pan = "q_Rotation"  # which?' in drafted.text
     known = {f"q_{joint}": f"q_{name}" for joint, name in zip(PAIRED, SERVOS, strict=True)}
     chosen = tomllib.loads(drafted.text.replace("# q_", "q_"))
-    assert {key: chosen[key] for key in known} == known
+    assert {key: chosen["columns"][key] for key in known} == known
     whole = read_recording(arm_log(), robot, columns=chosen)
     assert set(whole.joints) == set(robot.joints) and not whole.flags
     part = read_recording(arm_log(), robot, columns=tomllib.loads(drafted.text))

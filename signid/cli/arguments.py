@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
 from ..effects import EFFECT_NAMES
-from ..errors import InputError, OptionError, readable
+from ..errors import InputError, OptionError, OutputError, UndecidedReading, readable
 from .app import bounded
 from .options import DriveOptions, RobotOptions, RowOptions, SimulationArguments
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from ..simulation.plant import Torques
     from ..types import Input, Recording, Robot, Trajectory
 
+Given = TypeVar("Given", bound=RobotOptions)
 FARTHEST = 1e4  # position of a held joint [rad or m]
 TORQUE_ONLY = (  # options of `identify` that act on torque
     *("method", "estimator", "robust", "unsigned", "signs", "global_algorithm", "local_algorithm"),
@@ -127,20 +129,80 @@ def given_model(
 
 
 def given_recordings(
-    paths: Iterable[str] | None, robot: Robot, columns: str | None, unsigned: bool = False
+    paths: Iterable[str] | None,
+    robot: Robot,
+    columns: str | None,
+    unsigned: bool = False,
+    *,
+    output: str | None = None,
+    quiet: bool = True,
 ) -> list[Recording]:
-    """Read recordings with a column map file; `unsigned` discards the signs of torques."""
+    """Read recordings with a column map file, or by their readings; `unsigned` discards the signs of torques.
+
+    A drafted reading with lines to choose is written beside the recording, or into the folder `output`. Unless
+    `quiet`, a reading without any is printed.
+
+    Raises:
+        UndecidedReading: lines of a reading are to be chosen; the sentence names the file.
+    """
     from ..recording import read_recording
 
-    return [read_recording(path, robot, columns=columns, unsigned=unsigned) for path in paths or ()]
+    found = []
+    for path in paths or ():
+        place = _place_of_reading(path, output)
+        known = str(place) if columns is None and place.is_file() else columns
+        try:
+            found.append(read_recording(path, robot, columns=known, unsigned=unsigned))
+        except UndecidedReading as error:
+            raise _written_reading(error, place) from None
+        if not quiet:
+            _print_reading(found[-1])
+    return found
 
 
-def without_torque(recording: Recording, joints: Sequence[str]) -> Recording:
-    """The recording without the torques or currents of some joints."""
-    lost = [joint in joints for joint in recording.joints]
-    tau = tuple("" if out else column for out, column in zip(lost, recording.columns["tau"], strict=True))
-    known = None if recording.scaled is None or (recording.scaled | lost).all() else recording.scaled | lost
-    return replace(recording, columns={**recording.columns, "tau": tau}, signed=recording.signed | lost, scaled=known)
+def _print_reading(recording: Recording) -> None:
+    """Print a drafted reading, one line for each joint."""
+    if recording.reading is None or not recording.reading.rows:
+        return
+    from ..output.report import Screen
+    from ..output.report.layout import new_table
+
+    table = new_table("joint", "columns", "units", "why", rows=recording.reading.rows)
+    Screen().print(f"Reading of {recording.path}", table, "", sep="\n")
+
+
+def _place_of_reading(path: str, output: str | None) -> Path:
+    """Path of the reading of a recording: beside it, or in the folder `output` if that is all that can be written."""
+    from ..recording.reading import reading_path
+
+    beside = reading_path(path)
+    closed = output is not None and not beside.exists() and not os.access(beside.parent, os.W_OK)
+    return reading_path(path, output) if closed else beside
+
+
+def _written_reading(error: UndecidedReading, place: Path) -> UndecidedReading:
+    """Write a reading, and name its file in the sentence."""
+    from ..output.report import write_files
+
+    try:
+        write_files(place.parent, {place.name: error.text}, named=True)
+    except OutputError as fault:
+        return UndecidedReading(f"{error}; the reading cannot be written: {fault}; add -o DIR", error.text)
+    return UndecidedReading(f"{error}; edit {readable(str(place))}, which the next call reads", error.text)
+
+
+def under_gravity(options: Given, paths: Iterable[str] | None, columns: str | None) -> Given:
+    """Options of a robot with the gravity that the first reading states, unless --gravity does.
+
+    Raises:
+        RecordingError: a reading cannot be read.
+    """
+    from ..recording.names.mapping import read_map
+    from ..recording.reading import reading_beside
+
+    files = (columns or reading_beside(path) for path in paths or ())
+    found = next((stated for file in files if file and (stated := read_map(file).gravity)), None)
+    return options if found is None or options.gravity else replace(options, gravity=",".join(map(str, found)))
 
 
 def given_options(rows: RowOptions, seed: int, robust: bool = False) -> Options:

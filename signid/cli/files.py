@@ -44,7 +44,7 @@ def deliver(result: Identification, inputs: Sequence[Input], output: str | None,
     if output is not None:
         described, notes = _urdf(result.robot, _identifiable_bodies(result), result.best.laws)
         result = replace(result, notes=(*result.notes, *notes))
-        signed = _signed(result.signs, result.recordings, result.robot)
+        signed = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
         files = {**described, "report.html": page(result, inputs, command), **signed}
     text = to_json(document(result, inputs))
     files = {"identification.json": text, "model.json": to_json(result.best.document()), **files}
@@ -99,7 +99,7 @@ def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) ->
 
     described, notes = _extended_urdf(result)
     result = replace(result, notes=(*result.notes, *notes))
-    signed = _signed(result.signs, result.recordings, result.robot)
+    signed = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
     model = to_json(result.model.document())
     return result, {"model.json": model, **described, "report.html": page(result, inputs, command), **signed}
 
@@ -201,6 +201,13 @@ def _signed(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) 
     names = ["signed.csv", *(f"signed_{k + 2}.csv" for k in range(len(tables) - 1))]
     units = ["N" if prismatic else "N.m" for prismatic in robot.prismatic]
     return {**dict(zip(names, tables, strict=True)), "signs.html": signs_page(signs, units)}
+
+
+def _readings(recordings: Sequence[Recording]) -> dict[str, Content]:
+    """The readings of recordings, by the names of their files."""
+    from ..recording.reading import reading_path
+
+    return {reading_path(each.path).name: each.reading.text for each in recordings if each.reading and each.path}
 
 
 def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, Content], tuple[str, ...]]:

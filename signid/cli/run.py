@@ -20,7 +20,7 @@ import typer
 from typer.main import get_command
 
 from ..deadline import one_thread, stop_searches
-from ..errors import SignidError
+from ..errors import SignidError, UndecidedReading
 from .app import app
 from .commands import (  # noqa: F401
     catalogue,
@@ -36,7 +36,7 @@ from .commands import (  # noqa: F401
 )
 from .demo import command as demo  # noqa: F401
 from .fleet import command as fleet  # noqa: F401
-from .terminal import BAD, BROKEN, DONE, INTERRUPTED, open_streams, write_error
+from .terminal import BAD, BROKEN, DONE, FLAGGED, INTERRUPTED, open_streams, write_error
 
 ORDER = (  # of commands in --help
     "demo inspect check identify diagnose validate watch payload effects convert excite export simulate replay "
@@ -129,7 +129,7 @@ def run(arguments: Sequence[str]) -> int:
 def _explain(error: Exception, given: Sequence[str]) -> tuple[int, str]:
     """Exit code and sentence of an error of a command with the given arguments."""
     if isinstance(error, SignidError):
-        return BAD, str(error)
+        return FLAGGED if isinstance(error, UndecidedReading) else BAD, str(error)
     if isinstance(error, USAGE):
         context = getattr(error, "ctx", None)
         message = str(error.format_message()).rstrip(".")

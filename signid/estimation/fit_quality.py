@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,6 +47,15 @@ class Fit(Result):
     irreducible_rms: Array  # (n,) [N.m or N] of all that no model could predict: noise of any colour, reversals
     refit: bool = False  # whether the written model was fitted again to all rows afterwards
 
+    def in_amperes(self, joint: int, numbers: tuple[float, float, float, float]) -> Fit:
+        """The fit with another joint in A: rms of training and held-out rows, noise floor [A], and R2 [1]."""
+        columns = [x.copy() for x in (self.train_rms, self.held_out_rms, self.noise_floor, self.held_out_r2)]
+        for column, number in zip(columns, numbers, strict=True):
+            column[joint] = number
+        unit = tuple("A" if j == joint else own for j, own in enumerate(self.unit))
+        train, held_out, floor, r2 = columns
+        return replace(self, unit=unit, train_rms=train, held_out_rms=held_out, noise_floor=floor, held_out_r2=r2)
+
     @property
     def sentences(self) -> tuple[str, ...]:
         """A sentence on each joint whose torque is poorly predicted, or whose held-out torque is constant."""
@@ -67,7 +76,7 @@ class Fit(Result):
 
 def judge_fit(session: Session, train: Factors, test: Factors, base_value: Array) -> Fit:
     """Fit of base_value (b,) [units of base] on training and held-out data, from factors alone."""
-    (trained, _), (held_out, r2) = _rms(train, base_value), _rms(test, base_value)
+    (trained, _), (held_out, r2) = factor_rms(train, base_value), factor_rms(test, base_value)
     floor = session.task.band.torque_floor
     return Fit(session.robot.joints, _units(session.robot), trained, held_out, floor, r2, floor)
 
@@ -113,8 +122,8 @@ def _mean(x: Array) -> Array:
     return np.asarray(np.nansum(x, axis=0) / np.where(count > 0, count, np.nan))
 
 
-def _rms(factors: Factors, value: Array) -> tuple[Array, Array]:
-    """Residual rms [N.m or N] and R2 [1] per joint; NaN without recorded torque."""
+def factor_rms(factors: Factors, value: Array) -> tuple[Array, Array]:
+    """Residual rms [N.m or N] and R2 [1] per joint, of value (b,) [units of base]; NaN without recorded torque."""
     rms, r2 = np.full((2, len(factors.joints)), np.nan)
     for j, (joint, columns) in enumerate(zip(factors.joints, factors.columns, strict=True)):
         if joint.rows == 0:

@@ -18,6 +18,7 @@ from .read import (
     read_recording,
     same_joints,
     with_signs,
+    without_torque,
 )
 
 __all__ = [
@@ -31,4 +32,5 @@ __all__ = [
     "read_recording",
     "same_joints",
     "with_signs",
+    "without_torque",
 ]

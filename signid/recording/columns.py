@@ -245,9 +245,22 @@ def assign_columns(opened: Opened, columns: ParsedColumns, robot: Robot) -> Assi
     changes = {}
     for (kind, joint), signal in signals.items():
         prismatic = None if kind == "t" else bool(robot.prismatic[joint])
-        if change := function(kind, conversion(opened, columns, signal, kind, prismatic)):
+        change = function(kind, conversion(opened, columns, signal, kind, prismatic))
+        if columns.missing:
+            change = _without(columns.missing, change)
+        if change:
             changes[signal.column] = change
     return Assignment(signals, notes, DerivedTable(opened.table, changes) if changes else opened.table, flags, units)
+
+
+def _without(missing: Sequence[float], change: Callable[[Array, int], Array] | None) -> Callable[[Array, int], Array]:
+    """Conversion of a column whose missing values are written as numbers."""
+
+    def convert(values: Array, start: int) -> Array:
+        known = np.where(np.isin(values, missing), np.nan, values)
+        return change(known, start) if change else known
+
+    return convert
 
 
 def stated_units(columns: ParsedColumns, signals: Iterable[tuple[str, Signal]]) -> dict[str, StatedUnit]:

@@ -12,9 +12,9 @@ from ..types import Array, Robot, ServoSamples
 from .columns import TORQUES, Noticed, current_unit, drive_unit, position_units, time_unit, torque_unit, velocity_unit
 from .formats.base import About
 from .joining import Files, open_files
-from .names.mapping import DRIVE, Heading, MotorRange, calibrated, heading_lines, key_of, quoted, read_map, split
+from .names.mapping import DRIVE, Heading, MotorRange, calibrated, entry, heading_lines, key_of, quoted, read_map, split
 from .names.match import Guess, guess_columns, match_signals, pair_in_order
-from .names.vocabulary import Change, change_of
+from .names.vocabulary import Change, change_of, without_unit
 from .sampling.clock import rivals
 from .source import Opened, Source
 
@@ -36,6 +36,12 @@ TITLES = {
     "volt": "supply voltages",
     "temp": "temperatures",
 }
+SECTIONS = """
+[torque_constant]  # at the joint [N.m/A, or N/A]; without a line that of the actuators file, or an estimate
+
+[gravity]
+# vector = [0, 0, -9.81]  # [m/s2] in the frame of the root link
+"""  # of a reading, to fill in
 
 
 class MappedColumn(NamedTuple):
@@ -95,6 +101,7 @@ def draft_map(
     unused = tuple(name for name in opened.table.columns if name not in used)
     lacking = tuple(_lacking(lines, opened, used))
     text = _text(opened.name, robot, lines, offered, spare=spare, unused=unused, lacking=lacking)
+    text += _missing([values[line.guess.column] for line in lines]) + SECTIONS
     if stated := heading_lines(heading or Heading()):
         top, first, rest = text.partition("\n\n")
         text = "".join((top, "\n\n", "\n".join(stated), first, rest))
@@ -188,7 +195,7 @@ def _units(
     if kind in ("q", "q_des"):
         counts = any(one.counts for one in guesses.values())
         units = position_units(columns, {j: one.unit for j, one in guesses.items()}, counts, robot)
-        return {j: unit.with_caveat(nameless=guesses[j].bare) for j, unit in units.items()}
+        return {j: unit.with_caveat(nameless=guesses[j].bare and not guesses[j].unit) for j, unit in units.items()}
     found: dict[int, Noticed] = {}
     for slides in (False, True):
         mine = [j for j in guesses if bool(robot.prismatic[j]) == slides]
@@ -242,15 +249,20 @@ def _text(
     """The map as TOML, one line per signal with its reason."""
     shared = {kind: _shared([line for line in lines if line.kind == kind]) for kind in ("t", *ORDER)}
     out = [
-        f"# Column map of {quoted(source)} for the robot {quoted(robot.name)}, guessed by signid convert",
-        "# from the names of the columns and from their numbers. Read it, correct it, and run signid convert again.",
-        "# Units: deg, rad, mm, m, ms, us, ns, s, mN.m, N.m, mA, A, ...; or scale and offset: value * scale + offset.",
+        f"# Reading of {quoted(source)} for the robot {quoted(robot.name)}, drafted by signid",
+        "# from the names of the columns and from their numbers. Read it, correct lines with which? or CHECK, and run",
+        "# the command again. Units: deg, rad, mm, m, ms, us, ns, s, mN.m, N.m, mA, A, ...; or scale and offset:",
+        "# value * scale + offset.",
+        "",
+        "[columns]",
     ]
     for kind, unit in shared.items():
-        if mine := [line for line in lines if line.kind == kind]:
+        mine = [line for line in lines if line.kind == kind]
+        keys = [(key, column) for key, column in offered if split(key)[0][0] == kind]
+        if kind != "t" and (mine or keys):
             out += ["", *_section(kind, mine, unit)]
-            keys = [(key, column) for key, column in offered if split(key)[0][0] == kind]
-            out += [f"# {key_of(key)} = {quoted(column)}  # which?" for key, column in keys]
+            units = {column: "" if unit else without_unit(column)[1] for _, column in keys}
+            out += [f"# {entry(key, column, units[column])}  # which?" for key, column in keys]
     if lacking:
         out += ["", *(f"# {one_line(sentence)}" for sentence in lacking)]
     measured = {line.joint for line in lines if line.kind == "q"}
@@ -265,7 +277,16 @@ def _text(
     if any(shared.values()):
         out += ["", "[units]  # of all columns of a kind"]
         out += [f"{kind} = {quoted(str(unit.unit))}  # {one_line(unit.why)}" for kind, unit in shared.items() if unit]
-    return "\n".join([*out, ""])
+    time = next((line for line in lines if line.kind == "t"), None)
+    clock = f"time = {quoted(time.guess.column)}" if time else "# rate = 100  # [Hz] of rows without a column of time"
+    return "\n".join([*out, "", "[clock]", clock, ""])
+
+
+def _missing(columns: Sequence[Array]) -> str:
+    """Section on missing values of columns (rows,), with the number of rows that lack one."""
+    lost = np.asarray(np.isnan(columns).any(axis=0)) if columns else np.zeros(0, bool)
+    said = f"# {int(lost.sum())} of {len(lost)} rows lack a value: short holes are bridged\n" if lost.any() else ""
+    return f"\n[missing]\n{said}# values = [-999]  # numbers that stand for a missing value\n"
 
 
 def _shared(lines: Sequence[MappedColumn]) -> Noticed | None:

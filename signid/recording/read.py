@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -24,6 +25,7 @@ from .formats.json_ import holds_samples
 from .missing import bridge
 from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
 from .names.match import guess, suggest
+from .reading import commanded_torques, draft_reading, found_reading, reading_beside
 from .sampling.clock import CHUNK, ask_for_time
 from .source import Opened, Source, columns_of, open_source
 
@@ -60,6 +62,9 @@ def read_recording(
     torque constant of the joint; for an absolute current, sign recovery can estimate it. Samples of a Parquet file are
     read on demand.
 
+    A file with other names is read by LOG.reading.toml beside it, else by a reading that is drafted from names and
+    numbers of its columns, if nothing in it is to be chosen.
+
     Args:
         source: a file, a ROS bag, a LeRobot dataset, a frame of pandas or polars, or arrays by column name: (N,), or
             (N, n) for all joints [s, rad or m, N.m or N, A].
@@ -72,9 +77,23 @@ def read_recording(
     Raises:
         OptionError: topics of a source without topics.
         RecordingError: invalid file, columns or column map.
+        UndecidedReading: lines of the drafted reading are to be chosen.
     """
-    robot = as_robot(robot, "read_recording")
-    mapping = read_map(columns)
+    robot, own = as_robot(robot, "read_recording"), reading_beside(source) if columns is None else columns
+    try:
+        found = _read(source, robot, read_map(own), unsigned, topics)
+        return replace(found, reading=found_reading(own))
+    except RecordingError as error:
+        if own is not None or not isinstance(source, str | Path):
+            raise
+        drafted = draft_reading(source, robot, topics, error)
+    found = _read(source, robot, read_map(tomllib.loads(drafted.text)), unsigned, topics)
+    units = {column: unit._replace(by="the reading") for column, unit in found.units.items()}
+    said = f"columns are read by their names and numbers: {shorten([f'{x[0]} from {x[1]}' for x in drafted.rows], 3)}"
+    return replace(found, notes=(said, *found.notes), units=units, reading=drafted)
+
+
+def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, topics: Sequence[str]) -> Recording:
     given = source if isinstance(source, str | Path) else _by_joint(columns_of(source), robot)
     opened = open_source(given, topics, mapping.heading)
     found = assign_columns(opened, mapping, robot)
@@ -93,7 +112,7 @@ def read_recording(
     _check_samples(found.table, opened.name, chosen, torques)
     chosen, dropped = drop_implausible(found.table, chosen)
     flags = () if any(torques) else tuple(dropped)
-    constants = _torque_constants(robot, joints, torques, absolute, opened.name)
+    constants = _torque_constants(robot, mapping.constants, joints, torques, absolute, source=opened.name)
     absolutes = {c: lambda values, _: np.abs(values) for c in chosen["tau"] if unsigned and c}
     recording = Recording(
         tuple(robot.joints[j] for j in joints),
@@ -113,7 +132,8 @@ def read_recording(
         (*found.flags, *flags),
         {name: unit for name, unit in found.units.items() if any(name in group for group in chosen.values())},
     )
-    return bridge(recording)
+    recording = bridge(recording)
+    return replace(recording, notes=(*recording.notes, *commanded_torques(recording)))
 
 
 def same_joints(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -155,6 +175,14 @@ def need_torque(recordings: Sequence[Recording]) -> None:
             source, joint = recording.path or "the recording", recording.joints[0]
             fault = f"{source} has commanded and measured positions, but no torque of a joint"
             raise RecordingError(f"{fault}; add columns such as tau_{joint} or current_{joint}")
+
+
+def without_torque(recording: Recording, joints: Sequence[str]) -> Recording:
+    """The recording without the torques or currents of some joints."""
+    lost = [joint in joints for joint in recording.joints]
+    tau = tuple("" if out else column for out, column in zip(lost, recording.columns["tau"], strict=True))
+    known = None if recording.scaled is None or (recording.scaled | lost).all() else recording.scaled | lost
+    return replace(recording, columns={**recording.columns, "tau": tau}, signed=recording.signed | lost, scaled=known)
 
 
 def with_signs(recording: Recording, signs: NDArray[np.int8] | NDArray[np.float32]) -> Recording:
@@ -228,11 +256,23 @@ def _check_samples(table: Table, source: str, chosen: Mapping[str, tuple[str, ..
 
 
 def _torque_constants(
-    robot: Robot, joints: Sequence[int], torques: Sequence[str], absolute: Sequence[bool], source: str
+    robot: Robot,
+    stated: Mapping[str, float],
+    joints: Sequence[int],
+    torques: Sequence[str],
+    absolute: Sequence[bool],
+    *,
+    source: str,
 ) -> Array:
-    """Torque constants (n,), 1 where torque is recorded; NaN where the constant of a current is unknown."""
-    current = np.array([kind.endswith("current") for kind in torques])
-    values = np.where(current, robot.actuators.torque_constant[list(joints)], 1.0)
+    """Torque constants (n,), 1 where torque is recorded; NaN where the constant of a current is unknown.
+
+    Those `stated` in the reading, by joint, take the place of those of the actuators file.
+    """
+    if strange := [name for name in stated if name not in robot.joints]:
+        raise RecordingError(f"the reading of {source} has a torque constant of {strange[0]}, no joint of {robot.name}")
+    current, known = np.array([kind.endswith("current") for kind in torques]), robot.actuators.torque_constant
+    constants = [stated.get(robot.joints[j], known[j]) for j in joints]
+    values = np.where(current, constants, 1.0)
     if (values == 0).any():
         names = [robot.joints[j] for j, zero in zip(joints, values == 0, strict=True) if zero]
         raise RecordingError(_no_constant(source, names, "leave it out, so that identification can estimate it"))
@@ -348,7 +388,7 @@ def read_bare(
         OptionError: topics of a source without topics.
         RecordingError: invalid file, columns or column map, or no joint has both columns.
     """
-    mapping = read_map(columns)
+    mapping = read_map(reading_beside(source) if columns is None else columns)
     opened = open_source(source, topics, mapping.heading)
     signals = _signals(opened, mapping)
     guessed = {} if columns is not None or _commanded(signals) else _guessed_columns(opened.table.columns)

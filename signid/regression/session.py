@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from itertools import chain
 
 import numpy as np
@@ -156,7 +157,9 @@ def recordings_used(
     parts = [(LEARNED, recordings[:-1]), (HELD_OUT, recordings[-1:])] if len(recordings) > 1 else [(SHARED, recordings)]
     parts = [(LEARNED, recordings), (HELD_OUT, held_out)] if held_out else parts
     roles = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, reference)] for r in some}
-    return tuple(Input(path, digest, f"recording, {role}") for (path, digest), role in roles.items())
+    read = {r.reading.path: r.reading.text for r in (*recordings, *held_out, *reference) if r.reading}
+    files = (Input(path, sha256(text.encode()).hexdigest(), "reading") for path, text in read.items() if path)
+    return (*(Input(path, digest, f"recording, {role}") for (path, digest), role in roles.items()), *files)
 
 
 def only_once(recordings: Sequence[Recording]) -> None:

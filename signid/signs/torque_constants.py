@@ -15,7 +15,20 @@ from ..recording import same_joints, with_signs
 from ..regression.factors import Factors, JointFactors
 from ..regression.rows import Task
 from ..regression.session import Session
-from ..types import Array, BaseMap, Estimate, Frozen, Indices, Mask, Progress, Recording, Robot, prismatic_unit
+from ..types import (
+    TWO_SIDED,
+    Array,
+    BaseMap,
+    Estimate,
+    Frozen,
+    Indices,
+    Mask,
+    Progress,
+    Reading,
+    Recording,
+    Robot,
+    prismatic_unit,
+)
 from .infer import infer
 from .observations import Observed, observe
 from .result import Gain, Signs
@@ -248,10 +261,21 @@ class TorqueConstants(Frozen):
     covariance: Array  # (n, n) [1] of its logarithm, 0 elsewhere
     notes: tuple[str, ...]
     flags: tuple[str, ...]
+    described: bool = False  # whether the inertials of the description set the scale
 
     def scale(self, recording: Recording) -> Recording:
         """The recording with its currents as torques."""
-        return replace(recording, torque_per_unit=recording.torque_per_unit * self.value, scaled=None)
+        reading = (recording.reading or Reading("")).with_constants(self._lines())
+        return replace(recording, torque_per_unit=recording.torque_per_unit * self.value, scaled=None, reading=reading)
+
+    def _lines(self) -> list[str]:
+        """Lines of a reading that state the constants, as comments with their intervals."""
+        whence = "description" if self.described else "motion"
+        ends = [(gain.value - TWO_SIDED * gain.std, gain.value + TWO_SIDED * gain.std) for gain in self.gains]
+        return [
+            f"# {gain.joint} = {gain.value:.5g}  # {low:.5g} to {high:.5g} {gain.unit} (95 %), from the {whence}"
+            for gain, (low, high) in zip(self.gains, ends, strict=True)
+        ]
 
     def describe(self, signs: Signs) -> Signs:
         """The signs found in scaled recordings, with constants, notes and flags."""
@@ -293,7 +317,7 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
         for j in np.flatnonzero(unknown).tolist()
     )
     notes = tuple(_notes(robot, gains, std[unknown], anchors, constants.described))
-    return TorqueConstants(gains, value, covariance, notes, tuple(_flags(robot, std, constants)))
+    return TorqueConstants(gains, value, covariance, notes, tuple(_flags(robot, std, constants)), constants.described)
 
 
 def _unknown(recordings: Sequence[Recording]) -> Mask:

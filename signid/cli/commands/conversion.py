@@ -75,7 +75,7 @@ def convert(
     _check(sources, conversion, robot_options.actuators, json)
     files = _files(sources, conversion)
     robot = given_robot(name, robot_options) if name is not None else None
-    columns = _column_map(conversion)
+    columns = _column_map(sources, conversion)
     if robot is not None and conversion.map is not None and not Path(conversion.map).exists():
         return _write_map(files, conversion.map, robot, conversion, json)
     found = read(
@@ -102,16 +102,19 @@ def _check(sources: list[str], conversion: ConvertOptions, actuators: str | None
             raise OptionError(f"-o {output} is the file to convert; give the result another name")
 
 
-def _column_map(conversion: ConvertOptions) -> str | None:
-    """File of the column map; a --map that does not exist is to be written.
+def _column_map(sources: list[str], conversion: ConvertOptions) -> str | None:
+    """File of the column map, or of the reading beside the log; a --map that does not exist is to be written.
 
     Raises:
         OptionError: two maps, no robot for a map that is to be written, or a calibration without such a map.
     """
+    from ...recording.reading import reading_beside
+
     if conversion.calibration is not None and (conversion.map is None or Path(conversion.map).exists()):
         raise OptionError("--calibration is for a column map that is written; add --robot and a --map that is new")
     if conversion.map is None:
-        return conversion.columns
+        beside = reading_beside(sources[0]) if len(sources) == 1 else None
+        return conversion.columns or (str(beside) if beside else None)
     if conversion.columns is not None:
         raise OptionError("--map and --columns both name a column map; give one of them")
     if not conversion.map or Path(conversion.map).is_dir():

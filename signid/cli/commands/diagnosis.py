@@ -13,7 +13,7 @@ import typer
 from ...deadline import USUAL, time_limit
 from ...errors import OptionError, RecordingError, RobotError, readable
 from ..app import Text, Texts, command, complete_law, complete_robot, option, output_option
-from ..arguments import given_command, given_model, given_recordings, has_drives, simulation_inputs
+from ..arguments import given_command, given_model, given_recordings, has_drives, simulation_inputs, under_gravity
 from ..options import (
     Columns,
     Cutoff,
@@ -83,10 +83,13 @@ def diagnose(
 
     check_folder(diagnosis.output, run.json, DIAGNOSED)
     logs = check_logs(rrd=diagnosis.rrd, mcap=diagnosis.mcap)
+    simulation = under_gravity(simulation, recordings, diagnosis.columns)
     gains = simulation.actuators if simulation.saved else None
     model, _ = given_model(replace(simulation, actuators=None) if gains else simulation)
     given, held_out, healthy = (
-        given_recordings(paths, model.robot, diagnosis.columns, diagnosis.unsigned)
+        given_recordings(
+            paths, model.robot, diagnosis.columns, diagnosis.unsigned, output=diagnosis.output, quiet=run.json
+        )
         for paths in (recordings, diagnosis.held_out, diagnosis.reference)
     )
     skip = [name.strip() for text in diagnosis.skip or () for name in text.split(",")]
@@ -177,6 +180,7 @@ def validate(
     check_folder(validation.output, True, VALIDATED)
     horizon = HORIZON if validation.horizon is None else _horizon(validation.horizon)
     names, recordings = _sort_arguments(given)
+    robot = under_gravity(robot, recordings, validation.columns)
     sources = [SimulationArguments(simulation=name, **vars(robot)) for name in names]
     if not all(source.saved for source in sources):
         sources = [
@@ -185,7 +189,9 @@ def validate(
     stated = robot.actuators is not None and all(source.saved for source in sources)
     sources = [replace(one, actuators=None) if stated else one for one in sources]
     models = {readable(source.simulation): given_model(source)[0] for source in sources}
-    read = given_recordings(recordings, _reader(list(models.values())), validation.columns)
+    read = given_recordings(
+        recordings, _reader(list(models.values())), validation.columns, output=validation.output, quiet=run.json
+    )
     servo = has_drives(read)
     if stated and not servo:
         given_model(replace(sources[0], actuators=robot.actuators))

@@ -21,7 +21,7 @@ from ..arguments import (
     given_robot,
     has_drives,
     instead_of_torque,
-    without_torque,
+    under_gravity,
 )
 from ..options import (
     DriveOptions,
@@ -91,10 +91,10 @@ def check(
     check_folder(output, True, CHECKED)
     bare = is_recording(robot.robot)
     paths = [robot.robot, *(recordings or ())] if bare else _needed(recordings, robot)
-    described = None if bare else given_robot(robot.robot, robot)
+    described = None if bare else given_robot(robot.robot, under_gravity(robot, paths, rows.columns))
     found: Check | ServoAudit | UnusableRecordings
     try:
-        found = _checked(context, described, paths, rows, run, unsigned)
+        found = _checked(context, described, paths, rows, run, unsigned=unsigned, output=output)
     except (RecordingError, LinAlgError, ArithmeticError) as error:
         found = _unusable(paths, rows.columns, error)
     if described is not None:
@@ -117,10 +117,13 @@ def _checked(
     paths: Sequence[str],
     rows: RowOptions,
     run: RunOptions,
+    *,
     unsigned: bool,
+    output: str | None,
 ) -> Check | ServoAudit:
     """Check of torque, or audit of position drives; currents whose constants are unknown are left out, and named."""
     from ...check import check as judge
+    from ...recording import without_torque
     from ...signs.torque_constants import UnknownConstants
 
     if described is None:
@@ -131,7 +134,10 @@ def _checked(
         return _audit([recording for recording, _ in read], units)
     kinds = zip(described.joints, described.prismatic, strict=True)
     units = {joint: "m" if slides else "rad" for joint, slides in kinds}
-    given, lacking = given_recordings(paths, described, rows.columns, unsigned), list[str]()
+    given, lacking = (
+        given_recordings(paths, described, rows.columns, unsigned, output=output, quiet=run.json),
+        list[str](),
+    )
     while any(any(recording.columns["tau"]) for recording in given):
         try:
             with bars(run.json) as progress:
@@ -235,9 +241,11 @@ def identify(
     from ..files import IDENTIFIED, deliver
 
     check_folder(fit.output, run.json, IDENTIFIED)
-    described = given_robot(robot.robot, robot)
-    given = given_recordings(recordings, described, rows.columns, fit.unsigned)
-    held_out = given_recordings(fit.held_out, described, rows.columns, fit.unsigned)
+    described = given_robot(robot.robot, under_gravity(robot, recordings, rows.columns))
+    given, held_out = (
+        given_recordings(paths, described, rows.columns, fit.unsigned, output=fit.output, quiet=run.json)
+        for paths in (recordings, fit.held_out)
+    )
     servo = has_drives((*given, *held_out), drives.servo)
     check_options(context, servo)
     read = given_inputs(

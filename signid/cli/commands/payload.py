@@ -8,7 +8,7 @@ from pathlib import Path
 from ...deadline import USUAL, time_limit
 from ...errors import OptionError
 from ..app import Text, Texts, command, option, output_option
-from ..arguments import given_model, given_options, given_recordings, given_robot, simulation_inputs
+from ..arguments import given_model, given_options, given_recordings, given_robot, simulation_inputs, under_gravity
 from ..options import OptionalRecordings, RowOptions, RunOptions, SimulationArguments, TimeLimit
 from ..terminal import bars, check_folder, check_unread
 
@@ -50,10 +50,11 @@ def payload(
     check_folder(loads.output, True, WEIGHED)
     if loads.output is not None:
         check_unread(Path(loads.output) / "model.json", [simulation.simulation])
+    names = [recordings] if recordings else [loads.without, loads.carrying]
+    simulation = under_gravity(simulation, names[0], rows.columns)
     described = None if simulation.saved else given_robot(simulation.simulation, simulation)
     model = load_model(described) if described else given_model(simulation)[0]
-    names = [recordings] if recordings else [loads.without, loads.carrying]
-    sides = [given_recordings(paths, model.robot, rows.columns) for paths in names]
+    sides = [given_recordings(paths, model.robot, rows.columns, output=loads.output, quiet=run.json) for paths in names]
     options = given_options(rows, run.seed)
     with time_limit(loads.time_limit), bars(run.json) as progress:
         found = identify_payload(model, *sides, options=options, progress=progress)

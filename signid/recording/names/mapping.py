@@ -10,6 +10,7 @@ from difflib import get_close_matches
 from itertools import permutations
 from math import isfinite
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +27,13 @@ MOST_NAMES = 20_000  # of columns
 SHIFTED = ("q", "q_des")  # kinds of columns that a zero shifts
 SIGNED = (*SHIFTED, "dq", "dq_des", "ddq", "tau", "tau_ff", "current", "pwm")  # kinds whose sign is that of the joint
 FIELDS = ("column", "unit", "scale", "offset")  # keys of a column in the long form
+SECTIONS: Mapping[str, tuple[str, ...]] = {  # sections of a reading and their keys, () for signals and joints
+    "columns": (),
+    "clock": ("time", "rate"),
+    "missing": ("values",),
+    "torque_constant": (),
+    "gravity": ("vector",),
+}
 ColumnMap = str | Path | Mapping[str, Any]
 COUNTS = 4095  # counts of a turn by which LeRobot divides, of motors with 12 bits
 PERCENT, SLACK = 100.0, 0.5  # largest share of the range, and what rounding adds [%]
@@ -84,6 +92,9 @@ class ParsedColumns(NamedTuple):
     joints: Mapping[str, str]  # joint name by its name in the source
     pattern: tuple[str, str] | None  # prefix and suffix of joint names in the source
     heading: Heading = Heading()
+    missing: tuple[float, ...] = ()  # numbers that stand for a missing value
+    constants: Mapping[str, float] = MappingProxyType({})  # torque constants by joint [N.m/A or N/A]
+    gravity: tuple[float, ...] | None = None  # [m/s2] in the frame of the root link
 
     def signals(self, columns: Sequence[str], source: str) -> Iterator[Signal]:
         """Columns under their mapped names; a mapped column loses its original name.
@@ -154,8 +165,11 @@ def read_map(
             raise RecordingError(f'{name} is not TOML such as q_elbow = "elbow_pos": {error}') from error
     named: dict[str, str] = {}
     own: dict[str, str | Change] = {}
-    for key, value in table.items():
-        if key in ("joints", "units", "skip", "names"):
+    sections = {key: _section(name, table, key) for key in SECTIONS}
+    time = sections["clock"].get("time")
+    columns = {**sections["columns"], **({} if time is None else {"t": time})}
+    for key, value in {**table, **columns}.items():
+        if key in ("joints", "units", "skip", "names", *SECTIONS):
             continue
         if key != "t" and not split(key):
             raise RecordingError(f"{name} gives {key!r}; expected t, or {'_, '.join(reversed(KINDS))}_ and a joint")
@@ -169,7 +183,33 @@ def read_map(
     stated = read_heading(name, table.get("skip", 0), table.get("names", ()))
     given_here = heading or Heading()
     merged = Heading(given_here.skip or stated.skip, given_here.names or stated.names)
-    return ParsedColumns(named, own, by_kind, joints, pattern, merged)
+    constants, gravity = sections["torque_constant"], sections["gravity"].get("vector")
+    missing = sections["missing"].get("values", [])
+    if not isinstance(missing, list) or not all(map(_is_number, missing)):
+        raise RecordingError(f"{name} gives missing values = {missing!r}; expected a list of numbers such as [-999]")
+    if wrong := next((key for key, value in constants.items() if not _is_number(value) or not value), ""):
+        raise RecordingError(f"{name} gives {wrong} the torque constant {constants[wrong]!r}; expected N.m/A, not 0")
+    if gravity is not None and not (isinstance(gravity, list) and len(gravity) == 3 and all(map(_is_number, gravity))):
+        raise RecordingError(f"{name} gives gravity the vector {gravity!r}; expected [0, 0, -9.81] in m/s2")
+    vector = None if gravity is None else tuple(gravity)
+    return ParsedColumns(named, own, by_kind, joints, pattern, merged, tuple(missing), constants, vector)
+
+
+def _section(name: str, table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """A section of a reading, {} without it.
+
+    Raises:
+        RecordingError: it is no section, or has an unknown key.
+    """
+    found, known = table.get(key, {}), SECTIONS[key]
+    if not isinstance(found, Mapping) or (known and not {*found} <= {*known}):
+        expected = f"lines of {' or '.join(known)} below [{key}]" if known else f"lines below [{key}]"
+        raise RecordingError(f"{name} gives {key} = {found!r}; expected {expected}")
+    return found
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
 
 
 def read_heading(name: str, skip: object, names: object) -> Heading:
@@ -208,8 +248,7 @@ def _column(name: str, key: str, value: object) -> tuple[str, str | Change]:
     if all(number is None for number in numbers):
         return value["column"], unit
     scale, offset = (default if x is None else x for x, default in zip(numbers, (1.0, 0.0), strict=True))
-    valid = (isinstance(x, int | float) and not isinstance(x, bool) and isfinite(x) for x in (scale, offset))
-    if not (all(valid) and scale):
+    if not (_is_number(scale) and _is_number(offset) and scale):
         expected = "expected numbers for value * scale + offset"
         raise RecordingError(f"{name} gives {key} an invalid scale or offset; {expected}")
     return value["column"], Change(float(scale), 1.0, float(offset))
@@ -258,7 +297,7 @@ def revised_map(
         RecordingError: unreadable or invalid column map, or a unit that does not fit.
     """
     parsed = read_map(given)
-    entries = {key: _entry(key, column, parsed.own.get(key, "")) for key, column in parsed.named.items()}
+    entries = {key: entry(key, column, parsed.own.get(key, "")) for key, column in parsed.named.items()}
     for kind in SIGNED:
         for joint, column in zip(joints, columns.get(kind, ()), strict=False):
             if column and joint in turned and (kind in SHIFTED or turned[joint].sign < 0):
@@ -267,7 +306,7 @@ def revised_map(
                 if not any(name.startswith("abs_") for name in names):
                     current = kind == "tau" and names[1].startswith("current_")
                     key = key or f"{'current' if current else kind}_{joint}"
-                    entries[key] = _entry(key, column, _changed(parsed, key, column, turned[joint]))
+                    entries[key] = entry(key, column, _changed(parsed, key, column, turned[joint]))
     return "\n".join([*heading_lines(parsed.heading), *entries.values(), *_tables(parsed)]) + "\n"
 
 
@@ -280,7 +319,8 @@ def _changed(parsed: ParsedColumns, key: str, column: str, turned: Turned) -> Ch
     return Change(turned.sign * own.scale, own.over, turned.sign * own.offset + shift)
 
 
-def _entry(key: str, column: str, own: str | Change) -> str:
+def entry(key: str, column: str, own: str | Change) -> str:
+    """Line of a column map; own: unit, "" if none is stated, or scale and offset."""
     if isinstance(own, Change):
         numbers = f"scale = {own.scale / own.over:.12g}, offset = {own.offset:.6g}"
         return f"{key_of(key)} = {{ column = {quoted(column)}, {numbers} }}"

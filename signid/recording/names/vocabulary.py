@@ -51,6 +51,7 @@ _TABLE: Mapping[Word, str] = {
     Word("tau", weak=True): "load force last kraft",
     Word("current"): "current currents cur curr amps strom courant corriente corrente",
     Word("current", side="measured"): "iq",
+    Word("tau", side="measured"): "par",
     Word("pwm"): "pwm duty dutycycle",
     Word("volt"): "volt volts voltage voltages spannung",
     Word("temp"): "temp temperature temperatures temperatur",
@@ -64,14 +65,14 @@ _TABLE: Mapping[Word, str] = {
     Word(side="forward"): "ff feedforward feedfwd",
     Word(side="rate"): "dot rate",
     Word(side="second rate"): "ddot",
-    Word(side="joint"): "joint joints motor motors axis axes achse achsen axe eje ejes asse gelenk servo servos drive "
-    "drives actuator actuators dof",
+    Word(side="joint"): "joint joints motor motors axis axes achse achsen axe eje ejes asse gelenk giunto giunti "
+    "articulation articulacion servo servos drive drives actuator actuators dof",
     Word(side="none"): "ext external error err deviation limit limits lim max min maximum minimum kp kd ki gain gains "
     "stiffness damping gravity friction tcp pose cartesian mode status residual noise power energy",
     Word(unit="deg/s"): "deg/s deg_s degs deg/sec dps grad/s °/s",
     Word(unit="rad/s"): "rad/s rad_s rads rad/sec",
     Word(unit="rpm"): "rpm u/min rev/min",
-    Word(unit="deg"): "deg degree degrees ° grad",
+    Word(unit="deg"): "deg degree degrees ° grad grados gradi degres",
     Word(unit="mrad"): "mrad",
     Word(unit="rad"): "rad radian radians",
     Word(unit="mm"): "mm",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -83,12 +84,19 @@ class LawNumber(NamedTuple):
 
 def identified_numbers(result: Identification) -> list[list[LawNumber]]:
     """Parameters of each law of the model, with their standard deviations."""
-    singles, places = _alone(result.base), dict[int, list[int]]()
+    singles, places = _alone(result.base), defaultdict[int, list[int]](list)
     for k, label in enumerate(result.base.labels):
         if label.law is not None:
-            places.setdefault(label.law, []).append(k)
-    rows = {i: [singles.get(k) for k in own] for i, own in places.items()}
-    return [_numbers(result, law, rows.get(i, [])) for i, law in enumerate(result.model.laws)]
+            places[label.law].append(k)
+    found = [(x, _deviations(result, x, [singles.get(k) for k in places[i]])) for i, x in enumerate(result.model.laws)]
+    currents = (_numbers(result, law, dict(zip(law.effect.linear(), std, strict=True))) for law, std in result.currents)
+    own = ([number._replace(unit=_in_amperes(number.unit)) for number in numbers] for numbers in currents)
+    return [*(_numbers(result, *pair) for pair in found), *own]
+
+
+def _in_amperes(unit: str) -> str:
+    """Unit of a number of a law in the current of a joint without a torque constant."""
+    return "A.s2/rad" if unit == "kg.m2" else unit.replace("N.m", "A").replace("N", "A")
 
 
 def _alone(base: BaseMap) -> dict[int, int]:
@@ -104,9 +112,9 @@ def _rigid_rows(base: BaseMap) -> list[int]:
     return [row for row in range(base.rank) if row not in laws]
 
 
-def _numbers(result: Identification, law: Law, rows: Sequence[int | None]) -> list[LawNumber]:
+def _numbers(result: Identification, law: Law, std: Mapping[str, float]) -> list[LawNumber]:
     joint = result.robot.joints[law.joints[0]] if len(law.joints) == 1 else None
-    units, std = law_units(result.robot, law), _deviations(result, law, rows)
+    units = law_units(result.robot, law)
     values = law.parameters.items()
     return [LawNumber(law.effect.name, joint, key, float(x), std.get(key), units[key]) for key, x in values]
 
@@ -147,11 +155,11 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "moved": float(result.moved),
         "effects": [
             {
-                "effect": law.effect.name,
-                "joint": robot.joints[law.joints[0]] if len(law.joints) == 1 else None,
+                "effect": numbers[0].effect,
+                "joint": numbers[0].joint,
                 "parameters": {n.key: {"value": n.value, "std": n.std, "unit": n.unit} for n in numbers},
             }
-            for law, numbers in zip(result.model.laws, identified_numbers(result), strict=True)
+            for numbers in identified_numbers(result)
         ],
         "signs": None if result.signs is None else signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
