@@ -73,6 +73,30 @@ def test_without_a_scale_only_ratios_are_given(facts: JointFacts, words: str) ->
     assert any(words in line and "kp/armature 2000 1/s2" in line for line in said)
 
 
+def test_ratios_to_kp_have_intervals_that_no_scale_widens() -> None:
+    """A common scale of all torques, known to 300 %, changes no ratio; each number has 1 % of its own."""
+    facts, size = JointFacts("gripper", known_load_share=0.07), np.array([getattr(ELBOW, name) for name in FREE])
+    scaled = np.array([name != "delay" for name in FREE]) * size
+    covariance = np.diag(np.where(np.array(FREE) == "kp", 0.0, 0.01 * size) ** 2) + np.outer(3 * scaled, 3 * scaled)
+    numbers, _ = joint_numbers(ELBOW, FREE, covariance, facts)
+    assert numbers["kp"].value is None and numbers["coulomb_friction"].value is None
+    friction, wave = numbers["coulomb_friction/kp"], numbers["kp/armature"]
+    assert friction.value == pytest.approx(ELBOW.coulomb_friction / 20) and friction.unit == "rad"
+    assert friction.std == pytest.approx(0.01 * ELBOW.coulomb_friction / 20, rel=1e-6)
+    assert numbers["damping/kp"].value == pytest.approx(0.05) and numbers["damping/kp"].unit == "s"
+    assert wave.value == pytest.approx(2000) and wave.std == pytest.approx(20, rel=1e-6) and wave.unit == "1/s2"
+
+
+def test_a_ratio_without_an_upper_end_is_a_lower_bound() -> None:
+    facts, armature = JointFacts("gripper", known_load_share=0.07), FREE.index("armature")
+    covariance = np.diag(STD**2)
+    covariance[armature, armature] = 0.01**2  # of an armature of 1e-15: 1 / (1e-15 + 1.96 * .01) * 20
+    numbers, said = joint_numbers(ELBOW.with_(armature=1e-15), FREE, covariance, facts)
+    assert numbers["kp/armature"].value is None and numbers["kp/armature"].above == pytest.approx(20 / 0.0196)
+    assert any("kp/armature at least 1020 1/s2" in line for line in said)
+    assert "/" not in "".join(joint_numbers(ELBOW, FREE, covariance, JointFacts("elbow"))[0]), "the scale is known"
+
+
 def test_a_stated_gain_gives_light_joints_their_scale() -> None:
     facts = JointFacts("gripper", known_load_share=0.05, masses_set_scale=False, stated={"kp": 20.0})
     numbers, _ = joint_numbers(ELBOW, FREE[1:], np.diag(STD[1:] ** 2), facts)
@@ -170,6 +194,19 @@ def test_numbers_of_a_simulated_drive_are_found(found: ServoIdentification) -> N
         assert number.value == pytest.approx(true, rel=tolerance), name
     assert numbers["delay"].value == pytest.approx(0.012, abs=5e-4)
     assert found.rollout.whole_rms[0] < 2e-3 < found.rollout.nominal_whole_rms[0]
+
+
+def test_without_a_scale_the_table_holds_the_true_ratios(pendulum: tuple[Robot, dict[str, Array]]) -> None:
+    robot, columns = pendulum
+    options = ServoOptions(additional=())
+    result = signid.identify_servos(robot, signid.read_recording(columns, robot), known="nothing", options=options)
+    numbers = result.joints[0].numbers
+    assert numbers["kp"].value is None
+    for name, true in (("damping/kp", 0.8 / 15), ("coulomb_friction/kp", 0.01), ("torque_offset/kp", 0.0)):
+        assert (numbers[name].value, numbers[name].std) == pytest.approx((true, 0), abs=3e-3), name
+    shown = repr(result)
+    assert "damping/kp" in shown and "coulomb friction/kp" in shown and "effort limit" not in shown.split("\n\n")[1]
+    assert "--known kp=VALUE" in shown and "--known masses" in shown
 
 
 def test_what_no_motion_tells_is_said(found: ServoIdentification) -> None:

@@ -246,7 +246,8 @@ def test_progress_is_a_line_a_minute_where_standard_error_is_a_file(
         (10.0, 0.5, 30.0, "about 10 s, at most 30 s left"),
         (10.0, 0.5, 3600.0, "about 10 s left"),
         (10.0, 0.5, 4.0, "at most 4 s left"),
-        (0.5, 0.5, 600.0, "at most 10 min left"),
+        (0.5, 0.5, 600.0, ""),  # nothing is known but a limit that is far off
+        (60.0, 0.0, 3540.0, ""),
         (10.0, 0.0, float("inf"), ""),
         (10.0, 0.0, -1.0, "at most 0 s left"),
         (10.0, 1.0, 60.0, ""),

@@ -14,7 +14,7 @@ from ...robot.joints import alike, name_pattern
 from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..fit import ServoFit, fit_servos, start_limits
-from ..given import OWN, Assumptions, Name
+from ..given import OWN, Assumptions
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
 from ..search.choice import SHORT, Candidate
@@ -131,7 +131,7 @@ def conclude(
         model, added = described, [*added, worse_flag(rolled)]
     limited = [joint for joint, fact in facts.items() if fact.saturated_share >= RARE]
     gains = {joint: of["kp"] for joint, of in known.stated.items() if "kp" in of}
-    std = {joint: s for joint, s in number_std(fit, "kp").items() if _has_value(joints, joint)}
+    std = {one.joint: s for one in joints if _has(one, "kp") and (s := number_std(fit, "kp").get(one.joint))}
     other = alternatives(known.sets, fit.servos, std, gains) if known.scale == "masses" else ()
     scale = known_scale(known.scale, gains, other)
     added += [scale.sentence] if known.scale == "nothing" else []
@@ -169,7 +169,7 @@ def _estimates(one: ServoJoint) -> dict[str, tuple[float, float]]:
     return {
         name: (number.value, number.std)
         for name, number in one.numbers.items()
-        if number.value is not None and number.std and not number.prior and name not in ("lag", OWN)
+        if number.value is not None and number.std and not number.prior and "/" not in name and name not in ("lag", OWN)
     }
 
 
@@ -224,15 +224,6 @@ def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, assumpt
     )
 
 
-def _has_value(joints: Sequence[ServoJoint], name: str) -> bool:
-    return any(one.joint == name and one.numbers["kp"].value is not None for one in joints if "kp" in one.numbers)
-
-
-def _said_names(fit: ServoFit) -> list[Name]:
-    """Free numbers with all their joints."""
-    return [(shorten(joints), number) for (_, number), joints in zip(fit.names, fit.owners, strict=True)]
-
-
 def _flags(
     added: Sequence[str],
     joints: Sequence[ServoJoint],
@@ -242,10 +233,11 @@ def _flags(
     limited: Sequence[str],
 ) -> tuple[str, ...]:
     """Flags of all steps, each once."""
+    names = [(shorten(owners), number) for (_, number), owners in zip(fit.names, fit.owners, strict=True)]
     flags = (
         *added,
         *joint_flags(joints),
-        *dependence(dependent_numbers(fit.information, _said_names(fit))),
+        *dependence(dependent_numbers(fit.information, names)),
         *law_flags(joints, limited),
         *lag_flags(joints, data),
         *rollout_flags(rolled),
@@ -271,13 +263,7 @@ def held_out_errors(model: Model, data: ServoData, servos: Mapping[str, Servo]) 
     far = (unseen > FAR * trained) & (unseen > LOUD * noise) & (unseen > TRIFLE * tracking)
     unit = ["m" if model.robot.prismatic[model.robot.index(joint)] else "rad" for joint in data.joints]
     return {
-        joint: HeldOutError(
-            joint,
-            unit[j],
-            float(trained[j]),
-            float(unseen[j]),
-            bool(far[j]),
-        )
+        joint: HeldOutError(joint, unit[j], float(trained[j]), float(unseen[j]), bool(far[j]))
         for j, joint in enumerate(data.joints)
         if joint in servos
     }

@@ -140,7 +140,7 @@ def identify_servos(
     _say(progress, "simulating held-out recordings", 0.9)
     remarks = (*audit_flags(model.robot, (*given, *unseen)), *remarks)
     zeros, notes = joint_zeros(plain, data, starts[PLAIN], options.seed) if scale == "masses" else ((), ())
-    remarks = (*remarks, *zero_flags(zeros, _position_columns(given[0])))
+    remarks = (*remarks, *zero_flags(zeros, dict(zip(given[0].joints, given[0].columns.get("q", ()), strict=False))))
     logs = tuple(map(_logged_rows, (*given, *unseen)))
     slow = FINER * min(log.content_rate for log in logs) < data.train[0].rate
     late = command_timing(weighed, few, fit, options.window) if slow else {}
@@ -168,11 +168,6 @@ def _logged_rows(recording: Recording) -> LoggedRows:
     known = np.isfinite(x.t) & np.isfinite(x.q).all(axis=1)
     t, q = x.t[known], x.q[known]
     return LoggedRows(recording.path, float(np.median(np.diff(t))), content_rate(t, q))
-
-
-def _position_columns(recording: Recording) -> dict[str, str]:
-    """Column of the position of each joint."""
-    return dict(zip(recording.joints, recording.columns.get("q", ()), strict=False))
 
 
 def _has_voltage(recording: Recording) -> bool:
@@ -308,16 +303,7 @@ def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window:
     late = BETWEEN.get(changes, 0.0) * data.train[0].step
     servos = {joint: servo.with_(delay=servo.delay + late) for joint, servo in fit.servos.items()}
     grids = [_refined(grid, changes) for grid in data.train]
-    new = fit_servos(
-        model,
-        grids,
-        servos,
-        fit.free,
-        window=window,
-        relinearise=False,
-        iterations=STEPS,
-        scales=False,
-    )
+    new = fit_servos(model, grids, servos, fit.free, window=window, relinearise=False, iterations=STEPS, scales=False)
     return new.window_squares
 
 
