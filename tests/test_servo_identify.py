@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import signid
-from signid.model import load_model, with_servos
+from signid.model import Model, load_model, with_servos
 from signid.servo.identify import ServoIdentification, ServoOptions
+from signid.servo.identify.fits import closed_loops
 from signid.servo.identify.identifiable import JointFacts, dependence, dependent_numbers, joint_numbers
 from signid.servo.identify.scale import alternatives, mass_ratio
 from signid.servo.plant import grids_of_arrays, roll_out
@@ -206,7 +207,24 @@ def test_without_a_scale_the_table_holds_the_true_ratios(pendulum: tuple[Robot, 
         assert (numbers[name].value, numbers[name].std) == pytest.approx((true, 0), abs=3e-3), name
     shown = repr(result)
     assert "damping/kp" in shown and "coulomb friction/kp" in shown and "effort limit" not in shown.split("\n\n")[1]
-    assert "--known kp=VALUE" in shown and "--known masses" in shown
+    assert "--known kp=VALUE" in shown and "--known masses" in " ".join(shown.split())
+
+
+def test_stated_numbers_whose_loop_diverges_are_no_comparison(
+    pendulum: tuple[Robot, dict[str, Array]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, x = pendulum
+    (grid,) = grids_of_arrays(["swing"], x["t"], x["q_swing"], x["q_des_swing"])
+    model, undamped = load_model(robot), {"swing": Servo(kp=1e4)}
+
+    def diverging(model: Model, servos: dict[str, Servo], *rest: Any) -> Array:
+        return 1e6 * grid.q if servos is undamped else roll_out(model, servos, *rest)
+
+    monkeypatch.setattr("signid.servo.identify.fits.roll_out", diverging)
+    rolled, _ = closed_loops(model, {"swing": TRUE}, [grid], True, (model, undamped))
+    assert rolled.nominal == "q = q_des" and rolled.nominal_whole_rms == pytest.approx(rolled.tracking_rms)
+    rolled, _ = closed_loops(model, {"swing": TRUE}, [grid], True, (model, {"swing": TRUE}))
+    assert rolled.nominal == "stated numbers" and rolled.nominal_whole_rms == rolled.whole_rms
 
 
 def test_what_no_motion_tells_is_said(found: ServoIdentification) -> None:

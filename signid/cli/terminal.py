@@ -138,7 +138,7 @@ def _minute_lines() -> Iterator[ShowProgress]:
 
     def show_progress(which: str, stage: str, share: float, left: str) -> None:
         nonlocal said
-        said = ", ".join(filter(None, [f"{stage}: {100 * share:.0f} %", left]))
+        said = ", ".join(x for x in (stage + f": {100 * share:.0f} %" * (share >= 0.005), left) if x)
 
     def speak() -> None:
         while not ended.wait(MINUTE):

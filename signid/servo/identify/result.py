@@ -84,7 +84,7 @@ class ServoRollOut(Frozen):
     units: tuple[str, ...]  # n, "rad" or "m"
     whole_rms: Array  # (n,) [rad or m] over whole recordings
     one_second_rms: Array  # (n,) [rad or m] restarted from the measured state every second
-    nominal_whole_rms: Array  # (n,) [rad or m] of the stated numbers, or of q = q_des where no gain is stated
+    nominal_whole_rms: Array  # (n,) [rad or m] of the stated numbers, or of q = q_des without or where these diverge
     nominal_one_second_rms: Array  # (n,) [rad or m] the same every second
     nominal: str  # "stated numbers" or "q = q_des"
     held_out: bool  # whether the recordings took no part in the fit

@@ -117,7 +117,7 @@ def identify_servos(
     folds = tuple((thinned(a, most), thinned(b, most)) for a, b in data.folds)
     few = replace(data, train=thinned(data.train, most), folds=folds)
     plain, _ = command_model(model, {joint: Servo() for joint in data.driven}, complete=True)
-    starts = {law: _driven(start_servos(plain, few.train, law), data.driven) for law in EQUAL}
+    starts = {law: {j: x for j, x in start_servos(plain, few.train, law).items() if j in data.driven} for law in EQUAL}
     weighed, remarks = plain, tuple[str, ...]()
     if scale == "kp":
         _say(progress, "weighing bodies", 0.05)
@@ -183,10 +183,6 @@ def _recorded_duty(errors: Mapping[str, float], fixed: Stated, laws: Mapping[str
         for joint, error in errors.items()
         if laws.get(joint, "duty") == "duty" and "effort_limit" not in fixed.get(joint, {})
     }
-
-
-def _driven(servos: Mapping[str, Servo], joints: Sequence[str]) -> dict[str, Servo]:
-    return {joint: servo for joint, servo in servos.items() if joint in joints}
 
 
 def _limited(start: Candidate, found: Mapping[str, Servo]) -> Candidate:
