@@ -62,6 +62,7 @@ class JointFacts:
     unique_load_share: float = 1.0  # [1] that armature, friction and offset cannot give
     unexplained: float = 1.0  # residual over the error of the loop [1]
     masses_set_scale: bool = True  # no gain of the joint is stated
+    masses_error: float = 0.0  # [1] standard deviation of these masses over them
     saturated_share: float = 0.0  # [1]
     largest_torque: float = 0.0  # [N.m or N] that the drive gives at least
     drive_damping: float = 0.0  # [N.m.s/rad or N.s/m] inside the limit, for which that holds
@@ -117,6 +118,8 @@ def joint_numbers(
         if name in std:
             timing = facts.command_timing / 1.96 if name != "armature" else 0.0
             std[name] = float(np.linalg.norm([std[name], least, timing]))
+    for name in {*SCALED, *INVERSE_SCALED}.intersection(std).difference(facts.priors):
+        std[name] = float(np.hypot(std[name], facts.masses_error * values[name]))
     numbers, at_bound = {}, set(facts.at_bound)
     if at_bound & {"kd", "viscous_friction"} and "damping" not in std:
         at_bound.add("damping")
@@ -205,22 +208,18 @@ def _lost(
 def _vague(
     free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float], facts: JointFacts
 ) -> Iterator[Lost]:
+    sizes = {"load_friction": 1.0, "coulomb_friction": facts.largest_torque}  # of friction: what moves the joint
     for name in (*free, "damping", "lag"):
         vague = name in std and name not in SIGNED and not std[name] <= VAGUE * abs(values[name])
         late = name in LATE and name in std and 1.96 * std[name] > max(abs(values[name]), LATEST)
         if vague or late or not np.isfinite(std.get(name, 0.0)):
             words, unit = name.replace("_", " "), unit_of(name, facts.prismatic)
             most = values[name] + 1.96 * std[name]
-            useful = np.isfinite(most) and name not in (*LIMITS, *LATE, "kp") and not most >= _largest(name, facts)
+            largest = sizes.get(name) or np.inf
+            useful = np.isfinite(most) and name not in (*LIMITS, *LATE, "kp") and not most >= largest
             below = float(most) if useful else None
             limit = "" if below is None else f": it is below {decimals(below, 2)} {unit}".removesuffix(" 1")
             yield Lost(name, f"{facts.joint}: {words} is {VAGUELY}{limit}", below)
-
-
-def _largest(name: str, facts: JointFacts) -> float:
-    """Size of a number from which on an upper bound says nothing: friction as large as what moves the joint."""
-    sizes = {"load_friction": 1.0, "coulomb_friction": facts.largest_torque}
-    return sizes.get(name) or np.inf
 
 
 def _apart(servo: Servo, facts: JointFacts) -> bool:

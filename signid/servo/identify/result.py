@@ -74,6 +74,8 @@ class ServoScale:
     known_by: str  # BY_INERTIALS, BY_GAIN or BY_NOTHING
     sentence: str
     alternatives: tuple[str, ...] = ()  # "if the firmware's kp is 20 as stated, FL_thigh is 1.4 times as heavy ..."
+    mass_ratios: tuple[float, ...] = ()  # [1] of true masses to those of the description, if the stated gains are true
+    gain: str = ""  # what --known says for these: "kp=20", or "kp" of several
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,7 +127,8 @@ def identify_servos(
     first = {k: first_candidate(model.robot, data, x, fixed, laws_known, assumed) for k, x in starts.items()}
     limits = KnownLimits({law: _limited(one, starts[law]) for law, one in first.items()}, laws_known)
     start = replace(first[PLAIN], tied=duty).follow(first[PLAIN].servos)
-    if any(_has_voltage(recording) for recording in given):
+    first_rows = (recording.read(0, 1).servo for recording in given)
+    if any(servo is not None and servo.volt is not None for servo in first_rows):  # takes the place of a droop
         options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
     chosen = search(Searcher(weighed, few, sets, options, progress, assumed), start, limits)
     _say(progress, "fitting servos", 0.8)
@@ -168,12 +169,6 @@ def _logged_rows(recording: Recording) -> LoggedRows:
     known = np.isfinite(x.t) & np.isfinite(x.q).all(axis=1)
     t, q = x.t[known], x.q[known]
     return LoggedRows(recording.path, float(np.median(np.diff(t))), content_rate(t, q))
-
-
-def _has_voltage(recording: Recording) -> bool:
-    """Whether the supply is recorded, which takes the place of a droop."""
-    servo = recording.read(0, 1).servo
-    return servo is not None and servo.volt is not None
 
 
 def _recorded_duty(errors: Mapping[str, float], fixed: Stated, laws: Mapping[str, str]) -> dict[str, float]:

@@ -211,7 +211,18 @@ def servo_warnings(result: ServoIdentification) -> list[str]:
 
 def _headline(result: ServoIdentification) -> str:
     data = " of held-out motion" if result.rollout.held_out else " of the motion of the fit"
-    return f"{result.robot.name}: {plural(len(result.joints), 'drive')}, {loop_words(result.rollout, data)}"
+    words = f"{plural(len(result.joints), 'drive')}, {loop_words(result.rollout, data)}"
+    return "; ".join(filter(None, [f"{result.robot.name}: {words}", _scale_words(result)]))
+
+
+def _scale_words(result: ServoIdentification) -> str:
+    """Unit of torques and masses, and how heavy bodies are with the stated gain."""
+    ends = [f"{x:.2f}" for x in sorted(result.scale.mass_ratios)]
+    times = " to ".join(dict.fromkeys([*ends[:1], *ends[-1:]]))
+    said = f"with --known {result.scale.gain} the moved bodies are {times} times as heavy as described" if times else ""
+    if not result.scale.known_by.startswith("inertials"):
+        return said
+    return f"in units of the described masses{'; ' + said if said else ' (--known kp=VALUE: of the gain at the joint)'}"
 
 
 def loop_words(found: ServoRollOut, data: str = "") -> str:
