@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -133,14 +133,6 @@ def given_recordings(
     from ..recording import read_recording
 
     return [read_recording(path, robot, columns=columns, unsigned=unsigned) for path in paths or ()]
-
-
-def without_torque(recording: Recording, joints: Sequence[str]) -> Recording:
-    """The recording without the torques or currents of some joints."""
-    lost = [joint in joints for joint in recording.joints]
-    tau = tuple("" if out else column for out, column in zip(lost, recording.columns["tau"], strict=True))
-    known = None if recording.scaled is None or (recording.scaled | lost).all() else recording.scaled | lost
-    return replace(recording, columns={**recording.columns, "tau": tau}, signed=recording.signed | lost, scaled=known)
 
 
 def given_options(rows: RowOptions, seed: int, robust: bool = False) -> Options:

@@ -115,7 +115,7 @@ def _scale(words: Sequence[str], given: Mapping[Name, float], gains: bool) -> st
     if wrong := next((word for word in words if word not in KNOWN), None):
         raise OptionError(f"known is {wrong!r}; give one of {', '.join(KNOWN)}, or NAME=VALUE: kp=20, for example")
     if len(set(words) | ({"kp"} if gains else set())) > 1:
-        raise OptionError("the scale of torque is known from one source; give --known masses, nothing or a gain kp=20")
+        raise OptionError("the scale of torque is known from one source; give masses, nothing, or kp=20 (--known)")
     stated = any(name == "kp" for _, name in given)
     word = "kp" if gains else next(iter(words), "kp" if stated else "masses")
     if word == "kp" and not stated:

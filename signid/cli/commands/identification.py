@@ -21,7 +21,6 @@ from ..arguments import (
     given_robot,
     has_drives,
     instead_of_torque,
-    without_torque,
 )
 from ..options import (
     DriveOptions,
@@ -121,6 +120,7 @@ def _checked(
 ) -> Check | ServoAudit:
     """Check of torque, or audit of position drives; currents whose constants are unknown are left out, and named."""
     from ...check import check as judge
+    from ...regression.session import without_torque
     from ...signs.torque_constants import UnknownConstants
 
     if described is None:

@@ -133,10 +133,9 @@ def conclude(
     limited = [joint for joint, fact in facts.items() if fact.saturated_share >= RARE]
     gains = {joint: of["kp"] for joint, of in known.stated.items() if "kp" in of}
     std = {one.joint: s for one in joints if _has(one, "kp") and (s := number_std(fit, "kp").get(one.joint))}
-    of_masses = known.scale == "masses"
-    other = alternatives(known.sets, fit.servos, std, gains) if of_masses else ()
-    heavier = [ratio for _, ratio, _ in implied_ratios(known.sets, fit.servos, std, gains)]
-    heavier = heavier if of_masses else mass_ratios(*models)
+    implied = known.sets, fit.servos, std, gains
+    other = alternatives(*implied) if known.scale == "masses" else ()
+    heavier = [x for _, x, _ in implied_ratios(*implied)] if known.scale == "masses" else mass_ratios(*models)
     scale = replace(known_scale(known.scale, gains, other), mass_ratios=tuple(heavier), gain=gain_text(gains.values()))
     added += [scale.sentence] if known.scale == "nothing" else []
     added += far_flags(judged.errors)

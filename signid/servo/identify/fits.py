@@ -57,7 +57,7 @@ def weigh_bodies(
         model = scaled_masses(model, members, ratio)
         said.append(
             f"with the stated kp, the part that {shorten(list(members))} move is {ratio:.2f} +- {1.96 * error:.2f} "
-            f"times as heavy as the description says, and the model has these masses; give known='masses' if the "
+            f"times as heavy as the description says, and the model has these masses; --known masses if the "
             f"description is right"
         )
     return model, tuple(said)
