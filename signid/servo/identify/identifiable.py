@@ -261,8 +261,8 @@ def _scale_known(facts: JointFacts) -> bool:
 def _scale_sentence(ratios: Mapping[str, ServoNumber], facts: JointFacts) -> str:
     if _scale_known(facts):
         return ""
-    told = [f"{name} {words}" for name in ("damping/kp", WAVE) if name in ratios and (words := _size(ratios[name]))]
-    known = f"{RATIOS_KNOWN}{', '.join(told)}" if told else ""
+    sizes = [f"{name} {words}" for name in ("damping/kp", WAVE) if name in ratios and (words := _size(ratios[name]))]
+    known = f"{RATIOS_KNOWN}{', '.join(sizes)}" if sizes else ""
     if not facts.scale_known:
         return (
             f"{facts.joint}: kp, friction and masses are identifiable only relative to each other; state one kp, or "
