@@ -164,8 +164,9 @@ def _ratios(servo: Servo, free: Sequence[str], covariance: Array, facts: JointFa
             size = (1 / value, std / value**2) if name == "armature" else (value, std)
             found[key] = ServoNumber(key, unit, *size) if np.isfinite(std) else ServoNumber(key, unit, None)
         else:
-            bound = {"above": 1 / most} if name == "armature" else {"below": most}
-            found[key] = ServoNumber(key, unit, None, **(bound if 0 < most < np.inf else {}))
+            below = most if 0 < most < np.inf else None
+            above = 1 / most if below and name == "armature" else None
+            found[key] = ServoNumber(key, unit, None, below=None if above else below, above=above)
     return found
 
 

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from ....servo.zeros import JointZero
 
 FIRST = ("kp", "damping", "delay", "lag", "effort_limit", "armature", "coulomb_friction", "load_friction")
-TIMES = ("delay", "lag")  # numbers without a scale of torque
 LAWS = (*PASSIVE, "load_friction")  # numbers of a drive that are written as effects
 ROUNDING = 1e-9  # eigenvalue over trace of a pseudo-inertia that counts as 0, as of a link without mass
 LEGEND = (
@@ -324,7 +323,7 @@ def _numbers(joints: Sequence[ServoJoint], named: bool) -> Cells:
     used = {name for one in joints for name, number in one.numbers.items() if number.value}
     names = [name for name in every if name in FIRST[:5] or name in used]
     if any("/" in name for name in every):
-        names = [name for name in every if name in TIMES or "/" in name]
+        names = [name for name in every if name in ("delay", "lag") or "/" in name]
     limited = any(one.saturated_share > 0 for one in joints)
     rows = [
         [
