@@ -10,19 +10,17 @@ from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.least_squares import estimate
 from .faults import RecordingFaults, described_evidence, examine, naming_faults, under_found_gravity
 from .model import Model, ModelSource, stated_inertials, stated_laws
-from .recording import Recordings, as_recordings
+from .recording import Recordings, as_recordings, without_torque
 from .recording.sampling import Sampling
 from .regression.bandwidth import Band
-from .regression.factors import Factors
-from .regression.session import Options, Session
+from .regression.session import Options, advice_on_rows
 from .robot import as_robot, audit
 from .signs import Signs, prepare_and_recover
+from .signs.torque_constants import UnknownConstants
 from .typed import typed
 from .types import Array, BaseMap, Progress, Recording, Result, Robot
 
 WELL, BARELY = (0.3, 1.0)  # [1] expected over prior standard deviation: identifiable below, unidentifiable above
-FEW_ROWS = 20  # rows per parameter; with fewer the noise model is poor
-LOW_CUTOFF = 2.0  # [Hz] below which inertial torque is hardly visible
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +52,7 @@ class Check(Result):
 
 @typed
 def check(
-    robot: ModelSource,
-    recordings: Recordings,
-    *,
-    options: Options | None = None,
-    progress: Progress | None = None,
+    robot: ModelSource, recordings: Recordings, *, options: Options | None = None, progress: Progress | None = None
 ) -> Check:
     """Check recordings, all of them together; signs of unsigned torque are recovered first.
 
@@ -70,7 +64,14 @@ def check(
     """
     robot = (described := audit(as_robot(robot, "check"))).robot
     recordings, options = as_recordings(recordings, robot, "check"), options or Options()
-    recovered = prepare_and_recover(robot, recordings, recordings, options=options, progress=progress)
+    try:
+        recovered = prepare_and_recover(robot, recordings, recordings, options=options, progress=progress)
+    except UnknownConstants as error:
+        rest = [without_torque(recording, error.joints) for recording in recordings]
+        if not all(any(recording.columns["tau"]) for recording in rest) or all(any(r.columns["q_des"]) for r in rest):
+            raise  # nothing is left, or drives: their audit needs no torque
+        made = check(robot, rest, options=options, progress=progress)
+        return replace(made, suspects=(str(error), *made.suspects))
     session = recovered.session_to_fit(robot)
     signed = np.all([recording.signed for recording in recordings], axis=0)
     evidence = described_evidence(session, signed)
@@ -102,23 +103,8 @@ def check(
         verdicts,
         excitation,
         faults,
-        _advice(session, factors, used),
+        advice_on_rows(session, factors, used),
         tuple(dict.fromkeys((*described.notes, *recovered.notes, *session.notes, *faults.notes))),
         described.before(),
         recovered.signs,
     )
-
-
-def _advice(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:
-    band, robot, said = session.task.band, session.robot, []
-    if band.cutoff < LOW_CUTOFF:
-        worst = robot.joints[int(np.argmin(band.per_joint))]
-        limit = f"encoder noise of {worst} allows only {band.cutoff:.2g} Hz"
-        said.append(f"{limit}: move faster, or record finer positions")
-    slow = [(joint, x) for joint, x in zip(robot.joints, used, strict=True) if 0 < x < 0.3]
-    said += [f"{joint} keeps {x:.0%} of its rows, the others are near a reversal: move it faster" for joint, x in slow]
-    bare = [joint for joint, f in zip(robot.joints, factors.joints, strict=True) if f.rows == 0]
-    said += [f"{j} has no usable torque: only parameters that act on other joints are identifiable" for j in bare]
-    if factors.rows < FEW_ROWS * session.task.base.rank / max(len(robot.joints), 1):
-        said.append(f"{factors.rows} filtered rows for {session.task.base.rank} parameters are few: record for longer")
-    return tuple(said)

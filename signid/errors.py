@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextvars import ContextVar
 from decimal import Decimal
 
 # control characters, and separators of lines and paragraphs: they end comments of code and steer terminals
 CONTROL = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u2028\\u2029]")
+ON_COMMAND_LINE: ContextVar[bool] = ContextVar("sentences name options, not arguments of Python", default=False)
+OPTION = re.compile(
+    r"signid [a-z]+ [^;,:()]*|--(?:(method|signs|estimator) (\w+)|(actuators|bounds|columns|cutoff|effects|equal|"
+    r"gravity|held-out|known|lock|package-dir|prior|reference|refit|robust|skip|unsigned|xacro)\b"
+    r"(?: ('.*?'|[\w.@*]+:?=[\w.:+-]*\w|[A-Z][A-Z,]*\b|-?\d[\d.,-]*\b))?)"
+)
 
 
 class SignidError(Exception):
-    """Base class of all exceptions of signid."""
+    """Base class of all exceptions of signid; its sentence names Python's arguments, on the command line options."""
+
+    def __str__(self) -> str:
+        return super().__str__() if ON_COMMAND_LINE.get() else OPTION.sub(argument, super().__str__())
 
 
 class InputError(SignidError, ValueError):
@@ -65,6 +75,22 @@ def readable(name: str) -> str:
 def one_line(text: str) -> str:
     """Text of one line without control characters, for comments, names in code, and terminals."""
     return " ".join(CONTROL.sub(" ", text).split())
+
+
+def argument(option: re.Match[str]) -> str:
+    """Argument of Python in place of an option and its value; a whole command stays."""
+    name, value = option[1] or option[3], option[2] or option[4] or ""
+    if name is None:
+        return option[0]
+    if name in ("lock", "xacro") and "=" in value:
+        key, _, value = value.replace(":=", "=").partition("=")
+        value = f'{{"{key}": {value}}}'
+    elif value and not value.isupper() and value[0] != "'":
+        value = f"({value})" if name == "gravity" else value if name == "cutoff" else f'"{value}"'
+    given = {"held-out": "held_out", "package-dir": "package_dirs"}.get(name, name)
+    if name in ("cutoff", "effects", "robust"):
+        return f"options=signid.Options({name}={value or '...'})"
+    return f"{given}={value or 'True' * (name in ('refit', 'unsigned'))}"
 
 
 def unexpected(verb: str, wanted: str, given: object, advice: str) -> OptionError:

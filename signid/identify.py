@@ -165,7 +165,8 @@ def identify(
         return replace(found, flags=described.before((sentence, *found.flags)))
     with naming_faults(session):
         train, test, weigh = _factors(session, options, progress)
-    given = Given(session, train, _prior(session), options.whiten, weigh, progress)
+    prior = np.asarray(session.task.base.combination @ stated_parameters(session.task).values)
+    given = Given(session, train, prior, options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search)
     notes = (*described.notes, *recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)
     found = _judged(replace(found, notes=notes), IdentifiedData(session, train, test, everything, evidence))
@@ -288,10 +289,6 @@ def _unlike(found: Identification, recovered: Recovered) -> str:
     return ""
 
 
-def _prior(session: Session) -> Array:
-    return np.asarray(session.task.base.combination @ stated_parameters(session.task).values)
-
-
 def _conclude(
     given: Given, test: Factors, way: Estimator, recovered: Recovered, method: str, search: Search
 ) -> Identification:
@@ -325,13 +322,7 @@ def _conclude(
         inputs=(),
         signs=recovered.signs,
         recordings=recovered.session.recordings,
-        flags=(
-            *recovered.flags,
-            *found.flags,
-            *excitation.sentences,
-            *_left_out(given, found),
-            *chosen.flags,
-        ),
+        flags=(*recovered.flags, *found.flags, *excitation.sentences, *_left_out(given, found), *chosen.flags),
         notes=(*(note for note in session.notes if note != ITSELF), *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,

@@ -34,7 +34,9 @@ def check_schema(content: Any, name: str) -> None:
 
     schema = json.loads((SCHEMAS / f"{name}.json").read_text("utf-8"))
     if error := best_match(Draft202012Validator(schema).iter_errors(content)):
-        raise ValueError(f"{error.json_path[2:] or 'its content'}: {_short(error.message)}")
+        text = " ".join(error.message.split())
+        short = text if len(text) <= 100 else f"{text[:45]} ... {text[-45:]}"
+        raise ValueError(f"{error.json_path[2:] or 'its content'}: {short}")
     check_numbers(content)
 
 
@@ -58,11 +60,6 @@ def _numbers(content: Any, place: str) -> Iterator[tuple[str, float]]:
             yield from _numbers(value, f"{place}[{k}]")
     elif isinstance(content, int | float):
         yield place, content
-
-
-def _short(text: str) -> str:
-    text = " ".join(text.split())
-    return text if len(text) <= 100 else f"{text[:45]} ... {text[-45:]}"
 
 
 def _parsed(parse: Callable[[str], Any], path: str | Path) -> Any:

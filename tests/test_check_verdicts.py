@@ -114,3 +114,14 @@ def test_a_constant_that_nothing_shows_is_a_fault_of_its_joint_alone(
     assert run(["check", "3r", "alone.csv", "--json"]) == 3
     alone = json.loads(capfd.readouterr().out)
     assert alone["verdict"] == "unusable" and "torque_constant" in alone["flags"][0]
+
+
+def test_in_python_a_constant_that_nothing_shows_is_a_fault_of_its_joint_as_well() -> None:
+    robot = signid.load_robot("3r", joints=["1", "2"])
+    columns = {"t": T, "q_1": Q, "q_2": 0.5 * np.sin(T), "tau_1": TAU}
+    noise = 1 + 0.1 * np.random.default_rng(0).standard_normal(len(T))
+    found = signid.check(robot, signid.read_recording(columns | {"current_2": noise}, robot))
+    one = signid.check(robot, signid.read_recording(columns, robot))
+    lost = [flag for flag in found.flags if "torque constant of joint_2 is not known" in flag]
+    assert len(lost) == 1 and found.verdicts == one.verdicts
+    assert [flag for flag in found.flags if flag not in lost] == list(one.flags)

@@ -18,6 +18,7 @@ from swing import changed, csv, pristine, swing
 import signid
 from signid.cli import run
 from signid.effects import EFFECT_NAMES
+from signid.errors import ON_COMMAND_LINE
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = """demo inspect check identify diagnose validate watch payload effects convert excite export simulate replay
@@ -211,3 +212,40 @@ def test_libraries_print_nothing(folder: Path) -> None:
     done = process("identify", "1r", "spoilt.csv", "-o", "result", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     assert "missing" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "arguments"),
+    [
+        ("a column map (--columns) may fit", "a column map (columns=) may fit"),
+        ("give --known kp=20, or --cutoff 10", 'give known="kp=20", or options=signid.Options(cutoff=10)'),
+        ("more laws (--effects)", "more laws (options=signid.Options(effects=...))"),
+        ("add --xacro name:=VALUE; use --method convex", 'add xacro={"name": VALUE}; use method="convex"'),
+        ("state it with --gravity 0,0,-9.81; or --unsigned", "state it with gravity=(0,0,-9.81); or unsigned=True"),
+        ("signid export --actuators FILE writes it, --lock elbow=0.5 holds", None),
+    ],
+)
+def test_sentences_name_arguments_in_python_and_options_on_the_command_line(
+    options: str, arguments: str | None
+) -> None:
+    error = signid.SignidError(options)
+    if arguments is None:  # what follows a whole command, up to the comma, is that command's
+        arguments = 'signid export --actuators FILE writes it, lock={"elbow": 0.5} holds'
+    assert str(error) == arguments
+    words = ON_COMMAND_LINE.set(True)
+    try:
+        assert str(error) == options
+    finally:
+        ON_COMMAND_LINE.reset(words)
+
+
+def test_an_error_of_the_command_line_has_options_and_the_same_in_python_arguments(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("log.csv").write_text("Zeit,Achse1,Kraft\n0,0,0\n.01,.1,1\n")
+    assert run(["identify", "1r", "log.csv", "-o", "out"]) == 2
+    assert "(--columns)" in capsys.readouterr().err
+    with pytest.raises(signid.RecordingError, match=r"\(columns=\)") as caught:
+        signid.read_recording("log.csv", "1r")
+    assert "--" not in str(caught.value).split("signid ")[0]

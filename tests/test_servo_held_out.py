@@ -43,7 +43,7 @@ def found(limit: float, grows: float, refit: bool | None = None) -> ServoIdentif
     columns = {name: x for name, x in made.columns.items() if name in ("t", "q_swing", "q_des_swing")}
     columns["q_swing"] = columns["q_swing"] + NOISE * np.random.default_rng(2).standard_normal(len(columns["t"]))
     given = signid.read_recording(columns, model.robot)
-    return signid.identify_servos(model.robot, given, refit=refit, options=OPTIONS)
+    return signid.identify_servos(model.robot, given, prior=["masses=1+-1e-6"], refit=refit, options=OPTIONS)
 
 
 def far(result: ServoIdentification) -> list[str]:
@@ -81,7 +81,7 @@ def test_a_limit_that_pwm_shows_is_in_the_model_though_only_held_out_motion_reac
     assert np.abs(duty[: int(0.7 * len(u))]).max() < 1 < np.abs(duty).max()
     columns = {"t": t, "q_swing": q + NOISE * np.random.default_rng(2).standard_normal(len(q)), "q_des_swing": u}
     given = signid.read_recording({**columns, "pwm_swing": np.clip(duty, -1, 1)}, model.robot)
-    result = signid.identify_servos(model.robot, given, options=OPTIONS)
+    result = signid.identify_servos(model.robot, given, prior=["masses=1+-1e-6"], options=OPTIONS)
     limit, gain = (result.joints[0].numbers[name] for name in ("effort_limit", "kp"))
     assert result.servos["swing"].law == "duty" and not about_limits(result)
     assert limit.value is not None and limit.std is not None and 0 < limit.std < 0.05

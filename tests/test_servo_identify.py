@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 
 import signid
-from signid.model import load_model, with_servos
+from signid.model import Model, load_model, with_servos
 from signid.servo.identify import ServoIdentification, ServoOptions
+from signid.servo.identify.fits import closed_loops
 from signid.servo.identify.identifiable import JointFacts, dependence, dependent_numbers, joint_numbers
 from signid.servo.identify.scale import alternatives, mass_ratio
 from signid.servo.plant import grids_of_arrays, roll_out
@@ -71,6 +73,30 @@ def test_without_a_scale_only_ratios_are_given(facts: JointFacts, words: str) ->
     assert all(numbers[name].value is None for name in ("kp", "damping", "armature", "coulomb_friction"))
     assert numbers["delay"].value == 0.01 and numbers["lag"].value == pytest.approx(0.06)
     assert any(words in line and "kp/armature 2000 1/s2" in line for line in said)
+
+
+def test_ratios_to_kp_have_intervals_that_no_scale_widens() -> None:
+    """A common scale of all torques, known to 300 %, changes no ratio; each number has 1 % of its own."""
+    facts, size = JointFacts("gripper", known_load_share=0.07), np.array([getattr(ELBOW, name) for name in FREE])
+    scaled = np.array([name != "delay" for name in FREE]) * size
+    covariance = np.diag(np.where(np.array(FREE) == "kp", 0.0, 0.01 * size) ** 2) + np.outer(3 * scaled, 3 * scaled)
+    numbers, _ = joint_numbers(ELBOW, FREE, covariance, facts)
+    assert numbers["kp"].value is None and numbers["coulomb_friction"].value is None
+    friction, wave = numbers["coulomb_friction/kp"], numbers["kp/armature"]
+    assert friction.value == pytest.approx(ELBOW.coulomb_friction / 20) and friction.unit == "rad"
+    assert friction.std == pytest.approx(0.01 * ELBOW.coulomb_friction / 20, rel=1e-6)
+    assert numbers["damping/kp"].value == pytest.approx(0.05) and numbers["damping/kp"].unit == "s"
+    assert wave.value == pytest.approx(2000) and wave.std == pytest.approx(20, rel=1e-6) and wave.unit == "1/s2"
+
+
+def test_a_ratio_without_an_upper_end_is_a_lower_bound() -> None:
+    facts, armature = JointFacts("gripper", known_load_share=0.07), FREE.index("armature")
+    covariance = np.diag(STD**2)
+    covariance[armature, armature] = 0.01**2  # of an armature of 1e-15: 1 / (1e-15 + 1.96 * .01) * 20
+    numbers, said = joint_numbers(ELBOW.with_(armature=1e-15), FREE, covariance, facts)
+    assert numbers["kp/armature"].value is None and numbers["kp/armature"].above == pytest.approx(20 / 0.0196)
+    assert any("kp/armature at least 1020 1/s2" in line for line in said)
+    assert "/" not in "".join(joint_numbers(ELBOW, FREE, covariance, JointFacts("elbow"))[0]), "the scale is known"
 
 
 def test_a_stated_gain_gives_light_joints_their_scale() -> None:
@@ -172,6 +198,36 @@ def test_numbers_of_a_simulated_drive_are_found(found: ServoIdentification) -> N
     assert found.rollout.whole_rms[0] < 2e-3 < found.rollout.nominal_whole_rms[0]
 
 
+def test_without_a_scale_the_table_holds_the_true_ratios(pendulum: tuple[Robot, dict[str, Array]]) -> None:
+    robot, columns = pendulum
+    options = ServoOptions(additional=())
+    result = signid.identify_servos(robot, signid.read_recording(columns, robot), known="nothing", options=options)
+    numbers = result.joints[0].numbers
+    assert numbers["kp"].value is None
+    for name, true in (("damping/kp", 0.8 / 15), ("coulomb_friction/kp", 0.01), ("torque_offset/kp", 0.0)):
+        assert (numbers[name].value, numbers[name].std) == pytest.approx((true, 0), abs=3e-3), name
+    shown = repr(result)
+    assert "damping/kp" in shown and "coulomb friction/kp" in shown and "effort limit" not in shown.split("\n\n")[1]
+    assert "--known kp=VALUE" in shown and "--known masses" in " ".join(shown.split())
+
+
+def test_stated_numbers_whose_loop_diverges_are_no_comparison(
+    pendulum: tuple[Robot, dict[str, Array]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, x = pendulum
+    (grid,) = grids_of_arrays(["swing"], x["t"], x["q_swing"], x["q_des_swing"])
+    model, undamped = load_model(robot), {"swing": Servo(kp=1e4)}
+
+    def diverging(model: Model, servos: dict[str, Servo], *rest: Any) -> Array:
+        return 1e6 * grid.q if servos is undamped else roll_out(model, servos, *rest)
+
+    monkeypatch.setattr("signid.servo.identify.fits.roll_out", diverging)
+    rolled, _ = closed_loops(model, {"swing": TRUE}, [grid], True, (model, undamped))
+    assert rolled.nominal == "q = q_des" and rolled.nominal_whole_rms == pytest.approx(rolled.tracking_rms)
+    rolled, _ = closed_loops(model, {"swing": TRUE}, [grid], True, (model, {"swing": TRUE}))
+    assert rolled.nominal == "stated numbers" and rolled.nominal_whole_rms == rolled.whole_rms
+
+
 def test_what_no_motion_tells_is_said(found: ServoIdentification) -> None:
     numbers = found.joints[0].numbers
     assert numbers["kd"].value is None and numbers["effort_limit"].value is None
@@ -182,6 +238,28 @@ def test_what_no_motion_tells_is_said(found: ServoIdentification) -> None:
     assert [one.role for one in found.inputs] == ["recording, learned from, except the last 30%, which is held out"]
 
 
+@pytest.mark.parametrize(("prior", "error"), [((), 0.1), (("masses=1+-.3",), 0.3)])
+def test_intervals_contain_the_error_of_the_masses_that_set_the_scale(
+    pendulum: tuple[Robot, dict[str, Array]], prior: tuple[str, ...], error: float
+) -> None:
+    """The noise of this loop is below 1 % of each number, and the masses have 10 % where nothing else is said."""
+    robot, columns = pendulum
+    options = ServoOptions(additional=())
+    result = signid.identify_servos(robot, signid.read_recording(columns, robot), prior=prior, options=options)
+    numbers = result.joints[0].numbers
+    for name in ("kp", "damping", "armature", "coulomb_friction"):
+        assert numbers[name].std == pytest.approx(error * numbers[name].value, rel=0.05), name
+    assert numbers["delay"].std < 5e-3, "no scale of torque moves a time"
+    assert "in units of the described masses (--known kp=VALUE" in " ".join(repr(result).split())
+
+
+def test_an_error_of_the_masses_is_a_share_of_them(pendulum: tuple[Robot, dict[str, Array]]) -> None:
+    robot, columns = pendulum
+    for text in ("masses=2+-.1", "masses=1+-0", "masses=1"):
+        with pytest.raises(signid.SignidError, match=re.escape(f"prior is {text!r}; the described masses are 1; give")):
+            signid.identify_servos(robot, signid.read_recording(columns, robot), prior=[text])
+
+
 def test_a_stated_gain_scales_the_masses(pendulum: tuple[Robot, dict[str, Array]]) -> None:
     robot, columns = pendulum
     options = ServoOptions(additional=())
@@ -189,6 +267,8 @@ def test_a_stated_gain_scales_the_masses(pendulum: tuple[Robot, dict[str, Array]
     assert result.servos["swing"].kp == 30 and result.joints[0].numbers["kp"].stated
     assert result.model.inertials[0, 0] == pytest.approx(2.0, rel=0.03)
     assert any("times as heavy as the description says" in flag for flag in result.flags)
+    assert "; with --known kp=30 the moved bodies are 2.0" in " ".join(repr(result).split())
+    assert result.joints[0].numbers["damping"].std < 0.05 * result.joints[0].numbers["damping"].value, "not by masses"
 
 
 @pytest.mark.parametrize(

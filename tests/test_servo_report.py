@@ -42,8 +42,15 @@ def with_errors(whole: Any, nominal: str = "q = q_des", **more: Any) -> ServoIde
 
 def test_the_headline_has_the_error_and_its_share_of_the_tracking_error() -> None:
     page = signid.report(with_errors([0.004, 0.006, 0.008]))
-    assert head(page) == "top | 3r: 3 drives, predicted to 6.2 mrad rms of held-out motion, 6 % of their tracking error"
-    assert repr(with_errors([0.004, 0.006, 0.008])).startswith(head(page).removeprefix("top | "))
+    error = "predicted to 6.2 mrad rms of held-out motion, 6 % of their tracking error"
+    unit = "in units of the described masses"
+    assert head(page) == f"top | 3r: 3 drives, {error}; {unit} (--known kp=VALUE: of the gain at the joint)"
+    assert " ".join(repr(with_errors([0.004, 0.006, 0.008])).split()).startswith(head(page).removeprefix("top | "))
+    heavier = replace(invented().scale, mass_ratios=(1.55, 1.29, 1.4), gain="kp=20")
+    page = signid.report(with_errors([0.004, 0.006, 0.008], scale=heavier))
+    assert head(page).endswith(
+        f"; {unit}; with --known kp=20 the moved bodies are 1.29 to 1.55 times as heavy as described"
+    )
     mixed = replace(with_errors([0.004, 0.003, 0.001]).rollout, units=("rad", "rad", "m"))
     assert loop_words(mixed) == "predicted to 3.5 mrad and 1.0 mm rms, 4 % and 1 % of their tracking error"
     assert "whose simulation diverges" in head(signid.report(with_errors([0.004, np.inf, 0.008])))

@@ -203,8 +203,15 @@ def test_steps_are_heard_in_their_share_and_never_go_back() -> None:
     assert [share for _, share in heard] == pytest.approx([0.4, 0.5, 0.5, 0.6])
 
 
+@pytest.mark.parametrize(
+    ("share", "says"),
+    [
+        (0.5, "2 of 4 sessions: 50 %, about 6 min left, after 3 min"),
+        (0.0, "2 of 4 sessions, after 3 min"),
+    ],
+)
 def test_progress_is_a_line_a_minute_where_standard_error_is_a_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, share: float, says: str
 ) -> None:
     waits: Queue[bool] = Queue()
     now = 0.0
@@ -224,16 +231,16 @@ def test_progress_is_a_line_a_minute_where_standard_error_is_a_file(
         monkeypatch.setattr(terminal.time, "monotonic", lambda: now)
         with bars(quiet=False, one=True) as progress:
             assert progress is not None
-            progress("1 of 4 sessions", 0.25)
+            progress("1 of 4 sessions", share / 2)
             now = 180.0
-            progress("2 of 4 sessions", 0.5)
+            progress("2 of 4 sessions", share)
             waits.put(False)
             for _ in range(500):
                 if log.read_text():
                     break
                 time.sleep(0.01)
     monkeypatch.undo()
-    assert log.read_text() == "signid: 2 of 4 sessions: 50 %, about 6 min left, after 3 min\n"
+    assert log.read_text() == f"signid: {says}\n"
     monkeypatch.setattr("sys.stderr", StringIO())
     with bars(quiet=False) as nothing:
         assert nothing is None, "lines of a session of a fleet are its flags"
@@ -246,7 +253,8 @@ def test_progress_is_a_line_a_minute_where_standard_error_is_a_file(
         (10.0, 0.5, 30.0, "about 10 s, at most 30 s left"),
         (10.0, 0.5, 3600.0, "about 10 s left"),
         (10.0, 0.5, 4.0, "at most 4 s left"),
-        (0.5, 0.5, 600.0, "at most 10 min left"),
+        (0.5, 0.5, 600.0, ""),  # nothing is known but a limit that is far off
+        (60.0, 0.0, 3540.0, ""),
         (10.0, 0.0, float("inf"), ""),
         (10.0, 0.0, -1.0, "at most 0 s left"),
         (10.0, 1.0, 60.0, ""),

@@ -123,10 +123,10 @@ def test_arguments_of_included_files_are_named(tmp_path: Path) -> None:
     (tmp_path / "part.xacro").write_text(f'<robot {SPACE}><xacro:arg name="dof"/><link name="$(arg side)"/></robot>')
     path = tmp_path / "r.xacro"
     path.write_text(f'<robot name="$(arg name)" {SPACE}><xacro:include filename="part.xacro"/></robot>')
-    with pytest.raises(RobotError, match="needs the arguments name, side, dof; add --xacro name:=VALUE"):
+    with pytest.raises(RobotError, match='needs the arguments name, side, dof; add xacro={"name": VALUE}'):
         signid.load_robot(path)
     path.write_text(f'<robot name="r" {SPACE}><xacro:arg name="a" default="1"/>$(eval a + b)</robot>')
-    with pytest.raises(RobotError, match=r"cannot expand it: .*b.*; its arguments are a \(--xacro NAME:=VALUE\)"):
+    with pytest.raises(RobotError, match=r"cannot expand it: .*b.*; its arguments are a \(xacro={\"NAME\": VALUE}\)"):
         signid.load_robot(path)
 
 
@@ -149,7 +149,7 @@ def test_manifests_of_fleets_have_a_column(tmp_path: Path, arm: str) -> None:
     [entry] = read_manifest(manifest).entries
     assert entry.arguments()[-4:] == ("--xacro", "name:=ur5e", "--xacro", "model:=long")
     manifest.write_text("robot,recording,xacro\narm.urdf.xacro,log.csv,name\n")
-    with pytest.raises(ManifestError, match="line 2: --xacro 'name' is not an argument"):
+    with pytest.raises(ManifestError, match="line 2: xacro='name' is not an argument"):
         read_manifest(manifest)
 
 

@@ -129,7 +129,7 @@ def test_a_package_is_found_by_its_folder_by_an_option_beside_and_where_ros_is(
     write(top.parent, top__xacro=TOP)
     for folder in (tmp_path, tmp_path / "two_arm"):
         has_known_numbers(signid.load_robot(top, xacro={"kind": "long"}, package_dirs=[folder]))
-    with pytest.raises(RobotError, match=r"needs the ROS package 'two_arm', .*; add --package-dir DIR"):
+    with pytest.raises(RobotError, match=r"needs the ROS package 'two_arm', .*; add package_dirs=DIR"):
         signid.load_robot(top, xacro={"kind": "long"})
     write(tmp_path / "two_arm", package__xml=manifest("two_arm"))
     has_known_numbers(signid.load_robot(top, xacro={"kind": "long"}))
@@ -155,7 +155,7 @@ def test_the_sentence_says_which_values_an_argument_may_have(
     part = f'{OPEN} name="r">{include}</robot>'
     write(tmp_path, part__xacro=part)
     write(tmp_path / "arms", **{"6dof__xacro": ROBOT})
-    with pytest.raises(RobotError, match=r"dof is '7', .*add --xacro dof:=VALUE \(there are 6dof\)"):
+    with pytest.raises(RobotError, match=r"dof is '7', .*add xacro={\"dof\": VALUE} \(there are 6dof\)"):
         signid.load_robot(tmp_path / "part.xacro")
     assert signid.load_robot(tmp_path / "part.xacro", xacro={"dof": 6}).joints == ("j",)
 

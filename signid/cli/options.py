@@ -159,9 +159,7 @@ class DriveOptions:
         metavar="LAW",
     )
     compare_models: bool = option(
-        False,
-        "Compare friction models (M1 to M6 of BAM, PACE) by held-out error and evidence.",
-        "--compare-models",
+        False, "Compare friction models (M1 to M6 of BAM, PACE) by held-out error and evidence.", "--compare-models"
     )
 
 

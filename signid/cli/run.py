@@ -20,7 +20,7 @@ import typer
 from typer.main import get_command
 
 from ..deadline import one_thread, stop_searches
-from ..errors import SignidError, UndecidedReading
+from ..errors import ON_COMMAND_LINE, SignidError, UndecidedReading
 from .app import app
 from .commands import (  # noqa: F401
     catalogue,
@@ -107,6 +107,7 @@ def run(arguments: Sequence[str]) -> int:
     """
     debug = bool(os.environ.get("SIGNID_DEBUG"))
     given = list(arguments) or ["--help"]
+    words = ON_COMMAND_LINE.set(True)
     try:
         with one_thread(), warnings.catch_warnings():
             warnings.simplefilter("default" if debug else "ignore")  # warnings of libraries are not for users
@@ -124,6 +125,8 @@ def run(arguments: Sequence[str]) -> int:
             traceback.print_exc()
         write_error(sentence)
         return code
+    finally:
+        ON_COMMAND_LINE.reset(words)
 
 
 def _explain(error: Exception, given: Sequence[str]) -> tuple[int, str]:

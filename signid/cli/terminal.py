@@ -27,7 +27,7 @@ BRIEF = 1.0  # elapsed time below which no remaining time is estimated [s]
 LITTLE = 0.03  # completed share below which no remaining time is estimated
 DESCRIBED = ("robot.urdf", "actuators.toml")  # files that are read of a folder with a robot
 MINUTE = 60.0  # time between lines of progress where standard error is no terminal [s]
-NEAR = 5.0  # a time limit beyond this multiple of the estimated remaining time is not shown
+NEAR = 5.0  # a time limit beyond this multiple of the estimated remaining time, or else of the past, is not shown
 
 ShowProgress = Callable[[str, str, float, str], None]  # bar, stage, completed share [1], remaining time in words
 
@@ -138,7 +138,7 @@ def _minute_lines() -> Iterator[ShowProgress]:
 
     def show_progress(which: str, stage: str, share: float, left: str) -> None:
         nonlocal said
-        said = ", ".join(filter(None, [f"{stage}: {100 * share:.0f} %", left]))
+        said = ", ".join(x for x in (stage + f": {100 * share:.0f} %" * (share >= 0.005), left) if x)
 
     def speak() -> None:
         while not ended.wait(MINUTE):
@@ -157,7 +157,7 @@ def remaining(elapsed: float, done: float, rest: float, limit: float) -> str:
         return ""
     guess = elapsed * rest / done if elapsed >= BRIEF and done >= LITTLE else float("inf")
     known = [f"about {_duration(guess)}"] if guess < limit else []
-    if limit < float("inf") and (not known or limit < NEAR * guess):
+    if limit < NEAR * (guess if guess < float("inf") else elapsed):
         known.append(f"at most {_duration(limit)}")
     return f"{', '.join(known)} left" if known else ""
 

@@ -183,7 +183,7 @@ def _lost_signs(case: Case, evidence: FaultEvidence) -> Iterator[RecordingFault]
         case.evidence = replace(evidence, signed=evidence.signed & ~lost)
         joints = tuple(evidence.robot.joints[j] for j in np.flatnonzero(lost))
         fact = f"the torque of {named(joints)} is never negative although the predicted torque changes its sign"
-        advice = "these are absolute values: name the columns abs_tau_JOINT, or use --unsigned (unsigned=True)"
+        advice = "these are absolute values: name the columns abs_tau_JOINT, or use --unsigned"
         yield RecordingFault("absolute torque", joints, REFUSE, {}, f"{fact}; {advice}")
 
 

@@ -37,6 +37,8 @@ ITSELF = (
     "the recording is too short to hold anything out: the model is evaluated on its own training data, so held-out "
     "errors are too small; record for longer, or give another recording with --held-out"
 )
+FEW_ROWS = 20  # rows per parameter; with fewer the noise model is poor
+LOW_CUTOFF = 2.0  # [Hz] below which inertial torque is hardly visible
 TAPS = 9.0  # length of both filters together, in periods of the cut-off
 
 Parts = tuple[Part, ...]
@@ -357,3 +359,19 @@ def _agree(robot: Robot, part: Part, band: Band) -> bool:
         if not len(ours) or np.linalg.norm(ours - given) > AGREE * np.linalg.norm(ours):
             return False
     return True
+
+
+def advice_on_rows(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:
+    """Sentences on what would give more or better rows; used: (n,) [1] share of the rows away from reversals."""
+    band, robot, said = session.task.band, session.robot, []
+    if band.cutoff < LOW_CUTOFF:
+        worst = robot.joints[int(np.argmin(band.per_joint))]
+        limit = f"encoder noise of {worst} allows only {band.cutoff:.2g} Hz"
+        said.append(f"{limit}: move faster, or record finer positions")
+    slow = [(joint, x) for joint, x in zip(robot.joints, used, strict=True) if 0 < x < 0.3]
+    said += [f"{joint} keeps {x:.0%} of its rows, the others are near a reversal: move it faster" for joint, x in slow]
+    bare = [joint for joint, f in zip(robot.joints, factors.joints, strict=True) if f.rows == 0]
+    said += [f"{j} has no usable torque: only parameters that act on other joints are identifiable" for j in bare]
+    if factors.rows < FEW_ROWS * session.task.base.rank / max(len(robot.joints), 1):
+        said.append(f"{factors.rows} filtered rows for {session.task.base.rank} parameters are few: record for longer")
+    return tuple(said)

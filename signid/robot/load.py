@@ -68,12 +68,7 @@ def load_robot(
 
 
 def robot_from_text(
-    text: str,
-    kind: str,
-    name: str,
-    *,
-    lock: Mapping[str, float] | None = None,
-    gravity: Sequence[float] | None = None,
+    text: str, kind: str, name: str, *, lock: Mapping[str, float] | None = None, gravity: Sequence[float] | None = None
 ) -> Robot:
     """Load a robot from the text of its description, its `document`.
 

@@ -74,11 +74,7 @@ class _Task:
 @typed
 @ends_in_time
 def compare_models(
-    found: ServoIdentification,
-    recordings: Recordings,
-    *,
-    held_out: Recordings = (),
-    progress: Progress | None = None,
+    found: ServoIdentification, recordings: Recordings, *, held_out: Recordings = (), progress: Progress | None = None
 ) -> ServoIdentification:
     """Compare the friction models M1 to M6 of BAM and PACE: `found` with `friction_models`.
 

@@ -14,6 +14,8 @@ from ..servos import LARGEST, LIMITS, PASSIVE, SERVO_NUMBERS, SERVO_UNITS, SMALL
 from ..types import Robot
 
 KNOWN = ("masses", "kp", "nothing")
+MASSES_ERROR = 0.1  # [1] standard deviation of the described masses over them, where nothing else is said
+PLUS_MINUS = r"\+-|±|\+/-"
 POSITIVE = ("kp", *LIMITS)  # numbers that cannot be zero
 EXAMPLES = {"known": "kp=20", "prior": "armature=.01+-.005", "bounds": "kp=5..30"}
 T = TypeVar("T")
@@ -70,7 +72,7 @@ def given_texts(
         joints: servo joints.
         stated: numbers by joint that the actuators file states.
         known: one of KNOWN, and NAME=VALUE, NAME@PATTERN=VALUE or NAME.JOINT=VALUE.
-        prior: NAME=MEAN+-STD or NAME@PATTERN=MEAN+-STD.
+        prior: NAME=MEAN+-STD or NAME@PATTERN=MEAN+-STD, and masses=1+-STD for the error of the described masses.
         bounds: NAME=LOW..HIGH or NAME@PATTERN=LOW..HIGH.
         equal: regular expressions that match whole names of joints, at least two each.
 
@@ -83,7 +85,8 @@ def given_texts(
     said = _read("known", numbers, robot, joints, _number)
     given = {(joint, name): x for joint, of in stated.items() for name, x in of.items()} | said
     given = _spread(given, groups, "stated values")
-    priors = _spread(_read("prior", prior, robot, joints, _prior), groups, "priors")
+    drives = [text for text in prior if not text.startswith("masses=")]
+    priors = _spread(_read("prior", drives, robot, joints, _prior), groups, "priors")
     ranges = _spread(_read("bounds", bounds, robot, joints, _bounds), groups, "bounds")
     for joint, name in given:
         if (joint, name) in priors or (joint, name) in ranges:
@@ -93,7 +96,18 @@ def given_texts(
             raise OptionError(f"the prior of {key[1]} of {key[0]} has its mean outside the bounds; move one of them")
     scale = _scale(words, given, any(name == "kp" for _, name in said))
     by_joint = {joint: {name: x for (one, name), x in given.items() if one == joint} for joint in joints}
-    return Given(scale, by_joint, Assumptions(groups, priors, ranges))
+    masses = _masses_error([text for text in prior if text not in drives])
+    return Given(scale, by_joint, Assumptions(groups, priors, ranges, masses if scale == "masses" else 0.0))
+
+
+def _masses_error(texts: Sequence[str]) -> float:
+    """Standard deviation of the described masses over them [1] by texts masses=1+-STD."""
+    error = MASSES_ERROR
+    for text in texts:
+        mean, error = _pair(_Entry("prior", text, "", (), text.removeprefix("masses=")), PLUS_MINUS)
+        if not (mean == 1 and 0 < error < 1):
+            raise OptionError(f"prior is {text!r}; the described masses are 1; give masses=1+-.1 for 10 %")
+    return error
 
 
 def _scale(words: Sequence[str], given: Mapping[Name, float], gains: bool) -> str:
@@ -101,7 +115,7 @@ def _scale(words: Sequence[str], given: Mapping[Name, float], gains: bool) -> st
     if (wrong := next((word for word in words if word not in KNOWN), None)) is not None:
         raise OptionError(f"known is {wrong!r}; give one of {', '.join(KNOWN)}, or NAME=VALUE: kp=20, for example")
     if len(set(words) | ({"kp"} if gains else set())) > 1:
-        raise OptionError("the scale of torque is known from one source; give --known masses, nothing or a gain kp=20")
+        raise OptionError("the scale of torque is known from one source; give masses, nothing, or kp=20 (--known)")
     stated = any(name == "kp" for _, name in given)
     word = "kp" if gains else next(iter(words), "kp" if stated else "masses")
     if word == "kp" and not stated:
@@ -185,7 +199,7 @@ def _number(entry: _Entry) -> float:
 
 
 def _prior(entry: _Entry) -> Prior:
-    mean, std = _pair(entry, r"\+-|±|\+/-")
+    mean, std = _pair(entry, PLUS_MINUS)
     if fault := number_fault(entry.number, mean, entry.number in POSITIVE):
         raise entry.wrong(f"{fault} as the mean")
     if not SMALLEST <= std <= LARGEST:
@@ -259,6 +273,7 @@ class Assumptions:
     equal: tuple[tuple[str, ...], ...] = ()  # joints whose numbers, but OWN, are one number each
     priors: Mapping[Name, Prior] = field(default_factory=dict)
     bounds: Mapping[Name, Bounds] = field(default_factory=dict)
+    masses_error: float = 0.0  # [1] standard deviation of the masses that set the scale, over them
 
     def peers(self, joint: str) -> tuple[str, ...]:
         """Joints that share the numbers of a joint; at least itself."""

@@ -88,7 +88,10 @@ def simulate_servos(
     if not (np.abs(v) < MOST_SPEED).all():
         wrong = [joint for joint, x in zip(grid.joints, v.T, strict=True) if not (np.abs(x) < MOST_SPEED).all()]
         raise OptionError(f"the closed loop diverges at {shorten(wrong)}; check kp, kd, delay and inertias")
-    rate = sensors.rate or _command_rate(commands)
+    rows = commands.t if isinstance(commands, Trajectory) else commands.read().t
+    rate = sensors.rate or 1 / (
+        STEP * max(1, round(float(np.median(np.diff(rows))) / STEP))
+    )  # divides that of the steps
     sensors = replace(sensors, rate=rate)
     prismatic, held = model.robot.prismatic, _held(grid, servos)
     columns = record_held(prismatic, grid.joints, grid.step, q, v, held=held, sensors=sensors, seed=seed)
@@ -158,12 +161,6 @@ def _injected(
             raise OptionError(f"a drive has no number {unknown[0]!r}; choose from {', '.join(SERVO_NUMBERS)}")
         servos[joint] = servos[joint].with_(**given)
     return servos
-
-
-def _command_rate(commands: Recording | Trajectory) -> float:
-    """Rate [Hz] of the rows of the commands, such that it divides that of the simulation."""
-    t = commands.t if isinstance(commands, Trajectory) else commands.read().t
-    return 1 / (STEP * max(1, round(float(np.median(np.diff(t))) / STEP)))
 
 
 def _held(grid: ServoGrid, servos: Mapping[str, Servo]) -> dict[str, dict[str, Array]]:

@@ -296,15 +296,13 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
     robot, unknown = session.robot, _unknown(session.recordings)
     if not unknown.any():
         return None
-    if progress is not None:
-        progress("finding torque constants from", 0.0)
     observed = observe(session.task, session.learned)
     anchors = observed.known & ~unknown
     if not anchors.any() and not stated_inertials(robot).any():
         fact = f"the torque constants of {_names(robot, unknown)} are not known, no torque of another joint is, and the"
         fact += " description states no inertials to set the scale"
         raise UnknownConstants(robot, unknown, fact, "of one at least")
-    constants = _settle(session, observed, unknown)
+    constants = _settle(session, observed, unknown, progress)
     lost = unknown & ~(constants.std <= LOOSE)
     if lost.any():
         fact = f"the torque constant of {_names(robot, lost)} is not known, and neither parameters shared with other"
@@ -333,11 +331,13 @@ def _unknown(recordings: Sequence[Recording]) -> Mask:
     return np.asarray(lacking[0])
 
 
-def _settle(session: Session, observed: Observed, unknown: Mask) -> Constants:
+def _settle(session: Session, observed: Observed, unknown: Mask, progress: Progress | None) -> Constants:
     """Signs and constants in turn."""
     found = Constants(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
     signs = np.zeros_like(observed.torque)
-    for _ in range(ROUNDS):
+    for k in range(ROUNDS):
+        if progress is not None:
+            progress("finding torque constants", k / ROUNDS)
         last, signs = signs, _signs(session.task, observed, found, session.options.seed)
         if np.array_equal(last, signs):
             break

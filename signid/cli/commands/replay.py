@@ -38,12 +38,7 @@ class ReplayOptions:
 
 
 @command("signid replay 3r recording.csv --html replay.html")
-def replay(
-    shown: ReplayOptions,
-    simulation: SimulationArguments,
-    recording: RecordingName,
-    json: Json = False,
-) -> int:
+def replay(shown: ReplayOptions, simulation: SimulationArguments, recording: RecordingName, json: Json = False) -> int:
     """Animate the recorded robot and its simulation in the browser.
 
     Opens a Meshcat viewer or writes one HTML file. The simulation appears as a ghost that restarts from the measured

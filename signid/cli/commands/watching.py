@@ -50,8 +50,7 @@ class WatchOptions:
 def watch(
     simulation: SimulationArguments,
     stream: Annotated[
-        str,
-        typer.Argument(metavar="STREAM", help="A recording, a file (--follow), - (standard input), or ros:/TOPIC."),
+        str, typer.Argument(metavar="STREAM", help="A recording, a file (--follow), - (standard input), or ros:/TOPIC.")
     ],
     watching: WatchOptions,
     json: Json = False,

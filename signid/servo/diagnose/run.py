@@ -79,7 +79,9 @@ def diagnose_servos(
     read, unseen = (as_recordings(each, given.robot, "diagnose_servos") for each in (recordings, held_out))
     if not read:
         raise OptionError("no recording was given; at least one is needed")
-    _check_skipped(skip)
+    known = [*dict.fromkeys(law.effect for law in HYPOTHESES), "payload"]
+    if wrong := next((name for name in skip if name not in known and name not in EFFECTS.names), None):
+        raise OptionError(f"{wrong!r} is no effect of position drives; skip one of {', '.join(known)}")
     need_commands((*read, *unseen), moving=True)
     driven, robot, flags, notes = prepared_model("the simulation", given, (*read, *unseen), actuators)
     data = servo_data(robot, read, unseen)
@@ -112,12 +114,6 @@ def diagnose_servos(
         notes=tuple(dict.fromkeys(notes)),
         seed=seed,
     )
-
-
-def _check_skipped(skip: Sequence[str]) -> None:
-    known = [*dict.fromkeys(law.effect for law in HYPOTHESES), "payload"]
-    if wrong := next((name for name in skip if name not in known and name not in EFFECTS.names), None):
-        raise OptionError(f"{wrong!r} is no effect of position drives; skip one of {', '.join(known)}")
 
 
 def _sets(model: Model, data: ServoData) -> list[tuple[int, ...]]:

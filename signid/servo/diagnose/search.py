@@ -29,11 +29,7 @@ MOSTLY, FEW = 0.5, 1.5  # [1] share of a joint's squared residual, windows: what
 FLOOR = 1.15  # [1] mean square over that of noise, below which nothing is missing
 SUSPECT = 0.03  # [1] of the largest excess of a joint over noise: joints with less are not searched. Heuristic
 PAYLOAD = DriveHypothesis(
-    effect="payload",
-    numbers=BODY,
-    meaning="a body hangs at the last link",
-    variable="position",
-    trials=lambda *_: [],
+    effect="payload", numbers=BODY, meaning="a body hangs at the last link", variable="position", trials=lambda *_: []
 )
 LISTED = [*(law.effect for law in HYPOTHESES), PAYLOAD.effect]
 DAMPINGS = (1e-9, 0.3, 3.0, 30.0)  # [1] of Levenberg and Marquardt, tried together

@@ -74,8 +74,9 @@ def start_servos(model: Model, grids: Sequence[ServoGrid], law: str = "effort") 
     known = stiffness[stiffness < 0.9e5]
     middle = float(np.median(known)) if len(known) else 10.0
     stiffness = np.clip(stiffness, middle / SPREAD, middle * SPREAD)
+    most = np.max([np.abs(grid.gain * (grid.command - grid.q)).max(axis=0) for grid in grids], axis=0)
     return {
-        grids[0].joints[j]: _servo(law, float(kp), line, DELAYS[k], _most_error(grids, j))
+        grids[0].joints[j]: _servo(law, float(kp), line, DELAYS[k], float(most[j]))
         for j, kp, line, k in zip(joints, stiffness, lines, best, strict=True)
     }
 
@@ -94,10 +95,6 @@ def _servo(law: str, kp: float, line: _Line, delay: float, most: float) -> Servo
         coulomb_friction=max(float(friction), 1e-3 * scale),
         armature=max(float(armature), 1e-5 * scale),
     )
-
-
-def _most_error(grids: Sequence[ServoGrid], j: int) -> float:
-    return max(float(np.abs(grid.gain[j] * (grid.command - grid.q)[:, j]).max()) for grid in grids)
 
 
 def _lines(grids: Sequence[ServoGrid], courses: Sequence[RobotCourse], j: int, ratios: Sequence[float]) -> list[_Line]:

@@ -14,7 +14,7 @@ from ...robot.joints import alike, name_pattern
 from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..fit import ServoFit, fit_servos, start_limits
-from ..given import OWN, Assumptions, Name
+from ..given import OWN, Assumptions
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
 from ..search.choice import SHORT, Candidate
@@ -38,7 +38,7 @@ from .flags import (
 )
 from .identifiable import RARE, JointFacts, dependence, dependent_numbers, joint_numbers
 from .result import ServoIdentification, ServoJoint, ServoRollOut, ServoTrace
-from .scale import Stated, alternatives, known_scale
+from .scale import Stated, alternatives, gain_text, implied_ratios, known_scale, mass_ratios
 
 HORIZON = 1.0  # [s] of the roll-outs, from measured states
 FAR = 3.0  # [1] held-out rms over that of the training data, from which it is flagged
@@ -102,7 +102,8 @@ def facts_of(model: Model, data: ServoData, fit: ServoFit, known: Known) -> dict
             command_timing=known.timing.get(joint, 0.0),
             priors={name: x for (one, name), x in known.assumptions.priors.items() if one == joint},
             bounds={name: x for (one, name), x in known.assumptions.bounds.items() if one == joint},
-            masses_set_scale=fact.masses_set_scale and (joint, "kp") not in known.assumptions.priors,
+            masses_set_scale=(of_masses := fact.masses_set_scale and (joint, "kp") not in known.assumptions.priors),
+            masses_error=known.assumptions.masses_error * of_masses,
             at_bound=frozenset(number_at_bound(fit, joint)),
             unexplained=float(fit.residual_rms[data.joints.index(joint)]) / max(loop_error(data, joint), 1e-12),
         )
@@ -131,16 +132,20 @@ def conclude(
         model, added = described, [*added, worse_flag(rolled)]
     limited = [joint for joint, fact in facts.items() if fact.saturated_share >= RARE]
     gains = {joint: of["kp"] for joint, of in known.stated.items() if "kp" in of}
-    std = {joint: s for joint, s in number_std(fit, "kp").items() if _has_value(joints, joint)}
-    other = alternatives(known.sets, fit.servos, std, gains) if known.scale == "masses" else ()
-    scale = known_scale(known.scale, gains, other)
+    std = {one.joint: s for one in joints if _has(one, "kp") and (s := number_std(fit, "kp").get(one.joint))}
+    implied = known.sets, fit.servos, std, gains
+    other = alternatives(*implied) if known.scale == "masses" else ()
+    heavier = [x for _, x, _ in implied_ratios(*implied)] if known.scale == "masses" else mass_ratios(*models)
+    scale = replace(known_scale(known.scale, gains, other), mass_ratios=tuple(heavier), gain=gain_text(gains.values()))
     added += [scale.sentence] if known.scale == "nothing" else []
     added += far_flags(judged.errors)
     added += unequal_flags(_identified(known.own, joints), known.assumptions.equal)
     unsure = [joint for joint, fact in facts.items() if fact.held_out_torque > 0]
     notes = (*joint_notes(joints), *law_notes(joints, known.laws, [*limited, *unsure]), *prior_notes(joints))
     notes = (*notes, *assumption_notes(known.assumptions, fit.free))
-    notes = (*notes, *equal_hints({one.joint: _estimates(one) for one in joints}, known.assumptions.equal))
+    noise = (replace(fact, masses_error=0.0) for fact in facts.values())  # equal joints share the error of the masses
+    apart = {one.joint: _estimates(_joint(one.joint, fit, chosen, one, known.assumptions)) for one in noise}
+    notes = (*notes, *equal_hints(apart, known.assumptions.equal))
     return ServoIdentification(
         robot=robot,
         model=command_model(model, servos, complete=True)[0],
@@ -169,7 +174,7 @@ def _estimates(one: ServoJoint) -> dict[str, tuple[float, float]]:
     return {
         name: (number.value, number.std)
         for name, number in one.numbers.items()
-        if number.value is not None and number.std and not number.prior and name not in ("lag", OWN)
+        if number.value is not None and number.std and not number.prior and "/" not in name and name not in ("lag", OWN)
     }
 
 
@@ -224,15 +229,6 @@ def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, assumpt
     )
 
 
-def _has_value(joints: Sequence[ServoJoint], name: str) -> bool:
-    return any(one.joint == name and one.numbers["kp"].value is not None for one in joints if "kp" in one.numbers)
-
-
-def _said_names(fit: ServoFit) -> list[Name]:
-    """Free numbers with all their joints."""
-    return [(shorten(joints), number) for (_, number), joints in zip(fit.names, fit.owners, strict=True)]
-
-
 def _flags(
     added: Sequence[str],
     joints: Sequence[ServoJoint],
@@ -242,10 +238,11 @@ def _flags(
     limited: Sequence[str],
 ) -> tuple[str, ...]:
     """Flags of all steps, each once."""
+    names = [(shorten(owners), number) for (_, number), owners in zip(fit.names, fit.owners, strict=True)]
     flags = (
         *added,
         *joint_flags(joints),
-        *dependence(dependent_numbers(fit.information, _said_names(fit))),
+        *dependence(dependent_numbers(fit.information, names)),
         *law_flags(joints, limited),
         *lag_flags(joints, data),
         *rollout_flags(rolled),
@@ -267,17 +264,12 @@ class HeldOutError:
 def held_out_errors(model: Model, data: ServoData, servos: Mapping[str, Servo]) -> dict[str, HeldOutError]:
     """Errors of each joint with a drive on the data of the fit and on held-out data, by the same linearised loop."""
     trained, unseen = (_rms(model, servos, grids) for grids in (data.train, data.held_out))
-    noise, tracking = position_noise(data.held_out), _tracking(data.held_out)
+    errors = np.concatenate([grid.on * (grid.command - grid.q) for grid in data.held_out])
+    noise, tracking = position_noise(data.held_out), np.sqrt(np.mean(errors**2, axis=0))
     far = (unseen > FAR * trained) & (unseen > LOUD * noise) & (unseen > TRIFLE * tracking)
     unit = ["m" if model.robot.prismatic[model.robot.index(joint)] else "rad" for joint in data.joints]
     return {
-        joint: HeldOutError(
-            joint,
-            unit[j],
-            float(trained[j]),
-            float(unseen[j]),
-            bool(far[j]),
-        )
+        joint: HeldOutError(joint, unit[j], float(trained[j]), float(unseen[j]), bool(far[j]))
         for j, joint in enumerate(data.joints)
         if joint in servos
     }
@@ -360,11 +352,6 @@ def _rms(model: Model, servos: Mapping[str, Servo], grids: Sequence[ServoGrid]) 
     with np.errstate(over="ignore", invalid="ignore"):
         errors = [roll_out_along(recorded_course(model, grid), servos, grid, HORIZON) - grid.q for grid in grids]
         return np.asarray(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)))
-
-
-def _tracking(grids: Sequence[ServoGrid]) -> Array:
-    """Rms (n,) [rad or m] of command - position while the drives are on."""
-    return np.asarray(np.sqrt(np.mean(np.concatenate([g.on * (g.command - g.q) for g in grids]) ** 2, axis=0)))
 
 
 def equal_hints(found: Mapping[str, Estimates], equal: Sequence[Sequence[str]] = ()) -> Iterator[str]:

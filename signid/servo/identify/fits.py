@@ -57,7 +57,7 @@ def weigh_bodies(
         model = scaled_masses(model, members, ratio)
         said.append(
             f"with the stated kp, the part that {shorten(list(members))} move is {ratio:.2f} +- {1.96 * error:.2f} "
-            f"times as heavy as the description says, and the model has these masses; give known='masses' if the "
+            f"times as heavy as the description says, and the model has these masses; --known masses if the "
             f"description is right"
         )
     return model, tuple(said)
@@ -111,7 +111,8 @@ def closed_loops(
 ) -> tuple[ServoRollOut, tuple[ServoTrace, ...]]:
     """Roll-outs of recordings from commands alone, whole and from measured states every second.
 
-    nominal: model and drives of stated numbers, for comparison; default: q = q_des.
+    nominal: model and drives of stated numbers, for comparison; q = q_des without, and where their loop diverges, as
+        that of a gain that is stated without damping.
     """
     traces, positions = list[ServoTrace](), list[tuple[Array, ...]]()
     for grid in grids:
@@ -126,6 +127,8 @@ def closed_loops(
     own, own_short, usual, usual_short = (
         _rms(np.vstack(each) - measured, driven) for each in zip(*positions, strict=True)
     )
+    if nominal is not None and np.isinf(usual).any():
+        return closed_loops(model, servos, grids, held_out)
     name = IDEAL if nominal is None else STATED
     tracking = _rms(np.vstack([grid.command - grid.q for grid in grids]), driven)
     return ServoRollOut(joints, units, own, own_short, usual, usual_short, name, held_out, tracking), tuple(traces)

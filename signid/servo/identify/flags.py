@@ -12,7 +12,7 @@ from ..given import Assumptions, Name
 from ..search.data import ServoData
 from .facts import shortest_period
 from .fits import STATED
-from .identifiable import ONE_NUMBER, UNREACHED, VAGUELY
+from .identifiable import ONE_NUMBER, RATIOS_KNOWN, UNREACHED, VAGUELY
 from .result import ServoJoint, ServoNumber, ServoRollOut
 
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")  # that stands alone in a sentence
@@ -47,7 +47,7 @@ def by_sentence(joints: Sequence[ServoJoint]) -> Iterator[str]:
     shared: dict[tuple[str, ...], list[tuple[str, str]]] = {}
     for joint in joints:
         for sentence in joint.not_identifiable:
-            plain = sentence.removeprefix(f"{joint.joint}: ")
+            plain = sentence.removeprefix(f"{joint.joint}: ").partition(RATIOS_KNOWN)[0]  # a table has them
             if VAGUELY not in plain and UNREACHED not in plain:
                 shared.setdefault(tuple(NUMBER.split(plain)), []).append((joint.joint, plain))
     for words, said in shared.items():

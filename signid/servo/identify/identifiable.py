@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import decimals, shorten
 from ...parameters import Array
-from ...servos import LOOP_UNITS, SERVO_UNITS, Servo
+from ...servos import LOOP_UNITS, SERVO_UNITS, SUMS, Servo
 from ..given import Bounds, Prior
 from .result import ServoNumber
 
@@ -34,6 +34,9 @@ INVERSE_SCALED = ("droop",)
 SIGNED = ("torque_offset", "delay", "lag")
 LATE, LATEST = ("delay", "lag"), 0.1  # times; [s] half width of a 95 % interval beyond which a small one says nothing
 LIMITS = ("effort_limit", "speed_limit", "profile_speed")
+RATIOS = ("damping", "coulomb_friction", "torque_offset", "effort_limit", "armature")  # torques that are given over kp
+RATIOS_KNOWN = "; known ratios: "
+WAVE = "kp/armature"  # upside down: squared angular frequency of the unloaded joint
 
 
 Name = tuple[str, str]  # joint, number
@@ -59,6 +62,7 @@ class JointFacts:
     unique_load_share: float = 1.0  # [1] that armature, friction and offset cannot give
     unexplained: float = 1.0  # residual over the error of the loop [1]
     masses_set_scale: bool = True  # no gain of the joint is stated
+    masses_error: float = 0.0  # [1] standard deviation of these masses over them
     saturated_share: float = 0.0  # [1]
     largest_torque: float = 0.0  # [N.m or N] that the drive gives at least
     drive_damping: float = 0.0  # [N.m.s/rad or N.s/m] inside the limit, for which that holds
@@ -76,7 +80,8 @@ class JointFacts:
 
 def unit_of(name: str, prismatic: bool) -> str:
     """Unit of a number, N and m in place of N.m and rad at a prismatic joint."""
-    unit = {**LOOP_UNITS, "damping": "N.m.s/rad", "lag": "s"}[name]
+    ratios = {"damping/kp": "s", WAVE: "1/s2"} | dict.fromkeys((f"{x}/kp" for x in RATIOS[1:]), "rad")
+    unit = {**ratios, **LOOP_UNITS, "damping": "N.m.s/rad", "lag": "s"}[name]
     if not prismatic:
         return unit
     return {
@@ -105,11 +110,16 @@ def joint_numbers(
         std.update(_derived(servo, free, covariance))
     if facts.full_duty_error > 0 and "kp" in std:
         std["effort_limit"] = facts.full_duty_error * std["kp"]
+    ratios = _ratios(servo, free, covariance, facts)
     lost = {one.name: one for one in _lost(servo, free, values, std, facts)}
+    if sentence := _scale_sentence(ratios, facts):
+        lost |= {n: Lost(n, sentence) for n in (*SCALED, *INVERSE_SCALED) if n in std or n in free}
     for name, least in {"delay": TICK, "lag": TICK, "armature": TICK * servo.damping}.items():
         if name in std:
             timing = facts.command_timing / 1.96 if name != "armature" else 0.0
             std[name] = float(np.linalg.norm([std[name], least, timing]))
+    for name in {*SCALED, *INVERSE_SCALED}.intersection(std).difference(facts.priors):
+        std[name] = float(np.hypot(std[name], facts.masses_error * values[name]))
     numbers, at_bound = {}, set(facts.at_bound)
     if at_bound & {"kd", "viscous_friction"} and "damping" not in std:
         at_bound.add("damping")
@@ -132,7 +142,32 @@ def joint_numbers(
                 bounds=facts.bounds.get(name),
                 at_bound=keep and name in at_bound,
             )
+    if "kp" in lost:
+        numbers |= ratios
     return numbers, tuple(dict.fromkeys(one.sentence for one in lost.values()))
+
+
+def _ratios(servo: Servo, free: Sequence[str], covariance: Array, facts: JointFacts) -> dict[str, ServoNumber]:
+    """Numbers over kp, which no common scale of torque and mass changes: their intervals are those at the fitted kp."""
+    if "kp" not in free or not servo.kp > 0:
+        return {}
+    k, found = free.index("kp"), dict[str, ServoNumber]()
+    own = covariance - np.outer(covariance[:, k], covariance[k]) / max(covariance[k, k], 1e-300)
+    for name in RATIOS:
+        parts = [i for i, n in enumerate(free) if n in SUMS.get(name, (name,))]
+        value, key = getattr(servo, name) / servo.kp, WAVE if name == "armature" else f"{name}/kp"
+        if not parts or not np.isfinite(value):
+            continue
+        std = float(np.sqrt(max(own[np.ix_(parts, parts)].sum(), 0.0))) / servo.kp
+        most, unit = value + 1.96 * std, unit_of(key, facts.prismatic)
+        if name in SIGNED or std <= VAGUE * value:
+            size = (1 / value, std / value**2) if name == "armature" else (value, std)
+            found[key] = ServoNumber(key, unit, *size) if np.isfinite(std) else ServoNumber(key, unit, None)
+        else:
+            below = most if 0 < most < np.inf else None
+            above = 1 / most if below and name == "armature" else None
+            found[key] = ServoNumber(key, unit, None, below=None if above else below, above=above)
+    return found
 
 
 def _derived(servo: Servo, free: Sequence[str], covariance: Array) -> dict[str, float]:
@@ -169,29 +204,23 @@ def _lost(
     if not (given or facts.full_duty_error) and facts.saturated_share < RARE:
         known = _scale_known(facts) and not facts.held_out_torque > 0
         yield Lost("effort_limit", _limit_sentence(facts), above=facts.largest_torque if known else None)
-    if sentence := _scale_sentence(servo, facts):
-        yield from (Lost(n, sentence) for n in (*SCALED, *INVERSE_SCALED) if n in std or n in free)
 
 
 def _vague(
     free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float], facts: JointFacts
 ) -> Iterator[Lost]:
+    sizes = {"load_friction": 1.0, "coulomb_friction": facts.largest_torque}  # of friction: what moves the joint
     for name in (*free, "damping", "lag"):
         vague = name in std and name not in SIGNED and not std[name] <= VAGUE * abs(values[name])
         late = name in LATE and name in std and 1.96 * std[name] > max(abs(values[name]), LATEST)
         if vague or late or not np.isfinite(std.get(name, 0.0)):
             words, unit = name.replace("_", " "), unit_of(name, facts.prismatic)
             most = values[name] + 1.96 * std[name]
-            useful = np.isfinite(most) and name not in (*LIMITS, *LATE, "kp") and not most >= _largest(name, facts)
+            largest = sizes.get(name) or np.inf
+            useful = np.isfinite(most) and name not in (*LIMITS, *LATE, "kp") and not most >= largest
             below = float(most) if useful else None
             limit = "" if below is None else f": it is below {decimals(below, 2)} {unit}".removesuffix(" 1")
             yield Lost(name, f"{facts.joint}: {words} is {VAGUELY}{limit}", below)
-
-
-def _largest(name: str, facts: JointFacts) -> float:
-    """Size of a number from which on an upper bound says nothing: friction as large as what moves the joint."""
-    sizes = {"load_friction": 1.0, "coulomb_friction": facts.largest_torque}
-    return sizes.get(name) or np.inf
 
 
 def _apart(servo: Servo, facts: JointFacts) -> bool:
@@ -230,13 +259,11 @@ def _scale_known(facts: JointFacts) -> bool:
     return facts.scale_known and not (facts.masses_set_scale and light)
 
 
-def _scale_sentence(servo: Servo, facts: JointFacts) -> str:
+def _scale_sentence(ratios: Mapping[str, ServoNumber], facts: JointFacts) -> str:
     if _scale_known(facts):
         return ""
-    ratios = [f"damping/kp {decimals(servo.damping / servo.kp)} s"] if servo.kp > 0 else []
-    if servo.armature > 0:
-        ratios.append(f"kp/armature {decimals(servo.kp / servo.armature)} 1/s2")
-    known = f"; known ratios: {', '.join(ratios)}" if ratios else ""
+    sizes = [f"{name} {words}" for name in ("damping/kp", WAVE) if name in ratios and (words := _size(ratios[name]))]
+    known = f"{RATIOS_KNOWN}{', '.join(sizes)}" if sizes else ""
     if not facts.scale_known:
         return (
             f"{facts.joint}: kp, friction and masses are identifiable only relative to each other; state one kp, or "
@@ -252,6 +279,12 @@ def _scale_sentence(servo: Servo, facts: JointFacts) -> str:
         f"{facts.joint}: only {100 * facts.known_load_share:.0f} % of the torque of this joint is known load, so its "
         f"scale is not identifiable; state its kp or add a known payload{known}"
     )
+
+
+def _size(number: ServoNumber) -> str:
+    """Value or bound of a number in words."""
+    sizes = (("", number.value), ("at most ", number.below), ("at least ", number.above))
+    return next((f"{side}{decimals(x)} {number.unit}" for side, x in sizes if x is not None), "")
 
 
 def _remark(name: str, servo: Servo, facts: JointFacts) -> str:

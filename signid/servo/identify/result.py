@@ -74,6 +74,8 @@ class ServoScale:
     known_by: str  # BY_INERTIALS, BY_GAIN or BY_NOTHING
     sentence: str
     alternatives: tuple[str, ...] = ()  # "if the firmware's kp is 20 as stated, FL_thigh is 1.4 times as heavy ..."
+    mass_ratios: tuple[float, ...] = ()  # [1] of true masses to those of the description, if the stated gains are true
+    gain: str = ""  # what --known says for these: "kp=20", or "kp" of several
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,7 @@ class ServoRollOut(Frozen):
     units: tuple[str, ...]  # n, "rad" or "m"
     whole_rms: Array  # (n,) [rad or m] over whole recordings
     one_second_rms: Array  # (n,) [rad or m] restarted from the measured state every second
-    nominal_whole_rms: Array  # (n,) [rad or m] of the stated numbers, or of q = q_des where no gain is stated
+    nominal_whole_rms: Array  # (n,) [rad or m] of the stated numbers, or of q = q_des without or where these diverge
     nominal_one_second_rms: Array  # (n,) [rad or m] the same every second
     nominal: str  # "stated numbers" or "q = q_des"
     held_out: bool  # whether the recordings took no part in the fit

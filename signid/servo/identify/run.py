@@ -117,7 +117,7 @@ def identify_servos(
     folds = tuple((thinned(a, most), thinned(b, most)) for a, b in data.folds)
     few = replace(data, train=thinned(data.train, most), folds=folds)
     plain, _ = command_model(model, {joint: Servo() for joint in data.driven}, complete=True)
-    starts = {law: _driven(start_servos(plain, few.train, law), data.driven) for law in EQUAL}
+    starts = {law: {j: x for j, x in start_servos(plain, few.train, law).items() if j in data.driven} for law in EQUAL}
     weighed, remarks = plain, tuple[str, ...]()
     if scale == "kp":
         _say(progress, "weighing bodies", 0.05)
@@ -127,7 +127,8 @@ def identify_servos(
     first = {k: first_candidate(model.robot, data, x, fixed, laws_known, assumed) for k, x in starts.items()}
     limits = KnownLimits({law: _limited(one, starts[law]) for law, one in first.items()}, laws_known)
     start = replace(first[PLAIN], tied=duty).follow(first[PLAIN].servos)
-    if any(_has_voltage(recording) for recording in given):
+    first_rows = (recording.read(0, 1).servo for recording in given)
+    if any(servo is not None and servo.volt is not None for servo in first_rows):  # takes the place of a droop
         options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
     chosen = search(Searcher(weighed, few, sets, options, progress, assumed), start, limits)
     _say(progress, "fitting servos", 0.8)
@@ -140,7 +141,7 @@ def identify_servos(
     _say(progress, "simulating held-out recordings", 0.9)
     remarks = (*audit_flags(model.robot, (*given, *unseen)), *remarks)
     zeros, notes = joint_zeros(plain, data, starts[PLAIN], options.seed) if scale == "masses" else ((), ())
-    remarks = (*remarks, *zero_flags(zeros, _position_columns(given[0])))
+    remarks = (*remarks, *zero_flags(zeros, dict(zip(given[0].joints, given[0].columns.get("q", ()), strict=False))))
     logs = tuple(map(_logged_rows, (*given, *unseen)))
     slow = FINER * min(log.content_rate for log in logs) < data.train[0].rate
     late = command_timing(weighed, few, fit, options.window) if slow else {}
@@ -170,17 +171,6 @@ def _logged_rows(recording: Recording) -> LoggedRows:
     return LoggedRows(recording.path, float(np.median(np.diff(t))), content_rate(t, q))
 
 
-def _position_columns(recording: Recording) -> dict[str, str]:
-    """Column of the position of each joint."""
-    return dict(zip(recording.joints, recording.columns.get("q", ()), strict=False))
-
-
-def _has_voltage(recording: Recording) -> bool:
-    """Whether the supply is recorded, which takes the place of a droop."""
-    servo = recording.read(0, 1).servo
-    return servo is not None and servo.volt is not None
-
-
 def _recorded_duty(errors: Mapping[str, float], fixed: Stated, laws: Mapping[str, str]) -> dict[str, float]:
     """Error of full duty [rad or m] of joints whose law and limit are not stated otherwise."""
     return {
@@ -188,10 +178,6 @@ def _recorded_duty(errors: Mapping[str, float], fixed: Stated, laws: Mapping[str
         for joint, error in errors.items()
         if laws.get(joint, "duty") == "duty" and "effort_limit" not in fixed.get(joint, {})
     }
-
-
-def _driven(servos: Mapping[str, Servo], joints: Sequence[str]) -> dict[str, Servo]:
-    return {joint: servo for joint, servo in servos.items() if joint in joints}
 
 
 def _limited(start: Candidate, found: Mapping[str, Servo]) -> Candidate:
@@ -308,16 +294,7 @@ def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window:
     late = BETWEEN.get(changes, 0.0) * data.train[0].step
     servos = {joint: servo.with_(delay=servo.delay + late) for joint, servo in fit.servos.items()}
     grids = [_refined(grid, changes) for grid in data.train]
-    new = fit_servos(
-        model,
-        grids,
-        servos,
-        fit.free,
-        window=window,
-        relinearise=False,
-        iterations=STEPS,
-        scales=False,
-    )
+    new = fit_servos(model, grids, servos, fit.free, window=window, relinearise=False, iterations=STEPS, scales=False)
     return new.window_squares
 
 

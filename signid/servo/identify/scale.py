@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -55,6 +55,18 @@ def mass_ratio(kp: Array, std: Array, stated: Array) -> tuple[float, float]:
     log = float(np.sum(weight * np.log(stated / kp)) / np.sum(weight))
     spread = float(1.0 / np.sqrt(np.sum(weight)))
     return float(np.exp(log)), float(np.exp(log)) * spread
+
+
+def mass_ratios(described: Model, weighed: Model) -> list[float]:
+    """Masses of a model over those of the description, each once, of the bodies that differ."""
+    masses = zip(described.inertials[:, 0].tolist(), weighed.inertials[:, 0].tolist(), strict=True)
+    return sorted({round(new / old, 4) for old, new in masses if old > 0 and new != old})
+
+
+def gain_text(gains: Iterable[float]) -> str:
+    """Text for --known of stated gains: their number where it is one."""
+    each = {f"kp={gain:.4g}" for gain in gains}
+    return each.pop() if len(each) == 1 else "kp"
 
 
 def known_scale(known: str, stated: Mapping[str, float], other: Sequence[str]) -> ServoScale:
@@ -114,12 +126,12 @@ def alternatives(
             every = [joint for members, _, _ in found for joint in members]
             found = [(every, float(np.exp(mean)), float(np.exp(mean) / np.sqrt(weight.sum())))]
     for members, ratio, error in found:
-        gains = list(dict.fromkeys(f"{stated[j]:.4g}" for j in members if j in stated))
-        option = f"kp={gains[0]}" if len(gains) == 1 else "kp"
+        gains = [stated[j] for j in members if j in stated]
+        each = ", ".join(dict.fromkeys(f"{gain:.4g}" for gain in gains))
         which = f"the part that {shorten(list(members))} move{'s' if len(members) == 1 else ''}"
         said.append(
-            f"if the firmware's kp is {', '.join(gains)} as stated, {which} is {ratio:.2f} +- {1.96 * error:.2f} times "
-            f"as heavy as the description says; --known {option} assumes that gain"
+            f"if the firmware's kp is {each} as stated, {which} is {ratio:.2f} +- {1.96 * error:.2f} times "
+            f"as heavy as the description says; --known {gain_text(gains)} assumes that gain"
         )
     return tuple(said)
 

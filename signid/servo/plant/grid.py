@@ -39,7 +39,9 @@ def servo_grids(recording: Recording, robot: Robot, rate: float | None = None) -
     """
     x = recording.read()
     if x.q_des is None:
-        raise RecordingError(f"{_name(recording)} has no commanded position; add columns q_des_J of the servo joints")
+        raise RecordingError(
+            f"{recording.path or 'the recording'} has no commanded position; add columns q_des_J of the servo joints"
+        )
     servo: Any = getattr(x, "servo", None)
     more = {key: getattr(servo, key, None) for key in ("dq_des", "tau_ff", "on", "volt")}
     return grids_of_arrays(
@@ -224,10 +226,6 @@ def _gain(recording: Recording, robot: Robot) -> Array:
     here = [registers.get((name, joint), {}).get("kp_register", np.nan) for joint in recording.joints]
     gain = np.array(here, float) / _nominal(robot, recording.joints, "kp_register")
     return np.where(np.isfinite(gain), gain, 1.0)
-
-
-def _name(recording: Recording) -> str:
-    return recording.path or "the recording"
 
 
 def commands_at(grid: ServoGrid, joint: int, kd_on: str, delay: float, profile: float, parts: int) -> Array:

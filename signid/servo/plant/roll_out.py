@@ -119,7 +119,8 @@ class _Loop:
     """Closed loop with Pinocchio in every substep."""
 
     def __init__(self, robot: Robot, motion: Moved, rows: JoinedGrids, drives: Drives) -> None:
-        self.robot, self.motion, self.driven, self.drives = robot, motion, list(rows.joints), drives
+        self.robot, self.motion, self.driven, self.drives = robot, np.stack(motion), list(rows.joints), drives
+        self.square = np.ix_(self.driven, self.driven)
         self.grid, self.state = rows.grids[0], new_state(len(rows.joints))
         self.state.armature[:] = drives.numbers[0, :, ARMATURE]
         self.state.play[HALF], self.state.play[SIDE] = 0.5 * drives.numbers[0, :, GAP], BEGIN
@@ -133,7 +134,7 @@ class _Loop:
         out, q, v = self.grid.q.copy(), self.state.q, self.state.v
         for k in range(len(out) - 1):
             if k % restart == 0:
-                q[:], v[:] = self.motion.q[k, self.driven], self.motion.v[k, self.driven]
+                q[:], v[:] = self.motion[:2, k, self.driven]
                 self.state.play[SIDE:] = [[BEGIN], *4 * [[0.0]]]
                 out[k, self.driven] = q
             self._row(k)
@@ -145,7 +146,7 @@ class _Loop:
         state, j, drives = self.state, self.driven, self.drives
         for s in range(drives.parts):
             far = (s + 0.5) / drives.parts
-            q, v, a = ((1 - far) * x[k] + far * x[k + 1] for x in self.motion)
+            q, v, a = (1 - far) * self.motion[:, k] + far * self.motion[:, k + 1]
             state.half[:] = state.q + 0.5 * drives.step * state.v
             relative = state.play[RELATIVE]
             beyond = state.play[DEFLECTION] + 0.5 * drives.step * relative
@@ -163,4 +164,4 @@ class _Loop:
         state = robot.drive @ q + robot.rest if self.plain else configuration(robot, q)
         torque = pin.rnea(robot.model, self.data, state, robot.drive @ v, robot.drive @ a) @ robot.drive
         mass = joint_inertia(robot, pin.crba(robot.model, self.data, state))
-        return np.ascontiguousarray(mass[np.ix_(j, j)]), np.asarray(torque[j])
+        return np.ascontiguousarray(mass[self.square]), np.asarray(torque[j])

@@ -131,9 +131,7 @@ def _cut(grids: Sequence[ServoGrid], share: float) -> tuple[list[ServoGrid], lis
     return before, after
 
 
-def _folds(
-    grids: Sequence[Sequence[ServoGrid]],
-) -> tuple[tuple[tuple[ServoGrid, ...], tuple[ServoGrid, ...]], ...]:
+def _folds(grids: Sequence[Sequence[ServoGrid]]) -> tuple[tuple[tuple[ServoGrid, ...], tuple[ServoGrid, ...]], ...]:
     """Folds of whole recordings; of blocks of the only one."""
     units = [list(some) for some in grids] if len(grids) > 1 else [[block] for block in _blocks(grids[0])]
     count = min(FOLDS if len(grids) > 1 else HALVES, len(units))

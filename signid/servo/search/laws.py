@@ -36,7 +36,8 @@ def try_laws(
         if own := _with(given, law, suspects):
             new = by.fit(_law_start(by, start, own, law, limits, trials))
             helps = {*stated, *loose, *worth(base, new, own)}
-            trials[law] = _lengthened(by, new) if helps.intersection(own) else new
+            better = by.lengthen(new) if helps.intersection(own) else new
+            trials[law] = replace(better, residual=new.residual)  # of short windows, to compare it with others
             suspects = [joint for joint in suspects if law != "effort" or joint in helps or joint not in own]
     keep = {*stated, *(j for law, trial in trials.items() for j in worth(base, trial, _with(given, law, suspects)))}
     if not keep:
@@ -46,7 +47,8 @@ def try_laws(
     trials = {law: by.score(trial.only(near), near) for law, trial in trials.items()}
     chosen, found = base.candidate.only(near), dict[str, dict[str, float]]()
     for joint in keep:
-        top = _top_speed(by, joint)
+        j = by.data.joints.index(joint)
+        top = max(float(np.abs(recorded_course(by.model, grid).motion.v[:, j]).max()) for grid in by.data.train)
         allowed = _apart({law: trial for law, trial in trials.items() if given.get(joint, law) == law}, joint, top)
         p = law_probabilities({law: trial.scores[joint] for law, trial in allowed.items()}, by.options.seed)
         law = max(p, key=lambda name: p[name])
@@ -61,11 +63,6 @@ def try_laws(
     new = by.fit(chosen, coarse=False)
     new, found = _simpler(new, found, given)
     return base.with_joints(by.score(new, near)), found
-
-
-def _lengthened(by: Searcher, trial: ServoTrial) -> ServoTrial:
-    """Trial with the drives of longer windows; its residual stays that of short ones, to compare it with others."""
-    return replace(by.lengthen(trial), residual=trial.residual)
 
 
 def _simpler(
@@ -131,12 +128,6 @@ def _kept(base: Servo, start: Servo) -> Servo:
     """Drive of a regression, with the numbers that it does not give."""
     names = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")
     return base.with_(**{name: getattr(start, name) for name in names})
-
-
-def _top_speed(by: Searcher, joint: str) -> float:
-    """Largest speed of a joint [rad/s or m/s]."""
-    j = by.data.joints.index(joint)
-    return max(float(np.abs(recorded_course(by.model, grid).motion.v[:, j]).max()) for grid in by.data.train)
 
 
 def largest_torques(data: ServoData, servos: Mapping[str, Servo]) -> dict[str, float]:

@@ -144,13 +144,11 @@ def _move(bodies, i, q, v, a, motion):  # type: ignore[no-untyped-def]
     rotation, slides, gravity = bodies.rotation, bodies.slides, bodies.gravity
     turn, at, w, alpha, acc = motion
     p, own, here = bodies.parent[i], _get(bodies.axis, i), _get(bodies.place, i)
-    turn[i] = rotation[i]
     if slides[i]:
         here = _sum(here, _out(rotation, i, own), q)
-    else:
-        for k in range(3):  # rows of rotation after the turn: each is turned back
-            x = _about(own, -q, (rotation[i, k, 0], rotation[i, k, 1], rotation[i, k, 2]))
-            turn[i, k, 0], turn[i, k, 1], turn[i, k, 2] = x
+    for k in range(3):  # rows of rotation after the turn: each is turned back
+        x = rotation[i, k, 0], rotation[i, k, 1], rotation[i, k, 2]
+        turn[i, k, 0], turn[i, k, 1], turn[i, k, 2] = x if slides[i] else _about(own, -q, x)
     _put(at, i, here)
     spin, rise, fall = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (-gravity[0], -gravity[1], -gravity[2])
     if p >= 0:

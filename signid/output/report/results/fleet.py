@@ -238,11 +238,7 @@ def _cause_rows(causes: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]
     kinds = len({cause["kind"] for cause in causes}) > 1
     for cause in causes:
         which = "all" if 1 < cause["of"] == len(cause["robots"]) else ", ".join(cause["robots"])
-        yield (
-            cause_sentence(cause) + (f" ({cause['kind']})" if kinds else ""),
-            ", ".join(number_ranges(cause)),
-            which,
-        )
+        yield (cause_sentence(cause) + (f" ({cause['kind']})" if kinds else ""), ", ".join(number_ranges(cause)), which)
 
 
 def _link(session: Mapping[str, Any]) -> str:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 FIRST = ("kp", "damping", "delay", "lag", "effort_limit", "armature", "coulomb_friction", "load_friction")
 LAWS = (*PASSIVE, "load_friction")  # numbers of a drive that are written as effects
-ROUNDING = 1e-9  # eigenvalue over trace of a pseudo-inertia that counts as 0
+ROUNDING = 1e-9  # eigenvalue over trace of a pseudo-inertia that counts as 0, as of a link without mass
 LEGEND = (
     "damping: kd of the drive, viscous friction and back-EMF together; lag: delay + damping / kp; saturated: share of "
     "samples in which the drive gives its limit."
@@ -49,12 +49,13 @@ UNITS = {"s": "ms", "1": ""}  # as `number_cell` writes them
 def servo_identification_document(result: ServoIdentification, inputs: Sequence[Input] = ()) -> Document:
     """Build the content of identification.json; `inputs` besides the recordings default to the robot description."""
     robot, model = result.robot, result.model
-    inertials = np.asarray(model.inertials)
+    inertials, models = np.asarray(model.inertials), [_model(x, result) for x in result.friction_models]
+    bodies = list(map(pseudo_inertia, inertials))
     return {
         **opening("signid.identification/1", robot),
         "base_parameters": [],
         "standard_parameters": standard_parameters(model.robot, inertials),
-        "physically_consistent": all(_is_possible(x) for x in inertials),
+        "physically_consistent": all(np.linalg.eigvalsh(x)[0] >= -ROUNDING * abs(np.trace(x)) for x in bodies),
         "effects": list(_effects(result)),
         "signs": None,
         "fit": {**position_fit(result.rollout), "refit": result.refit},
@@ -68,20 +69,10 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
             "joints": [_joint(one) for one in result.joints],
             "rollout": {**rollout_document(result.rollout), "held_out": result.rollout.held_out},
             **({"zeros": [_zero(one) for one in result.zeros]} if result.zeros else {}),
-            **(
-                {"friction_models": [_model(x, result) for x in result.friction_models]}
-                if result.friction_models
-                else {}
-            ),
+            **({"friction_models": models} if models else {}),
         },
         **ending(result, result.inputs, inputs or [description(robot)], result.seed),
     }
-
-
-def _is_possible(inertial: Array) -> bool:
-    """Whether a body, which may have no mass, could have these ten inertial parameters."""
-    matrix = pseudo_inertia(inertial)
-    return bool(np.linalg.eigvalsh(matrix)[0] >= -ROUNDING * abs(np.trace(matrix)))
 
 
 def _scale(result: ServoIdentification) -> Document:
@@ -219,7 +210,18 @@ def servo_warnings(result: ServoIdentification) -> list[str]:
 
 def _headline(result: ServoIdentification) -> str:
     data = " of held-out motion" if result.rollout.held_out else " of the motion of the fit"
-    return f"{result.robot.name}: {plural(len(result.joints), 'drive')}, {loop_words(result.rollout, data)}"
+    words = f"{plural(len(result.joints), 'drive')}, {loop_words(result.rollout, data)}"
+    return "; ".join(filter(None, [f"{result.robot.name}: {words}", _scale_words(result)]))
+
+
+def _scale_words(result: ServoIdentification) -> str:
+    """Unit of torques and masses, and how heavy bodies are with the stated gain."""
+    ends = [f"{x:.2f}" for x in sorted(result.scale.mass_ratios)]
+    times = " to ".join(dict.fromkeys([*ends[:1], *ends[-1:]]))
+    said = f"with --known {result.scale.gain} the moved bodies are {times} times as heavy as described" if times else ""
+    if not result.scale.known_by.startswith("inertials"):
+        return said
+    return f"in units of the described masses{'; ' + said if said else ' (--known kp=VALUE: of the gain at the joint)'}"
 
 
 def loop_words(found: ServoRollOut, data: str = "") -> str:
@@ -303,28 +305,37 @@ def _loops(found: ServoRollOut) -> Section:
 
 
 def _drives(result: ServoIdentification) -> Section:
-    """One row per joint: law, numbers with 95 % intervals or bounds, saturated share."""
-    names = [
-        name
-        for name in _ordered_numbers(result.joints)
-        if name in FIRST[:5] or any(_shown(one.numbers.get(name)) for one in result.joints)
-    ]
-    laws = [_law(one) for one in result.joints]
-    alike, limited = len({*laws}) == 1, any(one.saturated_share > 0 for one in result.joints)
+    """One row per joint: law, numbers with 95 % intervals or bounds; ratios in a table of their own without a scale."""
+    laws = dict.fromkeys(_law(one) for one in result.joints)
+    ratios = [one for one in result.joints if any("/" in name for name in one.numbers)]
+    groups = [one for one in result.joints if one not in ratios], ratios
+    tables = [_numbers(joints, len(laws) > 1) for joints in groups if joints]
+    bounded = any(cell[:1] in ("<", ">", "-") for x in tables for row in x.rows for cell in row[1:] if cell[1:2] in " ")
+    title = f"Drives by the law {next(iter(laws))}, ± 95 %" if len(laws) == 1 else "Drives, ± 95 %"
+    masses = "" if result.scale.known_by.startswith("inertials") else ", or --known masses, those of the description,"
+    said = f"Torques over kp, as their scale is unknown; --known kp=VALUE, the gain at the joint{masses} sets it."
+    return Section(title, (*tables, Plain(said if ratios else ""), Plain(BOUNDS if bounded else "")))
+
+
+def _numbers(joints: Sequence[ServoJoint], named: bool) -> Cells:
+    """A row for each of some joints, those of ratios or the others; `named`: with their laws."""
+    every = _ordered_numbers(joints)
+    used = {name for one in joints for name, number in one.numbers.items() if number.value}
+    names = [name for name in every if name in FIRST[:5] or name in used]
+    if any("/" in name for name in every):
+        names = [name for name in every if name in ("delay", "lag") or "/" in name]
+    limited = any(one.saturated_share > 0 for one in joints)
     rows = [
         [
             one.joint,
-            *([] if alike else [law]),
+            *([_law(one)] if named else []),
             *(number_cell(one.numbers.get(name)) for name in names),
             *([share(one.saturated_share)] if limited else []),
         ]
-        for one, law in zip(result.joints, laws, strict=True)
+        for one in joints
     ]
-    heads = [_head(name, result.joints) for name in names]
-    heads = ["joint", *([] if alike else ["law\n(probability)"]), *heads, *(["saturated>"] if limited else [])]
-    bounded = any(cell[:1] in ("<", ">", "-") for row in rows for cell in row[1:] if not cell[1:2].isdigit())
-    title = f"Drives by the law {laws[0]}, ± 95 %" if alike else "Drives, ± 95 %"
-    return Section(title, (Cells(heads, rows), Plain(BOUNDS if bounded else "")))
+    heads = ["joint", *(["law\n(probability)"] if named else []), *(_head(name, joints) for name in names)]
+    return Cells([*heads, *(["saturated>"] if limited else [])], rows)
 
 
 def _head(name: str, joints: Sequence[ServoJoint]) -> str:
@@ -332,11 +343,6 @@ def _head(name: str, joints: Sequence[ServoJoint]) -> str:
     units = dict.fromkeys(one.numbers[name].unit for one in joints if name in one.numbers)
     shown = " or ".join("ms" if unit == "s" else unit for unit in units if unit != "1")
     return name.replace("_", " ") + (f"\n[{shown}]>" if shown else ">")
-
-
-def _shown(number: ServoNumber | None) -> bool:
-    """Whether a less usual number deserves a column: a value that is not zero."""
-    return number is not None and number.value is not None and number.value != 0
 
 
 def _law(one: ServoJoint) -> str:

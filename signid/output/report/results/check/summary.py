@@ -27,14 +27,7 @@ STYLES = {"good": "green", "limited": "yellow", "faulty": "red", "unusable": "re
 NUMBER = re.compile(r"[\d.]+")
 MORE = "in --json and in the report (-o DIR)"
 FEW = 6  # most joints that a sentence names
-WORDS = {
-    "t": "time",
-    "q": "position",
-    "q_des": "command",
-    "dq": "velocity",
-    "ddq": "acceleration",
-    "tau": "torque",
-}
+WORDS = {"t": "time", "q": "position", "q_des": "command", "dq": "velocity", "ddq": "acceleration", "tau": "torque"}
 RATES = {"dq": "/s", "ddq": "/s2", "dq_des": "/s"}  # what follows the unit of position
 SAMPLING = "recording", "rows>", "used>", "seconds>", "rate\n[Hz]>", "content\n[Hz]>", "clock", "breaks>"
 NOT_STATED = StatedUnit("", "")
