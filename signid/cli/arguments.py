@@ -127,12 +127,16 @@ def given_model(
 
 
 def given_recordings(
-    paths: Iterable[str] | None, robot: Robot, columns: str | None, unsigned: bool = False
+    paths: Iterable[str] | None,
+    robot: Robot,
+    columns: str | None,
+    unsigned: bool = False,
+    rate: float | None = None,
 ) -> list[Recording]:
-    """Read recordings with a column map file; `unsigned` discards the signs of torques."""
+    """Read recordings with a column map file, or rows of a `rate` [Hz]; `unsigned` discards the signs of torques."""
     from ..recording import read_recording
 
-    return [read_recording(path, robot, columns=columns, unsigned=unsigned) for path in paths or ()]
+    return [read_recording(path, robot, columns=columns, unsigned=unsigned, rate=rate) for path in paths or ()]
 
 
 def without_torque(recording: Recording, joints: Sequence[str]) -> Recording:

@@ -17,12 +17,22 @@ from ..errors import OptionError, RecordingError, shorten, unexpected
 from ..robot import as_robot, resting
 from ..typed import typed
 from ..types import Array, Recording, Robot, ServoSamples, Table
-from .columns import TORQUES, UNSTATED, Assignment, assign_columns, conversion, function, stated_units, unit_caveats
+from .columns import (
+    TORQUES,
+    UNSTATED,
+    Assignment,
+    assign_columns,
+    conversion,
+    function,
+    lacking_time,
+    stated_units,
+    unit_caveats,
+)
 from .formats import FORMATS
 from .formats.base import About
 from .formats.json_ import holds_samples
 from .missing import bridge
-from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
+from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_heading, read_map, split
 from .names.match import guess, suggest
 from .sampling.clock import CHUNK, ask_for_time
 from .source import Opened, Source, columns_of, open_source
@@ -51,6 +61,7 @@ def read_recording(
     columns: ColumnMap | None = None,
     unsigned: bool = False,
     topics: Sequence[str] = (),
+    rate: float | None = None,
 ) -> Recording:
     """Read a recording of a robot.
 
@@ -68,17 +79,19 @@ def read_recording(
             {"q_elbow": {"column": "elbow_pos", "unit": "deg"}} or {"units": {"q": "deg"}}.
         unsigned: whether to discard the sign of every torque.
         topics: topics of a ROS bag, joined in time; by default the only suitable one.
+        rate: [Hz] of the rows of a source without times; 0: each row is a posture at rest.
 
     Raises:
         OptionError: topics of a source without topics.
         RecordingError: invalid file, columns or column map.
     """
     robot = as_robot(robot, "read_recording")
-    mapping = read_map(columns)
+    mapping = read_map(columns, heading=read_heading("", 0, (), rate))
     given = source if isinstance(source, str | Path) else _by_joint(columns_of(source), robot)
     opened = open_source(given, topics, mapping.heading)
     found = assign_columns(opened, mapping, robot)
-    if (time := found.signals.get(("t", 0))) is None or not time.mapped:
+    time = found.signals.get(("t", 0))
+    if mapping.heading.rate is None and not (time and time.mapped):
         used = {signal.column for signal in found.signals.values()}
         ask_for_time(opened.table, time.column if time else "", used, opened.name)
     joints = _joints(found, robot, opened)
@@ -202,7 +215,9 @@ def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
     joints = [j for j in range(len(robot.joints)) if found.column("q", j)]
     advice = "add it, or name it in a column map"
     if not found.column("t", 0):
-        lack = f"column 't' of time in seconds; {advice}"
+        lack = (
+            f"column 't' of time in seconds; {lacking_time(opened.table, {s.column for s in found.signals.values()})}"
+        )
     elif not joints:
         lack = f"position column such as q_{robot.joints[0]} or q_{robot.numbers[0]}; {advice}"
     elif not any(found.torque(j) or found.column("q_des", j) for j in joints):
@@ -335,7 +350,7 @@ def is_recording(name: str) -> bool:
 
 
 def read_bare(
-    source: Source, *, columns: ColumnMap | None = None, topics: Sequence[str] = ()
+    source: Source, *, columns: ColumnMap | None = None, topics: Sequence[str] = (), rate: float | None = None
 ) -> tuple[Recording, dict[str, str]]:
     """Read positions, commands and what drives record of every joint with `q_J` and `q_des_J`, without a description.
 
@@ -348,7 +363,7 @@ def read_bare(
         OptionError: topics of a source without topics.
         RecordingError: invalid file, columns or column map, or no joint has both columns.
     """
-    mapping = read_map(columns)
+    mapping = read_map(columns, heading=read_heading("", 0, (), rate))
     opened = open_source(source, topics, mapping.heading)
     signals = _signals(opened, mapping)
     guessed = {} if columns is not None or _commanded(signals) else _guessed_columns(opened.table.columns)
@@ -356,7 +371,7 @@ def read_bare(
         mapping = read_map(guessed, mapping.units, mapping.heading)
         signals = _signals(opened, mapping)
     joints = _joints_of_names(opened, signals)
-    if not signals["t"].mapped:
+    if mapping.heading.rate is None and not signals["t"].mapped:
         ask_for_time(opened.table, "t", {each.column for name, each in signals.items() if split(name)}, opened.name)
     columns_of_joints = {name: signal.column for name, signal in signals.items()}
     chosen = {kind: tuple(columns_of_joints.get(f"{kind}_{joint}", "") for joint in joints) for kind in KINDS}
@@ -436,7 +451,8 @@ def _joints_of_names(opened: Opened, signals: Mapping[str, Signal]) -> tuple[str
     have = f"it has {shorten(opened.table.columns, 12)}"
     advice = "name them in a column map (--columns), or give the description of the robot before the recording"
     if "t" not in signals:
-        raise RecordingError(f"{opened.name} has no column 't' of time in seconds; {have}; {advice}")
+        time = lacking_time(opened.table, {signal.column for name, signal in signals.items() if split(name)})
+        raise RecordingError(f"{opened.name} has no column 't' of time in seconds; {have}; {time}")
     if not found:
         torque = any(name.startswith(tuple(f"{kind}_" for kind in TORQUES)) for name in signals)
         also = "; a recording of torque needs a description: signid check ROBOT RECORDING" if torque else ""

@@ -7,6 +7,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import count
 from pathlib import Path
 from queue import Empty, Queue
 from threading import Thread
@@ -33,8 +34,8 @@ ROS = "ros:"  # beginning of the name of a topic
 class Parser:
     """Rows from text that arrives in pieces; lines that are no rows become rows of NaN."""
 
-    def __init__(self, robot: Robot, columns: ColumnMap | None, name: str) -> None:
-        self.robot, self.columns, self.name = robot, columns, name
+    def __init__(self, robot: Robot, columns: ColumnMap | None, name: str, rate: float | None = None) -> None:
+        self.robot, self.columns, self.name, self.rate = robot, columns, name, rate
         self.rest: list[str] = []  # pieces of the line that is not complete
         self.header: list[str] | None = None
         self.convert: Callable[[Array], StreamRows] | None = None
@@ -104,11 +105,11 @@ class Parser:
                 f"{self.name} names column {repeated[0]!r} twice in its header; give each its own name"
             )
         self.header = list(names)
-        self.joints, self.convert = assign(self.header, self.robot, self.columns, self.name)
+        self.joints, self.convert = assign(self.header, self.robot, self.columns, self.name, self.rate)
 
 
 def assign(
-    names: Sequence[str], robot: Robot, columns: ColumnMap | None, name: str
+    names: Sequence[str], robot: Robot, columns: ColumnMap | None, name: str, rate: float | None = None
 ) -> tuple[tuple[str, ...], Callable[[Array], StreamRows]]:
     """Joints of columns, and the conversion of their values (N, columns) to rows.
 
@@ -117,21 +118,24 @@ def assign(
     """
     probe = np.tile(np.arange(PROBE, dtype=float)[:, None] / PROBE, (1, len(names)))
     try:
-        found = read_recording(dict(zip(names, probe.T, strict=True)), robot, columns=columns)
+        found = read_recording(dict(zip(names, probe.T, strict=True)), robot, columns=columns, rate=rate)
     except RecordingError as error:
         raise RecordingError(str(error).replace("the recording", name)) from None
     check(found, name)
     samples, place = found.read(), {column: k for k, column in enumerate(names)}
     parts: list[tuple[list[int], Array, Array]] = []
     for key, values in (("t", samples.t[:, None]), ("q", samples.q), ("tau", samples.tau), ("dq", samples.dq)):
-        if values is None or not all(found.columns[key]):
+        if values is None or not all(found.columns[key]) or (key == "t" and rate):
             continue
         offset = values[0]
         parts.append(([place[c] for c in found.columns[key]], (values[-1] - offset) * PROBE / (PROBE - 1), offset))
 
+    before = count(0)
+
     def convert(table: Array) -> StreamRows:
-        t, *others = (table[:, columns] * factor + offset for columns, factor, offset in parts)
-        return StreamRows(t[:, 0], *others)
+        others = [table[:, columns] * factor + offset for columns, factor, offset in parts]
+        t = np.array([next(before) / rate for _ in table]) if rate else others.pop(0)[:, 0]
+        return StreamRows(t, *others)
 
     return found.joints, convert
 
@@ -185,7 +189,12 @@ class Stream(NamedTuple):
 
 
 def open_stream(
-    stream: object, robot: Robot, columns: ColumnMap | None = None, follow: bool = False, idle: float = np.inf
+    stream: object,
+    robot: Robot,
+    columns: ColumnMap | None = None,
+    follow: bool = False,
+    idle: float = np.inf,
+    rate: float | None = None,
 ) -> Stream:
     """Open a stream; it waits for the first rows of a live one, whose columns name the joints.
 
@@ -195,6 +204,7 @@ def open_stream(
         columns: column map, as of a recording.
         follow: whether a file is read on as it grows.
         idle: [s] without rows after which a live stream ends.
+        rate: [Hz] of the rows of a recording without times.
 
     Raises:
         RecordingError: the stream cannot be used.
@@ -203,14 +213,14 @@ def open_stream(
     if isinstance(stream, str) and stream.startswith(ROS):
         return _topic(stream.removeprefix(ROS), robot, idle)
     if isinstance(stream, str) and stream == "-":
-        return _parsed(_standard_input(idle), robot, columns, "standard input")
+        return _parsed(_standard_input(idle), Parser(robot, columns, "standard input", rate))
     if isinstance(stream, str | Path) and follow:
-        return _parsed(_growing(Path(stream), idle), robot, columns, readable(str(stream)))
+        return _parsed(_growing(Path(stream), idle), Parser(robot, columns, readable(str(stream)), rate))
     if isinstance(stream, Iterable) and not isinstance(stream, str | Path | dict | Recording) and _is_text(stream):
-        return _parsed(iter(stream), robot, columns, "the stream")
+        return _parsed(iter(stream), Parser(robot, columns, "the stream", rate))
     source: Any = stream
     recording = (
-        read_recording(source, robot, columns=columns)
+        read_recording(source, robot, columns=columns, rate=rate)
         if isinstance(source, str | Path)
         else as_recording(source, robot, "watch")
     )
@@ -229,8 +239,8 @@ def _size(recording: Recording) -> int:
     return int(np.clip(CHUNK / max(period, 1e-6), 1, 1000)) if np.isfinite(period) else 1
 
 
-def _parsed(texts: Iterator[str], robot: Robot, columns: ColumnMap | None, name: str) -> Stream:
-    parser, first = Parser(robot, columns, name), None
+def _parsed(texts: Iterator[str], parser: Parser) -> Stream:
+    name, first = parser.name, None
     for text in texts:
         if (first := parser.rows(text)) is not None or parser.header is not None:
             break

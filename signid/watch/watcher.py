@@ -279,12 +279,13 @@ def open_watch(
     sensitivity: float = 1.0,
     *,
     columns: ColumnMap | None = None,
+    rate: float | None = None,
     follow: bool = False,
     idle: float = np.inf,
 ) -> tuple[Watcher, Stream]:
     """The watcher of the joints of a stream, and the stream; arguments are those of `watch`."""
     _checked(model, quiet, sensitivity)  # before waiting for the stream
-    opened = open_stream(stream, model.robot, columns, follow, idle)
+    opened = open_stream(stream, model.robot, columns, follow, idle, rate)
     return Watcher(_of_joints(model, opened.joints), quiet=quiet, sensitivity=sensitivity), opened
 
 

@@ -18,6 +18,7 @@ from ..options import (
     Columns,
     Cutoff,
     Mcap,
+    Rate,
     Recordings,
     RobotOptions,
     Rrd,
@@ -50,6 +51,7 @@ class DiagnoseOptions:
         None, "Effect to exclude from the search. Repeatable.", metavar="EFFECT", autocompletion=complete_law
     )
     columns: Columns = None
+    rate: Rate = None
     cutoff: Cutoff = None
     unsigned: Unsigned = False
     servo: bool = option(False, "Diagnose position drives even if torque is recorded.", "--servo")
@@ -86,7 +88,7 @@ def diagnose(
     gains = simulation.actuators if simulation.saved else None
     model, _ = given_model(replace(simulation, actuators=None) if gains else simulation)
     given, held_out, healthy = (
-        given_recordings(paths, model.robot, diagnosis.columns, diagnosis.unsigned)
+        given_recordings(paths, model.robot, diagnosis.columns, diagnosis.unsigned, diagnosis.rate)
         for paths in (recordings, diagnosis.held_out, diagnosis.reference)
     )
     skip = [name.strip() for text in diagnosis.skip or () for name in text.split(",")]
@@ -136,6 +138,7 @@ class ValidateOptions:
     rollout: bool = option(True, "Also simulate from measured states.", "--rollout/--no-rollout")
     horizon: Text = option(None, "Length of these simulations [s], or whole. Default: 0.5.", metavar="S")
     columns: Columns = None
+    rate: Rate = None
     cutoff: Cutoff = None
 
 
@@ -185,7 +188,7 @@ def validate(
     stated = robot.actuators is not None and all(source.saved for source in sources)
     sources = [replace(one, actuators=None) if stated else one for one in sources]
     models = {readable(source.simulation): given_model(source)[0] for source in sources}
-    read = given_recordings(recordings, _reader(list(models.values())), validation.columns)
+    read = given_recordings(recordings, _reader(list(models.values())), validation.columns, rate=validation.rate)
     servo = has_drives(read)
     if stated and not servo:
         given_model(replace(sources[0], actuators=robot.actuators))

@@ -126,12 +126,12 @@ def _checked(
     if described is None:
         from ...recording import read_bare
 
-        read = [read_bare(path, columns=rows.columns) for path in paths]
+        read = [read_bare(path, columns=rows.columns, rate=rows.rate) for path in paths]
         units = {joint: unit for _, own in read for joint, unit in own.items()}
         return _audit([recording for recording, _ in read], units)
     kinds = zip(described.joints, described.prismatic, strict=True)
     units = {joint: "m" if slides else "rad" for joint, slides in kinds}
-    given, lacking = given_recordings(paths, described, rows.columns, unsigned), list[str]()
+    given, lacking = given_recordings(paths, described, rows.columns, unsigned, rows.rate), list[str]()
     while any(any(recording.columns["tau"]) for recording in given):
         try:
             with bars(run.json) as progress:
@@ -236,8 +236,8 @@ def identify(
 
     check_folder(fit.output, run.json, IDENTIFIED)
     described = given_robot(robot.robot, robot)
-    given = given_recordings(recordings, described, rows.columns, fit.unsigned)
-    held_out = given_recordings(fit.held_out, described, rows.columns, fit.unsigned)
+    given = given_recordings(recordings, described, rows.columns, fit.unsigned, rows.rate)
+    held_out = given_recordings(fit.held_out, described, rows.columns, fit.unsigned, rows.rate)
     servo = has_drives((*given, *held_out), drives.servo)
     check_options(context, servo)
     read = given_inputs(

@@ -53,7 +53,7 @@ def payload(
     described = None if simulation.saved else given_robot(simulation.simulation, simulation)
     model = load_model(described) if described else given_model(simulation)[0]
     names = [recordings] if recordings else [loads.without, loads.carrying]
-    sides = [given_recordings(paths, model.robot, rows.columns) for paths in names]
+    sides = [given_recordings(paths, model.robot, rows.columns, rate=rows.rate) for paths in names]
     options = given_options(rows, run.seed)
     with time_limit(loads.time_limit), bars(run.json) as progress:
         found = identify_payload(model, *sides, options=options, progress=progress)

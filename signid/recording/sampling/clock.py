@@ -280,7 +280,7 @@ def rivals(table: Table, chosen: str, used: Collection[str]) -> Iterator[tuple[s
     """
     names = [name for name in table.columns if name not in used and "t" in kinds_of(name)]
     names = [chosen, *(name for name in names if name != chosen)] if chosen else names
-    times = dict(_increasing(table, names)) if len(names) > 1 else {}
+    times = dict(increasing(table, names)) if len(names) > 1 else {}
     first = next(iter(times), "")
     if chosen and first != chosen:
         return
@@ -289,7 +289,7 @@ def rivals(table: Table, chosen: str, used: Collection[str]) -> Iterator[tuple[s
             yield first, other, apart
 
 
-def _increasing(table: Table, names: list[str]) -> Iterator[tuple[str, Array]]:
+def increasing(table: Table, names: Sequence[str]) -> Iterator[tuple[str, Array]]:
     """Columns (N,) [any unit] of numbers that never decrease, from the first rows."""
     for name in names:
         try:
