@@ -111,7 +111,7 @@ def check(
 
 def _advice(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:
     band, robot, said = session.task.band, session.robot, []
-    if band.cutoff < LOW_CUTOFF:
+    if band.filtered and band.cutoff < LOW_CUTOFF:
         worst = robot.joints[int(np.argmin(band.per_joint))]
         limit = f"encoder noise of {worst} allows only {band.cutoff:.2g} Hz"
         said.append(f"{limit}: move faster, or record finer positions")

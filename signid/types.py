@@ -150,6 +150,7 @@ class Recording(Result):
     scaled: Mask | None = None  # (n,) False where the torque constant of a current is unknown; None: all known
     flags: tuple[str, ...] = ()  # uncertain column assignments, one sentence each
     units: Mapping[str, StatedUnit] = field(default_factory=dict)  # by column; for others that of `Samples` is assumed
+    static: bool = False  # whether each row is a posture at rest
 
     def __len__(self) -> int:
         return self.table.rows

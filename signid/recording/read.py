@@ -28,12 +28,13 @@ from .columns import (
     stated_units,
     unit_caveats,
 )
-from .formats import FORMATS
+from .formats import FORMATS, PICKLED
 from .formats.base import About
 from .formats.json_ import holds_samples
-from .missing import bridge
+from .missing import bridge, with_positions
 from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_heading, read_map, split
 from .names.match import guess, suggest
+from .postures import are_postures, at_rest
 from .sampling.clock import CHUNK, ask_for_time
 from .source import Opened, Source, columns_of, open_source
 
@@ -89,11 +90,13 @@ def read_recording(
     mapping = read_map(columns, heading=read_heading("", 0, (), rate))
     given = source if isinstance(source, str | Path) else _by_joint(columns_of(source), robot)
     opened = open_source(given, topics, mapping.heading)
-    found = assign_columns(opened, mapping, robot)
+    found = with_positions(assign_columns(opened, mapping, robot), robot)
     time = found.signals.get(("t", 0))
     if mapping.heading.rate is None and not (time and time.mapped):
         used = {signal.column for signal in found.signals.values()}
         ask_for_time(opened.table, time.column if time else "", used, opened.name)
+    if mapping.heading.rate is None and _static(found, robot):
+        return read_recording(source, robot, columns=columns, unsigned=unsigned, topics=topics, rate=0)
     joints = _joints(found, robot, opened)
     torques = [found.torque(j) for j in joints]
     absolute = [bool(kind) and (unsigned or kind.startswith("abs_")) for kind in torques]
@@ -126,7 +129,7 @@ def read_recording(
         (*found.flags, *flags),
         {name: unit for name, unit in found.units.items() if any(name in group for group in chosen.values())},
     )
-    return bridge(recording)
+    return at_rest(recording) if mapping.heading.rate == 0 else bridge(recording)
 
 
 def same_joints(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -223,9 +226,18 @@ def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
     elif not any(found.torque(j) or found.column("q_des", j) for j in joints):
         example = " or ".join(f"{kind}_{robot.numbers[joints[0]]}" for kind in TORQUES)
         lack = f"torque of a joint whose position it has; add columns such as {example}"
+        lack += "; a voltage is no torque" if any(found.column("volt", j) for j in joints) else ""
     else:
         return joints
     raise RecordingError(f"{opened.name} has no {lack}{suggest(opened.table.columns, robot)}")
+
+
+def _static(found: Assignment, robot: Robot) -> bool:
+    """Whether rows with torque are postures at rest."""
+    joints = range(len(robot.joints))
+    positions = tuple(column for j in joints if (column := found.column("q", j)))
+    torque = positions and any(map(found.torque, joints))
+    return bool(torque) and are_postures(found.table, positions, found.column("t", 0))
 
 
 def _check_samples(table: Table, source: str, chosen: Mapping[str, tuple[str, ...]], torques: Sequence[str]) -> None:
@@ -346,7 +358,7 @@ def is_recording(name: str) -> bool:
         return False
     if path.suffix.lower() == ".json" and not holds_samples(path):
         return False
-    return any(FORMATS[each].recognises(path) for each in FORMATS.names)
+    return path.name.lower().endswith(PICKLED) or any(FORMATS[each].recognises(path) for each in FORMATS.names)
 
 
 def read_bare(

@@ -54,7 +54,7 @@ def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | N
     stated = heading or Heading()
     if stated.rate is not None:
         found = open_source(source, topics, stated._replace(rate=None))
-        return found._replace(table=_paced(found.table, stated.rate or 1.0))
+        return found._replace(table=_paced(found.table, stated.rate))
     if not isinstance(source, str | Path):
         if topics:
             raise OptionError("arrays and frames have no topics; give topics of a ROS bag only")
@@ -73,13 +73,13 @@ def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | N
 
 
 def _paced(table: Table, rate: float) -> Table:
-    """A table whose column t counts its rows, of a rate [Hz]; other columns of time are left out."""
+    """A table whose column t counts its rows, of a rate [Hz] or 0; other columns of time are left out."""
     left = [name for name in table.columns if (meant := guess(name)) and meant.kind == "t"]
     note = f"times are those of {rate:g} rows a second, as stated" + (f"; not used: {shorten(left)}" if left else "")
-    found = DerivedTable(table, {}, {"t": np.arange(table.rows) / rate})
+    found = DerivedTable(table, {}, {"t": np.arange(table.rows) / (rate or 1.0)})
     found.columns = tuple(name for name in found.columns if name == "t" or name not in left)
     about = About.of(table)
-    found.about = about._replace(notes=(*about.notes, note))
+    found.about = about._replace(notes=(*about.notes, *([note] if rate else [])))
     return found
 
 

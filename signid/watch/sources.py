@@ -123,6 +123,8 @@ def assign(
         raise RecordingError(str(error).replace("the recording", name)) from None
     check(found, name)
     samples, place = found.read(), {column: k for k, column in enumerate(names)}
+    if bare := [j for j, q in zip(found.joints, found.columns["q"], strict=True) if q not in place]:
+        raise RecordingError(f"{name} has velocities but no position of {', '.join(bare)}; give q_J of every joint")
     parts: list[tuple[list[int], Array, Array]] = []
     for key, values in (("t", samples.t[:, None]), ("q", samples.q), ("tau", samples.tau), ("dq", samples.dq)):
         if values is None or not all(found.columns[key]) or (key == "t" and rate):

@@ -184,7 +184,9 @@ def read_map(
     merged = Heading(
         here.skip or stated.skip, here.names or stated.names, stated.rate if here.rate is None else here.rate
     )
-    if merged.rate is not None and "t" in named:
+    if merged.rate == 0:
+        named.pop("t", None)
+    if merged.rate and "t" in named:
         raise RecordingError(f"{name} gives t, so a rate of {merged.rate:g} Hz cannot hold as well; give one of them")
     return ParsedColumns(named, own, by_kind, joints, pattern, merged)
 

@@ -126,6 +126,7 @@ _ENDING = re.compile(
 _WITHIN = re.compile(r"(?<![a-z])(deg[_/]s|rad[_/]s|deg|rpm|ms|us|ns|mm|mnm)(?![a-z])", re.IGNORECASE)
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()\s](?:[^\[\]()]{0,20}[^\[\]()\s])?)\s*[\])]\s*$")
 _NO_UNIT = ("", "-", "[]", "[-]", "()", "(-)")  # cells of a row of units for columns without one
+INTEGRAL = "integral of "  # beginning of the names of positions that are integrated from velocities
 _SHORTEST = 3  # letters of each part of a compound
 _RATES = re.compile(r"(d{1,2})(theta|pos|position|angle)")
 
