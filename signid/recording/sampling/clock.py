@@ -86,7 +86,8 @@ def read_clock(recording: Recording, name: str) -> Clock:
     forward = steps[steps > 0]
     if not len(forward):
         fault = "goes back at every row" if (steps < 0).any() else f"does not change from {stamps[0][0]:g}"
-        raise RecordingError(f"{name}: time {fault}; expected seconds that increase from row to row")
+        advice = ": sort the rows by time" if (steps < 0).any() else ""
+        raise RecordingError(f"{name}: time {fault}; expected seconds that increase from row to row{advice}")
     period = float(np.median(forward))
     if not FASTEST <= period <= SLOWEST:
         unit = likely_unit(period)
