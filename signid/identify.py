@@ -13,7 +13,7 @@ from .deadline import ends_in_time, seconds_left, steps_shown
 from .errors import OptionError, RecordingError, shorten
 from .estimation.estimators import ESTIMATORS, Estimator, Given
 from .estimation.excitation import ExcitationVerdict, judge_excitation
-from .estimation.fit_quality import Fit, factor_rms, judge_fit
+from .estimation.fit_quality import Fit, factor_rms, friction_at_rest, judge_fit
 from .estimation.least_squares import estimate
 from .estimation.standard import METHODS, Search, choose_in_time
 from .faults import IdentifiedData, described_evidence, identification_flags, naming_faults, under_found_gravity
@@ -323,7 +323,13 @@ def _conclude(
         signs=recovered.signs,
         recordings=recovered.session.recordings,
         flags=(*recovered.flags, *found.flags, *excitation.sentences, *_left_out(given, found), *chosen.flags),
-        notes=(*(note for note in session.notes if note != ITSELF), *found.notes, *chosen.notes, *fit.sentences),
+        notes=(
+            *(note for note in session.notes if note != ITSELF),
+            *found.notes,
+            *chosen.notes,
+            *fit.sentences,
+            *friction_at_rest(session, fit),
+        ),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
         seed=seed,

@@ -165,6 +165,7 @@ class Recording(Result):
     flags: tuple[str, ...] = ()  # uncertain column assignments, one sentence each
     units: Mapping[str, StatedUnit] = field(default_factory=dict)  # by column; for others that of `Samples` is assumed
     reading: Reading | None = None  # that was found or drafted; None where columns have names of recordings, or a map
+    static: bool = False  # whether each row is a posture at rest
 
     def __len__(self) -> int:
         return self.table.rows

@@ -50,7 +50,7 @@ NAMED = {  # recording -> words of the sentence
     "q_dropouts": "the position of joint_1 drops to 0 for single samples",
     "q_degrees": "it is in degrees",
     "time_half": "times too fast",
-    "rows_shuffled": "the rows are not in the order of time",
+    "rows_shuffled": "rows are mixed up, or each is a posture at rest",
 }
 SILENT = {"time_double"}  # friction and rotors explain the slow motion of the 3r with half the speed as well
 

@@ -13,6 +13,7 @@ import pytest
 from test_recording import Q, T, arm, whole
 from test_recording_formats import refusal
 
+import signid
 from signid.recording import read_recording
 from signid.recording.formats import FORMATS
 
@@ -84,3 +85,17 @@ def test_objects_that_are_no_frame() -> None:
     for given, culprits in ((twice, ("'t'", "two columns")), ([1, 2], ("list", "frame")), (None, ("NoneType",))):
         with refusal(*culprits):
             read_recording(given, arm())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", ["pandas", "an index of times", "polars"])
+def test_a_frame_in_reverse_order_of_time_is_refused(kind: str) -> None:
+    t = np.arange(0, 4, 0.01)
+    columns = {"t": t, **{f"{name}_{k}": np.sin(k * t) for name in ("q", "tau") for k in (1, 2, 3)}}
+    frame = pd.DataFrame(columns).iloc[::-1]
+    reverse = {
+        "pandas": frame,
+        "an index of times": frame.drop(columns="t").set_index(pd.to_datetime(frame["t"], unit="s")),
+        "polars": pl.DataFrame(columns).reverse(),
+    }[kind]
+    with refusal("goes back at every row", "sort the rows by time"):
+        signid.check("3r", reverse)

@@ -16,8 +16,35 @@ from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.draft import draft_map
 from signid.recording.names.mapping import calibrated, read_calibration
-from signid.recording.names.match import guess_columns, match_signals
+from signid.recording.names.match import guess, guess_columns, match_signals
 
+TIMES = {  # columns of time and their units, "" where the name has none
+    **{
+        name: ""
+        for name in (
+            *("Zeit", "Uhrzeit", "Zeitpunkt", "temps", "horodatage", "tiempo", "marca_de_tiempo", "tempo", "istante"),
+            *("elapsed", "log_time", "logTime", "stamps", "unix_time", "time_since_start", "header_stamp", "sys_time"),
+        )
+    },
+    **{
+        "Zeitstempel_ms": "ms",
+        "Zeitmarke_us": "us",
+        "Zeit_in_s": "s",
+        "horodatage_ns": "ns",
+        "marca_temporal_us": "us",
+    },
+    **{"temps_écoulé_ms": "ms", "tempo_trascorso_s": "s", "hora_ms": "ms", "log_time_us": "us", "TimeUS": "us"},
+    **{
+        "Zeitmarke_us": "us",
+        "secs": "s",
+        "millis": "ms",
+        "Sekunden": "s",
+        "milisegundos": "ms",
+        "ticks_us": "us",
+        "tick_ms": "ms",
+    },
+}
+NO_TIMES = ("cycle_time", "time_constant", "delay_time", "t_motor", "time_1", "stamp.secs", "stamp.nsecs", "s", "h")
 LEG = [f"FR_{part}_joint" for part in ("hip", "thigh", "calf")]
 UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 CASES: dict[str, tuple[str, dict[str, str]]] = {  # robot, and the signal of each column; "" for none
@@ -186,3 +213,25 @@ def test_invalid_calibrations_are_refused(tmp_path: Path, text: str, sentence: s
     (tmp_path / "c.json").write_text(text, encoding="utf-8")
     with pytest.raises(RecordingError, match=sentence):
         read_calibration(tmp_path / "c.json")
+
+
+def test_words_of_time_in_five_languages_and_their_units() -> None:
+    found = {name: guess(name) for name in TIMES}
+    assert {name: (one.kind, one.unit) if one else None for name, one in found.items()} == {
+        name: ("t", unit) for name, unit in TIMES.items()
+    }
+    assert [name for name in NO_TIMES if (one := guess(name)) and one.kind == "t"] == []
+
+
+def test_ticks_are_time_beside_positions_of_joints_and_counts_where_a_time_stands_beside_them() -> None:
+    robot = signid.load_robot("3r")
+    alone, beside = guess_columns(["ticks", "q_1"], robot), guess_columns(["time", "ticks", "q_1"], robot)
+    assert [one.kind for one in alone] == ["t", "q"]
+    assert [one.column for one in beside] == ["time", "q_1"]
+
+
+def test_short_words_and_accents() -> None:
+    kinds = {name: (one.kind, one.joint) for name in ("ang_1", "torq_2", "jtor_3", "ang_vel_1") if (one := guess(name))}
+    assert kinds == {"ang_1": ("q", "1"), "torq_2": ("tau", "2"), "jtor_3": ("tau", "3"), "ang_vel_1": ("dq", "1")}
+    found = guess("posición_brazo")
+    assert found and (found.kind, found.joint) == ("q", "brazo")

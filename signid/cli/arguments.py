@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -133,14 +133,15 @@ def given_recordings(
     robot: Robot,
     columns: str | None,
     unsigned: bool = False,
+    rate: float | None = None,
     *,
     output: str | None = None,
     quiet: bool = True,
 ) -> list[Recording]:
-    """Read recordings with a column map file, or by their readings; `unsigned` discards the signs of torques.
+    """Read recordings with a column map file, rows of a `rate` [Hz], or by their readings.
 
-    A drafted reading with lines to choose is written beside the recording, or into the folder `output`. Unless
-    `quiet`, a reading without any is printed.
+    `unsigned` discards the signs of torques. A drafted reading with lines to choose is written beside the recording,
+    or into the folder `output`. Unless `quiet`, a reading without any is printed.
 
     Raises:
         UndecidedReading: lines of a reading are to be chosen; the sentence names the file.
@@ -152,7 +153,7 @@ def given_recordings(
         place = _place_of_reading(path, output)
         known = str(place) if columns is None and place.is_file() else columns
         try:
-            found.append(read_recording(path, robot, columns=known, unsigned=unsigned))
+            found.append(read_recording(path, robot, columns=known, unsigned=unsigned, rate=rate))
         except UndecidedReading as error:
             raise _written_reading(error, place) from None
         if not quiet:

@@ -34,6 +34,10 @@ OptionalRecordings = Annotated[
     Texts, typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
 ]
 Columns = Annotated[Text, typer.Option(metavar="FILE", help='TOML of other column names: q_elbow = "elbow_pos".')]
+Rate = Annotated[
+    float | None,
+    typer.Option(metavar="HZ", help="Rate of rows without a column of time [Hz]; 0: each row is a posture at rest."),
+]
 Effects = Annotated[
     Text,
     typer.Option(
@@ -121,6 +125,7 @@ class RowOptions:
     """How recordings are read and turned into regression rows."""
 
     columns: Columns = None
+    rate: Rate = None
     effects: Effects = None
     cutoff: Cutoff = None
     derivatives: str = option(

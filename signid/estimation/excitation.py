@@ -85,7 +85,9 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
         prior,
         tuple(tuple(base.expressions[i] for i in group) for group in weak),
         _in_words(robot, base, dict.fromkeys(i for group in weak for i in group)),
-        tuple(robot.joints[j] for j in np.flatnonzero(speed <= AT_REST * speed.max(initial=1e-300))),
+        tuple(
+            robot.joints[j] for j in np.flatnonzero((speed <= AT_REST * speed.max(initial=1e-300)) & (speed.max() > 0))
+        ),
         tuple(tuple(robot.joints[j] for j in group) for group in in_step(factors.velocity / factors.rows)),
         tuple(e for e, u in zip(base.expressions, uncertain, strict=True) if u),
     )

@@ -81,6 +81,20 @@ def judge_fit(session: Session, train: Factors, test: Factors, base_value: Array
     return Fit(session.robot.joints, _units(session.robot), trained, held_out, floor, r2, floor)
 
 
+def friction_at_rest(session: Session, fit: Fit) -> tuple[str, ...]:
+    """A note on the Coulomb friction that residuals of postures allow, where the direction of approach is not known.
+
+    Friction that holds a joint lies anywhere between both signs of the level, with an rms of at least level / sqrt(3).
+    """
+    fitted = any(law.effect.name == "coulomb_friction" for law in session.task.laws)
+    if fitted or not any(recording.static for recording in session.recordings):
+        return ()
+    known = [k for k, rms in enumerate(fit.train_rms) if np.isfinite(rms)]
+    levels = [f"{fit.joints[k]} 0 to {np.sqrt(3) * fit.train_rms[k]:.2g} {fit.unit[k]}" for k in known]
+    advice = "velocities just before each posture (dq_J) give the direction of approach, and the level"
+    return (f"Coulomb friction that the residuals at rest allow: {', '.join(levels)}; {advice}",)
+
+
 def fit_rows(
     robot: Robot,
     residual: Array,

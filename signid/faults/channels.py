@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from ..errors import OptionError, RecordingError
+from ..recording.postures import DISORDER, STANDSTILL, disorder
 from ..regression.session import PIECE, Part, Session
 from ..types import Array, Mask, Robot, Samples
 from .result import REFUSE, WARN, RecordingFault
@@ -49,9 +50,8 @@ COARSE, CUTOFF = (6e-3, 1e-3), 2.0
 WIDE, PLACES = 0.1, 50  # a joint moves: smallest range over that of the widest joint [1], smallest number of values
 # Stuck position: smallest duration [s]; largest change of velocity in one sample, over the largest one elsewhere
 STILL, ABRUPT = 0.25, 3.0
-UNORDERED = 0.7  # [1] mean square step of the positions over twice their variance; 1 for white noise
 SAMPLE_KINDS = (
-    *("order of rows", "drop-outs", "spikes", "stuck position"),
+    *("order of rows", "standstill", "drop-outs", "spikes", "stuck position"),
     *("coarse position", "few torque values"),
 )
 MEND = "samples were lost; leave them empty instead of filling them"
@@ -64,11 +64,16 @@ def judge_samples(parts: Sequence[Part], robot: Robot, per_joint: Array) -> list
     """
     found: dict[tuple[str, tuple[str, ...]], RecordingFault] = {}
     for part in parts:
+        if part[0].static:
+            continue
         rows, period = longest_rows(part), part[1].period
-        if (share := _disorder(rows.q)) > UNORDERED:
-            fact = "positions jump from each sample to the next: the rows are not in the order of time"
-            fault = RecordingFault("order of rows", (), REFUSE, {"share": share}, f"{fact}; sort them by time")
-            return [fault]
+        if (share := disorder(rows.q)) > DISORDER:
+            widest = float(np.ptp(rows.q, axis=0).max())
+            fact = "positions jump from each sample to the next: rows are mixed up, or each is a posture at rest"
+            kind, advice = "order of rows", "give rows as they were recorded, or state --rate 0 for postures"
+            if widest < STANDSTILL:
+                kind, fact, advice = "standstill", f"no joint moves (range {widest:.2g} rad or m)", "record a motion"
+            return [RecordingFault(kind, (), REFUSE, {"share": share, "range": widest}, f"{fact}; {advice}")]
         for fault in judge_columns(rows.q, rows.tau, period, robot, part[0].signed, per_joint):
             found.setdefault((fault.kind, fault.joints), fault)
     return list(found.values())
@@ -186,14 +191,6 @@ def _stuck_position(x: Array, period: float, joint: str) -> Iterator[RecordingFa
             measures = {"seconds": seconds, "speed": speed}
             yield RecordingFault("stuck position", (joint,), REFUSE, measures, f"{fact} for {seconds:.2g} s: {advice}")
             return
-
-
-def _disorder(q: Array) -> float:
-    """Mean square step of the positions (N, n) over twice their variance [1], of the smoothest joint that moves."""
-    spread = np.var(q, axis=0)
-    moves = spread > 1e-6 * max(float(spread.max(initial=0.0)), 1e-300)
-    ratio = np.mean(np.diff(q, axis=0) ** 2, axis=0)[moves] / (2 * spread[moves])
-    return float(ratio.min(initial=np.inf)) if moves.any() and len(q) > NEIGHBOURS else 0.0
 
 
 def judge_channels(parts: Sequence[Part], robot: Robot) -> list[RecordingFault]:

@@ -171,6 +171,8 @@ def _look(case: Case) -> None:
         damaged = {joint for fault in case.found if fault.kind in SAMPLE_KINDS for joint in fault.joints}
         faults = _torque_faults(case.comparison)
         case.found += [f for f in faults if not (f.kind == UNFIT and damaged.issuperset(f.joints))]
+    if any(recording.static for recording, _ in parts):
+        return
     case.found += judge_channels(parts, robot)
     case.found += [f for f in judge_limits(case.compared, parts, robot) if f.joints[0] not in _caused(case)]
     if case.compared is not None and not _caused(case):

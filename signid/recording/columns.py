@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import NamedTuple
@@ -13,10 +13,10 @@ import numpy as np
 from ..errors import RecordingError, shorten
 from ..types import Array, Robot, ServoSamples, StatedUnit, Table
 from .formats.base import About
-from .names.mapping import DerivedTable, ParsedColumns, Signal, split
-from .names.match import suggest
-from .names.vocabulary import OF, TURN, Change, Units, change_of, signed_register
-from .sampling.clock import FASTEST, SLOWEST
+from .names.mapping import DerivedTable, ParsedColumns, Signal, quoted, split
+from .names.match import guess, suggest
+from .names.vocabulary import OF, TURN, Change, Units, change_of, signed_register, without_unit
+from .sampling.clock import FASTEST, SLOWEST, increasing
 from .source import Opened
 
 EPOCH = 1.0e9, 2.5e9  # [s] time stamps since 1970 of the years 2001 to 2049
@@ -74,11 +74,32 @@ def time_unit(t: Array, named: str) -> Noticed:
         if EPOCH[0] <= last * scale / over <= EPOCH[1] and FASTEST <= step * scale / over <= SLOWEST:
             since = "" if unit == "s" else f" of {unit}"
             return Noticed(unit, f"begins at {known[0]:.10g}: a count{since} since 1970, in steps of {step:.4g}")
-    whole = step >= 0.5 and bool(np.all(known == np.rint(known)))
+    whole = step >= 0.5 and bool(np.all(np.abs(known - np.rint(known)) < 1e-6))
     if FASTEST <= step <= SLOWEST and not whole:
         return Noticed("s", f"steps by {step:.4g}")
     found = next((unit for unit, most in (("ms", 500.0), ("us", 5e5), ("ns", np.inf)) if step <= most), "ns")
     return Noticed(found, f"steps by {step:.4g}, which cannot be seconds")
+
+
+def lacking_time(table: Table, used: Collection[str]) -> str:
+    """What to do about a table without a column of time; `used`: columns of signals.
+
+    The only other column that increases from row to row is offered, unless it counts the rows.
+    """
+    if any((one := guess(name)) and one.kind == "t" for name in table.columns):
+        return "add it, or name it in a column map"
+    state = "state the rate of its rows [Hz], --rate 100, in Python rate=100"
+    rising = [(name, t) for name, t in increasing(table, [x for x in table.columns if x not in used]) if t[0] < t[-1]]
+    steps = {name: np.diff(t) for name, t in rising}
+    times = {name: t for name, t in rising if np.all(steps[name] > 0) and not np.all(steps[name] == 1)}
+    if len(times) == 1:
+        [(name, t)] = times.items()
+        line = f"t = {{ column = {quoted(name)}, unit = {quoted(str(time_unit(t, without_unit(name)[1]).unit))} }}"
+        return f"{name} is the only column that increases: if it is time, write {line} into a column map (--columns)"
+    counts = [name for name in steps if name not in times and np.all(steps[name] == 1)]
+    return (
+        f"{shorten(counts)} counts the rows; {state}" if counts else f"add it, or {state}, or name it in a column map"
+    )
 
 
 def position_units(

@@ -1,4 +1,4 @@
-"""Missing values: short holes of a column are bridged from the rows beside them, and said; longer ones stay missing."""
+"""Missing values and positions: short holes are bridged from the rows beside them, and speeds integrated; both said."""
 
 from __future__ import annotations
 
@@ -8,14 +8,19 @@ from functools import partial
 import numpy as np
 
 from ..errors import shorten
-from ..types import Array, Indices, Recording
-from .names.mapping import DerivedTable
+from ..robot import configuration
+from ..robot.dynamics import rigid_torque
+from ..types import Array, Indices, Recording, Robot
+from .columns import Assignment
+from .names.mapping import DerivedTable, Signal
+from .names.vocabulary import INTEGRAL
 from .sampling.clock import CHUNK, FASTEST, GAP, GAP_SECONDS, SLOWEST
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
 PERIODS, SECONDS = 6.5, 0.05  # [periods], [s] holes that are no longer than both are short, too
 WRAP = 3.0  # [rad or m] change of a position across a hole that may be a wrap of its encoder, which is left alone
 CLOSE = 0.2  # [periods] distance of rows below which they state no slope
+STATES, SAME = 8, 1e-9  # random states; [1] relative change of torque that is rounding
 MUCH = 0.1  # [1] bridged share of a column from which results are flagged
 
 
@@ -64,6 +69,39 @@ def bridge(recording: Recording) -> Recording:
     bridged = DerivedTable(table, {name: partial(_filled, *parts[name]) for name in counts})
     flags = (*recording.flags, flag) if much else recording.flags
     return replace(recording, table=bridged, notes=(*recording.notes, note), flags=flags)
+
+
+def with_positions(found: Assignment, robot: Robot) -> Assignment:
+    """An assignment with positions of joints that have velocities alone, where no torque depends on the position.
+
+    They are the integral of the velocities, from 0.
+    """
+    bare = [j for kind, j in found.signals if kind == "dq" and ("q", j) not in found.signals]
+    free = [j for j in bare if ("t", 0) in found.signals and not _depends(robot, j)]
+    if not free:
+        return found
+    names = (found.column("t", 0), *(found.column("dq", j) for j in free))
+    t, *speeds = found.table.read(names, 0, found.table.rows).T
+    added, signals = dict[str, Array](), dict(found.signals)
+    for j, v in zip(free, speeds, strict=True):
+        known = np.isfinite(t) & np.isfinite(v)
+        steps = np.diff(t[known]) * (v[known][1:] + v[known][:-1]) / 2
+        name = f"{INTEGRAL}{found.column('dq', j)}"
+        added[name] = np.full(len(t), np.nan)
+        added[name][known] = np.concatenate([[0.0], np.cumsum(steps)])[: int(known.sum())]
+        signals["q", j] = Signal(f"q_{robot.joints[j]}", name, True)
+    joints = shorten([robot.joints[j] for j in free])
+    note = f"positions of {joints} are integrated from velocities, from 0: no weight depends on them"
+    return replace(found, signals=signals, notes=(*found.notes, note), table=DerivedTable(found.table, {}, added))
+
+
+def _depends(robot: Robot, joint: int) -> bool:
+    """Whether a torque depends on the position of a joint, by the description's bodies in random states."""
+    states = np.random.default_rng(0).uniform(-1, 1, (3, STATES, len(robot.joints)))
+    moved = states[0] + np.eye(len(robot.joints))[joint]
+    v, a = (x @ robot.drive.T for x in states[1:])
+    here, there = (rigid_torque(robot, configuration(robot, q), v, a) for q in (states[0], moved))
+    return bool(np.abs(here - there).max() > SAME * max(float(np.abs(here).max()), 1e-300))
 
 
 def _bridged(t: Array, x: Array, limits: tuple[float, float, float], straight: bool) -> tuple[Indices, Array]:

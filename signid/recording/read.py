@@ -18,13 +18,24 @@ from ..errors import OptionError, RecordingError, shorten, unexpected
 from ..robot import as_robot, resting
 from ..typed import typed
 from ..types import Array, Recording, Robot, ServoSamples, Table
-from .columns import TORQUES, UNSTATED, Assignment, assign_columns, conversion, function, stated_units, unit_caveats
-from .formats import FORMATS
+from .columns import (
+    TORQUES,
+    UNSTATED,
+    Assignment,
+    assign_columns,
+    conversion,
+    function,
+    lacking_time,
+    stated_units,
+    unit_caveats,
+)
+from .formats import FORMATS, PICKLED
 from .formats.base import About
 from .formats.json_ import holds_samples
-from .missing import bridge
-from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
+from .missing import bridge, with_positions
+from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_heading, read_map, split
 from .names.match import guess, suggest
+from .postures import are_postures, at_rest
 from .reading import commanded_torques, draft_reading, found_reading, reading_beside
 from .sampling.clock import CHUNK, ask_for_time
 from .source import Opened, Source, columns_of, open_source
@@ -53,6 +64,7 @@ def read_recording(
     columns: ColumnMap | None = None,
     unsigned: bool = False,
     topics: Sequence[str] = (),
+    rate: float | None = None,
 ) -> Recording:
     """Read a recording of a robot.
 
@@ -73,6 +85,7 @@ def read_recording(
             {"q_elbow": {"column": "elbow_pos", "unit": "deg"}} or {"units": {"q": "deg"}}.
         unsigned: whether to discard the sign of every torque.
         topics: topics of a ROS bag, joined in time; by default the only suitable one.
+        rate: [Hz] of the rows of a source without times; 0: each row is a posture at rest.
 
     Raises:
         OptionError: topics of a source without topics.
@@ -80,14 +93,15 @@ def read_recording(
         UndecidedReading: lines of the drafted reading are to be chosen.
     """
     robot, own = as_robot(robot, "read_recording"), reading_beside(source) if columns is None else columns
+    heading = read_heading("", 0, (), rate)
     try:
-        found = _read(source, robot, read_map(own), unsigned, topics)
+        found = _read(source, robot, read_map(own, heading=heading), unsigned, topics)
         return replace(found, reading=found_reading(own))
     except RecordingError as error:
         if own is not None or not isinstance(source, str | Path):
             raise
         drafted = draft_reading(source, robot, topics, error)
-    found = _read(source, robot, read_map(tomllib.loads(drafted.text)), unsigned, topics)
+    found = _read(source, robot, read_map(tomllib.loads(drafted.text), heading=heading), unsigned, topics)
     units = {column: unit._replace(by="the reading") for column, unit in found.units.items()}
     said = f"columns are read by their names and numbers: {shorten([f'{x[0]} from {x[1]}' for x in drafted.rows], 3)}"
     return replace(found, notes=(said, *found.notes), units=units, reading=drafted)
@@ -96,10 +110,13 @@ def read_recording(
 def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, topics: Sequence[str]) -> Recording:
     given = source if isinstance(source, str | Path) else _by_joint(columns_of(source), robot)
     opened = open_source(given, topics, mapping.heading)
-    found = assign_columns(opened, mapping, robot)
-    if (time := found.signals.get(("t", 0))) is None or not time.mapped:
+    found = with_positions(assign_columns(opened, mapping, robot), robot)
+    time = found.signals.get(("t", 0))
+    if mapping.heading.rate is None and not (time and time.mapped):
         used = {signal.column for signal in found.signals.values()}
         ask_for_time(opened.table, time.column if time else "", used, opened.name)
+    if mapping.heading.rate is None and _static(found, robot):
+        return _read(source, robot, mapping._replace(heading=mapping.heading._replace(rate=0.0)), unsigned, topics)
     joints = _joints(found, robot, opened)
     torques = [found.torque(j) for j in joints]
     absolute = [bool(kind) and (unsigned or kind.startswith("abs_")) for kind in torques]
@@ -132,7 +149,7 @@ def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, 
         (*found.flags, *flags),
         {name: unit for name, unit in found.units.items() if any(name in group for group in chosen.values())},
     )
-    recording = bridge(recording)
+    recording = at_rest(recording) if mapping.heading.rate == 0 else bridge(recording)
     return replace(recording, notes=(*recording.notes, *commanded_torques(recording)))
 
 
@@ -230,15 +247,26 @@ def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
     joints = [j for j in range(len(robot.joints)) if found.column("q", j)]
     advice = "add it, or name it in a column map"
     if not found.column("t", 0):
-        lack = f"column 't' of time in seconds; {advice}"
+        lack = (
+            f"column 't' of time in seconds; {lacking_time(opened.table, {s.column for s in found.signals.values()})}"
+        )
     elif not joints:
         lack = f"position column such as q_{robot.joints[0]} or q_{robot.numbers[0]}; {advice}"
     elif not any(found.torque(j) or found.column("q_des", j) for j in joints):
         example = " or ".join(f"{kind}_{robot.numbers[joints[0]]}" for kind in TORQUES)
         lack = f"torque of a joint whose position it has; add columns such as {example}"
+        lack += "; a voltage is no torque" if any(found.column("volt", j) for j in joints) else ""
     else:
         return joints
     raise RecordingError(f"{opened.name} has no {lack}{suggest(opened.table.columns, robot)}")
+
+
+def _static(found: Assignment, robot: Robot) -> bool:
+    """Whether rows with torque are postures at rest."""
+    joints = range(len(robot.joints))
+    positions = tuple(column for j in joints if (column := found.column("q", j)))
+    torque = positions and any(map(found.torque, joints))
+    return bool(torque) and are_postures(found.table, positions, found.column("t", 0))
 
 
 def _check_samples(table: Table, source: str, chosen: Mapping[str, tuple[str, ...]], torques: Sequence[str]) -> None:
@@ -371,11 +399,11 @@ def is_recording(name: str) -> bool:
         return False
     if path.suffix.lower() == ".json" and not holds_samples(path):
         return False
-    return any(FORMATS[each].recognises(path) for each in FORMATS.names)
+    return path.name.lower().endswith(PICKLED) or any(FORMATS[each].recognises(path) for each in FORMATS.names)
 
 
 def read_bare(
-    source: Source, *, columns: ColumnMap | None = None, topics: Sequence[str] = ()
+    source: Source, *, columns: ColumnMap | None = None, topics: Sequence[str] = (), rate: float | None = None
 ) -> tuple[Recording, dict[str, str]]:
     """Read positions, commands and what drives record of every joint with `q_J` and `q_des_J`, without a description.
 
@@ -388,7 +416,8 @@ def read_bare(
         OptionError: topics of a source without topics.
         RecordingError: invalid file, columns or column map, or no joint has both columns.
     """
-    mapping = read_map(reading_beside(source) if columns is None else columns)
+    own = reading_beside(source) if columns is None else columns
+    mapping = read_map(own, heading=read_heading("", 0, (), rate))
     opened = open_source(source, topics, mapping.heading)
     signals = _signals(opened, mapping)
     guessed = {} if columns is not None or _commanded(signals) else _guessed_columns(opened.table.columns)
@@ -396,7 +425,7 @@ def read_bare(
         mapping = read_map(guessed, mapping.units, mapping.heading)
         signals = _signals(opened, mapping)
     joints = _joints_of_names(opened, signals)
-    if not signals["t"].mapped:
+    if mapping.heading.rate is None and not signals["t"].mapped:
         ask_for_time(opened.table, "t", {each.column for name, each in signals.items() if split(name)}, opened.name)
     columns_of_joints = {name: signal.column for name, signal in signals.items()}
     chosen = {kind: tuple(columns_of_joints.get(f"{kind}_{joint}", "") for joint in joints) for kind in KINDS}
@@ -476,7 +505,8 @@ def _joints_of_names(opened: Opened, signals: Mapping[str, Signal]) -> tuple[str
     have = f"it has {shorten(opened.table.columns, 12)}"
     advice = "name them in a column map (--columns), or give the description of the robot before the recording"
     if "t" not in signals:
-        raise RecordingError(f"{opened.name} has no column 't' of time in seconds; {have}; {advice}")
+        time = lacking_time(opened.table, {signal.column for name, signal in signals.items() if split(name)})
+        raise RecordingError(f"{opened.name} has no column 't' of time in seconds; {have}; {time}")
     if not found:
         torque = any(name.startswith(tuple(f"{kind}_" for kind in TORQUES)) for name in signals)
         also = "; a recording of torque needs a description: signid check ROBOT RECORDING" if torque else ""

@@ -13,11 +13,12 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
-from ..errors import OptionError, RecordingError, readable
+from ..errors import OptionError, RecordingError, readable, shorten
 from ..types import Table
 from .formats import find_format
-from .formats.base import memory_table
-from .names.mapping import Heading
+from .formats.base import About, memory_table
+from .names.mapping import DerivedTable, Heading
+from .names.match import guess
 
 
 class Frame(Protocol):
@@ -41,6 +42,8 @@ class Opened(NamedTuple):
 def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | None = None) -> Opened:
     """Open a file or folder, arrays (N,) or (N, n) by column name, or a frame [s, rad or m, N.m or N, A].
 
+    A rate of `heading` makes the column t, the only one of time.
+
     `topics` of a log are joined in time; by default, the only suitable one is read. `heading` states lines before the
     header of a file, and names of its columns; arrays and frames have names.
 
@@ -48,6 +51,10 @@ def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | N
         OptionError: topics of a source without topics.
         RecordingError: missing file, unknown format, or array of a wrong shape.
     """
+    stated = heading or Heading()
+    if stated.rate is not None:
+        found = open_source(source, topics, stated._replace(rate=None))
+        return found._replace(table=_paced(found.table, stated.rate))
     if not isinstance(source, str | Path):
         if topics:
             raise OptionError("arrays and frames have no topics; give topics of a ROS bag only")
@@ -62,7 +69,18 @@ def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | N
     if not path.is_file() and not path.is_dir():
         raise RecordingError(f"recording {path} does not exist; expected a file of samples")
     name = readable(str(path))
-    return Opened(_table(path, topics, heading or Heading()), name, name, digest_of(path))
+    return Opened(_table(path, topics, stated), name, name, digest_of(path))
+
+
+def _paced(table: Table, rate: float) -> Table:
+    """A table whose column t counts its rows, of a rate [Hz] or 0; other columns of time are left out."""
+    left = [name for name in table.columns if (meant := guess(name)) and meant.kind == "t"]
+    note = f"times are those of {rate:g} rows a second, as stated" + (f"; not used: {shorten(left)}" if left else "")
+    found = DerivedTable(table, {}, {"t": np.arange(table.rows) / (rate or 1.0)})
+    found.columns = tuple(name for name in found.columns if name == "t" or name not in left)
+    about = About.of(table)
+    found.about = about._replace(notes=(*about.notes, *([note] if rate else [])))
+    return found
 
 
 def _table(path: Path, topics: Sequence[str], heading: Heading) -> Table:

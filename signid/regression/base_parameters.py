@@ -13,24 +13,31 @@ from .motion import Motion, labels, regressor
 
 RANK_TOLERANCE = 1e-5  # [1] smallest singular value that counts, over the largest, columns scaled
 KEEP_TOLERANCE = 1e-5  # [1] smallest share of an independent column that is orthogonal to the columns kept
+REST = 1e-9  # [1] share of a random velocity that leaves its direction and no inertial torque
 ZERO = 1e-9  # smallest coefficient that is printed
 SNAP = 2e-3  # [1] distance from 0 or 1 below which a rotation entry is that of an angle typed with few digits (3.14)
 DIGITS = 6  # significant digits of a printed coefficient
 
 
 def build_base(
-    robot: Robot, laws: Sequence[Law] = (), seed: int = 0, measured: Sequence[bool] | None = None
+    robot: Robot,
+    laws: Sequence[Law] = (),
+    seed: int = 0,
+    measured: Sequence[bool] | None = None,
+    static: bool = False,
 ) -> BaseMap:
     """Base map of a robot with laws, from random states, since a periodic motion can hide parameters.
 
     Columns are taken in order of preference while they are independent of those taken before, so that formulas read as
     in textbooks: bodies from the base on, the inertia about a body's own joint axis first, laws last. Only joints whose
-    torque is `measured` count; default: every joint.
+    torque is `measured` count; default: every joint. States are postures at rest if `static`.
 
     Source: Gautier, Khalil, IEEE T-RA 6(3), 1990; numerically as Gautier, J. Robotic Systems 8(4), 1991.
     """
     snapped, names = _snap(robot), labels(robot, laws)
     states = _random_motion(snapped, len(names), seed)
+    if static:
+        states = replace(states, v=REST * states.v, a=0 * states.a)
     known = np.ones(len(robot.joints), dtype=bool) if measured is None else np.array(measured, dtype=bool)
     rows = regressor(states, laws) * known[:, None]  # (N, n, p)
     stacked = rows.reshape(-1, len(names))

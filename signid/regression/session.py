@@ -32,6 +32,7 @@ PIECE = 2**17  # samples of a recording from which the cut-off is chosen
 SAME_RATE = 0.01  # relative difference that sampling rates of recordings may have
 REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s], share of the rms velocity: width of the reversal of a geared joint
 AGREE = 2e-3  # [1] relative difference from derivatives of the positions, below which recorded ones are used
+NARROW = 1e-12  # [rad/s or m/s] width of a reversal of recordings without encoder noise in velocity
 ENOUGH = 16  # filtered rows that a recording needs if nothing can be held out of it
 ITSELF = (
     "the recording is too short to hold anything out: the model is evaluated on its own training data, so held-out "
@@ -231,8 +232,13 @@ def rearrange(robot: Robot, session: Session, options: Options) -> Session:
 def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes: Sequence[str]) -> Session:
     """Band, base map and split of recordings that were surveyed."""
     (learn, _), whole = given, tuple(dict((*given[0], *given[1])).items())
+    if static := any(r.static for r, _ in whole):
+        options = _at_rest(whole, options)
     once = tuple(dict(learn).items())
     band = _band(once, options)
+    if static:
+        nothing = np.zeros_like(band.per_joint)
+        band = replace(band, per_joint=nothing + np.inf, velocity_noise=nothing, torque_floor=nothing)
     train, test = _split(*given, band)
     measured = [all(r.columns["tau"][j] for r, _ in whole) for j in range(len(robot.joints))]
     laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in np.flatnonzero(measured).tolist())
@@ -241,15 +247,32 @@ def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes:
     desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r, _ in whole)
     complete = desired and all(_complete(part, "q_des") for part in whole)
     slow = _slow(robot, [sampling for _, sampling in whole], band)
-    base, reach = build_base(robot, laws, options.seed, measured), _reach(robot, once, band, slow)
+    slow = np.full(len(slow), NARROW) if static else slow
+    base, reach = build_base(robot, laws, options.seed, measured, static), _reach(robot, once, band, slow)
     task = Task(robot, laws, base, band, slow, reach, recorded, complete)
     said = [f"{r.path or 'recording'}: {note}" for r, sampling in whole for note in (*r.notes, *sampling.notes)]
     said += [ITSELF] * (train is test)
-    if recorded:
+    if recorded and not static:
         said.append("velocities and accelerations are taken as recorded: they agree with the positions")
     if desired and not complete:
         said.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
     return Session(task, train, test, (*notes, *dict.fromkeys(said)), given, options)
+
+
+def _at_rest(whole: Parts, options: Options) -> Options:
+    """Options of rows at rest: no filter, no law of velocity, Coulomb friction where approaches are known.
+
+    Raises:
+        RecordingError: a recording is of motion.
+    """
+    if not all(recording.static for recording, _ in whole):
+        moving = next(recording.path for recording, _ in whole if not recording.static)
+        fault = f"{moving or 'a recording'} is of motion, another of postures at rest, a row each"
+        raise RecordingError(f"{fault}; identify them apart")
+    approach = all("at rest" not in recording.columns["dq"] for recording, _ in whole)
+    left = {"viscous_friction", "armature", *(() if approach else ("coulomb_friction",))}
+    effects = tuple(name for name in options.effects if name not in left)
+    return replace(options, effects=effects, cutoff=np.inf, derivatives="recorded", instruments=False, whiten=False)
 
 
 def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
@@ -288,7 +311,7 @@ def _slow(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
     """(n,) [rad/s or m/s] width of a reversal: of the gear for revolute joints, of the encoder noise for all."""
     speed = np.sqrt(np.mean([s.speed**2 for s in surveys], axis=0))
     gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL, REVERSAL_SHARE * speed))
-    return np.maximum(np.maximum(gear, band.velocity_noise), 1e-12)
+    return np.maximum(np.maximum(gear, band.velocity_noise), NARROW)
 
 
 def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tuple[int, ...]:

@@ -8,6 +8,7 @@ import time
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, IncrementalDecoder, getincrementaldecoder
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import count
 from pathlib import Path
 from queue import Empty, Queue
 from threading import Thread
@@ -34,8 +35,8 @@ ROS = "ros:"  # beginning of the name of a topic
 class Parser:
     """Rows from text that arrives in pieces; lines that are no rows become rows of NaN."""
 
-    def __init__(self, robot: Robot, columns: ColumnMap | None, name: str) -> None:
-        self.robot, self.columns, self.name = robot, columns, name
+    def __init__(self, robot: Robot, columns: ColumnMap | None, name: str, rate: float | None = None) -> None:
+        self.robot, self.columns, self.name, self.rate = robot, columns, name, rate
         self.rest: list[str] = []  # pieces of the line that is not complete
         self.header: list[str] | None = None
         self.convert: Callable[[Array], StreamRows] | None = None
@@ -102,11 +103,11 @@ class Parser:
                 f"{self.name} names column {repeated[0]!r} twice in its header; give each its own name"
             )
         self.header = list(names)
-        self.joints, self.convert = assign(self.header, self.robot, self.columns, self.name)
+        self.joints, self.convert = assign(self.header, self.robot, self.columns, self.name, self.rate)
 
 
 def assign(
-    names: Sequence[str], robot: Robot, columns: ColumnMap | None, name: str
+    names: Sequence[str], robot: Robot, columns: ColumnMap | None, name: str, rate: float | None = None
 ) -> tuple[tuple[str, ...], Callable[[Array], StreamRows]]:
     """Joints of columns, and the conversion of their values (N, columns) to rows.
 
@@ -115,21 +116,26 @@ def assign(
     """
     probe = np.tile(np.arange(PROBE, dtype=float)[:, None] / PROBE, (1, len(names)))
     try:
-        found = read_recording(dict(zip(names, probe.T, strict=True)), robot, columns=columns)
+        found = read_recording(dict(zip(names, probe.T, strict=True)), robot, columns=columns, rate=rate)
     except RecordingError as error:
         raise RecordingError(str(error).replace("the recording", name)) from None
     check(found, name)
     samples, place = found.read(), {column: k for k, column in enumerate(names)}
+    if bare := [j for j, q in zip(found.joints, found.columns["q"], strict=True) if q not in place]:
+        raise RecordingError(f"{name} has velocities but no position of {', '.join(bare)}; give q_J of every joint")
     parts: list[tuple[list[int], Array, Array]] = []
     for key, values in (("t", samples.t[:, None]), ("q", samples.q), ("tau", samples.tau), ("dq", samples.dq)):
-        if values is None or not all(found.columns[key]):
+        if values is None or not all(found.columns[key]) or (key == "t" and rate):
             continue
         offset = values[0]
         parts.append(([place[c] for c in found.columns[key]], (values[-1] - offset) * PROBE / (PROBE - 1), offset))
 
+    before = count(0)
+
     def convert(table: Array) -> StreamRows:
-        t, *others = (table[:, columns] * factor + offset for columns, factor, offset in parts)
-        return StreamRows(t[:, 0], *others)
+        others = [table[:, columns] * factor + offset for columns, factor, offset in parts]
+        t = np.array([next(before) / rate for _ in table]) if rate else others.pop(0)[:, 0]
+        return StreamRows(t, *others)
 
     return found.joints, convert
 
@@ -179,7 +185,12 @@ class Stream(NamedTuple):
 
 
 def open_stream(
-    stream: object, robot: Robot, columns: ColumnMap | None = None, follow: bool = False, idle: float = np.inf
+    stream: object,
+    robot: Robot,
+    columns: ColumnMap | None = None,
+    follow: bool = False,
+    idle: float = np.inf,
+    rate: float | None = None,
 ) -> Stream:
     """Open a stream; it waits for the first rows of a live one, whose columns name the joints.
 
@@ -189,6 +200,7 @@ def open_stream(
         columns: column map, as of a recording.
         follow: whether a file is read on as it grows.
         idle: [s] without rows after which a live stream ends.
+        rate: [Hz] of the rows of a recording without times.
 
     Raises:
         RecordingError: the stream cannot be used.
@@ -197,14 +209,14 @@ def open_stream(
     if isinstance(stream, str) and stream.startswith(ROS):
         return _topic(stream.removeprefix(ROS), robot, idle)
     if isinstance(stream, str) and stream == "-":
-        return _parsed(_standard_input(idle), robot, columns, "standard input")
+        return _parsed(_standard_input(idle), Parser(robot, columns, "standard input", rate))
     if isinstance(stream, str | Path) and follow:
-        return _parsed(_growing(Path(stream), idle), robot, columns, readable(str(stream)))
+        return _parsed(_growing(Path(stream), idle), Parser(robot, columns, readable(str(stream)), rate))
     if isinstance(stream, Iterable) and not isinstance(stream, str | Path | dict | Recording) and _is_text(stream):
-        return _parsed(iter(stream), robot, columns, "the stream")
+        return _parsed(iter(stream), Parser(robot, columns, "the stream", rate))
     source: Any = stream
     recording = (
-        read_recording(source, robot, columns=columns)
+        read_recording(source, robot, columns=columns, rate=rate)
         if isinstance(source, str | Path)
         else as_recording(source, robot, "watch")
     )
@@ -216,8 +228,8 @@ def _is_text(stream: object) -> bool:
     return isinstance(stream, Iterator) or (isinstance(stream, Sequence) and all(isinstance(x, str) for x in stream))
 
 
-def _parsed(texts: Iterator[str], robot: Robot, columns: ColumnMap | None, name: str) -> Stream:
-    parser, first = Parser(robot, columns, name), None
+def _parsed(texts: Iterator[str], parser: Parser) -> Stream:
+    name, first = parser.name, None
     for text in texts:
         if (first := parser.rows(text)) is not None or parser.header is not None:
             break

@@ -341,12 +341,13 @@ def open_watch(
     sensitivity: float = 1.0,
     *,
     columns: ColumnMap | None = None,
+    rate: float | None = None,
     follow: bool = False,
     idle: float = np.inf,
 ) -> tuple[Watcher, Stream]:
     """The watcher of the joints of a stream, and the stream; arguments are those of `watch`."""
     _watched(model, quiet, sensitivity)  # before waiting for the stream
-    opened = open_stream(stream, model.robot, columns, follow, idle)
+    opened = open_stream(stream, model.robot, columns, follow, idle, rate)
     watcher = Watcher(_of_joints(model, opened.joints), quiet=quiet, sensitivity=sensitivity)
     if opened.recording is not None:  # all of it is examined: `stream_flags`
         watcher.rows = None

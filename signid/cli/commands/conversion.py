@@ -13,7 +13,7 @@ import typer
 from ...errors import OptionError
 from ..app import Text, Texts, bounded, command, complete_robot, option, output_option
 from ..arguments import given_inputs, given_robot
-from ..options import Columns, Json, RobotOptions
+from ..options import Columns, Json, Rate, RobotOptions
 from ..terminal import check_file, show, write_columns
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ class ConvertOptions:
     output: Text = output_option("The recording: .csv, .csv.gz, .parquet or .npz. Default: none.", "FILE")
     topic: Texts = option(None, "Topic of a bag; several are joined in time. Repeatable.", metavar="NAME")
     columns: Columns = None
+    rate: Rate = None
     map: Text = option(
         None, "Column map: used if the file exists, else written for --robot. Default: none.", metavar="FILE"
     )
@@ -169,7 +170,8 @@ def _heading(conversion: ConvertOptions) -> Heading:
     from ...recording.names.mapping import read_heading
 
     names = () if conversion.names is None else conversion.names.split(",")
-    return read_heading("--names" if conversion.skip is None else "--skip, --names", conversion.skip or 0, names)
+    name = "--names" if conversion.skip is None else "--skip, --names"
+    return read_heading(name, conversion.skip or 0, names, conversion.rate)
 
 
 def _units(texts: list[str] | tuple[()]) -> dict[str, str]:

@@ -18,6 +18,7 @@ from ..options import (
     Columns,
     Cutoff,
     Mcap,
+    Rate,
     Recordings,
     RobotOptions,
     Rrd,
@@ -50,6 +51,7 @@ class DiagnoseOptions:
         None, "Effect to exclude from the search. Repeatable.", metavar="EFFECT", autocompletion=complete_law
     )
     columns: Columns = None
+    rate: Rate = None
     cutoff: Cutoff = None
     unsigned: Unsigned = False
     servo: bool = option(False, "Diagnose position drives even if torque is recorded.", "--servo")
@@ -88,7 +90,13 @@ def diagnose(
     model, _ = given_model(replace(simulation, actuators=None) if gains else simulation)
     given, held_out, healthy = (
         given_recordings(
-            paths, model.robot, diagnosis.columns, diagnosis.unsigned, output=diagnosis.output, quiet=run.json
+            paths,
+            model.robot,
+            diagnosis.columns,
+            diagnosis.unsigned,
+            diagnosis.rate,
+            output=diagnosis.output,
+            quiet=run.json,
         )
         for paths in (recordings, diagnosis.held_out, diagnosis.reference)
     )
@@ -139,6 +147,7 @@ class ValidateOptions:
     rollout: bool = option(True, "Also simulate from measured states.", "--rollout/--no-rollout")
     horizon: Text = option(None, "Length of these simulations [s], or whole. Default: 0.5.", metavar="S")
     columns: Columns = None
+    rate: Rate = None
     cutoff: Cutoff = None
 
 
@@ -190,7 +199,12 @@ def validate(
     sources = [replace(one, actuators=None) if stated else one for one in sources]
     models = {readable(source.simulation): given_model(source)[0] for source in sources}
     read = given_recordings(
-        recordings, _reader(list(models.values())), validation.columns, output=validation.output, quiet=run.json
+        recordings,
+        _reader(list(models.values())),
+        validation.columns,
+        rate=validation.rate,
+        output=validation.output,
+        quiet=run.json,
     )
     servo = has_drives(read)
     if stated and not servo:

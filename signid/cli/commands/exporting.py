@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from ...errors import OptionError, OutputError
 from ..app import Text, command, option
 from ..arguments import given_model, given_recordings, simulation_inputs
-from ..options import Columns, Gravity, Json, PackageDir, SimulationArguments, SimulationName, Xacro
+from ..options import Columns, Gravity, Json, PackageDir, Rate, SimulationArguments, SimulationName, Xacro
 from ..terminal import DONE, check_unread
 
 if TYPE_CHECKING:
@@ -87,6 +87,7 @@ class StartOptions:
         None, "Recording that drives of --mjcf, --isaaclab and --mjlab start from.", metavar="RECORDING"
     )
     columns: Columns = None
+    rate: Rate = None
 
 
 @command("signid export result/model.json --urdf arm.urdf --mjcf arm.xml")
@@ -122,7 +123,7 @@ def export(
     model, _ = given_model(source)
     for kind, path in paths.items():
         check_unread(path, [simulation, model.robot.path, *([first.start] if first.start else [])], f"--{kind}")
-    recording = given_recordings([first.start], model.robot, first.columns)[0] if first.start else None
+    recording = given_recordings([first.start], model.robot, first.columns, rate=first.rate)[0] if first.start else None
     made = {
         kind: write(
             model,

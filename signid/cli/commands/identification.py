@@ -129,13 +129,13 @@ def _checked(
     if described is None:
         from ...recording import read_bare
 
-        read = [read_bare(path, columns=rows.columns) for path in paths]
+        read = [read_bare(path, columns=rows.columns, rate=rows.rate) for path in paths]
         units = {joint: unit for _, own in read for joint, unit in own.items()}
         return _audit([recording for recording, _ in read], units)
     kinds = zip(described.joints, described.prismatic, strict=True)
     units = {joint: "m" if slides else "rad" for joint, slides in kinds}
     given, lacking = (
-        given_recordings(paths, described, rows.columns, unsigned, output=output, quiet=run.json),
+        given_recordings(paths, described, rows.columns, unsigned, rows.rate, output=output, quiet=run.json),
         list[str](),
     )
     while any(any(recording.columns["tau"]) for recording in given):
@@ -243,7 +243,7 @@ def identify(
     check_folder(fit.output, run.json, IDENTIFIED)
     described = given_robot(robot.robot, under_gravity(robot, recordings, rows.columns))
     given, held_out = (
-        given_recordings(paths, described, rows.columns, fit.unsigned, output=fit.output, quiet=run.json)
+        given_recordings(paths, described, rows.columns, fit.unsigned, rows.rate, output=fit.output, quiet=run.json)
         for paths in (recordings, fit.held_out)
     )
     servo = has_drives((*given, *held_out), drives.servo)

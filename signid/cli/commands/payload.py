@@ -54,7 +54,10 @@ def payload(
     simulation = under_gravity(simulation, names[0], rows.columns)
     described = None if simulation.saved else given_robot(simulation.simulation, simulation)
     model = load_model(described) if described else given_model(simulation)[0]
-    sides = [given_recordings(paths, model.robot, rows.columns, output=loads.output, quiet=run.json) for paths in names]
+    sides = [
+        given_recordings(paths, model.robot, rows.columns, rate=rows.rate, output=loads.output, quiet=run.json)
+        for paths in names
+    ]
     options = given_options(rows, run.seed)
     with time_limit(loads.time_limit), bars(run.json) as progress:
         found = identify_payload(model, *sides, options=options, progress=progress)

@@ -14,7 +14,7 @@ import typer
 from ...errors import OptionError
 from ..app import command, option
 from ..arguments import given_model
-from ..options import Columns, Json, Mcap, Rrd, SimulationArguments
+from ..options import Columns, Json, Mcap, Rate, Rrd, SimulationArguments
 from ..terminal import DONE, FLAGGED, check_unread, write_error
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ class WatchOptions:
         None, "End a live stream after this time without rows [s]. Default: never.", metavar="S"
     )
     columns: Columns = None
+    rate: Rate = None
     mcap: Mcap = None
     rrd: Rrd = None
 
@@ -83,6 +84,7 @@ def watch(
                 watching.quiet,
                 watching.sensitivity,
                 columns=watching.columns,
+                rate=watching.rate,
                 follow=watching.follow,
                 idle=idle,
             )

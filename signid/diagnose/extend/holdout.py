@@ -111,6 +111,6 @@ def residual_rows(task: Task, model: Model, parts: Sequence[Part]) -> ResidualRo
 
 def filtered(piece: Piece, thin: Decimator) -> tuple[Array, Array]:
     """Rows of one piece: (M, n) residual and (M, n) measured torque [N.m or N]; NaN where a joint stands still."""
-    still = thin.at(standstill(piece.motion, thin)) > 0
+    still = (thin.at(standstill(piece.motion, thin)) > 0) & piece.motion.v.any()  # not of postures at rest
     residual = np.where(still, np.nan, thin(piece.residual))
     return residual, residual + thin(np.asarray(piece.motion.predicted))

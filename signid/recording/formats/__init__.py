@@ -14,6 +14,7 @@ from ...errors import RecordingError
 from ...registry import Registry
 from .base import Format
 
+PICKLED = (".pt", ".pth", ".pkl", ".pickle", ".p", ".joblib", ".dill")  # suffixes of files of Python objects
 FORMATS: Registry[Format] = Registry("formats", __name__, "csv_ lerobot parquet arrow npz npy matlab hdf5 rosbag json_")
 
 
@@ -33,4 +34,11 @@ def find_format(path: Path) -> Format:
     if path.is_dir():
         kinds = "a file of samples, a ROS 2 bag (with metadata.yaml) or a LeRobot dataset (with meta/info.json)"
         raise RecordingError(f"recording {path} is a folder; expected {kinds}")
+    if path.name.lower().endswith(PICKLED):
+        load = "torch.load" if path.name.lower().endswith((".pt", ".pth")) else "pickle.load"
+        fact = f"recording {path} is of Python objects, which are never unpickled, since that runs code of the file"
+        raise RecordingError(
+            f"{fact}; in the program that trusts it, load it by {load} and save its arrays by numpy.savez"
+            f'("{path.stem}.npz", t=t, q=q, tau=tau)'
+        )
     raise RecordingError(f"recording {path} has no known format; expected a name that ends in {known}")

@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
-from ...errors import OptionError, RecordingError
+from ...errors import OptionError, RecordingError, shorten
 from ...types import Array, Table
 from ..names.mapping import Heading
 from ..names.match import guess
@@ -61,7 +61,22 @@ def memory_table(arrays: Mapping[str, Any], source: str, about: About | None = N
     faults = {name: fault for name, column in columns.items() if (fault := _fault(column, reference, rows))}
     require_memory(source, 8.0 * rows * (len(columns) - len(faults)))  # small integers become floats
     usable = {name: np.array(column, np.float64) for name, column in columns.items() if name not in faults}
+    if deep := [name for name, column in columns.items() if column.ndim > 2 and column.dtype.kind in NUMBERS]:
+        name = next(filter(_signal, deep), deep[0])
+        shape = columns[name].shape
+        if _signal(name) and not any(map(_signal, usable)):
+            fault = f"{name!r} has {len(shape)} dimensions, {' x '.join(map(str, shape))}, and rows need one or two"
+            advice = "save each repetition, or all samples one after another, as a matrix (samples, joints)"
+            raise RecordingError(f"{source}: {fault}; {advice}, by numpy.savez or save -v7")
+        about = about or About()
+        note = f"arrays of more than two dimensions are not read: {shorten(deep)}; save matrices (samples, joints)"
+        about = about._replace(notes=(*about.notes, note))
     return MemoryTable(usable, faults, source, about)
+
+
+def _signal(name: str) -> bool:
+    meant = guess(name)
+    return meant is not None and meant.kind != "t"
 
 
 def _leaves(group: Any, name: str, source: str, depth: int) -> Iterator[tuple[str, ArrayLike]]:

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from inspect import signature
 from io import BytesIO
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 from typing import Any, NamedTuple
 from zlib import error as ZlibError
@@ -21,9 +21,9 @@ from zlib import error as ZlibError
 import numpy as np
 import polars as pl
 
-from ...errors import RecordingError
+from ...errors import RecordingError, shorten
 from ...types import Array, Table
-from ..names.mapping import Heading
+from ..names.mapping import Heading, split
 from ..names.vocabulary import bracketed, unit_row
 from .base import MOST, MOST_COLUMNS, About, Format, MemoryTable, free_memory, hushed, require_memory
 
@@ -284,11 +284,16 @@ def find_layout(path: Path, content: bytes, heading: Heading) -> TextLayout:
         fault = f"has {len(names)} columns, more than {MOST_COLUMNS}"
         raise RecordingError(f"{path} {fault}; write only those of the robot")
     if repeated := [name for name, count in Counter(names).items() if name and count > 1]:
-        raise RecordingError(f"{path} names column {repeated[0]!r} twice in its header; give every column its own name")
+        numbers = {name: count(1) for name in repeated}
+        names = [f"{name}_{next(numbers[name])}" if name in numbers else name for name in names]
+        if any(split(name) or name == "t" for name in repeated) or len(set(names)) < len(names):
+            fault = f"{path} names column {repeated[0]!r} twice in its header"
+            raise RecordingError(f"{fault}; give every column its own name")
     below = [row for row in rows if row.number > header.number]
     before = sum(row.number < header.number for row in rows)
     what = "1 line" if before == 1 else f"{before} lines"
-    notes = (f"{what} before the header, which is line {header.number}, left out",) if before else ()
+    notes = [f"{what} before the header, which is line {header.number}, left out"] if before else []
+    notes += [f"columns of the same name are numbered: {shorten(repeated)}"] if repeated else []
     skip = header.number
     if below and len(names) > 1 and len(cells := split_cells(below[0].text, separator)) == len(names):
         if units := unit_row(cells):
@@ -298,7 +303,7 @@ def find_layout(path: Path, content: bytes, heading: Heading) -> TextLayout:
             skip, below = below[0].number, below[1:]
     full = tuple(name or f"unnamed {i}" for i, name in enumerate(names, 1))
     decimal_comma = separator != "," and bool(below) and "," in below[0].text
-    return TextLayout(full, separator, skip, decimal_comma, notes)
+    return TextLayout(full, separator, skip, decimal_comma, tuple(notes))
 
 
 def split_cells(line: str, separator: str) -> list[str]:

@@ -72,7 +72,10 @@ def without_objects(path: Path, arrays: Mapping[str, Any], objects: Sequence[str
     notes = (f"left out, because only MATLAB reads objects: {shorten(objects)}",) if objects else ()
     table = memory_table(arrays, str(path), About(notes))
     if objects and table.rows < 2:
-        advice = "save arrays, such as t = ts.Time and q = ts.Data of a timeseries ts"
+        named = next((name.split()[-1] for name in objects if name.split()[0] in ("table", "timetable")), "")
+        whole = f"timetable2table({named})" if f"timetable {named}" in objects else named
+        struct = f'save a table as a structure: S = table2struct({whole}, "ToScalar", true)'
+        advice = struct if named else "save arrays, such as t = ts.Time and q = ts.Data of a timeseries ts"
         raise RecordingError(f"{path} holds objects that only MATLAB reads: {shorten(objects)}; {advice}")
     return table
 

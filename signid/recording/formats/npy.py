@@ -23,6 +23,8 @@ class Npy(Format):
         array = _load(path)
         if not array.dtype.names:
             fault = f"{path} holds an array of the shape {array.shape} without names"
+            if array.ndim > 2:
+                raise RecordingError(f"{fault}; save matrices (samples, joints) with numpy.savez, such as q=q, tau=tau")
             advice = "signid convert --names t,q_1,tau_1, or names = [...] in a column map"
             raise RecordingError(f"{fault}; state a name for each column: {advice}")
         if array.ndim != 1:
@@ -55,8 +57,8 @@ def _load(path: Path) -> Any:
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except Exception as error:  # header parsing raises many types
-        fault = f"{path} is not a NumPy array of numbers, or is cut short; save it again with numpy.save"
-        raise RecordingError(fault) from error
+        fault = f"{path} is not a NumPy array of numbers, or is cut short; objects are never unpickled"
+        raise RecordingError(f"{fault}; save arrays of numbers with numpy.savez") from error
     if not isinstance(array, np.ndarray):
         array.close()
         raise RecordingError(f"{path} is a NumPy archive; correct the suffix of its name to .npz")

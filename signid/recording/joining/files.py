@@ -89,7 +89,7 @@ def read_times(opened: Opened, mapping: ParsedColumns, notes: list[str]) -> Time
     if not table.rows:
         raise RecordingError(f"{name} has columns but no samples; record the robot in motion")
     column, unit, mapped = _time_column(opened, mapping)
-    if not mapped:
+    if mapping.heading.rate is None and not mapped:
         ask_for_time(table, column, {each for each in table.columns if split(each)}, name)
     raw = table.read([column], 0, table.rows)[:, 0]
     since = getattr(table, "since", {}).get(column, 0)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...errors import RecordingError, shorten
+from ...errors import OptionError, RecordingError, shorten
 from ...toml_json import read_json, read_toml
 from ...types import Array, Table
 from .vocabulary import OF, Change, bracketed, change_of
@@ -24,6 +24,7 @@ KINDS = tuple("abs_current abs_tau current dq_des tau_ff q_des volt temp pwm ddq
 DRIVE = ("on", "pwm", "volt", "temp")  # kinds of columns whose names often mean something else
 MOST_SKIPPED = 10_000  # lines before a header
 MOST_NAMES = 20_000  # of columns
+SLOWEST, FASTEST = 0.2, 1e5  # [Hz] plausible rates of rows
 SHIFTED = ("q", "q_des")  # kinds of columns that a zero shifts
 SIGNED = (*SHIFTED, "dq", "dq_des", "ddq", "tau", "tau_ff", "current", "pwm")  # kinds whose sign is that of the joint
 FIELDS = ("column", "unit", "scale", "offset")  # keys of a column in the long form
@@ -43,18 +44,28 @@ KEYS = ("range_min", "range_max")
 class DerivedTable:
     """A table that applies functions to some columns of another one as they are read.
 
-    Functions map the values (N,) of a column and the number of their first row to new values (N,).
+    Functions map the values (N,) of a column and the number of their first row to new values (N,); `added` are columns
+    (N,) in place of those of the table, or beside them.
     """
 
-    def __init__(self, table: Table, functions: Mapping[str, Callable[[Array, int], Array]]) -> None:
-        self._table, self._functions = table, functions
-        self.columns, self.rows = table.columns, table.rows
+    def __init__(
+        self,
+        table: Table,
+        functions: Mapping[str, Callable[[Array, int], Array]],
+        added: Mapping[str, Array] = MappingProxyType({}),
+    ) -> None:
+        self._table, self._functions, self._added = table, functions, added
+        self.columns, self.rows = tuple(dict.fromkeys((*added, *table.columns))), table.rows
         self.about = getattr(table, "about", None)
 
     def read(self, names: Sequence[str], start: int, stop: int) -> Array:
         """Rows start..stop of the named columns, (stop - start, len(names))."""
-        values = self._table.read(names, start, stop).copy()
+        inner = [name for name in names if name not in self._added]
+        values = np.empty((max(0, min(stop, self.rows) - start), len(names)))
+        values[:, [name not in self._added for name in names]] = self._table.read(inner, start, stop)
         for k, name in enumerate(names):
+            if name in self._added:
+                values[:, k] = self._added[name][start:stop]
             if name in self._functions:
                 values[:, k] = self._functions[name](values[:, k], start)
         return values
@@ -74,6 +85,7 @@ class Heading(NamedTuple):
 
     skip: int = 0  # lines before the header
     names: tuple[str, ...] = ()  # of all columns, in place of a header; "" for a column without a name
+    rate: float | None = None  # [Hz] of its rows, in place of a column of time; 0: each is a posture at rest
 
 
 class Turned(NamedTuple):
@@ -169,7 +181,7 @@ def read_map(
     time = sections["clock"].get("time")
     columns = {**sections["columns"], **({} if time is None else {"t": time})}
     for key, value in {**table, **columns}.items():
-        if key in ("joints", "units", "skip", "names", *SECTIONS):
+        if key in ("joints", "units", "skip", "names", "rate", *SECTIONS):
             continue
         if key != "t" and not split(key):
             raise RecordingError(f"{name} gives {key!r}; expected t, or {'_, '.join(reversed(KINDS))}_ and a joint")
@@ -180,9 +192,15 @@ def read_map(
             raise RecordingError(f"{name} uses column {column!r} for both {key} and {twin}; each needs its own")
     joints, pattern = _joints(name, table.get("joints", {}))
     by_kind = {**_units(name, table.get("units", {})), **_units("--unit", units or {})}
-    stated = read_heading(name, table.get("skip", 0), table.get("names", ()))
-    given_here = heading or Heading()
-    merged = Heading(given_here.skip or stated.skip, given_here.names or stated.names)
+    rate = table.get("rate", sections["clock"].get("rate"))
+    stated, here = read_heading(name, table.get("skip", 0), table.get("names", ()), rate), heading or Heading()
+    merged = Heading(
+        here.skip or stated.skip, here.names or stated.names, stated.rate if here.rate is None else here.rate
+    )
+    if merged.rate == 0:
+        named.pop("t", None)
+    if merged.rate and "t" in named:
+        raise RecordingError(f"{name} gives t, so a rate of {merged.rate:g} Hz cannot hold as well; give one of them")
     constants, gravity = sections["torque_constant"], sections["gravity"].get("vector")
     missing = sections["missing"].get("values", [])
     if not isinstance(missing, list) or not all(map(_is_number, missing)):
@@ -212,12 +230,17 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
 
 
-def read_heading(name: str, skip: object, names: object) -> Heading:
-    """Check the lines before a header, and the names of columns, that `name` states.
+def read_heading(name: str, skip: object, names: object, rate: object = None) -> Heading:
+    """Check the lines before a header, the names of columns, and the rate of rows [Hz], that `name` states.
 
     Raises:
-        RecordingError: no number of lines, or no list of different names.
+        RecordingError: no number of lines, no list of different names, or no rate; without `name`, OptionError.
     """
+    hertz = float(rate) if isinstance(rate, int | float) and not isinstance(rate, bool) else -1.0
+    if rate is not None and not (hertz == 0 or SLOWEST <= hertz <= FASTEST):
+        expected = f"expected rows a second, {SLOWEST} to {FASTEST:.0f}, or 0 where each row is a posture at rest"
+        kind = RecordingError if name else OptionError
+        raise kind(f"{name}{name and ': '}rate = {rate!r} is no rate of rows; {expected}")
     if not isinstance(skip, int) or isinstance(skip, bool) or not 0 <= skip <= MOST_SKIPPED:
         raise RecordingError(f"{name} gives skip = {skip!r}; expected a number of lines, 0 to {MOST_SKIPPED}")
     form = 'names = ["t", "q_1", "tau_1"]'
@@ -230,7 +253,7 @@ def read_heading(name: str, skip: object, names: object) -> Heading:
         )
     if twice := next((each for each, count in Counter(filled).items() if each and count > 1), ""):
         raise RecordingError(f"{name} gives the name {twice!r} to two columns; give every column its own name")
-    return Heading(skip, tuple(filled))
+    return Heading(skip, tuple(filled), None if rate is None else hertz)
 
 
 def _column(name: str, key: str, value: object) -> tuple[str, str | Change]:
@@ -343,6 +366,7 @@ def _tables(parsed: ParsedColumns) -> Iterator[str]:
 def heading_lines(heading: Heading) -> list[str]:
     """Lines of a column map with what a file does not say itself; none if it says all."""
     skip = [f"skip = {heading.skip}"] if heading.skip else []
+    skip += [] if heading.rate is None else [f"rate = {heading.rate:g}  # [Hz]"]
     return [*skip, *([f"names = [{', '.join(map(quoted, heading.names))}]"] if heading.names else [])]
 
 

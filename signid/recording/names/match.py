@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import shorten
 from ...types import Robot
 from .mapping import DRIVE, key_of, quoted, split
-from .vocabulary import OF, SPELLINGS, VOCABULARY, Word, bracketed, without_unit, words_of
+from .vocabulary import CLOCKS, OF, SPELLINGS, UNITS, VOCABULARY, Word, bracketed, without_unit, words_of
 
 LONGEST = 200  # characters of a name that has a meaning
 ALIKE = 0.6  # minimum similarity of two names [1]
@@ -51,6 +51,9 @@ def guess_columns(columns: Sequence[str], robot: Robot) -> list[Guess]:
     """
     known = known_joints(robot)
     found = [one for column in columns if (one := guess(column, known))]
+    if not any(one.kind == "t" for one in found):
+        ticks = {one.column for one in found if one.counts and not one.joint and "tick" in one.column.lower()}
+        found = [one._replace(kind="t", counts=False) if one.column in ticks else one for one in found]
     if len(robot.joints) == 1:
         found = [one if one.kind == "t" or one.joint else one._replace(joint=robot.joints[0]) for one in found]
     found = [one for one in found if one.joint or one.kind == "t"]
@@ -85,8 +88,10 @@ def guess(column: str, known: Collection[str] = ()) -> Guess | None:
         if not (other and (stated or "d" in words_of(pairs[0][1]))):
             return Guess(column, *pairs[0], "", True)
     last = column.rpartition(".")[2]
-    if found is None and last != column and (inner := guess(last)) and inner.kind == "t":  # header.stamp
-        return inner._replace(column=column, plain=False)
+    if last != column and (found is None or found.kind == "t"):
+        halved = last.lower() in UNITS  # stamp.secs, beside stamp.nsecs
+        stamp = None if halved else guess(last)  # header.stamp
+        return stamp._replace(column=column, plain=False) if stamp and stamp.kind == "t" else None if halved else found
     return found
 
 
@@ -162,8 +167,9 @@ def _by_words(column: str, known: Collection[str]) -> Guess | None:
     joint, rest_of_name = _named_joint(column, known)
     text, unit = without_unit(rest_of_name)
     words = words_of(text)
-    if not words and unit in OF["t"][0] and not joint:
-        return Guess(column, "t", "", unit, False)
+    alone = UNITS.get(text.lower(), "") if len(text) > 1 else ""  # "secs"
+    if not joint and (alone if words else unit) in OF["t"][0]:
+        return Guess(column, "t", "", alone or unit, False)
     symbols = {"q", "dq", "tau"} & {*words}
     meanings = [VOCABULARY.get(word, Word()) for word in words]
     if "d" in words and symbols:
@@ -178,7 +184,11 @@ def _by_words(column: str, known: Collection[str]) -> Guess | None:
     last = text.rpartition("_")[2].lower()
     if not unit and rest[1:] and rest[-1] == last and SPELLINGS.get(last) in OF.get(kind, ({},))[0]:
         unit = SPELLINGS[rest.pop()]  # "Strom_1_A"
-    token = joint or "_".join(rest)
+    if kind == "t" and rest and UNITS.get(rest[-1]) in OF["t"][0]:
+        unit = UNITS[rest.pop()]  # "TimeUS"
+    if counts and unit in OF["t"][0]:
+        kind, counts = "t", False  # "tick_ms"
+    token = "" if kind == "t" and CLOCKS.issuperset(rest) else joint or "_".join(rest)
     if not kind or (kind == "t" and token):
         return None
     unit = OF_RATE.get((kind, unit), unit)
@@ -202,7 +212,7 @@ def _kind(words: Sequence[tuple[str, Word]]) -> tuple[str | None, bool, bool]:
     if kinds == {"q", "current"} and any(word == "q" for word, _ in words):
         kinds = {"current"}  # the current of the q axis
     if len(kinds) > 1:
-        kinds.discard("current")  # "current position"
+        kinds -= {"current", "q" if "ang" in dict(words) else ""}  # "current position", "ang_vel"
     if not kinds:
         kinds = {"q"} if "q" in weak else weak
     if len(kinds) > 1:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from math import pi
 from typing import NamedTuple
+from unicodedata import combining, normalize
 
 import numpy as np
 
@@ -42,12 +43,13 @@ class Word(NamedTuple):
 
 
 _TABLE: Mapping[Word, str] = {
-    Word("q"): "q pos position positions angle angles theta qpos jpos winkel posicion posizione",
+    Word("q"): "q pos position positions ang angle angles theta qpos jpos winkel posicion posizione angulo angolo",
     Word("q", weak=True): "enc encoder ticks tick count counts",
     Word("dq"): "dq qd qdot vel velo velocity velocities speed speeds omega qvel jvel geschwindigkeit drehzahl vitesse "
     "velocidad velocita",
     Word("ddq"): "ddq qdd qddot acc accel acceleration accelerations qacc beschleunigung aceleracion accelerazione",
-    Word("tau"): "tau torque torques trq eff effort efforts moment moments drehmoment qfrc jtrq couple coppia momento",
+    Word("tau"): "tau torque torques torq trq eff effort efforts moment moments drehmoment qfrc jtrq jtorq jtor "
+    "couple coppia momento",
     Word("tau", weak=True): "load force last kraft",
     Word("current"): "current currents cur curr amps strom courant corriente corrente",
     Word("current", side="measured"): "iq",
@@ -55,7 +57,9 @@ _TABLE: Mapping[Word, str] = {
     Word("pwm"): "pwm duty dutycycle",
     Word("volt"): "volt volts voltage voltages spannung",
     Word("temp"): "temp temperature temperatures temperatur",
-    Word("t"): "t tout time times timestamp timestamps stamp clock zeit temps tiempo tempo",
+    Word("t"): "t tout time times timestamp timestamps stamp stamps clock elapsed epoch uptime runtime systime "
+    "datetime zeit zeiten zeitstempel zeitmarke zeitpunkt uhrzeit laufzeit temps horodatage heure tiempo marca hora "
+    "tempo instante istante orario marcatempo",
     Word(side="enabled"): "on enable enabled",
     Word(side="commanded"): "des desired cmd command commands commanded target targets ref reference goal set setpoint "
     "action soll demand demanded consigne consigna comando",
@@ -76,10 +80,10 @@ _TABLE: Mapping[Word, str] = {
     Word(unit="mrad"): "mrad",
     Word(unit="rad"): "rad radian radians",
     Word(unit="mm"): "mm",
-    Word(unit="ms"): "ms msec msecs millis milliseconds",
-    Word(unit="us"): "us usec usecs micros microseconds",
-    Word(unit="ns"): "ns nsec nsecs nanos nanoseconds",
-    Word(unit="s"): "s sec secs second seconds",
+    Word(unit="ms"): "ms msec msecs millis milliseconds millisekunden millisecondes milisegundos millisecondi",
+    Word(unit="us"): "us usec usecs micros microseconds mikrosekunden microsecondes microsegundos microsecondi",
+    Word(unit="ns"): "ns nsec nsecs nanosec nanosecs nanos nanoseconds",
+    Word(unit="s"): "s sec secs second seconds sekunde sekunden seconde secondes segundo segundos secondi",
     Word(unit="mN.m"): "mnm mn.m",
     Word(unit="N.cm"): "ncm n.cm",
     Word(unit="N.m"): "nm n.m n*m",
@@ -109,6 +113,11 @@ _BRACKETED: Mapping[str, str] = {  # spellings that need brackets, a row of unit
     "kN.m": "knm kn.m",
     "kN": "kn",
 }
+CLOCKS = frozenset(  # words beside one of time, which say whose it is or since when
+    "log ros sim unix posix system sys host local header recv receive received record recorded sample wall cpu robot "
+    "controller monotonic utc gmt since from start boot begin rel relative run total in de del du di da le la el "
+    "der des seit dauer temporal temporale transcurrido trascorso ecoule depuis desde".split()
+)
 VOCABULARY: Mapping[str, Word] = {spelt: word for word, words in _TABLE.items() for spelt in words.split()}
 UNITS = {spelt: word.unit for spelt, word in VOCABULARY.items() if word.unit}  # spelt without brackets
 SPELLINGS = {**UNITS, **{spelt: unit for unit, words in _BRACKETED.items() for spelt in words.split()}}
@@ -118,17 +127,24 @@ _ENDING = re.compile(
 _WITHIN = re.compile(r"(?<![a-z])(deg[_/]s|rad[_/]s|deg|rpm|ms|us|ns|mm|mnm)(?![a-z])", re.IGNORECASE)
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()\s](?:[^\[\]()]{0,20}[^\[\]()\s])?)\s*[\])]\s*$")
 _NO_UNIT = ("", "-", "[]", "[-]", "()", "(-)")  # cells of a row of units for columns without one
+INTEGRAL = "integral of "  # beginning of the names of positions that are integrated from velocities
 _SHORTEST = 3  # letters of each part of a compound
 _RATES = re.compile(r"(d{1,2})(theta|pos|position|angle)")
 
 
 def words_of(text: str) -> list[str]:
     """Words of a name in lower case, compounds in their parts: "jointPos_1" and "jointpos1" have joint, pos and 1."""
-    found = [word.lower() for word in re.findall(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![a-z])|\d+", text)]
+    plain = "".join(letter for letter in normalize("NFD", text) if not combining(letter))  # posición is posicion
+    found = [word.lower() for word in re.findall(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![a-z])|\d+", plain)]
     for k in range(len(found) - 1, 0, -1):
         if found[k - 1] + found[k] in VOCABULARY and min(len(found[k - 1]), len(found[k])) >= _SHORTEST:
             found[k - 1 : k + 1] = [found[k - 1] + found[k]]  # "set point"
     return [part for word in found for part in _parts(word)]
+
+
+def kinds_of(name: str) -> set[str]:
+    """Kinds that the words of a name mean."""
+    return {VOCABULARY[word].kind for word in words_of(name) if word in VOCABULARY}
 
 
 def bracketed(name: str) -> tuple[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterator, Sequence
 from heapq import heappush, heapreplace
 from itertools import pairwise
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import RecordingError
 from ...types import Array, Recording, Table
+from ..names.vocabulary import kinds_of
 
 CHUNK = 65_536  # rows
 PIECES = 16  # number of equally spaced chunks that determine the period
@@ -35,8 +35,6 @@ DRIFT = 1e-3  # [1] largest relative change of rate within a stretch: the tolera
 DROPPED = 0.5  # largest share of missing rows within a stretch
 FEW = 0.5  # [periods] least summed error that a jump next to an end must save
 SMALLEST = 1e-3  # [periods] largest error that makes no difference: the tolerance of uniform sampling
-TIME_NAME = re.compile(r"(?<![a-z])(?:t|time|times|timestamps?|stamps?|clock|zeit)(?![a-z])", re.IGNORECASE)
-CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 FEW_TIMES = 8  # rows with both times
 DIFFERENT = 0.02  # [periods] difference beyond rounding from which two columns disagree
 SHARE = 0.99  # quantile of the differences; 1 - SHARE is the other one
@@ -88,7 +86,8 @@ def read_clock(recording: Recording, name: str) -> Clock:
     forward = steps[steps > 0]
     if not len(forward):
         fault = "goes back at every row" if (steps < 0).any() else f"does not change from {stamps[0][0]:g}"
-        raise RecordingError(f"{name}: time {fault}; expected seconds that increase from row to row")
+        advice = ": sort the rows by time" if (steps < 0).any() else ""
+        raise RecordingError(f"{name}: time {fault}; expected seconds that increase from row to row{advice}")
     period = float(np.median(forward))
     if not FASTEST <= period <= SLOWEST:
         unit = likely_unit(period)
@@ -280,9 +279,9 @@ def rivals(table: Table, chosen: str, used: Collection[str]) -> Iterator[tuple[s
 
     Columns count as time if they are named so and increase. They agree up to a constant, a decimal unit, and rounding.
     """
-    names = [name for name in table.columns if name not in used and TIME_NAME.search(CAMEL.sub("_", name))]
+    names = [name for name in table.columns if name not in used and "t" in kinds_of(name)]
     names = [chosen, *(name for name in names if name != chosen)] if chosen else names
-    times = dict(_increasing(table, names)) if len(names) > 1 else {}
+    times = dict(increasing(table, names)) if len(names) > 1 else {}
     first = next(iter(times), "")
     if chosen and first != chosen:
         return
@@ -291,7 +290,7 @@ def rivals(table: Table, chosen: str, used: Collection[str]) -> Iterator[tuple[s
             yield first, other, apart
 
 
-def _increasing(table: Table, names: list[str]) -> Iterator[tuple[str, Array]]:
+def increasing(table: Table, names: Sequence[str]) -> Iterator[tuple[str, Array]]:
     """Columns (N,) [any unit] of numbers that never decrease, from the first rows."""
     for name in names:
         try:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import RecordingError
 from ...types import Array, Recording, Robot, Samples
+from ..names.vocabulary import INTEGRAL
 from ..streams import plural
 from .accumulate import Accumulator, register_spans
 from .choice import Choice, choose_clock
@@ -152,7 +153,7 @@ def _read(
     accumulated.close()
     dropped = np.concatenate(columns.dropped)
     derivatives = [name for key in DERIVATIVES for name in recording.columns.get(key, ()) if name]
-    dead = [name for name in derivatives if name not in columns.moving]
+    dead = [name for name in derivatives if name not in columns.moving and not recording.static]
     facts = Facts(recording, robot, accumulated, columns.missing, columns.incomplete, len(dropped), choice, dead)
     for fault in faults(facts):
         raise RecordingError(f"{name}: {fault}")
@@ -258,7 +259,7 @@ def _degrees(facts: Facts) -> Iterator[str]:
             beyond = max(high - upper[j], lower[j] - low)
             if fits and beyond > FAR and (facts.speed[j] > fastest[j] or beyond > RANGES * (upper[j] - lower[j])):
                 yield f"{reach}, limits are {lower[j]:.4g} to {upper[j]:.4g} rad: it is in degrees; {advice}"
-        elif high - low > SPIN and facts.speed[j] > RACE:
+        elif not names[j].startswith(INTEGRAL) and high - low > SPIN and facts.speed[j] > RACE:
             yield f"{reach} at {facts.speed[j]:.4g} each second: it seems to be in degrees; {advice}"
 
 

@@ -155,6 +155,10 @@ def _each(given: Recordings | Session, robot: Robot) -> list[Recording]:
 def _check(recordings: Sequence[Recording], horizons: Sequence[float], windows: int, step: float) -> None:
     if not recordings:
         raise OptionError("no recording was given; give at least one")
+    if still := [recording.path or "the recording" for recording in recordings if recording.static]:
+        raise RecordingError(
+            f"{still[0]} is of postures at rest, which no roll-out simulates; identify and validate take it"
+        )
     if not (len(horizons) and all(np.isfinite(h) and h > 0 for h in horizons)):
         listed = ", ".join(f"{h:g} s" for h in horizons) or "none"
         raise OptionError(f"the horizons are {listed}; give one or more longer than 0 s, such as 0.2 and 0.5")
