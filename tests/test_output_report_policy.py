@@ -55,7 +55,6 @@ HOVERED = """(point => {
 })"""
 HOVER = {
     "diagnosis": ("heatmap", {"xval": 5, "yval": 1}, LINK),
-    "fleet": ("scatter", {"curveNumber": 2, "pointNumber": 3}, UNIT),
     "signs": ("bar", {"curveNumber": 0, "pointNumber": 0}, "confidence >0.999"),
 }
 PAGES = ("check", "identification", "signs", "validation", "diagnosis", "fleet", "replay")

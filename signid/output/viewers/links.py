@@ -1,4 +1,4 @@
-"""What a log holds: links of a robot as a tree of frames, signals over time, and remarks."""
+"""Content of a log: links of a robot as a tree of frames, signals over time, and remarks."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ def viewer_log(
     models = [model] if found is None else [model, found.after]
     notes, signals = list[str](), list[Signal]()
     for k, recording in enumerate(read, 1):
-        folder = "" if len(read) == 1 else f"/{Path(recording.path).stem or 'recording'}_{k}"
+        folder = "" if len(read) == 1 else f"/{Path(recording.path).name.partition('.')[0] or 'recording'}_{k}"
         signals += _signals(folder, recording, models, rolled, notes)
     origins, name, notes = [time_origin(each) for each in read], model.robot.name, list(dict.fromkeys(notes))
     start = _start(signals)
