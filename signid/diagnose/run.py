@@ -101,7 +101,7 @@ def diagnose(
     recovered = _recover(given, recordings, held_out, options, show)
     model = restrict_joints(_lasting(healthy.model), [*recordings, *held_out])[0] if healthy else given
     mounting = mount(model, *prepare_session(model, recovered, options, show), skip)
-    mounting = mounting._replace(given=given, constants=recovered.gains and recovered.gains.covariance)
+    mounting = mounting._replace(given=given, constants=recovered.gains.covariance if recovered.gains else None)
     answer = _answer(mounting.model, mounting, skip, healthy, options.seed, show)
     known, lacked = mounting.model.misfit is not None, False
     if known and answer.result.verdict == NOTHING_MISSING and not time_is_up(SEARCH, answer=False):

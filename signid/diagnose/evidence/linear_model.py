@@ -96,8 +96,8 @@ class LinearModel(Frozen):
         scipy.sparse.csgraph.connected_components, or less.
         """
         refitted = self.refitted(prior_scale)
-        priors = [self.data.gains, *([] if self.stated_prior is None else [self.stated_prior])]
-        coupled = [[group for group in refitted if group.start in prior.columns] for prior in priors]
+        priors = [self.data.gains.columns, *([] if self.stated_prior is None else [self.stated_prior.columns])]
+        coupled = [[group for group in refitted if group.start in columns] for columns in priors]
         # a group that acts on no joint is fitted with the first
         rows = {group: self.data.rows(group) or [0] for group in (*refitted, *selected)}
         label = list(range(self.data.joints))
