@@ -13,6 +13,7 @@ from ...model import Model
 from ...types import Array, Indices, Law
 
 LEAST_GAIN = 1e-9  # start of a gain [1]: a law of zero numbers is no column
+LEAST_STD = 1e-4  # [1] of a gain, so that precisions are finite
 
 
 class EstimatedGain(TorqueGain):
@@ -23,10 +24,15 @@ class EstimatedGain(TorqueGain):
 
 
 class GainPrior(NamedTuple):
-    """Gaussian prior of m gains."""
+    """Gaussian prior of m gains.
+
+    Where no constant is known, the description sets the scale of all: errors of bodies are that scale already, so it is
+    no gain beside them, but counts in intervals.
+    """
 
     columns: Indices  # (m,) column indices
-    covariance: Array  # (m, m) [1]
+    covariance: Array  # (m, m) [1] of the constants
+    beside_bodies: Array  # (m, m) [1] the same, without the scale of all where no constant is known
 
     def among(self, which: Indices) -> Indices:
         """(m,) positions of the gains among fitted columns `which` (k,) [1], in ascending order."""
@@ -46,7 +52,9 @@ def gain_prior(laws: Iterable[tuple[int, Law | None]]) -> GainPrior:
     pairs = [(k, law) for k, law in laws if law is not None]
     own = [(k, x.joints[0], x.effect.covariance) for k, x in pairs if isinstance(x.effect, EstimatedGain)]
     covariance = np.array([row[[joint for _, joint, _ in own]] for _, _, row in own]).reshape(len(own), len(own))
-    return GainPrior(np.array([k for k, _, _ in own], dtype=np.intp), covariance)
+    scale = 1 / np.linalg.inv(covariance).sum() if own and len(own) == len(own[0][2]) else 0.0
+    beside = covariance - scale + LEAST_STD**2 * np.eye(len(own))
+    return GainPrior(np.array([k for k, _, _ in own], dtype=np.intp), covariance, beside)
 
 
 def with_estimated_gains(model: Model, covariance: Array | None) -> tuple[Model, tuple[Law, ...]]:

@@ -85,7 +85,7 @@ class LinearModel(Frozen):
         """Fit nuisance parameters, of prior scale k, and selected hypotheses together; dispersion (n,) [1]."""
         components = self.components(selected, prior_scale > 0)
         fits = [self.part(one, dispersion[list(one.joints)], prior_scale) for one in components]
-        return join(self.columns(selected, prior_scale), fits)._replace(gains=self.data.gains)
+        return join(self.columns(selected, prior_scale), fits)
 
     @cached(64)
     def components(self, selected: Sequence[Group], prior_scale: float) -> tuple[Component, ...]:
@@ -166,7 +166,7 @@ class LinearModel(Frozen):
         which, gains = columns_of(groups), self.data.gains
         if len(here := gains.among(which)):
             there = np.searchsorted(gains.columns, which[here])
-            out[np.ix_(here, here)] = np.linalg.inv(gains.covariance[np.ix_(there, there)])
+            out[np.ix_(here, here)] = np.linalg.inv(gains.beside_bodies[np.ix_(there, there)])
         if self.stated_prior is not None:
             here = np.flatnonzero(np.isin(which, self.stated_prior.columns))
             there = np.searchsorted(self.stated_prior.columns, which[here])

@@ -227,7 +227,7 @@ def extended_covariance(model: Model, selection: Selection, extended: ExtendedSi
     For numbers that keep their stated values, the square of the step that the fit would have made is added.
     """
     evidence = selection.evidence
-    fit = evidence.fit(selection.selected, selection.dispersion, max(selection.prior_scale, 1.0))
+    fit = replace(selection, prior_scale=max(selection.prior_scale, 1.0)).reported()
     linear = [law for law in model.laws if _is_base_law(law)]
     base = build_base(model.robot, linear)
     place = {label.name: k for k, label in enumerate(base.labels)}

@@ -113,7 +113,7 @@ def ordinary_findings(
 
     Source: Dickey, Ann. Math. Statist. 42, 1971 (Savage's density ratio).
     """
-    fit, data = selection.fit(), selection.data
+    fit, data = selection.reported(), selection.data
     for group in block_of(selection, ordinary):
         assert group.law is not None, "the block has laws"
         (joint,), (key,) = group.law.joints, group.law.effect.linear()
