@@ -62,7 +62,7 @@ def test_an_error_within_the_interval_of_a_constant_is_no_gain() -> None:
 
 
 def test_a_load_has_its_rivals() -> None:
-    """Of a payload, a body or a gain none is certain."""
+    """No payload, body or gain is certain beside the others."""
     found = from_currents(PAYLOAD, stated=STATED)
     loads = [x for x in found.findings if x.law.effect.name in ("payload", "link_inertia", "torque_gain")]
     assert loads

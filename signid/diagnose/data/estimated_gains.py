@@ -39,9 +39,9 @@ class GainPrior(NamedTuple):
         return np.flatnonzero(np.isin(which, self.columns))
 
     def widened(self, covariance: Array, at: Indices) -> Array:
-        """Posterior covariance (k, k) with the gains, at positions (m,), as uncertain as their prior.
+        """Posterior with the gains, at positions (m,), as uncertain as their prior: the same rows gave the constants.
 
-        The same rows gave the constants, so they cannot make them more certain a second time.
+        covariance: (k, k) of the posterior [products of the units].
         """
         slopes = np.linalg.solve(covariance[np.ix_(at, at)], covariance[at]).T
         return np.asarray(covariance + slopes @ (self.covariance - covariance[np.ix_(at, at)]) @ slopes.T)
