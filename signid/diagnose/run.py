@@ -22,9 +22,10 @@ from ..signs import Recovered, prepare_and_recover
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.run import restrict_joints
 from ..typed import typed
-from ..types import Law, Progress, Recording
+from ..types import Array, Law, Progress, Recording
 from .data.column_groups import build_groups, dry_friction
 from .data.dataset import Dataset
+from .data.estimated_gains import with_estimated_gains
 from .data.hypotheses import GRAVITY, VARIABLES, is_transient, pooled, propose
 from .data.locate import locate
 from .data.motions import pieces, row_filter, subsample
@@ -99,7 +100,8 @@ def diagnose(
     given, notes = restrict_joints(model, [*recordings, *held_out])
     recovered = _recover(given, recordings, held_out, options, show)
     model = restrict_joints(_lasting(healthy.model), [*recordings, *held_out])[0] if healthy else given
-    mounting = mount(model, *prepare_session(model, recovered, options, show), skip)._replace(given=given)
+    mounting = mount(model, *prepare_session(model, recovered, options, show), skip)
+    mounting = mounting._replace(given=given, constants=recovered.gains.covariance if recovered.gains else None)
     answer = _answer(mounting.model, mounting, skip, healthy, options.seed, show)
     known, lacked = mounting.model.misfit is not None, False
     if known and answer.result.verdict in (NOTHING_MISSING, UNDECIDED) and not time_is_up(SEARCH, answer=False):
@@ -156,7 +158,9 @@ def _answer(
     """Search for laws that a simulation lacks, and conclude."""
     session, gravity = mounting.session, mounting.gravity
     given, (model, ordinary) = model, with_ordinary(model, session, skip)
-    dataset, data = build_in_time(model, session, skip, show, ordinary)
+    model, gains = with_estimated_gains(model, mounting.constants)
+    block = (*ordinary, *gains)
+    dataset, data = build_in_time(model, session, skip, show, block)
     evidence = Evidence(data, stated_prior(model, data.groups), bool(ordinary))
     first, posterior = dataset, _posterior(model, evidence, skip)
     dataset, selection, disagreement = _search(first, posterior, skip, healthy, show)
@@ -166,7 +170,7 @@ def _answer(
     selection, contenders = replace_weak(dataset, prune(dataset, session, pinned(selection, ordinary)))
     contenders = limit_in_step(dataset, contenders)
     verdict = decide_verdict(dataset, selection, contenders)
-    conclusions = conclude(dataset, session, selection, contenders, verdict, seed=seed, given=given, ordinary=ordinary)
+    conclusions = conclude(dataset, session, selection, contenders, verdict, seed=seed, given=given, ordinary=block)
     before, floor = predict(session, mounting.given), session.task.band.torque_floor
     result = keep_given_if_worse(before, add_empirical_torque(session, conclusions), dataset.noise, floor)
     if gravity is not None:
@@ -313,6 +317,7 @@ class Mounting(NamedTuple):
     faults: RecordingFaults
     given: Model  # the simulation as it was given
     gravity: RecordingFault | None = None
+    constants: Array | None = None  # (n, n) [1] covariance of the logarithms of estimated torque constants
 
 
 def mount(model: Model, session: Session, faults: RecordingFaults, skip: Sequence[str]) -> Mounting:

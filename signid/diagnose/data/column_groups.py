@@ -13,6 +13,7 @@ from ...model import Model
 from ...regression.motion import Motion
 from ...regression.projection import least_squares
 from ...types import Array, Law
+from .estimated_gains import EstimatedGain
 from .hypotheses import Hypothesis, is_refitted
 from .motions import Piece, stated_friction
 from .thresholds import (
@@ -72,7 +73,8 @@ def nuisances(model: Model, motion: Motion, dry: Array, free: Sequence[Law] = ()
         if is_refitted(law):
             rows, columns = law_columns(law, motion)
             own = law_tolerance(law, float(stated[law.joints[0]]))
-            spread = [np.inf] * columns.shape[2] if model.covariance or law in free else own
+            flat = (model.covariance or law in free) and not isinstance(law.effect, EstimatedGain)
+            spread = [np.inf] * columns.shape[2] if flat else own
             yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, spread, law)
     for j in np.flatnonzero(dry > 0).tolist():
         yield Nuisance({j: _reversal_columns(motion, j)}, [REVERSAL_STD * float(dry[j])] * 3)
@@ -83,6 +85,8 @@ def nuisances(model: Model, motion: Motion, dry: Array, free: Sequence[Law] = ()
 
 def law_tolerance(law: Law, dry: float) -> list[float]:
     """(k,) prior standard deviations of the coefficients of a stated law [unit of each]; `dry`: friction [N.m or N]."""
+    if isinstance(law.effect, EstimatedGain):
+        return [float(np.sqrt(law.effect.covariance[law.joints[0]]))]
     share = FRICTION_STD if law.effect.dissipative or law.effect.name == "torque_offset" else LAW_STD
     least = OFFSET_STD * dry if law.effect.name == "torque_offset" else 0.0
     return [max(share * abs(x), least, 1e-9) for x in law.effect.coefficients(law.parameters)]

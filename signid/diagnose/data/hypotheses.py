@@ -16,6 +16,7 @@ from ...model import Model
 from ...regression.motion import Motion
 from ...robot.dynamics import own_body
 from ...types import Array, Law
+from .estimated_gains import EstimatedGain
 
 GRAVITY = "gravity"  # determined before the search: it is no small correction of the simulation
 VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
@@ -186,10 +187,11 @@ def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
 def is_refitted(law: Law) -> bool:
     """Whether the coefficients of a law of the simulation are nuisance parameters.
 
-    True for torque laws and rotor inertias of nonzero size; an error of another law's size is a hypothesis.
+    True for torque laws, rotor inertias and estimated gains that are not zero; an error of another law's size is a
+    hypothesis.
     """
     rotor = law.effect.scope == "joint" and isinstance(law.effect, BodyLaw)
-    return any(law.effect.coefficients(law.parameters)) and (isinstance(law.effect, TorqueLaw) or rotor)
+    return any(law.effect.coefficients(law.parameters)) and (isinstance(law.effect, TorqueLaw | EstimatedGain) or rotor)
 
 
 def is_transient(law: Law) -> bool:

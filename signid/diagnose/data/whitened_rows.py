@@ -15,6 +15,7 @@ from ...errors import RecordingError
 from ...regression.projection import RANK, least_squares
 from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group
+from .estimated_gains import GainPrior, gain_prior
 from .noise import Noise, has_full_window
 from .rows import RowTable
 from .whitening import Whitening, moving
@@ -65,6 +66,11 @@ class Whitened(Frozen):
     def refitted(self) -> tuple[Group, ...]:
         """Groups of the nuisance terms."""
         return tuple(group for group in self.groups if group.hypothesis is None)
+
+    @cached_property
+    def gains(self) -> GainPrior:
+        """Prior of the gains whose torque constants were estimated."""
+        return gain_prior((group.start, group.law) for group in self.refitted)
 
     @cached_property
     def right(self) -> Array:
@@ -210,6 +216,7 @@ class Fitted(NamedTuple):
     factors: tuple[Factor, ...]
     forward_right: Array  # (k,) [1] lower^-1 right-hand side
     log_evidence: float  # log marginal likelihood against no fit at all [-]
+    gains: GainPrior | None = None  # gains that the covariance contains with the uncertainty of their prior
 
     @property
     def value(self) -> Array:
@@ -228,7 +235,7 @@ class Fitted(NamedTuple):
         for one in self.factors:
             inverse = one.forward(np.eye(len(one.place)))
             out[np.ix_(one.place, one.place)] = inverse.T @ inverse
-        return out
+        return out if self.gains is None else self.gains.widened(out, self.gains.among(self.which))
 
     def restricted(self, free: Mask) -> Fitted:
         """Fit again with all coefficients zero except those that are free (k,)."""

@@ -172,6 +172,10 @@ class Selection(Frozen):
         """Maximum a posteriori fit of nuisance parameters and selected laws."""
         return self.evidence.fit(self.selected, self.dispersion, self.prior_scale)
 
+    def reported(self) -> Fitted:
+        """The same fit, whose covariance has the whole uncertainty of estimated torque constants."""
+        return self.fit()._replace(gains=self.data.gains)
+
     def with_selected(self, selected: Sequence[Group], log_odds: Mapping[Group, float] | None = None) -> Selection:
         """Replace the selected hypotheses; the prior scale becomes the most likely one beside them."""
         scale = self.evidence.prior_scale(selected, self.dispersion)

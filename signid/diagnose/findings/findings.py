@@ -23,6 +23,7 @@ from ...simulation.excite.separation import STRUCTURAL, law_distance, wide_colum
 from ...types import Array, Frozen, Law, Shape
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
+from ..data.estimated_gains import EstimatedGain
 from ..data.hypotheses import VARIABLES
 from ..data.locate import Location, locate
 from ..evidence.selection import Selection
@@ -107,11 +108,14 @@ def conclude(
         findings = [*stated, *findings]
         if find is body_finding and stated or known and any(finding.probability > SAID for finding in stated):
             verdict = replace(verdict, name="named")
+    gains = [law.joints[0] for law in ordinary if isinstance(law.effect, EstimatedGain)]
+    added = [law for law in ordinary if not isinstance(law.effect, EstimatedGain)]
+    if usual or gains:
+        findings = [beside_wrong_bodies(finding, dataset.table.joints, gains) for finding in findings]
     if usual:
-        findings = [replace(x, ordinary=x.law.effect.name in FORMS) for x in findings]
-        findings = [softened(beside_wrong_bodies(finding, dataset.table.joints)) for finding in findings]
+        findings = [softened(replace(x, ordinary=x.law.effect.name in FORMS)) for x in findings]
         findings = sorted([*findings, *usual], key=lambda finding: (finding.ordinary, finding.role != "cause"))
-        prediction = without_vague(session, prediction, ordinary, usual)
+        prediction = without_vague(session, prediction, added, usual)
     elif not any(finding.role == "cause" for finding in findings):  # numbers refitted beside no cause fit the noise
         prediction = predict(session, given)
         findings = [replace(finding, in_model=False, refused=finding.refused or UNCAUSED) for finding in findings]

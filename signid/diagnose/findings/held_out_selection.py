@@ -13,6 +13,7 @@ from ...model import Model
 from ...regression.session import Session
 from ...types import Array, Frozen, Law, Mask
 from ..data.column_groups import Group
+from ..data.estimated_gains import as_given
 from ..data.hypotheses import is_transient
 from ..data.whitened_rows import Fitted, columns_of
 from ..evidence.selection import Selection
@@ -141,7 +142,7 @@ def select_on_held_out(
         chosen, scores = other if better < -tuned.LEAST_GAIN else (chosen, scores)
     return ExtendedSimulation(
         laws={**trials.laws(separate), **trials.laws(chosen)},
-        prediction=predict(session, trials.build(chosen)[0]),
+        prediction=predict(session, as_given(trials.build(chosen)[0])),
         kept=frozenset(chosen.kept),
         refitted=frozenset(chosen.groups),
         log_bayes={group: score.log_bayes for group, score in scores.items()},

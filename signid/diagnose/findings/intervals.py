@@ -88,9 +88,24 @@ def _deviations(dataset: Dataset, selection: Selection, model: _NumberModel) -> 
     information = free + model.precision
     size = np.sqrt(np.maximum(np.diag(own + model.precision), 1e-300))
     covariance = np.linalg.pinv(information / size / size[:, None], rcond=1e-8, hermitian=True) / size / size[:, None]
-    variance = np.maximum(np.diag(covariance), _variance_over_parts(dataset, selection, model))
+    variance = _with_gains(covariance, across, selection, beside)
+    variance = np.maximum(variance, _variance_over_parts(dataset, selection, model))
     identifiable = np.diag(free) > UNIDENTIFIABLE * np.diag(own)
     return np.asarray(np.where(identifiable, np.sqrt(np.maximum(variance, 0)), np.inf))
+
+
+def _with_gains(covariance: Array, across: Array, selection: Selection, beside: Fitted) -> Array:
+    """(d,) variances of numbers, covariance (d, d), with gains beside them as uncertain as their prior.
+
+    across: (k, d) products of the columns beside and of the numbers [1 per coefficient of each].
+    """
+    prior = selection.data.gains
+    at, d = prior.among(beside.which), len(covariance)
+    inverse = beside.backward(beside.forward(np.eye(len(beside.which))[:, at]))
+    turn = np.vstack([np.eye(d), -inverse.T @ across])
+    whole = turn @ covariance @ turn.T
+    whole[d:, d:] += inverse[at]
+    return np.diag(prior.widened(whole, d + np.arange(len(at))))[:d]
 
 
 def _variance_over_parts(dataset: Dataset, selection: Selection, model: _NumberModel) -> Array:
@@ -212,7 +227,7 @@ def extended_covariance(model: Model, selection: Selection, extended: ExtendedSi
     For numbers that keep their stated values, the square of the step that the fit would have made is added.
     """
     evidence = selection.evidence
-    fit = evidence.fit(selection.selected, selection.dispersion, max(selection.prior_scale, 1.0))
+    fit = replace(selection, prior_scale=max(selection.prior_scale, 1.0)).reported()
     linear = [law for law in model.laws if _is_base_law(law)]
     base = build_base(model.robot, linear)
     place = {label.name: k for k, label in enumerate(base.labels)}

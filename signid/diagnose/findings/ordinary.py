@@ -15,10 +15,12 @@ from ...deadline import seconds_left
 from ...effects import EFFECTS
 from ...effects.law import law_torque
 from ...model import Model
+from ...parameters import TWO_SIDED
 from ...regression.session import Session
 from ...types import Law
 from ..data.column_groups import Group, rough_drives
 from ..data.dataset import Dataset
+from ..data.estimated_gains import EstimatedGain
 from ..data.hypotheses import VARIABLES
 from ..data.locate import locate
 from ..data.motions import pieces
@@ -124,7 +126,7 @@ def ordinary_findings(
 
     Source: Dickey, Ann. Math. Statist. 42, 1971 (Savage's density ratio).
     """
-    fit, data = selection.fit(), selection.data
+    fit, data = selection.reported(), selection.data
     for group in block_of(selection, ordinary):
         assert group.law is not None, "the block has laws"
         (joint,), (key,) = group.law.joints, group.law.effect.linear()
@@ -140,7 +142,8 @@ def ordinary_findings(
         odds = (np.log(1 - shrunk + 1e-12) + shrunk * step**2 / variance) / 2
         odds = float(np.clip(odds, -MOST_LOG_ODDS, MOST_LOG_ODDS))
         share = torque_share({joint: column * step}, data.scale)
-        if odds < 0 or share[joint] < LEAST_TORQUE_SHARE:
+        inside = isinstance(group.law.effect, EstimatedGain) and abs(step) < TWO_SIDED * np.sqrt(variance)
+        if odds < 0 or share[joint] < LEAST_TORQUE_SHARE or inside:
             continue
         yield Finding(
             law=law,
@@ -158,12 +161,16 @@ def ordinary_findings(
         )
 
 
-def beside_wrong_bodies(finding: Finding, joints: int) -> Finding:
-    """A change of a body, or a gain, with its structural twins as alternatives: other bodies may be wrong with it."""
+def beside_wrong_bodies(finding: Finding, joints: int, gains: Collection[int] = ()) -> Finding:
+    """A change of a body, or a gain, with its structural twins as alternatives: other bodies may be wrong with it.
+
+    `gains`: joints whose torque constants were estimated, so that rotors and gains make the same torque, too.
+    """
     own, (first, last) = (finding.law.effect.name, finding.law.joints), (finding.law.joints[0], joints - 1)
     known = {own, *((x.law.effect.name, x.law.joints) for x in finding.alternatives)}
     near = [("link_inertia", (j,)) for j in (first - 1, first, first + 1) if 0 <= j <= last]
-    twins = [twin for twin in [("payload", (last,)), *near] if twin not in known]
+    drives = [(name, (j,)) for j in gains for name in ("armature", "torque_gain") if j <= first]
+    twins = [twin for twin in [("payload", (last,)), *near, *drives] if twin not in known]
     if own[0] not in ("link_inertia", "payload", "torque_gain") or not twins:
         return finding
     probability = min(finding.probability, MOST_PROBABLE_BODY)

@@ -45,7 +45,7 @@ def stated_number_findings(
     if not likely:
         return
     given, after = predict(session, dataset.model).held_out.residual, extended.prediction.held_out.residual
-    fit, data = selection.fit(), selection.data
+    fit, data = selection.reported(), selection.data
     for group, probability in sorted(likely.items(), key=lambda item: -item[1]):
         assert group.law is not None, "refitted laws are stated"
         place, joint = fit.place(group), group.law.joints[0]
@@ -95,7 +95,7 @@ def body_finding(
     share = torque_share(torque, data.scale)
     if min(share.max() / LEAST_TORQUE_SHARE, wrong / LEAST_PROBABILITY) < 1:
         return
-    joint, fit = int(np.argmax(share)), selection.fit()
+    joint, fit = int(np.argmax(share)), selection.reported()
     std = np.sqrt(np.diag(fit.covariance)[fit.place(groups[body])])
     given, after = predict(session, dataset.model).held_out.residual, extended.prediction.held_out.residual
     yield Finding(

@@ -16,7 +16,8 @@ from ...regression.motion import Motion
 from ...types import Array, Law, Robot
 from ..data.column_groups import dry_friction
 from ..data.dataset import Dataset, append
-from ..data.hypotheses import Key, is_transient
+from ..data.estimated_gains import EstimatedGain
+from ..data.hypotheses import Hypothesis, Key, is_transient
 from ..data.motions import bodies_without_rotors
 from ..data.rows import columns_along
 from ..data.thresholds import DISCREPANCY_SCALE
@@ -249,6 +250,14 @@ def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Datas
     fit = selection.fit()
     value = {group: fit.value[fit.place(group)] for group in selection.selected}
     laws = [law for group in selection.selected for law in read_laws(group, value[group])]
+    numbers = {group.claim: value[group] for group in selection.selected}
+    stated = selection.data.refitted if len(selection.data.gains.columns) else ()
+    for group, law in ((group, group.law) for group in stated if group.law is not None):
+        step = fit.value[fit.place(group)]
+        if isinstance(law.effect, EstimatedGain):
+            numbers[Hypothesis((law,))] = step
+        else:  # a gain also scales the torque that refitted numbers make
+            laws.append(replace(law, parameters=law.effect.physical(step.tolist(), law.effect.shape(law.parameters))))
     inertials, places = dataset.model.inertials, inertial_places(selection.data.refitted, fit)
     if len(places):
         inertials = inertials + fit.value[places].reshape(inertials.shape)
@@ -259,10 +268,10 @@ def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Datas
     ):
         return None  # infeasible inertias make the relinearisation meaningless
     off = np.zeros((dataset.table.joints, len(dataset.whitening({0: dataset.table.residual[:, :1]})[0])))
-    for group in selection.selected:
-        old, updated = about.columns(group.claim), new.columns(group.claim)
+    for claim, step in numbers.items():
+        old, updated = about.columns(claim), new.columns(claim)
         for j, x in dataset.whitening({j: updated[j] - old[j] for j in updated}).items():
-            off[j] += x @ value[group]
+            off[j] += x @ step
     if not np.sum(off**2, axis=1) @ (1 / selection.dispersion) > RELEVANT_CHI2:
         return None
     dry = dry_friction(dataset.model, dataset.pieces)
