@@ -116,18 +116,21 @@ def conclude(
         findings = [softened(replace(x, ordinary=x.law.effect.name in FORMS)) for x in findings]
         findings = sorted([*findings, *usual], key=lambda finding: (finding.ordinary, finding.role != "cause"))
         prediction = without_vague(session, prediction, added, usual)
-    elif not any(finding.role == "cause" for finding in findings):  # numbers refitted beside no cause fit the noise
+    judged = prediction
+    if not any(finding.role == "cause" for finding in findings):  # numbers refitted beside no cause fit the noise
         prediction = predict(session, given)
+        known = selection.evidence.informed or selection.prior_scale > 1  # else bodies deviate as they usually do
+        judged = prediction if known else judged
         findings = [replace(finding, in_model=False, refused=finding.refused or UNCAUSED) for finding in findings]
     floor, scale = selection.data.floor, selection.data.scale
     given_residual = dataset.table.residual.copy()
     for law in (law for law in ordinary if law not in given.laws):
         for j, torque in dataset.torque(law).items():
             given_residual[:, j] += torque
-    unexplained = tuple(_unexplained(dataset, prediction, verdict))
+    unexplained = tuple(_unexplained(dataset, judged, verdict))
     if verdict.name == "named" and without_cause(findings, unexplained):
         verdict = replace(verdict, name="unknown")
-    short = list(undecided_words(dataset, session, prediction.train, verdict))
+    short = list(undecided_words(dataset, session, judged.train, verdict))
     verdict = replace(verdict, name="undecided") if short else verdict
     return Conclusions(
         verdict=verdict.name,

@@ -82,7 +82,8 @@ def body_finding(
     for joint, body in enumerate(selection.posterior.carried):
         parts = [data.part(j, groups[body]) @ step[body] for j in data.rows(groups[body])]
         energy[joint] = sum(float(x @ x) for x in parts)
-    wrong = 1 - float(evidence.log_bayes_factors((), selection.dispersion)[1][0])
+    beyond = evidence.scales > 1  # the usual tolerance
+    wrong = float(np.sum(evidence.log_bayes_factors((), selection.dispersion)[1][beyond]))
     shares = {j: wrong * x / max(sum(energy.values()), 1e-300) for j, x in energy.items()}
     first, last = max(shares, key=lambda j: shares[j]), len(shares) - 1
     effect, body = EFFECTS["link_inertia"], selection.posterior.carried[first]
