@@ -18,7 +18,7 @@ from swing import changed, csv, pristine, swing
 import signid
 from signid.cli import run
 from signid.effects import EFFECT_NAMES
-from signid.errors import ON_COMMAND_LINE
+from signid.errors import ON_COMMAND_LINE, RecordingError
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = """demo inspect check identify diagnose validate watch payload effects convert excite export simulate replay
@@ -246,6 +246,6 @@ def test_an_error_of_the_command_line_has_options_and_the_same_in_python_argumen
     Path("log.csv").write_text("Zeit,Achse1,Kraft\n0,0,0\n.01,.1,1\n")
     assert run(["identify", "1r", "log.csv", "-o", "out"]) == 2
     assert "(--columns)" in capsys.readouterr().err
-    with pytest.raises(signid.RecordingError, match=r"\(columns=\)") as caught:
+    with pytest.raises(RecordingError, match=r"\(columns=\)") as caught:
         signid.read_recording("log.csv", "1r")
     assert "--" not in str(caught.value).split("signid ")[0]

@@ -77,7 +77,7 @@ def test_structures_are_names_with_dots_and_a_map_is_guessed(tmp_path: Path) -> 
     np.testing.assert_array_equal(read_recording(tmp_path / "a.mat", arm(), columns=names).read().q[:, 0], Q[:, 0])
     savemat(tmp_path / "b.mat", {"log": log})
     text = draft_map(tmp_path / "b.mat", arm()).text
-    assert 't = "log.time"' in text and '= "log.joint.torque_3"' in text
+    assert 'time = "log.time"' in text and '= "log.joint.torque_3"' in text
 
 
 def element(kind: int, data: bytes) -> bytes:

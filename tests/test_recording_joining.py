@@ -223,10 +223,6 @@ def test_units_of_time_differ(positions: str, tmp_path: Path) -> None:
         found = joined(positions, write(tmp_path, "b.csv", **{name: t, "tau_1": torque(FAST)}))
         np.testing.assert_allclose(found.columns["tau_1"][::2], wanted, atol=1e-9)
     noted(found, "b.csv: interpolated at the times of")
-    unsure = joined(
-        positions, write(tmp_path, "b.csv", t=FAST * 1e3, tau_1=torque(FAST))
-    )  # steps of 4 could be seconds
-    noted(unsure, "is read in ms, as")
     bare = joined(positions, write(tmp_path, "b.csv", t=np.rint(FAST * 1e3), tau_1=torque(FAST)))
     noted(bare, "is read in ms, because it steps by 4, which cannot be seconds")
 

@@ -123,7 +123,7 @@ def test_formats_with_names_of_their_own_need_no_heading(tmp_path: Path) -> None
     np.savez(tmp_path / "a.npz", t=T, q_1=Q, tau_1=TAU)
     with pytest.raises(OptionError) as error:
         read_recording(tmp_path / "a.npz", arm(), columns={"skip": 1})
-    sentence(str(error.value), "a.npz", "names its columns itself", "--skip")
+    sentence(str(error.value), "a.npz", "names its columns itself", "remove skip")
 
 
 def test_every_command_takes_names_from_the_column_map(

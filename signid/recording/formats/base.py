@@ -208,7 +208,7 @@ class Format(ABC):
             OptionError: the format names its columns itself.
             RecordingError: as for `open`.
         """
-        advice = "remove skip and names from the column map, or --skip and --names"
+        advice = "remove skip and names from the column map or the command"
         raise OptionError(f"{path} has the format {self.name}, which names its columns itself; {advice}")
 
     def files(self, path: Path) -> Sequence[Path]:
