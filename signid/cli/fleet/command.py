@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,9 +12,6 @@ from ..app import Text, command, option, output_option
 from ..arguments import given_command
 from ..options import RunOptions
 from ..terminal import BAD, DONE, FLAGGED, bars, show, write_error
-
-if TYPE_CHECKING:
-    from .result import Outcome
 
 MOST = 20  # maximum number of failed sessions listed on standard error
 
@@ -45,23 +41,25 @@ def fleet(
     with robots ranked by mismatch, changes, outliers and common causes, and sessions/NAME with the files of the
     single command. An interrupted run can be repeated: sessions whose files are unchanged are not run again.
     """
-    from ...output.report import to_json, write_files
+    from ...output.report import check_foreign, probe_folder, to_json, write_files
     from ...output.report.results.fleet import fleet_page, fleet_tables
     from .run import fleet as work
 
-    place = _folder(options.output)
+    place, failures = options.output, list[str]()
+    if not place:
+        raise OptionError("no folder for the sessions was named; add -o DIR")
+    probe_folder(place)
+    check_foreign(place, ("fleet.json", "index.html"))
+
+    def failed(sentence: str) -> None:
+        failures.append(sentence)
+        if len(failures) <= MOST:
+            write_error(sentence)
+
+    given = {"scheduler": options.scheduler, "workers": options.workers, "keep_going": options.keep_going}
     try:
         with bars(run.json, one=True) as progress:
-            found = work(
-                manifest,
-                place,
-                scheduler=options.scheduler,
-                workers=options.workers,
-                seed=run.seed,
-                keep_going=options.keep_going,
-                progress=progress,
-                failed=_first(write_error),
-            )
+            found = work(manifest, place, **given, seed=run.seed, progress=progress, failed=failed)
     except ManifestError as error:
         for sentence in error.sentences:
             write_error(sentence)
@@ -71,36 +69,12 @@ def fleet(
         raise
     document = found.document()
     text = to_json(document)
-    written = write_files(
-        place, {"fleet.json": text, "index.html": fleet_page(document, given_command(context), found.reused)}
-    )
+    page = fleet_page(document, given_command(context), found.reused)
+    written = write_files(place, {"fleet.json": text, "index.html": page})
     show(text if run.json else fleet_tables(document, found.reused), (), written)
-    _report(found.outcomes)
+    if len(failures) > MOST:
+        write_error(f"and {len(failures) - MOST} more sessions failed; index.html lists them")
+    if flagged := [one.entry.session for one in found.outcomes if one.done and one.code == FLAGGED]:
+        names = shorten(flagged, 3)
+        write_error(f"the results of {names} are flagged; index.html marks them, their reports give the reasons")
     return FLAGGED if found.flagged else DONE
-
-
-def _folder(output: str | None) -> str:
-    from ...output.report import check_foreign, probe_folder
-
-    if not output:
-        raise OptionError("no folder for the sessions was named; add -o DIR")
-    probe_folder(output)
-    check_foreign(output, ("fleet.json", "index.html"))
-    return output
-
-
-def _first(write: Callable[[str], None]) -> Callable[[str], None]:
-    """Write the first sentences alone."""
-    left = iter(range(MOST))
-    return lambda sentence: None if next(left, None) is None else write(sentence)
-
-
-def _report(sessions: Sequence[Outcome]) -> None:
-    """Report how many more sessions failed than were named when they did, and flagged sessions."""
-    undone = sum(not one.done for one in sessions)
-    if undone > MOST:
-        write_error(f"and {undone - MOST} more sessions failed; index.html lists them")
-    if flagged := [one.entry.session for one in sessions if one.done and one.code == FLAGGED]:
-        write_error(
-            f"the results of {shorten(flagged, 3)} are flagged; index.html marks them, their reports give the reasons"
-        )

@@ -28,9 +28,9 @@ from ...types import Input, Progress
 from ...version import __version__
 from ..terminal import DONE, FLAGGED
 from .manifest import Entry, Manifest, read_manifest
-from .result import Fleet, Outcome, gather
+from .result import Fleet
 from .store import Store, check_robot, read_inputs
-from .summary import FILES, Summary, summarise
+from .summary import FILES, Outcome, summarise
 
 COMMANDS = "signid.cli.run"  # carries out all commands, this room's too
 TRIES = 2  # attempts at a session whose process dies
@@ -84,7 +84,7 @@ def fleet(
         sentence = f"session {entries[k].session} (line {entries[k].line}) failed: {reason}"
         if not keep_going:
             raise InputError(sentence)
-        missing[k] = Outcome(entries[k], code, said, (), Summary())
+        missing[k] = Outcome(entries[k], code, said)
         if failed is not None:
             failed(sentence)
 
@@ -107,8 +107,8 @@ def fleet(
                 else:
                     fail(k, answer.code, answer.said)
                 report(f"{done} of {len(entries)} sessions", done / len(entries))
-        outcomes = [missing.get(k) or _stored(store, entry) for k, entry in enumerate(entries)]
-        return gather(outcomes, listed.input, seed, reused)
+        outcomes = (missing.get(k) or _stored(store, entry) for k, entry in enumerate(entries))
+        return Fleet(tuple(outcomes), listed.input, seed, reused)
 
 
 def _records(listed: Manifest, seed: int, workers: int, report: Progress) -> list[Mapping[str, Any] | str]:
@@ -240,8 +240,9 @@ def _processes(workers: int) -> Iterator[Callable[[Order], Future[Answer]]]:
             own.pool.shutdown()
             renew()
         own.left -= 1
+        future: Future[Answer] = own.pool.submit(carry_out, order)
         try:
-            return own.pool.submit(carry_out, order).result()
+            return future.result()
         except BrokenProcessPool:
             renew()
             if tries == 1 or end.closed:
