@@ -46,8 +46,8 @@ TODAY = {
     "diagnose": 6817,
     "payload": 1422,
     "watch": 2070,
-    "output": 12660,
-    "cli": 5335,
+    "output": 12623,
+    "cli": 5157,
 }
 LOWERED = 60  # [lines] below the number of today from which the number is to be lowered
 TOGETHER = {"optimisers": "estimation", "validate": "payload"}  # rooms that are counted with another

@@ -56,10 +56,18 @@ def fleet(
         if len(failures) <= MOST:
             write_error(sentence)
 
-    given = {"scheduler": options.scheduler, "workers": options.workers, "keep_going": options.keep_going}
     try:
         with bars(run.json, one=True) as progress:
-            found = work(manifest, place, **given, seed=run.seed, progress=progress, failed=failed)
+            found = work(
+                manifest,
+                place,
+                scheduler=options.scheduler,
+                workers=options.workers,
+                seed=run.seed,
+                keep_going=options.keep_going,
+                progress=progress,
+                failed=failed,
+            )
     except ManifestError as error:
         for sentence in error.sentences:
             write_error(sentence)

@@ -240,8 +240,8 @@ def _processes(workers: int) -> Iterator[Callable[[Order], Future[Answer]]]:
             own.pool.shutdown()
             renew()
         own.left -= 1
-        future: Future[Answer] = own.pool.submit(carry_out, order)
         try:
+            future: Future[Answer] = own.pool.submit(carry_out, order)
             return future.result()
         except BrokenProcessPool:
             renew()

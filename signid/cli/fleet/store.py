@@ -57,17 +57,11 @@ class Store:
         found, files = self.document(name, RECORD), self._listed(name)
         digests, said = found.get("digests"), found.get("said")
         texts = isinstance(said, list) and all(isinstance(one, str) for one in said)
-        if not (files and texts and isinstance(digests, dict) and isinstance(found.get("code"), int)):
-            return {}
-        whole = all(digests.get(file) == self._digest(name, file) for file in files)
-        return found if whole and found.items() >= wanted.items() else {}
-
-    def _digest(self, name: str, file: str) -> str | None:
-        """SHA-256 of a file of a session; None if it cannot be read."""
-        try:
-            return sha256((self.place / name / file).read_bytes()).hexdigest()
-        except OSError:
-            return None
+        if files and texts and isinstance(digests, dict) and isinstance(found.get("code"), int):
+            with suppress(RecordingError):
+                whole = all(digests.get(file) == _digest(self.place / name / file, file) for file in files)
+                return found if whole and found.items() >= wanted.items() else {}
+        return {}
 
     def _listed(self, name: str) -> list[str]:
         """Files in the record of a session; none if it is not a record of signid."""
@@ -113,7 +107,11 @@ class Store:
                 self.check([name])
                 with suppress(FileNotFoundError):
                     place.rename(new.with_name("old"))
-                new.rename(place)
+                try:
+                    new.rename(place)
+                except OSError:
+                    if not place.is_dir():  # else another run has just stored the session
+                        raise
         except OSError as error:
             if isinstance(error, OutputError):
                 raise
