@@ -47,7 +47,7 @@ TODAY = {
     "payload": 1422,
     "watch": 2070,
     "output": 12623,
-    "cli": 5157,
+    "cli": 5167,
 }
 LOWERED = 60  # [lines] below the number of today from which the number is to be lowered
 TOGETHER = {"optimisers": "estimation", "validate": "payload"}  # rooms that are counted with another

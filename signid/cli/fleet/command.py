@@ -41,15 +41,11 @@ def fleet(
     with robots ranked by mismatch, changes, outliers and common causes, and sessions/NAME with the files of the
     single command. An interrupted run can be repeated: sessions whose files are unchanged are not run again.
     """
-    from ...output.report import check_foreign, probe_folder, to_json, write_files
+    from ...output.report import to_json, write_files
     from ...output.report.results.fleet import fleet_page, fleet_tables
     from .run import fleet as work
 
-    place, failures = options.output, list[str]()
-    if not place:
-        raise OptionError("no folder for the sessions was named; add -o DIR")
-    probe_folder(place)
-    check_foreign(place, ("fleet.json", "index.html"))
+    place, failures = _folder(options.output), list[str]()
 
     def failed(sentence: str) -> None:
         failures.append(sentence)
@@ -86,3 +82,13 @@ def fleet(
         names = shorten(flagged, 3)
         write_error(f"the results of {names} are flagged; index.html marks them, their reports give the reasons")
     return FLAGGED if found.flagged else DONE
+
+
+def _folder(output: str | None) -> str:
+    from ...output.report import check_foreign, probe_folder
+
+    if not output:
+        raise OptionError("no folder for the sessions was named; add -o DIR")
+    probe_folder(output)
+    check_foreign(output, ("fleet.json", "index.html"))
+    return output

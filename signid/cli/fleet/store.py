@@ -94,7 +94,11 @@ class Store:
                 raise OutputError(f"{what}; name another folder with -o, or another session")
 
     def keep(self, name: str, record: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-        """Store a session with its record and files, replacing an existing one completely or not at all."""
+        """Store a session with its record and files, replacing an existing one completely or not at all.
+
+        Raises:
+            OutputError: they cannot be written.
+        """
         digests = {file: sha256(content).hexdigest() for file, content in sorted(files.items())}
         whole = {"schema": SCHEMA, "session": name, **record, "files": [*digests], "digests": digests}
         text = json.dumps(whole, indent=2, ensure_ascii=False) + "\n"

@@ -32,7 +32,7 @@ class Number(NamedTuple):
 
     @property
     def place(self) -> tuple[str, str]:
-        """What has sizes like this one: of laws, all parameters of the joint in the same unit."""
+        """Group of parameters of one size: of laws, all of the joint in the same unit."""
         return (self.joint or self.what) if self.effect else self.what, self.unit
 
     @property
