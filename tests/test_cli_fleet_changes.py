@@ -15,16 +15,22 @@ from test_cli_fleet_summary import diagnosis
 from test_output_report import shown
 
 from signid.cli.fleet import run as run_module
-from signid.cli.fleet.result import ComparedSession, ParameterChange, find_changes, find_outliers
+from signid.cli.fleet.changes import Difference, find_changes, find_outliers
+from signid.cli.fleet.manifest import Entry
 from signid.cli.fleet.run import DONE, Answer, Order, fleet
-from signid.cli.fleet.summary import Number, Summary, summarise
+from signid.cli.fleet.summary import Number, Outcome, Summary, summarise
 from signid.output.report.results.fleet import fleet_page, fleet_tables
 
 JOINTS = ("j1", "j2", "j3")
 STD = 0.01  # of noise alone [N.m]
 
 
-def session(name: str, robot: str, rng: np.random.Generator, spread: float, **levels: float) -> ComparedSession:
+def outcome(name: str, robot: str, summary: Summary) -> Outcome:
+    """A session of a robot with its result."""
+    return Outcome(Entry(1, name, robot, "r", "identify", (), (), (), "", "", "", (), "", None), 0, (), (), summary)
+
+
+def session(name: str, robot: str, rng: np.random.Generator, spread: float, **levels: float) -> Outcome:
     """Identified friction of three joints around 0.8 and ten base parameters around 2."""
     numbers = [
         Number(f"coulomb_friction of {joint}: level", "N.m", value, STD, "coulomb_friction", joint)
@@ -32,11 +38,11 @@ def session(name: str, robot: str, rng: np.random.Generator, spread: float, **le
         for value in [levels.get(joint, 0.8) * np.exp(spread * rng.standard_normal()) + STD * rng.standard_normal()]
     ]
     numbers += [Number(f"Izz_{k}", "kg.m^2", 2 + STD * rng.standard_normal(), STD) for k in range(10)]
-    return ComparedSession(robot, name, "", Summary("r", JOINTS, numbers=tuple(numbers)))
+    return outcome(name, robot, Summary("r", JOINTS, numbers=tuple(numbers)))
 
 
-def found(changes: Sequence[ParameterChange]) -> list[tuple[str, str, str | None]]:
-    return [(one.at.robot, one.at.session, one.number.joint) for one in changes if one.found]
+def found(changes: Sequence[Difference]) -> list[tuple[str, str, str | None]]:
+    return [(one.at.entry.name, one.at.entry.session, one.number.joint) for one in changes if one.found]
 
 
 def test_repeated_sessions_stay_silent_and_a_change_is_found() -> None:
@@ -67,7 +73,7 @@ def test_a_change_is_found_once_and_more_sessions_find_smaller_ones() -> None:
     worn = [session(f"worn {k}", "arm", rng, 0.02, j2=1.3) for k in range(4)]
     changes, tested = find_changes([[*before, *worn]])
     assert found(changes) == [("arm", "worn 0", "j2")] and tested == 9 * 13
-    assert changes[0].probability > 0.999 and [one.session for one in changes[0].others] == list("012345")
+    assert changes[0].probability > 0.999 and [one.entry.session for one in changes[0].others] == list("012345")
     assert changes[0].centre == pytest.approx(0.8, abs=0.05) and changes[0].number.value == pytest.approx(1.3, abs=0.1)
     small = session("small", "arm", rng, 0.0, j2=1.15)
     (alone, _), (many, _) = find_changes([[before[0], small]]), find_changes([[*before, small]])
@@ -86,13 +92,13 @@ def test_an_outlier_is_the_robot_that_differs_from_the_others_of_its_kind() -> N
 
 
 def test_a_law_that_one_diagnosis_does_not_name_is_zero_there() -> None:
-    def pair(share: float, **other: float) -> list[ComparedSession]:
+    def pair(share: float, **other: float) -> list[Outcome]:
         documents = [diagnosis(other, 0.1), diagnosis({"coulomb_friction": 0.8}, 1.0)]
         documents[1]["findings"][0]["torque_share"] = {"j2": share}
         for document in documents:
             document["tolerance"] = 0.01
         summaries = [summarise("diagnose", document) for document in documents]
-        return [ComparedSession("arm", name, "", one) for name, one in zip(("a", "b"), summaries, strict=True)]
+        return [outcome(name, "arm", one) for name, one in zip(("a", "b"), summaries, strict=True)]
 
     changes, _ = find_changes([pair(0.3)])
     assert found(changes) == [("arm", "b", "j2")] and changes[0].centre == 0

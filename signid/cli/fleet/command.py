@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,9 +12,6 @@ from ..app import Text, command, option, output_option
 from ..arguments import given_command
 from ..options import RunOptions
 from ..terminal import BAD, DONE, FLAGGED, bars, show, write_error
-
-if TYPE_CHECKING:
-    from .result import Outcome
 
 MOST = 20  # maximum number of failed sessions listed on standard error
 
@@ -49,7 +45,13 @@ def fleet(
     from ...output.report.results.fleet import fleet_page, fleet_tables
     from .run import fleet as work
 
-    place = _folder(options.output)
+    place, failures = _folder(options.output), list[str]()
+
+    def failed(sentence: str) -> None:
+        failures.append(sentence)
+        if len(failures) <= MOST:
+            write_error(sentence)
+
     try:
         with bars(run.json, one=True) as progress:
             found = work(
@@ -60,7 +62,7 @@ def fleet(
                 seed=run.seed,
                 keep_going=options.keep_going,
                 progress=progress,
-                failed=_first(write_error),
+                failed=failed,
             )
     except ManifestError as error:
         for sentence in error.sentences:
@@ -71,11 +73,14 @@ def fleet(
         raise
     document = found.document()
     text = to_json(document)
-    written = write_files(
-        place, {"fleet.json": text, "index.html": fleet_page(document, given_command(context), found.reused)}
-    )
+    page = fleet_page(document, given_command(context), found.reused)
+    written = write_files(place, {"fleet.json": text, "index.html": page})
     show(text if run.json else fleet_tables(document, found.reused), (), written)
-    _report(found.outcomes)
+    if len(failures) > MOST:
+        write_error(f"and {len(failures) - MOST} more sessions failed; index.html lists them")
+    if flagged := [one.entry.session for one in found.outcomes if one.done and one.code == FLAGGED]:
+        names = shorten(flagged, 3)
+        write_error(f"the results of {names} are flagged; index.html marks them, their reports give the reasons")
     return FLAGGED if found.flagged else DONE
 
 
@@ -87,20 +92,3 @@ def _folder(output: str | None) -> str:
     probe_folder(output)
     check_foreign(output, ("fleet.json", "index.html"))
     return output
-
-
-def _first(write: Callable[[str], None]) -> Callable[[str], None]:
-    """Write the first sentences alone."""
-    left = iter(range(MOST))
-    return lambda sentence: None if next(left, None) is None else write(sentence)
-
-
-def _report(sessions: Sequence[Outcome]) -> None:
-    """Report how many more sessions failed than were named when they did, and flagged sessions."""
-    undone = sum(not one.done for one in sessions)
-    if undone > MOST:
-        write_error(f"and {undone - MOST} more sessions failed; index.html lists them")
-    if flagged := [one.entry.session for one in sessions if one.done and one.code == FLAGGED]:
-        write_error(
-            f"the results of {shorten(flagged, 3)} are flagged; index.html marks them, their reports give the reasons"
-        )

@@ -87,10 +87,9 @@ def read_manifest(path: str | Path) -> Manifest:
     Raises:
         ManifestError: rows are invalid; one sentence per error.
     """
-    source = Path(path)
+    source, regular = Path(path), f"it is no regular file of at most {LARGEST / 1e6:.0f} MB"
     if source.exists() and not (source.is_file() and source.stat().st_size <= LARGEST):
-        fault = f"it is no regular file of at most {LARGEST / 1e6:.0f} MB"
-        raise ManifestError([f"cannot read the manifest {path}: {fault}"])
+        raise ManifestError([f"cannot read the manifest {path}: {regular}"])
     try:
         content = source.read_bytes()
         rows = list(islice(_rows(content.decode("utf-8-sig"), source.name), MOST_SESSIONS + 1))

@@ -7,21 +7,21 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cache
 from hashlib import file_digest, sha256
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from ...errors import OutputError, RecordingError, RobotError
 from ...model import load_model
-from ...output.report.write import MARK, give_usual_rights, is_abandoned
+from ...output.report.write import MARK, is_abandoned, probe_folder
 from ...robot import load_robot
 from ...robot.load import parse_arguments
 from ...toml_json import read_json
 from ...types import Input
-from ...version import __version__
 from .manifest import TASKS, Entry
 
 SESSIONS, RECORD = "sessions", "session.json"
@@ -34,13 +34,11 @@ class Store:
     def __init__(self, folder: str | Path) -> None:
         """Create the folder if missing, and remove temporary folders that killed runs left over a day ago."""
         self.place = Path(folder) / SESSIONS
-        try:
-            self.place.mkdir(parents=True, exist_ok=True)
-            for left in self.place.glob(f"{MARK}*"):
-                if is_abandoned(left, time.time()):
-                    shutil.rmtree(left, ignore_errors=True)
-        except OSError as error:
-            raise self._refusal(error) from None
+        probe_folder(self.place)
+        self.place.mkdir(parents=True, exist_ok=True)
+        for left in self.place.glob(f"{MARK}*"):
+            if is_abandoned(left, time.time()):
+                shutil.rmtree(left, ignore_errors=True)
 
     def __enter__(self) -> Store:
         return self
@@ -51,21 +49,19 @@ class Store:
             with suppress(OSError):
                 folder.rmdir()
 
-    def record(self, name: str) -> Mapping[str, Any]:
-        """The stored record of a session; empty if there is none, or if it or a file is not as signid wrote it."""
-        found, files = self.document(name, RECORD), self._listed(name)
-        digests = found.get("digests")
-        if not files or not isinstance(digests, dict) or not _is_answer(found):
-            return {}
-        whole = all(digests.get(file) == self._digest(name, file) for file in files)
-        return found if whole else {}
+    def record(self, name: str, wanted: Mapping[str, Any] = MappingProxyType({})) -> Mapping[str, Any]:
+        """The stored record of a session; empty if there is none, or if it or a file is not as signid wrote it.
 
-    def _digest(self, name: str, file: str) -> str | None:
-        """SHA-256 of a file of a session; None if it cannot be read."""
-        try:
-            return sha256((self.place / name / file).read_bytes()).hexdigest()
-        except OSError:
-            return None
+        It is empty too if it is not the `wanted` one: of the same command, files and version.
+        """
+        found, files = self.document(name, RECORD), self._listed(name)
+        digests, said = found.get("digests"), found.get("said")
+        texts = isinstance(said, list) and all(isinstance(one, str) for one in said)
+        if files and texts and isinstance(digests, dict) and isinstance(found.get("code"), int):
+            with suppress(RecordingError):
+                whole = all(digests.get(file) == _digest(self.place / name / file, file) for file in files)
+                return found if whole and found.items() >= wanted.items() else {}
+        return {}
 
     def _listed(self, name: str) -> list[str]:
         """Files in the record of a session; none if it is not a record of signid."""
@@ -88,57 +84,43 @@ class Store:
             OutputError: one does.
         """
         for name in names:
-            place, known = self.place / name, {*self._listed(name), RECORD}
-            if place.is_dir() and not place.is_symlink():
-                foreign = sorted(path for path in place.iterdir() if path.name not in known or not path.is_file())
-            else:
-                foreign = [place] if place.exists() or place.is_symlink() else []
-            if foreign or (place.is_dir() and not self._listed(name) and any(place.iterdir())):
-                what = foreign[0] if foreign else place / RECORD
-                raise OutputError(f"{what} was not written by signid; name another folder with -o, or another session")
+            place, known = self.place / name, self._listed(name)
+            inside = place.is_dir() and not place.is_symlink()
+            foreign = sorted(place.iterdir()) if inside else [place] if os.path.lexists(place) else []
+            if known and inside:
+                foreign = [path for path in foreign if path.name not in (*known, RECORD) or not path.is_file()]
+            if foreign:
+                what = f"{foreign[0]} was not written by signid"
+                raise OutputError(f"{what}; name another folder with -o, or another session")
 
     def keep(self, name: str, record: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-        """Store a session with its record and files, replacing an existing one completely or not at all."""
+        """Store a session with its record and files, replacing an existing one completely or not at all.
+
+        Raises:
+            OutputError: they cannot be written.
+        """
         digests = {file: sha256(content).hexdigest() for file, content in sorted(files.items())}
-        text = json.dumps({"schema": SCHEMA, **record, "digests": digests}, indent=2, ensure_ascii=False) + "\n"
-        new = None
+        whole = {"schema": SCHEMA, "session": name, **record, "files": [*digests], "digests": digests}
+        text = json.dumps(whole, indent=2, ensure_ascii=False) + "\n"
         try:
-            new = Path(tempfile.mkdtemp(prefix=MARK, dir=self.place))
-            for file, content in {**files, RECORD: text.encode()}.items():
-                (new / file).write_bytes(content)
-            give_usual_rights(new)
-            self.check([name])
-            self._exchange(new, self.place / name)
-        except OSError as error:
-            raise self._refusal(error) from None
-        finally:
-            if new is not None:
-                shutil.rmtree(new, ignore_errors=True)
-
-    def _exchange(self, new: Path, place: Path) -> None:
-        """Replace the old folder by the new one; safe against concurrent runs."""
-        with tempfile.TemporaryDirectory(prefix=MARK, dir=self.place, ignore_cleanup_errors=True) as aside:
-            for again in (True, True, False):
+            with tempfile.TemporaryDirectory(prefix=MARK, dir=self.place, ignore_cleanup_errors=True) as aside:
+                new, place = Path(aside) / "new", self.place / name
+                new.mkdir()
+                for file, content in {**files, RECORD: text.encode()}.items():
+                    (new / file).write_bytes(content)
+                self.check([name])
                 with suppress(FileNotFoundError):
-                    os.rename(place, Path(tempfile.mkdtemp(dir=aside)) / place.name)
+                    place.rename(new.with_name("old"))
                 try:
-                    return os.rename(new, place)
+                    new.rename(place)
                 except OSError:
-                    if not again:
+                    if not place.is_dir():  # else another run has just stored the session
                         raise
-
-    def _refusal(self, error: OSError) -> OutputError:
-        why = error.strerror or type(error).__name__
-        return OutputError(
-            f"cannot write results to {self.place}: {why}; name another folder with -o, or free disk space"
-        )
-
-
-def _is_answer(record: Mapping[str, Any]) -> bool:
-    """Whether a record says how its command ended: an exit code, sentences and a key."""
-    said = record.get("said")
-    texts = isinstance(said, list) and all(isinstance(one, str) for one in said)
-    return texts and isinstance(record.get("code"), int) and isinstance(record.get("key"), str)
+        except OSError as error:
+            if isinstance(error, OutputError):
+                raise
+            why = f"{error.strerror or type(error).__name__}; name another folder with -o, or free disk space"
+            raise OutputError(f"cannot write results to {self.place}: {why}") from None
 
 
 def check_robot(entry: Entry, folder: Path) -> tuple[Input, ...]:
@@ -152,12 +134,6 @@ def check_robot(entry: Entry, folder: Path) -> tuple[Input, ...]:
 def read_inputs(entry: Entry, folder: Path) -> tuple[Input, ...]:
     """List the files that a session reads besides the description, with their digests."""
     return tuple(Input(name, _digest(folder / name, name)) for name in entry.files)
-
-
-def key(arguments: Sequence[str], inputs: Sequence[Input]) -> str:
-    """Hash of the command, the content of its files and the version of signid."""
-    read = sorted({(file.path, file.sha256) for file in inputs})
-    return sha256(json.dumps([__version__, [*arguments], read]).encode()).hexdigest()
 
 
 @cache

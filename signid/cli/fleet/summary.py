@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ...effects import EFFECTS
+from ...output.report.results.sentences import Named, Value
+from .manifest import Entry
 
 FILES = {"diagnose": "diagnosis.json", "identify": "identification.json"}
 CEILING = 1e6  # maximum ratio of residual to noise floor
@@ -24,6 +25,21 @@ class Number(NamedTuple):
     joint: str | None = None
     partner: str | None = None
 
+    @property
+    def key(self) -> str:
+        """Name of the parameter in its law."""
+        return self.what.rpartition(": ")[2]
+
+    @property
+    def place(self) -> tuple[str, str]:
+        """Group of parameters of one size: of laws, all of the joint in the same unit."""
+        return (self.joint or self.what) if self.effect else self.what, self.unit
+
+    @property
+    def shown(self) -> Value:
+        """For its wording."""
+        return Value(self.value, self.std, self.unit)
+
 
 class Cause(NamedTuple):
     """A law that a simulation lacks."""
@@ -33,18 +49,23 @@ class Cause(NamedTuple):
     partner: str | None
     probability: float
     numbers: tuple[Number, ...]
+    role: str  # "cause", or of a correction another
     share: float = 0.0  # largest torque over that of the joint [1]
     stated: float = 0.0  # value of its first number in the simulation [unit of the number]
 
     @property
     def name(self) -> str:
         """Name of the law and its joints."""
-        beside = f" and {self.partner}" if self.partner else ""
-        return self.effect + (f" of {self.joint}{beside}" if self.joint else "")
+        return _law_name(self.effect, self.joint, self.partner)
+
+    @property
+    def named(self) -> Named:
+        """For its wording."""
+        numbers = {number.key: number.shown for number in self.numbers}
+        return Named(EFFECTS[self.effect], self.joint, self.partner, numbers)
 
 
-@dataclass(frozen=True)
-class Summary:
+class Summary(NamedTuple):
     """Result of a session. Residuals are those of the held-out torque, relative to the noise floor."""
 
     kind: str = ""  # kind of robot: the name in its description
@@ -53,43 +74,52 @@ class Summary:
     joint: str = ""  # that joint
     left: float | None = None  # residual of the extended simulation at that joint
     verdict: str = ""  # verdict of a diagnosis
-    causes: tuple[Cause, ...] = ()
     numbers: tuple[Number, ...] = ()  # parameters that are compared
     found: tuple[Cause, ...] = ()  # causes and corrections
     tolerance: float = 0.0  # largest residual that counts as no difference, as a share of torque [1]
 
     @property
+    def causes(self) -> list[Cause]:
+        """Without corrections."""
+        return [one for one in self.found if one.role == "cause"]
+
+    @property
     def explained(self) -> float | None:
         """Share of the squared residual at that joint that a diagnosis explains."""
-        if self.left is None or not self.mismatch:
-            return None
-        return max(0.0, 1 - (self.left / self.mismatch) ** 2)
+        return None if self.left is None or not self.mismatch else max(0.0, 1 - (self.left / self.mismatch) ** 2)
+
+
+class Outcome(NamedTuple):
+    """One session, completed or failed."""
+
+    entry: Entry
+    code: int | None  # exit code of its command; None: its processes died
+    said: tuple[str, ...]  # flags, or the reason of the failure
+    files: tuple[str, ...] = ()  # files in its folder
+    summary: Summary = Summary()
+
+    @property
+    def done(self) -> bool:
+        """Whether there is a result."""
+        return bool(self.files)
 
 
 def summarise(task: str, document: Mapping[str, Any]) -> Summary:
     """Summarise the diagnosis.json or identification.json of a session."""
     if not document:
         return Summary()
-    kind, joints = str(document["robot"]), tuple(document["joints"])
+    kind, joints, fit = str(document["robot"]), tuple(document["joints"]), document["fit"]
+    before = fit if task == "identify" else fit["before"]
+    sizes = [(size, -j) for j in range(len(before["joints"])) if (size := _over(before, j)) is not None]
+    mismatch, j = max(sizes, default=(None, 0))
+    joint = "" if mismatch is None else str(before["joints"][-j])
     if task == "identify":
-        mismatch, joint, _ = _mismatch(document["fit"])
         return Summary(kind, joints, mismatch, joint, numbers=tuple(_identified(document)))
-    mismatch, joint, j = _mismatch(document["fit"]["before"])
-    left = None if j is None else _over(document["fit"]["after"], j)
+    left = None if mismatch is None else _over(fit["after"], -j)
     found = tuple(_cause(one) for one in document["findings"])
-    causes = tuple(cause for cause, one in zip(found, document["findings"], strict=True) if one["role"] == "cause")
-    every = tuple(number for cause in found for number in cause.numbers)
+    numbers = tuple(number for cause in found for number in cause.numbers)
     tolerance = float(document.get("tolerance") or 0.0)
-    return Summary(kind, joints, mismatch, joint, left, str(document["verdict"]), causes, every, found, tolerance)
-
-
-def _mismatch(fit: Mapping[str, Sequence[Any]]) -> tuple[float | None, str, int | None]:
-    """The largest ratio of residual to noise floor, with its joint's name and index."""
-    found = [(size, j) for j in range(len(fit["joints"])) if (size := _over(fit, j)) is not None]
-    if not found:
-        return None, "", None
-    size, j = max(found, key=lambda each: (each[0], -each[1]))
-    return size, str(fit["joints"][j]), j
+    return Summary(kind, joints, mismatch, joint, left, str(document["verdict"]), numbers, found, tolerance)
 
 
 def _over(fit: Mapping[str, Sequence[Any]], j: int) -> float | None:
@@ -97,21 +127,23 @@ def _over(fit: Mapping[str, Sequence[Any]], j: int) -> float | None:
     return None if rms is None or floor is None else min(CEILING, rms / max(floor, 1e-300))
 
 
+def _law_name(effect: str, joint: str | None, partner: str | None = None) -> str:
+    return effect + (f" of {joint}{f' and {partner}' if partner else ''}" if joint else "")
+
+
 def _cause(finding: Mapping[str, Any]) -> Cause:
-    effect, joint, parameters = finding["effect"], finding["joint"], finding["parameters"]
-    partner = parameters["partner"]["value"] if "partner" in parameters else None
+    parameters = finding["parameters"]
+    at = finding["effect"], finding["joint"], parameters.get("partner", {}).get("value")
+    numbers = tuple(_numbers(parameters, *at))
+    stated = parameters[numbers[0].key].get("stated") if numbers else None
     share = max((finding.get("torque_share") or {}).values(), default=0.0)
-    bare = Cause(effect, joint, partner, float(finding["probability"]), (), float(share))
-    numbers = tuple(_numbers(bare.name, parameters, effect, joint, partner))
-    first = parameters[numbers[0].what.rpartition(": ")[2]] if numbers else {}
-    return bare._replace(numbers=numbers, stated=float(first.get("stated") or 0.0))
+    return Cause(*at, float(finding["probability"]), numbers, finding["role"], float(share), float(stated or 0.0))
 
 
 def _identified(document: Mapping[str, Any]) -> Iterator[Number]:
     """Parameters of laws, and base parameters other than the coefficient of a single law."""
     for law in document["effects"]:
-        where = f" of {law['joint']}" if law["joint"] else ""
-        yield from _numbers(law["effect"] + where, law["parameters"], law["effect"], law["joint"])
+        yield from _numbers(law["parameters"], law["effect"], law["joint"])
     law_alone = re.compile(rf"({'|'.join(map(re.escape, EFFECTS.names))})[\w.]*")
     for base in document["base_parameters"]:
         value, std = base["estimate"], base["std"]
@@ -120,9 +152,9 @@ def _identified(document: Mapping[str, Any]) -> Iterator[Number]:
 
 
 def _numbers(
-    name: str, parameters: Mapping[str, Mapping[str, Any]], effect: str, joint: str | None, partner: str | None = None
+    parameters: Mapping[str, Mapping[str, Any]], effect: str, joint: str | None, partner: str | None = None
 ) -> Iterator[Number]:
-    for key, entry in parameters.items():
-        if key != "partner" and entry["value"] is not None and entry["std"]:
-            value, std = float(entry["value"]), float(entry["std"])
-            yield Number(f"{name}: {key}", entry["unit"], value, std, effect, joint, partner)
+    for key, one in parameters.items():
+        if key != "partner" and one["value"] is not None and one["std"]:
+            what, value, std = f"{_law_name(effect, joint, partner)}: {key}", float(one["value"]), float(one["std"])
+            yield Number(what, one["unit"], value, std, effect, joint, partner)

@@ -30,9 +30,10 @@ def fleet_headline(document: Mapping[str, Any], reused: int = 0) -> str:
     outliers = findings(document, "outliers")
     apart = {(one["name"], one["number"]): f" ({_others(one)})" for one in outliers}
     for change in findings(document, "changes"):
-        found.setdefault(change["name"], change_headline(change) + apart.get((change["name"], change["number"]), ""))
+        words = change_sentence(change, headline=True)
+        found.setdefault(change["name"], words + apart.get((change["name"], change["number"]), ""))
     for outlier in outliers:
-        found.setdefault(outlier["name"], outlier_headline(outlier))
+        found.setdefault(outlier["name"], outlier_sentence(outlier, headline=True))
     beyond = [f"and {plural(len(found) - HEADED, 'more robot')}"] if len(found) > HEADED else []
     return "; ".join([*list(found.values())[:HEADED], *beyond]) or fleet_sentence(document, reused)
 
@@ -44,10 +45,10 @@ def fleet_sentence(document: Mapping[str, Any], reused: int = 0) -> str:
     undone = sum(session["state"] == UNDONE for session in sessions)
     parts = []
     if any(robot["verdict"] for robot in robots):
-        parts.append(f"{plural(differ, 'robot')} {_do(differ, 'differs', 'differ')} from the simulation")
+        parts.append(f"{plural(differ, 'robot')} {'differs' if differ == 1 else 'differ'} from the simulation")
     changed, apart = (len({one["name"] for one in findings(document, key)}) for key in ("changes", "outliers"))
     parts += [f"{plural(changed, 'robot')} changed between sessions"] if changed else []
-    parts += [f"{plural(apart, 'robot')} {_do(apart, 'is an outlier', 'are outliers')}"] if apart else []
+    parts += [f"{plural(apart, 'robot')} {'is an outlier' if apart == 1 else 'are outliers'}"] if apart else []
     parts += [f"{plural(undone, 'session')} failed"] if undone else []
     counted = f"{plural(len(robots), 'robot')}, {plural(len(sessions), 'session')}"
     counted += f" ({reused} reused from an earlier run)" if reused else ""
@@ -59,26 +60,23 @@ def findings(document: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
     return [one for one in document.get(key, ()) if one["finding"]]
 
 
-def change_headline(change: Mapping[str, Any]) -> str:
-    """A change between sessions of a robot, in a headline."""
-    before, after = (quantity(change[key]["value"], change[key]["std"], change["unit"]) for key in ("before", "after"))
-    return f"{change['name']}: {change['title']} changed from {before} to {after}"
-
-
-def change_sentence(change: Mapping[str, Any]) -> str:
-    """A change between sessions of a robot, with its probability."""
-    before, after, unit = change["before"], change["after"], change["unit"]
-    first, last = before["time"] or before["sessions"][-1], after["time"] or after["session"]
-    values = (quantity(one["value"], one["std"], unit) for one in (before, after))
+def change_sentence(change: Mapping[str, Any], headline: bool = False) -> str:
+    """A change between sessions of a robot; in a `headline` without times and probability."""
+    before, after = (change[key] for key in ("before", "after"))
+    values = (quantity(one["value"], one["std"], change["unit"]) for one in (before, after))
+    times = f" ({before['time'] or before['sessions'][-1]})", f" ({after['time'] or after['session']})"
+    dated = map(str.__add__, values, ("", "") if headline else times)
+    words = f"{change['name']}: {change['title']} changed from {' to '.join(dated)}"
     size = f"{change['change'] / abs(before['value']):+.0%}".replace("%", " %, ") if before["value"] else ""
-    course = f"from {next(values)} ({first}) to {next(values)} ({last})"
-    return f"{change['name']}: {change['title']} changed {course}; {size}{_sure(change)}"
+    return words if headline else f"{words}; {size}probability {confidence(change['probability'])}"
 
 
-def outlier_headline(outlier: Mapping[str, Any]) -> str:
-    """A robot that differs from the others of its kind, in a headline."""
+def outlier_sentence(outlier: Mapping[str, Any], headline: bool = False) -> str:
+    """A robot that differs from the others of its kind; in a `headline` without their range and the probability."""
     own = quantity(outlier["value"], outlier["std"], outlier["unit"])
-    return f"{outlier['name']}: {outlier['title']} is {own}, {_others(outlier)}"
+    words = f"{outlier['name']}: {outlier['title']} is {own}, {_others(outlier)}"
+    ends = " to ".join(dict.fromkeys(figure(outlier["others"][key]) for key in ("least", "most")))
+    return words if headline else f"{words} ({ends}); probability {confidence(outlier['probability'])}"
 
 
 def _others(outlier: Mapping[str, Any]) -> str:
@@ -86,22 +84,10 @@ def _others(outlier: Mapping[str, Any]) -> str:
     return f"{figure(others['median'])} {outlier['unit']} in the other {len(others['robots'])} robots"
 
 
-def outlier_sentence(outlier: Mapping[str, Any]) -> str:
-    """A robot that differs from the others of its kind, with its probability."""
-    ends = " to ".join(dict.fromkeys(figure(outlier["others"][key]) for key in ("least", "most")))
-    return f"{outlier_headline(outlier)} ({ends}); {_sure(outlier)}"
-
-
-def _sure(finding: Mapping[str, Any]) -> str:
-    return f"probability {confidence(finding['probability'])}"
-
-
 def cause_sentence(cause: Mapping[str, Any]) -> str:
     """Number of robots that lack the same law, in a sentence."""
-    count = len(cause["robots"])
-    return (
-        f"{count} of {plural(cause['of'], 'robot')} {_do(count, 'lacks', 'lack')} {cause.get('title', cause['cause'])}"
-    )
+    lack = "lacks" if len(cause["robots"]) == 1 else "lack"
+    return f"{len(cause['robots'])} of {plural(cause['of'], 'robot')} {lack} {cause.get('title', cause['cause'])}"
 
 
 def fleet_tables(document: Mapping[str, Any], reused: int = 0) -> list[RenderableType]:
@@ -119,50 +105,34 @@ def fleet_tables(document: Mapping[str, Any], reused: int = 0) -> list[Renderabl
     legend = "Mismatch, after: held-out rms over the noise floor, before and after the extension (last session)."
     shown += [heading("Robots by mismatch"), table, *_more(len(robots)), paragraph(legend)]
     if document["causes"]:
-        shown += [heading("Common causes"), *map(paragraph, _causes(document["causes"]))]
+        rows = list(_cause_rows(document["causes"]))[:SHOWN]
+        causes = [f"{said}: {', '.join(ranges[:FEW])}" if ranges else said for said, ranges, _ in rows]
+        shown += [heading("Common causes"), *map(paragraph, causes)]
     return shown
 
 
 def lacking(robot: Mapping[str, Any], causes: Sequence[Mapping[str, Any]]) -> str:
     """Laws that a robot's simulation lacks, in words; those that all robots of its kind lack are counted."""
     none = UNDONE if robot["undone"] == len(robot["sessions"]) else "-"
-    words = {
-        "nothing_missing": "nothing",
-        "unknown": "physics that no law explains",
-        "undecided": "undecided",
-        "": none,
-    }
+    words = {"nothing_missing": "nothing", "unknown": "physics that no law explains", "": none}
     common = {one["cause"] for one in causes if one["kind"] == robot["kind"] and 1 < one["of"] == len(one["robots"])}
     lacks = zip(robot["causes"], robot.get("lacks", robot["causes"]), strict=True)
-    own = [said for cause, said in lacks if cause not in common]
-    shared = (
-        [f"{plural(len(robot['causes']) - len(own), 'law')} common to all"] if len(own) < len(robot["causes"]) else []
-    )
-    said = filter(None, [listed([(one, 1) for one in own], len(own)), *shared])
-    return "; ".join(said) or words.get(robot["verdict"], robot["verdict"])
+    own = [(said, 1) for cause, said in lacks if cause not in common]
+    shared = len(robot["causes"]) - len(own)
+    said = [listed(own, len(own)), f"{plural(shared, 'law')} common to all" if shared else ""]
+    return "; ".join(filter(None, said)) or words.get(robot["verdict"], robot["verdict"])
 
 
 def number_ranges(cause: Mapping[str, Any]) -> list[str]:
     """Ranges of a cause's parameters over the robots; parameters consistent with zero are only counted."""
-    sizes = [(max(abs(number["least"]), abs(number["most"])), number) for number in cause["numbers"]]
-    shown = [number for size, number in sizes if size >= TWO_SIDED * number["std"]]
-    ranges = [_range(number, many=len(cause["robots"]) > 2) for number in shown]
-    hidden = len(cause["numbers"]) - len(shown)
-    return [*ranges, f"{plural(hidden, 'more parameter')} could be zero"] if shown and hidden else ranges
-
-
-def _range(number: Mapping[str, Any], many: bool) -> str:
-    ends = list(dict.fromkeys(figure(number[key]) for key in ("least", "most")))
-    middle = f", median {figure(number['median'])}" if many else ""
-    return f"{number['key'].replace('_', ' ')} {' to '.join(ends)}{middle} {number['unit']}".rstrip()
-
-
-def _causes(causes: list[Mapping[str, Any]]) -> Iterator[str]:
-    kinds = len({cause["kind"] for cause in causes}) > 1
-    for cause in causes[:SHOWN]:
-        numbers = number_ranges(cause)[:FEW]
-        which = [f"({cause['kind']})"] if kinds else []
-        yield " ".join([cause_sentence(cause), *which]) + (f": {', '.join(numbers)}" if numbers else "")
+    ranges = list[str]()
+    for number in cause["numbers"]:
+        if max(abs(number["least"]), abs(number["most"])) >= TWO_SIDED * number["std"]:
+            ends = " to ".join(dict.fromkeys(figure(number[key]) for key in ("least", "most")))
+            middle = f", median {figure(number['median'])}" if len(cause["robots"]) > 2 else ""
+            ranges.append(f"{number['key'].replace('_', ' ')} {ends}{middle} {number['unit']}".rstrip())
+    hidden = len(cause["numbers"]) - len(ranges)
+    return [*ranges, f"{plural(hidden, 'more parameter')} could be zero"] if ranges and hidden else ranges
 
 
 def _more(count: int) -> list[RenderableType]:
@@ -173,10 +143,6 @@ def mismatch_cells(robot: Mapping[str, Any]) -> tuple[str, str, str]:
     """Mismatch before and after the extension, and the explained share."""
     before, after, explained = (nan if x is None else x for x in map(robot.get, ("mismatch", "left", "explained")))
     return figure(before), figure(after), share(explained)
-
-
-def _do(count: int, one: str, many: str) -> str:
-    return one if count == 1 else many
 
 
 def fleet_page(document: Mapping[str, Any], command: str = "", reused: int = 0) -> str:
@@ -192,7 +158,7 @@ def fleet_page(document: Mapping[str, Any], command: str = "", reused: int = 0) 
         undone=[(one["session"], one["said"]) for one in document["sessions"] if one["state"] == UNDONE],
         flagged=plural(flagged, "session") if flagged else "",
         rows=list(_rows(document, sessions)),
-        causes=list(_cause_rows(document["causes"])),
+        causes=[(said, ", ".join(ranges), which) for said, ranges, which in _cause_rows(document["causes"])],
         kinds=len({robot["kind"] for robot in document["robots"] if robot["kind"]}) > 1,
         found=[(title, [one["sentence"] for one in findings(document, key)[:LISTED]]) for key, title in FOUND],
         compared=document.get("comparison"),
@@ -234,11 +200,12 @@ def _rows(document: Mapping[str, Any], sessions: Mapping[str, Any]) -> Iterator[
         }
 
 
-def _cause_rows(causes: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
+def _cause_rows(causes: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[str], str]]:
+    """Yield each common cause in words, its parameters and its robots."""
     kinds = len({cause["kind"] for cause in causes}) > 1
     for cause in causes:
         which = "all" if 1 < cause["of"] == len(cause["robots"]) else ", ".join(cause["robots"])
-        yield (cause_sentence(cause) + (f" ({cause['kind']})" if kinds else ""), ", ".join(number_ranges(cause)), which)
+        yield cause_sentence(cause) + (f" ({cause['kind']})" if kinds else ""), number_ranges(cause), which
 
 
 def _link(session: Mapping[str, Any]) -> str:
