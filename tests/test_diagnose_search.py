@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from diagnosis_rows import Question, law, names, pose
 
-from signid.diagnose.search.admissible import inertial_violations, is_admissible
+from signid.diagnose.search.stepwise import inertial_violations, is_admissible
 from signid.diagnose.search.contributions import measure_contributions, residual_growth
 from signid.diagnose.search.stepwise import (
     inflated_dispersion,
@@ -20,7 +20,7 @@ from signid.diagnose.search.stepwise import (
     required_log_odds,
     stepwise_search,
 )
-from signid.diagnose.search.thresholds import (
+from signid.diagnose.data.thresholds import (
     FIRST_LOG_ODDS,
     IMITATED_LOG_ODDS,
     LEAST_TORQUE_SHARE,

@@ -11,7 +11,7 @@ from signid.diagnose.evidence.selection import Selection
 from signid.diagnose.search import shape_optimisation
 from signid.diagnose.search.shape_optimisation import _options, _stepped, optimise_shapes
 from signid.diagnose.search.stepwise import initial_selection
-from signid.diagnose.search.thresholds import SHAPE_FACTOR, WINDOW_REACH
+from signid.diagnose.data.thresholds import SHAPE_FACTOR, WINDOW_REACH
 from signid.types import Law
 
 CONTACT = law("external_contact", 0, 1, 2, start=3.03, end=4.41, force_x=2.0, force_y=-1.0, force_z=3.0)

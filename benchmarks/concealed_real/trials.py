@@ -50,10 +50,10 @@ class Constant:
 
 
 TABLE = (
-    Constant("MISFIT_GROWTH", "evidence.thresholds", BESIDE_MISFIT, (1.5, 3.0)),
-    Constant("FIRST_LOG_ODDS", "search.thresholds", SEARCH, (3.0, 6.0)),
-    Constant("NEXT_LOG_ODDS", "search.thresholds", SEARCH, (2.0, 5.0)),
-    Constant("NOISE_ERROR", "search.thresholds", SEARCH, (1.0, 1.8)),
+    Constant("MISFIT_GROWTH", "data.thresholds", BESIDE_MISFIT, (1.5, 3.0)),
+    Constant("FIRST_LOG_ODDS", "data.thresholds", SEARCH, (3.0, 6.0)),
+    Constant("NEXT_LOG_ODDS", "data.thresholds", SEARCH, (2.0, 5.0)),
+    Constant("NOISE_ERROR", "data.thresholds", SEARCH, (1.0, 1.8)),
     Constant("CAUSE_SHARE", "findings.thresholds", CONCLUSION, (0.07, 0.3)),
     Constant("REPLACEMENT_RATIO", "findings.thresholds", CONCLUSION, (1.1, 2.5)),
     Constant("WORSE_WEIGHT", "findings.thresholds", CONCLUSION, (1.0, 6.0)),

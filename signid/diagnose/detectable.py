@@ -20,12 +20,11 @@ from ..effects.naming import law_place
 from ..types import Array, Law, Robot
 from .data.column_groups import Group
 from .data.hypotheses import Key
+from .data.thresholds import FIRST_LOG_ODDS, LEAST_TORQUE_SHARE, NEXT_LOG_ODDS, PRIOR_NOTHING, RECORDING_LIMITS
 from .evidence.bayes_factors import StackedPriors, log_bayes_factor
 from .evidence.selection import Selection
-from .evidence.thresholds import PRIOR_NOTHING
 from .result import Detectable
 from .search.stepwise import inflated_dispersion, is_applicable, present_laws, required_log_odds
-from .search.thresholds import FIRST_LOG_ODDS, LEAST_TORQUE_SHARE, NEXT_LOG_ODDS, RECORDING_LIMITS
 
 NAMED = 0.9  # probability with which a law of the smallest size is named [1]
 SHORTFALL = float(ndtri(NAMED))  # standard deviations by which it then appears smaller [1]

@@ -31,6 +31,7 @@ from .data.locate import locate
 from .data.motions import pieces, row_filter, subsample
 from .data.noise import find_period, measure_noise, noise_of_misfit
 from .data.rows import build_table
+from .data.thresholds import FIRST_LOG_ODDS
 from .data.whitened_rows import Whitened, whitened
 from .detectable import detectable
 from .evidence.bayes_factors import Evidence
@@ -47,7 +48,6 @@ from .result import Diagnosis, Finding
 from .search.contact_window import NAME as CONTACT
 from .search.iterate import SearchResult, select
 from .search.stepwise import SEARCH, prune
-from .search.thresholds import FIRST_LOG_ODDS
 
 HORIZON = 0.5  # length of the roll-outs [s]
 NOTHING_MISSING, UNDECIDED = "nothing_missing", "undecided"  # verdicts

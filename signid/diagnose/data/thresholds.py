@@ -6,6 +6,8 @@ marks values without a derivation. Ranks, ridges and grids of an algorithm stand
 
 from __future__ import annotations
 
+import numpy as np
+
 # Prior standard deviations of what the simulation states, k = 1, where it carries no covariance.
 FRICTION_STD = 0.1  # [1] friction and torque offsets, as a share of the coefficient. Heuristic: day-to-day change
 LAW_STD = 0.03  # [1] coefficients of all other laws, as a share. Heuristic
@@ -15,7 +17,6 @@ CENTRE_STD = 0.005  # [m] centre of mass. Prototype
 INERTIA_STD = 0.1  # [1] moments of inertia, as a share of the largest. Prototype
 MIN_MASS = 0.05  # [kg] lower bound of the mass that the shares refer to. Heuristic
 FLAT_PRECISION = 1e-6  # [1] precision of a flat prior, as a share of the Gram's diagonal. Prototype
-
 # Friction near velocity reversals.
 REVERSAL_STD = 0.7  # [1] prior std of the three shape columns, as a share of the joint's dry friction. Prototype
 REVERSAL_WIDTHS = (0.3, 3.0)  # [1] steeper and softer reversal, over the presumed width. Prototype
@@ -26,10 +27,8 @@ REST_SPEED = 2.0  # [1] a joint below this many reversal widths is at rest. Heur
 REST_TIME = 0.3  # [s] shortest rest for which held-out rows are ignored. Heuristic
 STATIC_OVER_DRY = 2.0  # [1] largest static over dry friction in motion. Armstrong 1994: 1.1 to 2
 HOLD_TIME = 0.1  # [s] shortest rest for which rows are ignored: static friction may hold the joint. Heuristic
-
 # Units of torque.
 MIN_TORQUE = 0.02  # [1] lower bound of a joint's rms torque, as a share of the largest joint's. Prototype
-
 # Noise model.
 AR_ORDER = 4  # order of the autoregressive model. Prototype
 MAX_AR_ROOT = 0.75  # [1] largest root: slower correlation is drift, friction or discrepancy. Heuristic
@@ -43,11 +42,75 @@ MIN_RELIABLE = 0.3  # [1] least share of reliable rows; with fewer, all rows are
 MIN_MOVING = 50  # rows in motion; with fewer, rows at rest are used too. Heuristic
 WAVE_SHARE = 0.5  # [1] a sine with more than this share of a residual's power is a disturbance. Heuristic
 SHAPES_IN_FIT = 6  # shapes of one hypothesis that enter the saturated fit. Heuristic
-
 # Model discrepancy.
 DISCREPANCY_LENGTHS = (1.5, 0.6)  # [1] kernel lengths, over the standard deviation of each variable. Heuristic
 DIRECTION_WIDTH = 0.1  # [1] width of the change of direction, over the rms velocity. Heuristic
 DISCREPANCY_SCALE = 0.02  # [1] scale of the half-Cauchy prior of s, as a share of the joint's rms torque. Heuristic
-
 # Repetition of a motion.
 PERIOD_TOLERANCE = 0.01  # [1] rms difference of two periods, over the standard deviation of positions. Heuristic
+# Scale k of the error of what the simulation states: [1] standard deviations of its prior.
+INERTIAL_SCALES = np.array([0.0, 1.0, 2.0])  # [1] without a covariance: of the tolerance of inertials. Prototype
+LOG_INERTIAL_SCALE_PRIOR = np.log([0.5, 0.4, 0.1])  # [1] of each scale. Prototype
+BARE_SCALES = np.array([0.0, 1.0, 2.0, 4.0, 6.0])  # [1] the same where the description states no friction either
+LOG_BARE_SCALE_PRIOR = np.log([0.16, 0.25, 0.22, 0.13, 0.24])  # [1] of each: half-Cauchy of median 2. Heuristic
+COVARIANCE_SCALES = np.array([1.0, 2.5])  # [1] with a covariance. Heuristic; idea: the ratio of Birge, 1932
+LOG_COVARIANCE_SCALE_PRIOR = np.log([0.95, 0.05])  # [1] of each scale. Heuristic
+INTERVAL_COVARIANCE_SCALES = np.array([1.0, 2.5, 6.0, 15.0])  # [1] with a covariance, for intervals. Heuristic
+# Prior of the coefficients b of a hypothesis.
+EFFECT_SIZES = np.array([0.006, 0.02, 0.06, 0.2, 0.6, 2.0])  # [1] f: rms torque over the joint's. Prototype, two added
+SELECTED_SIZE = 1.0  # [1] f of a selected law: a weak prior, nearly no shrinkage. Heuristic
+PRESENCE_STD = 0.15  # [1] of the coefficient 1 of a law without numbers. Prototype
+APPROXIMATE_STD = 0.4  # [1] the same for transmission laws, whose columns are approximations. Prototype
+BODY_LEVER = 0.1  # [m] distance of mass from the joint; relates mass, first moment and inertia. Prototype
+# Prior probability of hypotheses.
+PRIOR_NOTHING = 0.5  # [1] no hypothesis is true. Prototype
+PRIOR_UNKNOWN = 0.02  # [1] an unknown dependence, if a hypothesis is true. Heuristic
+SINGLE_JOINT = 0.3  # [1] factor for one joint alone with an effect that all joints may share. Prototype
+# Noise floor beside the selected laws.
+RELEVANT_DROP = 0.8  # [1] a floor below this share of the saturated floor makes that floor be measured again. Heuristic
+MIN_FLOOR = 0.7  # [1] lower bound of the floor, as a share of the saturated floor. Heuristic
+# Misfit of an identified model.
+MISFIT_GROWTH = 2.0  # [1] largest growth on other recordings: measured, .9 to 1.8 on a da Vinci PSM. Heuristic
+# Stepwise selection (stepwise.py), log posterior odds [-]
+FIRST_LOG_ODDS = 4.0  # needed by the first law; simulated arms
+NEXT_LOG_ODDS = 3.0  # needed by each further law, and to stay; simulated arms
+UNTRUSTED_LOG_ODDS = 5.0  # needed by the first law where inertials are probably wrong; simulated arms
+IMITATED_LOG_ODDS = 8.0  # needed, in that case, by laws that wrong inertials imitate; simulated arms
+EXCHANGE_LOG_ODDS = 2.0  # by which a rival must be better to replace a selected law; simulated arms
+IMITATED_SHARE = 0.9  # share of a law's torque that wrong inertials must make to imitate it [1]; heuristic
+MAX_LAWS = 14  # selected laws; heuristic
+SHAPE_ERROR = 0.05  # error of a selected law's formula, over its torque [1]; simulated arms
+MAX_INFLATION = 1.3  # bound of the dispersion with formula errors, over the mean square of the residual [1]; heuristic
+# Admissible laws (admissible.py)
+LEAST_TORQUE_SHARE = 0.007  # rms torque of a law over that of some joint [1]; simulated arms
+ON_OFF_RANGE = (0.3, 2.0)  # fitted coefficient of a law without numbers, 1 where it holds exactly [1]; heuristic
+ACTUATOR_RANGE = (0.6, 1.5)  # the same for actuator laws, such as saturation [1]; heuristic
+INFEASIBLE_CHI2 = 4.0  # squared distance to consistent bodies, per number [variances]: two standard deviations
+REDUNDANT_SHARE = 1e-3  # sum of squares of a law's columns that selected laws cannot make, over all [1]; heuristic
+INERTIAL_VIOLATION = 30.0  # squared correction of a link's ten numbers at the largest tolerance [variances]; heuristic
+# Outer loop (iterate.py)
+NOISE_ERROR = 1.3  # variance of the whitened residual without any law [1]: error of the noise estimate; simulated arms
+MODEL_ERROR = 0.003  # discrepancy of every simulation, over the rms torque [1]; simulated arms
+WINDOWS_PER_ROW = 10  # contact windows that are compared, per row; log of their number is the penalty; simulated arms
+RELINEARISATION_ROUNDS = 3  # heuristic
+MAX_ADDED_LAWS = 2  # laws that relinearisation may add: more, and it diverges; heuristic
+CORRECTION_SHARE = 0.5  # torque of a law that corrects the shape of another, over that one's, at most [1]; heuristic
+NOISE_ROUNDS = 3  # alternations of noise estimation and search; heuristic
+RELEVANT_CHI2 = 1.0  # squared change of torque by relinearisation [variances of the rows]: one standard deviation
+# Pruning (stepwise.py)
+SIGNIFICANT_CHI2 = 4.0  # squared coefficients, per number [variances]: two standard deviations
+# Stability of a law's gain (steady.py)
+BLOCKS, LEAST_BLOCKS = 8, 3  # blocks of rows with equal torque energy of the law, and the fewest for a test; heuristic
+LEAST_PROBABILITY = 1e-15  # bound of the test's probability [1]: about the precision of a double
+# Contact window (contact_window.py)
+CONTACT_WIDTHS = (0.5, 0.9, 1.5, 2.5, 4.0, 7.0)  # [s] first grid; heuristic
+CONTACT_STEP = 0.2  # [s] between the starts of the first grid; heuristic
+CONTACT_TORQUE = 0.15  # prior rms torque of the force over the rms torque [1]; heuristic
+# Shape optimisation (shape_optimisation.py)
+EVALUATIONS_PER_SHAPE = 20  # evaluations of the optimiser; heuristic
+LOG_ODDS_TOLERANCE = 1e-4  # of the optimiser [-]; looser, shapes ended half a standard deviation apart by rounding
+SHAPE_CHANGES = 3.0  # log odds by which another shape must explain more than the stated one [-]; e^3 to 1: strong
+SHAPE_FACTOR = 1.6  # by which a shape may change from its grid value [1]: grids are coarser; heuristic
+WINDOW_REACH = 0.5  # [s] by which the ends of a window may move; heuristic
+SIZE_ROUNDS = 4  # times that the size of a recording law may grow by that factor again; heuristic
+RECORDING_LIMITS = {"rad": 0.7, "s": 0.3}  # [rad], [s] sizes from which on a recording law is implausible; heuristic

@@ -12,10 +12,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from ...types import Array, Indices, Mask
 from ..data.column_groups import Group
-from ..data.whitened_rows import Fitted, Whitened
-from .linear_model import Component, LinearModel, cached
-from .prior import CoefficientPrior
-from .thresholds import (
+from ..data.thresholds import (
     BARE_SCALES,
     COVARIANCE_SCALES,
     EFFECT_SIZES,
@@ -25,6 +22,9 @@ from .thresholds import (
     LOG_COVARIANCE_SCALE_PRIOR,
     LOG_INERTIAL_SCALE_PRIOR,
 )
+from ..data.whitened_rows import Fitted, Whitened
+from .linear_model import Component, LinearModel, cached
+from .prior import CoefficientPrior
 
 
 class Complement(NamedTuple):

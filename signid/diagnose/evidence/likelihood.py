@@ -14,10 +14,10 @@ from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.noise import Noise, measure_noise, noise_of_misfit, noise_of_rest
+from ..data.thresholds import MIN_FLOOR, MISFIT_GROWTH, RELEVANT_DROP
 from ..data.whitened_rows import columns_of, solve
 from ..data.whitening import NoiseEstimate, Whitening, estimate_discrepancy, features
 from .selection import Selection
-from .thresholds import MIN_FLOOR, MISFIT_GROWTH, RELEVANT_DROP
 
 NEGLIGIBLE = 12.0  # [-] scales k whose log density is this much below the highest are skipped: factor e^-12
 MIN_FREE = 0.1  # [1] lower bound of the free rows of a fit, as a share of all rows. Heuristic

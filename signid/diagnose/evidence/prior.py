@@ -14,7 +14,7 @@ from ...regression.motion import labels
 from ...types import INERTIAL, Array, Frozen, Indices, Law
 from ..data.column_groups import Group
 from ..data.hypotheses import Hypothesis
-from .thresholds import APPROXIMATE_STD, BODY_LEVER, PRESENCE_STD, PRIOR_NOTHING, PRIOR_UNKNOWN, SINGLE_JOINT
+from ..data.thresholds import APPROXIMATE_STD, BODY_LEVER, PRESENCE_STD, PRIOR_NOTHING, PRIOR_UNKNOWN, SINGLE_JOINT
 
 RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
 RANK = 1e-10  # [1] smallest eigenvalue that counts, over the largest; 1e-6 cuts off the cubic of a cable

@@ -13,10 +13,10 @@ import numpy as np
 from ...types import Array, BaseMap, Frozen, Indices
 from ..data.column_groups import Group
 from ..data.hypotheses import Hypothesis, Key
+from ..data.thresholds import PRIOR_NOTHING
 from ..data.whitened_rows import Fitted, Whitened, mean_products
 from .bayes_factors import Evidence
 from .prior import coefficient_prior, log_prior
-from .thresholds import PRIOR_NOTHING
 
 Columns = Mapping[int, Array]
 Checks = list[tuple[Array, bool]]  # coefficients (d,) [kg, kg.m, kg.m2] of changes of a body, and whether possible

@@ -18,9 +18,8 @@ from ..data.dataset import Dataset
 from ..data.hypotheses import Key
 from ..evidence.likelihood import Likelihood
 from ..evidence.selection import Odds, Posterior, Selection
-from ..search.admissible import is_admissible, resolved_violations
 from ..search.contributions import Contributions, measure_contributions, steadiness
-from ..search.stepwise import SEARCH, is_applicable, present_laws
+from ..search.stepwise import SEARCH, is_admissible, is_applicable, present_laws, resolved_violations
 from . import thresholds as tuned
 from .thresholds import COMPARED_LOG_ODDS, SAME_TORQUE_CHI2
 

@@ -26,11 +26,11 @@ from ..data.dataset import Dataset
 from ..data.estimated_gains import EstimatedGain
 from ..data.hypotheses import VARIABLES
 from ..data.locate import Location, locate
+from ..data.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
 from ..evidence.selection import Selection
 from ..extend.holdout import Prediction, predict
 from ..result import Alternative, Finding, Unexplained, without_cause
 from ..search.stepwise import required_log_odds
-from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
 from .alternatives import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations

@@ -24,12 +24,12 @@ from ..data.estimated_gains import EstimatedGain
 from ..data.hypotheses import VARIABLES
 from ..data.locate import locate
 from ..data.motions import pieces
+from ..data.thresholds import LEAST_TORQUE_SHARE
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Selection
 from ..extend.extend import is_same
 from ..extend.holdout import Prediction, ResidualRows, predict
 from ..result import Alternative, Finding
-from ..search.thresholds import LEAST_TORQUE_SHARE
 from .held_out_selection import error_change
 from .stated import MOST_LOG_ODDS, stated_numbers, torque_share
 from .thresholds import SAME_PREDICTION

@@ -16,12 +16,12 @@ from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.hypotheses import VARIABLES, Key
 from ..data.locate import locate
+from ..data.thresholds import LEAST_TORQUE_SHARE
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Posterior, Selection
 from ..extend.extend import extended_laws, is_plain, is_same
 from ..extend.holdout import predict
 from ..result import Alternative, Finding
-from ..search.thresholds import LEAST_TORQUE_SHARE
 from .held_out_selection import ExtendedSimulation
 from .thresholds import LEAST_PROBABILITY, LISTED_PROBABILITY, RIVAL_SHARE
 

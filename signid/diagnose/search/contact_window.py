@@ -11,8 +11,8 @@ from ...types import Array, Indices, Law
 from ..data.dataset import Dataset
 from ..data.hypotheses import Hypothesis
 from ..data.noise import has_full_window
+from ..data.thresholds import CONTACT_STEP, CONTACT_TORQUE, CONTACT_WIDTHS
 from ..data.whitened_rows import Whitened
-from .thresholds import CONTACT_STEP, CONTACT_TORQUE, CONTACT_WIDTHS
 
 NAME = "external_contact"
 MOVES = np.arange(-5, 6)  # shifts of the ends of the best window in one refinement [rows]

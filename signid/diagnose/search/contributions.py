@@ -11,11 +11,10 @@ from scipy.special import stdtr
 
 from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
+from ..data.thresholds import BLOCKS, LEAST_BLOCKS, LEAST_PROBABILITY, PRIOR_NOTHING
 from ..data.whitened_rows import Factor, Fitted, Whitened
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Posterior
-from ..evidence.thresholds import PRIOR_NOTHING
-from .thresholds import BLOCKS, LEAST_BLOCKS, LEAST_PROBABILITY
 
 
 @dataclass(frozen=True, eq=False)

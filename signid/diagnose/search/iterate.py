@@ -20,7 +20,17 @@ from ..data.estimated_gains import EstimatedGain
 from ..data.hypotheses import Hypothesis, Key, is_transient
 from ..data.motions import bodies_without_rotors
 from ..data.rows import columns_along
-from ..data.thresholds import DISCREPANCY_SCALE
+from ..data.thresholds import (
+    CORRECTION_SHARE,
+    DISCREPANCY_SCALE,
+    MAX_ADDED_LAWS,
+    MODEL_ERROR,
+    NOISE_ERROR,
+    NOISE_ROUNDS,
+    RELEVANT_CHI2,
+    RELINEARISATION_ROUNDS,
+    WINDOWS_PER_ROW,
+)
 from ..data.whitened_rows import whitened
 from ..evidence.bayes_factors import Evidence
 from ..evidence.likelihood import Likelihood, update_noise
@@ -31,16 +41,6 @@ from .contact_window import NAME as CONTACT, find_contact
 from .contributions import measure_contributions
 from .shape_optimisation import optimise_shapes
 from .stepwise import SEARCH, inflated_dispersion, initial_selection, log_posterior, log_prior_odds, stepwise_search
-from .thresholds import (
-    CORRECTION_SHARE,
-    MAX_ADDED_LAWS,
-    MODEL_ERROR,
-    NOISE_ERROR,
-    NOISE_ROUNDS,
-    RELEVANT_CHI2,
-    RELINEARISATION_ROUNDS,
-    WINDOWS_PER_ROW,
-)
 
 DISAGREEMENT = (
     "the selected laws change each other's torque, and no two rounds of the search agree on them: their numbers may be "

@@ -17,11 +17,7 @@ from ...types import Array, Effect, Law
 from ..data.column_groups import Group
 from ..data.dataset import Dataset, append
 from ..data.hypotheses import Hypothesis, Key
-from ..data.whitened_rows import Fitted
-from ..evidence.selection import Posterior, Selection
-from .contributions import measure_contributions
-from .stepwise import SEARCH, inflated_dispersion
-from .thresholds import (
+from ..data.thresholds import (
     EVALUATIONS_PER_SHAPE,
     LOG_ODDS_TOLERANCE,
     RECORDING_LIMITS,
@@ -30,6 +26,10 @@ from .thresholds import (
     SIZE_ROUNDS,
     WINDOW_REACH,
 )
+from ..data.whitened_rows import Fitted
+from ..evidence.selection import Posterior, Selection
+from .contributions import measure_contributions
+from .stepwise import SEARCH, inflated_dispersion
 
 ALGORITHM = "LN_BOBYQA"  # Powell 2009: no derivatives, box constraints
 AT_THE_BOUND = 0.99  # step from which on a size counts as at the bound of its box, over the box [1]

@@ -3,8 +3,7 @@
 A replay, a diagnosis (`log`) and a watch (`watch_logs`) send the same `messages` to a file of either kind.
 """
 
-from .files import check_library
+from .files import WatchLogs, check_library
 from .log import ViewerLog, viewer_log
-from .watch_logs import WatchLogs
 
 __all__ = ["ViewerLog", "WatchLogs", "check_library", "viewer_log"]

@@ -2,19 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import current_thread, main_thread
+from types import TracebackType
 from typing import IO, Any
 
+import numpy as np
+
 from ...errors import OptionError
+from ...model import Model
 from ...robot.description.document import children, parse
 from ...robot.locate import find_mesh
 from ...types import Robot
-from .links import QUANTITIES, Head, Signal
-from .messages import McapFile
+from ...version import __version__
+from ...watch import Contact, Event, Note, WatchedBlocks
+from ..report.write import open_output, refused_output
+from .links import QUANTITIES, Head, Links, Pose, Remark, Signal
 
+TEXT, TIME = "std_msgs/msg/String", "builtin_interfaces/msg/Time"
+LATCHED = ("/robot_description", "/tf_static")
+INFO, WARN = 20, 30  # levels of rcl_interfaces/Log
+NANO = 1_000_000_000
+ENDLESS = "{sec: 9223372036, nsec: 854775807}"  # a duration of rosbag2
+LATCH = (  # the quality of service that rosbag2 offers: history of the last one, reliable, transient local
+    f"- {{history: 1, depth: 1, reliability: 1, durability: 1, deadline: {ENDLESS}, lifespan: {ENDLESS}, "
+    f"liveliness: 1, liveliness_lease_duration: {ENDLESS}, avoid_ros_namespace_conventions: false}}"
+)
 LIBRARIES = {"rrd": ("rerun", "mcap", "rosbags"), "mcap": ("mcap", "rosbags")}  # modules by kind of log
 NAMES = {"rerun": "rerun-sdk"}  # package of a module, if it has another name
 DECODERS = ("ros2_reflection", "ros2msg")  # of Rerun: transforms and texts, joint states
@@ -23,6 +43,104 @@ TITLES = {  # of plots
     "position": "position [rad or m]",
     "velocity": "velocity [rad/s or m/s]",
 }
+RATE = 100.0  # [Hz] of rows; the residual has a time constant of 20 ms
+EFFORTS = ("predicted_torque", "external_torque", "threshold")  # topics, as in blocks of a watch
+
+
+class McapFile:
+    """Writes each message as it comes. The same messages give the same bytes with the same version of mcap."""
+
+    def __init__(self, out: IO[bytes], head: Head) -> None:
+        from mcap.writer import Writer
+        from rosbags.typesys import Stores, get_typestore
+
+        self.store, self.writer, self.head = get_typestore(Stores.ROS2_HUMBLE), Writer(out), head
+        self.writer.start(profile="ros2", library=f"signid {__version__}")
+        self.schemas: dict[str, int] = {}
+        self.channels: dict[str, int] = {}
+        self.shift: float | None = None  # [s] before 0 of the first stamp: MCAP has no time before 0
+        self.stamp = 0  # [ns] of the message
+        self.links: Links | None = None
+
+    def robot(self, t: float, links: Links) -> None:
+        """Write /robot_description and /tf_static; from now on positions move the links on /tf."""
+        self.links = links
+        self._send("/robot_description", t, TEXT, data=links.robot.document)
+        if links.fixed:
+            self._frames("/tf_static", t, links.fixed)
+
+    def signals(self, signals: Sequence[Signal]) -> None:
+        """Write a JointState of each signal for each instant, in the order of time."""
+        which = np.concatenate([np.full(len(each.t), k) for k, each in enumerate(signals)])
+        row = np.concatenate([np.arange(len(each.t)) for each in signals])
+        order = np.argsort(np.round(np.concatenate([each.t for each in signals]), 9), kind="stable")  # by [ns]
+        for k, i in zip(which[order].tolist(), row[order].tolist(), strict=True):
+            one, t = signals[k], float(signals[k].t[i])
+            known = {key: x[i] for key in QUANTITIES if (x := getattr(one, key)) is not None}
+            self._send(one.topic, t, "sensor_msgs/msg/JointState", header={}, name=one.joints, **known)
+            if one.drawn and self.links is not None and np.isfinite(known["position"]).all():
+                self._frames("/tf", t, self.links.poses(known["position"]))
+
+    def remark(self, topic: str, remark: Remark) -> None:
+        """Write a line of text, and an event also as JSON."""
+        if remark.document:
+            self._send("/signid/events", remark.t, TEXT, data=remark.document)
+        given = {"level": WARN if remark.warning else INFO, "name": "signid", "msg": remark.sentence}
+        self._send(topic, remark.t, "rcl_interfaces/msg/Log", **given)
+
+    def close(self) -> None:
+        """Write notes and the index."""
+        notes = {f"note_{k + 1}": note for k, note in enumerate(self.head.notes)}
+        self.writer.add_metadata("signid", {"robot": self.head.robot, "version": __version__, **notes})
+        self.writer.finish()
+
+    def _frames(self, topic: str, t: float, poses: Sequence[Pose]) -> None:
+        moved = [
+            {
+                "header": {"frame_id": pose.parent},
+                "child_frame_id": pose.child,
+                "transform": {
+                    "translation": dict(zip("xyz", pose.translation, strict=True)),
+                    "rotation": dict(zip("xyzw", pose.rotation, strict=True)),
+                },
+            }
+            for pose in poses
+        ]
+        self._send(topic, t, "tf2_msgs/msg/TFMessage", transforms=moved)
+
+    def _send(self, topic: str, t: float, kind: str, **fields: Any) -> None:
+        """Write a message with the stamp t [s]; seconds and their fraction are rounded apart, to keep digits."""
+        self.shift = min(t, 0.0) if self.shift is None else self.shift
+        whole, part = divmod(t - self.shift, 1.0)
+        self.stamp = max(int(whole) * NANO + round(part * NANO), 0)
+        if kind not in self.schemas:
+            text = self.store.generate_msgdef(kind, ros_version=2)[0].encode()
+            self.schemas[kind] = self.writer.register_schema(kind, "ros2msg", text)
+        if topic not in self.channels:
+            offered = {"offered_qos_profiles": LATCH if topic in LATCHED else ""}
+            self.channels[topic] = self.writer.register_channel(topic, "cdr", self.schemas[kind], offered)
+        data = bytes(self.store.serialize_cdr(self._message(kind, fields), kind))
+        self.writer.add_message(self.channels[topic], self.stamp, data, self.stamp)
+
+    def _message(self, kind: str, fields: Mapping[str, Any] | None) -> Any:
+        """Make a message, stamped if it is given; its other fields that are not given are zero or empty."""
+        if kind == TIME and fields is not None:
+            fields = {"sec": self.stamp // NANO, "nanosec": self.stamp % NANO}
+        given = {} if fields is None else {"stamp": {}, **fields}
+        values = {name: self._value(form, given.get(name)) for name, form in self.store.fielddefs[kind][1]}
+        return self.store.types[kind](**values)
+
+    def _value(self, form: Any, given: Any) -> Any:
+        node, inner = form
+        if node.name == "NAME":
+            return self._message(inner, given)
+        if node.name == "BASE":
+            return ("" if inner[0] == "string" else 0) if given is None else given
+        item, of = inner[0]  # a sequence
+        given = [] if given is None else given
+        if item.name == "NAME":
+            return [self._message(of, each) for each in given]
+        return list(given) if of[0] == "string" else np.asarray(given, of[0])
 
 
 def check_library(kind: str) -> None:
@@ -95,13 +213,13 @@ class RerunFile(McapFile):
         import rerun.blueprint as blueprint
 
         plots: dict[str, dict[str, dict[str, Any]]] = {}  # looks of curves by tab, joint and path
-        for topic, signal in self.shown.items():
+        for topic, course in self.shown.items():
             folder, _, name = topic.rpartition("/")
-            for quantity in (key for key in QUANTITIES if getattr(signal, key) is not None):
+            for quantity in (key for key in QUANTITIES if getattr(course, key) is not None):
                 words = (folder.removeprefix("/signid"), TITLES[quantity], "residual" if "residual" in name else "")
                 tab = plots.setdefault(" ".join(filter(None, words)), {})
-                for joint in signal.joints:
-                    only = [joint == other for other in signal.joints]
+                for joint in course.joints:
+                    only = [joint == other for other in course.joints]
                     look = rr.SeriesLines.from_fields(names=[name] * len(only), visible_series=only)
                     tab.setdefault(joint, {})[f"{topic}/{quantity}"] = look
         tabs = [
@@ -135,3 +253,104 @@ def _with_meshes(robot: Robot, package_dirs: Sequence[str]) -> bytes:
             shape = mesh.getparent().getparent()
             shape.getparent().remove(shape)
     return bytes(etree.tostring(root))
+
+
+class WatchLogs:
+    """Files that take what a watch found; complete also after Ctrl-C, absent after an error.
+
+    Args:
+        model: the watched model.
+        files: paths by kind, "rrd" or "mcap".
+        sentence: an event as a sentence.
+        package_dirs: folders of packages of meshes, which a file of Rerun contains.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        files: Mapping[str, Path],
+        sentence: Callable[[Event], str],
+        package_dirs: Sequence[str] = (),
+    ) -> None:
+        self.robot, self.sentence = model.robot, sentence
+        self.begun, self.last = False, -np.inf
+        head = Head(model.robot.name, f"watch of {model.robot.name}")
+        with ExitStack() as stack:
+            self.files = []
+            for kind, path in files.items():
+                guard = partial(refused_output, path, f"--{kind}")
+                out = stack.enter_context(open_output(path, f"--{kind}"))
+                file = log_file(kind, out, head, package_dirs)
+                stack.callback(guard()(file.close))
+                self.files.append((file, guard))
+            self.stack = stack.pop_all()
+
+    def take(self, blocks: Sequence[WatchedBlocks], events: Sequence[Event]) -> None:
+        """Write rows at up to 100 Hz, then events.
+
+        Raises:
+            OutputError: a file cannot be written.
+        """
+        with _uninterrupted():
+            signals = self._signals(blocks)
+            remarks = [self._remark(event) for event in events]
+            times = [*(float(each.t[0]) for each in signals), *(remark.t for remark in remarks)]
+            for file, guard in self.files:
+                with guard():
+                    if times and not self.begun and self.robot.kind == "urdf":
+                        file.robot(times[0], Links(self.robot))
+                    if signals:
+                        file.signals(signals)
+                    for remark in remarks:
+                        file.remark("/signid/log", remark)
+            self.begun = self.begun or bool(times)
+
+    def _signals(self, blocks: Sequence[WatchedBlocks]) -> list[Signal]:
+        """Signals of the rows that are due."""
+        if not blocks:
+            return []
+        rows, kept = WatchedBlocks(*map(np.concatenate, zip(*blocks, strict=True))), []
+        for k, t in enumerate(rows.t.tolist()):
+            if not self.last <= t < self.last + 0.999 / RATE:
+                kept.append(k)
+                self.last = t
+        if not kept:
+            return []
+        t, q, v, measured, *rest = (x[kept] for x in rows)
+        joints, efforts = self.robot.joints, zip(EFFORTS, rest, strict=True)
+        state = Signal("/joint_states", joints, t, q, v, measured, drawn=True)
+        return [state, *(Signal(f"/signid/{name}", joints, t, effort=x) for name, x in efforts)]
+
+    def _remark(self, event: Event) -> Remark:
+        """An event; a warning when a contact begins and for a change."""
+        ended = isinstance(event, Contact) and event.end is not None
+        text = json.dumps(event.document(), ensure_ascii=False)
+        return Remark(event.t, self.sentence(event), not isinstance(event, Note) and not ended, text)
+
+    def __enter__(self) -> WatchLogs:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with _uninterrupted():
+            self.stack.__exit__(kind, error, trace)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Ctrl-C waits until a record is complete."""
+    if current_thread() is not main_thread():
+        yield
+        return
+    asked: list[object] = []
+    before = signal.signal(signal.SIGINT, lambda *given: asked.append(given))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if asked:
+        raise KeyboardInterrupt

@@ -9,12 +9,10 @@ import numpy as np
 
 from ....model import Model
 from ....watch.blocks import HALF
-from ....watch.contacts import APART, LASTING, LEAVE
 from ....watch.intake import LEAST, LOST
 from ....watch.observer import BELOW, GAIN, MORE, RINGING
-from ....watch.quiet import MOVED
-from ....watch.thresholds import LITTLE, PEAK, SHARE, SIGMAS, STRANGE
-from ....watch.watcher import JITTER, PATIENCE, SLOWEST, STILL, WARM
+from ....watch.quiet import LITTLE, MOVED, PEAK, SHARE, SIGMAS, STRANGE
+from ....watch.watcher import APART, JITTER, LASTING, LEAVE, PATIENCE, SLOWEST, STILL, WARM
 from ..bodies import summed
 from .graph import Graph
 from .laws import directed_laws
