@@ -221,6 +221,9 @@ class Change(NamedTuple):
     over: float = 1.0
     offset: float = 0.0
 
+    def __str__(self) -> str:
+        return f"value * {self.scale / self.over:.6g} + {self.offset:.6g}"
+
     def apply(self, values: Array, start: int = 0) -> Array:
         """Convert values (N,) [unit of the source]; `start` is not used."""
         return values * self.scale / self.over + self.offset
