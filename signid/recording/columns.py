@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 
@@ -13,6 +13,7 @@ from ..errors import RecordingError, shorten
 from ..types import Array, Robot, ServoSamples, StatedUnit, Table
 from .formats.base import About
 from .names.mapping import TORQUES, DerivedTable, ParsedColumns, Signal, split
+from .names.match import last_numbers
 from .names.vocabulary import Change, change_of, signed_register
 from .reading import suggest
 from .source import Opened
@@ -86,7 +87,7 @@ def assign_columns(opened: Opened, columns: ParsedColumns, robot: Robot) -> Assi
 
 
 def converted(
-    opened: Opened, columns: ParsedColumns, signals: Iterable[tuple[str, Signal, bool | None]], strict: bool = True
+    opened: Opened, columns: ParsedColumns, signals: Collection[tuple[str, Signal, bool | None]], strict: bool = True
 ) -> Table:
     """The table with columns of signals in the units of recordings; each with its kind, and whether its joint slides.
 
@@ -97,22 +98,12 @@ def converted(
     """
     changes = {}
     for kind, signal, prismatic in signals:
-        change = function(kind, conversion(opened, columns, signal, kind, prismatic, strict=strict))
-        if columns.missing:
-            change = _without(columns.missing, change)
-        if change:
+        if change := function(kind, conversion(opened, columns, signal, kind, prismatic, strict=strict)):
             changes[signal.column] = change
-    return DerivedTable(opened.table, changes) if changes else opened.table
-
-
-def _without(missing: Sequence[float], change: Callable[[Array, int], Array] | None) -> Callable[[Array, int], Array]:
-    """Conversion of a column whose missing values are written as numbers."""
-
-    def convert(values: Array, start: int) -> Array:
-        known = np.where(np.isin(values, missing), np.nan, values)
-        return change(known, start) if change else known
-
-    return convert
+    names, missing = {signal.column for _, signal, _ in signals}, columns.missing
+    absent = dict.fromkeys(names, lambda x, _: np.where(np.isin(x, missing), np.nan, x)) if missing else {}
+    known = DerivedTable(opened.table, absent) if missing else opened.table
+    return DerivedTable(known, changes) if changes else known
 
 
 def stated_units(columns: ParsedColumns, signals: Iterable[tuple[str, Signal]]) -> dict[str, StatedUnit]:
@@ -262,8 +253,8 @@ def _uncertain(source: str, robot: Robot, joints: Sequence[int]) -> tuple[str, .
 
 def _digits(robot: Robot, joints: Sequence[int]) -> list[int]:
     """Last number in each joint name, 0 if there is none."""
-    found = ([0, *map(int, re.findall(r"\d+", robot.joints[j]))] for j in joints)
-    return [numbers[-1] for numbers in found]
+    found = last_numbers(robot)
+    return [found[j] or 0 for j in joints]
 
 
 def _parents(robot: Robot) -> list[list[int]]:

@@ -424,7 +424,9 @@ def read_bare(
     table = converted(opened, mapping, [("t", signals["t"], None), *own], strict=False)
     bare = About.of(opened.table).unstated
     positions = {joint: signals[f"q_{joint}"] for joint in joints}
-    unknown = [j for j, q in positions.items() if (guessed or q.column in bare) and not _stated(mapping, q)]
+    stated = {q.column for q in positions.values() if q.unit or (q.mapped and mapping.own.get(q.logical))}
+    unknown = [] if "q" in mapping.units else [j for j, q in positions.items() if q.column not in stated]
+    unknown = [joint for joint in unknown if guessed or positions[joint].column in bare]
     used = [signals["t"].column, *(name for names in chosen.values() for name in names if name)]
     table.read(used, 0, 0)  # raises if a column is not numeric
     plain, implausible = drop_implausible(table, chosen)
@@ -450,12 +452,6 @@ def read_bare(
         units=units,
     )
     return bridge(recording), {joint: "" if joint in unknown else "rad" for joint in joints}
-
-
-def _stated(mapping: ParsedColumns, position: Signal) -> bool:
-    """Whether the map or the name of a position states its unit."""
-    own = position.mapped and mapping.own.get(position.logical)
-    return bool(mapping.units.get("q") or position.unit or own)
 
 
 def _signals(opened: Opened, mapping: ParsedColumns) -> dict[str, Signal]:

@@ -26,7 +26,7 @@ from .names.mapping import (
 )
 from .names.match import Guess, guess, guess_columns, known_joints, match_signals, pair_in_order
 from .names.vocabulary import Change, change_of, without_unit
-from .sampling.clock import increasing, rivals
+from .sampling.clock import increasing, numbers_of, rivals
 from .source import Opened, Source
 from .units import Noticed, noticed_units, time_unit
 
@@ -194,7 +194,7 @@ def draft_opened(
     opened: Opened, robot: Robot, heading: Heading | None = None, ranges: Mapping[str, MotorRange] | None = None
 ) -> DraftedMap:
     """Draft a column map of an opened log, as `draft_map`."""
-    values = dict(_numbers(opened))
+    values = dict(numbers_of(opened.table, opened.table.columns, ROWS))
     guesses = guess_columns(list(values), robot)
     matched = list(match_signals(guesses, robot))
     signals = {key: one for key, one in matched if not one.desired}
@@ -236,15 +236,6 @@ def _calibrated(
         else line
         for line in lines
     )
-
-
-def _numbers(opened: Opened) -> Iterator[tuple[str, Array]]:
-    """Columns of numbers, (rows,) each."""
-    for name in opened.table.columns:
-        try:
-            yield name, opened.table.read([name], 0, min(opened.table.rows, ROWS))[:, 0]
-        except RecordingError:  # a column of texts
-            continue
 
 
 def _unsigned(signals: Mapping[str, Guess], values: Mapping[str, Array]) -> dict[str, Guess]:

@@ -265,7 +265,7 @@ def _begin_at_zero(kinds: Sequence[Sequence[str]], robot: Robot) -> bool:
     """
     numbers = [{*found.values()} for tokens in kinds if len(found := _numbers(tokens, robot)) == len(tokens)]
     every = set[int]().union(*numbers)
-    return 0 in every and 0 not in _digits(robot) and max(_by_number(robot)) not in every
+    return 0 in every and 0 not in last_numbers(robot) and max(_by_number(robot)) not in every
 
 
 def _numbers(tokens: Sequence[str], robot: Robot) -> dict[str, int]:
@@ -284,13 +284,13 @@ def _chain(robot: Robot) -> list[str]:
 
 def _by_number(robot: Robot) -> dict[int, str]:
     """Joints by the number in their names if each has its own, else by their numbers."""
-    digits = _digits(robot)
+    digits = last_numbers(robot)
     numbers = [int(number) for number in digits if number is not None]
     chosen = numbers if len({*numbers}) == len(digits) else robot.numbers
     return dict(zip(chosen, robot.joints, strict=True))
 
 
-def _digits(robot: Robot) -> list[int | None]:
+def last_numbers(robot: Robot) -> list[int | None]:
     """Last number in the name of each joint."""
     found = [re.findall(r"\d+", name) for name in robot.joints]
     return [int(numbers[-1]) if numbers else None for numbers in found]
@@ -317,7 +317,7 @@ def _likeness(token: str, joint: str, robot: Robot, tokens: Sequence[str]) -> fl
     """Similarity of the name of a joint in the source to that of a joint of the robot, 0 to 1."""
     own = _own_words(tokens, robot)
     one, other = _plain(own[token]), _plain(joint)
-    mine, digits = NUMBER.fullmatch(one), _digits(robot)
+    mine, digits = NUMBER.fullmatch(one), last_numbers(robot)
     if mine:
         at = robot.index(joint)
         if digits[at] is not None and len({*digits}) == len(digits):
