@@ -20,7 +20,6 @@ BIAS = 0.1  # [s] error of an offset by a share of the torque that the fit of th
 CELLS = 100_000  # of the grid on which shifts are compared: rows times columns
 OVERLAP = 0.5  # share of the shorter file that overlaps at every shift that is tried
 FORCES = ("tau", "current")
-COMMANDS = ("q_des", "dq_des")
 ROWS = 20_000  # most rows of a grid on which shifts are compared
 LEAST = 0.5  # [1] least share of a signal that is explained
 AROUND = 0.5  # [s] the best peak at most so much further from no shift than the nearest good one is chosen

@@ -142,18 +142,16 @@ def pair_in_order(guesses: Sequence[Guess], signals: Mapping[str, Guess], robot:
             yield key, one
 
 
-def common_pattern(tokens: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str], dict[str, str]] | None:
-    """Prefix and suffix around names of joints in the source, and the joints by these names; None without any."""
+def _by_pattern(tokens: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
+    """Joints by names that have the same prefix and suffix around those of joints; empty without any."""
     around: dict[tuple[str, str], dict[str, str]] = {}
     for token in tokens:
         for joint in joints:
             before, found, behind = token.partition(joint)
             if found and not before[-1:].isalnum() and not behind[:1].isalnum():
                 around.setdefault((before, behind), {})[token] = joint
-    if not around:
-        return None
-    best = max(around, key=lambda each: len(around[each]))
-    return (best, around[best]) if len(around[best]) > 1 or len(joints) == 1 else None
+    best = max(around.values(), key=len, default={})
+    return best if len(best) > 1 or len(joints) == 1 else {}
 
 
 def _by_words(column: str, known: Collection[str]) -> Guess | None:
@@ -254,8 +252,7 @@ def _joints_of(own: Sequence[Guess], robot: Robot, zero: bool) -> dict[str, str]
     sure |= {one.joint: numbers[one.joint] for one in own if one.plain and one.joint in numbers}
     rest = [token for token in tokens if token not in sure]
     lacking = [joint for joint in robot.joints if joint not in sure.values()]
-    pattern = common_pattern(rest, lacking)
-    return sure | (pattern[1] if pattern else _match_names(rest, lacking, robot))
+    return sure | (_by_pattern(rest, lacking) or _match_names(rest, lacking, robot))
 
 
 def _begin_at_zero(kinds: Sequence[Sequence[str]], robot: Robot) -> bool:
