@@ -420,8 +420,8 @@ def read_bare(
         ask_for_time(opened.table, "t", {each.column for name, each in signals.items() if split(name)}, opened.name)
     columns_of_joints = {name: signal.column for name, signal in signals.items()}
     chosen = {kind: tuple(columns_of_joints.get(f"{kind}_{joint}", "") for joint in joints) for kind in KINDS}
-    own = [(kind, signal, None) for kind, j in product(KINDS, joints) if (signal := signals.get(f"{kind}_{j}"))]
-    table = converted(opened, mapping, [("t", signals["t"], None), *own], strict=False)
+    listed = [(kind, signal, None) for kind, j in product(KINDS, joints) if (signal := signals.get(f"{kind}_{j}"))]
+    table = converted(opened, mapping, [("t", signals["t"], None), *listed], strict=False)
     bare = About.of(opened.table).unstated
     positions = {joint: signals[f"q_{joint}"] for joint in joints}
     stated = {q.column for q in positions.values() if q.unit or (q.mapped and mapping.own.get(q.logical))}
