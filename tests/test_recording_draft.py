@@ -17,8 +17,8 @@ from signid.cli import run
 from signid.cli.terminal import write_error
 from signid.errors import RecordingError
 from signid.recording import read_recording
-from signid.recording.draft import draft_map
 from signid.recording.names.match import guess
+from signid.recording.reading import draft_map
 
 ROBOT = signid.load_robot("3r")
 T = np.arange(400) * 0.004
@@ -194,7 +194,7 @@ def test_a_log_without_positions_is_flagged(
 
 
 def test_errors_name_the_line_to_write(capfd: pytest.CaptureFixture[str]) -> None:
-    with refusal("did you mean abs_tau_1, abs_tau_2, abs_tau_3?", 'abs_tau_1 = "tau_abs_1"'):
+    with refusal("no torque", 'a column map (columns=) with abs_tau_joint_1 = "tau_abs_1"; abs_tau_joint_2'):
         read_recording({"t": T, **by_joint("q_{}", Q), **by_joint("tau_abs_{}", abs(TAU))}, ROBOT)
     with pytest.raises(RecordingError, match=r'did you mean q_elbow = "elbow_pos"\?'):
         read_recording({"t": T, "elbow_pos": T}, ROBOT, columns={"q_elbow": "elbow_pso"})

@@ -16,9 +16,9 @@ from test_recording_formats import refusal, sentence
 
 from signid.errors import RecordingError
 from signid.recording import read_recording
-from signid.recording.draft import draft_map
 from signid.recording.formats import FORMATS, base
 from signid.recording.formats.base import About
+from signid.recording.reading import draft_map
 
 FPS = 50
 DEGREES = {"units": {"q": "deg", "q_des": "deg", "tau": "N.m", "dq": "deg/s", "current": "mA"}}

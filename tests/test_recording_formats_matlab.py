@@ -16,8 +16,8 @@ from test_recording_formats import refusal
 
 from signid.errors import RecordingError
 from signid.recording import read_recording
-from signid.recording.draft import draft_map
 from signid.recording.formats import FORMATS, base, matlab
+from signid.recording.reading import draft_map
 from signid.types import Table
 
 N = 30

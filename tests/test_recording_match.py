@@ -14,9 +14,9 @@ import signid
 from signid.cli import run
 from signid.errors import RecordingError
 from signid.recording import read_recording
-from signid.recording.draft import draft_map
 from signid.recording.names.mapping import calibrated, read_calibration
 from signid.recording.names.match import guess, guess_columns, match_signals
+from signid.recording.reading import draft_map
 
 TIMES = {  # columns of time and their units, "" where the name has none
     **{

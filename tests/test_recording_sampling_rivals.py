@@ -10,8 +10,8 @@ from test_recording_formats import refusal
 from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.convert import convert
-from signid.recording.draft import draft_map
 from signid.recording.read import read_bare
+from signid.recording.reading import draft_map
 
 ROBOT = arm("shoulder", "elbow")
 T = np.round(0.008 * np.arange(2000), 6)

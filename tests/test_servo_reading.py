@@ -11,9 +11,9 @@ from test_recording import arm
 
 import signid
 from signid.errors import RecordingError, RobotError
-from signid.recording.draft import draft_map
 from signid.recording.names.match import guess
 from signid.recording.read import read_bare
+from signid.recording.reading import draft_map
 from signid.types import Array, Robot
 
 ROWS = 300

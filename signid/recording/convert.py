@@ -12,11 +12,11 @@ import numpy as np
 from ..errors import RecordingError, shorten
 from ..types import Array, Frozen, Input, Recording, Robot
 from . import read_recording
-from .columns import TORQUES, conversion, function, resolve, stated_units, unknown_joints_flag
+from .columns import converted, resolve, stated_units, unknown_joints_flag
 from .formats.base import About, MemoryTable
 from .joining import Files, JoinedFile, open_files
-from .names.mapping import DRIVE, ColumnMap, DerivedTable, Heading, ParsedColumns, Signal, read_map, split
-from .names.match import MEANT, OFFER, propose
+from .names.mapping import DRIVE, TORQUES, ColumnMap, Heading, ParsedColumns, Signal, read_map, split
+from .reading import OFFER, renamed
 from .sampling.clock import read_clock, rivals
 from .source import Opened, Source
 
@@ -114,8 +114,8 @@ def convert(
         try:
             read_recording(found, robot)
         except RecordingError as error:
-            flags.append(opened.name + str(error).partition(OFFER)[0].partition(MEANT)[0].removeprefix("the recording"))
-    suggested = propose(tuple(found), robot) if robot else ()
+            flags.append(opened.name + str(error).partition(OFFER)[0].removeprefix("the recording"))
+    suggested = renamed(opened._replace(table=MemoryTable(found, {}, opened.name)), robot) if robot else ()
     file = Input(opened.path or opened.name, opened.sha256, "converted")
     notes += [] if flags else _lacking(found, about)
     ends = tuple(flags), tuple(dict.fromkeys(notes))
@@ -162,12 +162,11 @@ def _values(opened: Opened, mapping: ParsedColumns, signal: Signal, robot: Robot
     table, kind = opened.table, _kind(signal.logical)
     key = resolve(signal.logical, robot) if robot and kind not in ("", "t") else None
     prismatic = bool(robot.prismatic[key[1]]) if robot and key and key[1] >= 0 else None
-    change = conversion(opened, mapping, signal, kind, prismatic) if kind else None
+    signals = [(kind, signal, prismatic)] if kind else []
     table.read([signal.column], 0, 0)
-    change_values = function(kind, change)
-    converted = DerivedTable(table, {signal.column: change_values}) if change_values else table
-    stated = stated_units(mapping, [(kind, signal)] if change else []).get(signal.column)
-    return converted.read([signal.column], 0, table.rows)[:, 0].copy(), stated.unit if stated else ""
+    stated = stated_units(mapping, [(kind, signal)] if kind else []).get(signal.column)
+    values = converted(opened, mapping, signals).read([signal.column], 0, table.rows)[:, 0].copy()
+    return values, stated.unit if stated else ""
 
 
 def _complete(found: Mapping[str, Array]) -> tuple[dict[str, Array], list[str]]:

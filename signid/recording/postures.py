@@ -18,7 +18,10 @@ FIRST, FEWEST = 65_536, 8  # rows that are examined, and that are needed
 
 
 def disorder(q: Array) -> float:
-    """Mean square step of positions q: (N, n) [rad or m] over twice their variance [1], of the smoothest joint."""
+    """Mean square step of positions over twice their variance [1], of the smoothest joint that moves.
+
+    q: (N, n) [rad or m].
+    """
     spread = np.var(q, axis=0) if len(q) >= FEWEST else np.zeros(1)
     moves = spread > 1e-6 * max(float(spread.max(initial=0.0)), 1e-300)
     return (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -18,27 +18,18 @@ from ..errors import OptionError, RecordingError, shorten, unexpected
 from ..robot import as_robot, resting
 from ..typed import typed
 from ..types import Array, Recording, Robot, ServoSamples, Table
-from .columns import (
-    TORQUES,
-    UNSTATED,
-    Assignment,
-    assign_columns,
-    conversion,
-    function,
-    lacking_time,
-    stated_units,
-    unit_caveats,
-)
+from .columns import Assignment, assign_columns, converted, stated_units, unit_caveats
 from .formats import FORMATS, PICKLED
 from .formats.base import About
 from .formats.json_ import holds_samples
 from .missing import bridge, with_positions
-from .names.mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_heading, read_map, split
-from .names.match import guess, suggest
+from .names.mapping import TORQUES, ColumnMap, DerivedTable, ParsedColumns, Signal, read_heading, read_map, split
+from .names.match import guess
 from .postures import are_postures, at_rest
-from .reading import commanded_torques, draft_reading, found_reading, reading_beside
+from .reading import commanded_torques, draft_reading, found_reading, lacking_time, reading_beside, suggest
 from .sampling.clock import CHUNK, ask_for_time
 from .source import Opened, Source, columns_of, open_source
+from .units import UNSTATED
 
 POSITIONS = ("q", "dq", "ddq", "q_des")
 PLAUSIBLE = {  # smallest and largest accepted value of columns of drives
@@ -258,7 +249,7 @@ def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
         lack += "; a voltage is no torque" if any(found.column("volt", j) for j in joints) else ""
     else:
         return joints
-    raise RecordingError(f"{opened.name} has no {lack}{suggest(opened.table.columns, robot)}")
+    raise RecordingError(f"{opened.name} has no {lack}{suggest(opened, robot)}")
 
 
 def _static(found: Assignment, robot: Robot) -> bool:
@@ -319,7 +310,7 @@ def _notes(
 ) -> Iterator[str]:
     """Deviations from what a user may expect; used: the columns that are read."""
     if not any(found.torque(j) for j in joints):
-        yield f"no torque and no current: a recording of servos{suggest(opened.table.columns, robot)}"
+        yield f"no torque and no current: a recording of servos{suggest(opened, robot)}"
     if absent := [f"{name} (at {x:.4g})" for name, x in resting(robot, [robot.joints[j] for j in joints]).items()]:
         subject, verbs = ("joint", ("has", "is")) if len(absent) == 1 else ("joints", ("have", "are"))
         fact = f"{subject} {', '.join(absent)} {verbs[0]} no position column and {verbs[1]} held fixed"
@@ -429,25 +420,20 @@ def read_bare(
         ask_for_time(opened.table, "t", {each.column for name, each in signals.items() if split(name)}, opened.name)
     columns_of_joints = {name: signal.column for name, signal in signals.items()}
     chosen = {kind: tuple(columns_of_joints.get(f"{kind}_{joint}", "") for joint in joints) for kind in KINDS}
-    functions: dict[str, Callable[[Array, int], Array]] = {}
-    unknown: set[tuple[str, str]] = set()
-    for kind, joint in product(KINDS, joints):
-        if signal := signals.get(f"{kind}_{joint}"):
-            unstated = _unstated(opened, mapping, signal, kind)
-            nameless = guessed and not mapping.own.get(signal.logical) and kind not in mapping.units
-            unknown |= {(kind, joint)} if unstated or nameless else set()
-            change = function(kind, None if unstated else conversion(opened, mapping, signal, kind, None))
-            functions |= {signal.column: change} if change else {}
-    time = conversion(opened, mapping, signals["t"], "t", None)
-    functions |= {signals["t"].column: time.apply} if time else {}
-    table = DerivedTable(opened.table, functions) if functions else opened.table
+    listed = [(kind, signal, None) for kind, j in product(KINDS, joints) if (signal := signals.get(f"{kind}_{j}"))]
+    table = converted(opened, mapping, [("t", signals["t"], None), *listed], strict=False)
+    bare = About.of(opened.table).unstated
+    positions = {joint: signals[f"q_{joint}"] for joint in joints}
+    stated = {q.column for q in positions.values() if q.unit or (q.mapped and mapping.own.get(q.logical))}
+    unknown = [] if "q" in mapping.units else [j for j, q in positions.items() if q.column not in stated]
+    unknown = [joint for joint in unknown if guessed or positions[joint].column in bare]
     used = [signals["t"].column, *(name for names in chosen.values() for name in names if name)]
     table.read(used, 0, 0)  # raises if a column is not numeric
     plain, implausible = drop_implausible(table, chosen)
     units = stated_units(mapping, ((split(name)[0][0] if split(name) else "t", each) for name, each in signals.items()))
     units = {name: unit._replace(by="its name") if guessed else unit for name, unit in units.items() if name in used}
     caveats = unit_caveats(opened, units)
-    if unknown and About.of(opened.table).unstated:
+    if unknown and bare:
         caveats += (f"positions are left in the unit of the source: {UNSTATED}",)
     notes: tuple[str, ...] = (*(note for note in About.of(opened.table).notes if "no torque" not in note), *caveats)
     if guessed:
@@ -465,13 +451,7 @@ def read_bare(
         flags=tuple(implausible),
         units=units,
     )
-    return bridge(recording), {joint: "" if ("q", joint) in unknown else "rad" for joint in joints}
-
-
-def _unstated(opened: Opened, mapping: ParsedColumns, signal: Signal, kind: str) -> bool:
-    """Whether neither the source nor the map states the unit of a column."""
-    stated = mapping.units.get(kind) or signal.unit or (signal.mapped and mapping.own.get(signal.logical))
-    return not stated and signal.column in About.of(opened.table).unstated
+    return bridge(recording), {joint: "" if joint in unknown else "rad" for joint in joints}
 
 
 def _signals(opened: Opened, mapping: ParsedColumns) -> dict[str, Signal]:

@@ -129,8 +129,8 @@ def _write_map(files: Files, file: str, robot: Robot, conversion: ConvertOptions
     """Write a drafted column map, and print it and the next command."""
     from ...output.report import check_regular, probe_folder, to_json, write_files
     from ...output.report.results.recordings import map_document, map_text
-    from ...recording.draft import draft_map
     from ...recording.names.mapping import read_calibration
+    from ...recording.reading import draft_map
 
     probe_folder(Path(file).parent, "--map")
     check_regular(file)

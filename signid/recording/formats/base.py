@@ -321,14 +321,6 @@ def _used() -> int:
 @contextmanager
 def hushed() -> Iterator[None]:
     """Discard what is printed to the standard error of the process; it may be entered by several threads."""
-    _enter()
-    try:
-        yield
-    finally:
-        _leave()
-
-
-def _enter() -> None:
     global _inside, _kept
     with _lock:
         _inside += 1
@@ -337,16 +329,14 @@ def _enter() -> None:
                 sys.stderr.flush()
             with suppress(OSError):
                 _kept = os.dup(2)
-                null = os.open(os.devnull, os.O_WRONLY)
-                os.dup2(null, 2)
-                os.close(null)
-
-
-def _leave() -> None:
-    global _inside, _kept
-    with _lock:
-        _inside -= 1
-        if _inside == 0 and _kept >= 0:
-            os.dup2(_kept, 2)
-            os.close(_kept)
-            _kept = -1
+                with open(os.devnull, "wb") as null:
+                    os.dup2(null.fileno(), 2)
+    try:
+        yield
+    finally:
+        with _lock:
+            _inside -= 1
+            if _inside == 0 and _kept >= 0:
+                os.dup2(_kept, 2)
+                os.close(_kept)
+                _kept = -1

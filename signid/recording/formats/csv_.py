@@ -66,7 +66,8 @@ class Csv(Format):
         try:
             layout = find_layout(path, content, heading)
             if layout.separator == BLANK:
-                content = _single_blanks(content)
+                content = re.sub(rb"[ \t]{2,}|\t", b" ", content)  # one blank for several, and none at ends of lines
+                content = content.replace(b"\n ", b"\n").replace(b" \n", b"\n").replace(b" \r\n", b"\r\n").strip(b" ")
                 _check_width(path, content, layout)
             about = About(layout.notes)
             frame = _parse(content, layout, pl.Float64)
@@ -131,12 +132,6 @@ def _long_line(content: bytes) -> int:
             return content.count(b"\n", 0, place)
         place = end + 1
     return 0
-
-
-def _single_blanks(content: bytes) -> bytes:
-    """Text with one blank in place of several blanks or tabs, and none at the ends of lines."""
-    text = re.sub(rb"[ \t]{2,}|\t", b" ", content)
-    return text.replace(b"\n ", b"\n").replace(b" \n", b"\n").replace(b" \r\n", b"\r\n").strip(b" ")
 
 
 def _check_width(path: Path, content: bytes, layout: TextLayout) -> None:

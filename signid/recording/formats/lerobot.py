@@ -12,29 +12,16 @@ import polars as pl
 from ...errors import RecordingError, shorten
 from ...toml_json import read_json
 from ...types import Array, Table
+from ..names.vocabulary import VOCABULARY
 from .base import BROKEN, About, Format, MemoryTable, hushed, require_memory
 
+MEASURED = ("velocity", "effort", "torque", "current", "pwm", "voltage", "temperature")
 KINDS = {  # kind of column by feature
     "observation.state": "q",
-    "observation.velocity": "dq",
-    "observation.effort": "tau",
-    "observation.torque": "tau",
-    "observation.current": "current",
-    "observation.pwm": "pwm",
-    "observation.voltage": "volt",
-    "observation.temperature": "temp",
+    **{f"observation.{word}": VOCABULARY[word].kind for word in MEASURED},
     "action": "q_des",
 }
-ENDINGS = {  # kind by suffix: elbow.pos
-    "pos": "q",
-    "vel": "dq",
-    "effort": "tau",
-    "torque": "tau",
-    "current": "current",
-    "pwm": "pwm",
-    "voltage": "volt",
-    "temperature": "temp",
-}
+ENDINGS = {word: VOCABULARY[word].kind for word in ("pos", "vel", *MEASURED)}  # kind by suffix: elbow.pos
 TIMES = 6  # peak memory while reading [times the size of the numbers]
 DEPTH = 2  # number of folders between the dataset and a file: data/chunk-000
 BREAK = 1.0, 10.0  # gap between two episodes, the longer of [s] and [frames]

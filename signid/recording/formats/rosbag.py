@@ -17,20 +17,11 @@ import numpy as np
 
 from ...errors import RecordingError, shorten
 from ...types import Array, Table
+from ..names.vocabulary import WORDS
 from ..streams import WRAP, Stamps, TimedColumns, at_times, plural
 from .base import About, Format, MemoryTable, Topic, memory_limited
 
 MOST = 1000  # maximum number of joints, lists of joints, or kinds of values, in a topic
-NAMES = {
-    "q": "position",
-    "dq": "velocity",
-    "ddq": "acceleration",
-    "tau": "effort",
-    "q_des": "desired position",
-    "dq_des": "desired velocity",
-    "volt": "voltage",
-    "temp": "temperature",
-}
 BACK = 0.01  # accepted share of header stamps that decrease or repeat
 APART = 0.5e9  # accepted difference between the clocks of header stamps [ns]
 
@@ -246,7 +237,8 @@ def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]
     for kind, joints in lacking.items():
         if kind == "dq_des":
             continue
-        notes.append(f"{gather.topic}: {NAMES.get(kind, kind)} of {shorten(joints)} is NaN or zero throughout: omitted")
+        what = "effort" if kind == "tau" else WORDS.get(kind, kind)
+        notes.append(f"{gather.topic}: {what} of {shorten(joints)} is NaN or zero throughout: omitted")
 
 
 def _values(names: Sequence[str], layout: Layout, kind: str, joint: str) -> Array:

@@ -10,7 +10,6 @@ import numpy as np
 
 from ...errors import RecordingError, shorten
 from ...types import Array
-from ..columns import time_unit
 from ..formats.base import About
 from ..names.mapping import ParsedColumns, Signal, split
 from ..names.match import Guess, guess
@@ -18,6 +17,7 @@ from ..names.vocabulary import Change, change_of
 from ..sampling.clock import ask_for_time
 from ..source import Opened
 from ..streams import WRAP, Stamps, plural
+from ..units import time_unit
 
 BACK = 10.0  # a larger step back is no disorder of rows, but another clock [periods]
 SMALLER = {"ms": 1e3, "us": 1e6, "ns": 1e9}  # units of time in a second

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import Array
+from ..names.vocabulary import WORDS
 from ..streams import GAP, GAP_NS
 
 SMOOTH = 0.05  # [s] window of the derivative of a position; at least FEW rows
@@ -19,16 +20,6 @@ BIAS = 0.1  # [s] error of an offset by a share of the torque that the fit of th
 CELLS = 100_000  # of the grid on which shifts are compared: rows times columns
 OVERLAP = 0.5  # share of the shorter file that overlaps at every shift that is tried
 FORCES = ("tau", "current")
-COMMANDS = ("q_des", "dq_des")
-WORDS = {
-    "q": "position",
-    "dq": "velocity",
-    "ddq": "acceleration",
-    "tau": "torque",
-    "current": "current",
-    "q_des": "desired position",
-    "dq_des": "desired velocity",
-}
 ROWS = 20_000  # most rows of a grid on which shifts are compared
 LEAST = 0.5  # [1] least share of a signal that is explained
 AROUND = 0.5  # [s] the best peak at most so much further from no shift than the nearest good one is chosen

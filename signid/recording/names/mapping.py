@@ -21,6 +21,7 @@ from ...types import Array, Table
 from .vocabulary import OF, Change, bracketed, change_of
 
 KINDS = tuple("abs_current abs_tau current dq_des tau_ff q_des volt temp pwm ddq tau dq on q".split())  # longest first
+TORQUES = ("tau", "current", "abs_tau", "abs_current")  # in the order of preference
 DRIVE = ("on", "pwm", "volt", "temp")  # kinds of columns whose names often mean something else
 MOST_SKIPPED = 10_000  # lines before a header
 MOST_NAMES = 20_000  # of columns

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import shorten
 from ...types import Robot
-from .mapping import DRIVE, key_of, quoted, split
+from .mapping import DRIVE, split
 from .vocabulary import CLOCKS, OF, SPELLINGS, UNITS, VOCABULARY, Word, bracketed, without_unit, words_of
 
 LONGEST = 200  # characters of a name that has a meaning
@@ -22,11 +21,6 @@ NUMBER = re.compile(
 )
 OF_RATE = {("dq", "deg"): "deg/s", ("dq", "rad"): "rad/s", ("ddq", "deg"): "deg/s2", ("ddq", "rad"): "rad/s2"}
 RATES: Mapping[tuple[str, str], str] = {("q", "rate"): "dq", ("dq", "rate"): "ddq", ("q", "second rate"): "ddq"}
-FROM_BASE = ("rad", "rad/s", "s", "N.m", "A", "m", "N")  # units of recordings
-INLINE = 110  # maximum length of a map within a message [characters]
-OFFER = "; a column map (--columns)"
-MEANT = "; did you mean "
-TABLE = "[joints]"
 
 
 class Guess(NamedTuple):
@@ -148,18 +142,16 @@ def pair_in_order(guesses: Sequence[Guess], signals: Mapping[str, Guess], robot:
             yield key, one
 
 
-def common_pattern(tokens: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str], dict[str, str]] | None:
-    """Prefix and suffix around names of joints in the source, and the joints by these names; None without any."""
+def _by_pattern(tokens: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
+    """Joints by names that have the same prefix and suffix around those of joints; empty without any."""
     around: dict[tuple[str, str], dict[str, str]] = {}
     for token in tokens:
         for joint in joints:
             before, found, behind = token.partition(joint)
             if found and not before[-1:].isalnum() and not behind[:1].isalnum():
                 around.setdefault((before, behind), {})[token] = joint
-    if not around:
-        return None
-    best = max(around, key=lambda each: len(around[each]))
-    return (best, around[best]) if len(around[best]) > 1 or len(joints) == 1 else None
+    best = max(around.values(), key=len, default={})
+    return best if len(best) > 1 or len(joints) == 1 else {}
 
 
 def _by_words(column: str, known: Collection[str]) -> Guess | None:
@@ -260,8 +252,7 @@ def _joints_of(own: Sequence[Guess], robot: Robot, zero: bool) -> dict[str, str]
     sure |= {one.joint: numbers[one.joint] for one in own if one.plain and one.joint in numbers}
     rest = [token for token in tokens if token not in sure]
     lacking = [joint for joint in robot.joints if joint not in sure.values()]
-    pattern = common_pattern(rest, lacking)
-    return sure | (pattern[1] if pattern else _match_names(rest, lacking, robot))
+    return sure | (_by_pattern(rest, lacking) or _match_names(rest, lacking, robot))
 
 
 def _begin_at_zero(kinds: Sequence[Sequence[str]], robot: Robot) -> bool:
@@ -271,7 +262,7 @@ def _begin_at_zero(kinds: Sequence[Sequence[str]], robot: Robot) -> bool:
     """
     numbers = [{*found.values()} for tokens in kinds if len(found := _numbers(tokens, robot)) == len(tokens)]
     every = set[int]().union(*numbers)
-    return 0 in every and 0 not in _digits(robot) and max(_by_number(robot)) not in every
+    return 0 in every and 0 not in last_numbers(robot) and max(_by_number(robot)) not in every
 
 
 def _numbers(tokens: Sequence[str], robot: Robot) -> dict[str, int]:
@@ -290,13 +281,13 @@ def _chain(robot: Robot) -> list[str]:
 
 def _by_number(robot: Robot) -> dict[int, str]:
     """Joints by the number in their names if each has its own, else by their numbers."""
-    digits = _digits(robot)
+    digits = last_numbers(robot)
     numbers = [int(number) for number in digits if number is not None]
     chosen = numbers if len({*numbers}) == len(digits) else robot.numbers
     return dict(zip(chosen, robot.joints, strict=True))
 
 
-def _digits(robot: Robot) -> list[int | None]:
+def last_numbers(robot: Robot) -> list[int | None]:
     """Last number in the name of each joint."""
     found = [re.findall(r"\d+", name) for name in robot.joints]
     return [int(numbers[-1]) if numbers else None for numbers in found]
@@ -323,7 +314,7 @@ def _likeness(token: str, joint: str, robot: Robot, tokens: Sequence[str]) -> fl
     """Similarity of the name of a joint in the source to that of a joint of the robot, 0 to 1."""
     own = _own_words(tokens, robot)
     one, other = _plain(own[token]), _plain(joint)
-    mine, digits = NUMBER.fullmatch(one), _digits(robot)
+    mine, digits = NUMBER.fullmatch(one), last_numbers(robot)
     if mine:
         at = robot.index(joint)
         if digits[at] is not None and len({*digits}) == len(digits):
@@ -350,50 +341,3 @@ def _own_words(tokens: Sequence[str], robot: Robot) -> dict[str, str]:
 
 def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
-
-
-def propose(columns: Sequence[str], robot: Robot) -> tuple[str, ...]:
-    """Lines of a column map that may match the columns to the robot; none if all match or no name is similar."""
-    guesses = [one for one in guess_columns(columns, robot) if not (one.desired or one.bare)]
-    numbers = dict(zip(robot.joints, map(str, robot.numbers), strict=True))
-    signals = [(key, key[len(one.kind) + 1 :], one) for key, one in match_signals(guesses, robot)]
-    strange = [each for each in signals if not (each[2].plain and each[2].joint in (each[1], numbers[each[1]]))]
-    joints = {one.joint: joint for _, joint, one in strange if one.kind == "q"}
-    lines = []
-    if joints and all(one.plain and joints.get(one.joint) == joint for _, joint, one in strange):
-        pattern = common_pattern(list(joints), robot.joints)
-        if pattern and pattern[1] == joints and any(pattern[0]):
-            lines.append(f"joints = {quoted('*'.join(pattern[0]))}")
-        else:
-            lines += [TABLE, *(f"{key_of(joint)} = {quoted(token)}" for token, joint in joints.items())]
-    else:
-        lines += [_line(key, one) for key, _, one in strange]
-    if "t" not in columns and (time := next((one for one in guesses if one.kind == "t"), None)):
-        lines.insert(0, _line("t", time))
-    return tuple(lines)
-
-
-def suggest(columns: Sequence[str], robot: Robot) -> str:
-    """End of a message about columns that do not match; "" without a suggestion."""
-    known = known_joints(robot)
-    guesses = [one for one in guess_columns(columns, robot) if not (one.desired or one.bare)]
-    strange = [one for one in guesses if not (one.plain and one.joint in known) and one.kind != "t"]
-    if strange and "t" in columns and all(one.joint in known and split(one.column) for one in strange):
-        meant = shorten([f"{one.kind}_{one.joint}" for one in strange], 3)
-        return (
-            f"{MEANT}{meant}? In a column map (--columns): {_line(f'{strange[0].kind}_{strange[0].joint}', strange[0])}"
-        )
-    lines = list(propose(columns, robot))
-    if not lines:
-        return ""
-    if TABLE in lines:
-        at = lines.index(TABLE)
-        lines[at:] = [f"joints = {{ {', '.join(lines[at + 1 :])} }}"]
-    whole, first = "; ".join(lines), lines[0]
-    content = f" with {whole}" if len(whole) <= INLINE else f" that begins {first}" if len(first) <= INLINE else ""
-    return f"{OFFER}{content} may fit: signid convert --robot prints it, and writes it with --map map.toml"
-
-
-def _line(key: str, one: Guess) -> str:
-    column, unit = quoted(one.column), "" if one.unit in FROM_BASE else one.unit
-    return f"{key_of(key)} = " + (f"{{ column = {column}, unit = {quoted(unit)} }}" if unit else column)

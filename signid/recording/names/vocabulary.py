@@ -42,6 +42,17 @@ class Word(NamedTuple):
     weak: bool = False  # whether its kind gives way to that of another word
 
 
+WORDS = {  # for kinds of columns
+    "q": "position",
+    "dq": "velocity",
+    "ddq": "acceleration",
+    "tau": "torque",
+    "current": "current",
+    "q_des": "desired position",
+    "dq_des": "desired velocity",
+    "volt": "voltage",
+    "temp": "temperature",
+}
 _TABLE: Mapping[Word, str] = {
     Word("q"): "q pos position positions ang angle angles theta qpos jpos winkel posicion posizione angulo angolo",
     Word("q", weak=True): "enc encoder ticks tick count counts",
@@ -220,6 +231,9 @@ class Change(NamedTuple):
     scale: float = 1.0
     over: float = 1.0
     offset: float = 0.0
+
+    def __str__(self) -> str:
+        return f"value * {self.scale / self.over:.6g} + {self.offset:.6g}"
 
     def apply(self, values: Array, start: int = 0) -> Array:
         """Convert values (N,) [unit of the source]; `start` is not used."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from heapq import heappush, heapreplace
 from itertools import pairwise
 from math import log
@@ -155,7 +156,7 @@ def fit_even(stamps: Array, clock: Clock) -> EvenClock | None:
     if len(longest) < FEWEST:
         return None
     period, coherence = _period(longest, clock.period)
-    count = _ticks if coherence >= COHERENT else _rows
+    count = _ticks if coherence >= COHERENT else lambda x, _: np.arange(len(x), dtype=float)
     first = float(np.polyfit(count(longest, period), longest, 1)[0])
     ticks = [count(part, first) for part in parts]
     period = _rate(parts, ticks)
@@ -183,11 +184,6 @@ def _period(x: Array, typical: float) -> tuple[float, float]:
     bend = left - 2 * middle + right
     shift = float(np.clip(0.5 * (left - right) / bend, -1, 1)) if bend < 0 else 0.0
     return typical / (float(frequency[k]) + shift * step), float(middle)
-
-
-def _rows(x: Array, period: float) -> Array:
-    """Ticks (N,) if no row was dropped."""
-    return np.arange(len(x), dtype=float)
 
 
 def _ticks(x: Array, period: float) -> Array:
@@ -290,13 +286,16 @@ def rivals(table: Table, chosen: str, used: Collection[str]) -> Iterator[tuple[s
             yield first, other, apart
 
 
+def numbers_of(table: Table, names: Sequence[str], rows: int) -> Iterator[tuple[str, Array]]:
+    """Columns of numbers (N,) [any unit], of the first rows."""
+    for name in names:
+        with suppress(RecordingError):  # a column of texts
+            yield name, table.read([name], 0, min(table.rows, rows))[:, 0]
+
+
 def increasing(table: Table, names: Sequence[str]) -> Iterator[tuple[str, Array]]:
     """Columns (N,) [any unit] of numbers that never decrease, from the first rows."""
-    for name in names:
-        try:
-            values = table.read([name], 0, min(table.rows, CHUNK))[:, 0]
-        except RecordingError:  # a column of texts
-            continue
+    for name, values in numbers_of(table, names, CHUNK):
         steps = np.diff(values[np.isfinite(values)])
         if len(steps) >= FEW_TIMES and np.all(steps >= 0) and steps.any():
             yield name, values

@@ -369,7 +369,11 @@ def content_notes(columns: Mapping[str, Sequence[str]], content: Content) -> Ite
     groups: dict[tuple[str, str], list[str]] = {}
     for name, plural in (("q", "positions"), ("tau", "torques")):
         own = [(column, knots) for column, knots in zip(columns[name], content.knots[name], strict=True) if column]
-        ways = [(column, _way(knots, content.row)) for column, knots in own if knots is not None]
+        ways = [
+            (column, ("held" if knots.kind == HELD else "interpolated", f"{1 / (knots.step * content.row):.4g}"))
+            for column, knots in own
+            if knots is not None
+        ]
         if len(ways) == len(own) > 1 and len({way for _, way in ways}) == 1:
             ways = [(plural, ways[0][1])]
         for column, way in ways:
@@ -379,11 +383,6 @@ def content_notes(columns: Mapping[str, Sequence[str]], content: Content) -> Ite
         single = len(names) == 1 and names[0] not in ("positions", "torques")
         listed = " and ".join(names) if len(names) < 3 else shorten(names)
         yield f"{listed} {'is' if single else 'are'} {how} from about {rate} Hz: {rates}"
-
-
-def _way(knots: Knots, row: float) -> tuple[str, str]:
-    """How a column was brought to the rate of its rows, and from which rate [Hz]."""
-    return "held" if knots.kind == HELD else "interpolated", f"{1 / (knots.step * row):.4g}"
 
 
 def first_sample(content: Content, row: float, kept: int) -> tuple[float, int]:

@@ -21,7 +21,7 @@ from ..layout import figure, heading, new_table, note_lines, paragraph, plural
 
 if TYPE_CHECKING:
     from ....recording.convert import Conversion, Pace
-    from ....recording.draft import DraftedMap
+    from ....recording.reading import DraftedMap
     from ....types import Robot
 
 SHOWN = 4  # number of joints listed per topic
