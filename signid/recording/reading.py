@@ -394,7 +394,7 @@ def suggest(opened: Opened, robot: Robot) -> str:
 
 
 def lacking_time(table: Table, used: Collection[str]) -> str:
-    """What to do about a table without a column of time; `used`: columns of signals.
+    """Advice on a table without a column of time; `used`: columns of signals.
 
     The only other column that increases from row to row is offered, unless it counts the rows.
     """
