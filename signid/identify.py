@@ -289,15 +289,6 @@ def _conclude(
     )
 
 
-def _weightless(robot: Robot) -> Iterator[str]:
-    """A flag if gravity is stated to be zero, although the description's would show in some torque."""
-    if is_weightless(robot.model) and shows_gravity(robot, described_gravity(robot)):
-        yield (
-            "the recorded torque carries no weight, so masses are not identifiable: those that inertia does not show "
-            "are those of the description; inertia and friction are identified"
-        )
-
-
 def _left_out(given: Given, found: Estimate) -> Iterator[str]:
     """Flags for springs and weight that the fit does not contain, and for too few rows to learn from or to judge by."""
     if springs := given.session.robot.springs:
@@ -305,7 +296,12 @@ def _left_out(given: Given, found: Estimate) -> Iterator[str]:
             f"identify fits no springs, so those that the description states at {shorten(list(springs))} distort its "
             f"other numbers there; signid diagnose keeps them"
         )
-    yield from _weightless(given.session.robot)
+    robot = given.session.robot
+    if is_weightless(robot.model) and shows_gravity(robot, described_gravity(robot)):
+        yield (
+            "the recorded torque carries no weight, so masses are not identifiable: those that inertia does not show "
+            "are those of the description; inertia and friction are identified"
+        )
     if ITSELF in given.session.notes:
         yield ITSELF
     joints = zip(given.session.robot.joints, given.factors.joints, strict=True)

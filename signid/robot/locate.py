@@ -68,6 +68,15 @@ def names() -> tuple[str, ...]:
     return tuple(sorted((name for name, path in _known().items() if path.suffix == ".urdf"), key=str.casefold))
 
 
+def saved_model(source: str | Path) -> Path | None:
+    """File of a saved model: a path that ends in .json, or the name of a published model; None: a description."""
+    path, given = Path(source), str(source)
+    if given.endswith(".json"):
+        return path
+    found = {file.parent.name: file for file in robots_folder().glob("*/model.json")}.get(given.casefold())
+    return None if found is None or path.is_file() or (path / "robot.urdf").is_file() else found
+
+
 def robots_folder() -> Path:
     """Folder of the robots and examples of signid."""
     package = Path(__file__).parents[1]

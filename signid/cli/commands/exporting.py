@@ -113,11 +113,12 @@ def export(
     from ...output.export import STARTING, export as write
     from ...output.report import Screen, to_json
     from ...output.report.documents import provenance
+    from ...robot import saved_model
 
     asked: dict[str, Text] = asdict(exports)
     paths = {kind: Path(file) for kind, file in asked.items() if file is not None}
     _check_exports(asked, paths, mjcf, code, first, mounting)
-    packages = None if simulation.endswith(".json") else package_dir
+    packages = None if saved_model(simulation) else package_dir
     source = SimulationArguments(simulation=simulation, package_dir=packages, gravity=gravity, xacro=xacro)
     model, _ = given_model(source)
     for kind, path in paths.items():

@@ -73,7 +73,9 @@ def watch(
         if path is not None:
             check_unread(path, [stream, watching.columns, simulation.simulation, simulation.actuators], f"--{kind}")
     model, _ = given_model(simulation)
-    idle, flags = _idle(watching.idle), tuple[str, ...]()
+    idle, flags = float("inf") if watching.idle is None else watching.idle, tuple[str, ...]()
+    if not idle > 0:
+        raise OptionError(f"--idle is {idle:g}; give a positive time in seconds")
     with ExitStack() as stack:
         try:
             if watching.save is not None:
@@ -122,12 +124,6 @@ def _logs(
     robot = watcher.model.robot
     logs = WatchLogs(watcher.model, files, lambda event: sentence(event, robot).strip(), package_dirs)
     return stack.enter_context(logs)
-
-
-def _idle(seconds: float | None) -> float:
-    if seconds is not None and not seconds > 0:
-        raise OptionError(f"--idle is {seconds:g}; give a positive time in seconds")
-    return float("inf") if seconds is None else seconds
 
 
 def _print(events: list[Event]) -> None:
