@@ -64,6 +64,9 @@ def watch(
     terminal, else as lines of JSON. Ctrl-C ends the watch.
 
     --mcap and --rrd write torque, residuals, thresholds, events and the moving robot as a log.
+
+    Raises:
+        OptionError: --idle is not positive.
     """
     from ...watch import open_watch, stream_flags
     from ..files import check_logs
