@@ -338,15 +338,6 @@ def _conclude(
     )
 
 
-def _weightless(robot: Robot) -> Iterator[str]:
-    """A flag if gravity is stated to be zero, although the description's would show in some torque."""
-    if is_weightless(robot.model) and shows_gravity(robot, described_gravity(robot)):
-        yield (
-            "the recorded torque carries no weight, so masses are not identifiable: those that inertia does not show "
-            "are those of the description; inertia and friction are identified"
-        )
-
-
 def _left_out(given: Given, found: Estimate) -> Iterator[str]:
     """Flags for springs and weight that the fit does not contain, and for too few rows to learn from or to judge by."""
     fitted = any(law.effect.name == "spring" for law in given.session.task.laws)
@@ -355,7 +346,12 @@ def _left_out(given: Given, found: Estimate) -> Iterator[str]:
             f"no springs are fitted, so those that the description states at {shorten(list(springs))} distort other "
             f"numbers there; signid diagnose keeps them, and --effects with spring fits them"
         )
-    yield from _weightless(given.session.robot)
+    robot = given.session.robot
+    if is_weightless(robot.model) and shows_gravity(robot, described_gravity(robot)):
+        yield (
+            "the recorded torque carries no weight, so masses are not identifiable: those that inertia does not show "
+            "are those of the description; inertia and friction are identified"
+        )
     if ITSELF in given.session.notes:
         yield ITSELF
     joints = zip(given.session.robot.joints, given.factors.joints, strict=True)

@@ -24,7 +24,7 @@ from .regression.covariance import Covariance, Misfit, from_lower_triangle, lowe
 from .regression.joint_dynamics import JointDynamics
 from .regression.motion import Motion
 from .regression.rows import Task
-from .robot import held_positions, load_robot, robot_from_text, with_gravity
+from .robot import held_positions, load_robot, robot_from_text, saved_model, with_gravity
 from .robot.dynamics import joint_of_row, own_row, standard_parameters as standard_parameters
 from .servos import JOINT_LAWS, PASSIVE, Marks, Servo, servos_document, servos_from
 from .toml_json import check_numbers, check_schema, read_json
@@ -195,18 +195,20 @@ ModelSource = Model | Robot | str | Path  # a model, or what `load_model` reads
 def load_model(
     source: str | Path | Robot, actuators: str | Path | None = None, gravity: Sequence[float] | None = None
 ) -> Model:
-    """Load a saved model.json, or the model that a robot description and its actuators file state.
+    """Load a model.json, a published model by its name, or what a robot description and its actuators file state.
 
     gravity: (3,) [m/s2] in the frame of the root link, in the place of that of the source.
 
     Raises:
         RobotError: the source is neither.
-        OptionError: the source is neither a path nor a robot, or gravity is not a vector.
+        OptionError: the source is neither a path nor a robot, gravity is not a vector, or actuators of a saved model.
     """
     if not isinstance(source, str | Path | Robot):
         raise unexpected("load_model", "a path, the name of a robot or a Robot", source, '"model.json" or "robot.urdf"')
-    if not isinstance(source, Robot) and str(source).endswith(".json"):
-        model = _read(Path(source))
+    if not isinstance(source, Robot) and (saved := saved_model(source)):
+        if actuators is not None:
+            raise OptionError(f"{source} states its actuators itself; leave actuators out, or load the description")
+        model = _read(saved)
         return replace(model, robot=with_gravity(model.robot, gravity))
     robot = source if isinstance(source, Robot) else load_robot(str(source), actuators=actuators)
     robot = with_gravity(robot, gravity)

@@ -29,7 +29,7 @@ from signid.output.export.code.c import identifier
 from signid.output.export.code.graph import Graph, unary, where
 from signid.output.export.code.program import program_of
 from signid.regression.motion import Motion
-from signid.robot import configuration, robot_from_text
+from signid.robot import configuration, load_robot, robot_from_text
 from signid.robot.dynamics import own_body
 from signid.types import Law
 
@@ -87,7 +87,7 @@ def a_model(name: str) -> Model:
     if name == "mimic":
         return load_model(robot_from_text(MIMIC, "urdf", "9 bad*/ name"))
     if name != "laws":
-        return load_model(name)
+        return load_model(load_robot(name))
     model = load_model("3r")
     joint = {name: EFFECTS[name].scope == "joint" for name in LAWS}
     laws = [
@@ -321,7 +321,7 @@ def test_friction_by_a_desired_velocity_does_not_chatter_at_rest(tmp_path: Path)
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 def test_a_link_by_name_has_the_jacobian_and_the_payload(tmp_path: Path) -> None:
-    model, link = load_model("panda"), "panda_hand_tcp"
+    model, link = load_model(load_robot("panda")), "panda_hand_tcp"
     call, n = library(model, tmp_path, functions=("jacobian", "payload"), link=link)
     motion, whole = states(model, 1), model.robot.model.copy()
     frame, q = whole.frames[whole.getFrameId(link)], configuration(model.robot, motion.q)[0]
@@ -338,7 +338,7 @@ def test_a_link_by_name_has_the_jacobian_and_the_payload(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(("name", "most"), [("ur5", 184), ("panda", 612), ("tiago_no_hand", 557), ("go2", 268)])
 def test_the_mass_matrix_is_that_of_composite_bodies(name: str, most: int) -> None:
-    program = program_of(load_model(name))
+    program = program_of(load_model(load_robot(name)))
     matrix = next(function for function in program.functions if function.name == "mass_matrix")
     used = (program.graph.nodes[k][0] for k in program.graph.used(matrix.outputs))
     assert sum(operation not in ("variable", "constant", "negate") for operation in used) <= most

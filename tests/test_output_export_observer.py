@@ -19,7 +19,7 @@ from signid.model import Model, load_model
 from signid.output.export import export
 from signid.output.export.code.c import identifier
 from signid.regression.motion import Motion
-from signid.robot import configuration
+from signid.robot import configuration, load_robot
 from signid.simulation.excite.families import rest_to_rest_motion
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -62,7 +62,7 @@ class Seen(NamedTuple):
 
 def rubbing(name: str, *more: str) -> Model:
     """Model of a robot with friction at every joint."""
-    model = load_model(name)
+    model = load_model(load_robot(name))
     texts = [
         f"{effect}@{joint}:{key}={x}"
         for joint in model.robot.joints
@@ -176,4 +176,4 @@ def test_the_command_writes_the_observer_without_allocation(tmp_path: Path) -> N
     command = [str(COMPILER), *STRICT, "arm.c", "arm_test.c", "-lm", "-o", "arm"]
     subprocess.run(command, cwd=tmp_path / "a", check=True)
     out = subprocess.run([tmp_path / "a" / "arm"], capture_output=True, text=True, check=True).stdout
-    assert out.splitlines()[-1].split() == ["observer", *["0"] * 8]  # one row alone
+    assert out.splitlines()[-1].split() == ["observer", *["0"] * 7]  # one row alone

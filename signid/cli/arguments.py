@@ -247,12 +247,14 @@ def given_inputs(name: str, robot: Robot, actuators: str | None, **files: str | 
 def simulation_inputs(source: SimulationArguments, robot: Robot, **files: str | None) -> list[Input]:
     """List the simulation and the files read beside it, by role, with their digests."""
     from ..recording.source import digest_of
+    from ..robot import saved_model
     from ..types import Input
 
-    if not source.saved:
+    if (saved := saved_model(source.simulation)) is None:
         return given_inputs(source.simulation, robot, source.actuators, **files)
-    read = {"model": source.simulation, **{role: file for role, file in files.items() if file is not None}}
-    return [Input(readable(path), digest_of(Path(path)), role) for role, path in read.items()]
+    model = Input(readable(source.simulation), digest_of(saved), "model")
+    read = {role: file for role, file in files.items() if file is not None}
+    return [model, *(Input(readable(path), digest_of(Path(path)), role) for role, path in read.items())]
 
 
 def has_drives(recordings: Sequence[Recording], forced: bool = False) -> bool:

@@ -103,8 +103,11 @@ class SimulationArguments(RobotOptions):
 
     @property
     def saved(self) -> bool:
-        """Whether it is a model.json, which states joints and actuators itself."""
-        return self.simulation.endswith(".json")
+        """Whether it is a saved or published model, which states joints and actuators itself."""
+        from ..robot import saved_model
+
+        described = any((self.joints, self.lock, self.actuators, self.xacro)) and not self.simulation.endswith(".json")
+        return not described and saved_model(self.simulation) is not None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from .audit import Audit, Suspect, audit
 from .description.dh import DHLink, urdf_from_dh
 from .joints import configuration, hold, resting, weld, with_gravity
 from .load import as_robot, described_gravity, held_positions, load_robot, robot_from_text
-from .locate import locate, names
+from .locate import locate, names, saved_model
 
 __all__ = [
     "Audit",
@@ -25,6 +25,7 @@ __all__ = [
     "names",
     "resting",
     "robot_from_text",
+    "saved_model",
     "urdf_from_dh",
     "weld",
     "with_gravity",

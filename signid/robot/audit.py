@@ -110,7 +110,10 @@ def audit(robot: Robot) -> Audit:
         text = f"joints of {{}} are up to {bodies.length.max():.3g} m apart: their distances seem to be in mm"
         found += _suspects(robot, far, "length", THOUSAND, f"{text}; correct the description")
         bodies = bodies._replace(length=bodies.length / THOUSAND, path=bodies.path / THOUSAND)
-    centre = _centre_factors(bodies)
+    usual = max(bodies.usual, SMALL) if bodies.usual else FARTHEST / ASIDE
+    far = bodies.centre > ASIDE * np.maximum(bodies.length, bodies.extent).clip(usual)
+    most = np.sum(far) >= np.sum(bodies.mass > 0) / 2 > 0
+    centre = np.where((bodies.centre > 0) if most else far, THOUSAND, 1.0)
     bodies = bodies._replace(centre=bodies.centre / centre)
     mass = _mass_factors(bodies)
     bodies = bodies._replace(mass=bodies.mass / mass)
@@ -164,14 +167,6 @@ def _shape(link: Any) -> tuple[float, float]:
     stated = [float(mass.get("value") or 0) for part in children(link, "inertial") for mass in children(part, "mass")]
     volume = max(volumes.values())
     return max(extents), stated[0] / volume if stated and 0 < volume < inf else 0.0
-
-
-def _centre_factors(bodies: _Bodies) -> Array:
-    """Factors (nb,) [1] by which centres of mass are too far from their joints."""
-    usual = max(bodies.usual, SMALL) if bodies.usual else FARTHEST / ASIDE
-    far = bodies.centre > ASIDE * np.maximum(bodies.length, bodies.extent).clip(usual)
-    most = np.sum(far) >= np.sum(bodies.mass > 0) / 2 > 0
-    return np.where((bodies.centre > 0) if most else far, THOUSAND, 1.0)
 
 
 def _mass_factors(bodies: _Bodies) -> Array:

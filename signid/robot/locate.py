@@ -68,6 +68,20 @@ def names() -> tuple[str, ...]:
     return tuple(sorted((name for name, path in _known().items() if path.suffix == ".urdf"), key=str.casefold))
 
 
+def saved_model(source: str | Path, exported: bool = False) -> Path | None:
+    """File of a saved model: a path that ends in .json, or the name of a published model; None: a description.
+
+    A name that is that of a description elsewhere, as `panda`, means the published model only where it is `exported`.
+    """
+    path, name = Path(source), str(source).casefold()
+    if str(source).endswith(".json"):
+        return path
+    found = {file.parent.name: file for file in robots_folder().glob("*/model.json")}.get(name)
+    if found is None or path.is_file() or (path / "robot.urdf").is_file():
+        return None
+    return found if exported or _known().get(name, found).parent == found.parent else None
+
+
 def robots_folder() -> Path:
     """Folder of the robots and examples of signid."""
     package = Path(__file__).parents[1]

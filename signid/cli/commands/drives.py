@@ -108,9 +108,10 @@ def diagnose_drives(
 def registers_beside(actuators: str | None, models: Sequence[str]) -> tuple[str | None, list[Input]]:
     """Actuators file with firmware gains of recordings: the given one, or the one beside a model.json; as an input."""
     from ...recording.source import digest_of
+    from ...robot import saved_model
     from ...types import Input
 
-    beside = [Path(model).with_name("actuators.toml") for model in models if model.endswith(".json")]
+    beside = [saved.with_name("actuators.toml") for model in models if (saved := saved_model(model))]
     found = actuators or next((str(path) for path in beside if path.is_file()), None)
     if found is None or not Path(found).is_file():
         return found, []

@@ -114,12 +114,14 @@ def export(
     from ...output.export import STARTING, export as write
     from ...output.report import Screen, to_json
     from ...output.report.documents import provenance
+    from ...robot import saved_model
 
     asked: dict[str, Text] = asdict(exports)
     paths = {kind: Path(file) for kind, file in asked.items() if file is not None}
     _check_exports(asked, paths, mjcf, code, first, mounting)
-    packages = None if simulation.endswith(".json") else package_dir
-    source = SimulationArguments(simulation=simulation, package_dir=packages, gravity=gravity, xacro=xacro)
+    saved = saved_model(simulation, exported=True)
+    name, packages = str(saved or simulation), None if saved else package_dir
+    source = SimulationArguments(simulation=name, package_dir=packages, gravity=gravity, xacro=xacro)
     model, _ = given_model(source)
     for kind, path in paths.items():
         check_unread(path, [simulation, model.robot.path, *([first.start] if first.start else [])], f"--{kind}")

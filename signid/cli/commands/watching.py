@@ -64,6 +64,9 @@ def watch(
     terminal, else as lines of JSON. Ctrl-C ends the watch.
 
     --mcap and --rrd write torque, residuals, thresholds, events and the moving robot as a log.
+
+    Raises:
+        OptionError: --idle is not positive.
     """
     from ...watch import Note, open_watch, stream_flags
     from ..files import check_logs
@@ -73,7 +76,9 @@ def watch(
         if path is not None:
             check_unread(path, [stream, watching.columns, simulation.simulation, simulation.actuators], f"--{kind}")
     model, _ = given_model(simulation)
-    idle, flags = _idle(watching.idle), list[str]()
+    idle, flags = float("inf") if watching.idle is None else watching.idle, list[str]()
+    if not idle > 0:
+        raise OptionError(f"--idle is {idle:g}; give a positive time in seconds")
     with ExitStack() as stack:
         try:
             if watching.save is not None:
@@ -125,12 +130,6 @@ def _logs(
     robot = watcher.model.robot
     logs = WatchLogs(watcher.model, files, lambda event: sentence(event, robot).strip(), package_dirs)
     return stack.enter_context(logs)
-
-
-def _idle(seconds: float | None) -> float:
-    if seconds is not None and not seconds > 0:
-        raise OptionError(f"--idle is {seconds:g}; give a positive time in seconds")
-    return float("inf") if seconds is None else seconds
 
 
 def _print(events: list[Event]) -> None:

@@ -252,7 +252,9 @@ def _sized(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
 def _shape(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Mapping[str, float]:
     """Parameters of a law, before scaling."""
     if name == "payload":
-        centre = zip("xyz", _tip(scene.known.robot, joints[0]), strict=True)
+        known, body = scene.known.robot, joint_of_row(scene.known.robot.model, own_row(scene.known.robot, joints[0]))
+        ends: list[Array] = [one.placement.translation for one in known.model.frames if one.parentJoint == body]
+        centre = zip("xyz", max(ends, key=lambda end: float(np.linalg.norm(end))), strict=True)  # of the outermost
         return {"mass": 1.0, **{f"first_moment_{axis}": float(x) for axis, x in centre}}
     if name == "base_tilt":
         way = rng.uniform(0, 2 * np.pi)
@@ -261,13 +263,6 @@ def _shape(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
         middle = float(np.mean(scene.motion.q[:, joints[0]]))
         return {"stiffness": 1.0, "rest": middle + rng.uniform(-REST_OFFSET, REST_OFFSET)}
     return dict.fromkeys(EFFECTS[name].parameters, 1.0)
-
-
-def _tip(robot: Robot, joint: int) -> Any:
-    """Position of the outermost frame on the body that a joint moves, (3,) [m] in the joint frame."""
-    body = joint_of_row(robot.model, own_row(robot, joint))
-    ends = [frame.placement.translation for frame in robot.model.frames if frame.parentJoint == body]
-    return max(ends, key=np.linalg.norm)
 
 
 def comparison(story: Story) -> list[RenderableType]:

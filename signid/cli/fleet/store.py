@@ -18,7 +18,7 @@ from typing import Any
 from ...errors import OutputError, RecordingError, RobotError
 from ...model import load_model
 from ...output.report.write import MARK, is_abandoned, probe_folder
-from ...robot import load_robot
+from ...robot import load_robot, saved_model
 from ...robot.load import parse_arguments
 from ...toml_json import read_json
 from ...types import Input
@@ -140,14 +140,14 @@ def read_inputs(entry: Entry, folder: Path) -> tuple[Input, ...]:
 def _described(
     source: str, name: str, actuators: str | None, simulation: bool, xacro: tuple[str, ...]
 ) -> tuple[Input, ...]:
-    saved = source.endswith(".json") and simulation
+    saved = saved_model(source) if simulation else None
     arguments = parse_arguments(xacro)
     robot = load_model(source).robot if saved else load_robot(source, actuators=actuators, xacro=arguments)
     if saved and xacro:
         raise RobotError(f"{name} is no xacro file: it holds the expanded description; leave xacro empty")
     if saved and actuators is not None:
         raise RobotError(f"{name} states its actuators itself; leave actuators empty")
-    path = Path(source) if saved else Path(robot.path)
+    path = saved or Path(robot.path)
     digest = _digest(path, name) if saved else robot.sha256
     found = [Input(name, digest, "description")]
     stated = path.with_name("actuators.toml")

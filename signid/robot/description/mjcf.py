@@ -224,22 +224,15 @@ def _joint_model(axes: Sequence[_Joint], pose: pin.SE3) -> tuple[Any, pin.SE3]:
     whole, before = pin.JointModelComposite(), pose
     for joint in axes:
         before = before * _offset(joint.pos) * _moved(joint, -joint.ref)
-        one = _single(joint)
+        kind = "Revolute" if joint.kind == "hinge" else "Prismatic"
+        letter = next((x for x, unit in zip("XYZ", np.eye(3), strict=True) if np.array_equal(unit, joint.axis)), "")
+        unaligned = () if letter else (np.array(joint.axis),)
+        one = getattr(pin, f"JointModel{kind[0]}{letter}" if letter else f"JointModel{kind}Unaligned")(*unaligned)
         if len(axes) == 1:
             return one, before
         whole.addJoint(one, before)
         before = _offset(joint.pos).inverse()
     return whole, pin.SE3.Identity()
-
-
-def _single(joint: _Joint) -> Any:
-    import pinocchio as pin
-
-    kind = "Revolute" if joint.kind == "hinge" else "Prismatic"
-    for letter, unit in zip("XYZ", np.eye(3), strict=True):
-        if np.array_equal(unit, joint.axis):
-            return getattr(pin, f"JointModel{kind[0]}{letter}")()
-    return getattr(pin, f"JointModel{kind}Unaligned")(np.array(joint.axis))
 
 
 def _moved(joint: _Joint, position: float) -> pin.SE3:

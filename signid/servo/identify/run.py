@@ -15,6 +15,7 @@ from ...faults.commands.rows import content_rate
 from ...model import Model, ModelSource, as_model, command_model
 from ...recording import Recordings, as_recordings
 from ...regression.session import only_once
+from ...robot import as_robot
 from ...servos import Servo, ServoGrid
 from ...typed import typed
 from ...types import Array, Progress, Recording
@@ -100,9 +101,8 @@ def identify_servos(
         RecordingError: no joint has commands, or a recording is too short.
     """
     options = options or ServoOptions()
-    model = as_model(robot, "identify_servos")
-    given = as_recordings(recordings, model.robot, "identify_servos")
-    unseen = as_recordings(held_out, model.robot, "identify_servos")
+    model = as_model(robot if isinstance(robot, Model) else as_robot(robot, "identify_servos"), "identify_servos")
+    given, unseen = (as_recordings(some, model.robot, "identify_servos") for some in (recordings, held_out))
     only_once((*given, *unseen))
     data = servo_data(model.robot, given, unseen, options.rate)
     stated = stated_numbers(model.robot, data.driven)
