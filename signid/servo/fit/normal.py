@@ -45,11 +45,16 @@ class StateSlopes(NamedTuple):
 class Normal(NamedTuple):
     """Quadratic model of half the cost about a point, for steps of the values (in SERVO_UNITS)."""
 
-    information: Array  # (P, P) [inverse products of SERVO_UNITS]
+    each: Array  # (W, P, P) [inverse products of SERVO_UNITS] of each window, states eliminated
     scores: Array  # (W, P) [1/SERVO_UNITS] gradient of each window, states eliminated
     across: Array  # (W, P, 2n) [inverse products] values and states
     inverse: Array  # (W, 2n, 2n) [products of rad, rad/s] of the states' information
     state: Array  # (W, 2n) [1/rad, s/rad] gradient of the states
+
+    @property
+    def information(self) -> Array:
+        """Information (P, P) of all windows [inverse products of SERVO_UNITS]."""
+        return np.asarray(self.each.sum(0))
 
 
 def residuals(windows: FitWindows, where: Coordinates, point: FitPoint) -> Array:
@@ -110,9 +115,7 @@ def normal(
         some = slice(k, k + most)
         at = FitPoint(point.values, point.q0[some], point.v0[some])
         parts.append(_windows(windows.part(some), where, at, differences, noise))
-    information = sum((part.information for part in parts), np.zeros((len(where.slots),) * 2))
-    joined = [np.concatenate(each) for each in zip(*(part[1:] for part in parts), strict=True)]
-    return Normal(information, *joined)
+    return Normal(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 class Differences(NamedTuple):
@@ -171,9 +174,9 @@ def reduced(by_value: Array, residual: Array, states: StateSlopes, off: Array | 
     if off is not None:
         state = state + _state_prior(residual.shape[-1]) * off
     across = np.swapaxes(a, 1, 2) @ b
-    whole = (np.swapaxes(a, 1, 2) @ a - across @ inverse @ np.swapaxes(across, 1, 2)).sum(0)
+    each = np.swapaxes(a, 1, 2) @ a - across @ inverse @ np.swapaxes(across, 1, 2)
     scores = (np.swapaxes(a, 1, 2) @ z)[:, :, 0] - np.einsum("wps,wsu,wu->wp", across, inverse, state)
-    return Normal(whole, scores, across, inverse, state)
+    return Normal(each, scores, across, inverse, state)
 
 
 def _state_prior(n: int) -> Array:
