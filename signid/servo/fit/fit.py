@@ -16,7 +16,7 @@ from ..given import OWN, Assumptions, Name, unions
 from ..plant.course import RobotCourse, bodies_of, course, groups, part, recorded_course, refined, single
 from ..plant.drives import COARSE, LONGEST
 from .coordinates import Coordinates, slots, started, typical
-from .normal import FitPoint, covariance, normal
+from .normal import Certainty, FitPoint, certainty, normal
 from .solve import Solved, scan, solve
 from .windows import FitWindows, shoot, window_places, windows_of
 
@@ -40,6 +40,7 @@ class ServoFit(Frozen):
     saturated_share: Array  # (n,) share of samples at the effort limit while on [1]
     iterations: int
     at_bound: Mask  # (P,) whether a number stands at a bound of `assumptions`: it then has no variance
+    spread: Array  # (P,) [SERVO_UNITS] standard deviation between recordings, 0 where they agree
     notes: tuple[str, ...] = ()
 
     @property
@@ -227,14 +228,14 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
         for g, f in zip(joints, fits, strict=True)
         for s in f.where.slots
     ]
-    certain = [_certainty(fit, task.coarse) for fit in fits]
+    certain = [_certainty(fit, task) for fit in fits]
     rms = np.sqrt(np.average(squares, axis=0, weights=lengths))
     return ServoFit(
         servos,
         tuple(flat[i] for i in order),
         tuple(owners[i] for i in order),
         np.concatenate([f.solved.point.values for f in fits])[order],
-        _blocks([spread for spread, _ in certain], order),
+        _blocks([one.covariance for one, _ in certain], order),
         _blocks([information for _, information in certain], order),
         rms,
         tuple((k, first) for k, first, _ in task.places),
@@ -242,21 +243,28 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
         share,
         steps + max(f.solved.steps for f in fits),
         np.concatenate([f.where.at_bounds(f.solved.point.values) for f in fits])[order],
+        np.concatenate([one.spread for one, _ in certain])[order],
     )
 
 
-def _certainty(fit: _Group, coarse: bool) -> tuple[Array, Array]:
-    """Covariance and information (P, P) of a group, with its priors; NaN of a coarse fit.
+def _certainty(fit: _Group, task: _Task) -> tuple[Certainty, Array]:
+    """Certainty and information (P, P) of a group, with its priors; NaN of a coarse fit.
 
     The others are those about a number at its bound, which has no variance.
     """
-    if coarse:
-        return (np.full((len(fit.where.slots),) * 2, np.nan),) * 2
-    at, precision = normal(fit.windows, fit.where, fit.solved.point, fit.solved.noise), fit.where.stated_precision
-    inside = ~fit.where.at_bounds(fit.solved.point.values)
-    rows, spread = np.ix_(inside, inside), np.zeros_like(at.information)
-    spread[rows] = covariance(at.information[rows], at.scores[:, inside], precision[inside])
-    return spread, at.information + np.diag(precision)
+    values, count = fit.solved.point.values, len(fit.where.slots)
+    if task.coarse:
+        return Certainty(np.full((count, count), np.nan), np.zeros(count)), np.full((count, count), np.nan)
+    at, prior = normal(fit.windows, fit.where, fit.solved.point, fit.solved.noise), np.diag(fit.where.stated_precision)
+    ratios, inside = np.eye(count), ~fit.where.at_bounds(values)
+    for i in range(count):
+        ratios[fit.where.scaled(i), i] = values[fit.where.scaled(i)]
+    shas = [grid.sha256 or grid.path for grid in task.grids]
+    recording = np.array([shas.index(shas[k]) for k, _, _ in task.places])
+    rows, covariance, spread = np.ix_(inside, inside), np.zeros((count, count)), np.zeros(count)
+    own = at._replace(each=at.each[:, inside][:, :, inside], scores=at.scores[:, inside])
+    covariance[rows], spread[inside] = certainty(own, recording, prior[rows], ratios[rows])
+    return Certainty(covariance, spread), at.information + prior
 
 
 def _saturated(fit: _Group) -> Array:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import chi2, t
 
-from ...types import Array
+from ...estimation.repeats import spread_between, spread_covariance
+from ...types import TWO_SIDED, Array, Indices
 from .coordinates import DIFFERENCE, Coordinates
 from .windows import MOST_VALUES, FitWindows, shoot
 
@@ -15,6 +17,8 @@ NUDGE = (1e-4, 1e-2)  # differences of initial states
 SHARES = (1.0, 0.3, 0.0)  # of the step of a window's state that are tried
 LOST = 0.4  # windows that each fitted number takes from the sandwich
 NEIGHBOURS = 3  # windows apart that may be correlated
+BLOCKS = 6  # of the windows of a recording: of some seconds, since windows a few apart are correlated (Go2)
+DEPENDENT = 0.01  # probability by chance of a variance between blocks, below which the windows are not independent
 LEAST = 1e-24  # variance over the widest one, below which it counts as this
 NOTHING = 1e-12  # influence over the largest one, below which a number is not identifiable
 WEAK = 1e-12  # relative eigenvalue of the information below which a direction is not identifiable
@@ -207,14 +211,14 @@ def _windows(
     return reduced(slopes, (out[0] - windows.measured) / noise, states, off)
 
 
-def covariance(information: Array, scores: Array, precision: Array | None = None) -> Array:
+def covariance(information: Array, scores: Array, prior: Array | None = None) -> Array:
     """Covariance (P, P) in the units of the values; infinite variance without influence.
 
     information: (P, P) of white residuals [inverse products of SERVO_UNITS].
     scores: (W, P) gradient of each window at the optimum, in time order [1/SERVO_UNITS].
-    precision: (P,) of independent priors [inverse squares of SERVO_UNITS]; default: none.
+    prior: (P, P) precision [inverse products of SERVO_UNITS]; default: none.
     """
-    prior = np.diag(np.zeros(len(information)) if precision is None else precision)
+    prior = np.zeros_like(information) if prior is None else prior
     information = information + prior
     size = np.sqrt(np.diag(information))
     seen = size > NOTHING * size.max(initial=0.0)
@@ -224,13 +228,80 @@ def covariance(information: Array, scores: Array, precision: Array | None = None
         return out
     scale, scores = np.outer(size[seen], size[seen]), scores[:, seen]
     inverse = _inverse(information[np.ix_(seen, seen)] / scale) / scale
-    factor = windows / max(windows - LOST * count, windows / 4)
+    factor = _lost(windows, count)
     meat = [factor * _meat(scores, lags) for lags in (0, min(NEIGHBOURS, windows // (2 * NEIGHBOURS)))]
     robust = [inverse @ (one + prior[np.ix_(seen, seen)]) @ inverse for one in meat]
     widest = np.max([np.diag(one) for one in (*robust, inverse)], axis=0)
     wider = np.sqrt(widest / np.maximum(np.diag(robust[0]), LEAST * widest))
     out[np.ix_(seen, seen)] = robust[0] * np.outer(wider, wider)
     return out
+
+
+class Certainty(NamedTuple):
+    """Covariance and spread of P numbers."""
+
+    covariance: Array  # (P, P) [products of SERVO_UNITS]
+    spread: Array  # (P,) [SERVO_UNITS] standard deviation between recordings, 0 where they agree
+
+
+def certainty(at: Normal, recording: Indices, prior: Array, ratios: Array) -> Certainty:
+    """Certainty about an optimum, with what windows that are not independent and unlike recordings leave open.
+
+    Each recording moves the numbers by a step about the common optimum. Blocks of its windows, and recordings, are
+    compared along the ratios to kp and the common scales, since positions identify ratios.
+
+    Args:
+        at: normal equations at the optimum.
+        recording: (W,) number of the recording of each window.
+        prior: (P, P) precision [inverse products of SERVO_UNITS].
+        ratios: (P, P) derivatives of the values by these ratios and scales [SERVO_UNITS over theirs].
+    """
+    own, inner = [np.flatnonzero(recording == k) for k in np.unique(recording)], ratios.T @ prior @ ratios
+    each, scores = ratios.T @ at.each @ ratios, at.scores @ ratios
+    parts, moved = np.array([each[some].sum(0) for some in own]), scores.copy()
+    steps = np.zeros((len(own), len(prior)))
+    for k, some in enumerate(own if len(own) > 1 else ()):
+        steps[k] = -_scaled_inverse(parts[k] + inner) @ scores[some].sum(0)
+        moved[some] += each[some] @ steps[k]
+    known, whole = np.diag(covariance(parts.sum(0), moved, inner)), _scaled_inverse(parts.sum(0) + inner)
+    shorter = _lost(len(moved) / len(own), len(prior)) / _lost(len(moved), len(prior))
+    inflation = shorter * known / np.maximum(np.diag(whole), 1e-300)  # of classical variances
+    alone = np.array([np.diag(_scaled_inverse(x + inner)) for x in parts])
+    alone = np.where(alone > 0, alone * inflation, np.inf)
+    ratio = np.mean([_jackknife(each[some], moved[some], inner) for some in own] / alone, axis=0)
+    free = len(own) * (BLOCKS - 1)
+    more = np.maximum(ratio * (t.ppf(0.975, free) / TWO_SIDED) ** 2 - 1, 0.0)
+    wider = np.where(chi2.sf(free * ratio, free) < DEPENDENT, more, 0.0)
+    spread = spread_between(steps, alone * (1 + wider))
+    alike = covariance(parts.sum(0), scores, inner) * np.sqrt(np.outer(1 + wider, 1 + wider))
+    unseen = np.isinf(np.diag(alike))
+    alike[unseen, unseen] = 0.0
+    found = ratios @ (alike + spread_covariance(spread, parts, whole)) @ ratios.T
+    found[unseen, unseen] = np.inf
+    return Certainty(found, spread * np.diag(ratios))
+
+
+def _jackknife(each: Array, scores: Array, prior: Array) -> Array:
+    """Variances (P,) by leaving out one of some blocks of windows.
+
+    Source: Bell, McCaffrey, Survey Methodology 28(2), 2002.
+    """
+    blocks = np.array_split(np.arange(len(scores)), BLOCKS)
+    whole = each.sum(0) + prior
+    moved = [_scaled_inverse(whole - each[some].sum(0)) @ scores[some].sum(0) for some in blocks]
+    return np.asarray((1 - 1 / BLOCKS) * np.sum(np.square(moved), axis=0))
+
+
+def _scaled_inverse(matrix: Array) -> Array:
+    """Inverse of an information (P, P); zero of numbers without influence."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > NOTHING * size.max(initial=0.0))
+    return np.asarray(_inverse(matrix * np.outer(scale, scale)) * np.outer(scale, scale))
+
+
+def _lost(windows: float, count: int) -> float:
+    """Factor of the products of gradients of some windows, for a count of fitted numbers."""
+    return windows / max(windows - LOST * count, windows / 4)
 
 
 def _meat(scores: Array, lags: int) -> Array:
