@@ -18,6 +18,7 @@ from ..types import TWO_SIDED, Array, BaseMap, Law, Robot
 
 SURE = 0.001  # probability of such differences by chance, over all numbers, below which a number varies
 SERVO = "servo"  # effect of the numbers of a drive
+RIDGE = 1e-10  # [1] over the diagonal of the normal equations
 FEWEST_FREE = 2  # least degrees of freedom of Student's t: with one, two recordings would give useless intervals
 
 
@@ -33,13 +34,11 @@ class Varying(NamedTuple):
     @property
     def words(self) -> str:
         """Number, joint and spread."""
-        spread = (
-            f"{decimals(1e3 * self.spread, 2)} ms" if self.unit == "s" else f"{decimals(self.spread, 2)} {self.unit}"
-        )
+        spread = f"({decimals(self.spread, 2)} {self.unit})"
         if self.effect is None or self.joint is None:
-            return f"{self.parameter} ({spread})"
-        law = "" if self.effect == SERVO else self.effect.removesuffix(f"_{self.parameter}").replace("_", " ")
-        return f"{law} {self.parameter.replace('_', ' ')} of {self.joint} ({spread})".strip()
+            return f"{self.parameter} {spread}"
+        law = self.effect.removesuffix(f"_{self.parameter}") if self.effect != SERVO else ""
+        return f"{f'{law} {self.parameter}'.strip().replace('_', ' ')} of {self.joint} {spread}"
 
 
 def spread_between(values: Array, variances: Array) -> Array:
@@ -67,6 +66,21 @@ def spread_covariance(spread: Array, informations: Array, inverse: Array) -> Arr
     moved = inverse @ informations * spread
     few = t.ppf(0.975, max(len(informations) - 1, FEWEST_FREE)) / TWO_SIDED
     return np.asarray(few**2 * np.einsum("rik,rjk->ij", moved, moved))
+
+
+def jackknife_variance(square: Array, right: Array, precision: Array, first: int) -> Array:
+    """(d,) jackknife variance of the first d coefficients of a linear model over c parts of its rows.
+
+    Scaled by Student's t over the normal quantile, since there are few parts. `first` is d.
+    square: (c, k, k) Gram of each part, and precision: (k, k) of the prior [1 per coefficient, squared].
+    right: (c, k) right side of each part, about the coefficients of all rows [1 per coefficient].
+    """
+    whole = square.sum(axis=0) + precision
+    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    ridge = RIDGE * np.eye(len(size))
+    steps = np.linalg.solve((whole - square) / size / size[:, None] + ridge, (right / size)[..., None])[:, :first, 0]
+    count, ratio = len(square), t.ppf(0.975, len(square) - 1) / TWO_SIDED
+    return np.asarray(ratio**2 * (count - 1) * np.var(steps / size[:first], axis=0))
 
 
 def varying_numbers(robot: Robot, base: BaseMap, laws: Sequence[Law], spread: Array | None) -> tuple[Varying, ...]:

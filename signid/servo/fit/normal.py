@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2, t
 
-from ...estimation.repeats import spread_between, spread_covariance
+from ...estimation.repeats import jackknife_variance, spread_between, spread_covariance
 from ...types import TWO_SIDED, Array, Indices
 from .coordinates import DIFFERENCE, Coordinates
 from .windows import MOST_VALUES, FitWindows, shoot
@@ -220,21 +220,16 @@ def covariance(information: Array, scores: Array, prior: Array | None = None) ->
     """
     prior = np.zeros_like(information) if prior is None else prior
     information = information + prior
-    size = np.sqrt(np.diag(information))
-    seen = size > NOTHING * size.max(initial=0.0)
-    out = np.diag(np.where(seen, 0.0, np.inf))
-    count, windows = int(seen.sum()), len(scores)
+    inverse, windows = _inverse(information), len(scores)
+    seen = np.diag(inverse) > 0
+    out, count = np.diag(np.where(seen, 0.0, np.inf)), int(seen.sum())
     if not count:
         return out
-    scale, scores = np.outer(size[seen], size[seen]), scores[:, seen]
-    inverse = _inverse(information[np.ix_(seen, seen)] / scale) / scale
-    factor = _lost(windows, count)
-    meat = [factor * _meat(scores, lags) for lags in (0, min(NEIGHBOURS, windows // (2 * NEIGHBOURS)))]
-    robust = [inverse @ (one + prior[np.ix_(seen, seen)]) @ inverse for one in meat]
+    meat = [_lost(windows, count) * _meat(scores, k) for k in (0, min(NEIGHBOURS, windows // (2 * NEIGHBOURS)))]
+    robust = [inverse @ (one + prior) @ inverse for one in meat]
     widest = np.max([np.diag(one) for one in (*robust, inverse)], axis=0)
-    wider = np.sqrt(widest / np.maximum(np.diag(robust[0]), LEAST * widest))
-    out[np.ix_(seen, seen)] = robust[0] * np.outer(wider, wider)
-    return out
+    wider = np.sqrt(widest / np.maximum(np.diag(robust[0]), np.maximum(LEAST * widest, 1e-300)))
+    return np.asarray(out + robust[0] * np.outer(wider, wider))
 
 
 class Certainty(NamedTuple):
@@ -259,44 +254,24 @@ def certainty(at: Normal, recording: Indices, prior: Array, ratios: Array) -> Ce
     own, inner = [np.flatnonzero(recording == k) for k in np.unique(recording)], ratios.T @ prior @ ratios
     each, scores = ratios.T @ at.each @ ratios, at.scores @ ratios
     parts, moved = np.array([each[some].sum(0) for some in own]), scores.copy()
-    steps = np.zeros((len(own), len(prior)))
-    for k, some in enumerate(own if len(own) > 1 else ()):
-        steps[k] = -_scaled_inverse(parts[k] + inner) @ scores[some].sum(0)
-        moved[some] += each[some] @ steps[k]
-    known, whole = np.diag(covariance(parts.sum(0), moved, inner)), _scaled_inverse(parts.sum(0) + inner)
+    steps = np.array([-_inverse(x + inner) @ scores[some].sum(0) for x, some in zip(parts, own, strict=True)])
+    for step, some in zip(steps if len(own) > 1 else (), own, strict=False):
+        moved[some] += each[some] @ step
+    blocks = [some for windows in own for some in np.array_split(windows, BLOCKS)]
+    left = (np.array([x[some].sum(0) for some in blocks]) for x in (each, moved))
+    known, free = np.diag(covariance(parts.sum(0), moved, inner)), len(blocks) - len(own)
+    ratio, few = jackknife_variance(*left, inner, len(inner)) / known, (t.ppf(0.975, len(blocks) - 1) / TWO_SIDED) ** 2
+    wider = np.where(chi2.sf(free * ratio / few, free) < DEPENDENT, np.maximum(ratio, 1.0), 1.0)
+    whole, alike = _inverse(parts.sum(0) + inner), covariance(parts.sum(0), scores, inner)
     shorter = _lost(len(moved) / len(own), len(prior)) / _lost(len(moved), len(prior))
-    inflation = shorter * known / np.maximum(np.diag(whole), 1e-300)  # of classical variances
-    alone = np.array([np.diag(_scaled_inverse(x + inner)) for x in parts])
-    alone = np.where(alone > 0, alone * inflation, np.inf)
-    ratio = np.mean([_jackknife(each[some], moved[some], inner) for some in own] / alone, axis=0)
-    free = len(own) * (BLOCKS - 1)
-    more = np.maximum(ratio * (t.ppf(0.975, free) / TWO_SIDED) ** 2 - 1, 0.0)
-    wider = np.where(chi2.sf(free * ratio, free) < DEPENDENT, more, 0.0)
-    spread = spread_between(steps, alone * (1 + wider))
-    alike = covariance(parts.sum(0), scores, inner) * np.sqrt(np.outer(1 + wider, 1 + wider))
-    unseen = np.isinf(np.diag(alike))
+    classical = np.array([np.diag(_inverse(x + inner)) for x in parts]) / np.maximum(np.diag(whole), 1e-300)
+    spread = spread_between(steps, np.where(classical > 0, classical * shorter * known * wider, np.inf))
+    unseen = np.isinf(known)
     alike[unseen, unseen] = 0.0
-    found = ratios @ (alike + spread_covariance(spread, parts, whole)) @ ratios.T
+    alike = alike * np.sqrt(np.outer(wider, wider)) + spread_covariance(spread, parts, whole)
+    found = ratios @ alike @ ratios.T
     found[unseen, unseen] = np.inf
     return Certainty(found, spread * np.diag(ratios))
-
-
-def _jackknife(each: Array, scores: Array, prior: Array) -> Array:
-    """Variances (P,) by leaving out one of some blocks of windows.
-
-    Source: Bell, McCaffrey, Survey Methodology 28(2), 2002.
-    """
-    blocks = np.array_split(np.arange(len(scores)), BLOCKS)
-    whole = each.sum(0) + prior
-    moved = [_scaled_inverse(whole - each[some].sum(0)) @ scores[some].sum(0) for some in blocks]
-    return np.asarray((1 - 1 / BLOCKS) * np.sum(np.square(moved), axis=0))
-
-
-def _scaled_inverse(matrix: Array) -> Array:
-    """Inverse of an information (P, P); zero of numbers without influence."""
-    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > NOTHING * size.max(initial=0.0))
-    return np.asarray(_inverse(matrix * np.outer(scale, scale)) * np.outer(scale, scale))
 
 
 def _lost(windows: float, count: int) -> float:
@@ -314,5 +289,9 @@ def _meat(scores: Array, lags: int) -> Array:
 
 
 def _inverse(matrix: Array) -> Array:
-    values, vectors = np.linalg.eigh(matrix)
-    return np.asarray((vectors / np.maximum(values, WEAK * values[-1])) @ vectors.T)
+    """Inverse of an information (P, P) relative to its diagonal; zero of numbers without influence."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > NOTHING * size.max(initial=0.0))
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    least = WEAK * values.max(initial=1.0)
+    return np.asarray((vectors / np.maximum(values, least)) @ vectors.T * np.outer(scale, scale))
