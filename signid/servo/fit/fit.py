@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ...errors import OptionError, shorten
 from ...frozen import Frozen
@@ -229,14 +230,14 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
         for s in f.where.slots
     ]
     certain = [_certainty(fit, task) for fit in fits]
-    rms = np.sqrt(np.average(squares, axis=0, weights=lengths))
+    rms, reordered = np.sqrt(np.average(squares, axis=0, weights=lengths)), np.ix_(order, order)
     return ServoFit(
         servos,
         tuple(flat[i] for i in order),
         tuple(owners[i] for i in order),
         np.concatenate([f.solved.point.values for f in fits])[order],
-        _blocks([one.covariance for one, _ in certain], order),
-        _blocks([information for _, information in certain], order),
+        block_diag(*(one.covariance for one, _ in certain))[reordered],
+        block_diag(*(information for _, information in certain))[reordered],
         rms,
         tuple((k, first) for k, first, _ in task.places),
         squares,
@@ -273,13 +274,3 @@ def _saturated(fit: _Group) -> Array:
     hits = shoot(windows, fit.where.copies(point.values[None]), point.q0[None], point.v0[None])[1][0].sum(0)
     on = (windows.joined.column("on")[windows.places[:, :-1]] > 0.5) & windows.inside[:, 1:, None]
     return np.asarray(hits / np.maximum(windows.joined.parts * on.sum((0, 1)), 1))
-
-
-def _blocks(parts: Sequence[Array], order: Sequence[int]) -> Array:
-    """Matrix of independent blocks, in another order."""
-    total = sum(map(len, parts))
-    out, k = np.zeros((total, total)), 0
-    for one in parts:
-        out[k : k + len(one), k : k + len(one)] = one
-        k += len(one)
-    return out[np.ix_(order, order)]
