@@ -18,6 +18,7 @@ SHARES = (1.0, 0.3, 0.0)  # of the step of a window's state that are tried
 LOST = 0.4  # windows that each fitted number takes from the sandwich
 NEIGHBOURS = 3  # windows apart that may be correlated
 BLOCKS = 6  # of the windows of a recording: of some seconds, since windows a few apart are correlated (Go2)
+LEAST_REST = 0.25  # share of the windows of a recording that its numbers leave, below which it is not judged alone
 DEPENDENT = 0.01  # probability by chance of a variance between blocks, below which the windows are not independent
 LEAST = 1e-24  # variance over the widest one, below which it counts as this
 NOTHING = 1e-12  # influence over the largest one, below which a number is not identifiable
@@ -225,7 +226,8 @@ def covariance(information: Array, scores: Array, prior: Array | None = None) ->
     out, count = np.diag(np.where(seen, 0.0, np.inf)), int(seen.sum())
     if not count:
         return out
-    meat = [_lost(windows, count) * _meat(scores, k) for k in (0, min(NEIGHBOURS, windows // (2 * NEIGHBOURS)))]
+    factor = windows / max(windows - LOST * count, windows / 4)
+    meat = [factor * _meat(scores, k) for k in (0, min(NEIGHBOURS, windows // (2 * NEIGHBOURS)))]
     robust = [inverse @ (one + prior) @ inverse for one in meat]
     widest = np.max([np.diag(one) for one in (*robust, inverse)], axis=0)
     wider = np.sqrt(widest / np.maximum(np.diag(robust[0]), np.maximum(LEAST * widest, 1e-300)))
@@ -257,26 +259,26 @@ def certainty(at: Normal, recording: Indices, prior: Array, ratios: Array) -> Ce
     steps = np.array([-_inverse(x + inner) @ scores[some].sum(0) for x, some in zip(parts, own, strict=True)])
     for step, some in zip(steps if len(own) > 1 else (), own, strict=False):
         moved[some] += each[some] @ step
+    alike, whole, wider = covariance(parts.sum(0), scores, inner), _inverse(parts.sum(0) + inner), np.ones(len(inner))
+    known = np.maximum(np.diag(covariance(parts.sum(0), moved, inner)), np.diag(whole))
     blocks = [some for windows in own for some in np.array_split(windows, BLOCKS)]
-    left = (np.array([x[some].sum(0) for some in blocks]) for x in (each, moved))
-    known, free = np.diag(covariance(parts.sum(0), moved, inner)), len(blocks) - len(own)
-    ratio, few = jackknife_variance(*left, inner, len(inner)) / known, (t.ppf(0.975, len(blocks) - 1) / TWO_SIDED) ** 2
-    wider = np.where(chi2.sf(free * ratio / few, free) < DEPENDENT, np.maximum(ratio, 1.0), 1.0)
-    whole, alike = _inverse(parts.sum(0) + inner), covariance(parts.sum(0), scores, inner)
-    shorter = _lost(len(moved) / len(own), len(prior)) / _lost(len(moved), len(prior))
-    classical = np.array([np.diag(_inverse(x + inner)) for x in parts]) / np.maximum(np.diag(whole), 1e-300)
-    spread = spread_between(steps, np.where(classical > 0, classical * shorter * known * wider, np.inf))
+    if len(moved) >= max(len(blocks), len(inner)):
+        x, right = (np.array([one[some].sum(0) for some in blocks]) for one in (each, moved))
+        ratio, free = jackknife_variance(x, right, inner, len(inner)) / known, len(blocks) - len(own)
+        few = (t.ppf(0.975, len(blocks) - 1) / TWO_SIDED) ** 2
+        wider = np.where(chi2.sf(free * ratio / few, free) < DEPENDENT, np.maximum(ratio, 1.0), 1.0)
+    lost = LOST * len(inner)  # windows of each recording
+    alone = np.array([np.diag(_inverse(x + inner)) for x in parts]) / np.maximum(np.diag(whole), 1e-300)
+    alone = np.where(alone > 0, alone, np.inf) * known * wider * max(len(moved) - lost, len(moved) / 4) / len(moved)
+    rest = np.array([max(len(some) - lost, 0.0) / len(some) for some in own])
+    variances = np.where(rest[:, None] >= LEAST_REST, alone / np.maximum(rest, LEAST_REST)[:, None], np.inf)
+    spread = spread_between(steps, variances)
     unseen = np.isinf(known)
     alike[unseen, unseen] = 0.0
     alike = alike * np.sqrt(np.outer(wider, wider)) + spread_covariance(spread, parts, whole)
     found = ratios @ alike @ ratios.T
     found[unseen, unseen] = np.inf
     return Certainty(found, spread * np.diag(ratios))
-
-
-def _lost(windows: float, count: int) -> float:
-    """Factor of the products of gradients of some windows, for a count of fitted numbers."""
-    return windows / max(windows - LOST * count, windows / 4)
 
 
 def _meat(scores: Array, lags: int) -> Array:
