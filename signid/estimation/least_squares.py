@@ -241,8 +241,8 @@ def with_spread(found: Estimate, factors: Factors, base: BaseMap, whiten: bool =
     values, variances = (np.array(x) for x in zip(*((x.value, np.diag(x.covariance)) for x in alone), strict=True))
     spread = spread_between(values, variances)
     noise = [_Noise(0, np.array([size**2])) for size in found.noise]
-    informations = np.array([_solve(one, noise, found.value).information for _, one in factors.parts])
-    added = spread_covariance(spread, informations, _solve(factors, noise, found.value).inverse)
+    parts = np.array([_solve(one, noise, found.value).information for _, one in factors.parts])
+    added = spread_covariance(spread, parts, _solve(factors, noise, found.value).inverse)
     return replace(found, covariance=found.covariance + added, spread=spread)
 
 

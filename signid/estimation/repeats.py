@@ -55,16 +55,16 @@ def spread_between(values: Array, variances: Array) -> Array:
     return np.where((count > 0) & (by_chance < SURE), np.sqrt(np.maximum(squares - count, 0) / free), 0.0)
 
 
-def spread_covariance(spread: Array, informations: Array, inverse: Array) -> Array:
+def spread_covariance(spread: Array, parts: Array, inverse: Array) -> Array:
     """Covariance (P, P) that a spread of numbers between recordings gives their common estimate.
 
     Args:
         spread: (P,) standard deviation between recordings [units of the numbers].
-        informations: (R, P, P) of each recording [inverse products of the units].
+        parts: (R, P, P) of each recording [inverse products of the units].
         inverse: (P, P) of their sum, without unidentifiable directions [products of the units].
     """
-    moved = inverse @ informations * spread
-    few = t.ppf(0.975, max(len(informations) - 1, FEWEST_FREE)) / TWO_SIDED
+    moved = inverse @ parts * spread
+    few = t.ppf(0.975, max(len(parts) - 1, FEWEST_FREE)) / TWO_SIDED
     return np.asarray(few**2 * np.einsum("rik,rjk->ij", moved, moved))
 
 
