@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2, t
 
 from ..effects.base import Effect
 from ..errors import decimals, shorten
@@ -47,10 +46,12 @@ def spread_between(values: Array, variances: Array) -> Array:
     values: (R, P) of each recording alone [units of the numbers]; variances: (R, P) [squared units], infinite where a
     recording does not identify a number.
     """
+    from scipy.special import chdtrc  # needed by several recordings alone
+
     weight = 1 / np.maximum(variances, 1e-300)
     count, total = (weight > 0).sum(0) - 1, np.maximum(weight.sum(0), 1e-300)
     squares = np.sum(weight * (values - (weight * values).sum(0) / total) ** 2, axis=0)
-    by_chance = chi2.sf(squares, np.maximum(count, 1)) * max(np.count_nonzero(count > 0), 1)
+    by_chance = chdtrc(np.maximum(count, 1), squares) * max(np.count_nonzero(count > 0), 1)
     free = np.maximum(total - (weight**2).sum(0) / total, 1e-300)
     return np.where((count > 0) & (by_chance < SURE), np.sqrt(np.maximum(squares - count, 0) / free), 0.0)
 
@@ -63,8 +64,10 @@ def spread_covariance(spread: Array, parts: Array, inverse: Array) -> Array:
         parts: (R, P, P) of each recording [inverse products of the units].
         inverse: (P, P) of their sum, without unidentifiable directions [products of the units].
     """
+    from scipy.special import stdtrit
+
     moved = inverse @ parts * spread
-    few = t.ppf(0.975, max(len(parts) - 1, FEWEST_FREE)) / TWO_SIDED
+    few = float(stdtrit(max(len(parts) - 1, FEWEST_FREE), 0.975)) / TWO_SIDED
     return np.asarray(few**2 * np.einsum("rik,rjk->ij", moved, moved))
 
 
@@ -75,11 +78,13 @@ def jackknife_variance(square: Array, right: Array, precision: Array, first: int
     square: (c, k, k) Gram of each part, and precision: (k, k) of the prior [1 per coefficient, squared].
     right: (c, k) right side of each part, about the coefficients of all rows [1 per coefficient].
     """
+    from scipy.special import stdtrit
+
     whole = square.sum(axis=0) + precision
     size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
     ridge = RIDGE * np.eye(len(size))
     steps = np.linalg.solve((whole - square) / size / size[:, None] + ridge, (right / size)[..., None])[:, :first, 0]
-    count, ratio = len(square), t.ppf(0.975, len(square) - 1) / TWO_SIDED
+    count, ratio = len(square), float(stdtrit(len(square) - 1, 0.975)) / TWO_SIDED
     return np.asarray(ratio**2 * (count - 1) * np.var(steps / size[:first], axis=0))
 
 
