@@ -14,7 +14,8 @@ from .errors import OptionError, RecordingError, shorten
 from .estimation.estimators import ESTIMATORS, Estimator, Given
 from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.fit_quality import Fit, factor_rms, friction_at_rest, judge_fit
-from .estimation.least_squares import estimate
+from .estimation.least_squares import estimate, with_spread
+from .estimation.repeats import Varying, varying_numbers, varying_sentence
 from .estimation.standard import METHODS, Search, choose_in_time
 from .faults import IdentifiedData, described_evidence, identification_flags, naming_faults, under_found_gravity
 from .model import Model, ModelSource, fitted_model, stated_parameters
@@ -75,6 +76,11 @@ class Identification(Result):
     def best(self) -> Model:
         """The model to write and simulate: refined by roll-outs where these predict better, else `model`."""
         return self.refined or self.model
+
+    @property
+    def varies(self) -> tuple[Varying, ...]:
+        """Numbers that differ between recordings by more than their intervals, which contain this spread."""
+        return varying_numbers(self.robot, self.base, self.session.task.laws, self.estimate.spread)
 
     @property
     def physically_consistent(self) -> bool:
@@ -295,7 +301,7 @@ def _conclude(
     """Estimate, standard parameters, fit and flags from factors."""
     session, train, seed = given.session, given.factors, given.session.options.seed
     base = session.task.base
-    found = way.estimate(given)
+    found = with_spread(way.estimate(given), train, base, given.whiten)
     excitation = judge_excitation(session.task, train, found, seed)
     with steps_shown(given.progress):
         chosen, method = choose_in_time(session, train, found, method, search, seed)
@@ -329,6 +335,7 @@ def _conclude(
             *chosen.notes,
             *fit.sentences,
             *friction_at_rest(session, fit),
+            *varying_sentence(varying_numbers(session.robot, base, session.task.laws, found.spread)),
         ),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,

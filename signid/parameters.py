@@ -70,6 +70,7 @@ class Estimate(Result):
     flags: tuple[str, ...] = ()  # limitations of the result
     names: tuple[str, ...] = ()  # b formulas of an identification, "Izz_2 + 0.09 m_3"
     units: tuple[str, ...] = ()  # b
+    spread: Array | None = None  # (b,) [units of base] standard deviation between recordings, 0: agree; None: only one
 
     @property
     def std(self) -> Array:

@@ -15,9 +15,8 @@ from signid.diagnose.data.whitened_rows import Fitted, solve
 from signid.diagnose.extend.extend import extend
 from signid.diagnose.findings.findings import tell_apart
 from signid.diagnose.findings.thresholds import PLAUSIBLE
-from signid.diagnose.search.stepwise import inertial_violations
 from signid.diagnose.search.contributions import measure_contributions, residual_growth
-from signid.diagnose.search.stepwise import prune
+from signid.diagnose.search.stepwise import inertial_violations, prune
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
 from signid.regression.base_parameters import build_base

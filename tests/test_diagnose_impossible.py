@@ -140,8 +140,8 @@ def test_a_gain_that_deletes_the_torque_is_not_found() -> None:
 
     from signid.diagnose.evidence.bayes_factors import Evidence
     from signid.diagnose.run import _no_progress, _posterior, build, prepare_session
-    from signid.diagnose.search.stepwise import is_admissible
     from signid.diagnose.search.contributions import measure_contributions
+    from signid.diagnose.search.stepwise import is_admissible
     from signid.regression.session import Options, prepare
     from signid.signs import recover
 

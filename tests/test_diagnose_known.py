@@ -11,10 +11,10 @@ from random_rows import BODIES, DISPERSION, rows
 
 import signid
 from signid.diagnose.data.column_groups import Group, build_groups
+from signid.diagnose.data.thresholds import COVARIANCE_SCALES, INTERVAL_COVARIANCE_SCALES
 from signid.diagnose.data.whitened_rows import columns_of
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.prior import StatedPrior, stated_prior
-from signid.diagnose.data.thresholds import COVARIANCE_SCALES, INTERVAL_COVARIANCE_SCALES
 from signid.diagnose.extend.extend import read_laws
 from signid.diagnose.extend.holdout import predict
 from signid.diagnose.findings.held_out_selection import ExtendedSimulation

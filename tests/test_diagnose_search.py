@@ -9,17 +9,6 @@ import numpy as np
 import pytest
 from diagnosis_rows import Question, law, names, pose
 
-from signid.diagnose.search.stepwise import inertial_violations, is_admissible
-from signid.diagnose.search.contributions import measure_contributions, residual_growth
-from signid.diagnose.search.stepwise import (
-    inflated_dispersion,
-    initial_selection,
-    is_applicable,
-    log_posterior,
-    present_laws,
-    required_log_odds,
-    stepwise_search,
-)
 from signid.diagnose.data.thresholds import (
     FIRST_LOG_ODDS,
     IMITATED_LOG_ODDS,
@@ -27,6 +16,18 @@ from signid.diagnose.data.thresholds import (
     NEXT_LOG_ODDS,
     SHAPE_ERROR,
     UNTRUSTED_LOG_ODDS,
+)
+from signid.diagnose.search.contributions import measure_contributions, residual_growth
+from signid.diagnose.search.stepwise import (
+    inertial_violations,
+    inflated_dispersion,
+    initial_selection,
+    is_admissible,
+    is_applicable,
+    log_posterior,
+    present_laws,
+    required_log_odds,
+    stepwise_search,
 )
 from signid.types import Law
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..regression.factors import Factors, JointFactors, RowSample
 from ..types import Array, BaseMap, Estimate, Indices, Mask
+from .repeats import spread_between, spread_covariance
 
 PROCESSES = ("v", "l", "q", "vl", "qv")  # states of each process: velocity, load, position
 # Length, thresholds and number of processes were chosen on the recordings of tests/test_estimation_real_intervals.py
@@ -227,6 +228,22 @@ def estimate(
     white = solution.inverse
     added = discrepancy_covariance(factors.sample, factors.columns, base, found.value, found.noise**2, white)
     return replace(found, covariance=found.covariance + added)
+
+
+def with_spread(found: Estimate, factors: Factors, base: BaseMap, whiten: bool = True) -> Estimate:
+    """The estimate from factors of several recordings, whose covariance contains how much these differ.
+
+    Each recording is estimated alone, from its own factors (`repeats.spread_between`).
+    """
+    if len(factors.parts) < 2:
+        return found
+    alone = [estimate(one, base, found.value, whiten) for _, one in factors.parts]
+    values, variances = (np.array(x) for x in zip(*((x.value, np.diag(x.covariance)) for x in alone), strict=True))
+    spread = spread_between(values, variances)
+    noise = [_Noise(0, np.array([size**2])) for size in found.noise]
+    parts = np.array([_solve(one, noise, found.value).information for _, one in factors.parts])
+    added = spread_covariance(spread, parts, _solve(factors, noise, found.value).inverse)
+    return replace(found, covariance=found.covariance + added, spread=spread)
 
 
 def _each(factors: Factors) -> Sequence[tuple[JointFactors, Indices]]:

@@ -106,8 +106,10 @@ class Factors(Frozen):
     acceleration: Array  # (n,) [rad2/s4] sum of a squared
     rows: int
     sample: RowSample | None = None  # sample of the rows; None for white noise
+    parts: tuple[tuple[str, Factors], ...] = ()  # of each recording, with its SHA-256
 
     def __add__(self, other: Factors) -> Factors:
+        one, two = dict(self.parts), dict(other.parts)
         return Factors(
             tuple(a + b for a, b in zip(self.joints, other.joints, strict=True)),
             self.columns,
@@ -118,6 +120,7 @@ class Factors(Frozen):
             self.acceleration + other.acceleration,
             self.rows + other.rows,
             self.sample + other.sample if self.sample and other.sample else None,
+            tuple({**one, **{key: one[key] + x if key in one else x for key, x in two.items()}}.items()),
         )
 
 

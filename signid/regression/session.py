@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
-from itertools import chain
 
 import numpy as np
 
@@ -122,15 +121,15 @@ class Session(Frozen):
         Raises:
             RecordingError: every stretch of the recordings is shorter than the filter.
         """
-        rows = chain.from_iterable(_rows(self.task, part, progress, purpose) for part in parts)
-        factors = reduce_rows(self.task, rows, lags=lags, weigh=weigh)
-        if factors.rows == 0:
+        each = [(p, reduce_rows(self.task, _rows(self.task, p, progress, purpose), lags, weigh)) for p in parts]
+        found = [replace(one, parts=((part[0].sha256, one),)) for part, one in each if one.rows]
+        if not found:
             band, these = self.task.band, "what is held out" if parts is self.held_out else "the recordings"
             raise RecordingError(
                 f"no stretch of {these} is as long as the filter for {band.cutoff:.3g} Hz "
                 f"({len(band.taps) / band.rate:.2g} s); record for longer, or raise the cut-off"
             )
-        return factors
+        return sum(found[1:], found[0])
 
 
 def longest_piece(part: Part, most: int = PIECE) -> Samples:

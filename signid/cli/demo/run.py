@@ -254,7 +254,8 @@ def _shape(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
     if name == "payload":
         known, body = scene.known.robot, joint_of_row(scene.known.robot.model, own_row(scene.known.robot, joints[0]))
         ends: list[Array] = [one.placement.translation for one in known.model.frames if one.parentJoint == body]
-        centre = zip("xyz", max(ends, key=lambda end: float(np.linalg.norm(end))), strict=True)  # of the outermost
+        furthest = ends[int(np.argmax(np.linalg.norm(ends, axis=1)))]
+        centre = zip("xyz", furthest, strict=True)
         return {"mass": 1.0, **{f"first_moment_{axis}": float(x) for axis, x in centre}}
     if name == "base_tilt":
         way = rng.uniform(0, 2 * np.pi)

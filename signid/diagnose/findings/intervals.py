@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.special import stdtrit
 
+from ...estimation.repeats import jackknife_variance
 from ...model import Model
-from ...parameters import TWO_SIDED
 from ...regression.base_parameters import build_base
 from ...regression.covariance import Covariance, base_covariance
 from ...robot.dynamics import own_body
@@ -32,8 +31,6 @@ from .thresholds import BLOCK_PERIODS, MOST_PARTS
 STEP = 1e-3  # of the central differences, over the number [1]
 LEAST_STEP, LEAST_SHAPE_STEP = 1e-3, 1e-6  # size that a coefficient, a shape counts as at least in that step [its unit]
 UNIDENTIFIABLE = 1e-8  # share of a number's sum of squares that nothing else makes, below which its std is infinite [1]
-LEVEL = 0.975  # quantile at the upper end of a 95 % interval
-RIDGE = 1e-10  # over the diagonal of the normal equations [1]
 FACTOR = ""  # key of the one unknown factor of a law whose numbers are all scaled by it [1]
 Number = tuple[Law, str]  # a law and the key of one of its numbers
 
@@ -126,21 +123,6 @@ def _variance_over_parts(dataset: Dataset, selection: Selection, model: _NumberM
             square[k][np.ix_(at, at)] += rows.T @ rows
             right[k][at] += rows.T @ residual[j][part == k] / np.sqrt(model.dispersion[j])
     return jackknife_variance(square, right, block_diag(model.precision, model.beside_precision), d)
-
-
-def jackknife_variance(square: Array, right: Array, precision: Array, first: int) -> Array:
-    """(d,) jackknife variance of the first d coefficients of a linear model over c parts of its rows.
-
-    Scaled by Student's t over the normal quantile, since there are few parts. `first` is d.
-    square: (c, k, k) Gram of each part, and precision: (k, k) of the prior [1 per coefficient, squared].
-    right: (c, k) right side of each part, about the coefficients of all rows [1 per coefficient].
-    """
-    whole = square.sum(axis=0) + precision
-    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    ridge = RIDGE * np.eye(len(size))
-    steps = np.linalg.solve((whole - square) / size / size[:, None] + ridge, (right / size)[..., None])[:, :first, 0]
-    count, ratio = len(square), float(stdtrit(len(square) - 1, LEVEL)) / TWO_SIDED
-    return np.asarray(ratio**2 * (count - 1) * np.var(steps / size[:first], axis=0))
 
 
 def _parts(dataset: Dataset) -> Indices:

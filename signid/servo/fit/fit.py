@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ...errors import OptionError, shorten
 from ...frozen import Frozen
@@ -16,7 +17,7 @@ from ..given import OWN, Assumptions, Name, unions
 from ..plant.course import RobotCourse, bodies_of, course, groups, part, recorded_course, refined, single
 from ..plant.drives import COARSE, LONGEST
 from .coordinates import Coordinates, slots, started, typical
-from .normal import FitPoint, covariance, normal
+from .normal import Certainty, FitPoint, certainty, normal
 from .solve import Solved, scan, solve
 from .windows import FitWindows, shoot, window_places, windows_of
 
@@ -40,6 +41,7 @@ class ServoFit(Frozen):
     saturated_share: Array  # (n,) share of samples at the effort limit while on [1]
     iterations: int
     at_bound: Mask  # (P,) whether a number stands at a bound of `assumptions`: it then has no variance
+    spread: Array  # (P,) [SERVO_UNITS] standard deviation between recordings, 0 where they agree
     notes: tuple[str, ...] = ()
 
     @property
@@ -227,36 +229,43 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
         for g, f in zip(joints, fits, strict=True)
         for s in f.where.slots
     ]
-    certain = [_certainty(fit, task.coarse) for fit in fits]
-    rms = np.sqrt(np.average(squares, axis=0, weights=lengths))
+    certain = [_certainty(fit, task) for fit in fits]
+    rms, reordered = np.sqrt(np.average(squares, axis=0, weights=lengths)), np.ix_(order, order)
     return ServoFit(
         servos,
         tuple(flat[i] for i in order),
         tuple(owners[i] for i in order),
         np.concatenate([f.solved.point.values for f in fits])[order],
-        _blocks([spread for spread, _ in certain], order),
-        _blocks([information for _, information in certain], order),
+        block_diag(*(one.covariance for one, _ in certain))[reordered],
+        block_diag(*(information for _, information in certain))[reordered],
         rms,
         tuple((k, first) for k, first, _ in task.places),
         squares,
         share,
         steps + max(f.solved.steps for f in fits),
         np.concatenate([f.where.at_bounds(f.solved.point.values) for f in fits])[order],
+        np.concatenate([one.spread for one, _ in certain])[order],
     )
 
 
-def _certainty(fit: _Group, coarse: bool) -> tuple[Array, Array]:
-    """Covariance and information (P, P) of a group, with its priors; NaN of a coarse fit.
+def _certainty(fit: _Group, task: _Task) -> tuple[Certainty, Array]:
+    """Certainty and information (P, P) of a group, with its priors; NaN of a coarse fit.
 
     The others are those about a number at its bound, which has no variance.
     """
-    if coarse:
-        return (np.full((len(fit.where.slots),) * 2, np.nan),) * 2
-    at, precision = normal(fit.windows, fit.where, fit.solved.point, fit.solved.noise), fit.where.stated_precision
-    inside = ~fit.where.at_bounds(fit.solved.point.values)
-    rows, spread = np.ix_(inside, inside), np.zeros_like(at.information)
-    spread[rows] = covariance(at.information[rows], at.scores[:, inside], precision[inside])
-    return spread, at.information + np.diag(precision)
+    values, count = fit.solved.point.values, len(fit.where.slots)
+    if task.coarse:
+        return Certainty(np.full((count, count), np.nan), np.zeros(count)), np.full((count, count), np.nan)
+    at, prior = normal(fit.windows, fit.where, fit.solved.point, fit.solved.noise), np.diag(fit.where.stated_precision)
+    ratios, inside = np.eye(count), ~fit.where.at_bounds(values)
+    for i in range(count):
+        ratios[fit.where.scaled(i), i] = values[fit.where.scaled(i)]
+    shas = [grid.sha256 or grid.path for grid in task.grids]
+    recording = np.array([shas.index(shas[k]) for k, _, _ in task.places])
+    rows, covariance, spread = np.ix_(inside, inside), np.zeros((count, count)), np.zeros(count)
+    own = at._replace(each=at.each[:, inside][:, :, inside], scores=at.scores[:, inside])
+    covariance[rows], spread[inside] = certainty(own, recording, prior[rows], ratios[rows])
+    return Certainty(covariance, spread), at.information + prior
 
 
 def _saturated(fit: _Group) -> Array:
@@ -265,13 +274,3 @@ def _saturated(fit: _Group) -> Array:
     hits = shoot(windows, fit.where.copies(point.values[None]), point.q0[None], point.v0[None])[1][0].sum(0)
     on = (windows.joined.column("on")[windows.places[:, :-1]] > 0.5) & windows.inside[:, 1:, None]
     return np.asarray(hits / np.maximum(windows.joined.parts * on.sum((0, 1)), 1))
-
-
-def _blocks(parts: Sequence[Array], order: Sequence[int]) -> Array:
-    """Matrix of independent blocks, in another order."""
-    total = sum(map(len, parts))
-    out, k = np.zeros((total, total)), 0
-    for one in parts:
-        out[k : k + len(one), k : k + len(one)] = one
-        k += len(one)
-    return out[np.ix_(order, order)]

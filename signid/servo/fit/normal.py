@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import chi2, t
 
-from ...types import Array
+from ...estimation.repeats import jackknife_variance, spread_between, spread_covariance
+from ...types import TWO_SIDED, Array, Indices
 from .coordinates import DIFFERENCE, Coordinates
 from .windows import MOST_VALUES, FitWindows, shoot
 
@@ -15,6 +17,9 @@ NUDGE = (1e-4, 1e-2)  # differences of initial states
 SHARES = (1.0, 0.3, 0.0)  # of the step of a window's state that are tried
 LOST = 0.4  # windows that each fitted number takes from the sandwich
 NEIGHBOURS = 3  # windows apart that may be correlated
+BLOCKS = 6  # of the windows of a recording: of some seconds, since windows a few apart are correlated (Go2)
+LEAST_REST = 0.25  # share of the windows of a recording that its numbers leave, below which it is not judged alone
+DEPENDENT = 0.01  # probability by chance of a variance between blocks, below which the windows are not independent
 LEAST = 1e-24  # variance over the widest one, below which it counts as this
 NOTHING = 1e-12  # influence over the largest one, below which a number is not identifiable
 WEAK = 1e-12  # relative eigenvalue of the information below which a direction is not identifiable
@@ -45,11 +50,16 @@ class StateSlopes(NamedTuple):
 class Normal(NamedTuple):
     """Quadratic model of half the cost about a point, for steps of the values (in SERVO_UNITS)."""
 
-    information: Array  # (P, P) [inverse products of SERVO_UNITS]
+    each: Array  # (W, P, P) [inverse products of SERVO_UNITS] of each window, states eliminated
     scores: Array  # (W, P) [1/SERVO_UNITS] gradient of each window, states eliminated
     across: Array  # (W, P, 2n) [inverse products] values and states
     inverse: Array  # (W, 2n, 2n) [products of rad, rad/s] of the states' information
     state: Array  # (W, 2n) [1/rad, s/rad] gradient of the states
+
+    @property
+    def information(self) -> Array:
+        """Information (P, P) of all windows [inverse products of SERVO_UNITS]."""
+        return np.asarray(self.each.sum(0))
 
 
 def residuals(windows: FitWindows, where: Coordinates, point: FitPoint) -> Array:
@@ -110,9 +120,7 @@ def normal(
         some = slice(k, k + most)
         at = FitPoint(point.values, point.q0[some], point.v0[some])
         parts.append(_windows(windows.part(some), where, at, differences, noise))
-    information = sum((part.information for part in parts), np.zeros((len(where.slots),) * 2))
-    joined = [np.concatenate(each) for each in zip(*(part[1:] for part in parts), strict=True)]
-    return Normal(information, *joined)
+    return Normal(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 class Differences(NamedTuple):
@@ -171,9 +179,9 @@ def reduced(by_value: Array, residual: Array, states: StateSlopes, off: Array | 
     if off is not None:
         state = state + _state_prior(residual.shape[-1]) * off
     across = np.swapaxes(a, 1, 2) @ b
-    whole = (np.swapaxes(a, 1, 2) @ a - across @ inverse @ np.swapaxes(across, 1, 2)).sum(0)
+    each = np.swapaxes(a, 1, 2) @ a - across @ inverse @ np.swapaxes(across, 1, 2)
     scores = (np.swapaxes(a, 1, 2) @ z)[:, :, 0] - np.einsum("wps,wsu,wu->wp", across, inverse, state)
-    return Normal(whole, scores, across, inverse, state)
+    return Normal(each, scores, across, inverse, state)
 
 
 def _state_prior(n: int) -> Array:
@@ -204,30 +212,73 @@ def _windows(
     return reduced(slopes, (out[0] - windows.measured) / noise, states, off)
 
 
-def covariance(information: Array, scores: Array, precision: Array | None = None) -> Array:
+def covariance(information: Array, scores: Array, prior: Array | None = None) -> Array:
     """Covariance (P, P) in the units of the values; infinite variance without influence.
 
     information: (P, P) of white residuals [inverse products of SERVO_UNITS].
     scores: (W, P) gradient of each window at the optimum, in time order [1/SERVO_UNITS].
-    precision: (P,) of independent priors [inverse squares of SERVO_UNITS]; default: none.
+    prior: (P, P) precision [inverse products of SERVO_UNITS]; default: none.
     """
-    prior = np.diag(np.zeros(len(information)) if precision is None else precision)
+    prior = np.zeros_like(information) if prior is None else prior
     information = information + prior
-    size = np.sqrt(np.diag(information))
-    seen = size > NOTHING * size.max(initial=0.0)
-    out = np.diag(np.where(seen, 0.0, np.inf))
-    count, windows = int(seen.sum()), len(scores)
+    inverse, windows = _inverse(information), len(scores)
+    seen = np.diag(inverse) > 0
+    out, count = np.diag(np.where(seen, 0.0, np.inf)), int(seen.sum())
     if not count:
         return out
-    scale, scores = np.outer(size[seen], size[seen]), scores[:, seen]
-    inverse = _inverse(information[np.ix_(seen, seen)] / scale) / scale
     factor = windows / max(windows - LOST * count, windows / 4)
-    meat = [factor * _meat(scores, lags) for lags in (0, min(NEIGHBOURS, windows // (2 * NEIGHBOURS)))]
-    robust = [inverse @ (one + prior[np.ix_(seen, seen)]) @ inverse for one in meat]
+    meat = [factor * _meat(scores, k) for k in (0, min(NEIGHBOURS, windows // (2 * NEIGHBOURS)))]
+    robust = [inverse @ (one + prior) @ inverse for one in meat]
     widest = np.max([np.diag(one) for one in (*robust, inverse)], axis=0)
-    wider = np.sqrt(widest / np.maximum(np.diag(robust[0]), LEAST * widest))
-    out[np.ix_(seen, seen)] = robust[0] * np.outer(wider, wider)
-    return out
+    wider = np.sqrt(widest / np.maximum(np.diag(robust[0]), np.maximum(LEAST * widest, 1e-300)))
+    return np.asarray(out + robust[0] * np.outer(wider, wider))
+
+
+class Certainty(NamedTuple):
+    """Covariance and spread of P numbers."""
+
+    covariance: Array  # (P, P) [products of SERVO_UNITS]
+    spread: Array  # (P,) [SERVO_UNITS] standard deviation between recordings, 0 where they agree
+
+
+def certainty(at: Normal, recording: Indices, prior: Array, ratios: Array) -> Certainty:
+    """Certainty about an optimum, with what windows that are not independent and unlike recordings leave open.
+
+    Each recording moves the numbers by a step about the common optimum. Blocks of its windows, and recordings, are
+    compared along the ratios to kp and the common scales, since positions identify ratios.
+
+    Args:
+        at: normal equations at the optimum.
+        recording: (W,) number of the recording of each window.
+        prior: (P, P) precision [inverse products of SERVO_UNITS].
+        ratios: (P, P) derivatives of the values by these ratios and scales [SERVO_UNITS over theirs].
+    """
+    own, inner = [np.flatnonzero(recording == k) for k in np.unique(recording)], ratios.T @ prior @ ratios
+    each, scores = ratios.T @ at.each @ ratios, at.scores @ ratios
+    parts, moved = np.array([each[some].sum(0) for some in own]), scores.copy()
+    steps = np.array([-_inverse(x + inner) @ scores[some].sum(0) for x, some in zip(parts, own, strict=True)])
+    for step, some in zip(steps if len(own) > 1 else (), own, strict=False):
+        moved[some] += each[some] @ step
+    alike, whole, wider = covariance(parts.sum(0), scores, inner), _inverse(parts.sum(0) + inner), np.ones(len(inner))
+    known = np.maximum(np.diag(covariance(parts.sum(0), moved, inner)), np.diag(whole))
+    blocks = [some for windows in own for some in np.array_split(windows, BLOCKS)]
+    if len(moved) >= max(len(blocks), len(inner)):
+        x, right = (np.array([one[some].sum(0) for some in blocks]) for one in (each, moved))
+        ratio, free = jackknife_variance(x, right, inner, len(inner)) / known, len(blocks) - len(own)
+        few = (t.ppf(0.975, len(blocks) - 1) / TWO_SIDED) ** 2
+        wider = np.where(chi2.sf(free * ratio / few, free) < DEPENDENT, np.maximum(ratio, 1.0), 1.0)
+    lost = LOST * len(inner)  # windows of each recording
+    alone = np.array([np.diag(_inverse(x + inner)) for x in parts]) / np.maximum(np.diag(whole), 1e-300)
+    alone = np.where(alone > 0, alone, np.inf) * known * wider * max(len(moved) - lost, len(moved) / 4) / len(moved)
+    rest = np.array([max(len(some) - lost, 0.0) / len(some) for some in own])
+    variances = np.where(rest[:, None] >= LEAST_REST, alone / np.maximum(rest, LEAST_REST)[:, None], np.inf)
+    spread = spread_between(steps, variances)
+    unseen = np.isinf(known)
+    alike[unseen, unseen] = 0.0
+    alike = alike * np.sqrt(np.outer(wider, wider)) + spread_covariance(spread, parts, whole)
+    found = ratios @ alike @ ratios.T
+    found[unseen, unseen] = np.inf
+    return Certainty(found, spread * np.diag(ratios))
 
 
 def _meat(scores: Array, lags: int) -> Array:
@@ -240,5 +291,9 @@ def _meat(scores: Array, lags: int) -> Array:
 
 
 def _inverse(matrix: Array) -> Array:
-    values, vectors = np.linalg.eigh(matrix)
-    return np.asarray((vectors / np.maximum(values, WEAK * values[-1])) @ vectors.T)
+    """Inverse of an information (P, P) relative to its diagonal; zero of numbers without influence."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > NOTHING * size.max(initial=0.0))
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    least = WEAK * values.max(initial=1.0)
+    return np.asarray((vectors / np.maximum(values, least)) @ vectors.T * np.outer(scale, scale))

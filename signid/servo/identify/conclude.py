@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from ...effects import EFFECTS
 from ...errors import decimals, shorten
+from ...estimation.repeats import SERVO, Varying, varying_sentence
 from ...model import Model, command_model
 from ...robot.joints import alike, name_pattern
 from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo, ServoGrid
@@ -146,6 +148,7 @@ def conclude(
     noise = (replace(fact, masses_error=0.0) for fact in facts.values())  # equal joints share the error of the masses
     apart = {one.joint: _estimates(_joint(one.joint, fit, chosen, one, known.assumptions)) for one in noise}
     notes = (*notes, *equal_hints(apart, known.assumptions.equal))
+    varies = tuple(varying_drives(joints, fit))
     return ServoIdentification(
         robot=robot,
         model=command_model(model, servos, complete=True)[0],
@@ -156,12 +159,26 @@ def conclude(
         traces=judged.traces,
         inputs=data.inputs,
         flags=_flags(added, joints, fit, data, rolled, limited),
-        notes=(*model.robot.notes, *notes, *duty_notes(known.tied), *fit.notes),
+        notes=(*model.robot.notes, *notes, *duty_notes(known.tied), *fit.notes, *varying_sentence(varies)),
         seed=options.seed,
         refit=judged.refit,
         start=replace(chosen.candidate, window=chosen.candidate.window or options.window),
         far=tuple(joint for joint, error in judged.errors.items() if error.far),
+        varies=varies,
     )
+
+
+def varying_drives(joints: Sequence[ServoJoint], fit: ServoFit) -> Iterator[Varying]:
+    """Numbers that differ between recordings, by the names under which a result has them."""
+    found = {one.joint: one.numbers for one in joints}
+    for k in np.flatnonzero(fit.spread).tolist():
+        joint, name = fit.names[k]
+        numbers, whole = found[joint], next((total for total, parts in SUMS.items() if name in parts), name)
+        for key, size in {name: 1.0, whole: 1.0, f"{whole}/kp": fit.servos[joint].kp}.items():
+            if (number := numbers.get(key)) is not None and number.value is not None:
+                effect, parameter = (key, next(iter(EFFECTS[key].parameters))) if key in PASSIVE else (SERVO, key)
+                yield Varying(effect, joint, parameter, float(fit.spread[k]) / size, number.unit)
+                break
 
 
 def _estimates(one: ServoJoint) -> dict[str, tuple[float, float]]:

@@ -152,13 +152,16 @@ def _ratios(servo: Servo, free: Sequence[str], covariance: Array, facts: JointFa
     if "kp" not in free or not servo.kp > 0:
         return {}
     k, found = free.index("kp"), dict[str, ServoNumber]()
-    own = covariance - np.outer(covariance[:, k], covariance[k]) / max(covariance[k, k], 1e-300)
+    given = covariance - np.outer(covariance[:, k], covariance[k]) / max(covariance[k, k], 1e-300)
     for name in RATIOS:
         parts = [i for i, n in enumerate(free) if n in SUMS.get(name, (name,))]
         value, key = getattr(servo, name) / servo.kp, WAVE if name == "armature" else f"{name}/kp"
         if not parts or not np.isfinite(value):
             continue
-        std = float(np.sqrt(max(own[np.ix_(parts, parts)].sum(), 0.0))) / servo.kp
+        slope = np.array([(i in parts) - value * (i == k) for i in range(len(free))])
+        with np.errstate(invalid="ignore"):
+            whole = np.nan_to_num(slope @ covariance @ slope, posinf=0.0)  # known masses make torques less than ratios
+        std = float(np.sqrt(max(given[np.ix_(parts, parts)].sum(), whole, 0.0))) / servo.kp
         most, unit = value + 1.96 * std, unit_of(key, facts.prismatic)
         if name in SIGNED or std <= VAGUE * value:
             size = (1 / value, std / value**2) if name == "armature" else (value, std)

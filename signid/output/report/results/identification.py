@@ -164,6 +164,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "signs": None if result.signs is None else signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
         "lacks": [{key: x for key, x in list(vars(lack).items())[:4]} for lack in result.lacks],
+        "varies": [one._asdict() for one in result.varies],
         **({} if result.refinement is None else {"refinement": _refinement(result, result.refinement)}),
         "excitation": excitation_verdict(result.excitation),
         "method": result.method,

@@ -59,6 +59,7 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
         "effects": list(_effects(result)),
         "signs": None,
         "fit": {**position_fit(result.rollout), "refit": result.refit},
+        "varies": [one._asdict() for one in result.varies],
         "method": "output error of the closed loop",
         "recordings": [
             {"path": log.path, "clock": stamps_clock(log.period), "content_rate": log.content_rate}
