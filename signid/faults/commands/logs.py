@@ -463,7 +463,7 @@ def _damaged(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
     seconds, sweeps = stuck(parts, audit.range)
     if still := frozen(parts, audit.quantum):
         fact = f"{audit.joint}: q stops within one row and stays the same for {still:.3g} s"
-        yield f"{fact}: the sensor or the log is stuck; leave these rows out"
+        yield f"{fact}: the sensor is stuck, or the log; leave these rows out"
     elif sweeps > SWEEPS and not explained["command"] and not abs(audit.shift) > LONGEST:
         fact = f"{audit.joint}: q stays the same for {seconds:.3g} s while q_des moves"
         yield f"{fact}: the sensor is stuck, or the drive is off; leave these rows out or mark them (on_J)"

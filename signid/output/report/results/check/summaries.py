@@ -54,7 +54,7 @@ OWN = 0.75  # [1] share of the rate below which rows have no content of their ow
 FEW_HOLDS = 2  # times at rest of a joint, below which more are advised: droop is their median
 HALF = 0.5  # [1] share of identifiable base parameters, below which recordings are limited
 IN_SAMPLES = {  # what is looked for in the samples, and the kinds of its faults
-    "rows out of order": ("order of rows",),
+    "rows out of order or without motion": ("order of rows", "standstill"),
     "drop-outs or spikes": ("drop-outs", "spikes"),
     "stuck or coarse positions": ("stuck position", "skipping position", "coarse position"),
     "clipped or stuck torque": ("clipping", "stuck torque", "few torque values"),
