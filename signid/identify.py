@@ -80,7 +80,8 @@ class Identification(Result):
     @property
     def varies(self) -> tuple[Varying, ...]:
         """Numbers that differ between recordings by more than their intervals, which contain this spread."""
-        return varying_numbers(self.robot, self.base, self.session.task.laws, self.estimate.spread)
+        spread = self.estimate.spread
+        return () if spread is None else varying_numbers(self.robot, self.base, self.session.task.laws, spread)
 
     @property
     def physically_consistent(self) -> bool:
@@ -335,7 +336,11 @@ def _conclude(
             *chosen.notes,
             *fit.sentences,
             *friction_at_rest(session, fit),
-            *varying_sentence(varying_numbers(session.robot, base, session.task.laws, found.spread)),
+            *(
+                ()
+                if found.spread is None
+                else varying_sentence(varying_numbers(session.robot, base, session.task.laws, found.spread))
+            ),
         ),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,

@@ -174,7 +174,7 @@ def _print_reading(recording: Recording) -> None:
 
 def _place_of_reading(path: str, output: str | None) -> Path:
     """Path of the reading of a recording: beside it, or in the folder `output` if that is all that can be written."""
-    from ..recording.reading import reading_path
+    from ..recording.source import reading_path
 
     beside = reading_path(path)
     closed = output is not None and not beside.exists() and not os.access(beside.parent, os.W_OK)
@@ -199,7 +199,7 @@ def under_gravity(options: Given, paths: Iterable[str] | None, columns: str | No
         RecordingError: a reading cannot be read.
     """
     from ..recording.names.mapping import read_map
-    from ..recording.reading import reading_beside
+    from ..recording.source import reading_beside
 
     files = (columns or reading_beside(path) for path in paths or ())
     found = next((stated for file in files if file and (stated := read_map(file).gravity)), None)

@@ -205,7 +205,7 @@ def _signed(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) 
 
 def _readings(recordings: Sequence[Recording]) -> dict[str, Content]:
     """The readings of recordings, by the names of their files."""
-    from ..recording.reading import reading_path
+    from ..recording.source import reading_path
 
     return {reading_path(each.path).name: each.reading.text for each in recordings if each.reading and each.path}
 

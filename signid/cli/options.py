@@ -36,7 +36,9 @@ OptionalRecordings = Annotated[
 Columns = Annotated[Text, typer.Option(metavar="FILE", help='TOML of other column names: q_elbow = "elbow_pos".')]
 Rate = Annotated[
     float | None,
-    typer.Option(metavar="HZ", help="Rate of rows without times [Hz]; 0: each row is a posture at rest. Default: the column of time."),
+    typer.Option(
+        metavar="HZ", help="Rate of rows without times [Hz]; 0: postures at rest. Default: their column of time."
+    ),
 ]
 Effects = Annotated[
     Text,

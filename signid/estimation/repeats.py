@@ -88,13 +88,13 @@ def jackknife_variance(square: Array, right: Array, precision: Array, first: int
     return np.asarray(ratio**2 * (count - 1) * np.var(steps / size[:first], axis=0))
 
 
-def varying_numbers(robot: Robot, base: BaseMap, laws: Sequence[Law], spread: Array | None) -> tuple[Varying, ...]:
+def varying_numbers(robot: Robot, base: BaseMap, laws: Sequence[Law], spread: Array) -> tuple[Varying, ...]:
     """Base parameters that differ between recordings; single coefficients by their laws.
 
-    spread: (b,) standard deviation between recordings [units of base]; None of one recording.
+    spread: (b,) standard deviation between recordings [units of base].
     """
-    found, each = list[Varying](), np.zeros(0) if spread is None else spread
-    for k in np.flatnonzero(each).tolist():
+    found = list[Varying]()
+    for k in np.flatnonzero(spread).tolist():
         effect, joint, parameter = None, None, base.expressions[k]
         label = base.labels[lead := int(base.independent[k])]
         if label.law is not None and np.count_nonzero(base.combination[k]) == 1:
@@ -103,7 +103,7 @@ def varying_numbers(robot: Robot, base: BaseMap, laws: Sequence[Law], spread: Ar
                 own = [i for i, other in enumerate(base.labels) if other.law == label.law]
                 effect, parameter = law.effect.name, [*law.effect.linear()][own.index(lead)]
                 joint = robot.joints[law.joints[0]]
-        found.append(Varying(effect, joint, parameter, float(each[k]), base.units[k]))
+        found.append(Varying(effect, joint, parameter, float(spread[k]), base.units[k]))
     return tuple(found)
 
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from ..errors import OptionError, RecordingError
-from ..recording.postures import DISORDER, STANDSTILL, disorder
+from ..recording.missing import DISORDER, STANDSTILL, disorder
 from ..regression.session import PIECE, Part, Session
 from ..types import Array, Mask, Robot, Samples
 from .result import REFUSE, WARN, RecordingFault

@@ -22,13 +22,12 @@ from .columns import Assignment, assign_columns, converted, stated_units, unit_c
 from .formats import FORMATS, PICKLED
 from .formats.base import About
 from .formats.json_ import holds_samples
-from .missing import bridge, with_positions
+from .missing import are_postures, at_rest, bridge, with_positions
 from .names.mapping import TORQUES, ColumnMap, DerivedTable, ParsedColumns, Signal, read_heading, read_map, split
 from .names.match import guess
-from .postures import are_postures, at_rest
-from .reading import commanded_torques, draft_reading, found_reading, lacking_time, reading_beside, suggest
+from .reading import commanded_torques, draft_reading, lacking_time, suggest
 from .sampling.clock import CHUNK, ask_for_time
-from .source import Opened, Source, columns_of, open_source
+from .source import Opened, Source, columns_of, found_reading, open_source, reading_beside
 from .units import UNSTATED
 
 POSITIONS = ("q", "dq", "ddq", "q_des")
@@ -141,7 +140,8 @@ def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, 
         {name: unit for name, unit in found.units.items() if any(name in group for group in chosen.values())},
     )
     recording = at_rest(recording) if mapping.heading.rate == 0 else bridge(recording)
-    return replace(recording, notes=(*recording.notes, *commanded_torques(recording)))
+    commands = commanded_torques(recording) if any(chosen["q_des"]) else ()
+    return replace(recording, notes=(*recording.notes, *commands))
 
 
 def same_joints(recordings: Sequence[Recording]) -> tuple[str, ...]:

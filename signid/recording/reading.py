@@ -30,7 +30,6 @@ from .sampling.clock import increasing, numbers_of, rivals
 from .source import Opened, Source
 from .units import Noticed, noticed_units, time_unit
 
-SUFFIX = ".reading.toml"  # of the name of the log
 CHECK = "CHECK"  # in the reason of a unit that the user is to check
 COMMAND = 0.999  # correlation of a torque with kp (q_des - q) - kd dq above which it is a command
 EXAMINED, FEWEST = 20_000, 100  # [rows] that decide it, at most and at least
@@ -62,25 +61,6 @@ SECTIONS = """
 [gravity]
 # vector = [0, 0, -9.81]  # [m/s2] in the frame of the root link
 """  # of a reading, to fill in
-
-
-def reading_beside(source: object) -> Path | None:
-    """The reading of a log that lies beside it; None without one."""
-    path = reading_path(source) if isinstance(source, str | Path) else None
-    return path if path and path.is_file() else None
-
-
-def found_reading(file: object) -> Reading | None:
-    """The reading in a file with a column map; None for another map."""
-    if not isinstance(file, str | Path) or not str(file).endswith(SUFFIX):
-        return None
-    return Reading(Path(file).read_text(encoding="utf-8"), (), readable(str(file)))
-
-
-def reading_path(source: str | Path, folder: str | Path | None = None) -> Path:
-    """Path of the reading of a log, beside it or in a folder."""
-    path = Path(source)
-    return (path.parent if folder is None else Path(folder)) / f"{path.name}{SUFFIX}"
 
 
 def draft_reading(source: str | Path, robot: Robot, topics: Sequence[str], error: RecordingError) -> Reading:

@@ -14,7 +14,7 @@ import polars as pl
 from numpy.typing import ArrayLike
 
 from ..errors import OptionError, RecordingError, readable, shorten
-from ..types import Table
+from ..types import Reading, Table
 from .formats import find_format
 from .formats.base import About, memory_table
 from .names.mapping import DerivedTable, Heading
@@ -27,6 +27,7 @@ class Frame(Protocol):
     def __getitem__(self, name: Any, /) -> Any: ...
 
 
+SUFFIX = ".reading.toml"  # of the name of the log
 Source = str | Path | Mapping[str, ArrayLike] | Frame
 
 
@@ -162,3 +163,22 @@ def _digest(file: Path) -> str:
         raise OSError(EINVAL, "it is no regular file", str(file))
     with file.open("rb") as stream:
         return file_digest(stream, "sha256").hexdigest()
+
+
+def reading_beside(source: object) -> Path | None:
+    """The reading of a log that lies beside it; None without one."""
+    path = reading_path(source) if isinstance(source, str | Path) else None
+    return path if path and path.is_file() else None
+
+
+def found_reading(file: object) -> Reading | None:
+    """The reading in a file with a column map; None for another map."""
+    if not isinstance(file, str | Path) or not str(file).endswith(SUFFIX):
+        return None
+    return Reading(Path(file).read_text(encoding="utf-8"), (), readable(str(file)))
+
+
+def reading_path(source: str | Path, folder: str | Path | None = None) -> Path:
+    """Path of the reading of a log, beside it or in a folder."""
+    path = Path(source)
+    return (path.parent if folder is None else Path(folder)) / f"{path.name}{SUFFIX}"

@@ -109,7 +109,7 @@ def _column_map(sources: list[str], conversion: ConvertOptions) -> str | None:
     Raises:
         OptionError: two maps, no robot for a map that is to be written, or a calibration without such a map.
     """
-    from ...recording.reading import reading_beside
+    from ...recording.source import reading_beside
 
     if conversion.calibration is not None and (conversion.map is None or Path(conversion.map).exists()):
         raise OptionError("--calibration is for a column map that is written; add --robot and a --map that is new")
