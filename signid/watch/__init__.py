@@ -5,7 +5,7 @@ the search for lasting changes (`changes`, `windows`) on frames of 20 ms (`frame
 from the model, its covariance and misfit, and from a quiet first stretch (`quiet`).
 """
 
-from .events import Contact, Event, LastingChange, Note
+from .intake import Contact, Event, LastingChange, Note
 from .watcher import WatchedBlocks, Watcher, open_watch, stream_flags, watch
 
 __all__ = [

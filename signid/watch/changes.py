@@ -10,8 +10,8 @@ from ..effects import EFFECTS
 from ..effects.bodies import point_inertia
 from ..model import Model
 from ..types import Array
-from .events import LastingChange
 from .frames import INERTIAL, LOCAL, PAYLOAD, Frames
+from .intake import LastingChange
 from .quiet import QuietNoise
 from .windows import FRICTION, TIP, Sums, Suspect, Window, effect, gain, products
 

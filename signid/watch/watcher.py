@@ -23,9 +23,8 @@ from ..typed import typed
 from ..types import Array, Law, Mask
 from .blocks import Blocks, Cutter
 from .changes import Changes
-from .events import Contact, Event, LastingChange, Note
 from .frames import Framer, Frames
-from .intake import Intake, StreamRows, given_rows
+from .intake import Contact, Event, Intake, LastingChange, Note, StreamRows, given_rows
 from .observer import GAIN, Momentum, Observed, Observer, Residual
 from .quiet import Discrepancy, Quiet, learn
 from .sources import Stream, open_stream

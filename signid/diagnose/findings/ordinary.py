@@ -27,8 +27,7 @@ from ..data.motions import pieces
 from ..data.thresholds import LEAST_TORQUE_SHARE
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Selection
-from ..extend.extend import is_same
-from ..extend.holdout import Prediction, ResidualRows, predict
+from ..extend.extend import Prediction, ResidualRows, is_same, predict
 from ..result import Alternative, Finding
 from .held_out_selection import error_change
 from .stated import MOST_LOG_ODDS, stated_numbers, torque_share

@@ -15,8 +15,7 @@ from ...types import Array
 from ..fit.coordinates import Coordinates, typical
 from ..fit.normal import NUDGE
 from ..fit.windows import joined_bodies, shoot, windows_of
-from ..plant.course import Moved, RobotCourse, bodies_of, course, motion_of, part, recorded_course
-from ..plant.drives import copies_of
+from ..plant.course import Moved, RobotCourse, bodies_of, copies_of, course, motion_of, part, recorded_course
 from ..plant.kernel import LoopBodies
 
 LINEAR = ("mass", "bias", "by_q", "by_v", "wave")  # of the bodies, in the inertial parameters of one

@@ -15,8 +15,7 @@ import numpy as np
 from ...servos import LARGEST as PLAUSIBLE, LOOP_NUMBERS, Servo, ServoGrid
 from ...types import Array, Mask
 from ..given import Bounds, Prior
-from ..plant.course import Moved
-from ..plant.drives import Copies, copies_of
+from ..plant.course import Copies, Moved, copies_of
 
 SCALED = ("kp", "kd", "viscous_friction", "coulomb_friction", "armature", "torque_offset", "effort_limit", "gear_level")
 BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")  # numbers of a body [kg, kg.m]

@@ -14,8 +14,18 @@ from ...model import Model
 from ...servos import LOOP_NUMBERS, Servo, ServoGrid
 from ...types import Array, Mask, Robot
 from ..given import OWN, Assumptions, Name, unions
-from ..plant.course import RobotCourse, bodies_of, course, groups, part, recorded_course, refined, single
-from ..plant.drives import COARSE, LONGEST
+from ..plant.course import (
+    COARSE,
+    LONGEST,
+    RobotCourse,
+    bodies_of,
+    course,
+    groups,
+    part,
+    recorded_course,
+    refined,
+    single,
+)
 from .coordinates import Coordinates, slots, started, typical
 from .normal import Certainty, FitPoint, certainty, normal
 from .solve import Solved, scan, solve

@@ -16,8 +16,7 @@ from scipy.signal import butter, filtfilt
 from ...model import Model
 from ...servos import Servo, ServoGrid
 from ...types import Array, Mask
-from ..plant.course import RobotCourse, bodies_of, groups, motion_of, part, recorded_course
-from ..plant.drives import copies_of
+from ..plant.course import RobotCourse, bodies_of, copies_of, groups, motion_of, part, recorded_course
 from ..plant.grid import commands_at
 from ..plant.torque import EFFORT
 from .normal import NUDGE, STATE, state_slopes

@@ -10,8 +10,7 @@ import numpy as np
 
 from ...servos import Servo, ServoGrid
 from ...types import Array, Indices, Mask
-from ..plant.course import RobotCourse
-from ..plant.drives import LONGEST, Copies, JoinedGrids, substeps
+from ..plant.course import LONGEST, Copies, JoinedGrids, RobotCourse, substeps
 from ..plant.kernel import LoopBodies, Starts, simulate
 
 MOST_VALUES = 6_000_000  # positions simulated at a time

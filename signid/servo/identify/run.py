@@ -21,8 +21,7 @@ from ...typed import typed
 from ...types import Array, Progress, Recording
 from ..fit import ServoFit, fit_servos, start_servos
 from ..given import given_texts
-from ..plant.course import bodies_of
-from ..plant.drives import LONGEST
+from ..plant.course import LONGEST, bodies_of
 from ..search.choice import LOUDER, Candidate, ServoTrial, improved, worth
 from ..search.data import ServoData, loop_error, servo_data, thinned
 from ..search.laws import rare_limits, try_laws
