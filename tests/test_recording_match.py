@@ -17,6 +17,7 @@ from signid.recording import read_recording
 from signid.recording.names.mapping import calibrated, read_calibration
 from signid.recording.names.match import guess, guess_columns, match_signals
 from signid.recording.reading import draft_map
+from signid.robot import robot_from_text
 
 TIMES = {  # columns of time and their units, "" where the name has none
     **{
@@ -235,3 +236,17 @@ def test_short_words_and_accents() -> None:
     assert kinds == {"ang_1": ("q", "1"), "torq_2": ("tau", "2"), "jtor_3": ("tau", "3"), "ang_vel_1": ("dq", "1")}
     found = guess("posición_brazo")
     assert found and (found.kind, found.joint) == ("q", "brazo")
+
+
+def test_letters_of_joints_count_as_the_numbers_of_columns_do() -> None:
+    text = signid.load_robot("ur5").document
+    for number, letter in zip("123", "abc", strict=True):
+        text = text.replace(f'"wrist_{number}_joint"', f'"gelenk_hand_{letter}"')
+    robot = robot_from_text(text, "urdf", "arm")
+    names = [f"{kind}_Hand{k}_{unit}" for kind, unit in (("Winkel", "Grad"), ("Strom", "mA")) for k in (1, 2, 3)]
+    found = dict(match_signals(guess_columns(names, robot), robot))
+    assert {key: one.column for key, one in found.items()} == {
+        f"{kind}_gelenk_hand_{letter}": names[3 * i + k]
+        for i, kind in enumerate(("q", "current"))
+        for k, letter in enumerate("abc")
+    }

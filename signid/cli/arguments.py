@@ -189,7 +189,8 @@ def _written_reading(error: UndecidedReading, place: Path) -> UndecidedReading:
         write_files(place.parent, {place.name: error.text}, named=True)
     except OutputError as fault:
         return UndecidedReading(f"{error}; the reading cannot be written: {fault}; add -o DIR", error.text)
-    return UndecidedReading(f"{error}; edit {readable(str(place))}, which the next call reads", error.text)
+    said = str(error).replace("its reading are", f"its reading, {readable(str(place))}, are", 1)
+    return UndecidedReading(f"{said}; edit that file, which the next call reads", error.text)
 
 
 def under_gravity(options: Given, paths: Iterable[str] | None, columns: str | None) -> Given:

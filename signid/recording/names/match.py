@@ -321,7 +321,13 @@ def _likeness(token: str, joint: str, robot: Robot, tokens: Sequence[str]) -> fl
             return 0.9 if digits[at] == int(mine[1]) else 0.0
         if int(mine[1]) == robot.numbers[at]:
             return 0.9
-    return max(_alike(one, other), _alike(_plain(token), other))
+    return max(_alike(one, other), _alike(_plain(token), other), _alike(_counted(own[token]), _counted(joint)))
+
+
+def _counted(name: str) -> str:
+    """Plain name with a number in the place of a last letter that counts: hand_a is hand1."""
+    letter = re.search(r"(?<=[\W_])[a-h]$|(?<=[a-z])[A-H]$", name)
+    return f"{_plain(name[:-1])}{ord(name[-1].lower()) - ord('a') + 1}" if letter else _plain(name)
 
 
 def _alike(one: str, other: str) -> float:
