@@ -12,7 +12,7 @@ CONTROL = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u2028\\u2029]")
 ON_COMMAND_LINE: ContextVar[bool] = ContextVar("sentences name options, not arguments of Python", default=False)
 OPTION = re.compile(
     r"signid [a-z]+ [^;,:()]*|--(?:(method|signs|estimator) (\w+)|(actuators|bounds|columns|cutoff|effects|equal|"
-    r"gravity|held-out|known|lock|package-dir|prior|reference|refit|robust|skip|unsigned|xacro)\b"
+    r"gravity|held-out|known|lock|package-dir|prior|rate|reference|refit|robust|skip|unsigned|xacro)\b"
     r"(?: ('.*?'|[\w.@*]+:?=[\w.:+-]*\w|[A-Z][A-Z,]*\b|-?\d[\d.,-]*\b))?)"
 )
 
@@ -86,7 +86,7 @@ def argument(option: re.Match[str]) -> str:
         key, _, value = value.replace(":=", "=").partition("=")
         value = f'{{"{key}": {value}}}'
     elif value and not value.isupper() and value[0] != "'":
-        value = f"({value})" if name == "gravity" else value if name == "cutoff" else f'"{value}"'
+        value = f"({value})" if name == "gravity" else value if name in ("cutoff", "rate") else f'"{value}"'
     given = {"held-out": "held_out", "package-dir": "package_dirs"}.get(name, name)
     if name in ("cutoff", "effects", "robust"):
         return f"options=signid.Options({name}={value or '...'})"

@@ -189,7 +189,7 @@ def test_a_log_without_positions_is_flagged(
     Path("log.csv").write_text("t,mode,volts\n0,1,2\n1,2,3\n")
     assert run(shlex.split("convert log.csv --robot 3r --map map.toml --json")) == 3
     out, err = capfd.readouterr()
-    assert "no column of positions was recognised" in err and "signid.column_map/1" in out
+    assert "no column of positions or speeds was recognised" in err and "signid.column_map/1" in out
     assert '"mode", "volts"' in Path("map.toml").read_text()
 
 

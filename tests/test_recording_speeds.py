@@ -62,3 +62,15 @@ def test_a_voltage_is_no_torque(motor: Path) -> None:
     t = np.arange(0, 2, STEP)
     with pytest.raises(RecordingError, match="a voltage is no torque"):
         read_recording({"t": t, "dq_shaft": np.cos(t), "volt_shaft": np.cos(t)}, motor)
+
+
+def test_a_strangers_motor_test_is_read_by_its_names(motor: Path, tmp_path: Path) -> None:
+    t = np.arange(0, 2, STEP)
+    columns = [t, 3 * np.sin(5 * t), 0.01 * np.cos(5 * t)]
+    for last in ("torque", "output_voltage"):
+        head = f"timestamp,angular_velocity,{last}"
+        np.savetxt(tmp_path / f"{last}.csv", np.column_stack(columns), delimiter=",", header=head, comments="")
+    read = read_recording(tmp_path / "torque.csv", motor).read()
+    np.testing.assert_allclose(read.q[:, 0], 0.6 * (1 - np.cos(5 * t)), atol=2e-3)
+    with pytest.raises(RecordingError, match="a voltage is no torque"):
+        read_recording(tmp_path / "output_voltage.csv", motor)

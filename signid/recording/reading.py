@@ -76,9 +76,9 @@ def draft_reading(source: str | Path, robot: Robot, topics: Sequence[str], error
         raise error from None
     kinds = {line.kind for line in drafted.lines} | {key.partition("_")[0] for key, _ in drafted.offered}
     driven = kinds & {*TORQUES, "q_des"}
-    if "q" not in kinds or not driven or all(line.guess.plain for line in drafted.lines):
+    if not kinds & {"q", "dq"} or not (driven or "volt" in kinds) or all(line.guess.plain for line in drafted.lines):
         raise error
-    if choices := [*_choices(drafted, bool(driven & {*TORQUES}))]:
+    if driven and (choices := [*_choices(drafted, bool(driven & {*TORQUES}))]):
         name = readable(str(source))
         raise UndecidedReading(f"{name}: lines of its reading are to be chosen: {', '.join(choices)}", drafted.text)
     return Reading(drafted.text, tuple(_rows(drafted, robot)))
@@ -271,7 +271,7 @@ def _lacking(lines: Sequence[MappedColumn], opened: Opened, used: Collection[str
     kinds = {line.kind for line in lines}
     for has, what in (
         ("t" in kinds, "time"),
-        ("q" in kinds, "positions"),
+        (bool(kinds & {"q", "dq"}), "positions or speeds"),
         (bool(kinds & {*TORQUES, "q_des"}), "torques, currents or desired positions"),
     ):
         if not has:
@@ -380,7 +380,7 @@ def lacking_time(table: Table, used: Collection[str]) -> str:
     """
     if any((one := guess(name)) and one.kind == "t" for name in table.columns):
         return "add it, or name it in a column map"
-    state = "state the rate of its rows [Hz], --rate 100, in Python rate=100"
+    state = "state the rate of its rows [Hz], --rate 100"
     rising = [(name, t) for name, t in increasing(table, [x for x in table.columns if x not in used]) if t[0] < t[-1]]
     steps = {name: np.diff(t) for name, t in rising}
     times = {name: t for name, t in rising if np.all(steps[name] > 0) and not np.all(steps[name] == 1)}
