@@ -48,7 +48,9 @@ def identify(name: str) -> Document:
         code = run(["identify", *(word.replace("{robots}", str(ROBOTS.resolve())) for word in words), "-o", folder])
         if code not in SETTLED:
             raise InputError(f"the identification of {name} ended with {code}; see above")
-        found, model = (json.loads(Path(folder, f"{part}.json").read_text()) for part in ("identification", "model"))
+        found, model = (
+            json.loads(Path(folder, f"{part}.json").read_text(encoding="utf-8")) for part in ("identification", "model")
+        )
     error = found["servo"]["rollout"] if "servo" in found else found["fit"]
     if worse := [one["joint"] for one in held_out(error) if one["rms"] > one.get("without", one["rms"])]:
         raise InputError(f"{name} is not published: worse than its description at {', '.join(worse)}")

@@ -15,7 +15,6 @@ from .estimation.estimators import ESTIMATORS, Estimator, Given
 from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.fit_quality import Fit, factor_rms, friction_at_rest, judge_fit
 from .estimation.least_squares import estimate, with_spread
-from .estimation.repeats import Varying, varying_numbers, varying_sentence
 from .estimation.standard import METHODS, Search, choose_in_time
 from .faults import IdentifiedData, described_evidence, identification_flags, naming_faults, under_found_gravity
 from .model import Model, ModelSource, fitted_model, stated_parameters
@@ -34,6 +33,7 @@ from .typed import typed
 from .types import Array, BaseMap, Estimate, Input, Law, Parameters, Progress, Recording, Result, Robot
 
 if TYPE_CHECKING:
+    from .estimation.repeats import Varying
     from .simulation.refine import Refinement
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
@@ -80,8 +80,11 @@ class Identification(Result):
     @property
     def varies(self) -> tuple[Varying, ...]:
         """Numbers that differ between recordings by more than their intervals, which contain this spread."""
-        spread = self.estimate.spread
-        return () if spread is None else varying_numbers(self.robot, self.base, self.session.task.laws, spread)
+        if self.estimate.spread is None:
+            return ()
+        from .estimation.repeats import varying_numbers  # imported here, because most fits are of one recording
+
+        return varying_numbers(self.robot, self.base, self.session.task.laws, self.estimate.spread)
 
     @property
     def physically_consistent(self) -> bool:
@@ -315,7 +318,7 @@ def _conclude(
         covariance=base_covariance(base, base_value, widened.covariance),
         misfit=None if session.judges_itself else measure_misfit(session.task, test, base_value),
     )
-    return Identification(
+    result = Identification(
         robot=session.robot,
         base=base,
         estimate=replace(widened, names=base.expressions, units=base.units),
@@ -336,11 +339,6 @@ def _conclude(
             *chosen.notes,
             *fit.sentences,
             *friction_at_rest(session, fit),
-            *(
-                ()
-                if found.spread is None
-                else varying_sentence(varying_numbers(session.robot, base, session.task.laws, found.spread))
-            ),
         ),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
@@ -348,6 +346,11 @@ def _conclude(
         session=session,
         judged=model,
     )
+    if not result.varies:
+        return result
+    from .estimation.repeats import varying_sentence
+
+    return replace(result, notes=(*result.notes, *varying_sentence(result.varies)))
 
 
 def _left_out(given: Given, found: Estimate) -> Iterator[str]:

@@ -10,7 +10,6 @@ import numpy as np
 
 from ..regression.factors import Factors, JointFactors, RowSample
 from ..types import Array, BaseMap, Estimate, Indices, Mask
-from .repeats import spread_between, spread_covariance
 
 PROCESSES = ("v", "l", "q", "vl", "qv")  # states of each process: velocity, load, position
 # Length, thresholds and number of processes were chosen on the recordings of tests/test_estimation_real_intervals.py
@@ -237,6 +236,8 @@ def with_spread(found: Estimate, factors: Factors, base: BaseMap, whiten: bool =
     """
     if len(factors.parts) < 2:
         return found
+    from .repeats import spread_between, spread_covariance  # imported here, because most fits are of one recording
+
     alone = [estimate(one, base, found.value, whiten) for _, one in factors.parts]
     values, variances = (np.array(x) for x in zip(*((x.value, np.diag(x.covariance)) for x in alone), strict=True))
     spread = spread_between(values, variances)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import signal
 import sys
@@ -305,21 +304,23 @@ def _cluster(address: str) -> Iterator[Callable[[Order], Future[Answer]]]:
     """Workers of a Dask scheduler, each of which runs one order at a time; without Dask's messages and tracebacks."""
     try:
         from distributed import Client, rpc
+        from distributed.utils import LoopRunner, sync
     except ImportError:
         raise OptionError("--scheduler needs Dask, which is not installed: pip install 'signid[fleet]'") from None
 
     async def greet() -> None:
         async with rpc(address, timeout=PATIENCE) as scheduler:
-            await asyncio.wait_for(scheduler.identity(), PATIENCE)
+            await scheduler.identity()
 
+    runner = LoopRunner()
     names = [name for name in root.manager.loggerDict if name.partition(".")[0] in LOUD]
     levels = {log: log.level for log in map(getLogger, {*LOUD, *names})}
     for log in levels:
         log.setLevel(CRITICAL + 1)
     try:
         try:
-            with ThreadPoolExecutor(1) as thread:  # a client would wait longer for a server that is silent
-                thread.submit(lambda: asyncio.run(greet())).result()
+            runner.start()
+            sync(runner.loop, greet, callback_timeout=PATIENCE)  # a client would wait longer for a silent server
             client = Client(address, timeout=PATIENCE, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
             raise OptionError(
@@ -338,5 +339,6 @@ def _cluster(address: str) -> Iterator[Callable[[Order], Future[Answer]]]:
             finally:
                 executor.shutdown(wait=False)
     finally:
+        runner.stop()
         for log, level in levels.items():
             log.setLevel(level)

@@ -4,7 +4,8 @@ The simulation restarts from the measured state at regular intervals and is driv
 a link shows the residual torque of its joint. Findings of a diagnosis are marked.
 """
 
-from .page import Live, Replay
+from .live import Live
+from .page import Replay
 from .run import LONGEST, part, replay
 
 __all__ = ["LONGEST", "Live", "Replay", "part", "replay"]
