@@ -15,7 +15,8 @@ from signid.diagnose.data.thresholds import COVARIANCE_SCALES, INTERVAL_COVARIAN
 from signid.diagnose.data.whitened_rows import columns_of
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.prior import StatedPrior, stated_prior
-from signid.diagnose.extend.extend import predict, read_laws
+from signid.diagnose.extend.extend import read_laws
+from signid.diagnose.extend.holdout import predict
 from signid.diagnose.findings.held_out_selection import ExtendedSimulation
 from signid.diagnose.findings.stated import stated_number_findings
 from signid.model import Model

@@ -12,7 +12,7 @@ from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.noise import _damped
 from signid.diagnose.data.thresholds import MAX_AR_ROOT
 from signid.diagnose.data.whitened_rows import solve
-from signid.diagnose.extend.extend import ResidualRows
+from signid.diagnose.extend.holdout import ResidualRows
 from signid.diagnose.findings.alternatives import Contender
 from signid.diagnose.findings.findings import _is_vague, _with_held_out
 from signid.diagnose.findings.held_out_selection import Extension, _pruned, error_change

@@ -37,7 +37,7 @@ from .detectable import detectable
 from .evidence.bayes_factors import Evidence
 from .evidence.prior import stated_prior
 from .evidence.selection import Posterior, Selection, StatedBodies
-from .extend.extend import Comparison, Prediction, compare, predict
+from .extend.holdout import Comparison, Prediction, compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
 from .findings.findings import Conclusions, conclude
 from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse, rollout_warnings

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..diagnose.data.motions import pieces, row_filter
-from ..diagnose.extend.extend import filtered
+from ..diagnose.extend.holdout import filtered
 from ..errors import InputError, OptionError, RecordingError, shorten
 from ..estimation.fit_quality import LITTLE, Fit, fit_rows
 from ..faults import NO_EXCITATION, OF_A_FIT, RecordingFaults, examine

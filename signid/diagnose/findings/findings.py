@@ -28,7 +28,7 @@ from ..data.hypotheses import VARIABLES
 from ..data.locate import Location, locate
 from ..data.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
 from ..evidence.selection import Selection
-from ..extend.extend import Prediction, predict
+from ..extend.holdout import Prediction, predict
 from ..result import Alternative, Finding, Unexplained, without_cause
 from ..search.stepwise import required_log_odds
 from .alternatives import Contender

@@ -16,7 +16,7 @@ from ...regression.session import Session
 from ...simulation.rollout import RollOut
 from ...types import Array, Law
 from ..data.noise import Noise
-from ..extend.extend import Prediction, ResidualRows, fit_of, predict
+from ..extend.holdout import Prediction, ResidualRows, fit_of, predict
 from ..result import Unexplained
 from ..search.stepwise import SEARCH
 from .findings import Conclusions

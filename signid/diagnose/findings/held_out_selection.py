@@ -17,7 +17,8 @@ from ..data.estimated_gains import as_given
 from ..data.hypotheses import is_transient
 from ..data.whitened_rows import Fitted, columns_of
 from ..evidence.selection import Selection
-from ..extend.extend import Prediction, ResidualRows, extend, predict, read_laws, residual_rows
+from ..extend.extend import extend, read_laws
+from ..extend.holdout import Prediction, ResidualRows, predict, residual_rows
 from ..search.stepwise import SEARCH
 from . import thresholds as tuned
 

@@ -27,7 +27,8 @@ from ..data.motions import pieces
 from ..data.thresholds import LEAST_TORQUE_SHARE
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Selection
-from ..extend.extend import Prediction, ResidualRows, is_same, predict
+from ..extend.extend import is_same
+from ..extend.holdout import Prediction, ResidualRows, predict
 from ..result import Alternative, Finding
 from .held_out_selection import error_change
 from .stated import MOST_LOG_ODDS, stated_numbers, torque_share

@@ -19,7 +19,8 @@ from ..data.locate import locate
 from ..data.thresholds import LEAST_TORQUE_SHARE
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Posterior, Selection
-from ..extend.extend import extended_laws, is_plain, is_same, predict
+from ..extend.extend import extended_laws, is_plain, is_same
+from ..extend.holdout import predict
 from ..result import Alternative, Finding
 from .held_out_selection import ExtendedSimulation
 from .thresholds import LEAST_PROBABILITY, LISTED_PROBABILITY, RIVAL_SHARE

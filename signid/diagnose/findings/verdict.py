@@ -17,7 +17,7 @@ from ..data.dataset import Dataset
 from ..data.noise import has_full_window
 from ..data.whitening import weights
 from ..evidence.selection import Posterior, Selection
-from ..extend.extend import ResidualRows
+from ..extend.holdout import ResidualRows
 from ..result import MUCH
 from ..search.contributions import Contributions, measure_contributions
 from . import thresholds as tuned

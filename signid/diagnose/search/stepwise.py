@@ -37,7 +37,8 @@ from ..data.thresholds import (
 from ..data.whitened_rows import Fitted, columns_of
 from ..evidence.prior import CoefficientPrior
 from ..evidence.selection import Odds, Posterior, Selection
-from ..extend.extend import extend, has_possible_numbers, is_possible, nearest_bodies, read_laws, residual_rows
+from ..extend.extend import extend, has_possible_numbers, is_possible, nearest_bodies, read_laws
+from ..extend.holdout import residual_rows
 from .contributions import measure_contributions, residual_growth
 
 SEARCH = "the search for laws"  # name of the search in messages about time limits
