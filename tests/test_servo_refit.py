@@ -21,6 +21,7 @@ from signid.types import Array
 
 RATE, NOISE = 100.0, 3e-4
 ONE_NUMBER = {"damping": SWING.kd + SWING.viscous_friction, "lag": SWING.delay + SWING.damping / SWING.kp}
+EXACT = ["masses=1+-1e-6"]  # those of the plant: intervals of noise alone
 OPTIONS = ServoOptions(additional=())
 
 
@@ -40,8 +41,7 @@ def log(seconds: float, loud: float = 1.0, servo: Servo = SWING, seed: int = 1) 
 def found(refit: bool | None, seconds: float = 12.0, loud: float = 1.0, servo: Servo = SWING) -> ServoIdentification:
     robot = pendulum()
     given = signid.read_recording(log(seconds, loud, servo), robot)
-    exact = ["masses=1+-1e-6"]  # those of the plant: intervals of noise alone
-    return signid.identify_servos(robot, given, prior=exact, refit=refit, options=OPTIONS)
+    return signid.identify_servos(robot, given, prior=EXACT, refit=refit, options=OPTIONS)
 
 
 def notes(result: ServoIdentification) -> list[str]:
@@ -70,7 +70,8 @@ def test_given_recordings_are_learned_from_only_if_asked() -> None:
     robot = pendulum()
     first, other = (signid.read_recording(log(8.0, seed=seed), robot) for seed in (1, 2))
     split, whole = (
-        signid.identify_servos(robot, first, held_out=other, refit=refit, options=OPTIONS) for refit in (None, True)
+        signid.identify_servos(robot, first, held_out=other, prior=EXACT, refit=refit, options=OPTIONS)
+        for refit in (None, True)
     )
     assert (split.refit, whole.refit) == (False, True)
     assert np.array_equal(split.rollout.whole_rms, whole.rollout.whole_rms)

@@ -44,7 +44,7 @@ TODAY = {
     "signs": 3214,
     "faults": 3864,
     "servo": 8979,
-    "diagnose": 6912,
+    "diagnose": 6916,
     "payload": 1422,
     "watch": 2139,
     "output": 12631,

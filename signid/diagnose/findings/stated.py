@@ -8,6 +8,7 @@ import numpy as np
 
 from ...effects import EFFECTS
 from ...effects.base import TorqueLaw
+from ...estimation.fit_quality import rms_of
 from ...model import Model
 from ...regression.projection import leave
 from ...regression.session import Session
@@ -23,7 +24,7 @@ from ..extend.extend import extended_laws, is_plain, is_same
 from ..extend.holdout import predict
 from ..result import Alternative, Finding
 from .held_out_selection import ExtendedSimulation
-from .thresholds import LEAST_PROBABILITY, LISTED_PROBABILITY, RIVAL_SHARE
+from .thresholds import FAINT_JOINT, LEAST_PROBABILITY, LISTED_PROBABILITY, RIVAL_SHARE, USUAL_BODY_SHARE
 
 RANK = 1e-12  # eigenvalues of the scaled prior information, over the largest, that count as zero [1]
 MOST_PROBABLE, MOST_LOG_ODDS = 1 - 1e-9, 50.0  # bounds of probabilities and log odds, so that both stay finite [1]
@@ -82,8 +83,10 @@ def body_finding(
     for joint, body in enumerate(selection.posterior.carried):
         parts = [data.part(j, groups[body]) @ step[body] for j in data.rows(groups[body])]
         energy[joint] = sum(float(x @ x) for x in parts)
-    beyond = evidence.scales > 1  # the usual tolerance
-    wrong = float(np.sum(evidence.log_bayes_factors((), selection.dispersion)[1][beyond]))
+    before = predict(session, dataset.model)
+    strong = np.maximum(rms_of(before.train.torque), FAINT_JOINT * data.scale.max())
+    usual = 1.0 if np.all(rms_of(before.train.residual) < USUAL_BODY_SHARE * strong) else 0.0  # scale of no mismatch
+    wrong = float(np.sum(evidence.log_bayes_factors((), selection.dispersion)[1][evidence.scales > usual]))
     shares = {j: wrong * x / max(sum(energy.values()), 1e-300) for j, x in energy.items()}
     first, last = max(shares, key=lambda j: shares[j]), len(shares) - 1
     effect, body = EFFECTS["link_inertia"], selection.posterior.carried[first]
@@ -98,7 +101,7 @@ def body_finding(
         return
     joint, fit = int(np.argmax(share)), selection.reported()
     std = np.sqrt(np.diag(fit.covariance)[fit.place(groups[body])])
-    given, after = predict(session, dataset.model).held_out.residual, extended.prediction.held_out.residual
+    given, after = before.held_out.residual, extended.prediction.held_out.residual
     yield Finding(
         law=law,
         std=dict(zip(effect.parameters, std.tolist(), strict=True)),

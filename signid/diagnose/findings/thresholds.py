@@ -34,6 +34,7 @@ STATELESS_THRESHOLD = 3.0  # factor of the threshold of what depends on no varia
 UNEXPLAINED_ELSEWHERE = 0.25  # excess that causes at other joints leave of a joint's, over all [1]; heuristic
 QUIET_RATIO = 1.3  # residual rms over that of noise and known misfit up to which nothing is missing [1]; heuristic
 QUIET_SHARE = 0.05  # residual rms over the joint's torque up to which nothing is missing [1]; heuristic
+USUAL_BODY_SHARE = 0.1  # residual rms over the joint's torque that bodies within their tolerance make [1]; heuristic
 SMALL_EXCESS = 0.1  # excess that does not matter, over the largest [1]; heuristic
 
 # Held-out selection (held_out_selection.py)
