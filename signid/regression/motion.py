@@ -27,6 +27,9 @@ from ..robot.dynamics import (
 from ..types import INERTIAL, INERTIAL_UNITS, Array, Frozen, Indices, Label, Law, Mask, Robot, Samples, View
 from .bandwidth import HALF, Band, Decimator, differentiate, smooth
 
+TURNS = 2 * np.pi * np.arange(5) / 5  # [rad] angles that determine a trigonometric polynomial of degree 2
+CONSTANT = 1e-12  # [rad] spread of an angle that is constant but for rounding
+
 
 @dataclass(frozen=True, eq=False)
 class Motion(Frozen):
@@ -118,19 +121,41 @@ class Motion(Frozen):
 
         If `exactly`: `load` minus the load at q - change, instead of the derivative at q.
         """
-        first, second = _derivatives(change, self.dt)
         if exactly:
-            one = np.eye(self.q.shape[1])[joint]
-            back = [
-                x - np.outer(d, one) for x, d in zip((self.q, self.v, self.a), (change, first, second), strict=True)
-            ]
-            return self.load - replace(self, q=back[0], v=back[1], a=back[2]).load
+            return self.load - self._load_at(joint, change)
+        first, second = _derivatives(change, self.dt)
         rows, out = self.coupled(joint), np.zeros_like(self.q)
         along = Sensitivity(*(x[:, rows, joint] for x in self.sensitivity))
         out[:, rows] = (
             along.position * change[:, None] + along.velocity * first[:, None] + along.acceleration * second[:, None]
         )
         return out
+
+    def _load_at(self, joint: int, change: Array) -> Array:
+        """`load` (N, n) [N.m or N] with one joint at q - change (N,) [rad or m]."""
+        alone = not self.robot.prismatic[joint] and np.count_nonzero(self.robot.drive[:, joint]) == 1
+        if alone and np.ptp(change) < CONSTANT:
+            angle = change[0] + TURNS
+            weights = (1 + 2 * np.cos(angle) + 2 * np.cos(2 * angle)) / len(TURNS)
+            return np.asarray(np.tensordot(weights, self._turned(joint), 1))
+        moved = np.outer((change, *_derivatives(change, self.dt)), np.eye(self.q.shape[1])[joint])
+        q, v, a = np.array((self.q, self.v, self.a)) - moved.reshape(3, *self.q.shape)
+        return replace(self, q=q, v=v, a=a).load
+
+    def _turned(self, joint: int) -> Array:
+        """`load` (5, N, n) [N.m or N] with one joint turned by TURNS everywhere.
+
+        Inertias are quadratic in the rotation of a joint, and so is the torque, a trigonometric polynomial of degree 2
+        of a constant angle: five loads give all others.
+        """
+        if joint not in self._turned_loads:
+            moved = TURNS[:, None, None] * np.eye(self.q.shape[1])[joint]
+            self._turned_loads[joint] = np.array([replace(self, q=self.q + x).load for x in moved])
+        return self._turned_loads[joint]
+
+    @cached_property
+    def _turned_loads(self) -> dict[int, Array]:
+        return {}
 
     def at(self, joints: Sequence[int]) -> View:
         """View of some joints, for a law that acts there."""

@@ -39,7 +39,9 @@ class Dataset(Frozen):
 
     def thinned(self, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
         """Filter and decimate columns of each piece, per joint (N, k): per joint (M, k) [torque per coefficient]."""
-        return {j: np.concatenate([self.thin(made[j]) for made in columns]) for j in columns[0]}
+        rows = np.concatenate([self.thin(np.concatenate(list(made.values()), axis=1)) for made in columns])
+        ends = np.cumsum([x.shape[1] for x in columns[0].values()])
+        return dict(zip(columns[0], np.split(rows, ends[:-1], axis=1), strict=True))
 
     def columns(self, hypothesis: Hypothesis) -> dict[int, Array]:
         """Rows of a hypothesis: per joint (M, k) [torque per coefficient]."""
