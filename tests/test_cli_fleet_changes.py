@@ -27,7 +27,7 @@ STD = 0.01  # of noise alone [N.m]
 
 def outcome(name: str, robot: str, summary: Summary) -> Outcome:
     """A session of a robot with its result."""
-    return Outcome(Entry(1, name, robot, "r", "identify", (), (), (), "", "", "", (), "", None), 0, (), (), summary)
+    return Outcome(Entry(1, name, robot, "r", "identify", ()), 0, (), (), summary)
 
 
 def session(name: str, robot: str, rng: np.random.Generator, spread: float, **levels: float) -> Outcome:

@@ -18,7 +18,7 @@ from ...robot.load import parse_arguments
 from ...toml_json import read_json
 from ...types import Input
 from ..terminal import DONE, FLAGGED
-from .manifest import TASKS, Entry
+from .manifest import READ, TASKS, Entry
 
 RECORD = "session.json"
 SCHEMA = "signid.session/2"
@@ -60,14 +60,15 @@ def write_session(place: Path, record: Mapping[str, Any], files: Mapping[str, by
 def check_robot(entry: Entry, folder: Path) -> tuple[Input, ...]:
     """List the robot description of a session and the actuators file beside it; check that it can be used."""
     beside = folder / entry.robot
-    actuators = str(folder / entry.actuators) if entry.actuators else None
+    actuators = [str(folder / name) for name in entry.given("actuators")]
     source = str(beside) if beside.exists() else entry.robot
-    return _described(source, entry.robot, actuators, entry.task == TASKS[0], entry.xacro)
+    simulation = entry.task == TASKS[0]
+    return _described(source, entry.robot, actuators[0] if actuators else None, simulation, entry.given("xacro"))
 
 
 def read_inputs(entry: Entry, folder: Path) -> tuple[Input, ...]:
     """List the files that a session reads besides the description, with their digests."""
-    return tuple(Input(name, _digest(folder / name, name)) for name in entry.files)
+    return tuple(Input(name, _digest(folder / name, name)) for name in (*entry.recordings, *entry.given(*READ)))
 
 
 @cache
