@@ -57,8 +57,8 @@ class Difference(NamedTuple):
         return self.probability >= SURE
 
 
-def find_changes(robots: Iterable[Sequence[Outcome]]) -> tuple[list[Difference], int]:
-    """Changes between the sessions of each robot in order of time, the most probable first; and how many were tested.
+def find_changes(robots: Iterable[Sequence[Outcome]]) -> list[Difference]:
+    """Parameters of each robot's sessions in order of time beside those before, the most probable change first.
 
     A session is compared with those since the last change of a parameter.
     """
@@ -69,20 +69,18 @@ def find_changes(robots: Iterable[Sequence[Outcome]]) -> tuple[list[Difference],
             compared = _compared(sessions[k], sessions[:k], DAYS, since)
             since |= {one.number[:2]: k for one in compared if one.found}
             found += compared
-    return _listed(found), len(found)
+    return sorted(found, key=_rank)
 
 
-def find_outliers(kinds: Iterable[Sequence[Outcome]]) -> tuple[list[Difference], int]:
-    """Robots that differ from the others of their kind, the most probable first; and how many numbers were tested."""
+def find_outliers(kinds: Iterable[Sequence[Outcome]]) -> list[Difference]:
+    """Parameters of each robot beside those of the others of its kind, the most probable outlier first."""
     pairs = ((robots, k) for robots in kinds for k in range(len(robots)))
     compared = (_compared(robots[k], [*robots[:k], *robots[k + 1 :]], ROBOTS, {}) for robots, k in pairs)
-    found = [one for some in compared for one in some if len(one.others) >= ROBOTS_LEAST - 1]
-    return _listed(found), len(found)
+    return sorted((one for some in compared for one in some if len(one.others) >= ROBOTS_LEAST - 1), key=_rank)
 
 
-def _listed(found: Sequence[Difference]) -> list[Difference]:
-    shown = [one for one in found if one.probability >= SHOWN]
-    return sorted(shown, key=lambda one: (-one.odds, one.at.entry.name, one.at.entry.session, one.number.what))
+def _rank(one: Difference) -> tuple[float, str, str, str]:
+    return -one.odds, one.at.entry.name, one.at.entry.session, one.number.what
 
 
 def change_document(sessions: Sequence[Sequence[Outcome]]) -> dict[str, Any]:
@@ -90,10 +88,11 @@ def change_document(sessions: Sequence[Sequence[Outcome]]) -> dict[str, Any]:
     kinds: dict[tuple[str, str], list[Outcome]] = {}
     for some in sessions:
         kinds.setdefault((some[-1].summary.kind, some[-1].entry.task), []).append(some[-1])
-    (moved, pairs), (apart, robots) = find_changes(sessions), find_outliers(kinds.values())
+    moved, apart = find_changes(sessions), find_outliers(kinds.values())
+    changes, outliers = ([one for one in some if one.probability >= SHOWN] for some in (moved, apart))
     return {
-        "changes": [row | {"sentence": change_sentence(row)} for row in map(_change, moved)],
-        "outliers": [row | {"sentence": outlier_sentence(row)} for row in map(_outlier, apart)],
+        "changes": [row | {"sentence": change_sentence(row)} for row in map(_change, changes)],
+        "outliers": [row | {"sentence": outlier_sentence(row)} for row in map(_outlier, outliers)],
         "comparison": {
             "prior": PRIOR,
             "threshold": SURE,
@@ -101,8 +100,8 @@ def change_document(sessions: Sequence[Sequence[Outcome]]) -> dict[str, Any]:
             "session_spread": DAYS,
             "robot_spread": ROBOTS,
             "base_spread": RIGID,
-            "changes_tested": pairs,
-            "outliers_tested": robots,
+            "changes_tested": len(moved),
+            "outliers_tested": len(apart),
         },
     }
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from statistics import median
 from typing import Any
 
 from ...output.report.results.fleet import FLAGGED as MARKED, UNDONE
-from ...output.report.results.sentences import finding_headline, subject
+from ...output.report.results.sentences import finding_headline
 from ...types import Input, Result
 from ...version import __version__
 from ..terminal import FLAGGED
 from .changes import change_document
-from .summary import Cause, Number, Outcome, Summary
+from .summary import Outcome
 
 SCHEMA = "signid.fleet/1"
 
@@ -37,36 +35,20 @@ class Fleet(Result):
         return sorted(found.items(), key=lambda robot: -(_latest(robot[1]).summary.mismatch or -1.0))
 
     @property
-    def causes(self) -> list[dict[str, Any]]:
-        """Causes shared by the latest diagnoses of robots of one kind; the most frequent first."""
-        kinds: dict[str, list[tuple[str, Summary]]] = {}
-        for name, sessions in self.robots:
-            if diagnosed := [one.summary for one in sessions if one.summary.verdict]:
-                kinds.setdefault(diagnosed[-1].kind, []).append((name, diagnosed[-1]))
-        found = [cause for kind, robots in kinds.items() for cause in _grouped(kind, robots)]
-        return sorted(found, key=lambda cause: (-len(cause["robots"]), cause["kind"], cause["cause"]))
-
-    @cached_property
-    def compared(self) -> dict[str, Any]:
-        """Changes between sessions of a robot, and outliers among robots; the most probable first."""
-        groups: dict[tuple[str, str, str], list[Outcome]] = {}
-        for one in sorted(self.outcomes, key=_moment):
-            if one.summary.numbers or one.summary.verdict:
-                groups.setdefault((one.entry.name, one.entry.task, one.summary.kind), []).append(one)
-        return change_document(list(groups.values()))
-
-    @property
     def flagged(self) -> bool:
         """Whether a session failed or is flagged."""
         return any(not outcome.done or outcome.code == FLAGGED for outcome in self.outcomes)
 
     def document(self) -> dict[str, Any]:
         """The content of fleet.json."""
+        groups: dict[tuple[str, str, str], list[Outcome]] = {}
+        for one in sorted(self.outcomes, key=_moment):
+            if one.summary.numbers or one.summary.verdict:
+                groups.setdefault((one.entry.name, one.entry.task, one.summary.kind), []).append(one)
         return {
             "schema": SCHEMA,
             "robots": [_robot(name, sessions) for name, sessions in self.robots],
-            "causes": self.causes,
-            **self.compared,
+            **change_document(list(groups.values())),
             "sessions": [_session(outcome) for outcome in self.outcomes],
             "inputs": [self.manifest._asdict()],
             "seed": self.seed,
@@ -82,34 +64,6 @@ def _moment(outcome: Outcome) -> tuple[float, int]:
 def _latest(sessions: Sequence[Outcome]) -> Outcome:
     """The last session with a known mismatch, or else the last session."""
     return ([one for one in sessions if one.summary.mismatch is not None] or sessions)[-1]
-
-
-def _grouped(kind: str, robots: Sequence[tuple[str, Summary]]) -> Iterator[dict[str, Any]]:
-    """Laws that robots of a kind lack."""
-    groups: dict[str, list[tuple[str, Cause]]] = {}
-    for name, summary in robots:
-        for cause in summary.causes:
-            groups.setdefault(cause.name, []).append((name, cause))
-    for law, found in groups.items():
-        first, numbers = found[0][1], dict[tuple[str, str], list[Number]]()
-        for number in (number for _, cause in found for number in cause.numbers):
-            numbers.setdefault((number.key, number.unit), []).append(number)
-        yield {
-            "cause": law,
-            "title": subject(first.named),
-            "kind": kind,
-            "robots": [name for name, _ in found],
-            "of": sum(first.joint is None or first.joint in summary.joints for _, summary in robots),
-            "probability": min(one.probability for _, one in found),
-            "numbers": [_spread(*key, some) for key, some in numbers.items()],
-        }
-
-
-def _spread(key: str, unit: str, numbers: Sequence[Number]) -> dict[str, Any]:
-    """Range, median and largest standard deviation of a number over the robots."""
-    values = [number.value for number in numbers]
-    ends = {"least": min(values), "median": median(values), "most": max(values)}
-    return {"key": key, "unit": unit, **ends, "std": max(number.std for number in numbers)}
 
 
 def _taken(source: object, keys: str) -> Mapping[str, Any]:
