@@ -21,8 +21,7 @@ from fleets import FILES, contents, manifest, record
 import signid
 from signid.cli import run
 from signid.cli.fleet import run as run_module
-from signid.cli.fleet.run import Answer, Order, fleet, spread
-from signid.cli.fleet.store import read_session
+from signid.cli.fleet.run import Answer, Order, fleet, read_session, spread
 from signid.errors import InputError
 
 

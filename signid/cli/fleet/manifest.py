@@ -1,4 +1,4 @@
-"""The manifest: a CSV file with one session per row, checked as a whole before any session runs."""
+"""The manifest: a CSV file with one session per row, checked as a whole before any session runs; its input files."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from difflib import get_close_matches
-from hashlib import sha256
+from functools import cache
+from hashlib import file_digest, sha256
 from pathlib import Path
 
-from ...errors import ManifestError, readable, shorten
+from ...errors import ManifestError, RecordingError, SignidError, readable, shorten
+from ...model import load_model
+from ...robot import load_robot, saved_model
 from ...robot.joints import parse_gravity
 from ...robot.load import parse_arguments
 from ...types import Input
@@ -185,3 +188,58 @@ def _repeated(entries: Sequence[Entry]) -> Iterator[str]:
         if len(found) > 1:
             advice = "give them different names or times, or name them in a column session"
             yield f"lines {shorten(found)}: all have the session name {name}; {advice}"
+
+
+def describe_robots(listed: Manifest) -> list[tuple[Input, ...]]:
+    """List the files that describe the robot of each session; check that all robots can be used.
+
+    Raises:
+        ManifestError: some cannot.
+    """
+    described, faults = list[tuple[Input, ...]](), list[str]()
+    for entry in listed.entries:
+        beside, actuators = listed.folder / entry.robot, [listed.folder / name for name in entry.given("actuators")]
+        source, simulation = str(beside) if beside.exists() else entry.robot, entry.task == TASKS[0]
+        try:
+            described.append(_described(source, entry.robot, (*actuators, None)[0], simulation, entry.given("xacro")))
+        except SignidError as error:
+            faults.append(f"{Path(listed.input.path).name}, line {entry.line}: {error}")
+    if faults:
+        raise ManifestError(faults)
+    return described
+
+
+def read_inputs(entry: Entry, folder: Path) -> tuple[Input, ...]:
+    """List the files that a session reads besides the description, with their digests.
+
+    Raises:
+        RecordingError: one cannot be read.
+    """
+    return tuple(Input(name, digest(folder / name, name)) for name in (*entry.recordings, *entry.given(*READ)))
+
+
+@cache
+def _described(
+    source: str, name: str, actuators: Path | None, simulation: bool, xacro: tuple[str, ...]
+) -> tuple[Input, ...]:
+    saved = saved_model(source) if simulation else None
+    if saved:
+        load_model(source, actuators)
+        return (Input(name, digest(saved, name), "description"),)
+    robot = load_robot(source, actuators=actuators, xacro=parse_arguments(xacro))
+    described = Input(name, robot.sha256, "description")
+    stated = Path(robot.path).with_name("actuators.toml")
+    if actuators is None and stated.is_file():
+        return described, Input(f"actuators of {name}", digest(stated, stated.name))
+    return (described,)
+
+
+def digest(path: Path, name: str) -> str:
+    """SHA-256 of a regular file."""
+    if path.exists() and not path.is_file():
+        raise RecordingError(f"cannot read {name}: it is no regular file")
+    try:
+        with path.open("rb") as stream:
+            return file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordingError(f"cannot read {name}: {error.strerror or type(error).__name__}") from None

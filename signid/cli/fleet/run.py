@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
@@ -10,6 +11,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, chdir, closing, contextmanager, redirect_stderr, redirect_stdout
+from hashlib import sha256
 from importlib import import_module
 from io import StringIO
 from logging import CRITICAL, getLogger
@@ -18,21 +20,22 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from shutil import rmtree
 from threading import Lock, Thread, local
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any, NamedTuple
 
-from ...errors import InputError, ManifestError, OptionError, SignidError
-from ...output.report import check_foreign, probe_folder
+from ...errors import InputError, OptionError
+from ...output.report import check_foreign, probe_folder, write_files
 from ...toml_json import read_json
 from ...typed import typed
-from ...types import Input, Progress
+from ...types import Progress
 from ...version import __version__
 from ..terminal import DONE, FLAGGED
-from .manifest import Entry, Manifest, read_manifest
+from .manifest import Entry, describe_robots, digest, read_inputs, read_manifest
 from .result import Fleet
-from .store import RECORD, check_robot, read_inputs, read_session, write_session
 from .summary import FILES, Outcome, summarise
 
+RECORD = "session.json"
+SCHEMA = "signid.session/2"
 COMMANDS = "signid.cli.run"  # carries out all commands, this room's too
 LASTS = 50  # [commands] per process; limits the growth of its memory
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
@@ -78,7 +81,7 @@ def fleet(
     listed = read_manifest(manifest)
     entries, outcomes = listed.entries, dict[int, Outcome]()
     report = progress or (lambda stage, share: None)
-    described, places = _described(listed), [Path(folder, "sessions", entry.session) for entry in entries]
+    described, places = describe_robots(listed), [Path(folder, "sessions", entry.session) for entry in entries]
     probe_folder(Path(folder, "sessions"))
     for entry, place in zip(entries, places, strict=True):
         check_foreign(place, (RECORD, FILES[entry.task], "model.json", "robot.urdf", "report.html"))
@@ -101,7 +104,7 @@ def fleet(
             fail(k, None, (str(error),))
             continue
         record = {"arguments": list(entry.arguments(seed)), "inputs": inputs, "version": __version__}
-        if stored := read_session(places[k], record):
+        if FILES[entry.task] in (stored := read_session(places[k], record)).get("files", ()):
             outcomes[k], reused = _outcome(entry, places[k], stored), reused + 1
         else:
             todo[k] = record
@@ -121,17 +124,37 @@ def fleet(
     return Fleet(tuple(outcomes[k] for k in range(len(entries))), listed.input, seed, reused)
 
 
-def _described(listed: Manifest) -> list[tuple[Input, ...]]:
-    """Check the robots of all sessions and list the files that describe them; ManifestError with all that fail."""
-    described, faults = list[tuple[Input, ...]](), list[str]()
-    for entry in listed.entries:
-        try:
-            described.append(check_robot(entry, listed.folder))
-        except SignidError as error:
-            faults.append(f"{Path(listed.input.path).name}, line {entry.line}: {error}")
-    if faults:
-        raise ManifestError(faults)
-    return described
+def read_session(place: Path, wanted: Mapping[str, Any] = MappingProxyType({})) -> Mapping[str, Any]:
+    """The session.json of a folder; empty if it or a listed file is not as signid wrote it, or not as `wanted`.
+
+    Args:
+        place: folder of the session.
+        wanted: arguments, inputs and version that the session must have.
+    """
+    try:
+        found = read_json(place / RECORD)
+        files, said = dict(found["files"]), list(found["said"])
+        whole = files and files == {name: digest(place / name, name) for name in files}
+        sound = found["code"] in (DONE, FLAGGED) and all(isinstance(sentence, str) for sentence in said)
+        return found if whole and sound and found.items() >= wanted.items() else {}
+    except (OSError, ValueError, TypeError, KeyError):
+        return {}
+
+
+def write_session(place: Path, record: Mapping[str, Any], files: Mapping[str, bytes]) -> Mapping[str, Any]:
+    """Write the files of a session and return its session.json, which appears last; files of an earlier one go.
+
+    Raises:
+        OutputError: they cannot be written, or would replace files that signid did not write.
+    """
+    earlier = read_session(place).get("files", {})
+    digests = {name: sha256(content).hexdigest() for name, content in sorted(files.items())}
+    written = {"schema": SCHEMA, "session": place.name, **record, "files": digests}
+    write_files(place, {RECORD: json.dumps(written, indent=2, ensure_ascii=False) + "\n", **files})
+    for path in place.iterdir():
+        if path.name in earlier and path.name not in files:
+            path.unlink()
+    return written
 
 
 def _outcome(entry: Entry, place: Path, stored: Mapping[str, Any]) -> Outcome:
