@@ -15,8 +15,8 @@ from test_cli_fleet_summary import diagnosis
 from test_output_report import shown
 
 from signid.cli.fleet import run as run_module
-from signid.cli.fleet.changes import Difference, find_changes, find_outliers
 from signid.cli.fleet.manifest import Entry
+from signid.cli.fleet.result import Difference, find_changes, find_outliers
 from signid.cli.fleet.run import DONE, Answer, Order, fleet
 from signid.cli.fleet.summary import Number, Outcome, Summary, summarise
 from signid.output.report.results.fleet import fleet_page, fleet_tables
@@ -27,7 +27,7 @@ STD = 0.01  # of noise alone [N.m]
 
 def outcome(name: str, robot: str, summary: Summary) -> Outcome:
     """A session of a robot with its result."""
-    return Outcome(Entry(1, name, robot, "r", "identify", (), (), (), "", "", "", (), "", None), 0, (), (), summary)
+    return Outcome(Entry(1, name, robot, "r", "identify", ()), 0, (), (), summary)
 
 
 def session(name: str, robot: str, rng: np.random.Generator, spread: float, **levels: float) -> Outcome:
@@ -38,7 +38,7 @@ def session(name: str, robot: str, rng: np.random.Generator, spread: float, **le
         for value in [levels.get(joint, 0.8) * np.exp(spread * rng.standard_normal()) + STD * rng.standard_normal()]
     ]
     numbers += [Number(f"Izz_{k}", "kg.m^2", 2 + STD * rng.standard_normal(), STD) for k in range(10)]
-    return outcome(name, robot, Summary("r", JOINTS, numbers=tuple(numbers)))
+    return outcome(name, robot, Summary("r", numbers=tuple(numbers)))
 
 
 def found(changes: Sequence[Difference]) -> list[tuple[str, str, str | None]]:
@@ -49,9 +49,9 @@ def test_repeated_sessions_stay_silent_and_a_change_is_found() -> None:
     rng, alarms, hits, smaller = np.random.default_rng(0), 0, 0, 0
     for _ in range(200):
         first, again = (session(name, "arm", rng, 0.06) for name in ("first", "again"))
-        alarms += len(found(find_changes([[first, again]])[0]))
-        hits += ("arm", "worn", "j2") in found(find_changes([[first, session("worn", "arm", rng, 0.06, j2=1.3)]])[0])
-        smaller += bool(found(find_changes([[first, session("worn", "arm", rng, 0.06, j2=0.9)]])[0]))
+        alarms += len(found(find_changes([[first, again]])))
+        hits += ("arm", "worn", "j2") in found(find_changes([[first, session("worn", "arm", rng, 0.06, j2=1.3)]]))
+        smaller += bool(found(find_changes([[first, session("worn", "arm", rng, 0.06, j2=0.9)]])))
     assert alarms <= 2 and hits >= 170 and smaller <= 10
 
 
@@ -61,9 +61,7 @@ def test_scatter_of_most_parameters_widens_their_standard_deviations() -> None:
         pair = [session(name, "arm", rng, 0.0) for name in ("first", "again")]
         wide = [one._replace(value=one.value + 10 * STD * rng.standard_normal()) for one in pair[1].summary.numbers]
         numbers = tuple(one._replace(std=STD / 10) for one in wide)
-        alarms += len(
-            found(find_changes([[pair[0], pair[1]._replace(summary=Summary("r", JOINTS, numbers=numbers))]])[0])
-        )
+        alarms += len(found(find_changes([[pair[0], pair[1]._replace(summary=Summary("r", numbers=numbers))]])))
     assert alarms <= 2
 
 
@@ -71,24 +69,24 @@ def test_a_change_is_found_once_and_more_sessions_find_smaller_ones() -> None:
     rng = np.random.default_rng(2)
     before = [session(f"{k}", "arm", rng, 0.02) for k in range(6)]
     worn = [session(f"worn {k}", "arm", rng, 0.02, j2=1.3) for k in range(4)]
-    changes, tested = find_changes([[*before, *worn]])
-    assert found(changes) == [("arm", "worn 0", "j2")] and tested == 9 * 13
+    changes = find_changes([[*before, *worn]])
+    assert found(changes) == [("arm", "worn 0", "j2")] and len(changes) == 9 * 13
     assert changes[0].probability > 0.999 and [one.entry.session for one in changes[0].others] == list("012345")
     assert changes[0].centre == pytest.approx(0.8, abs=0.05) and changes[0].number.value == pytest.approx(1.3, abs=0.1)
     small = session("small", "arm", rng, 0.0, j2=1.15)
-    (alone, _), (many, _) = find_changes([[before[0], small]]), find_changes([[*before, small]])
-    assert max([one.odds for one in many]) > max([one.odds for one in alone], default=0.0)
+    alone, many = find_changes([[before[0], small]]), find_changes([[*before, small]])
+    assert many[0].odds > max(0.0, alone[0].odds)
 
 
 def test_an_outlier_is_the_robot_that_differs_from_the_others_of_its_kind() -> None:
     rng, alarms, hits = np.random.default_rng(3), 0, 0
     for _ in range(50):
         robots = [session("last", f"arm {k}", rng, 0.15) for k in range(6)]
-        alarms += len(found(find_outliers([robots])[0]))
+        alarms += len(found(find_outliers([robots])))
         worn = session("last", "worn", rng, 0.0, j2=2.0)
-        hits += found(find_outliers([[*robots, worn]])[0])[:1] == [("worn", "last", "j2")]
+        hits += found(find_outliers([[*robots, worn]]))[:1] == [("worn", "last", "j2")]
     assert alarms <= 3 and hits >= 40
-    assert find_outliers([robots[:2]]) == ([], 0), "of two robots that differ, neither is the outlier"
+    assert find_outliers([robots[:2]]) == [], "of two robots that differ, neither is the outlier"
 
 
 def test_a_law_that_one_diagnosis_does_not_name_is_zero_there() -> None:
@@ -100,10 +98,10 @@ def test_a_law_that_one_diagnosis_does_not_name_is_zero_there() -> None:
         summaries = [summarise("diagnose", document) for document in documents]
         return [outcome(name, "arm", one) for name, one in zip(("a", "b"), summaries, strict=True)]
 
-    changes, _ = find_changes([pair(0.3)])
+    changes = find_changes([pair(0.3)])
     assert found(changes) == [("arm", "b", "j2")] and changes[0].centre == 0
-    assert find_changes([pair(0.012)])[0] == [], "a law hardly above the tolerance may have been there before"
-    assert find_changes([pair(0.3, stribeck_friction=0.7)])[0] == [], "another law of the joint may be the same physics"
+    assert found(find_changes([pair(0.012)])) == [], "a law hardly above the tolerance may have been there before"
+    assert find_changes([pair(0.3, stribeck_friction=0.7)]) == [], "another law of the joint may be the same physics"
 
 
 @pytest.mark.slow

@@ -112,14 +112,13 @@ def test_bombs_are_refused(tmp_path: Path) -> None:
 
 @posix
 def test_pipes_are_not_read(tmp_path: Path) -> None:
-    from signid.cli.fleet.manifest import read_manifest
-    from signid.cli.fleet.store import _digest
+    from signid.cli.fleet import manifest
     from signid.recording.source import digest_of
 
     os.mkfifo(tmp_path / "p.csv")
     with pytest.raises(ManifestError, match="no regular file"):
-        read_manifest(tmp_path / "p.csv")
-    for digest in (lambda path: _digest(path, "p"), digest_of):
+        manifest.read_manifest(tmp_path / "p.csv")
+    for digest in (lambda path: manifest.digest(path, "p"), digest_of):
         with pytest.raises(RecordingError, match="regular file|cannot be read"):
             digest(tmp_path / "p.csv")
     for name in ("p.csv", "p.npz"):  # a hang before, since every file might hold factors

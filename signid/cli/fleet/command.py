@@ -13,8 +13,6 @@ from ..arguments import given_command
 from ..options import RunOptions
 from ..terminal import BAD, DONE, FLAGGED, bars, show, write_error
 
-MOST = 20  # maximum number of failed sessions listed on standard error
-
 
 @dataclass(frozen=True, kw_only=True)
 class FleetOptions:
@@ -38,20 +36,18 @@ def fleet(
     MANIFEST has the columns robot and recording (several files: a;b), and optionally held_out, reference, columns,
     actuators, xacro (name:=a;model:=b), task (diagnose, identify), name (of the individual robot), time
     (2026-03-31), session (its folder); paths are relative to the manifest. DIR gets index.html and fleet.json
-    with robots ranked by mismatch, changes, outliers and common causes, and sessions/NAME with the files of the
-    single command. An interrupted run can be repeated: sessions whose files are unchanged are not run again.
+    with changes, outliers and robots ranked by mismatch, and sessions/NAME with the files of the single command.
+    An interrupted run can be repeated: sessions whose files are unchanged are not run again.
     """
-    from ...output.report import to_json, write_files
+    from ...output.report import check_foreign, probe_folder, to_json, write_files
     from ...output.report.results.fleet import fleet_page, fleet_tables
     from .run import fleet as work
 
-    place, failures = _folder(options.output), list[str]()
-
-    def failed(sentence: str) -> None:
-        failures.append(sentence)
-        if len(failures) <= MOST:
-            write_error(sentence)
-
+    place = options.output
+    if not place:
+        raise OptionError("no folder for the sessions was named; add -o DIR")
+    probe_folder(place)
+    check_foreign(place, ("fleet.json", "index.html"))
     try:
         with bars(run.json, one=True) as progress:
             found = work(
@@ -62,7 +58,7 @@ def fleet(
                 seed=run.seed,
                 keep_going=options.keep_going,
                 progress=progress,
-                failed=failed,
+                failed=write_error,
             )
     except ManifestError as error:
         for sentence in error.sentences:
@@ -76,19 +72,7 @@ def fleet(
     page = fleet_page(document, given_command(context), found.reused)
     written = write_files(place, {"fleet.json": text, "index.html": page})
     show(text if run.json else fleet_tables(document, found.reused), (), written)
-    if len(failures) > MOST:
-        write_error(f"and {len(failures) - MOST} more sessions failed; index.html lists them")
     if flagged := [one.entry.session for one in found.outcomes if one.done and one.code == FLAGGED]:
         names = shorten(flagged, 3)
         write_error(f"the results of {names} are flagged; index.html marks them, their reports give the reasons")
     return FLAGGED if found.flagged else DONE
-
-
-def _folder(output: str | None) -> str:
-    from ...output.report import check_foreign, probe_folder
-
-    if not output:
-        raise OptionError("no folder for the sessions was named; add -o DIR")
-    probe_folder(output)
-    check_foreign(output, ("fleet.json", "index.html"))
-    return output

@@ -1,4 +1,4 @@
-"""The manifest: a CSV file with one session per row, checked as a whole before any session runs."""
+"""The manifest: a CSV file with one session per row, checked as a whole before any session runs; its input files."""
 
 from __future__ import annotations
 
@@ -8,25 +8,26 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from difflib import get_close_matches
-from hashlib import sha256
-from itertools import islice
+from functools import cache
+from hashlib import file_digest, sha256
 from pathlib import Path
 
-from ...errors import ManifestError, readable, shorten
+from ...errors import ManifestError, RecordingError, SignidError, readable, shorten
+from ...model import load_model
+from ...robot import load_robot, saved_model
 from ...robot.joints import parse_gravity
 from ...robot.load import parse_arguments
 from ...types import Input
 
 TASKS = ("diagnose", "identify")  # default: the first
 NEEDED = ("robot", "recording")
-FILES = (*NEEDED, "held_out", "reference", "columns", "actuators")
-COLUMNS = (*FILES, "gravity", "xacro", "task", "name", "time", "session")
-BELONGS = {"reference": "diagnose"}  # column -> the only task that uses it
+READ = ("held_out", "reference", "columns", "actuators")  # options of a session that name files
+OPTIONS = (*READ, "gravity", "xacro")
+COLUMNS = (*NEEDED, *OPTIONS, "task", "name", "time", "session")
 DAY = 86_400.0  # s
 LONGEST = 100  # maximum length of a session name [characters]
 LARGEST = 50_000_000  # size of the file [bytes]
 MOST = 3  # maximum number of errors listed
-MOST_SESSIONS = 100_000
 
 
 @dataclass(frozen=True)
@@ -39,29 +40,23 @@ class Entry:
     robot: str  # description, model.json or name
     task: str
     recordings: tuple[str, ...]
-    held_out: tuple[str, ...]
-    reference: tuple[str, ...]
-    columns: str
-    actuators: str
-    gravity: str
-    xacro: tuple[str, ...]  # NAME:=VALUE each
-    time: str
-    day: float | None  # days since 1970, UTC
+    options: tuple[tuple[str, str], ...] = ()  # column and value, for each value
+    time: str = ""
+    day: float | None = None  # days since 1970, UTC
 
     def arguments(self, seed: int = 0) -> tuple[str, ...]:
         """Arguments of this session's command, without -o."""
-        given = [("--held-out", x) for x in self.held_out] + [("--reference", x) for x in self.reference]
-        given += [(f"--{key}", value) for key in ("columns", "actuators") if (value := getattr(self, key))]
-        given += [("--gravity", self.gravity)] if self.gravity else []
-        given += [("--xacro", text) for text in self.xacro]
-        given += [("--seed", str(seed))] if seed else []
-        return (self.task, self.robot, *self.recordings, *(word for pair in given for word in pair))
+        given = [*self.options, ("seed", str(seed))] if seed else self.options
+        return (
+            self.task,
+            self.robot,
+            *self.recordings,
+            *(word for name, value in given for word in (f"--{name.replace('_', '-')}", value)),
+        )
 
-    @property
-    def files(self) -> tuple[str, ...]:
-        """Files that it reads besides the description."""
-        beside = self.columns, self.actuators
-        return tuple(x for x in (*self.recordings, *self.held_out, *self.reference, *beside) if x)
+    def given(self, *names: str) -> tuple[str, ...]:
+        """Values of options."""
+        return tuple(value for name, value in self.options if name in names)
 
 
 @dataclass(frozen=True)
@@ -92,13 +87,11 @@ def read_manifest(path: str | Path) -> Manifest:
         raise ManifestError([f"cannot read the manifest {path}: {regular}"])
     try:
         content = source.read_bytes()
-        rows = list(islice(_rows(content.decode("utf-8-sig"), source.name), MOST_SESSIONS + 1))
+        rows = list(_rows(content.decode("utf-8-sig"), source.name))
     except OSError as error:
         raise ManifestError([f"cannot read the manifest {path}: {error.strerror}"]) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise ManifestError([f"{source.name} is not a CSV file of sessions ({error}); save as CSV in UTF-8"]) from None
-    if len(rows) > MOST_SESSIONS:
-        raise ManifestError([f"{source.name} lists more than {MOST_SESSIONS} sessions; give it in parts"])
     entries, faults = list[Entry](), list[str]()
     for line, row in rows:
         try:
@@ -141,34 +134,23 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
     for head in NEEDED:
         if not row.get(head):
             raise ValueError(f"the cell {head} is empty; every session needs it")
-    for head in FILES:
+    for head in (*NEEDED, *READ):
         if any(part.startswith("-") or "\0" in part for part in _split(row.get(head, ""))):
             raise ValueError(f"{head} {row[head]!r} would be read as an option; write ./{row[head]}")
     task = row.get("task") or TASKS[0]
     if task not in TASKS:
         raise ValueError(f"the task {task!r} is unknown; use one of {', '.join(TASKS)}")
-    for head, only in BELONGS.items():
-        if row.get(head) and task != only:
-            raise ValueError(f"{head} is not used by {task}; leave it empty, or set the task to {only}")
-    recordings, name = _split(row["recording"]), row.get("name") or row["robot"]
+    if row.get("reference") and task != "diagnose":
+        raise ValueError(f"reference is not used by {task}; leave it empty, or set the task to diagnose")
+    recordings, name, time = _split(row["recording"]), row.get("name") or row["robot"], row.get("time", "")
     if not recordings:
         raise ValueError(f"the recording {row['recording']!r} names no file; name at least one")
-    return Entry(
-        line,
-        _folder(row, name, recordings, task),
-        name,
-        row["robot"],
-        task,
-        recordings,
-        _split(row.get("held_out", "")),
-        _split(row.get("reference", "")),
-        row.get("columns", ""),
-        row.get("actuators", ""),
-        ",".join(map(repr, parse_gravity(row["gravity"]))) if row.get("gravity") else "",
-        tuple(f"{name}:={value}" for name, value in parse_arguments(_split(row.get("xacro", ""))).items()),
-        row.get("time", ""),
-        _day(row.get("time", "")),
-    )
+    parse_arguments(_split(row.get("xacro", "")))
+    if row.get("gravity"):
+        parse_gravity(row["gravity"])
+    options = tuple((head, value) for head in OPTIONS for value in _split(row.get(head, "")))
+    session = _folder(row, name, recordings, task)
+    return Entry(line, session, name, row["robot"], task, recordings, options, time, _day(time))
 
 
 def _split(cell: str) -> tuple[str, ...]:
@@ -206,3 +188,58 @@ def _repeated(entries: Sequence[Entry]) -> Iterator[str]:
         if len(found) > 1:
             advice = "give them different names or times, or name them in a column session"
             yield f"lines {shorten(found)}: all have the session name {name}; {advice}"
+
+
+def describe_robots(listed: Manifest) -> list[tuple[Input, ...]]:
+    """List the files that describe the robot of each session; check that all robots can be used.
+
+    Raises:
+        ManifestError: some cannot.
+    """
+    described, faults = list[tuple[Input, ...]](), list[str]()
+    for entry in listed.entries:
+        beside, actuators = listed.folder / entry.robot, [listed.folder / name for name in entry.given("actuators")]
+        source, simulation = str(beside) if beside.exists() else entry.robot, entry.task == TASKS[0]
+        try:
+            described.append(_described(source, entry.robot, (*actuators, None)[0], simulation, entry.given("xacro")))
+        except SignidError as error:
+            faults.append(f"{Path(listed.input.path).name}, line {entry.line}: {error}")
+    if faults:
+        raise ManifestError(faults)
+    return described
+
+
+def read_inputs(entry: Entry, folder: Path) -> tuple[Input, ...]:
+    """List the files that a session reads besides the description, with their digests.
+
+    Raises:
+        RecordingError: one cannot be read.
+    """
+    return tuple(Input(name, digest(folder / name, name)) for name in (*entry.recordings, *entry.given(*READ)))
+
+
+@cache
+def _described(
+    source: str, name: str, actuators: Path | None, simulation: bool, xacro: tuple[str, ...]
+) -> tuple[Input, ...]:
+    saved = saved_model(source) if simulation else None
+    if saved:
+        load_model(source, actuators)
+        return (Input(name, digest(saved, name), "description"),)
+    robot = load_robot(source, actuators=actuators, xacro=parse_arguments(xacro))
+    described = Input(name, robot.sha256, "description")
+    stated = Path(robot.path).with_name("actuators.toml")
+    if actuators is None and stated.is_file():
+        return described, Input(f"actuators of {name}", digest(stated, stated.name))
+    return (described,)
+
+
+def digest(path: Path, name: str) -> str:
+    """SHA-256 of a regular file."""
+    if path.exists() and not path.is_file():
+        raise RecordingError(f"cannot read {name}: it is no regular file")
+    try:
+        with path.open("rb") as stream:
+            return file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordingError(f"cannot read {name}: {error.strerror or type(error).__name__}") from None

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from math import exp, log
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
-from ...output.report.results.fleet import FLAGGED as MARKED, UNDONE
-from ...output.report.results.sentences import finding_headline, subject
+import numpy as np
+
+from ...effects import EFFECTS
+from ...output.report.results.fleet import FLAGGED as MARKED, UNDONE, change_sentence, outlier_sentence
+from ...output.report.results.sentences import Named, finding_headline, subject
 from ...types import Input, Result
 from ...version import __version__
 from ..terminal import FLAGGED
-from .changes import change_document
-from .summary import Cause, Number, Outcome, Summary
+from .summary import Number, Outcome, Summary
 
 SCHEMA = "signid.fleet/1"
+PRIOR = 0.01  # prior probability that a parameter changed, or that a robot's parameter is an outlier; stated
+SURE = 0.95  # probability from which a change or an outlier is a finding
+SHOWN = 0.5  # probability from which it is listed
+WIDTH = 0.5  # standard deviation of a change, as a share of the parameter; stated
+DAYS = 0.06  # spread of friction between sessions, as a share: median over five sessions of a UR10e, 19 days
+ROBOTS = 0.15  # spread between robots of a kind, as a share; stated
+RIGID = 0.02  # spread of base parameters, which neither wear nor warm, as a share; stated
+FEWEST = 8  # minimum number of parameters whose scatter widens all standard deviations
+MAD = 1.4826  # standard deviation over median absolute deviation of a normal variable
+ROBOTS_LEAST = 3  # minimum number of robots of a kind, to say which of them is the outlier
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,36 +49,20 @@ class Fleet(Result):
         return sorted(found.items(), key=lambda robot: -(_latest(robot[1]).summary.mismatch or -1.0))
 
     @property
-    def causes(self) -> list[dict[str, Any]]:
-        """Causes shared by the latest diagnoses of robots of one kind; the most frequent first."""
-        kinds: dict[str, list[tuple[str, Summary]]] = {}
-        for name, sessions in self.robots:
-            if diagnosed := [one.summary for one in sessions if one.summary.verdict]:
-                kinds.setdefault(diagnosed[-1].kind, []).append((name, diagnosed[-1]))
-        found = [cause for kind, robots in kinds.items() for cause in _grouped(kind, robots)]
-        return sorted(found, key=lambda cause: (-len(cause["robots"]), cause["kind"], cause["cause"]))
-
-    @cached_property
-    def compared(self) -> dict[str, Any]:
-        """Changes between sessions of a robot, and outliers among robots; the most probable first."""
-        groups: dict[tuple[str, str, str], list[Outcome]] = {}
-        for one in sorted(self.outcomes, key=_moment):
-            if one.summary.numbers or one.summary.verdict:
-                groups.setdefault((one.entry.name, one.entry.task, one.summary.kind), []).append(one)
-        return change_document(list(groups.values()))
-
-    @property
     def flagged(self) -> bool:
         """Whether a session failed or is flagged."""
         return any(not outcome.done or outcome.code == FLAGGED for outcome in self.outcomes)
 
     def document(self) -> dict[str, Any]:
         """The content of fleet.json."""
+        groups: dict[tuple[str, str, str], list[Outcome]] = {}
+        for one in sorted(self.outcomes, key=_moment):
+            if one.summary.numbers or one.summary.verdict:
+                groups.setdefault((one.entry.name, one.entry.task, one.summary.kind), []).append(one)
         return {
             "schema": SCHEMA,
             "robots": [_robot(name, sessions) for name, sessions in self.robots],
-            "causes": self.causes,
-            **self.compared,
+            **change_document(list(groups.values())),
             "sessions": [_session(outcome) for outcome in self.outcomes],
             "inputs": [self.manifest._asdict()],
             "seed": self.seed,
@@ -82,34 +78,6 @@ def _moment(outcome: Outcome) -> tuple[float, int]:
 def _latest(sessions: Sequence[Outcome]) -> Outcome:
     """The last session with a known mismatch, or else the last session."""
     return ([one for one in sessions if one.summary.mismatch is not None] or sessions)[-1]
-
-
-def _grouped(kind: str, robots: Sequence[tuple[str, Summary]]) -> Iterator[dict[str, Any]]:
-    """Laws that robots of a kind lack."""
-    groups: dict[str, list[tuple[str, Cause]]] = {}
-    for name, summary in robots:
-        for cause in summary.causes:
-            groups.setdefault(cause.name, []).append((name, cause))
-    for law, found in groups.items():
-        first, numbers = found[0][1], dict[tuple[str, str], list[Number]]()
-        for number in (number for _, cause in found for number in cause.numbers):
-            numbers.setdefault((number.key, number.unit), []).append(number)
-        yield {
-            "cause": law,
-            "title": subject(first.named),
-            "kind": kind,
-            "robots": [name for name, _ in found],
-            "of": sum(first.joint is None or first.joint in summary.joints for _, summary in robots),
-            "probability": min(one.probability for _, one in found),
-            "numbers": [_spread(*key, some) for key, some in numbers.items()],
-        }
-
-
-def _spread(key: str, unit: str, numbers: Sequence[Number]) -> dict[str, Any]:
-    """Range, median and largest standard deviation of a number over the robots."""
-    values = [number.value for number in numbers]
-    ends = {"least": min(values), "median": median(values), "most": max(values)}
-    return {"key": key, "unit": unit, **ends, "std": max(number.std for number in numbers)}
 
 
 def _taken(source: object, keys: str) -> Mapping[str, Any]:
@@ -143,3 +111,191 @@ def _session(outcome: Outcome) -> dict[str, Any]:
         **_taken(outcome.summary, "mismatch joint left verdict"),
         "causes": [cause.name for cause in outcome.summary.causes],
     }
+
+
+class Difference(NamedTuple):
+    """A parameter of a session beside those of sessions before, or of a robot beside those of the others."""
+
+    number: Number
+    at: Outcome
+    others: tuple[Outcome, ...]
+    centre: float  # of the others, as all below [unit of the number]
+    centre_std: float  # of noise alone
+    least: float
+    most: float
+    spread: float  # standard deviation of the difference if nothing changed
+    width: float  # standard deviation of a change
+
+    @property
+    def odds(self) -> float:
+        """Log Bayes factor of a change [1]."""
+        null, free = self.spread**2, self.spread**2 + self.width**2
+        square = (self.number.value - self.centre) ** 2
+        return float(0.5 * log(null / free) + 0.5 * square * (1 / null - 1 / free))
+
+    @property
+    def probability(self) -> float:
+        """Posterior probability of a change [1]."""
+        return 1 / (1 + exp(min(700.0, -self.odds - log(PRIOR / (1 - PRIOR)))))
+
+    @property
+    def found(self) -> bool:
+        """Whether it is a finding."""
+        return self.probability >= SURE
+
+
+def find_changes(robots: Iterable[Sequence[Outcome]]) -> list[Difference]:
+    """Parameters of each robot's sessions in order of time beside those before, the most probable change first.
+
+    A session is compared with those since the last change of a parameter.
+    """
+    found = list[Difference]()
+    for sessions in robots:
+        since: dict[tuple[str, str], int] = {}
+        for k in range(1, len(sessions)):
+            compared = _compared(sessions[k], sessions[:k], DAYS, since)
+            since |= {one.number[:2]: k for one in compared if one.found}
+            found += compared
+    return sorted(found, key=_rank)
+
+
+def find_outliers(kinds: Iterable[Sequence[Outcome]]) -> list[Difference]:
+    """Parameters of each robot beside those of the others of its kind, the most probable outlier first."""
+    pairs = ((robots, k) for robots in kinds for k in range(len(robots)))
+    compared = (_compared(robots[k], [*robots[:k], *robots[k + 1 :]], ROBOTS, {}) for robots, k in pairs)
+    return sorted((one for some in compared for one in some if len(one.others) >= ROBOTS_LEAST - 1), key=_rank)
+
+
+def _rank(one: Difference) -> tuple[float, str, str, str]:
+    return -one.odds, one.at.entry.name, one.at.entry.session, one.number.what
+
+
+def change_document(sessions: Sequence[Sequence[Outcome]]) -> dict[str, Any]:
+    """Changes and outliers among the sessions of each robot and task, with the stated priors and spreads of both."""
+    kinds: dict[tuple[str, str], list[Outcome]] = {}
+    for some in sessions:
+        kinds.setdefault((some[-1].summary.kind, some[-1].entry.task), []).append(some[-1])
+    moved, apart = find_changes(sessions), find_outliers(kinds.values())
+    changes, outliers = ([one for one in some if one.probability >= SHOWN] for some in (moved, apart))
+    return {
+        "changes": [row | {"sentence": change_sentence(row)} for row in map(_change, changes)],
+        "outliers": [row | {"sentence": outlier_sentence(row)} for row in map(_outlier, outliers)],
+        "comparison": {
+            "prior": PRIOR,
+            "threshold": SURE,
+            "change_spread": WIDTH,
+            "session_spread": DAYS,
+            "robot_spread": ROBOTS,
+            "base_spread": RIGID,
+            "changes_tested": len(moved),
+            "outliers_tested": len(apart),
+        },
+    }
+
+
+def _row(one: Difference) -> dict[str, Any]:
+    number = one.number
+    return {
+        "name": one.at.entry.name,
+        "kind": one.at.summary.kind,
+        "number": number.what,
+        "title": _title(number),
+        "effect": number.effect or None,
+        **{key: getattr(number, key) for key in ("joint", "partner", "unit")},
+        "finding": one.found,
+        "probability": one.probability,
+        "log_bayes_factor": one.odds,
+        "spread": one.spread,
+        "change": number.value - one.centre,
+    }
+
+
+def _change(one: Difference) -> dict[str, Any]:
+    at, last = one.at.entry, one.others[-1].entry
+    before = {"sessions": [other.entry.session for other in one.others], "time": last.time}
+    after = {"session": at.session, "time": at.time, "value": one.number.value, "std": one.number.std}
+    return {**_row(one), "before": {**before, "value": one.centre, "std": one.centre_std}, "after": after}
+
+
+def _outlier(one: Difference) -> dict[str, Any]:
+    own = {"session": one.at.entry.session, "value": one.number.value, "std": one.number.std}
+    others = {"robots": [other.entry.name for other in one.others], "least": one.least, "median": one.centre}
+    return {**_row(one), **own, "others": {**others, "most": one.most}}
+
+
+def _title(number: Number) -> str:
+    """A parameter in words: its law and joints, and the parameter if the law has several."""
+    if number.effect not in EFFECTS.names:
+        return number.what if number.effect else f"base parameter {number.what}"
+    effect = EFFECTS[number.effect]
+    words = subject(Named(effect, number.joint, number.partner, {number.key: number.shown}))
+    return f"{words} ({number.key.replace('_', ' ')})" if len(effect.parameters) > 1 else words
+
+
+def _compared(
+    session: Outcome, others: Sequence[Outcome], share: float, since: Mapping[tuple[str, str], int]
+) -> list[Difference]:
+    """Compare each parameter of a session with other sessions; those before index `since` do not count."""
+    series: dict[tuple[str, str], list[tuple[Outcome, Number, Number]]] = {}
+    for k, other in enumerate(others):
+        mine = {number[:2]: number for number in _completed(session.summary, other.summary)}
+        theirs = {number[:2]: number for number in _completed(other.summary, session.summary)}
+        for key in mine.keys() & theirs.keys():
+            if k >= since.get(key, 0):
+                series.setdefault(key, []).append((other, mine[key], theirs[key]))
+    largest: dict[tuple[str, str], float] = {}  # of all parameters of a joint in the same unit
+    for number in (number for some in series.values() for _, *pair in some for number in pair):
+        largest[number.place] = max(largest.get(number.place, 0.0), abs(number.value))
+    found = [_difference(session, series[key], share, largest) for key in sorted(series)]
+    ratios = [abs(one.number.value - one.centre) / one.spread for one in found]
+    wider = max(1.0, MAD * median(ratios)) if len(ratios) >= FEWEST else 1.0
+    return [one._replace(spread=wider * one.spread) for one in found]
+
+
+def _completed(one: Summary, other: Summary) -> Iterator[Number]:
+    """Parameters of a session; a law that only the other diagnosis names has the stated value, or zero.
+
+    Its standard deviation is then that of the largest law that a diagnosis would not name. The law is left out if this
+    diagnosis names another law at its joint, which may be the same physics in other words.
+    """
+    yield from one.numbers
+    known, places = {cause.name for cause in one.found}, {cause.joint for cause in one.causes}
+    for cause in other.causes if one.verdict not in ("", "unknown") else ():
+        if cause.name not in known and cause.joint not in places and cause.numbers:
+            number = cause.numbers[0]
+            unseen = min(1.0, one.tolerance / max(cause.share, 1e-9)) * abs(number.value - cause.stated)
+            yield number._replace(value=cause.stated, std=max(number.std, unseen))
+
+
+def _difference(
+    session: Outcome,
+    series: Sequence[tuple[Outcome, Number, Number]],
+    share: float,
+    largest: Mapping[tuple[str, str], float],
+) -> Difference:
+    """A parameter beside those of other sessions: their centre, and the spread of differences if nothing changed."""
+    others, (*_, number), theirs = zip(*series, strict=True)
+    value, std = np.array([[one.value, one.std] for one in theirs]).T
+    few, middle = len(value) <= 2, float(np.median(value))
+
+    def size(centre: float) -> float:  # that spreads are shares of: of an offset, that of the joint's friction
+        own: float = (abs(number.value) + abs(centre)) / 2
+        return max(own, largest[number.place] / 2) if number.effect == "torque_offset" else own
+
+    scatter = np.ptp(value) / np.sqrt(2) if few else MAD * np.median(np.abs(value - middle))
+    beyond_noise = float(np.sqrt(max(0.0, scatter**2 - np.mean(std**2))))
+    spread = max((share if number.effect else RIGID) * size(middle), beyond_noise)
+    weight = 1 / (std**2 + spread**2)
+    centre = float(weight @ value / weight.sum()) if few else middle
+    variance = (1.0 if few else np.pi / 2) / weight.sum()
+    return Difference(
+        number=number,
+        at=session,
+        others=others,
+        centre=centre,
+        centre_std=float(np.sum(std**-2.0) ** -0.5),
+        least=float(value.min()),
+        most=float(value.max()),
+        spread=float(np.sqrt(number.std**2 + spread**2 + variance)),
+        width=WIDTH * size(centre),
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
@@ -9,33 +10,36 @@ import tempfile
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import chdir, closing, contextmanager, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, chdir, closing, contextmanager, redirect_stderr, redirect_stdout
+from hashlib import sha256
 from importlib import import_module
 from io import StringIO
-from logging import CRITICAL, getLogger, root
+from logging import CRITICAL, getLogger
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from shutil import rmtree
 from threading import Lock, Thread, local
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any, NamedTuple
 
-from ...errors import InputError, ManifestError, OptionError, SignidError
+from ...errors import InputError, OptionError
+from ...output.report import check_foreign, probe_folder, write_files
+from ...toml_json import read_json
 from ...typed import typed
-from ...types import Input, Progress
+from ...types import Progress
 from ...version import __version__
 from ..terminal import DONE, FLAGGED
-from .manifest import Entry, Manifest, read_manifest
+from .manifest import Entry, describe_robots, digest, read_inputs, read_manifest
 from .result import Fleet
-from .store import Store, check_robot, read_inputs
 from .summary import FILES, Outcome, summarise
 
+RECORD = "session.json"
+SCHEMA = "signid.session/2"
 COMMANDS = "signid.cli.run"  # carries out all commands, this room's too
-TRIES = 2  # attempts at a session whose process dies
 LASTS = 50  # [commands] per process; limits the growth of its memory
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
-LOUD = ("distributed", "tornado", "asyncio")  # loggers of Dask
+LOUD = ("distributed", "distributed.client", "tornado.application", "asyncio")  # loggers of Dask
 PATIENCE = 8.0  # time limit for a scheduler to answer and to have a worker [s]
 _RUNNING = Lock()  # held by the command that runs, since folder and streams are those of the process
 _STARTING = Lock()  # held while a process starts, since it inherits environment and main module
@@ -55,8 +59,8 @@ def fleet(
 ) -> Fleet:
     """Diagnose or identify many robots and recordings, each session in a separate process.
 
-    The folder of a session appears when it is complete; it holds the files of its command and session.json. Existing
-    sessions with the same files, command and version are not run again.
+    The folder of a session holds the files of its command and session.json, which appears last. Sessions whose
+    session.json states the same files, command and version are not run again.
 
     Args:
         manifest: CSV file of sessions, see `read_manifest`.
@@ -75,71 +79,87 @@ def fleet(
         OutputError: results cannot be written.
     """
     listed = read_manifest(manifest)
-    report, entries, missing = progress or (lambda stage, share: None), listed.entries, dict[int, Outcome]()
-    records = _records(listed, seed, workers or cores(), report)
+    entries, outcomes = listed.entries, dict[int, Outcome]()
+    report = progress or (lambda stage, share: None)
+    described, places = describe_robots(listed), [Path(folder, "sessions", entry.session) for entry in entries]
+    probe_folder(Path(folder, "sessions"))
+    for entry, place in zip(entries, places, strict=True):
+        check_foreign(place, (RECORD, FILES[entry.task], "model.json", "robot.urdf", "report.html"))
 
     def fail(k: int, code: int | None, said: tuple[str, ...]) -> None:
         reason = "; ".join(said) or "no reason given"
         sentence = f"session {entries[k].session} (line {entries[k].line}) failed: {reason}"
         if not keep_going:
             raise InputError(sentence)
-        missing[k] = Outcome(entries[k], code, said)
+        outcomes[k] = Outcome(entries[k], code, said)
         if failed is not None:
             failed(sentence)
 
-    with Store(folder) as store:
-        store.check(entry.session for entry in entries)
-        for k, record in enumerate(records):
-            if isinstance(record, str):
-                fail(k, None, (record,))
-        runs = {k: one for k, one in enumerate(records) if not isinstance(one, str)}
-        todo = [k for k, record in runs.items() if not store.record(entries[k].session, record)]
-        reused, done = len(runs) - len(todo), len(entries) - len(todo)
-        report(f"{done} of {len(entries)} sessions", done / len(entries))
-        orders = [Order(entries[k].arguments(seed), str(listed.folder)) for k in todo]
-        with closing(spread(orders, workers, scheduler)) as answers:
-            for number, answer in answers:
-                k, done = todo[number], done + 1
-                if answer.done:
-                    ending = {"code": answer.code, "said": list(answer.said)}
-                    store.keep(entries[k].session, {**runs[k], **ending}, answer.files)
-                else:
-                    fail(k, answer.code, answer.said)
-                report(f"{done} of {len(entries)} sessions", done / len(entries))
-        outcomes = (missing.get(k) or _stored(store, entry) for k, entry in enumerate(entries))
-        return Fleet(tuple(outcomes), listed.input, seed, reused)
-
-
-def _records(listed: Manifest, seed: int, workers: int, report: Progress) -> list[Mapping[str, Any] | str]:
-    """Check all robots; then what a stored session must have been made from, or why its files cannot be read."""
-    described, faults = list[tuple[Input, ...]](), list[str]()
-    for entry in listed.entries:
+    todo, reused = dict[int, Mapping[str, Any]](), 0
+    for k, entry in enumerate(entries):
+        report("reading recordings", k / len(entries))
         try:
-            described.append(check_robot(entry, listed.folder))
-        except SignidError as error:
-            faults.append(f"{Path(listed.input.path).name}, line {entry.line}: {error}")
-    if faults:
-        raise ManifestError(faults)
-
-    def made(entry: Entry, robot: Sequence[Input]) -> Mapping[str, Any] | str:
-        try:
-            inputs = [file._asdict() for file in (*robot, *read_inputs(entry, listed.folder))]
+            inputs = [file._asdict() for file in (*described[k], *read_inputs(entry, listed.folder))]
         except InputError as error:
-            return str(error)
-        return {"arguments": list(entry.arguments(seed)), "inputs": inputs, "version": __version__}
+            fail(k, None, (str(error),))
+            continue
+        record = {"arguments": list(entry.arguments(seed)), "inputs": inputs, "version": __version__}
+        if FILES[entry.task] in (stored := read_session(places[k], record)).get("files", ()):
+            outcomes[k], reused = _outcome(entry, places[k], stored), reused + 1
+        else:
+            todo[k] = record
+    orders = [Order(entries[k].arguments(seed), str(listed.folder)) for k in todo]
+    numbers = list(todo)
+    report(f"{len(outcomes)} of {len(entries)} sessions", len(outcomes) / len(entries))
+    with closing(spread(orders, workers, scheduler)) as answers:
+        for number, answer in answers:
+            k = numbers[number]
+            if answer.done:
+                ending = {"code": answer.code, "said": list(answer.said)}
+                stored = write_session(places[k], {**todo[k], **ending}, answer.files)
+                outcomes[k] = _outcome(entries[k], places[k], stored)
+            else:
+                fail(k, answer.code, answer.said)
+            report(f"{len(outcomes)} of {len(entries)} sessions", len(outcomes) / len(entries))
+    return Fleet(tuple(outcomes[k] for k in range(len(entries))), listed.input, seed, reused)
 
-    records = list[Mapping[str, Any] | str]()
-    with ThreadPoolExecutor(workers) as pool:  # digests are computed in parallel
-        for record in pool.map(made, listed.entries, described):
-            report("reading recordings", len(records) / len(listed.entries))
-            records.append(record)
-    return records
+
+def read_session(place: Path, wanted: Mapping[str, Any] = MappingProxyType({})) -> Mapping[str, Any]:
+    """The session.json of a folder; empty if it or a listed file is not as signid wrote it, or not as `wanted`.
+
+    Args:
+        place: folder of the session.
+        wanted: arguments, inputs and version that the session must have.
+    """
+    try:
+        found = read_json(place / RECORD)
+        files, said = dict(found["files"]), list(found["said"])
+        whole = files and files == {name: digest(place / name, name) for name in files}
+        sound = found["code"] in (DONE, FLAGGED) and all(isinstance(sentence, str) for sentence in said)
+        return found if whole and sound and found.items() >= wanted.items() else {}
+    except (OSError, ValueError, TypeError, KeyError):
+        return {}
 
 
-def _stored(store: Store, entry: Entry) -> Outcome:
-    record, document = store.record(entry.session), store.document(entry.session, FILES[entry.task])
-    summary = summarise(entry.task, document)
-    return Outcome(entry, record["code"], tuple(record["said"]), tuple(record["files"]), summary)
+def write_session(place: Path, record: Mapping[str, Any], files: Mapping[str, bytes]) -> Mapping[str, Any]:
+    """Write the files of a session and return its session.json, which appears last; files of an earlier one go.
+
+    Raises:
+        OutputError: they cannot be written, or would replace files that signid did not write.
+    """
+    earlier = read_session(place).get("files", {})
+    digests = {name: sha256(content).hexdigest() for name, content in sorted(files.items())}
+    written = {"schema": SCHEMA, "session": place.name, **record, "files": digests}
+    write_files(place, {RECORD: json.dumps(written, indent=2, ensure_ascii=False) + "\n", **files})
+    for path in place.iterdir():
+        if path.name in earlier and path.name not in files:
+            path.unlink()
+    return written
+
+
+def _outcome(entry: Entry, place: Path, stored: Mapping[str, Any]) -> Outcome:
+    summary = summarise(entry.task, read_json(place / FILES[entry.task]))
+    return Outcome(entry, stored["code"], tuple(stored["said"]), tuple(stored["files"]), summary)
 
 
 class Order(NamedTuple):
@@ -166,15 +186,11 @@ class Answer(NamedTuple):
 def carry_out(order: Order) -> Answer:
     """Run a command in this process, after those that other threads of it run."""
     if order.version != __version__:
-        versions = f"signid {__version__} on the worker, {order.version} on the calling machine"
-        return Answer(None, (f"the versions differ: {versions}; install the same version",), {})
+        raise RuntimeError(f"signid {__version__} there, {order.version} here")
     errors = StringIO()
     with _RUNNING, tempfile.TemporaryDirectory(prefix="signid-") as place:
-        try:
-            with chdir(order.folder), redirect_stdout(StringIO()), redirect_stderr(errors):
-                code = import_module(COMMANDS).run([*order.arguments, "-o", place])
-        except OSError as error:
-            return Answer(None, (f"the folder {order.folder} cannot be used on the worker: {error.strerror}",), {})
+        with chdir(order.folder), redirect_stdout(StringIO()), redirect_stderr(errors):
+            code = import_module(COMMANDS).run([*order.arguments, "-o", place])
         files = {path.name: path.read_bytes() for path in sorted(Path(place).iterdir())}
     return Answer(code, tuple(line.removeprefix("signid: ") for line in errors.getvalue().splitlines()), files)
 
@@ -182,37 +198,27 @@ def carry_out(order: Order) -> Answer:
 def spread(
     orders: Sequence[Order], workers: int | None = None, scheduler: str | None = None
 ) -> Generator[tuple[int, Answer], None, None]:
-    """Yield the index and answer of each order when it completes; orders of lost workers are repeated.
+    """Yield the index and answer of each order when it completes, with the reason where a worker failed.
 
     Raises:
         OptionError: Dask is not installed, or no scheduler with a worker answers, or the scheduler is lost.
     """
     if scheduler is not None and workers is not None:
-        raise OptionError(
-            "--workers is for this machine, but a scheduler has its own workers; give one of these options"
-        )
+        raise OptionError("--workers is for this machine, a scheduler has its own; give one of these options")
     place = _processes(workers or cores()) if scheduler is None or not orders else _cluster(scheduler)
     with place as submit:
         futures = {submit(order): k for k, order in enumerate(orders)}
         for future in as_completed(list(futures)):
-            yield futures.pop(future), _answer(future, scheduler)
-
-
-def _answer(future: Future[Answer], address: str | None) -> Answer:
-    """The answer of a worker, or the reason why there is none."""
-    try:
-        return future.result()
-    except CancelledError:
-        raise OptionError(
-            f"the scheduler at {address} is lost; completed sessions are kept; repeat the command to continue"
-        ) from None
-    except BrokenProcessPool:
-        why = f"its process died {TRIES} times; if memory is short, give it fewer or shorter recordings"
-    except Exception as error:  # of any type: executors pass on what a worker raises
-        why = f"the worker failed ({type(error).__name__}: {error}); check that signid is installed there"
-        if type(error).__name__ == "KilledWorker":
-            why = "every worker that ran it died; it may need more memory than they have"
-    return Answer(None, (why,), {})
+            try:
+                answer = future.result()
+            except CancelledError:
+                raise OptionError(f"the scheduler at {scheduler} is lost; repeat the command to continue") from None
+            except Exception as error:  # of any type: executors pass on what a worker raises
+                died = type(error).__name__ in ("BrokenProcessPool", "KilledWorker")
+                why = "its process died; if memory is short, give it fewer or shorter recordings, or fewer workers"
+                what = f"the worker failed ({type(error).__name__}: {error}); it needs the same signid and paths"
+                answer = Answer(None, (why if died else what,), {})
+            yield futures.pop(future), answer
 
 
 def cores() -> int:
@@ -226,27 +232,20 @@ def _processes(workers: int) -> Iterator[Callable[[Order], Future[Answer]]]:
     context, own = _Context(), local()
     lives, end = context.Pipe(duplex=False)
 
-    def renew() -> None:
-        own.pool, own.left = ProcessPoolExecutor(1, context, _begin, (place, lives)), LASTS
-
     def start() -> None:
-        if hasattr(signal, "pthread_sigmask"):  # Ctrl-C reaches the caller alone, also while a process starts
+        if hasattr(signal, "pthread_sigmask"):  # Ctrl-C reaches the caller alone: processes inherit the mask
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         renew()
 
-    def answer(order: Order, tries: int = TRIES) -> Answer:
-        if not own.left:
-            own.pool.shutdown()
-            renew()
-        own.left -= 1
+    def renew() -> None:
+        own.pool = ProcessPoolExecutor(1, context, _begin, (place, lives), max_tasks_per_child=LASTS)
+
+    def answer(order: Order) -> Answer:
         try:
-            future: Future[Answer] = own.pool.submit(carry_out, order)
-            return future.result()
+            return own.pool.submit(carry_out, order).result()
         except BrokenProcessPool:
             renew()
-            if tries == 1 or end.closed:
-                raise
-            return answer(order, tries - 1)
+            raise
 
     with (
         tempfile.TemporaryDirectory(prefix="signid-", ignore_cleanup_errors=True) as place,
@@ -283,12 +282,10 @@ class _Context(SpawnContext):
 
 
 def _begin(place: str, lives: Connection) -> None:
-    """Prepare a process: a session and temporary files of its own, no output, an end when `lives` is closed."""
-    if begin_session := getattr(os, "setsid", None):  # Linux shares processor time between sessions
-        begin_session()
+    """Prepare a process: temporary files in one place, no output of libraries, an end when `lives` is closed."""
     tempfile.tempdir = place
     silent = os.open(os.devnull, os.O_WRONLY)
-    for stream in (1,) if os.environ.get("SIGNID_DEBUG") else (1, 2):
+    for stream in (1, 2):
         os.dup2(silent, stream)
 
     def end() -> None:
@@ -301,7 +298,7 @@ def _begin(place: str, lives: Connection) -> None:
 
 @contextmanager
 def _cluster(address: str) -> Iterator[Callable[[Order], Future[Answer]]]:
-    """Workers of a Dask scheduler, each of which runs one order at a time; without Dask's messages and tracebacks."""
+    """Workers of a Dask scheduler, each of which runs one order at a time; without Dask's messages."""
     try:
         from distributed import Client, rpc
         from distributed.utils import LoopRunner, sync
@@ -313,32 +310,21 @@ def _cluster(address: str) -> Iterator[Callable[[Order], Future[Answer]]]:
             await scheduler.identity()
 
     runner = LoopRunner()
-    names = [name for name in root.manager.loggerDict if name.partition(".")[0] in LOUD]
-    levels = {log: log.level for log in map(getLogger, {*LOUD, *names})}
-    for log in levels:
-        log.setLevel(CRITICAL + 1)
-    try:
+    with ExitStack() as stack:
+        for log in map(getLogger, LOUD):
+            stack.callback(log.setLevel, log.level)
+            log.setLevel(CRITICAL + 1)
+        runner.start()
+        stack.callback(runner.stop)
         try:
-            runner.start()
-            sync(runner.loop, greet, callback_timeout=PATIENCE)  # a client would wait longer for a silent server
-            client = Client(address, timeout=PATIENCE, set_as_default=False)
+            sync(runner.loop, greet, callback_timeout=PATIENCE)  # a client waits for a silent server without end
+            client = stack.enter_context(Client(address, timeout=PATIENCE, set_as_default=False))
+            client.wait_for_workers(1, timeout=PATIENCE)
         except (OSError, TimeoutError, ValueError) as error:
             raise OptionError(
-                f"no Dask scheduler answers at {address} ({type(error).__name__}); start one with `dask scheduler`, "
-                f"and give its address: tcp://HOST:8786"
+                f"no Dask scheduler with a worker answers at {address} ({type(error).__name__}); start `dask scheduler`"
+                f" and `dask worker {address}`, and give its address: tcp://HOST:8786"
             ) from None
-        with client:
-            try:
-                client.wait_for_workers(1, timeout=PATIENCE)
-            except TimeoutError:
-                why = f"has no workers; start some with `dask worker {address}`"
-                raise OptionError(f"the scheduler at {address} {why}") from None
-            executor = client.get_executor()
-            try:
-                yield lambda order: executor.submit(carry_out, order)
-            finally:
-                executor.shutdown(wait=False)
-    finally:
-        runner.stop()
-        for log, level in levels.items():
-            log.setLevel(level)
+        executor = client.get_executor()
+        stack.callback(executor.shutdown, wait=False)
+        yield lambda order: executor.submit(carry_out, order)

@@ -47,7 +47,6 @@ class Cause(NamedTuple):
     effect: str
     joint: str | None
     partner: str | None
-    probability: float
     numbers: tuple[Number, ...]
     role: str  # "cause", or of a correction another
     share: float = 0.0  # largest torque over that of the joint [1]
@@ -69,7 +68,6 @@ class Summary(NamedTuple):
     """Result of a session. Residuals are those of the held-out torque, relative to the noise floor."""
 
     kind: str = ""  # kind of robot: the name in its description
-    joints: tuple[str, ...] = ()
     mismatch: float | None = None  # residual of the simulation or the identified model at the joint where it is largest
     joint: str = ""  # that joint
     left: float | None = None  # residual of the extended simulation at that joint
@@ -106,20 +104,18 @@ class Outcome(NamedTuple):
 
 def summarise(task: str, document: Mapping[str, Any]) -> Summary:
     """Summarise the diagnosis.json or identification.json of a session."""
-    if not document:
-        return Summary()
-    kind, joints, fit = str(document["robot"]), tuple(document["joints"]), document["fit"]
+    kind, fit = str(document["robot"]), document["fit"]
     before = fit if task == "identify" else fit["before"]
     sizes = [(size, -j) for j in range(len(before["joints"])) if (size := _over(before, j)) is not None]
     mismatch, j = max(sizes, default=(None, 0))
     joint = "" if mismatch is None else str(before["joints"][-j])
     if task == "identify":
-        return Summary(kind, joints, mismatch, joint, numbers=tuple(_identified(document)))
+        return Summary(kind, mismatch, joint, numbers=tuple(_identified(document)))
     left = None if mismatch is None else _over(fit["after"], -j)
     found = tuple(_cause(one) for one in document["findings"])
     numbers = tuple(number for cause in found for number in cause.numbers)
     tolerance = float(document.get("tolerance") or 0.0)
-    return Summary(kind, joints, mismatch, joint, left, str(document["verdict"]), numbers, found, tolerance)
+    return Summary(kind, mismatch, joint, left, str(document["verdict"]), numbers, found, tolerance)
 
 
 def _over(fit: Mapping[str, Sequence[Any]], j: int) -> float | None:
@@ -137,7 +133,7 @@ def _cause(finding: Mapping[str, Any]) -> Cause:
     numbers = tuple(_numbers(parameters, *at))
     stated = parameters[numbers[0].key].get("stated") if numbers else None
     share = max((finding.get("torque_share") or {}).values(), default=0.0)
-    return Cause(*at, float(finding["probability"]), numbers, finding["role"], float(share), float(stated or 0.0))
+    return Cause(*at, numbers, finding["role"], float(share), float(stated or 0.0))
 
 
 def _identified(document: Mapping[str, Any]) -> Iterator[Number]:

@@ -1,8 +1,8 @@
-"""Fleet: sentences, terminal tables and page of mismatch, common causes, changes and outliers."""
+"""Fleet: sentences, terminal tables and page of changes, outliers and mismatch."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from math import log10, nan
 from typing import Any
 from urllib.parse import quote
@@ -10,14 +10,13 @@ from urllib.parse import quote
 from rich.console import RenderableType
 from rich.text import Text
 
-from ....types import TWO_SIDED
 from ..layout import confidence, figure, heading, new_table, paragraph, plural, share
 from ..plots.frame import render
 from ..sections import Card
 from .sentences import listed, quantity
 
 UNDONE, FLAGGED = "not done", "flagged"  # states of a session in fleet.json
-SHOWN, FEW = 20, 4  # maximum number of rows per table and of parameters per cause
+SHOWN = 20  # maximum number of rows per table
 HEADED = 2  # maximum number of robots in the headline
 LISTED = 60  # maximum number of changes or outliers listed
 FOUND = (("changes", "Changes between sessions of a robot"), ("outliers", "Outliers between robots of one kind"))
@@ -84,12 +83,6 @@ def _others(outlier: Mapping[str, Any]) -> str:
     return f"{figure(others['median'])} {outlier['unit']} in the other {len(others['robots'])} robots"
 
 
-def cause_sentence(cause: Mapping[str, Any]) -> str:
-    """Number of robots that lack the same law, in a sentence."""
-    lack = "lacks" if len(cause["robots"]) == 1 else "lack"
-    return f"{len(cause['robots'])} of {plural(cause['of'], 'robot')} {lack} {cause.get('title', cause['cause'])}"
-
-
 def fleet_tables(document: Mapping[str, Any], reused: int = 0) -> list[RenderableType]:
     """Terminal tables of a fleet: changes and outliers, then one line for each robot."""
     robots, headline, sentence = document["robots"], fleet_headline(document, reused), fleet_sentence(document, reused)
@@ -100,39 +93,19 @@ def fleet_tables(document: Mapping[str, Any], reused: int = 0) -> list[Renderabl
     table = new_table("robot", "mismatch>", "joint", "after>", "explained>", "lacks")
     for robot in robots[:SHOWN]:
         mismatch, *after = mismatch_cells(robot)
-        lacks = Text(lacking(robot, document["causes"]), no_wrap=True, overflow="ellipsis")
+        lacks = Text(lacking(robot), no_wrap=True, overflow="ellipsis")
         table.add_row(robot["name"], mismatch, robot["joint"], *after, lacks)
     legend = "Mismatch, after: held-out rms over the noise floor, before and after the extension (last session)."
     shown += [heading("Robots by mismatch"), table, *_more(len(robots)), paragraph(legend)]
-    if document["causes"]:
-        rows = list(_cause_rows(document["causes"]))[:SHOWN]
-        causes = [f"{said}: {', '.join(ranges[:FEW])}" if ranges else said for said, ranges, _ in rows]
-        shown += [heading("Common causes"), *map(paragraph, causes)]
     return shown
 
 
-def lacking(robot: Mapping[str, Any], causes: Sequence[Mapping[str, Any]]) -> str:
-    """Laws that a robot's simulation lacks, in words; those that all robots of its kind lack are counted."""
+def lacking(robot: Mapping[str, Any]) -> str:
+    """Laws that a robot's simulation lacks, in words."""
     none = UNDONE if robot["undone"] == len(robot["sessions"]) else "-"
     words = {"nothing_missing": "nothing", "unknown": "physics that no law explains", "": none}
-    common = {one["cause"] for one in causes if one["kind"] == robot["kind"] and 1 < one["of"] == len(one["robots"])}
-    lacks = zip(robot["causes"], robot.get("lacks", robot["causes"]), strict=True)
-    own = [(said, 1) for cause, said in lacks if cause not in common]
-    shared = len(robot["causes"]) - len(own)
-    said = [listed(own, len(own)), f"{plural(shared, 'law')} common to all" if shared else ""]
-    return "; ".join(filter(None, said)) or words.get(robot["verdict"], robot["verdict"])
-
-
-def number_ranges(cause: Mapping[str, Any]) -> list[str]:
-    """Ranges of a cause's parameters over the robots; parameters consistent with zero are only counted."""
-    ranges = list[str]()
-    for number in cause["numbers"]:
-        if max(abs(number["least"]), abs(number["most"])) >= TWO_SIDED * number["std"]:
-            ends = " to ".join(dict.fromkeys(figure(number[key]) for key in ("least", "most")))
-            middle = f", median {figure(number['median'])}" if len(cause["robots"]) > 2 else ""
-            ranges.append(f"{number['key'].replace('_', ' ')} {ends}{middle} {number['unit']}".rstrip())
-    hidden = len(cause["numbers"]) - len(ranges)
-    return [*ranges, f"{plural(hidden, 'more parameter')} could be zero"] if ranges and hidden else ranges
+    said = [(law, 1) for law in robot["lacks"]]
+    return listed(said, len(said)) or words.get(robot["verdict"], robot["verdict"])
 
 
 def _more(count: int) -> list[RenderableType]:
@@ -158,7 +131,6 @@ def fleet_page(document: Mapping[str, Any], command: str = "", reused: int = 0) 
         undone=[(one["session"], one["said"]) for one in document["sessions"] if one["state"] == UNDONE],
         flagged=plural(flagged, "session") if flagged else "",
         rows=list(_rows(document, sessions)),
-        causes=[(said, ", ".join(ranges), which) for said, ranges, which in _cause_rows(document["causes"])],
         kinds=len({robot["kind"] for robot in document["robots"] if robot["kind"]}) > 1,
         found=[(title, [one["sentence"] for one in findings(document, key)[:LISTED]]) for key, title in FOUND],
         compared=document.get("comparison"),
@@ -174,10 +146,6 @@ def _cards(document: Mapping[str, Any]) -> Iterator[Card]:
         first = robots[0]
         beside = f"{first['name']}, {first['joint']}: held-out rms over the noise floor"
         yield Card("largest mismatch", f"{figure(first['mismatch'])} times", beside)
-    if document["causes"]:
-        cause = document["causes"][0]
-        beside = cause.get("title", cause["cause"])
-        yield Card("most common cause", f"{len(cause['robots'])} of {plural(cause['of'], 'robot')}", beside)
     done = sum(session["state"] != UNDONE for session in document["sessions"])
     yield Card("sessions completed", f"{done} of {len(document['sessions'])}", "each with its own report")
 
@@ -195,17 +163,9 @@ def _rows(document: Mapping[str, Any], sessions: Mapping[str, Any]) -> Iterator[
             "percent": 100 * max(0.0, log10(mismatch) / log10(top)) if mismatch else 0.0,
             "left": left,
             "explained": explained,
-            "lacks": lacking(robot, document["causes"]),
+            "lacks": lacking(robot),
             "link": _link(sessions[robot["latest"]]),
         }
-
-
-def _cause_rows(causes: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[str], str]]:
-    """Yield each common cause in words, its parameters and its robots."""
-    kinds = len({cause["kind"] for cause in causes}) > 1
-    for cause in causes:
-        which = "all" if 1 < cause["of"] == len(cause["robots"]) else ", ".join(cause["robots"])
-        yield cause_sentence(cause) + (f" ({cause['kind']})" if kinds else ""), number_ranges(cause), which
 
 
 def _link(session: Mapping[str, Any]) -> str:
