@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,8 +22,7 @@ from ..replay.drives import commands_only, follow_commands, with_drives
 from ..replay.marks import ReplayFindings, drive_marks, headline, marks, read_found
 from ..replay.shapes import reach
 from ..replay.track import Track, predictions, surveyed
-from .files import log_file
-from .links import Head, Links, Remark, Signal
+from .files import FILES, Head, Links, Remark, Signal, check_library
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
@@ -63,7 +61,8 @@ class ViewerLog(Frozen):
         return self._written("mcap")
 
     def _written(self, kind: str) -> bytes:
-        file = log_file(kind, out := BytesIO(), self.head)
+        check_library(kind)
+        file = FILES[kind](out := BytesIO(), self.head)
         for remark in self.remarks:
             file.remark("/findings", remark)
         if self.drawn is not None:
@@ -139,15 +138,15 @@ def _signals(
     prepare = with_drives if drives else lambda model, each: restrict_joints(model, [each])
     restricted, more = zip(*(prepare(model, recording) for model in models), strict=True)
     notes += [note for each in more for note in each]
-    make = partial(_signal, folder, restricted[0].robot.joints)
+    joints = restricted[0].robot.joints
+
+    def make(name: str, t: Array, **values: Array) -> Signal:
+        return Signal(f"{folder}/{name}", joints, t, drawn=name == "measured", **values)
+
     if drives:
         return _driven(restricted, recording, make)
     need_torque([recording])
     return [*_torques(restricted, recording, make, notes), *_rolled(rolled, make)]
-
-
-def _signal(folder: str, joints: tuple[str, ...], name: str, t: Array, **values: Array) -> Signal:
-    return Signal(f"{folder}/{name}", joints, t, drawn=name == "measured", **values)
 
 
 def _torques(
