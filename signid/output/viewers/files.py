@@ -142,11 +142,8 @@ class McapFile:
 
     def signals(self, signals: Sequence[Signal]) -> None:
         """Write a JointState of each signal for each instant, in the order of time."""
-        which = np.concatenate([np.full(len(each.t), k) for k, each in enumerate(signals)])
-        row = np.concatenate([np.arange(len(each.t)) for each in signals])
-        order = np.argsort(np.round(np.concatenate([each.t for each in signals]), 9), kind="stable")  # by [ns]
-        for k, i in zip(which[order].tolist(), row[order].tolist(), strict=True):
-            one, t = signals[k], float(signals[k].t[i])
+        rows = [(t, one, i) for one in signals for i, t in enumerate(one.t.tolist())]
+        for t, one, i in sorted(rows, key=lambda row: round(row[0], 9)):  # by [ns]
             values = {key: np.zeros(0) if (x := getattr(one, key)) is None else x[i] for key in QUANTITIES}
             state = self._made("sensor_msgs/msg/JointState", header=self._header(t), name=list(one.joints), **values)
             self._send(one.topic, t, state)
@@ -270,14 +267,10 @@ class RerunFile(McapFile):
                     only = [joint == other for other in course.joints]
                     look = rr.SeriesLines.from_fields(names=[name] * len(only), visible_series=only)
                     tab.setdefault(joint, {})[f"{topic}/{quantity}"] = look
-        tabs = [
-            blueprint.Grid(
-                *(blueprint.TimeSeriesView(name=joint, contents=[*own], overrides=own) for joint, own in tab.items()),
-                name=title,
-            )
-            for title, tab in plots.items()
-        ]
-        drawn = []
+        tabs, drawn = [], []
+        for title, tab in plots.items():
+            views = (blueprint.TimeSeriesView(name=joint, contents=[*own], overrides=own) for joint, own in tab.items())
+            tabs.append(blueprint.Grid(*views, name=title))
         if self.links is not None:
             frame = blueprint.SpatialInformation(target_frame=self.links.root)
             drawn = [blueprint.Spatial3DView(origin="/", name="robot", spatial_information=frame)]
@@ -346,8 +339,11 @@ class WatchLogs:
             OutputError: a file cannot be written.
         """
         with _uninterrupted():
-            signals = self._signals(blocks)
-            remarks = [self._remark(event) for event in events]
+            signals, remarks = self._signals(blocks), list[Remark]()
+            for event in events:  # a warning when a contact begins and for a change
+                calm = isinstance(event, Note) or (isinstance(event, Contact) and event.end is not None)
+                text = json.dumps(event.document(), ensure_ascii=False)
+                remarks.append(Remark(event.t, self.sentence(event), not calm, text))
             times = [*(float(each.t[0]) for each in signals), *(remark.t for remark in remarks)]
             for file, guard in self.files:
                 with guard():
@@ -371,12 +367,6 @@ class WatchLogs:
         joints, efforts = self.robot.joints, zip(EFFORTS, rest, strict=True)
         state = Signal("/joint_states", joints, t, q, v, measured, drawn=True)
         return [state, *(Signal(f"/signid/{name}", joints, t, effort=x) for name, x in efforts)]
-
-    def _remark(self, event: Event) -> Remark:
-        """An event; a warning when a contact begins and for a change."""
-        ended = isinstance(event, Contact) and event.end is not None
-        text = json.dumps(event.document(), ensure_ascii=False)
-        return Remark(event.t, self.sentence(event), not isinstance(event, Note) and not ended, text)
 
     def __enter__(self) -> WatchLogs:
         return self
