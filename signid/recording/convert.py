@@ -16,7 +16,6 @@ from .columns import converted, resolve, stated_units, unknown_joints_flag
 from .formats.base import About, MemoryTable
 from .joining import Files, JoinedFile, open_files
 from .names.mapping import DRIVE, TORQUES, ColumnMap, Heading, ParsedColumns, Signal, read_map, split
-from .reading import OFFER
 from .sampling.clock import read_clock, rivals
 from .source import Opened, Source
 
@@ -119,7 +118,7 @@ def convert(
         try:
             read_recording(found, robot)
         except RecordingError as error:
-            unread = opened.name + str(error).partition(OFFER)[0].removeprefix("the recording")
+            unread = opened.name + str(error).removeprefix("the recording")
             flags.append(unread)
     file = Input(opened.path or opened.name, opened.sha256, "converted")
     notes += [] if flags else _lacking(found, about)

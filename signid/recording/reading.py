@@ -36,7 +36,6 @@ EXAMINED, FEWEST = 20_000, 100  # [rows] that decide it, at most and at least
 SHOWN = ("t", "q", "q_des", "dq", *TORQUES)  # kinds of columns that a reading lists
 BASE = ("rad", "rad/s", "rad/s2", "s", "N.m", "A", "m", "m/s", "m/s2", "N", "1", "V", "C")  # units of recordings
 INLINE = 110  # maximum length of a map within a message [characters]
-OFFER = "; a column map (--columns)"  # beginning of lines that may fit
 ROWS = 200_000  # rows whose numbers are examined
 ORDER = ("q", "dq", "ddq", "tau", "abs_tau", "current", "abs_current", "q_des", *ServoSamples._fields)
 TITLES = {
@@ -374,7 +373,7 @@ def suggest(opened: Opened, robot: Robot) -> str:
         return ""
     whole, first = "; ".join(lines), lines[0]
     content = f" with {whole}" if len(whole) <= INLINE else f" that begins {first}" if len(first) <= INLINE else ""
-    return f"{OFFER}{content} may fit"
+    return f"; a column map (--columns){content} may fit"
 
 
 def lacking_time(table: Table, used: Collection[str]) -> str:

@@ -197,7 +197,10 @@ def validate(
     from .drives import registers_beside
 
     check_folder(validation.output, True, VALIDATED)
-    horizon = HORIZON if validation.horizon is None else _horizon(validation.horizon)
+    try:
+        horizon: float | str = HORIZON if validation.horizon is None else float(validation.horizon)
+    except ValueError:  # whole, or a text that is refused
+        horizon = str(validation.horizon)
     names, recordings = _sort_arguments(given)
     robot = under_gravity(robot, recordings, validation.columns)
     sources = [SimulationArguments(simulation=name, **vars(robot)) for name in names]
@@ -287,11 +290,3 @@ def _is_model(name: str) -> bool:
     if held == ["model.json"]:
         raise OptionError(f"the folder {name} holds a model.json; name the file, {path / held[0]}")
     return not recorded
-
-
-def _horizon(text: str) -> float | str:
-    """A horizon [s], or `whole`; other texts stay as they are, for the sentence that refuses them."""
-    try:
-        return float(text)
-    except ValueError:
-        return text

@@ -72,8 +72,7 @@ def _law_rows(robot: Robot, law: Law, numbers: Mapping[str, Any]) -> Rows:
 
 
 def _identified_laws(result: Any) -> Rows:
-    numbers = (n for numbers in identified_numbers(result) for n in numbers)
-    return ((n.effect, n.joint, None, n.key, n.value, n.std, n.unit) for n in numbers)
+    return ((n.effect, n.joint, None, n.key, n.value, n.std, n.unit) for own in identified_numbers(result) for n in own)
 
 
 def _stated_laws(model: Any) -> Rows:
@@ -166,8 +165,7 @@ def _residuals(result: Any) -> pl.DataFrame:
         from ..report.plots.courses import held_out_rows
 
         course = held_out_rows(result.session, result.judged)[0]
-    first = {"recording": course.recording, "t": course.t}
-    return _long([(course.joints, first, picked(course, "q v torque before after"))])
+    return _long([(course.joints, picked(course, "recording t"), picked(course, "q v torque before after"))])
 
 
 def _long(parts: Iterable[tuple[Iterable[str], Mapping[str, Any], Mapping[str, Array]]]) -> pl.DataFrame:

@@ -212,8 +212,7 @@ def _brief(formula: str) -> str:
 
 def _fit(fit: Any) -> Renderables:
     heads = ("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
-    title = heading("Fit: rms of the residual torque", below=False)
-    return [title, new_table(*heads, rows=fit_rows(fit))]
+    return [heading("Fit: rms of the residual torque", below=False), new_table(*heads, rows=fit_rows(fit))]
 
 
 def _roll_out(rolled: Any) -> Renderables:
