@@ -82,7 +82,7 @@ def deliver_identification(
     files: dict[str, Content] = {}
     if output is not None:
         if isinstance(result, Identification):
-            model, known, left = result.best, result.best, False
+            model, known, left = result.best, result.best, list[str]()
             described, notes = _urdf(result.robot, _identifiable_bodies(result), known.laws)
             more = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
         else:
