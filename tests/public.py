@@ -16,7 +16,7 @@ import numpy as np
 from scipy.io import savemat
 
 from signid.recording.gallery import DataSet
-from signid.recording.gallery.convert import SPLINES
+from signid.recording.gallery.download import SPLINES
 
 GAIN = 35.1506518825  # of the EMPS [N/V], to the digits that its recordings show
 START = 1000.0  # of the UR10e's clock [s]

@@ -19,7 +19,7 @@ from test_signs_report import found
 import signid
 from signid.cli import run
 from signid.diagnose.data.locate import Location
-from signid.output.replay.marks import ReplayFinding, marks
+from signid.output.replay.marks import ReplayFinding, ReplayFindings, marks
 from signid.output.report.results.diagnosis import diagnosis_document
 from signid.output.report.results.laws import number_lines
 from signid.output.report.results.signs import signs_page
@@ -103,7 +103,8 @@ def test_windows_are_named_from_the_start_and_kept_in_json() -> None:
     one = finding(law, std, where=where)
     lines = "; ".join(number_lines(ROBOT, one))
     assert "start 6.000 ± 0.020 s since the start" in lines and "end 7.500" in lines and "1700000" not in lines
-    [mark] = marks(ROBOT, [ReplayFinding(one.law, one.std, 0.9, True, {})], 1.0, EPOCH)
+    found = ReplayFindings("named", signid.load_model(ROBOT), (ReplayFinding(one.law, one.std, 0.9, True, {}),))
+    [mark] = marks(found, 1.0, EPOCH)
     assert mark.time == (EPOCH + 6, EPOCH + 7.5) and any("start 6.000" in line for line in mark.lines), mark.lines
     from test_output_report_diagnosis import made
 

@@ -18,7 +18,7 @@ from test_output_viewers import ROBOT, frame_errors, opened
 
 import signid
 from signid.cli import run
-from signid.output.viewers.links import Links
+from signid.output.viewers.files import Links
 from signid.regression.motion import Motion
 from signid.robot import configuration
 from signid.robot.dynamics import tip_jacobian

@@ -153,7 +153,7 @@ def test_hostile_names_stay_inside_their_line() -> None:
     assert tomllib.loads(draft_map(log, ROBOT).text)["units"].get("q") == "rad"
 
 
-def test_two_commands_are_enough(
+def test_one_command_is_enough(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -161,25 +161,20 @@ def test_two_commands_are_enough(
     rows = np.column_stack([np.rint(T * 1e6), np.degrees(Q), TAU]).tolist()
     lines = [";".join(header), *(";".join(f"{x:.6f}".replace(".", ",") for x in row) for row in rows)]
     Path("log.csv").write_text("\n".join(lines))
-    line = "convert log.csv --robot 3r --map map.toml -o recording.csv"
+    line = "convert log.csv --robot 3r -o recording.csv"
     assert run(shlex.split(line)) == 0
     out, err = capfd.readouterr()
-    assert err == "" and f"signid {line}" in out and Path("map.toml").read_text() in out
-    assert not Path("recording.csv").exists(), "the map is to be read first"
-    written = Path("map.toml").read_text()
-    Path("map.toml").write_text(written.replace('q = "deg"', 'q = "mrad"'))
+    assert err == "" and "Reading of log.csv" in out and "Achse 1 Istposition" in out
+    assert pl.read_csv("recording.csv")["q_joint_1"].to_numpy() == pytest.approx(Q[:, 0], abs=1e-6)
+    assert not Path("log.csv.reading.toml").exists(), "nothing is to be chosen"
+    written = draft_map("log.csv", ROBOT).text
+    Path("log.csv.reading.toml").write_text(written.replace('q = "deg"', 'q = "mrad"'))
     assert run(shlex.split(line)) == 0
     found = pl.read_csv("recording.csv")
     assert found["q_joint_1"].to_numpy() == pytest.approx(np.degrees(Q[:, 0]) / 1e3, abs=1e-6), "as the user corrected"
-    assert "mrad" in Path("map.toml").read_text(), "a map that exists is not written again"
-    for wrong, culprit in (
-        ("--map gone.toml", "add --robot"),
-        ("--map map.toml --columns map.toml", "give one of them"),
-        ("--map '' --robot 3r", "not a file name"),
-    ):
-        capfd.readouterr()
-        assert run(shlex.split(f"convert log.csv {wrong}")) == 2
-        assert culprit in capfd.readouterr().err
+    assert "mrad" in Path("log.csv.reading.toml").read_text(), "a reading that exists is not written again"
+    capfd.readouterr()
+    assert run(shlex.split("convert log.csv --calibration log.csv")) == 2
 
 
 def test_a_log_without_positions_is_flagged(
@@ -187,10 +182,10 @@ def test_a_log_without_positions_is_flagged(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("log.csv").write_text("t,mode,volts\n0,1,2\n1,2,3\n")
-    assert run(shlex.split("convert log.csv --robot 3r --map map.toml --json")) == 3
+    assert run(shlex.split("convert log.csv --robot 3r --json")) == 3
     out, err = capfd.readouterr()
-    assert "no column of positions or speeds was recognised" in err and "signid.column_map/1" in out
-    assert '"mode", "volts"' in Path("map.toml").read_text()
+    assert "log.csv has no position column such as q_joint_1" in err and '"columns": [' in out
+    assert "no column of positions or speeds was recognised" in draft_map("log.csv", ROBOT).text
 
 
 def test_errors_name_the_line_to_write(capfd: pytest.CaptureFixture[str]) -> None:

@@ -14,7 +14,7 @@ from serving import TEXT, register, toy
 import signid
 from signid.cli import run
 from signid.recording.gallery import DATA, is_complete
-from signid.recording.gallery.convert import bam
+from signid.recording.gallery.download import bam
 
 PATH = "logs/a_toy.csv"
 ROBOTS = Path(__file__).parents[1] / "robots"

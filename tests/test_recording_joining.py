@@ -184,15 +184,14 @@ def test_one_file_a_joint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd
     assert set(parted.columns) == {"t", "position", "torque"}, "neither file is that of a joint"
 
 
-def test_a_drafted_map_serves_the_joined_files(
+def test_a_drafted_reading_serves_the_joined_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write(tmp_path, "a.csv", stamp_ms=1e3 * T, joint1_pos_deg=np.degrees(motion(T)))
     write(tmp_path, "b.csv", t=T, joint1_trq=torque(T))
-    assert run(shlex.split("convert a.csv b.csv --robot 1r --map map.toml")) == 0
-    assert "signid convert a.csv b.csv --robot 1r --map map.toml -o recording.csv" in capfd.readouterr().out
-    assert run(shlex.split("convert a.csv b.csv --robot 1r --map map.toml -o out.csv")) == 0
+    assert run(shlex.split("convert a.csv b.csv --robot 1r -o out.csv")) == 0
+    assert "Reading of a.csv + b.csv" in capfd.readouterr().out
     samples = read_recording("out.csv", signid.load_robot("1r")).read()
     np.testing.assert_allclose(samples.q[:, 0], motion(T), atol=1e-9)
 

@@ -170,8 +170,10 @@ def test_a_drafted_map_converts_to_a_recording(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     pl.DataFrame(arm_log()).write_csv("log.csv")
-    arguments = ["convert", "log.csv", "--robot", "so101", "--map", "map.toml"]
-    assert run(arguments) == 0 and run([*arguments, "-o", "recording.csv"]) == 3
+    arguments = ["convert", "log.csv", "--robot", "so101", "-o", "recording.csv"]
+    assert run(arguments) == 3 and not Path("recording.csv").exists()
+    assert "lines of its reading, log.csv.reading.toml, are to be chosen" in capsys.readouterr().err
+    assert run(arguments) == 3
     assert "left out, because so101_new_calib has no such joint: q_Rotation" in capsys.readouterr().err
     assert len(read_recording("recording.csv", signid.load_robot("so101")).joints) == 2
 

@@ -136,8 +136,8 @@ def test_every_command_takes_names_from_the_column_map(
     assert run(["convert", "log.txt", "--robot", "3r"]) == 2
     sentence(capsys.readouterr().err.strip(), "log.txt", "no header", "--names")
     names = ",".join(table.columns)
-    assert run(["convert", "log.txt", "--names", names, "--robot", "3r", "--map", "map.toml"]) == 0
-    assert run(["convert", "log.txt", "--robot", "3r", "--map", "map.toml", "-o", "r.tsv"]) == 0
+    assert run(["convert", "log.txt", "--names", names, "--robot", "3r", "-o", "r.tsv"]) == 0
+    Path("map.toml").write_text(draft_map("log.txt", load_robot("3r"), heading=Heading(0, table.columns)).text)
     np.testing.assert_allclose(FORMATS["csv"].open(Path("r.tsv")).read(["t"], 0, 9), values[:9, :1])
     capsys.readouterr()
     assert run(["check", "3r", "log.txt", "--columns", "map.toml"]) == run(["check", "3r", "r.tsv"])

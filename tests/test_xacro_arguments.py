@@ -84,7 +84,7 @@ def test_every_command_with_a_robot_takes_them(arm: str, capsys: pytest.CaptureF
     assert run(["simulate", arm, *GIVEN, "--motion", "motion.csv", "-o", "log.csv"]) == 0
     assert run(["export", arm, *GIVEN, "--mjcf", "arm.xml"]) == 0
     assert run(["validate", arm, *GIVEN, "log.csv", "--json"]) in (0, 3)
-    assert run(["convert", "log.csv", "--robot", arm, *GIVEN, "--map", "map.toml", "-o", "new.csv"]) in (0, 3)
+    assert run(["convert", "log.csv", "--robot", arm, *GIVEN, "-o", "new.csv"]) in (0, 3)
     assert run(["identify", arm, "log.csv", *GIVEN, "-o", "result"]) in (0, 3)
     assert run(["inspect", "result/robot.urdf"]) == 0
     capsys.readouterr()

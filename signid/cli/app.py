@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, field, fields, is_dataclass
 from functools import wraps
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, Signature, getdoc, signature
 from math import isfinite
 from typing import Annotated, Any, get_type_hints
 
@@ -67,10 +67,13 @@ def command(example: str, *first: str) -> Callable[[Callable[..., int]], Callabl
 
     If the options to show `first` are named, --help lists the others below, a section for each group.
     """
-    listed = {"first": first}
-    return lambda function: app.command(epilog=f"Example: {example}", cls=type("_Listed", (_Command,), listed))(
-        _expanded(function)
-    )
+    kind = type("_Listed", (_Command,), {"first": first})
+
+    def listed(function: Callable[..., int]) -> Callable[..., int]:
+        text = (getdoc(function) or "").partition("\n\nRaises:")[0]
+        return app.command(help=text, epilog=f"Example: {example}", cls=kind)(_expanded(function))
+
+    return listed
 
 
 class _Command(TyperCommand):

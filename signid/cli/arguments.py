@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..model import Model
     from ..regression.session import Options
     from ..simulation.plant import Torques
-    from ..types import Input, Recording, Robot, Trajectory
+    from ..types import Input, Reading, Recording, Robot, Trajectory
 
 Given = TypeVar("Given", bound=RobotOptions)
 FARTHEST = 1e4  # position of a held joint [rad or m]
@@ -50,6 +50,7 @@ def given_robot(name: str, options: RobotOptions) -> Robot:
         OptionError: a package folder does not exist, or a list of joints or a position is invalid.
     """
     from ..robot import load_robot
+    from ..robot.joints import parse_gravity
     from ..robot.load import parse_arguments
 
     packages = options.package_dir or ()
@@ -64,15 +65,9 @@ def given_robot(name: str, options: RobotOptions) -> Robot:
         joints=moving,
         actuators=options.actuators,
         package_dirs=packages,
-        gravity=_gravity(options),
+        gravity=None if options.gravity is None else parse_gravity(options.gravity),
         xacro=parse_arguments(options.xacro or ()),
     )
-
-
-def _gravity(options: RobotOptions) -> tuple[float, ...] | None:
-    from ..robot.joints import parse_gravity
-
-    return None if options.gravity is None else parse_gravity(options.gravity)
 
 
 def _locks(texts: Sequence[str]) -> dict[str, float]:
@@ -100,6 +95,7 @@ def given_model(
     """
     from ..model import Model, load_model, stated_inertials, stated_laws
     from ..robot import hold, resting
+    from ..robot.joints import parse_gravity
     from ..simulation.plant import read_motion, recorded_torques
 
     name = source.simulation
@@ -109,7 +105,8 @@ def given_model(
         raise OptionError(f"{name} is no xacro file: it holds the expanded description; leave --xacro out")
     if source.saved and any((source.joints, source.lock, source.actuators, source.package_dir)):
         raise OptionError(f"{name} states its joints and actuators itself; leave --joints, --lock, --actuators out")
-    model = load_model(name, gravity=_gravity(source)) if source.saved else None
+    gravity = None if source.gravity is None else parse_gravity(source.gravity)
+    model = load_model(name, gravity=gravity) if source.saved else None
     robot = model.robot if model else given_robot(name, source)
     asked: Trajectory | Torques | None = None
     moving = robot.joints
@@ -147,41 +144,35 @@ def given_recordings(
         UndecidedReading: lines of a reading are to be chosen; the sentence names the file.
     """
     from ..recording import read_recording
+    from ..recording.source import reading_path
 
     found = []
     for path in paths or ():
-        place = _place_of_reading(path, output)
+        place = reading_path(path)
+        if output is not None and not place.exists() and not os.access(place.parent, os.W_OK):
+            place = reading_path(path, output)
         known = str(place) if columns is None and place.is_file() else columns
         try:
             found.append(read_recording(path, robot, columns=known, unsigned=unsigned, rate=rate))
         except UndecidedReading as error:
-            raise _written_reading(error, place) from None
+            raise written_reading(error, place) from None
         if not quiet:
-            _print_reading(found[-1])
+            print_reading(found[-1].path, found[-1].reading)
     return found
 
 
-def _print_reading(recording: Recording) -> None:
+def print_reading(path: str, reading: Reading | None) -> None:
     """Print a drafted reading, one line for each joint."""
-    if recording.reading is None or not recording.reading.rows:
+    if reading is None or not reading.rows:
         return
     from ..output.report import Screen
     from ..output.report.layout import new_table
 
-    table = new_table("joint", "columns", "units", "why", rows=recording.reading.rows)
-    Screen().print(f"Reading of {recording.path}", table, "", sep="\n")
+    table = new_table("joint", "columns", "units", "why", rows=reading.rows)
+    Screen().print(f"Reading of {path}", table, "", sep="\n")
 
 
-def _place_of_reading(path: str, output: str | None) -> Path:
-    """Path of the reading of a recording: beside it, or in the folder `output` if that is all that can be written."""
-    from ..recording.source import reading_path
-
-    beside = reading_path(path)
-    closed = output is not None and not beside.exists() and not os.access(beside.parent, os.W_OK)
-    return reading_path(path, output) if closed else beside
-
-
-def _written_reading(error: UndecidedReading, place: Path) -> UndecidedReading:
+def written_reading(error: UndecidedReading, place: Path) -> UndecidedReading:
     """Write a reading, and name its file in the sentence."""
     from ..output.report import write_files
 
@@ -253,9 +244,8 @@ def simulation_inputs(source: SimulationArguments, robot: Robot, **files: str | 
 
     if (saved := saved_model(source.simulation)) is None:
         return given_inputs(source.simulation, robot, source.actuators, **files)
-    model = Input(readable(source.simulation), digest_of(saved), "model")
-    read = {role: file for role, file in files.items() if file is not None}
-    return [model, *(Input(readable(path), digest_of(Path(path)), role) for role, path in read.items())]
+    read = {"model": (source.simulation, saved), **{role: (x, Path(x)) for role, x in files.items() if x is not None}}
+    return [Input(readable(shown), digest_of(path), role) for role, (shown, path) in read.items()]
 
 
 def has_drives(recordings: Sequence[Recording], forced: bool = False) -> bool:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from ..errors import OptionError, RobotError
-from .terminal import show
+from .terminal import show, write_columns
 
 if TYPE_CHECKING:
     from ..check import Check
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from ..identify import Identification
     from ..output.report import Content
     from ..output.viewers import ViewerLog
-    from ..payload import Payload
     from ..servo.diagnose import ServoDiagnosis
     from ..servo.identify import ServoIdentification
     from ..servo.validate import ServoValidation
@@ -36,70 +36,97 @@ DIAGNOSED = ("diagnosis.json", "model.json", "robot.urdf", "report.html", "signe
 IDENTIFIED = ("identification.json", *DIAGNOSED[1:])
 
 
-def deliver(result: Identification, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
-    """Write and print an identification; return the exit code; `command` is the shell line that reproduces it."""
-    from ..output.report import document, page, tables, to_json
+def deliver(
+    result: Any,
+    inputs: Sequence[Input],
+    output: str | None,
+    json: bool,
+    files: Mapping[str, Content] = MappingProxyType({}),
+    *,
+    logs: Logs = None,
+    columns: Mapping[str, Array] | None = None,
+    **given: Any,
+) -> int:
+    """Write and print a result; return the exit code: NAME.json and files into a folder, or columns into a file.
 
-    files: dict[str, Content] = {}
-    if output is not None:
-        described, notes = _urdf(result.robot, _identifiable_bodies(result), result.best.laws)
-        result = replace(result, notes=(*result.notes, *notes))
-        signed = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
-        files = {**described, "report.html": page(result, inputs, command), **signed}
-    text = to_json(document(result, inputs))
-    files = {"identification.json": text, "model.json": to_json(result.best.document()), **files}
-    return show(text if json else tables(result), result.flags, _written(output, files))
+    `logs`: log for viewers, and its paths by kind. `given`: as of `document`; tables do without the seed.
+    columns: (N,) each, by name [units of the columns of these names].
+    """
+    from ..output.report import document, tables, to_json, write_files
+
+    content = document(result, inputs, **given)
+    text, name = to_json(content), content["schema"].removeprefix("signid.").removesuffix("/1")
+    if columns is not None or output is None:
+        written = [*write_columns(output, columns or {})]
+    else:
+        written = write_files(output, {f"{name}.json": text, **files})
+    written += write_logs(*logs) if logs else []
+    given.pop("seed", None)
+    return show(text if json else tables(result, **given), getattr(result, "flags", ()), written)
 
 
-def deliver_servos(
-    result: ServoIdentification,
+def deliver_identification(
+    result: Identification | ServoIdentification,
     inputs: Sequence[Input],
     output: str | None,
     json: bool,
     command: str,
-    more: Mapping[str, Content],
+    more: Mapping[str, Content] = MappingProxyType({}),
 ) -> int:
-    """Write and print an identification of position drives, with more files; return the exit code."""
+    """Write and print an identification, with more files; return the exit code; `command` reproduces it."""
+    from ..identify import Identification
     from ..model import torque_model
     from ..output.export import with_known_numbers
-    from ..output.report import document, page, tables, to_json
+    from ..output.report import page, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
-        known, left = with_known_numbers(result.model, gain=False)
-        described, notes = _urdf(known.robot, known.inertials, torque_model(known).laws)
+        if isinstance(result, Identification):
+            model, known, left = result.best, result.best, list[str]()
+            described, notes = _urdf(result.robot, _identifiable_bodies(result), known.laws)
+            more = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
+        else:
+            model, (known, left) = result.model, with_known_numbers(result.model, gain=False)
+            described, notes = _urdf(known.robot, known.inertials, torque_model(known).laws)
         unknown = "robot.urdf leaves out the numbers that are not identifiable, unless they were stated before"
         result = replace(result, notes=(*result.notes, *notes, *([unknown] if left else [])))
-        files = {**described, "report.html": page(result, inputs, command), **more}
-    text = to_json(document(result, inputs))
-    files = {"identification.json": text, "model.json": to_json(result.model.document()), **files}
-    return show(text if json else tables(result), result.flags, _written(output, files))
+        shown = {**described, "report.html": page(result, inputs, command), **more}
+        files = {"model.json": to_json(model.document()), **shown}
+    return deliver(result, inputs, output, json, files)
 
 
 def deliver_diagnosis(
-    result: Diagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str, logs: Logs = None
+    result: Diagnosis | ServoDiagnosis,
+    inputs: Sequence[Input],
+    output: str | None,
+    json: bool,
+    command: str,
+    logs: Logs = None,
 ) -> int:
-    """Write and print a diagnosis; return the exit code; `command` is the shell line that reproduces it.
-
-    `logs`: log for viewers, and its paths by kind.
-    """
-    from ..output.report import document, tables, to_json
-
-    files: dict[str, Content] = {}
-    if output is not None:
-        result, files = diagnosis_files(result, inputs, command)
-    text = to_json(document(result, inputs))
-    written = [*_written(output, {"diagnosis.json": text, **files}), *(write_logs(*logs) if logs else ())]
-    return show(text if json else tables(result), result.flags, written)
+    """Write and print a diagnosis; return the exit code; `command` is the shell line that reproduces it."""
+    found, files = (result, {}) if output is None else diagnosis_files(result, inputs, command)
+    return deliver(found, inputs, output, json, files, logs=logs)
 
 
-def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) -> tuple[Diagnosis, dict[str, Content]]:
+def diagnosis_files(
+    result: Diagnosis | ServoDiagnosis, inputs: Sequence[Input], command: str
+) -> tuple[Diagnosis | ServoDiagnosis, dict[str, Content]]:
     """Return the diagnosis with notes on the limits of file formats, and its files besides diagnosis.json."""
+    from ..diagnose import Diagnosis
+    from ..output.export import export
     from ..output.report import page, to_json
 
-    described, notes = _extended_urdf(result)
-    result = replace(result, notes=(*result.notes, *notes))
-    signed = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
+    described: dict[str, Content] = {}
+    signed: dict[str, Content] = {}
+    if isinstance(result, Diagnosis):
+        try:
+            made = export(result.model, "urdf")
+            described = {"robot.urdf": _marked(made.text)}
+            notes = [f"robot.urdf: {note}" for note in made.notes]  # on content that it cannot hold
+        except RobotError as error:
+            notes = [f"robot.urdf is not written: {error}"]
+        result = replace(result, notes=(*result.notes, *notes))
+        signed = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
     model = to_json(result.model.document())
     return result, {"model.json": model, **described, "report.html": page(result, inputs, command), **signed}
 
@@ -110,43 +137,13 @@ def deliver_report(
     output: str | None,
     json: bool,
     command: str,
-    *,
-    seed: int | None = None,
-    robot: str | None = None,
+    **given: Any,
 ) -> int:
-    """Write and print a validation or a check; return the exit code; `seed` of a check, `robot`: name, of an audit."""
-    from ..output.report import document, page, tables, to_json
+    """Write and print a validation or a check; return the exit code; `given`: seed of a check, robot of an audit."""
+    from ..output.report import page
 
-    named: dict[str, Any] = {} if robot is None else {"robot": robot}
-    given = named if seed is None else {**named, "seed": seed}
-    content = document(found, inputs, **given)
-    text, name = to_json(content), content["schema"].removeprefix("signid.").removesuffix("/1")
-    files = {} if output is None else {f"{name}.json": text, "report.html": page(found, inputs, command, **given)}
-    return show(text if json else tables(found, **named), found.flags, _written(output, files))
-
-
-def deliver_payload(found: Payload, inputs: Sequence[Input], output: str | None, json: bool) -> int:
-    """Write and print a payload, and the model with it if there is one; return the exit code."""
-    from ..output.report import document, tables, to_json
-
-    text = to_json(document(found, inputs))
-    files = {"payload.json": text, **({"model.json": to_json(found.model.document())} if found.found else {})}
-    return show(text if json else tables(found), found.flags, _written(output, files))
-
-
-def deliver_servo_diagnosis(
-    result: ServoDiagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str, logs: Logs = None
-) -> int:
-    """Write and print a diagnosis of position drives; return the exit code; `logs` as in `deliver_diagnosis`."""
-    from ..output.report import document, page, tables, to_json
-
-    text = to_json(document(result, inputs))
-    files: dict[str, Content] = {}
-    if output is not None:
-        shown = page(result, inputs, command)
-        files = {"diagnosis.json": text, "model.json": to_json(result.model.document()), "report.html": shown}
-    written = [*_written(output, files), *(write_logs(*logs) if logs else ())]
-    return show(text if json else tables(result), result.flags, written)
+    files = {} if output is None else {"report.html": page(found, inputs, command, **given)}
+    return deliver(found, inputs, output, json, files, **given)
 
 
 def check_logs(**files: str | None) -> dict[str, Path]:
@@ -176,17 +173,11 @@ def write_logs(log: ViewerLog, paths: Mapping[str, Path]) -> list[Path]:
     from ..output.report import write_files
 
     made = {kind: log.rrd() if kind == "rrd" else log.mcap() for kind in paths}
-    written = [
-        write_files(path.parent, {path.name: made[kind]}, f"--{kind}", named=True) for kind, path in paths.items()
+    return [
+        written
+        for kind, path in paths.items()
+        for written in write_files(path.parent, {path.name: made[kind]}, f"--{kind}", named=True)
     ]
-    return [path for each in written for path in each]
-
-
-def _written(output: str | None, files: Mapping[str, Content]) -> Sequence[Path]:
-    """Write files into a folder, if one was named."""
-    from ..output.report import write_files
-
-    return [] if output is None else write_files(output, files)
 
 
 def _signed(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) -> dict[str, Content]:
@@ -222,17 +213,6 @@ def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, C
         except RobotError as error:
             why = str(error)
     return {}, (f"robot.urdf is not written: {why}",)
-
-
-def _extended_urdf(result: Diagnosis) -> tuple[dict[str, Content], tuple[str, ...]]:
-    """The URDF of the extended simulation, and notes on content that it cannot hold."""
-    from ..output.export import export
-
-    try:
-        made = export(result.model, "urdf")
-    except RobotError as error:
-        return {}, (f"robot.urdf is not written: {error}",)
-    return {"robot.urdf": _marked(made.text)}, tuple(f"robot.urdf: {note}" for note in made.notes)
 
 
 def _marked(text: str) -> str:

@@ -24,15 +24,10 @@ RobotName = Annotated[
         metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.", autocompletion=complete_robot
     ),
 ]
-RecordingName = Annotated[
-    str, typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
-]
-Recordings = Annotated[
-    list[str], typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
-]
-OptionalRecordings = Annotated[
-    Texts, typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
-]
+RECORDING = typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
+RecordingName = Annotated[str, RECORDING]
+Recordings = Annotated[list[str], RECORDING]
+OptionalRecordings = Annotated[Texts, RECORDING]
 Columns = Annotated[Text, typer.Option(metavar="FILE", help='TOML of other column names: q_elbow = "elbow_pos".')]
 Rate = Annotated[
     float | None,

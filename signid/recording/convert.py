@@ -16,7 +16,6 @@ from .columns import converted, resolve, stated_units, unknown_joints_flag
 from .formats.base import About, MemoryTable
 from .joining import Files, JoinedFile, open_files
 from .names.mapping import DRIVE, TORQUES, ColumnMap, Heading, ParsedColumns, Signal, read_map, split
-from .reading import OFFER, renamed
 from .sampling.clock import read_clock, rivals
 from .source import Opened, Source
 
@@ -39,10 +38,10 @@ class Conversion(Frozen):
     about: About
     units: Mapping[str, str]  # stated units of the source columns
     pace: Pace | None  # None without a usable time column
-    suggested: tuple[str, ...]  # lines of a suggested column map
     flags: tuple[str, ...]
     notes: tuple[str, ...]
     joined: tuple[JoinedFile, ...] = ()  # files besides the source, on its times
+    unread: str = ""  # the flag that says why the robot's recording cannot be read from the columns
 
     @property
     def joints(self) -> dict[str, list[str]]:
@@ -75,7 +74,11 @@ def convert(
     """
     joined = open_files(source, topics, read_map(columns, units, heading))
     opened, mapping = joined.opened, joined.mapping
-    signals, left = _one_time(opened, _signals(opened, mapping))
+    signals = _signals(opened, mapping)
+    time = next((each.column for each in signals if each.logical == "t" and each.mapped), "")
+    used = {each.column for each in signals if split(each.logical)}
+    left = [other for _, other, _ in rivals(opened.table, time, used)] if time else []
+    signals = [each for each in signals if each.column not in left]
     about, skipped = About.of(opened.table), []
     found: dict[str, Array] = {}
     stated: dict[str, str] = {}
@@ -110,16 +113,17 @@ def convert(
     flags = [*joined.flags, *faults]
     if robot and strange:
         flags.append(unknown_joints_flag(opened.name, robot, strange, "left out"))
+    unread = ""
     if robot:
         try:
             read_recording(found, robot)
         except RecordingError as error:
-            flags.append(opened.name + str(error).partition(OFFER)[0].removeprefix("the recording"))
-    suggested = renamed(opened._replace(table=MemoryTable(found, {}, opened.name)), robot) if robot else ()
+            unread = opened.name + str(error).removeprefix("the recording")
+            flags.append(unread)
     file = Input(opened.path or opened.name, opened.sha256, "converted")
     notes += [] if flags else _lacking(found, about)
     ends = tuple(flags), tuple(dict.fromkeys(notes))
-    return Conversion(found, file, about, stated, pace, suggested, *ends, joined.files)
+    return Conversion(found, file, about, stated, pace, *ends, joined.files, unread)
 
 
 def _kind(name: str) -> str:
@@ -137,14 +141,6 @@ def _signals(opened: Opened, mapping: ParsedColumns) -> list[Signal]:
     if not opened.table.rows:
         raise RecordingError(f"{opened.name} has columns but no samples; record the robot in motion")
     return signals
-
-
-def _one_time(opened: Opened, signals: list[Signal]) -> tuple[list[Signal], list[str]]:
-    """Signals without columns of time that differ from the stated one, and these columns."""
-    stated = next((each.column for each in signals if each.logical == "t" and each.mapped), "")
-    used = {each.column for each in signals if split(each.logical)}
-    left = [other for _, other, _ in rivals(opened.table, stated, used)] if stated else []
-    return [each for each in signals if each.column not in left], left
 
 
 def _joint(signal: Signal) -> str:

@@ -36,7 +36,6 @@ EXAMINED, FEWEST = 20_000, 100  # [rows] that decide it, at most and at least
 SHOWN = ("t", "q", "q_des", "dq", *TORQUES)  # kinds of columns that a reading lists
 BASE = ("rad", "rad/s", "rad/s2", "s", "N.m", "A", "m", "m/s", "m/s2", "N", "1", "V", "C")  # units of recordings
 INLINE = 110  # maximum length of a map within a message [characters]
-OFFER = "; a column map (--columns)"
 ROWS = 200_000  # rows whose numbers are examined
 ORDER = ("q", "dq", "ddq", "tau", "abs_tau", "current", "abs_current", "q_des", *ServoSamples._fields)
 TITLES = {
@@ -63,23 +62,32 @@ SECTIONS = """
 """  # of a reading, to fill in
 
 
-def draft_reading(source: str | Path, robot: Robot, topics: Sequence[str], error: RecordingError) -> Reading:
-    """Draft the reading of a log whose columns are none of a recording.
+def draft_reading(
+    source: str | Path | Files,
+    robot: Robot,
+    topics: Sequence[str],
+    error: RecordingError,
+    heading: Heading | None = None,
+    ranges: Mapping[str, MotorRange] | None = None,
+) -> Reading:
+    """Draft the reading of a log whose columns are none of a recording; `heading` and `ranges` as of `draft_map`.
 
     Raises:
-        RecordingError: `error`, which its own names led to, if others mean no positions and torques, or are its own.
+        RecordingError: `error`, which its own names led to, if others mean no positions and torques, or are its own
+            and no `ranges` are given.
         UndecidedReading: lines are to be chosen.
     """
     try:
-        drafted = draft_map(source, robot, topics)
+        drafted = draft_map(source, robot, topics, heading, ranges)
     except RecordingError:
         raise error from None
     kinds = {line.kind for line in drafted.lines} | {key.partition("_")[0] for key, _ in drafted.offered}
     driven = kinds & {*TORQUES, "q_des"}
-    if not kinds & {"q", "dq"} or not (driven or "volt" in kinds) or all(line.guess.plain for line in drafted.lines):
+    plain = ranges is None and all(line.guess.plain for line in drafted.lines)
+    if not kinds & {"q", "dq"} or not (driven or "volt" in kinds) or plain:
         raise error
     if driven and (choices := [*_choices(drafted, bool(driven & {*TORQUES}))]):
-        name = readable(str(source))
+        name = readable(" + ".join(map(str, source.paths)) if isinstance(source, Files) else str(source))
         raise UndecidedReading(f"{name}: lines of its reading are to be chosen: {', '.join(choices)}", drafted.text)
     return Reading(drafted.text, tuple(_rows(drafted, robot)))
 
@@ -151,7 +159,7 @@ class DraftedMap(NamedTuple):
 
 
 def draft_map(
-    source: Source | Files,
+    source: Source | Files | Opened,
     robot: Robot,
     topics: Sequence[str] = (),
     heading: Heading | None = None,
@@ -167,20 +175,15 @@ def draft_map(
         OptionError: topics of a source without topics.
         RecordingError: the source cannot be read.
     """
-    return draft_opened(open_files(source, topics, read_map(None, None, heading)).opened, robot, heading, ranges)
-
-
-def draft_opened(
-    opened: Opened, robot: Robot, heading: Heading | None = None, ranges: Mapping[str, MotorRange] | None = None
-) -> DraftedMap:
-    """Draft a column map of an opened log, as `draft_map`."""
-    values = dict(numbers_of(opened.table, opened.table.columns, ROWS))
+    if not isinstance(source, Opened):
+        source = open_files(source, topics, read_map(None, None, heading)).opened
+    values = dict(numbers_of(source.table, source.table.columns, ROWS))
     guesses = guess_columns(list(values), robot)
     matched = list(match_signals(guesses, robot))
     signals = {key: one for key, one in matched if not one.desired}
     spare = [one.column for _, one in matched if one.desired]
     signals, time = _unsigned(signals, values), _time(guesses, values)
-    unstated = About.of(opened.table).unstated
+    unstated = About.of(source.table).unstated
     lines = tuple(
         line._replace(noticed=line.noticed.with_caveat(unstated=True))
         if line.kind in ("q", "q_des") and line.guess.column in unstated
@@ -190,9 +193,9 @@ def draft_opened(
     lines = _calibrated(lines, values, ranges or {})
     offered = tuple((key, one.column) for key, one in pair_in_order(guesses, signals, robot))
     used = {line.guess.column for line in lines} | {column for _, column in offered}
-    unused = tuple(name for name in opened.table.columns if name not in used)
-    lacking = tuple(_lacking(lines, opened, used))
-    text = _text(opened.name, robot, lines, offered, spare=spare, unused=unused, lacking=lacking)
+    unused = tuple(name for name in source.table.columns if name not in used)
+    lacking = tuple(_lacking(lines, source, used))
+    text = _text(source.name, robot, lines, offered, spare=spare, unused=unused, lacking=lacking)
     text += _missing([values[line.guess.column] for line in lines]) + SECTIONS
     if stated := heading_lines(heading or Heading()):
         top, first, rest = text.partition("\n\n")
@@ -358,7 +361,7 @@ def renamed(opened: Opened, robot: Robot) -> tuple[str, ...]:
     known = {"", *known_joints(robot)}
     return tuple(
         entry(line.signal, line.guess.column, "" if line.noticed.unit in BASE else line.noticed.unit)
-        for line in draft_opened(opened, robot).lines
+        for line in draft_map(opened, robot).lines
         if not (line.guess.plain and line.guess.joint in known) and not line.guess.bare
     )
 
@@ -370,7 +373,7 @@ def suggest(opened: Opened, robot: Robot) -> str:
         return ""
     whole, first = "; ".join(lines), lines[0]
     content = f" with {whole}" if len(whole) <= INLINE else f" that begins {first}" if len(first) <= INLINE else ""
-    return f"{OFFER}{content} may fit: signid convert --robot prints it, and writes it with --map map.toml"
+    return f"; a column map (--columns){content} may fit"
 
 
 def lacking_time(table: Table, used: Collection[str]) -> str:

@@ -64,26 +64,22 @@ def data(
     Recordings have torques, motor currents, or the commands and positions of position drives. The examples in robots/
     need them. Source, commit and licence are shown, and the download must be confirmed. The converted files are
     verified by their sha256 and written completely or not at all.
+
+    Raises:
+        OptionError: no folder, or no data set, was named.
     """
     from ...output.report import to_json
     from ...output.report.results.recordings import data_document, data_tables
-    from ...recording.gallery import DATA
-
-    folder = _folder(name, options)
-    if name is not None:
-        return _get(name, folder, options, json)
-    return show(to_json(data_document(DATA, folder)) if json else data_tables(DATA, folder))
-
-
-def _folder(name: str | None, options: DataOptions) -> Path:
-    """Folder for the recordings; options need the name of a data set."""
-    from ...recording.gallery import data_folder
+    from ...recording.gallery import DATA, data_folder
 
     if options.output == "":
         raise OptionError("-o '' is not a folder; name the folder for the recordings")
     if name is None and options != DataOptions():
         raise OptionError("no data set was named; write signid data NAME, or signid data to list them")
-    return data_folder() if options.output is None else Path(expanduser(options.output))
+    folder = data_folder() if options.output is None else Path(expanduser(options.output))
+    if name is not None:
+        return _get(name, folder, options, json)
+    return show(to_json(data_document(DATA, folder)) if json else data_tables(DATA, folder))
 
 
 def _get(name: str, folder: Path, options: DataOptions, json: bool) -> int:
@@ -99,7 +95,10 @@ def _get(name: str, folder: Path, options: DataOptions, json: bool) -> int:
     written: list[Path] = []
     if not is_complete(wanted, place):
         probe_folder(place)
-        if not _agreed(wanted, options.yes, json):
+        if not options.yes and (json or not (sys.stdin.isatty() and sys.stdout.isatty())):
+            origin = f"github.com/{wanted.repository}, licence {wanted.licence}"
+            raise OptionError(f"{name} comes from {origin}, and needs confirmation; add --yes to download it")
+        if not (options.yes or typer.confirm("Download it?")):
             write_error(f"{name} was not downloaded")
             return BAD
         with bars(json) as progress:
@@ -111,16 +110,6 @@ def _get(name: str, folder: Path, options: DataOptions, json: bool) -> int:
         listed = ["written:", *(f"  {path}" for path in written)] if written else [f"{place} is already complete"]
         screen.write("\n".join(["", *listed, "", *_next(wanted, folder), ""]))
     return DONE
-
-
-def _agreed(wanted: DataSet, yes: bool, json: bool) -> bool:
-    """Whether the user confirms the download."""
-    if yes:
-        return True
-    if json or not (sys.stdin.isatty() and sys.stdout.isatty()):
-        source = f"github.com/{wanted.repository}, licence {wanted.licence}"
-        raise OptionError(f"{wanted.name} comes from {source}, and needs confirmation; add --yes to download it")
-    return typer.confirm("Download it?")
 
 
 def _next(wanted: DataSet, folder: Path) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shlex
+import tomllib
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ...errors import OptionError
+from ...errors import OptionError, RecordingError, UndecidedReading
 from ..app import Text, Texts, bounded, command, complete_robot, option, output_option
-from ..arguments import given_inputs, given_robot
+from ..arguments import given_inputs, given_robot, print_reading, written_reading
 from ..options import Columns, Json, Rate, RobotOptions
-from ..terminal import check_file, show, write_columns
+from ..terminal import check_file
 
 if TYPE_CHECKING:
+    from ...recording.convert import Conversion
     from ...recording.joining import Files
-    from ...recording.names.mapping import Heading
-    from ...types import Robot
+    from ...recording.names.mapping import ColumnMap
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,9 +30,6 @@ class ConvertOptions:
     topic: Texts = option(None, "Topic of a bag; several are joined in time. Repeatable.", metavar="NAME")
     columns: Columns = None
     rate: Rate = None
-    map: Text = option(
-        None, "Column map: used if the file exists, else written for --robot. Default: none.", metavar="FILE"
-    )
     unit: Texts = option(None, "Unit of the columns of a kind: q=deg, t=ns. Repeatable.", metavar="KIND=UNIT")
     skip: int | None = option(None, "Lines before the header of a text table. Default: found.", metavar="N", min=0)
     names: Text = option(
@@ -41,7 +38,7 @@ class ConvertOptions:
         metavar="t,q_1,...",
     )
     calibration: Text = option(
-        None, "Calibration of LeRobot: ranges of motors, for a --map that is written. Default: none.", metavar="FILE"
+        None, "Calibration of LeRobot: ranges of motors, for a drafted reading. Default: none.", metavar="FILE"
     )
     drop_missing: bool = option(False, "Leave out rows that lack a position or torque.", "--drop-missing")
     offset: Texts = option(
@@ -49,11 +46,11 @@ class ConvertOptions:
     )
     align: bool = option(False, "Remove offsets of clocks that overlap, as the data show them.", "--align")
     robot: Text = option(
-        None, "Compare column names with its joints. Default: none.", metavar="ROBOT", autocompletion=complete_robot
+        None, "Read the columns for its joints. Default: none.", metavar="ROBOT", autocompletion=complete_robot
     )
 
 
-@command("signid convert log.csv --robot 3r --map map.toml -o recording.csv")
+@command("signid convert log.csv --robot 3r -o recording.csv")
 def convert(
     sources: Annotated[
         list[str], typer.Argument(metavar="BAG_OR_TABLE", help="ROS bag, MCAP, LeRobot dataset or table.")
@@ -64,86 +61,62 @@ def convert(
 ) -> int:
     """Convert a log or a table to a recording, and summarise it.
 
-    Topics are joined in time; units and column names become those of recordings. A log with other names and units takes
-    two steps: --robot with a --map that does not exist writes a complete column map, guessed from names and numbers.
-    Read and correct it; the same command then uses it. With --robot alone, names that match no joint are listed.
+    Topics are joined in time; units and column names become those of recordings. With --robot, a log with other names
+    and units is read by LOG.reading.toml beside it, else by a reading that is drafted from names and numbers; if lines
+    of it are to be chosen, it is written there. Correct it; the same command then uses it.
+
     Several files, one a joint or a quantity, are joined on time: elbow.csv with t, position and torque gives q_elbow.
-    """
-    from ...output.report import document, tables, to_json
-    from ...recording.convert import convert as read
-
-    name, output = conversion.robot, conversion.output
-    _check(sources, conversion, robot_options.actuators, json)
-    files = _files(sources, conversion)
-    robot = given_robot(name, robot_options) if name is not None else None
-    columns = _column_map(sources, conversion)
-    if robot is not None and conversion.map is not None and not Path(conversion.map).exists():
-        return _write_map(files, conversion.map, robot, conversion, json)
-    found = read(
-        files,
-        columns=columns,
-        heading=_heading(conversion),
-        units=_units(conversion.unit or ()),
-        topics=conversion.topic or (),
-        robot=robot,
-        drop_missing=conversion.drop_missing,
-    )
-    inputs = [] if name is None or robot is None else given_inputs(name, robot, robot_options.actuators)
-    text = to_json(document(found, inputs))
-    written = write_columns(output, found.columns)
-    return show(text if json else tables(found), found.flags, written)
-
-
-def _check(sources: list[str], conversion: ConvertOptions, actuators: str | None, json: bool) -> None:
-    """Check that the result can be written."""
-    output = conversion.output
-    if output is not None:
-        check_file(output, json, [conversion.columns, conversion.map, conversion.robot, actuators])
-        if Path(output).resolve() in [Path(source).resolve() for source in sources]:
-            raise OptionError(f"-o {output} is the file to convert; give the result another name")
-
-
-def _column_map(sources: list[str], conversion: ConvertOptions) -> str | None:
-    """File of the column map, or of the reading beside the log; a --map that does not exist is to be written.
 
     Raises:
-        OptionError: two maps, no robot for a map that is to be written, or a calibration without such a map.
+        OptionError: the result has the name of a file to convert, or no reading is drafted with the calibration.
     """
-    from ...recording.source import reading_beside
+    from ...recording.convert import convert as read
+    from ...recording.names.mapping import read_calibration, read_heading
+    from ...recording.reading import draft_reading
+    from ...recording.source import reading_beside, reading_path
+    from ..files import deliver
 
-    if conversion.calibration is not None and (conversion.map is None or Path(conversion.map).exists()):
-        raise OptionError("--calibration is for a column map that is written; add --robot and a --map that is new")
-    if conversion.map is None:
-        beside = reading_beside(sources[0]) if len(sources) == 1 else None
-        return conversion.columns or (str(beside) if beside else None)
-    if conversion.columns is not None:
-        raise OptionError("--map and --columns both name a column map; give one of them")
-    if not conversion.map or Path(conversion.map).is_dir():
-        raise OptionError(f"--map {conversion.map!r} is not a file name; give the path of a TOML file")
-    if conversion.robot is None and not Path(conversion.map).exists():
-        raise OptionError(f"--map {conversion.map} does not exist; add --robot ROBOT to write it, or correct its name")
-    return conversion.map
-
-
-def _write_map(files: Files, file: str, robot: Robot, conversion: ConvertOptions, json: bool) -> int:
-    """Write a drafted column map, and print it and the next command."""
-    from ...output.report import check_regular, probe_folder, to_json, write_files
-    from ...output.report.results.recordings import map_document, map_text
-    from ...recording.names.mapping import read_calibration
-    from ...recording.reading import draft_map
-
-    probe_folder(Path(file).parent, "--map")
-    check_regular(file)
+    name, output = conversion.robot, conversion.output
+    if output is not None:
+        check_file(output, json, [conversion.columns, name, robot_options.actuators])
+        if Path(output).resolve() in [Path(source).resolve() for source in sources]:
+            raise OptionError(f"-o {output} is the file to convert; give the result another name")
+    files = _files(sources, conversion)
+    robot = given_robot(name, robot_options) if name is not None else None
     ranges = None if conversion.calibration is None else read_calibration(conversion.calibration)
-    drafted = draft_map(files, robot, conversion.topic or (), _heading(conversion), ranges)
-    write_files(Path(file).parent, {Path(file).name: drafted.text}, "--map", named=True)
-    again = ["signid", "convert", *map(str, files.paths), "--robot", str(conversion.robot), "--map", file]
-    again += [word for topic in conversion.topic or () for word in ("--topic", topic)]
-    again += [word for offset in conversion.offset or () for word in ("--offset", offset)]
-    again += ["--align"] if conversion.align else []
-    again += ["-o", conversion.output or "recording.csv"]
-    shown = to_json(map_document(drafted, robot, file)) if json else map_text(drafted, file, shlex.join(again))
-    return show(shown, drafted.lacking)
+    columns = conversion.columns or reading_beside(sources[0])
+    names = () if conversion.names is None else conversion.names.split(",")
+    given = "--names" if conversion.skip is None else "--skip, --names"
+    heading = read_heading(given, conversion.skip or 0, names, conversion.rate)
+    if ranges is not None and (robot is None or columns is not None):
+        raise OptionError("--calibration is for a reading that is drafted; add --robot, and leave --columns out")
+
+    def converted(columns: ColumnMap | None) -> Conversion:
+        return read(
+            files,
+            columns=columns,
+            heading=heading,
+            units=_units(conversion.unit or ()),
+            topics=conversion.topic or (),
+            robot=robot,
+            drop_missing=conversion.drop_missing,
+        )
+
+    found = converted(columns)
+    if robot is not None and columns is None and (found.unread or ranges is not None):
+        fault = RecordingError(found.unread)
+        try:
+            reading = draft_reading(files, robot, conversion.topic or (), fault, heading, ranges or {})
+        except UndecidedReading as error:
+            raise written_reading(error, reading_path(sources[0])) from None
+        except RecordingError:
+            pass  # no other names: flagged
+        else:
+            found = converted(tomllib.loads(reading.text))
+            if not json:
+                print_reading(" + ".join(sources), reading)
+    inputs = [] if name is None or robot is None else given_inputs(name, robot, robot_options.actuators)
+    return deliver(found, inputs, output, json, columns=found.columns)
 
 
 def _files(sources: list[str], conversion: ConvertOptions) -> Files:
@@ -163,15 +136,6 @@ def _files(sources: list[str], conversion: ConvertOptions) -> Files:
             raise OptionError(f"--offset gives {file} twice; give one offset for it")
         offsets[file] = bounded("--offset", seconds)
     return Files(tuple(sources), offsets, conversion.align)
-
-
-def _heading(conversion: ConvertOptions) -> Heading:
-    """Lines and names that the file does not state itself; a drafted column map keeps them."""
-    from ...recording.names.mapping import read_heading
-
-    names = () if conversion.names is None else conversion.names.split(",")
-    name = "--names" if conversion.skip is None else "--skip, --names"
-    return read_heading(name, conversion.skip or 0, names, conversion.rate)
 
 
 def _units(texts: list[str] | tuple[()]) -> dict[str, str]:

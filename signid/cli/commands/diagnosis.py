@@ -77,11 +77,15 @@ def diagnose(
 
     Recordings with commanded positions (q_des_J) and without torque are compared with the closed loop of drives and
     robot, in rad: SIMULATION then has position drives, as a model.json of identify or by kp in its actuators file.
+
+    Raises:
+        OptionError: a reference for position drives.
     """
     from ...diagnose import diagnose as search
     from ...regression.session import Options
-    from ..files import DIAGNOSED, check_logs, deliver_diagnosis, deliver_servo_diagnosis
-    from .drives import diagnose_drives, registers_beside
+    from ...servo.diagnose import diagnose_servos
+    from ..files import DIAGNOSED, check_logs, deliver_diagnosis
+    from .drives import registers_beside
 
     check_folder(diagnosis.output, run.json, DIAGNOSED)
     logs = check_logs(rrd=diagnosis.rrd, mcap=diagnosis.mcap)
@@ -102,14 +106,20 @@ def diagnose(
     )
     skip = [name.strip() for text in diagnosis.skip or () for name in text.split(",")]
     if has_drives((*given, *held_out), diagnosis.servo):
+        if healthy:
+            raise OptionError(
+                "--reference applies to torque; for position drives, identify them from the healthy recordings, and "
+                "diagnose the resulting model.json"
+            )
         file, read = registers_beside(gains, [simulation.simulation])
         with time_limit(diagnosis.time_limit):
-            drives = diagnose_drives(
-                model, given, held_out, healthy, skip=skip, actuators=file, seed=run.seed, json=run.json
-            )
+            with bars(run.json) as progress:
+                drives = diagnose_servos(
+                    model, given, held_out=held_out, skip=skip, actuators=file, seed=run.seed, progress=progress
+                )
             inputs = [*simulation_inputs(simulation, model.robot, columns=diagnosis.columns), *read]
             log = _log(model, [*given, *held_out], drives, logs)
-            return deliver_servo_diagnosis(drives, inputs, diagnosis.output, run.json, given_command(context), log)
+            return deliver_diagnosis(drives, inputs, diagnosis.output, run.json, given_command(context), log)
     if gains:
         given_model(simulation)
     with time_limit(diagnosis.time_limit):
@@ -187,7 +197,10 @@ def validate(
     from .drives import registers_beside
 
     check_folder(validation.output, True, VALIDATED)
-    horizon = HORIZON if validation.horizon is None else _horizon(validation.horizon)
+    try:
+        horizon: float | str = HORIZON if validation.horizon is None else float(validation.horizon)
+    except ValueError:  # whole, or a text that is refused
+        horizon = str(validation.horizon)
     names, recordings = _sort_arguments(given)
     robot = under_gravity(robot, recordings, validation.columns)
     sources = [SimulationArguments(simulation=name, **vars(robot)) for name in names]
@@ -200,7 +213,7 @@ def validate(
     models = {readable(source.simulation): given_model(source)[0] for source in sources}
     read = given_recordings(
         recordings,
-        _reader(list(models.values())),
+        max((model.robot for model in models.values()), key=_known),
         validation.columns,
         rate=validation.rate,
         output=validation.output,
@@ -227,6 +240,11 @@ def validate(
     with bars(run.json) as progress:
         result = judge(models, read, options=options, rollout=validation.rollout, horizon=horizon, progress=progress)
     return deliver_report(result, inputs, validation.output, run.json, given_command(context))
+
+
+def _known(robot: Robot) -> tuple[int, int]:
+    """Numbers of joints and of torque constants: recordings are read for the robot that has most."""
+    return len(robot.joints), sum(map(isfinite, robot.actuators.torque_constant.tolist()))
 
 
 def _sort_arguments(given: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -272,20 +290,3 @@ def _is_model(name: str) -> bool:
     if held == ["model.json"]:
         raise OptionError(f"the folder {name} holds a model.json; name the file, {path / held[0]}")
     return not recorded
-
-
-def _reader(models: Sequence[Model]) -> Robot:
-    """The robot to read recordings for: with most joints, then most torque constants, then the first."""
-
-    def known(robot: Robot) -> tuple[int, int]:
-        return len(robot.joints), sum(map(isfinite, robot.actuators.torque_constant.tolist()))
-
-    return max((model.robot for model in models), key=known)
-
-
-def _horizon(text: str) -> float | str:
-    """A horizon [s], or `whole`; other texts stay as they are, for the sentence that refuses them."""
-    try:
-        return float(text)
-    except ValueError:
-        return text

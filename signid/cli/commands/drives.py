@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...errors import OptionError, OutputError, readable
-from ..options import DriveOptions
+from ..options import DriveOptions, RunOptions
 from ..terminal import bars
 
 if TYPE_CHECKING:
-    from ...model import Model
     from ...output.report import Content
-    from ...servo.diagnose import ServoDiagnosis
     from ...servo.identify import ServoIdentification
     from ...types import Input, Recording, Robot
 
@@ -26,11 +24,10 @@ def identify_drives(
     given: Sequence[Recording],
     held_out: Sequence[Recording],
     drives: DriveOptions,
+    run: RunOptions,
     *,
     bounds: Sequence[str] | None,
     refit: bool | None,
-    seed: int,
-    json: bool,
 ) -> ServoIdentification:
     """Identify position drives, and compare friction models if asked; `robot` has its actuators file."""
     from ...servo.compare import compare_models
@@ -39,7 +36,7 @@ def identify_drives(
 
     need_commands((*given, *held_out), moving=True)
     laws = _laws(robot, drives.law or ())
-    with bars(json) as progress:
+    with bars(run.json) as progress:
         found = identify_servos(
             robot,
             given,
@@ -50,7 +47,7 @@ def identify_drives(
             bounds=bounds or (),
             equal=drives.equal or (),
             refit=refit,
-            options=ServoOptions(seed=seed),
+            options=ServoOptions(seed=run.seed),
             progress=progress,
         )
         return compare_models(found, given, held_out=held_out, progress=progress) if drives.compare_models else found
@@ -76,35 +73,6 @@ def revised_columns(
     return {COLUMNS: revised_map(columns, first.joints, first.columns, turned)}, ()
 
 
-def diagnose_drives(
-    model: Model,
-    given: Sequence[Recording],
-    held_out: Sequence[Recording],
-    healthy: Sequence[Recording],
-    *,
-    skip: Sequence[str],
-    actuators: str | None,
-    seed: int,
-    json: bool,
-) -> ServoDiagnosis:
-    """Diagnose a simulation of position drives; `actuators` states the firmware gains of recordings.
-
-    Raises:
-        OptionError: a reference was given.
-    """
-    from ...servo.diagnose import diagnose_servos
-
-    if healthy:
-        raise OptionError(
-            "--reference applies to torque; for position drives, identify them from the healthy recordings, and "
-            "diagnose the resulting model.json"
-        )
-    with bars(json) as progress:
-        return diagnose_servos(
-            model, given, held_out=held_out, skip=skip, actuators=actuators, seed=seed, progress=progress
-        )
-
-
 def registers_beside(actuators: str | None, models: Sequence[str]) -> tuple[str | None, list[Input]]:
     """Actuators file with firmware gains of recordings: the given one, or the one beside a model.json; as an input."""
     from ...recording.source import digest_of
@@ -124,7 +92,8 @@ def _laws(robot: Robot, texts: Sequence[str]) -> Mapping[str, str] | str | None:
 
     if not texts:
         return None
-    pairs = list(_pairs(robot, texts))
+    parts = [text.rpartition("=") for text in texts]
+    pairs = [(_joint(joint, robot) if mark else None, law) for joint, mark, law in parts]
     if (wrong := next((law for _, law in pairs if law not in DRIVE_LAWS), None)) is not None:
         raise OptionError(f"--law {wrong!r} is none of {', '.join(DRIVE_LAWS)}; write LAW, or J=LAW for joint J")
     if any(joint is None for joint, _ in pairs):
@@ -139,12 +108,6 @@ def _joint(given: str, robot: Robot) -> str:
     from ...robot.joints import find
 
     return robot.joints[find(given, robot)]
-
-
-def _pairs(robot: Robot, texts: Sequence[str]) -> Iterator[tuple[str | None, str]]:
-    for text in texts:
-        joint, _, law = text.rpartition("=")
-        yield (_joint(joint, robot) if "=" in text else None), law
 
 
 def injected_numbers(text: str, robot: Robot) -> tuple[str, dict[str, float]]:

@@ -10,10 +10,9 @@ from ...errors import OptionError
 from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_effects, given_model, simulation_inputs
 from ..options import Effects, RobotArguments, RunOptions, TimeLimit
-from ..terminal import bars, check_file, show, write_columns
+from ..terminal import bars, check_file
 
 if TYPE_CHECKING:
-    from ...model import Model
     from ...simulation.excite import Excitation, Limits, Separation
     from ...types import Array, Law, Robot, Trajectory
 
@@ -52,36 +51,31 @@ def excite(excitation: ExciteOptions, robot: RobotArguments, run: RunOptions) ->
     fit signid simulate --motion. With --separate the motion discriminates two laws; if no motion can, the exit code is
     3. Parameters of a law that are not given take their usual values.
     """
-    from ...output.report import document, tables, to_json
+    from ...simulation.excite import excite as optimise, separate
+    from ..files import deliver
 
     source = robot.simulation
     check_file(excitation.output, run.json, [source.simulation, source.actuators])
     model, _ = given_model(source)
-    found = _search(model, excitation, run)
-    inputs = simulation_inputs(source, model.robot)
-    text = to_json(document(found, inputs, robot=model.robot, seed=run.seed))
-    written = write_columns(excitation.output, motion_columns(found.trajectory))
-    return show(text if run.json else tables(found, robot=model.robot), found.flags, written)
-
-
-def _search(model: Model, asked: ExciteOptions, run: RunOptions) -> Excitation | Separation:
-    """Optimise a motion for identification, or for discrimination if two laws are given."""
-    from ...simulation.excite import excite, separate
-
-    rivals = _rivals(asked.separate, model.robot)
+    rivals = _rivals(excitation.separate, model.robot)
     options: dict[str, Any] = {
-        "duration": asked.duration,
-        "clearance": asked.clearance,
-        "rate": asked.rate,
+        "duration": excitation.duration,
+        "clearance": excitation.clearance,
+        "rate": excitation.rate,
         "seed": run.seed,
-        "limits": _limits(model.robot, asked),
+        "limits": _limits(model.robot, excitation),
     }
-    options |= {} if asked.harmonics is None else {"harmonics": asked.harmonics}
-    with time_limit(asked.time_limit), bars(run.json) as progress:
+    options |= {} if excitation.harmonics is None else {"harmonics": excitation.harmonics}
+    found: Excitation | Separation
+    with time_limit(excitation.time_limit), bars(run.json) as progress:
         if rivals is not None:
-            return separate(model, *rivals, **options, progress=progress)
-        options |= {"kind": asked.kind, "criterion": asked.criterion, "base_frequency": asked.base_frequency}
-        return excite(model, effects=given_effects(asked.effects), **options, progress=progress)
+            found = separate(model, *rivals, **options, progress=progress)
+        else:
+            options |= {name: getattr(excitation, name) for name in ("kind", "criterion", "base_frequency")}
+            found = optimise(model, effects=given_effects(excitation.effects), **options, progress=progress)
+    inputs = simulation_inputs(source, model.robot)
+    columns = motion_columns(found.trajectory)
+    return deliver(found, inputs, excitation.output, run.json, columns=columns, robot=model.robot, seed=run.seed)
 
 
 def motion_columns(trajectory: Trajectory) -> dict[str, Array]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -40,27 +39,11 @@ class ExportFiles:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FlangeOptions:
-    """Frames of a payload for a controller."""
-
-    flange: Text = option(
-        None, "Flange frame of --franka, --ur and --kuka. Default: link8 of Franka, tool0.", metavar="LINK"
-    )
-    tool: Text = option(None, "Tool frame of --franka, --ur and --kuka. Default: none.", metavar="LINK")
-
-
-@dataclass(frozen=True, kw_only=True)
-class MjcfOptions:
-    """Content of an MJCF."""
+class ExportOptions:
+    """Content of an MJCF, of C code and of payloads, and the recording that exported position drives start from."""
 
     copy_meshes: bool = option(False, "Copy the meshes of --mjcf FILE.xml to FILE_meshes.", "--copy-meshes")
     floating: bool = option(False, "Put the base link of --mjcf on a free joint, with its mass.", "--floating")
-
-
-@dataclass(frozen=True, kw_only=True)
-class CodeOptions:
-    """Content of C code."""
-
     further: Text = option(
         None,
         "Further functions of --c, with commas between: nonlinear (h(q, v)), forward, jacobian, payload, observer.",
@@ -71,37 +54,31 @@ class CodeOptions:
         False, "Momentum observer in --c: residual torque, learned thresholds and contacts, as `signid watch`."
     )
     link: Text = option(None, "Link of jacobian and payload of --with, instead of the last joint's.", metavar="LINK")
-
-    @property
-    def functions(self) -> list[str]:
-        """Names of the functions on request."""
-        listed = [] if self.further is None else [name.strip() for name in self.further.split(",")]
-        return listed + ["observer"] * self.observer
-
-
-@dataclass(frozen=True, kw_only=True)
-class StartOptions:
-    """Recording that exported position drives start from."""
-
+    flange: Text = option(
+        None, "Flange frame of --franka, --ur and --kuka. Default: link8 of Franka, tool0.", metavar="LINK"
+    )
+    tool: Text = option(None, "Tool frame of --franka, --ur and --kuka. Default: none.", metavar="LINK")
     start: Text = option(
         None, "Recording that drives of --mjcf, --isaaclab and --mjlab start from.", metavar="RECORDING"
     )
     columns: Columns = None
     rate: Rate = None
+    package_dir: PackageDir = None
+    gravity: Gravity = None
+    xacro: Xacro = None
+
+    @property
+    def functions(self) -> list[str]:
+        """Names of the functions of C code on request."""
+        listed = [] if self.further is None else [name.strip() for name in self.further.split(",")]
+        return listed + ["observer"] * self.observer
 
 
 @command("signid export result/model.json --urdf arm.urdf --mjcf arm.xml")
 def export(
     simulation: SimulationName,
     exports: ExportFiles,
-    mjcf: MjcfOptions,
-    code: CodeOptions,
-    mounting: FlangeOptions,
-    first: StartOptions,
-    *,
-    package_dir: PackageDir = None,
-    gravity: Gravity = None,
-    xacro: Xacro = None,
+    options: ExportOptions,
     json: Json = False,
 ) -> int:
     """Write a model in the file formats of other programs.
@@ -118,27 +95,27 @@ def export(
 
     asked: dict[str, Text] = asdict(exports)
     paths = {kind: Path(file) for kind, file in asked.items() if file is not None}
-    _check_exports(asked, paths, mjcf, code, first, mounting)
+    _check_exports(asked, paths, options)
     saved = saved_model(simulation, exported=True)
-    name, packages = str(saved or simulation), None if saved else package_dir
-    source = SimulationArguments(simulation=name, package_dir=packages, gravity=gravity, xacro=xacro)
+    name, packages, start = str(saved or simulation), None if saved else options.package_dir, options.start
+    source = SimulationArguments(simulation=name, package_dir=packages, gravity=options.gravity, xacro=options.xacro)
     model, _ = given_model(source)
     for kind, path in paths.items():
-        check_unread(path, [simulation, model.robot.path, *([first.start] if first.start else [])], f"--{kind}")
-    recording = given_recordings([first.start], model.robot, first.columns, rate=first.rate)[0] if first.start else None
+        check_unread(path, [simulation, model.robot.path, *([start] if start else [])], f"--{kind}")
+    read = given_recordings([start] if start else [], model.robot, options.columns, rate=options.rate)
     made = {
         kind: write(
             model,
             kind,
-            package_dir or (),
+            options.package_dir or (),
             name=path.stem,
-            floating=mjcf.floating,
-            meshes=f"{path.stem}_meshes" if mjcf.copy_meshes else None,
-            start=recording if kind in STARTING else None,
-            functions=code.functions if kind == "c" else (),
-            link=code.link if kind == "c" else None,
-            flange=mounting.flange,
-            tool=mounting.tool,
+            floating=options.floating,
+            meshes=f"{path.stem}_meshes" if options.copy_meshes else None,
+            start=read[0] if read and kind in STARTING else None,
+            functions=options.functions if kind == "c" else (),
+            link=options.link if kind == "c" else None,
+            flange=options.flange,
+            tool=options.tool,
         )
         for kind, path in paths.items()
     }
@@ -157,14 +134,7 @@ def export(
     return DONE
 
 
-def _check_exports(
-    asked: dict[str, Text],
-    paths: dict[str, Path],
-    mjcf: MjcfOptions,
-    code: CodeOptions,
-    first: StartOptions,
-    mounting: FlangeOptions,
-) -> None:
+def _check_exports(asked: dict[str, Text], paths: dict[str, Path], options: ExportOptions) -> None:
     """Check that the files can be written."""
     from ...output.export import STARTING, VENDORS
     from ...output.export.code.c import identifier
@@ -181,17 +151,17 @@ def _check_exports(
                 f"beginning, and .c at the end; name it {identifier(path.stem)}.c"
             )
         probe_folder(path.parent, f"--{kind}")
-    if first.start is not None and not set(STARTING) & paths.keys():
+    if options.start is not None and not set(STARTING) & paths.keys():
         raise OptionError(
             f"--start belongs to {', '.join(f'--{kind}' for kind in STARTING)}; add one of them with a FILE"
         )
-    if first.columns is not None and first.start is None:
+    if options.columns is not None and options.start is None:
         raise OptionError("--columns names the columns of --start RECORDING; add it")
-    if code != CodeOptions() and "c" not in paths:
+    if (options.functions or options.link is not None) and "c" not in paths:
         raise OptionError("--with, --observer and --link belong to C code; add --c FILE.c")
-    if (mjcf.copy_meshes or mjcf.floating) and "mjcf" not in paths:
+    if (options.copy_meshes or options.floating) and "mjcf" not in paths:
         raise OptionError("--copy-meshes and --floating belong to an MJCF; add --mjcf FILE")
-    if (mounting.flange or mounting.tool) and not set(VENDORS) & paths.keys():
+    if (options.flange or options.tool) and not set(VENDORS) & paths.keys():
         raise OptionError("--flange and --tool belong to --franka, --ur and --kuka; add one of them with a FILE")
     if len({path.resolve() for path in paths.values()}) < len(paths):
         raise OptionError("two of the files have the same name; give each its own")
@@ -207,7 +177,17 @@ def _write(paths: dict[str, Path], made: dict[str, Exported]) -> list[Path]:
         if shared := {path.resolve() for path in further} & {path.resolve() for path in paths.values()}:
             raise OptionError(f"--{kind} also writes {shared.pop().name}; give the other file another name")
     copies = {path.parent / name: source for kind, path in paths.items() for name, source in made[kind].meshes.items()}
-    new = _missing(copies)
+    new: dict[Path, bytes] = {}  # meshes that are not there yet
+    for path, source in copies.items():
+        try:
+            content = source.read_bytes()
+            there = path.read_bytes() if path.exists() or path.is_symlink() else None
+        except OSError as error:
+            raise OutputError(f"cannot copy {source} to {path}: {error.strerror}; give --mjcf another name") from None
+        if there is None:
+            new[path] = content
+        elif there != content:
+            raise OutputError(f"{path} differs from the mesh {source}; move it, or give --mjcf another name")
     try:
         for place in dict.fromkeys(path.parent for path in new):
             write_files(place, {path.name: x for path, x in new.items()}, "--mjcf", named=True)
@@ -223,23 +203,3 @@ def _write(paths: dict[str, Path], made: dict[str, Exported]) -> list[Path]:
                 path.parent.rmdir()  # if it is empty
         raise
     return list(copies)
-
-
-def _missing(copies: Mapping[Path, Path]) -> dict[Path, bytes]:
-    """Content of the meshes that are not there yet.
-
-    Raises:
-        OutputError: another file has the name of a copy, or a file cannot be read.
-    """
-    new: dict[Path, bytes] = {}
-    for path, source in copies.items():
-        try:
-            content = source.read_bytes()
-            there = path.read_bytes() if path.exists() or path.is_symlink() else None
-        except OSError as error:
-            raise OutputError(f"cannot copy {source} to {path}: {error.strerror}; give --mjcf another name") from None
-        if there is None:
-            new[path] = content
-        elif there != content:
-            raise OutputError(f"{path} differs from the mesh {source}; move it, or give --mjcf another name")
-    return new

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -42,12 +42,7 @@ if TYPE_CHECKING:
     from ...check import Check
     from ...estimation.standard import Search
     from ...faults import ServoAudit, UnusableRecordings
-    from ...types import Input, Recording, Robot
-
-
-CheckFolder = Annotated[
-    Text, typer.Option("--output", "-o", metavar="DIR", help="Folder of check.json and report.html. Default: none.")
-]
+    from ...types import Recording, Robot
 
 
 @command("signid inspect panda --joints panda_joint6,panda_joint7")
@@ -71,7 +66,9 @@ def check(
     *,
     recordings: OptionalRecordings = None,
     unsigned: Unsigned = False,
-    output: CheckFolder = None,
+    output: Annotated[
+        Text, typer.Option("--output", "-o", metavar="DIR", help="Folder of check.json and report.html. Default: none.")
+    ] = None,
 ) -> int:
     """Check what recordings can identify, before a model is fitted.
 
@@ -80,6 +77,9 @@ def check(
     (abs_tau_J, abs_current_J or --unsigned) are recovered first, as in identify. Recordings of servos (q_J and q_des_J,
     no torque) are audited: lag, droop, saturation and faults of the log; a description is not needed then, signid check
     RECORDING. A file that can be opened is never refused: what is wrong with it is the verdict.
+
+    Raises:
+        OptionError: no recording was given.
     """
     from numpy.linalg import LinAlgError
 
@@ -90,7 +90,9 @@ def check(
 
     check_folder(output, True, CHECKED)
     bare = is_recording(robot.robot)
-    paths = [robot.robot, *(recordings or ())] if bare else _needed(recordings, robot)
+    paths = [robot.robot, *(recordings or ())] if bare else recordings or []
+    if not paths:
+        raise OptionError(f"no recording was given; write signid check {robot.robot} RECORDING")
     described = None if bare else given_robot(robot.robot, under_gravity(robot, paths, rows.columns))
     found: Check | ServoAudit | UnusableRecordings
     try:
@@ -101,14 +103,8 @@ def check(
         inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
     else:
         inputs = [Input(readable(rows.columns), digest_of(Path(rows.columns)), "columns")] if rows.columns else []
-    name = None if hasattr(found, "robot") else described.name if described else ""
-    return deliver_report(found, inputs, output, run.json, given_command(context), seed=run.seed, robot=name)
-
-
-def _needed(recordings: Texts, robot: RobotArguments) -> list[str]:
-    if not recordings:
-        raise OptionError(f"no recording was given; write signid check {robot.robot} RECORDING")
-    return recordings
+    named = {} if hasattr(found, "robot") else {"robot": described.name if described else ""}
+    return deliver_report(found, inputs, output, run.json, given_command(context), seed=run.seed, **named)
 
 
 def _checked(
@@ -238,7 +234,9 @@ def identify(
     delay, friction, armature and limits, by simulation of the closed loop (servo mode).
     """
     from ...identify import identify as learn
-    from ..files import IDENTIFIED, deliver
+    from ...simulation.refine import LAWS
+    from ..files import IDENTIFIED, deliver_identification
+    from .drives import identify_drives, revised_columns
 
     check_folder(fit.output, run.json, IDENTIFIED)
     described = given_robot(robot.robot, under_gravity(robot, recordings, rows.columns))
@@ -253,14 +251,20 @@ def identify(
     )
     command = given_command(context)
 
-    def identify_drives(notes: Sequence[str] = ()) -> int:
-        return _deliver_drives(
-            _Recorded(described, given, held_out, read), fit, drives, rows, run, command, notes=notes
-        )
+    def through_drives(notes: Sequence[str] = ()) -> int:
+        with time_limit(fit.time_limit):
+            found = identify_drives(described, given, held_out, drives, run, bounds=fit.bounds, refit=fit.refit)
+            more, own = revised_columns(found, (*given, *held_out), rows.columns, fit.output)
+            found = replace(found, notes=(*notes, *found.notes, *own))
+            return deliver_identification(found, read, fit.output, run.json, command, more)
 
     if servo:
-        return identify_drives()
+        return through_drives()
     options, search = given_options(rows, run.seed, fit.robust), _search(fit)
+    refine: tuple[str, ...] | None = None
+    if fit.refine is not None:
+        named = tuple(name.strip() for name in fit.refine.split(","))
+        refine = () if fit.refine == "rollout" else LAWS if fit.refine == "all" else named
     with time_limit(fit.time_limit):
         try:
             with bars(run.json) as progress:
@@ -274,54 +278,12 @@ def identify(
                     search=search,
                     options=options,
                     refit=fit.refit,
-                    refine=_candidates(fit.refine),
+                    refine=refine,
                     progress=progress,
                 )
         except InputError as error:
-            return identify_drives(instead_of_torque(context, error, (*given, *held_out), "identified"))
-        return deliver(result, read, fit.output, run.json, command)
-
-
-class _Recorded(NamedTuple):
-    """A described robot, its recordings and the files that were read."""
-
-    robot: Robot
-    recordings: Sequence[Recording]
-    held_out: Sequence[Recording]
-    inputs: Sequence[Input]
-
-
-def _deliver_drives(
-    recorded: _Recorded,
-    fit: IdentifyOptions,
-    drives: DriveOptions,
-    rows: RowOptions,
-    run: RunOptions,
-    command: str,
-    *,
-    notes: Sequence[str],
-) -> int:
-    """Identify position drives, and write and print the result; `notes` come first."""
-    from ..files import deliver_servos
-    from .drives import identify_drives, revised_columns
-
-    robot, given, held_out, inputs = recorded
-    with time_limit(fit.time_limit):
-        found = identify_drives(
-            robot, given, held_out, drives, bounds=fit.bounds, refit=fit.refit, seed=run.seed, json=run.json
-        )
-        more, own = revised_columns(found, (*given, *held_out), rows.columns, fit.output)
-        found = replace(found, notes=(*notes, *found.notes, *own))
-        return deliver_servos(found, inputs, fit.output, run.json, command, more)
-
-
-def _candidates(text: str | None) -> tuple[str, ...] | None:
-    """Laws that --refine names; none for rollout."""
-    if text is None or text == "rollout":
-        return None if text is None else ()
-    from ...simulation.refine import LAWS
-
-    return LAWS if text == "all" else tuple(name.strip() for name in text.split(","))
+            return through_drives(instead_of_torque(context, error, (*given, *held_out), "identified"))
+        return deliver_identification(result, read, fit.output, run.json, command)
 
 
 def _bounds(fit: IdentifyOptions) -> str | None:

@@ -41,12 +41,24 @@ def payload(
     picked up, the command says so and ends with 3.
 
     DIR gets payload.json and model.json: SIMULATION with the load beside those that it carries already.
+
+    Raises:
+        OptionError: no recording was given, or one with --without or --with.
     """
     from ...model import load_model
+    from ...output.report import to_json
     from ...payload import payload as identify_payload
-    from ..files import WEIGHED, deliver_payload
+    from ..files import WEIGHED, deliver
 
-    _check_payload(loads, recordings)
+    apart = bool(loads.without or loads.carrying)
+    if recordings and apart:
+        raise OptionError(
+            "a RECORDING with a load that is picked up needs neither --without nor --with; leave them out"
+        )
+    if not recordings and not apart:
+        raise OptionError(
+            "no recording was given; give one in which the load is picked up, or --without RECORDING --with RECORDING"
+        )
     check_folder(loads.output, True, WEIGHED)
     if loads.output is not None:
         check_unread(Path(loads.output) / "model.json", [simulation.simulation])
@@ -62,16 +74,5 @@ def payload(
     with time_limit(loads.time_limit), bars(run.json) as progress:
         found = identify_payload(model, *sides, options=options, progress=progress)
     inputs = simulation_inputs(simulation, model.robot, columns=rows.columns)
-    return deliver_payload(found, inputs, loads.output, run.json)
-
-
-def _check_payload(loads: PayloadOptions, recordings: Texts) -> None:
-    apart = bool(loads.without or loads.carrying)
-    if recordings and apart:
-        raise OptionError(
-            "a RECORDING with a load that is picked up needs neither --without nor --with; leave them out"
-        )
-    if not recordings and not apart:
-        raise OptionError(
-            "no recording was given; give one in which the load is picked up, or --without RECORDING --with RECORDING"
-        )
+    files = {"model.json": to_json(found.model.document())} if found.found else {}
+    return deliver(found, inputs, loads.output, run.json, files)

@@ -13,10 +13,9 @@ from ..options import Columns, Json, Mcap, RecordingName, Rrd, SimulationArgumen
 from ..terminal import DONE, check_unread
 
 if TYPE_CHECKING:
-    from ...model import Model
     from ...output.replay import Replay
-    from ...output.viewers import ViewerLog
-    from ...types import Recording
+
+FROM_COMMANDS = "simulation from the commands alone"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,14 +48,21 @@ def replay(shown: ReplayOptions, simulation: SimulationArguments, recording: Rec
     shows the commanded positions, and colours show the error of the simulated position.
 
     --rrd and --mcap write torque, residuals, positions and findings as a log for other viewers.
+
+    Raises:
+        OptionError: the page has not the name of one.
     """
-    from ...output.replay import replay as build
-    from ...output.report import Screen, to_json, write_files
+    from ...output.replay import LONGEST, part, replay as build
+    from ...output.report import Screen, probe_folder, to_json, write_files
     from ...output.report.documents import provenance
+    from ...output.viewers import viewer_log
     from ..files import check_logs, write_logs
 
     html, diagnosis = shown.html, shown.diagnosis
-    _check(html)
+    if html is not None:
+        if not html or Path(html).suffix.lower() not in (".html", ".htm"):
+            raise OptionError(f"--html {html!r} is not the name of a page; use a name that ends in .html")
+        probe_folder(Path(html).parent)
     logs = check_logs(rrd=shown.rrd, mcap=shown.mcap)
     if html is not None:
         given = [recording, diagnosis, shown.columns, simulation.simulation, simulation.actuators]
@@ -75,7 +81,10 @@ def replay(shown: ReplayOptions, simulation: SimulationArguments, recording: Rec
         rate=shown.rate,
         package_dirs=simulation.package_dir or (),
     )
-    log = _log(model, read, shown, built) if logs else None
+    log = None
+    if logs:  # of the rows that are shown
+        rows = part(read, shown.start, LONGEST if shown.duration is None else shown.duration)
+        log = viewer_log(model, rows, shown.diagnosis, rolled=built.track)
     written = [] if html is None else write_files(Path(html).parent, {Path(html).name: built.page()}, named=True)
     written += [] if log is None else write_logs(log, logs)
     if json:
@@ -87,24 +96,6 @@ def replay(shown: ReplayOptions, simulation: SimulationArguments, recording: Rec
     else:
         Screen().write("\n".join([_summary(built), "", "written:", *(f"  {path}" for path in written), ""]))
     return DONE
-
-
-def _log(model: Model, read: Recording, shown: ReplayOptions, built: Replay) -> ViewerLog:
-    """Log of the rows that are shown, with the simulated positions of the replay."""
-    from ...output.replay import LONGEST, part
-    from ...output.viewers import viewer_log
-
-    rows = part(read, shown.start, LONGEST if shown.duration is None else shown.duration)
-    return viewer_log(model, rows, shown.diagnosis, rolled=built.track)
-
-
-def _check(html: str | None) -> None:
-    from ...output.report import probe_folder
-
-    if html is not None:
-        if not html or Path(html).suffix.lower() not in (".html", ".htm"):
-            raise OptionError(f"--html {html!r} is not the name of a page; use a name that ends in .html")
-        probe_folder(Path(html).parent)
 
 
 def _serve(shown: Replay, browser: bool) -> None:
@@ -128,14 +119,8 @@ def _summary(shown: Replay) -> str:
     """Content of the animation, in a few lines."""
     t = shown.track.t - shown.origin
     since = " since the start of the recording" if shown.origin else ""
-    frames = f"{len(t)} frames, {t[0]:.4g} to {t[-1]:.4g} s{since}; {_drive(shown)}"
+    often = [] if shown.horizon is None else [f"restarted every {shown.horizon:g} s"]
+    drive = f"simulation {often[0]}" if shown.commanded is None else ", ".join([FROM_COMMANDS, *often])
+    frames = f"{len(t)} frames, {t[0]:.4g} to {t[-1]:.4g} s{since}; {drive}"
     marked = [f"marked: {mark.title}" for mark in shown.marks if mark.cause]
     return "\n".join([f"{shown.title}: {frames}", *marked, *(f"note: {note}" for note in shown.notes)])
-
-
-def _drive(shown: Replay) -> str:
-    """Source of the simulated motion, and time between restarts."""
-    often = "" if shown.horizon is None else f"restarted every {shown.horizon:g} s"
-    if shown.commanded is None:
-        return f"simulation {often}"
-    return f"simulation from the commands alone{', ' if often else ''}{often}"

@@ -11,13 +11,12 @@ from ...errors import OptionError
 from ..app import LARGEST, Text, Texts, command, complete_law, option, output_option
 from ..arguments import given_model, given_recordings, simulation_inputs
 from ..options import RunOptions, SimulationArguments
-from ..terminal import bars, check_file, show, write_columns
+from ..terminal import bars, check_file
 from .drives import SERVO, injected_numbers
 
 if TYPE_CHECKING:
     from ...model import Model
-    from ...output.report.results.simulation import SimulationRun
-    from ...simulation.plant import Sensors, Torques
+    from ...simulation.plant import Torques
     from ...simulation.plant.control import Tracking
     from ...types import Array, Recording, Robot, Trajectory
 
@@ -94,9 +93,16 @@ def simulate(
 
     With --servo the position drives of SIMULATION (a model.json with servos, or [joint.J.servo] of an actuators file)
     follow the q_des_J of COMMANDS, or the motion; the recording holds q_J, dq_J, q_des_J and on_J, without torque.
+
+    Raises:
+        OptionError: a single row.
     """
-    from ...output.report import document, tables, to_json
-    from ...simulation.plant import Sensors
+    from ...effects.naming import parse_law
+    from ...model import Model, torque_model
+    from ...output.report.results.simulation import SimulationRun
+    from ...servo.given import stated_servos
+    from ...simulation.plant import Sensors, Torques, record, simulate as move
+    from ..files import deliver
 
     read = [plant.motion, plant.torque, commands, simulation.simulation, simulation.actuators]
     check_file(plant.output, run.json, read)
@@ -105,11 +111,28 @@ def simulate(
     recorded = Sensors(**{**vars(sensors), "rate": RATE if sensors.rate is None else sensors.rate})
     recorded.every(plant.step)
     known, asked = given_model(simulation, plant.motion, plant.torque)
-    done = _run(known, asked, plant, loop, recorded, run)
-    files = {"motion": plant.motion, "torque": plant.torque}
-    text = to_json(document(done, simulation_inputs(simulation, known.robot, **files), seed=run.seed))
-    written = write_columns(plant.output, done.columns)
-    return show(text if run.json else tables(done), (), written)
+    drive, seconds = _drive(known, asked, loop, plant.duration, plant.step, run.seed)
+    if recorded.rate and plant.step <= seconds <= 1 / recorded.rate:
+        raise OptionError(
+            f"{seconds:g} s at {recorded.rate:g} Hz are a single row; give a longer duration or a higher --rate"
+        )
+    injected = tuple(parse_law(text, known.robot) for text in plant.inject or ())
+    model = Model(known.robot, known.inertials, (*torque_model(known).laws, *injected))
+    with bars(run.json) as progress:
+        moved = move(
+            model,
+            drive,
+            seconds,
+            step=plant.step,
+            integrator=plant.integrator,
+            substeps=plant.substeps,
+            progress=progress,
+        )
+    columns = record(known.robot, moved, recorded, desired=not isinstance(drive, Torques), seed=run.seed)
+    idle = tuple({**stated_servos(known.robot), **known.servos})
+    done = SimulationRun(model, injected, moved, columns, recorded, drive, plant.integrator, idle)
+    inputs = simulation_inputs(simulation, known.robot, motion=plant.motion, torque=plant.torque)
+    return deliver(done, inputs, plant.output, run.json, columns=done.columns, seed=run.seed)
 
 
 def _through_drives(
@@ -122,10 +145,11 @@ def _through_drives(
 ) -> int:
     """Simulate and record the closed loop of position drives."""
     from ...effects.naming import parse_law
-    from ...output.report import document, tables, to_json
     from ...servo.simulate import simulate_servos
+    from ...simulation.excite.families import rest_to_rest_motion
     from ...simulation.plant import Sensors
     from ...types import Trajectory
+    from ..files import deliver
 
     if plant.torque is not None or loop != LoopOptions():
         raise OptionError("--servo takes kp and kd from the model; leave --torque, --bandwidth, --kp, --kd out")
@@ -140,59 +164,16 @@ def _through_drives(
     given: Recording | Trajectory
     if commands is not None:
         [given] = given_recordings([commands], known.robot, None)
+    elif isinstance(asked, Trajectory):
+        given = asked
     else:
-        given = asked if isinstance(asked, Trajectory) else _random(known.robot, plant.duration, sensors.rate, run.seed)
+        seconds = DURATION if plant.duration is None else plant.duration
+        given = rest_to_rest_motion(known.robot, seconds, 1 / (sensors.rate or COMMAND_RATE), run.seed)
     done = simulate_servos(
         known, given, Sensors(**vars(sensors)), inject=laws, numbers=numbers, injected=texts, seed=run.seed
     )
     inputs = simulation_inputs(simulation, known.robot, commands=commands, motion=plant.motion)
-    text = to_json(document(done, inputs, seed=run.seed))
-    written = write_columns(plant.output, done.columns)
-    return show(text if run.json else tables(done), (), written)
-
-
-def _random(robot: Robot, duration: float | None, rate: float | None, seed: int) -> Trajectory:
-    from ...simulation.excite.families import rest_to_rest_motion
-
-    return rest_to_rest_motion(robot, DURATION if duration is None else duration, 1 / (rate or COMMAND_RATE), seed)
-
-
-def _run(
-    known: Model,
-    asked: Trajectory | Torques | None,
-    plant: SimulateOptions,
-    loop: LoopOptions,
-    sensors: Sensors,
-    run: RunOptions,
-) -> SimulationRun:
-    """Simulate and record the known model with the injected laws."""
-    from ...effects.naming import parse_law
-    from ...model import Model, torque_model
-    from ...output.report.results.simulation import SimulationRun
-    from ...servo.given import stated_servos
-    from ...simulation.plant import Torques, record, simulate
-
-    drive, seconds = _drive(known, asked, loop, plant.duration, plant.step, run.seed)
-    if sensors.rate and plant.step <= seconds <= 1 / sensors.rate:
-        raise OptionError(
-            f"{seconds:g} s at {sensors.rate:g} Hz are a single row; give a longer duration or a higher --rate"
-        )
-    injected = tuple(parse_law(text, known.robot) for text in plant.inject or ())
-    model = torque_model(known)
-    model = Model(known.robot, known.inertials, (*model.laws, *injected))
-    with bars(run.json) as progress:
-        moved = simulate(
-            model,
-            drive,
-            seconds,
-            step=plant.step,
-            integrator=plant.integrator,
-            substeps=plant.substeps,
-            progress=progress,
-        )
-    columns = record(known.robot, moved, sensors, desired=not isinstance(drive, Torques), seed=run.seed)
-    idle = tuple({**stated_servos(known.robot), **known.servos})
-    return SimulationRun(model, injected, moved, columns, sensors, drive, plant.integrator, idle)
+    return deliver(done, inputs, plant.output, run.json, columns=done.columns, seed=run.seed)
 
 
 def _drive(

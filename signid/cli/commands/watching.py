@@ -18,12 +18,11 @@ from ..options import Columns, Json, Mcap, Rate, Rrd, SimulationArguments
 from ..terminal import DONE, FLAGGED, check_unread, write_error
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable
 
     from rich.table import Table
 
     from ...model import Model
-    from ...output.viewers import WatchLogs
     from ...types import Robot
     from ...watch import Event, Watcher
 
@@ -68,6 +67,7 @@ def watch(
     Raises:
         OptionError: --idle is not positive.
     """
+    from ...output.report import probe_folder
     from ...watch import Note, open_watch, stream_flags
     from ..files import check_logs
 
@@ -82,7 +82,9 @@ def watch(
     with ExitStack() as stack:
         try:
             if watching.save is not None:
-                _check_save(watching.save)
+                if watching.save.suffix != ".json":
+                    raise OptionError(f"--save is {watching.save}; give a name that ends in .json")
+                probe_folder(watching.save.parent)
             watcher, opened = open_watch(
                 model,
                 stream,
@@ -94,7 +96,13 @@ def watch(
                 idle=idle,
             )
             stack.callback(_save, model, watcher, watching.save)
-            logs = _logs(watcher, files, simulation.package_dir or (), stack)
+            logs = None
+            if files:
+                from ...output.viewers import WatchLogs
+
+                robot, packages = watcher.model.robot, simulation.package_dir or ()
+                logs = WatchLogs(watcher.model, files, lambda event: sentence(event, robot).strip(), packages)
+                stack.enter_context(logs)
             live = not json and sys.stdout.isatty()
             emit, refresh = _view(watcher, stack) if live else (_print, None)
             flags = watcher.flags
@@ -119,33 +127,12 @@ def watch(
     return FLAGGED if flags else DONE
 
 
-def _logs(
-    watcher: Watcher, files: Mapping[str, Path], package_dirs: Sequence[str], stack: ExitStack
-) -> WatchLogs | None:
-    """Logs that are asked for; the stack completes them."""
-    if not files:
-        return None
-    from ...output.viewers import WatchLogs
-
-    robot = watcher.model.robot
-    logs = WatchLogs(watcher.model, files, lambda event: sentence(event, robot).strip(), package_dirs)
-    return stack.enter_context(logs)
-
-
 def _print(events: list[Event]) -> None:
     from ...output.report import Screen
 
     if events:
         lines = (codec.dumps(event.document(), ensure_ascii=False, allow_nan=False) for event in events)
         Screen().write("".join(f"{line}\n" for line in lines))
-
-
-def _check_save(file: Path) -> None:
-    from ...output.report import probe_folder
-
-    if file.suffix != ".json":
-        raise OptionError(f"--save is {file}; give a name that ends in .json")
-    probe_folder(file.parent)
 
 
 def _save(model: Model, watcher: Watcher, file: Path | None) -> None:

@@ -30,7 +30,7 @@ from ...robot import hold, resting
 from ...robot.dynamics import joint_of_row, own_row
 from ...simulation.excite import build_limits, excite
 from ...simulation.plant import Sensors, record, simulate, track
-from ...types import Array, Frozen, Indices, Input, Law, Progress, Recording, Robot, Trajectory
+from ...types import Array, Frozen, Indices, Input, Law, Progress, Robot, Trajectory
 
 RECORDINGS = ("recording.csv", "held_out.csv")  # training data, held-out data
 PERIOD, PERIODS, HARMONICS = 8.0, 2, 8  # period of a motion [s], number of periods, harmonics
@@ -116,9 +116,18 @@ def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress 
     coarse = Motion(arm, *(getattr(motions[0], key)[::COARSE] for key in "tqva"))
     concealed = conceal(known, coarse, seed)
     true = replace(known, laws=(*known.laws, *concealed))
-    drawn = zip(RECORDINGS, motions, strict=True)
-    files = {name: _record(true, known, motion, name, 2 * seed + k) for k, (name, motion) in enumerate(drawn)}
-    train, held_out = _read(files, arm, Path(folder))
+    files = {}
+    for k, (name, motion) in enumerate(zip(RECORDINGS, motions, strict=True)):  # the controller knows the description
+        moved = simulate(true, track(known, motion), DURATION)
+        columns = record(true.robot, moved, Sensors(RATE, BITS, NOISE), seed=2 * seed + k)
+        files[name] = find_format(Path(name)).encode(columns, name)
+    read = []
+    with TemporaryDirectory() as place:
+        for name, content in files.items():
+            path = Path(place, name)
+            path.write_bytes(content)
+            read.append(replace(read_recording(path, arm), path=readable(str(Path(folder, name)))))
+    train, held_out = read
     result = diagnose(
         known,
         [train],
@@ -132,30 +141,12 @@ def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress 
 
 def _motion(known: Model, seed: int) -> Trajectory:
     """A repeated random motion; repetition separates noise from physics."""
-    robot, limits = known.robot, build_limits(known.robot, margin=MARGIN, torque=np.inf)
+    limits = build_limits(known.robot, margin=MARGIN, torque=np.inf)
     drawn = excite(
         known, kind="random", duration=PERIOD, harmonics=HARMONICS, limits=limits, rate=RATE, seed=seed
     ).trajectory
     q, v, a = (np.vstack([x[:-1]] * (PERIODS - 1) + [x]) for x in (drawn.q, drawn.v, drawn.a))
-    return Trajectory(robot.joints, np.arange(len(q)) / RATE, q, v, a)
-
-
-def _record(true: Model, known: Model, motion: Trajectory, name: str, seed: int) -> bytes:
-    """Content of a recording of the true robot, whose controller knows its description."""
-    moved = simulate(true, track(known, motion), DURATION)
-    columns = record(true.robot, moved, Sensors(RATE, BITS, NOISE), seed=seed)
-    return find_format(Path(name)).encode(columns, name)
-
-
-def _read(files: Mapping[str, bytes], robot: Robot, folder: Path) -> list[Recording]:
-    """Read recordings from their files, which get the paths that they will have in the folder."""
-    found = []
-    with TemporaryDirectory() as place:
-        for name, content in files.items():
-            path = Path(place, name)
-            path.write_bytes(content)
-            found.append(replace(read_recording(path, robot), path=readable(str(folder / name))))
-    return found
+    return Trajectory(known.robot.joints, np.arange(len(q)) / RATE, q, v, a)
 
 
 def take_arm(robot: Robot) -> Robot:
@@ -186,17 +177,13 @@ def _misses(outcomes: tuple[LawOutcome, ...], result: Diagnosis) -> Iterator[str
 
 
 def _outcome(law: Law, result: Diagnosis) -> LawOutcome:
-    own = next((one for one in result.findings if _same(one.law, law)), None)
-    if own is not None:
-        return LawOutcome(law, FOUND if own.role == "cause" else MINOR, own, own.probability)
-    rivals = ((one, rival) for one in result.findings for rival in one.alternatives if _same(rival.law, law))
-    for finding, rival in rivals:
-        return LawOutcome(law, RIVAL, finding, rival.probability)
+    """The finding of the law, else the first one with the law as an alternative."""
+    found = [(FOUND if x.role == "cause" else MINOR, x, x.law, x.probability) for x in result.findings]
+    found += [(RIVAL, x, rival.law, rival.probability) for x in result.findings for rival in x.alternatives]
+    for kind, finding, own, probability in found:
+        if (own.effect.name, own.joints) == (law.effect.name, law.joints):
+            return LawOutcome(law, kind, finding, probability)
     return LawOutcome(law, MISSED, None, 0.0)
-
-
-def _same(one: Law, other: Law) -> bool:
-    return (one.effect.name, one.joints) == (other.effect.name, other.joints)
 
 
 class _Scene(NamedTuple):
@@ -285,9 +272,8 @@ def _numbers(story: Story, outcome: LawOutcome) -> dict[str, dict[str, Any]]:
     found = law_numbers(robot, named.law, named.std) if named else {}
     numbers = {}
     for key, true in law_numbers(robot, outcome.law, {}).items():
-        own = found.get(key, {})
-        known = {"found": own.get("value"), "std": own.get("std")}
-        numbers[key] = {"value": true["value"], "unit": true["unit"], **known}
+        value, std = (found.get(key, {}).get(name) for name in ("value", "std"))
+        numbers[key] = {"value": true["value"], "unit": true["unit"], "found": value, "std": std}
     return numbers
 
 
@@ -311,7 +297,6 @@ def story_document(story: Story, name: str) -> dict[str, Any]:
 
 
 def _concealed(story: Story, outcome: LawOutcome) -> dict[str, Any]:
-    """A concealed law and its estimated parameters, if it was found."""
     robot, (law, kind, finding, probability) = story.simulation.robot, outcome
     return {
         "effect": law.effect.name,

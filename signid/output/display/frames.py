@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from operator import attrgetter
+from typing import Any, TypeAlias
 
 import numpy as np
 import polars as pl
 
 from ...effects.naming import law_place
 from ...errors import OptionError
-from ...estimation.fit_quality import Fit
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import INERTIAL, INERTIAL_UNITS, Array, Law, Recording, Robot
 from ..report.documents import picked
@@ -18,12 +18,11 @@ from ..report.results.identification import identified_numbers
 from ..report.results.inspection import joint_documents
 from ..report.results.laws import finding_numbers, law_numbers
 
-Maker = Callable[[Any], pl.DataFrame]
+Rows: TypeAlias = Iterable[tuple[Any, ...]]
+Table: TypeAlias = Callable[[Any], pl.DataFrame] | tuple[str, Callable[[Any], Rows]]  # or columns and rows
 KINDS: dict[str, type[pl.DataType]] = {"s": pl.String, "f": pl.Float64, "i": pl.Int64, "b": pl.Boolean}
 LAWS = "law:s joint:s partner:s parameter:s value:f std:f unit:s"
 FIT = "joint:s unit:s train_rms:f held_out_rms:f noise_floor:f irreducible_rms:f held_out_r2:f"
-ROLLED = "simulation:s joint:s unit:s t:f rms:f"
-SEGMENTS = "recording:i joint:s start:f end:f sign:i confidence:f"
 
 
 def frame(result: Any, name: str | None = None) -> pl.DataFrame:
@@ -32,15 +31,13 @@ def frame(result: Any, name: str | None = None) -> pl.DataFrame:
     Raises:
         OptionError: the result has no such table, or none at all.
     """
-    makers = FRAMES.get(type(result).__name__, {})
-    if name is None and makers:
-        name = next(iter(makers))
-    if name not in makers:
-        kind = type(result).__name__
-        if not makers:
-            raise OptionError(f"{kind} has no tables; its repr and its attributes show what it holds")
+    kind, makers = type(result).__name__, FRAMES.get(type(result).__name__, {})
+    if not makers:
+        raise OptionError(f"{kind} has no tables; its repr and its attributes show what it holds")
+    if name is not None and name not in makers:
         raise OptionError(f"{kind} has no table {name!r}; choose from {', '.join(makers)}")
-    return makers[name](result)
+    maker = makers[next(iter(makers)) if name is None else name]
+    return maker(result) if callable(maker) else table_of(maker[0], maker[1](result))
 
 
 def frame_names(result: Any) -> tuple[str, ...]:
@@ -48,162 +45,109 @@ def frame_names(result: Any) -> tuple[str, ...]:
     return tuple(FRAMES.get(type(result).__name__, ()))
 
 
-def table_of(columns: str, rows: Iterable[tuple[Any, ...]]) -> pl.DataFrame:
+def table_of(columns: str, rows: Rows) -> pl.DataFrame:
     """A frame with columns `name:kind`, kind s (text), f (number), i (integer) or b (truth value)."""
     schema = {name: KINDS[kind] for name, kind in (column.split(":") for column in columns.split())}
     plain = [tuple(x.item() if isinstance(x, np.generic) else x for x in row) for row in rows]
     return pl.DataFrame(plain, schema=schema, orient="row", strict=False)
 
 
-def _base(result: Any) -> pl.DataFrame:
-    columns = (result.base.expressions, result.base_value, result.estimate.std, result.estimate.value)
-    rows = zip(*columns, result.base.units, strict=True)
-    return table_of("expression:s value:f std:f estimate:f unit:s", rows)
+def _side_by_side(names: str) -> Callable[[Any], Rows]:
+    """Rows of attributes (N,) each of a result."""
+    return lambda result: zip(*attrgetter(*names.split())(result), strict=True)
 
 
-def _mapped(base: Any) -> pl.DataFrame:
-    return table_of("expression:s unit:s", zip(base.expressions, base.units, strict=True))
-
-
-def _estimated(found: Any) -> pl.DataFrame:
+def _estimated(found: Any) -> Rows:
     count = len(found.value)
     names, units = found.names or map(str, range(1, count + 1)), found.units or [None] * count
-    return table_of("expression:s value:f std:f unit:s", zip(names, found.value, found.std, units, strict=True))
+    return zip(names, found.value, found.std, units, strict=True)
 
 
-def _checked(result: Any) -> pl.DataFrame:
-    rows = zip(result.base.expressions, result.std, result.base.units, result.verdicts, strict=True)
-    return table_of("expression:s std:f unit:s verdict:s", rows)
-
-
-def _identified_laws(result: Any) -> pl.DataFrame:
-    numbers = (n for numbers in identified_numbers(result) for n in numbers)
-    return table_of(LAWS, ((n.effect, n.joint, None, n.key, n.value, n.std, n.unit) for n in numbers))
-
-
-def _stated_laws(model: Any) -> pl.DataFrame:
-    robot, rows = model.robot, list[tuple[Any, ...]]()
-    for law in model.laws_beside_drives:
-        rows += _law_rows(robot, law, law_numbers(robot, law, {}))
-    return table_of(LAWS, (row[:-1] for row in rows))
-
-
-def _found_laws(result: Any) -> pl.DataFrame:
-    robot, rows = result.robot, list[tuple[Any, ...]]()
-    for finding in result.findings:
-        rows += _law_rows(robot, finding.law, finding_numbers(robot, finding))
-    return table_of(f"{LAWS} stated:f", rows)
-
-
-def _law_rows(robot: Robot, law: Law, numbers: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
+def _law_rows(robot: Robot, law: Law, numbers: Mapping[str, Any]) -> Rows:
     """Law, joint, partner, parameter, value, std, unit, stated value; a law without parameters has one row."""
     first = (law.effect.name, law_place(law, robot)[0], numbers.get("partner", {}).get("value"))
-    own = {key: number for key, number in numbers.items() if key != "partner"}
-    for key, n in own.items():
-        yield *first, key, n["value"], n["std"], n["unit"], n.get("stated")
-    if not own:
-        yield *first, *[None] * 5
+    own = {key: n for key, n in numbers.items() if key != "partner"}
+    rows = [(*first, key, n["value"], n["std"], n["unit"], n.get("stated")) for key, n in own.items()]
+    return rows or [(*first, *[None] * 5)]
 
 
-def _bodies(result: Any) -> pl.DataFrame:
+def _identified_laws(result: Any) -> Rows:
+    return ((n.effect, n.joint, None, n.key, n.value, n.std, n.unit) for own in identified_numbers(result) for n in own)
+
+
+def _stated_laws(model: Any) -> Rows:
+    for law in model.laws_beside_drives:
+        yield from (row[:-1] for row in _law_rows(model.robot, law, law_numbers(model.robot, law, {})))
+
+
+def _found_laws(result: Any) -> Rows:
+    for finding in result.findings:
+        yield from _law_rows(result.robot, finding.law, finding_numbers(result.robot, finding))
+
+
+def _bodies(result: Any) -> Rows:
     bodies = result.parameters.bodies() if hasattr(result, "parameters") else result.inertials
-    numbers = (zip(INERTIAL, x, INERTIAL_UNITS, strict=True) for x in bodies)
-    rows = ((link, *row) for link, some in zip(result.robot.links, numbers, strict=True) for row in some)
-    return table_of("link:s parameter:s value:f unit:s", rows)
+    for link, x in zip(result.robot.links, bodies, strict=True):
+        yield from ((link, *row) for row in zip(INERTIAL, x, INERTIAL_UNITS, strict=True))
 
 
-def _fit_rows(fit: Fit) -> Iterable[tuple[Any, ...]]:
-    sizes = picked(fit, "train_rms held_out_rms noise_floor irreducible_rms held_out_r2").values()
-    return zip(fit.joints, fit.unit, *sizes, strict=True)
+def _compared(result: Any) -> Rows:
+    return ((name, *row) for name in ("before", "after") for row in _fit(getattr(result, name)))
 
 
-def _fit(fit: Fit) -> pl.DataFrame:
-    return table_of(FIT, _fit_rows(fit))
+def _validated(result: Any) -> Rows:
+    rows = _side_by_side("fit.joints fit.unit fit.held_out_rms fit.noise_floor fit.held_out_r2")
+    return ((one.name, *row) for one in result.models for row in rows(one))
 
 
-def _compared(result: Any) -> pl.DataFrame:
-    pairs = (("before", result.before), ("after", result.after))
-    return table_of(f"simulation:s {FIT}", ((name, *row) for name, fit in pairs for row in _fit_rows(fit)))
-
-
-def _segments(result: Any) -> pl.DataFrame:
+def _segments(result: Any) -> Rows:
     """Segments of recovered signs; no rows if every sign was recorded."""
     signs = getattr(result, "signs", result)
-    if signs is None:
-        return table_of(SEGMENTS, ())
-    rows = ((s.part, signs.joints[s.joint], s.start, s.end, s.sign, s.confidence) for s in signs.segments)
-    return table_of(SEGMENTS, rows)
+    for s in () if signs is None else signs.segments:
+        yield s.part, signs.joints[s.joint], s.start, s.end, s.sign, s.confidence
 
 
-def _findings(result: Any) -> pl.DataFrame:
-    robot, rows = result.robot, list[tuple[Any, ...]]()
+def _findings(result: Any) -> Rows:
     for f in result.findings:
-        place = (robot.joints[f.where.joint], f.where.variable, f.where.region)
-        share = float(np.max(f.torque_share, initial=0.0))
-        gain = (f.held_out_gain, len(f.alternatives), f.in_model)
-        rows.append((f.law.effect.name, law_place(f.law, robot)[0], f.role, f.probability, share, *place, *gain))
-    names = "law:s joint:s role:s probability:f torque_share:f where:s variable:s region:s"
-    return table_of(f"{names} held_out_gain:f alternatives:i in_model:b", rows)
+        place = (result.robot.joints[f.where.joint], f.where.variable, f.where.region)
+        first = (f.law.effect.name, law_place(f.law, result.robot)[0], f.role, f.probability)
+        size = float(np.max(f.torque_share, initial=0.0))
+        yield *first, size, *place, f.held_out_gain, len(f.alternatives), f.in_model
 
 
-def _alternatives(result: Any) -> pl.DataFrame:
-    robot, rows = result.robot, list[tuple[Any, ...]]()
+def _alternatives(result: Any) -> Rows:
     for f in result.findings:
-        first = (f.law.effect.name, law_place(f.law, robot)[0])
-        rows += [
-            (*first, x.law.effect.name, law_place(x.law, robot)[0], x.probability, x.separating_motion)
-            for x in f.alternatives
-        ]
-    return table_of("law:s joint:s alternative:s alternative_joint:s probability:f separating_motion:s", rows)
+        for x in f.alternatives:
+            names = (name for law in (f.law, x.law) for name in (law.effect.name, law_place(law, result.robot)[0]))
+            yield *names, x.probability, x.separating_motion
 
 
-def _unexplained(result: Any) -> pl.DataFrame:
-    rows = (
-        (result.robot.joints[x.joint], x.place.variable, x.place.region, x.share, x.held_out_gain, x.modelled)
-        for x in result.unexplained
-    )
-    return table_of("joint:s variable:s region:s share:f held_out_gain:f in_model:b", rows)
+def _unexplained(result: Any) -> Rows:
+    for x in result.unexplained:
+        yield result.robot.joints[x.joint], x.place.variable, x.place.region, x.share, x.held_out_gain, x.modelled
 
 
-def _validated(result: Any) -> pl.DataFrame:
-    rows = ((one.name, *row) for one in result.models for row in _fit_rows(one.fit))
-    return (
-        table_of(f"model:s {FIT}", rows)
-        .drop("train_rms", "irreducible_rms")
-        .rename({"held_out_rms": "rms", "held_out_r2": "r2"})
-    )
+def _payload(found: Any) -> Rows:
+    if found.found:
+        yield "mass", *found.mass, "kg"
+        yield from zip((f"centre_{axis}" for axis in "xyz"), *found.centre, "m" * 3, strict=True)
+        yield from zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)
+    for moment in found.moments:
+        yield "picked_up" if moment.picked_up else "put_down", moment.t, moment.std, "s"
 
 
-def _payload(found: Any) -> pl.DataFrame:
-    centre = zip((f"centre_{axis}" for axis in "xyz"), *found.centre, "m" * 3, strict=True)
-    inertia = zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)
-    what = {True: "picked_up", False: "put_down"}
-    moments = [(what[moment.picked_up], moment.t, moment.std, "s") for moment in found.moments]
-    numbers = [("mass", *found.mass, "kg"), *centre, *inertia] if found.found else []
-    return table_of("parameter:s value:f std:f unit:s", [*numbers, *moments])
-
-
-def _listed(columns: str, keys: str, rows: Iterable[Mapping[str, Any]]) -> pl.DataFrame:
-    """A row per entry of a document, with its values at some keys."""
-    return table_of(columns, (tuple(row.get(key) for key in keys.split()) for row in rows))
-
-
-def _drives(result: Any) -> pl.DataFrame:
+def _drives(result: Any) -> Rows:
     """Numbers of the drives; null where not identifiable."""
-    numbers = ((one.joint, one.law, x) for one in result.joints for x in one.numbers.values())
-    rows = ((joint, law, x.name, x.value, x.std, x.unit, x.stated) for joint, law, x in numbers)
-    return table_of("joint:s law:s parameter:s value:f std:f unit:s stated:b", rows)
+    for one in result.joints:
+        yield from ((one.joint, one.law, x.name, x.value, x.std, x.unit, x.stated) for x in one.numbers.values())
 
 
-def _stated_drives(model: Any) -> pl.DataFrame:
+def _stated_drives(model: Any) -> Rows:
     """Numbers of the drives of a model, without infinite ones."""
-    rows = (
-        (joint, servo.law, name, float(getattr(servo, name)), SERVO_UNITS[name])
-        for joint, servo in model.servos.items()
-        for name in SERVO_NUMBERS
-        if np.isfinite(getattr(servo, name))
-    )
-    return table_of("joint:s law:s parameter:s value:f unit:s", rows)
+    for joint, servo in model.servos.items():
+        for name in SERVO_NUMBERS:
+            if np.isfinite(value := float(getattr(servo, name))):
+                yield joint, servo.law, name, value, SERVO_UNITS[name]
 
 
 def _loops(result: Any) -> pl.DataFrame:
@@ -221,142 +165,148 @@ def _residuals(result: Any) -> pl.DataFrame:
         from ..report.plots.courses import held_out_rows
 
         course = held_out_rows(result.session, result.judged)[0]
-    first = {"recording": course.recording, "t": course.t}
-    return _long(course.joints, first, picked(course, "q v torque before after"))
+    return _long([(course.joints, picked(course, "recording t"), picked(course, "q v torque before after"))])
 
 
-def _validated_residuals(result: Any) -> pl.DataFrame:
-    """Filtered rows of each model and joint: torque and residual."""
-    parts = []
-    for one in result.models:
-        first = {"model": [one.name] * len(one.t), "recording": one.recording, "t": one.t}
-        parts.append(_long(one.fit.joints, first, picked(one, "torque residual")))
-    return pl.concat(parts)
-
-
-def _traced(result: Any) -> pl.DataFrame:
-    """Positions of each held-out recording and joint: command, measured, simulated before and after."""
-    parts = []
-    for trace in result.traces:
-        first = {"recording": [trace.path] * len(trace.t), "t": trace.t}
-        parts.append(_long(trace.joints, first, picked(trace, "command measured nominal simulated")))
-    return pl.concat(parts) if parts else pl.DataFrame()
-
-
-def _long(joints: Iterable[str], first: Mapping[str, Any], values: Mapping[str, Array]) -> pl.DataFrame:
-    """A row per time and joint; first: (N,) each, values: (N, n) each [any unit]."""
-    rows = len(first["t"])
-    return pl.concat(
-        pl.DataFrame({**first, "joint": [joint] * rows, **{key: x[:, j] for key, x in values.items()}})
+def _long(parts: Iterable[tuple[Iterable[str], Mapping[str, Any], Mapping[str, Array]]]) -> pl.DataFrame:
+    """A row per time and joint; of each part the joints, columns (N,) and values (N, n) [any unit]."""
+    frames = [
+        pl.DataFrame({**first, "joint": [joint] * len(first["t"]), **{key: x[:, j] for key, x in values.items()}})
+        for joints, first, values in parts
         for j, joint in enumerate(joints)
-    )
-
-
-def _rolled(runs: Mapping[str, Any]) -> pl.DataFrame:
-    """Rms error of roll-outs over the time since their start, by name; no rows without a roll-out."""
-    rows = [
-        (name, joint, unit, t, x)
-        for name, run in runs.items()
-        if run is not None
-        for joint, unit, rms in zip(run.joints, run.unit, np.sqrt(np.mean(run.error**2, axis=0)).T, strict=True)
-        for t, x in zip(run.t, rms, strict=True)
     ]
-    return table_of(ROLLED, rows)
+    return pl.concat(frames) if frames else pl.DataFrame()
+
+
+def _positions(result: Any) -> pl.DataFrame:
+    """Positions of each held-out recording and joint: command, measured, simulated before and after."""
+    keys = "command measured nominal simulated"
+    return _long((x.joints, {"recording": [x.path] * len(x.t), "t": x.t}, picked(x, keys)) for x in result.traces)
+
+
+def _rolled(runs: Mapping[str, Any]) -> Rows:
+    """Rms error of roll-outs over the time since their start, by name; no rows without a roll-out."""
+    for name, run in runs.items():
+        if run is not None:
+            sizes = np.sqrt(np.mean(run.error**2, axis=0)).T
+            for joint, unit, own in zip(run.joints, run.unit, sizes, strict=True):
+                yield from ((name, joint, unit, t, x) for t, x in zip(run.t, own, strict=True))
+
+
+def _listed(entries: str, keys: str) -> Callable[[Any], Rows]:
+    """A row per entry of a list of the document, with its values at some keys."""
+    return lambda result: (tuple(map(entry.get, keys.split())) for entry in result.document()[entries])
+
+
+def _wide(t: Array, joints: Iterable[str], signals: Mapping[str, Array | None]) -> pl.DataFrame:
+    """A row per time, and a column per signal and joint; t: (N,) [s], signals: (N, n) each, or None [any unit]."""
+    known = {key: values for key, values in signals.items() if values is not None}
+    columns = {f"{key}_{joint}": x[:, j] for key, x in known.items() for j, joint in enumerate(joints)}
+    return pl.DataFrame({"t": t, **columns})
 
 
 def _samples(recording: Recording) -> pl.DataFrame:
-    """All samples of a recording, with a column per signal and joint."""
+    """All samples of a recording."""
     signals = recording.read()._asdict()
     signals.pop("origin", None)
     return _wide(signals.pop("t"), recording.joints, signals)
 
 
-def _simulated(simulation: Any) -> pl.DataFrame:
-    """Recorded signals of a simulation, with a column per signal and joint."""
-    signals = {"q": simulation.q, "tau": simulation.tau, "q_des": simulation.desired}
-    return _wide(simulation.t, simulation.joints, signals)
-
-
 def _motion(found: Any) -> pl.DataFrame:
-    """Position, velocity and acceleration of a designed motion, with a column per joint."""
+    """Position, velocity and acceleration of a designed motion."""
     motion = found.trajectory
     return _wide(motion.t, motion.joints, {"q": motion.q, "dq": motion.v, "ddq": motion.a})
 
 
-def _wide(t: Array, joints: Iterable[str], signals: Mapping[str, Array | None]) -> pl.DataFrame:
-    """A row per time, and a column per signal and joint; t: (N,) [s], signals: (N, n) each, or None [any unit]."""
-    columns = {
-        f"{key}_{joint}": values[:, j]
-        for key, values in signals.items()
-        if values is not None
-        for j, joint in enumerate(joints)
-    }
-    return pl.DataFrame({"t": t, **columns})
-
-
-FRAMES: dict[str, dict[str, Maker]] = {
-    "BaseMap": {"base_parameters": _mapped},
-    "Check": {"base_parameters": _checked, "segments": _segments},
-    "Diagnosis": {
-        "findings": _findings,
-        "laws": _found_laws,
-        "alternatives": _alternatives,
-        "unexplained": _unexplained,
-        "fit": _compared,
-        "rollouts": lambda result: _rolled({"before": result.rollout_before, "after": result.rollout_after}),
-        "residuals": _residuals,
-        "segments": _segments,
+ROLLED = "simulation:s joint:s unit:s t:f rms:f"
+_fit = _side_by_side("joints unit train_rms held_out_rms noise_floor irreducible_rms held_out_r2")
+BODIES: Table = ("link:s parameter:s value:f unit:s", _bodies)
+SEGMENTS: Table = ("recording:i joint:s start:f end:f sign:i confidence:f", _segments)
+FRAMES: dict[str, dict[str, Table]] = {
+    "BaseMap": {"base_parameters": ("expression:s unit:s", _side_by_side("expressions units"))},
+    "Check": {
+        "base_parameters": (
+            "expression:s std:f unit:s verdict:s",
+            _side_by_side("base.expressions std base.units verdicts"),
+        ),
+        "segments": SEGMENTS,
     },
-    "Estimate": {"base_parameters": _estimated},
+    "Diagnosis": {
+        "findings": (
+            "law:s joint:s role:s probability:f torque_share:f where:s variable:s region:s held_out_gain:f "
+            "alternatives:i in_model:b",
+            _findings,
+        ),
+        "laws": (f"{LAWS} stated:f", _found_laws),
+        "alternatives": (
+            "law:s joint:s alternative:s alternative_joint:s probability:f separating_motion:s",
+            _alternatives,
+        ),
+        "unexplained": ("joint:s variable:s region:s share:f held_out_gain:f in_model:b", _unexplained),
+        "fit": (f"simulation:s {FIT}", _compared),
+        "rollouts": (ROLLED, lambda found: _rolled({"before": found.rollout_before, "after": found.rollout_after})),
+        "residuals": _residuals,
+        "segments": SEGMENTS,
+    },
+    "Estimate": {"base_parameters": ("expression:s value:f std:f unit:s", _estimated)},
     "Excitation": {
         "motion": _motion,
-        "base_parameters": lambda found: table_of(
-            "expression:s std:f relative_std:f", zip(found.expressions, found.std, found.relative_std, strict=True)
-        ),
+        "base_parameters": ("expression:s std:f relative_std:f", _side_by_side("expressions std relative_std")),
     },
-    "Fit": {"fit": _fit},
+    "Fit": {"fit": (FIT, _fit)},
     "Fleet": {
-        "robots": lambda fleet: _listed(
+        "robots": (
             "robot:s verdict:s joint:s mismatch:f after:f explained:f",
-            "name verdict joint mismatch left explained",
-            fleet.document()["robots"],
+            _listed("robots", "name verdict joint mismatch left explained"),
         ),
-        "sessions": lambda fleet: _listed(
-            "session:s name:s robot:s task:s state:s", "session name robot task state", fleet.document()["sessions"]
+        "sessions": (
+            "session:s name:s robot:s task:s state:s",
+            _listed("sessions", "session name robot task state"),
         ),
     },
     "Identification": {
-        "base_parameters": _base,
-        "laws": _identified_laws,
-        "standard_parameters": _bodies,
-        "fit": lambda result: _fit(result.fit),
+        "base_parameters": (
+            "expression:s value:f std:f estimate:f unit:s",
+            _side_by_side("base.expressions base_value estimate.std estimate.value base.units"),
+        ),
+        "laws": (LAWS, _identified_laws),
+        "standard_parameters": BODIES,
+        "fit": (FIT, lambda one: _fit(one.fit)),
         "residuals": _residuals,
-        "segments": _segments,
+        "segments": SEGMENTS,
     },
-    "Inspection": {
-        "base_parameters": lambda result: _mapped(result.base),
-        "joints": lambda result: pl.DataFrame(joint_documents(result.robot)),
+    "Inspection": {"base_parameters": lambda one: frame(one.base), "joints": lambda one: frame(one.robot)},
+    "Model": {
+        "laws": (LAWS, _stated_laws),
+        "standard_parameters": BODIES,
+        "drives": ("joint:s law:s parameter:s value:f unit:s", _stated_drives),
     },
-    "Model": {"laws": _stated_laws, "standard_parameters": _bodies, "drives": _stated_drives},
-    "Payload": {"payload": _payload},
+    "Payload": {"payload": ("parameter:s value:f std:f unit:s", _payload)},
     "Recording": {"samples": _samples},
     "Robot": {"joints": lambda robot: pl.DataFrame(joint_documents(robot))},
-    "RollOut": {"rollouts": lambda result: _rolled({"simulation": result})},
+    "RollOut": {"rollouts": (ROLLED, lambda run: _rolled({"simulation": run}))},
     "Separation": {"motion": _motion},
-    "ServoIdentification": {"drives": _drives, "closed_loops": _loops, "positions": _traced},
+    "ServoIdentification": {
+        "drives": ("joint:s law:s parameter:s value:f std:f unit:s stated:b", _drives),
+        "closed_loops": _loops,
+        "positions": _positions,
+    },
     "ServoSimulation": {"samples": lambda run: pl.DataFrame(dict(run.columns))},
-    "ServoValidatedModel": {"closed_loops": _loops, "positions": _traced},
+    "ServoValidatedModel": {"closed_loops": _loops, "positions": _positions},
     "ServoValidation": {
         "closed_loops": lambda result: pl.concat(
             _loops(one).insert_column(0, pl.lit(one.name).alias("model")) for one in result.models
         )
     },
-    "Signs": {"segments": _segments},
-    "Simulation": {"samples": _simulated},
-    "ValidatedModel": {"fit": lambda one: _fit(one.fit)},
+    "Signs": {"segments": SEGMENTS},
+    "Simulation": {"samples": lambda run: _wide(run.t, run.joints, {"q": run.q, "tau": run.tau, "q_des": run.desired})},
+    "ValidatedModel": {"fit": (FIT, lambda one: _fit(one.fit))},
     "Validation": {
-        "fit": _validated,
-        "rollouts": lambda result: _rolled({one.name: one.rollout for one in result.models}),
-        "residuals": _validated_residuals,
+        "fit": ("model:s joint:s unit:s rms:f noise_floor:f r2:f", _validated),
+        "rollouts": (ROLLED, lambda result: _rolled({one.name: one.rollout for one in result.models})),
+        "residuals": lambda result: _long(
+            (x.fit.joints, {"model": [x.name] * len(x.t), **picked(x, "recording t")}, picked(x, "torque residual"))
+            for x in result.models
+        ),
     },
 }

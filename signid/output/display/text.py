@@ -66,8 +66,7 @@ def _flags(result: Any, shown: Sequence[RenderableType]) -> list[str]:
 
 def _names(result: Any) -> list[str]:
     """A line with the names of the tables, if there are any."""
-    names = frame_names(result)
-    return [f"tables, to_frame(name): {', '.join(names)}"] if names else []
+    return [f"tables, to_frame(name): {', '.join(names)}"] if (names := frame_names(result)) else []
 
 
 def _sections(blocks: Iterable[RenderableType]) -> list[list[str]]:
@@ -81,14 +80,9 @@ def _sections(blocks: Iterable[RenderableType]) -> list[list[str]]:
 
 
 def _lines(block: RenderableType) -> list[str]:
+    # force_jupyter: in a notebook, rich would show each block as an output of its own
     console = Console(
-        file=StringIO(),
-        width=WIDTH,
-        color_system=None,
-        markup=False,
-        highlight=False,
-        emoji=False,
-        force_jupyter=False,  # in a notebook, rich would show each block as an output of its own
+        file=StringIO(), width=WIDTH, color_system=None, markup=False, highlight=False, emoji=False, force_jupyter=False
     )
     with console.capture() as shown:
         console.print(block)
@@ -116,9 +110,8 @@ def _element(block: RenderableType) -> str:
         return f'<div style="margin-left:16px">{_element(block.renderable)}</div>'
     if isinstance(block, Table):
         return _table(block)
-    shown = _plain(block)
-    bold = isinstance(block, Text) and ("bold" in str(block.style) or any("bold" in str(s.style) for s in block.spans))
-    return _paragraph(shown, "font-weight:600" if bold else "")
+    bold = isinstance(block, Text) and any("bold" in str(part) for part in (block.style, *block.spans))
+    return _paragraph(_plain(block), "font-weight:600" if bold else "")
 
 
 def _paragraph(sentence: str, style: str = "") -> str:
@@ -143,8 +136,7 @@ def _plain(block: RenderableType) -> str:
 
 def tables(result: Any) -> Renderables:
     """Heading, tables and notes of a result."""
-    short = TABLES.get(type(result).__name__)
-    return command_tables(result) if short is None else short(result)
+    return TABLES.get(type(result).__name__, command_tables)(result)
 
 
 def _robot(robot: Robot) -> Renderables:
@@ -154,9 +146,8 @@ def _robot(robot: Robot) -> Renderables:
 
 def _recording(recording: Recording) -> Renderables:
     rows = len(recording)
-    ends = [float(recording.read(k, k + 1).t[0]) for k in (0, rows - 1)] if rows else [0.0, 0.0]
-    name = Path(recording.path).name or "recording"
-    title = f"{name}: {plural(rows, 'row')}, {figure(ends[1] - ends[0])} s"
+    first, last = (float(recording.read(k, k + 1).t[0]) if rows else 0.0 for k in (0, rows - 1))
+    title = f"{Path(recording.path).name or 'recording'}: {plural(rows, 'row')}, {figure(last - first)} s"
     table = new_table("joint", "columns", "torque")
     columns = [group for key, group in recording.columns.items() if key != "t" and group]
     for j, joint in enumerate(recording.joints):
@@ -194,9 +185,9 @@ def _drives(servos: Any) -> Renderables:
 def _base(base: Any) -> Renderables:
     sees = (plural(int(count), "joint") for count in base.sees.sum(axis=0))
     rows = zip(map(_brief, base.expressions), base.units, sees, strict=True)
-    title = f"{plural(base.rank, 'base parameter')} of {len(base.labels)} standard parameters"
+    title = heading(f"{plural(base.rank, 'base parameter')} of {len(base.labels)} standard parameters", below=False)
     table = new_table("base parameter", "unit", "in the torque of", rows=rows)
-    return [heading(title, below=False), table, paragraph("Values and intervals: estimate of an identification.")]
+    return [title, table, paragraph("Values and intervals: estimate of an identification.")]
 
 
 def _estimate(found: Any) -> Renderables:
@@ -221,15 +212,13 @@ def _brief(formula: str) -> str:
 
 def _fit(fit: Any) -> Renderables:
     heads = ("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
-    title = heading("Fit: rms of the residual torque", below=False)
-    return [title, new_table(*heads, rows=fit_rows(fit))]
+    return [heading("Fit: rms of the residual torque", below=False), new_table(*heads, rows=fit_rows(fit))]
 
 
 def _roll_out(rolled: Any) -> Renderables:
-    table = new_table("joint", *(f"after {horizon:g} s>" for horizon in rolled.horizons), "unit")
-    errors = [rolled.rms(horizon) for horizon in rolled.horizons]
-    for j, (joint, unit) in enumerate(zip(rolled.joints, rolled.unit, strict=True)):
-        table.add_row(joint, *(figure(float(error[j])) for error in errors), unit)
+    errors = (map(figure, rolled.rms(horizon)) for horizon in rolled.horizons)
+    heads = (f"after {horizon:g} s>" for horizon in rolled.horizons)
+    table = new_table("joint", *heads, "unit", rows=zip(rolled.joints, *errors, rolled.unit, strict=True))
     title = f"{plural(len(rolled.start), 'roll-out')} from measured states: rms position error"
     return [heading(title, below=False), table, *note_lines(rolled.notes)]
 
@@ -246,25 +235,21 @@ def _validated_drives(one: Any) -> Renderables:
 
 
 def _simulation(simulation: Any) -> Renderables:
-    table = new_table("joint", "lowest position>", "highest position>", "rms torque>")
-    columns = (simulation.joints, simulation.q.min(axis=0), simulation.q.max(axis=0), rms(simulation.tau))
-    for joint, *numbers in zip(*columns, strict=True):
-        table.add_row(joint, *(figure(float(x)) for x in numbers))
+    sizes = (map(figure, x) for x in (simulation.q.min(axis=0), simulation.q.max(axis=0), rms(simulation.tau)))
+    heads = ("joint", "lowest position>", "highest position>", "rms torque>")
     seconds = figure(float(simulation.t[-1] - simulation.t[0]))
     title = f"simulation: {plural(len(simulation.t), 'row')}, {seconds} s; rad or m, N.m or N"
-    return [heading(title, below=False), table]
+    return [heading(title, below=False), new_table(*heads, rows=zip(simulation.joints, *sizes, strict=True))]
 
 
 def _motion(found: Any) -> Renderables:
     """Use of the limits of an exciting or a separating motion."""
-    names = ("position", "velocity", "acceleration", "torque")
-    table = new_table("share of limit", *(f"{name}>" for name in names))
-    for j, joint in enumerate(found.trajectory.joints):
-        table.add_row(joint, *(share(float(getattr(found.use, name)[j])) for name in names))
-    t = found.trajectory.t
-    title = (
-        f"motion of {plural(len(found.trajectory.joints), 'joint')}: {plural(len(t), 'row')}, {figure(float(t[-1]))} s"
-    )
+    names, motion = ("position", "velocity", "acceleration", "torque"), found.trajectory
+    uses = (map(share, getattr(found.use, name)) for name in names)
+    rows = zip(motion.joints, *uses, strict=True)
+    table = new_table("share of limit", *(f"{name}>" for name in names), rows=rows)
+    size = f"{plural(len(motion.t), 'row')}, {figure(float(motion.t[-1]))} s"
+    title = f"motion of {plural(len(motion.joints), 'joint')}: {size}"
     return [heading(title, below=False), table, *note_lines(found.notes)]
 
 
@@ -296,5 +281,4 @@ def save_model(model: Model, path: str | Path) -> Path:
     if target.suffix != ".json":
         better = target.with_suffix(".json").name
         raise OutputError(f"a model is saved as JSON, and {target.name} does not end in .json; name it {better}")
-    text = to_json(model.document())
-    return write_files(target.parent, {target.name: text}, "another path", named=True)[0]
+    return write_files(target.parent, {target.name: to_json(model.document())}, "another path", named=True)[0]

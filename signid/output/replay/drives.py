@@ -15,7 +15,7 @@ from ...servo.simulate import registered
 from ...servos import ServoGrid
 from ...simulation.rollout.run import restrict_joints
 from ...types import Array, Mask, Recording
-from .track import Track
+from .track import Track, at_times
 
 FARTHEST = 1e3  # [rad or m] position from which on a simulation has diverged
 
@@ -59,7 +59,7 @@ def follow_commands(models: Sequence[Model], recording: Recording, window: float
     grid = servo_grid(recording, robot)
     elapsed = np.asarray(np.arange(len(grid)) * grid.step, np.float64)
     t = np.arange(int(elapsed[-1] * rate * (1 + 1e-9)) + 1) / rate
-    recorded = _at(t, elapsed, grid.q)
+    recorded = at_times(t, elapsed, grid.q)
     driven = np.array([joint in models[0].servos for joint in grid.joints])
     simulated, apart = zip(*(_simulated(model, grid, window, t, elapsed) for model in models), strict=True)
     paths = np.stack(simulated)
@@ -83,10 +83,5 @@ def _simulated(model: Model, grid: ServoGrid, window: float | None, t: Array, el
     with np.errstate(all="ignore"):
         q = roll_out(model, model.servos, grid, window)
     near = np.all(np.abs(q) < FARTHEST, axis=1, keepdims=True)
-    path = _at(t, elapsed, np.where(near, q, np.nan))
+    path = at_times(t, elapsed, np.where(near, q, np.nan))
     return path, np.asarray(~np.isfinite(path).all(axis=1))
-
-
-def _at(t: Array, known: Array, values: Array) -> Array:
-    """Interpolate values (N, n) [any unit] at times (N,) [s] linearly to times (F,) [s]."""
-    return np.column_stack([np.interp(t, known, x) for x in values.T])

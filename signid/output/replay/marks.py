@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import floor, isfinite, log10
 from pathlib import Path
@@ -133,21 +133,31 @@ class Mark:
     joints: tuple[str, ...] = ()  # joints on which the law acts; empty: all
 
 
-def marks(robot: Robot, findings: Sequence[ReplayFinding], reach: float, origin: float = 0.0) -> list[Mark]:
+def marks(found: ReplayFindings, reach: float, origin: float = 0.0) -> list[Mark]:
     """Place a mark for each finding, causes first; `reach` is that of the robot [m].
 
-    Labels count times from the time stamp `origin` [s].
+    Labels count times from the time stamp `origin` [s]. Findings at position drives are rings at their joints.
     """
-    placed = []
-    for finding in findings:
+    robot, placed = found.after.robot, list[Mark]()
+    for finding in found.findings:
         law = finding.law
         joints = () if law_place(law, robot)[0] is None else tuple(robot.joints[j] for j in law.joints)
         placed.append(replace(_mark(robot, finding, reach, origin), joints=joints))
+    for one in found.drives:
+        body, along, _ = axis(robot, robot.index(one.joint))
+        title = sentence_case(f"{one.effect.replace('_', ' ')} of {one.joint}")
+        shown = [
+            f"{key.replace('_', ' ')} {_figure(x, TWO_SIDED * std)} {unit}"
+            for key, (x, std, unit) in one.numbers.items()
+        ]
+        lines = (*shown[:MOST], _sure(one.probability))
+        placed.append(Mark("joint", body, title, lines, one.cause, (0.0, 0.0, 0.0), tuple(along), joints=(one.joint,)))
     return sorted(placed, key=lambda mark: not mark.cause)
 
 
-def headline(robot: Robot, found: ReplayFindings) -> str:
+def headline(found: ReplayFindings) -> str:
     """The verdict of a diagnosis in a sentence, with at most three causes."""
+    robot = found.after.robot
     if found.verdict == "nothing_missing":
         return "Nothing is missing in the simulation."
     if found.verdict == "undecided":
@@ -157,21 +167,6 @@ def headline(robot: Robot, found: ReplayFindings) -> str:
         listed = [f"{x.effect.replace('_', ' ')} of {x.joint}" for x in found.drives if x.cause]
         return f"Missing or wrongly stated: {', '.join(listed)}."
     return sentence_case(causes_words(causes, found.verdict == "named", len(robot.joints), found.left)) + "."
-
-
-def drive_marks(robot: Robot, findings: Sequence[DriveFinding]) -> list[Mark]:
-    """A ring at the joint of each finding at a position drive, causes first."""
-    found = []
-    for one in findings:
-        body, along, _ = axis(robot, robot.index(one.joint))
-        title = sentence_case(f"{one.effect.replace('_', ' ')} of {one.joint}")
-        shown = [
-            f"{key.replace('_', ' ')} {_figure(x, TWO_SIDED * std)} {unit}"
-            for key, (x, std, unit) in one.numbers.items()
-        ]
-        lines = (*shown[:MOST], _sure(one.probability))
-        found.append(Mark("joint", body, title, lines, one.cause, (0.0, 0.0, 0.0), _tuple(along), joints=(one.joint,)))
-    return sorted(found, key=lambda mark: not mark.cause)
 
 
 def _sure(probability: float) -> str:
@@ -186,7 +181,7 @@ def _mark(robot: Robot, finding: ReplayFinding, reach: float, since: float) -> M
     p = law.parameters
     if {"force_x", "force_y", "force_z"} <= p.keys():
         body = joint_of_row(robot.model, own_row(robot, len(robot.joints) - 1))
-        place = _tuple(robot.model.inertias[body].lever), _tuple(-_vector(p, "force"))
+        place = tuple(robot.model.inertias[body].lever), tuple(-_vector(p, "force"))
         return Mark("force", body, *words, *place, time=(p["start"], p["end"]))
     if isinstance(law.effect, BodyLaw) and "first_moment_x" in p:
         return _body(robot, law, words, reach)
@@ -196,7 +191,7 @@ def _mark(robot: Robot, finding: ReplayFinding, reach: float, since: float) -> M
     if joint is None:
         return Mark("robot", 0, *words, origin, (0.0, 0.0, 1.0))
     body, along, _ = axis(robot, law.joints[0])
-    return Mark("joint", body, *words, origin, _tuple(along))
+    return Mark("joint", body, *words, origin, tuple(along))
 
 
 def _body(robot: Robot, law: Law, words: tuple[str, tuple[str, ...], bool], reach: float) -> Mark:
@@ -211,7 +206,7 @@ def _body(robot: Robot, law: Law, words: tuple[str, tuple[str, ...], bool], reac
     else:
         centre = robot.model.inertias[body].lever
     radius = float(np.cbrt(3 * abs(mass) / (4 * np.pi * DENSITY)))
-    return Mark("body", body, title, lines, cause, _tuple(centre), _tuple(along), min(radius, reach / 4))
+    return Mark("body", body, title, lines, cause, tuple(centre), tuple(along), min(radius, reach / 4))
 
 
 def _numbers(robot: Robot, finding: ReplayFinding, origin: float) -> tuple[str, ...]:
@@ -237,7 +232,3 @@ def _figure(value: float, half: float) -> str:
 
 def _vector(numbers: Mapping[str, float], key: str) -> Array:
     return np.array([numbers[f"{key}_{axis}"] for axis in "xyz"])
-
-
-def _tuple(vector: Array) -> tuple[float, ...]:
-    return tuple(float(x) for x in vector)

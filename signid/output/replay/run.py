@@ -19,7 +19,7 @@ from ...simulation.rollout.run import restrict_joints
 from ...typed import typed
 from ...types import Array, Recording, Robot, Table
 from .drives import commands_only, follow_commands, with_drives
-from .marks import Mark, ReplayFindings, drive_marks, headline, marks, read_found
+from .marks import ReplayFindings, headline, marks, read_found
 from .page import Replay
 from .shapes import look, reach
 from .track import follow, movers, poses
@@ -75,10 +75,7 @@ def replay(
     models, more = zip(*(with_drives(x, shown) if drives else restrict_joints(x, [shown]) for x in given), strict=True)
     robot: Robot = models[0].robot
     seen, far = look(robot, package_dirs), reach(robot)
-    marked: list[Mark] = []
-    if found is not None:
-        own = found.after.robot
-        marked = [*marks(own, found.findings, far, time_origin(recording)), *drive_marks(own, found.drives)]
+    marked = [] if found is None else marks(found, far, time_origin(recording))
     bodies = sorted({*seen.bodies, *(mark.body for mark in marked)})
     span = shown.read(len(shown) - 1).t[0] - shown.read(0, 1).t[0]
     slow = MOST / (len(bodies) * (1 + drives + len(models)) * max(float(span), 1e-9))
@@ -99,7 +96,7 @@ def replay(
         simulated=np.stack([poses(robot, q, bodies) for q in track.simulated]),
         marks=tuple(marked),
         verdict="" if found is None else found.verdict,
-        headline="" if found is None else headline(found.after.robot, found),
+        headline="" if found is None else headline(found),
         horizon=horizon,
         reach=far,
         origin=time_origin(recording),

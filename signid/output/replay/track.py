@@ -61,7 +61,7 @@ def follow(models: Sequence[Model], recording: Recording, window: float, rate: f
     known = [samples(recording, sampling, span, 0, sampling.length(span)) for span in sampling.spans]
     times, q = np.concatenate([x.t for x in known]), np.concatenate([x.q for x in known])
     t = times[0] + np.arange(int((times[-1] - times[0]) * rate * (1 + 1e-9)) + 1) / rate
-    recorded = _at(t, times, q)
+    recorded = at_times(t, times, q)
     strayed = [_strayed(read, models[k], models[k - 1], window, t) for k in range(len(models))]
     error, apart, windows = zip(*strayed, strict=True)
     torque = np.concatenate([x.tau for x in known])
@@ -109,7 +109,7 @@ def _strayed(read: Surveyed, model: Model, other: Model, window: float, t: Array
         last = np.maximum.accumulate(np.where(lost, 0, np.arange(len(path))[:, None]), axis=0)
         held = np.take_along_axis(path, last, axis=0)
         held[lost[:, measured].all(axis=1)] = np.nan
-        error[frames] = _at(age[frames], ages, held)
+        error[frames] = at_times(age[frames], ages, held)
         apart[frames] = np.interp(age[frames], ages, lost.any(axis=1)) > 0
     return error, apart, which
 
@@ -125,7 +125,7 @@ def _torque(read: Surveyed, models: Sequence[Model], t: Array, rate: float) -> t
         inside = (t >= motion.t[0]) & (t <= motion.t[-1])
         for row, torque in enumerate((motion.recorded, *(motion.recorded - each for each in predicted))):
             calm = convolve1d(torque, taps, axis=0, mode="mirror") if len(taps) > 1 else torque
-            out[row, inside] = _at(t[inside], motion.t, calm)
+            out[row, inside] = at_times(t[inside], motion.t, calm)
     return out[0], out[1:]
 
 
@@ -140,8 +140,8 @@ def predictions(read: Surveyed, models: Sequence[Model]) -> Iterator[tuple[Motio
         yield robots[0], [model.inverse(motion) for model, motion in zip(models, robots, strict=True)]
 
 
-def _at(t: Array, known: Array, values: Array) -> Array:
-    """Interpolate values (N, n) [any unit] at times (N,) [s] linearly to times (F,) [s]."""
+def at_times(t: Array, known: Array, values: Array) -> Array:
+    """Interpolate values: (N, n) [any unit] at times known: (N,) [s] linearly to times t: (F,) [s]."""
     return np.column_stack([np.interp(t, known, x) for x in values.T])
 
 

@@ -6,27 +6,30 @@ import json
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import current_thread, main_thread
-from types import TracebackType
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ...errors import OptionError
 from ...model import Model
+from ...robot import configuration
 from ...robot.description.document import children, parse
+from ...robot.joints import root_link
 from ...robot.locate import find_mesh
-from ...types import Robot
+from ...types import Array, Frozen, Robot
 from ...version import __version__
 from ...watch import Contact, Event, Note, WatchedBlocks
 from ..report.write import open_output, refused_output
-from .links import QUANTITIES, Head, Links, Pose, Remark, Signal
 
-TEXT, TIME = "std_msgs/msg/String", "builtin_interfaces/msg/Time"
+QUANTITIES = ("effort", "position", "velocity")  # of a signal
+TEXT = "std_msgs/msg/String"
 LATCHED = ("/robot_description", "/tf_static")
 INFO, WARN = 20, 30  # levels of rcl_interfaces/Log
 NANO = 1_000_000_000
@@ -47,46 +50,114 @@ RATE = 100.0  # [Hz] of rows; the residual has a time constant of 20 ms
 EFFORTS = ("predicted_torque", "external_torque", "threshold")  # topics, as in blocks of a watch
 
 
+class Pose(NamedTuple):
+    """Pose of a link in the frame of another."""
+
+    parent: str
+    child: str
+    translation: list[float]  # [m]
+    rotation: list[float]  # quaternion x, y, z, w
+
+
+class Links:
+    """Tree of the links of a URDF; each link that a joint moves has its pose in the link before it."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot, self.data, self.root = robot, robot.model.createData(), root_link(robot)
+        frames = robot.model.frames
+        self.moving: list[tuple[int, int]] = []  # frames of the link before and of the link
+        still: list[tuple[int, int]] = []
+        for k, frame in enumerate(frames):
+            before = frame.parentFrame
+            while before and frames[before].type != pin.FrameType.BODY:
+                before = frames[before].parentFrame
+            if before and frame.type == pin.FrameType.BODY:
+                (still if frames[before].parentJoint == frame.parentJoint else self.moving).append((before, k))
+        self.fixed = self._poses(np.zeros(len(robot.joints)), still)
+
+    def poses(self, q: Array) -> list[Pose]:
+        """Poses of the links that joints move at positions q: (n,) [rad or m]."""
+        return self._poses(q, self.moving)
+
+    def _poses(self, q: Array, pairs: Sequence[tuple[int, int]]) -> list[Pose]:
+        pin.framesForwardKinematics(self.robot.model, self.data, configuration(self.robot, q[None])[0])
+        frames, placed, found = self.robot.model.frames, self.data.oMf, []
+        for before, k in pairs:
+            pose = placed[before].actInv(placed[k])
+            turn: Any = pin.Quaternion(pose.rotation).coeffs()
+            found.append(Pose(frames[before].name, frames[k].name, pose.translation.tolist(), turn.tolist()))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Signal(Frozen):
+    """One kind of signal of n joints at N instants; None: the signal has no such quantity."""
+
+    topic: str
+    joints: tuple[str, ...]
+    t: Array  # (N,) [s], as in the recording
+    position: Array | None = None  # (N, n) [rad or m]
+    velocity: Array | None = None  # (N, n) [rad/s or m/s]
+    effort: Array | None = None  # (N, n) [N.m or N]; NaN where torque was not recorded
+    drawn: bool = False  # whether its positions move the links
+
+
+class Remark(NamedTuple):
+    """A line of text: an event of a watch, a verdict or a finding."""
+
+    t: float  # [s]
+    sentence: str
+    warning: bool
+    document: str = ""  # JSON of an event
+
+
+class Head(NamedTuple):
+    """Robot, title and notes of a log."""
+
+    robot: str
+    title: str
+    dated: bool = False  # whether time stamps count from 1970
+    notes: Sequence[str] = ()
+
+
 class McapFile:
     """Writes each message as it comes. The same messages give the same bytes with the same version of mcap."""
 
-    def __init__(self, out: IO[bytes], head: Head) -> None:
+    def __init__(self, out: IO[bytes], head: Head, package_dirs: Sequence[str] = ()) -> None:
         from mcap.writer import Writer
         from rosbags.typesys import Stores, get_typestore
 
         self.store, self.writer, self.head = get_typestore(Stores.ROS2_HUMBLE), Writer(out), head
         self.writer.start(profile="ros2", library=f"signid {__version__}")
-        self.schemas: dict[str, int] = {}
         self.channels: dict[str, int] = {}
         self.shift: float | None = None  # [s] before 0 of the first stamp: MCAP has no time before 0
-        self.stamp = 0  # [ns] of the message
         self.links: Links | None = None
 
     def robot(self, t: float, links: Links) -> None:
         """Write /robot_description and /tf_static; from now on positions move the links on /tf."""
         self.links = links
-        self._send("/robot_description", t, TEXT, data=links.robot.document)
+        self._send("/robot_description", t, self._made(TEXT, data=links.robot.document))
         if links.fixed:
             self._frames("/tf_static", t, links.fixed)
 
     def signals(self, signals: Sequence[Signal]) -> None:
         """Write a JointState of each signal for each instant, in the order of time."""
-        which = np.concatenate([np.full(len(each.t), k) for k, each in enumerate(signals)])
-        row = np.concatenate([np.arange(len(each.t)) for each in signals])
-        order = np.argsort(np.round(np.concatenate([each.t for each in signals]), 9), kind="stable")  # by [ns]
-        for k, i in zip(which[order].tolist(), row[order].tolist(), strict=True):
-            one, t = signals[k], float(signals[k].t[i])
-            known = {key: x[i] for key in QUANTITIES if (x := getattr(one, key)) is not None}
-            self._send(one.topic, t, "sensor_msgs/msg/JointState", header={}, name=one.joints, **known)
-            if one.drawn and self.links is not None and np.isfinite(known["position"]).all():
-                self._frames("/tf", t, self.links.poses(known["position"]))
+        rows = [(t, one, i) for one in signals for i, t in enumerate(one.t.tolist())]
+        for t, one, i in sorted(rows, key=lambda row: round(row[0], 9)):  # by [ns]
+            values = {key: np.zeros(0) if (x := getattr(one, key)) is None else x[i] for key in QUANTITIES}
+            state = self._made("sensor_msgs/msg/JointState", header=self._header(t), name=list(one.joints), **values)
+            self._send(one.topic, t, state)
+            if one.drawn and self.links is not None and np.isfinite(values["position"]).all():
+                self._frames("/tf", t, self.links.poses(values["position"]))
 
     def remark(self, topic: str, remark: Remark) -> None:
         """Write a line of text, and an event also as JSON."""
         if remark.document:
-            self._send("/signid/events", remark.t, TEXT, data=remark.document)
+            self._send("/signid/events", remark.t, self._made(TEXT, data=remark.document))
         given = {"level": WARN if remark.warning else INFO, "name": "signid", "msg": remark.sentence}
-        self._send(topic, remark.t, "rcl_interfaces/msg/Log", **given)
+        stamp = self._header(remark.t).stamp
+        log = self._made("rcl_interfaces/msg/Log", stamp=stamp, file="", function="", line=0, **given)
+        self._send(topic, remark.t, log)
 
     def close(self) -> None:
         """Write notes and the index."""
@@ -95,52 +166,38 @@ class McapFile:
         self.writer.finish()
 
     def _frames(self, topic: str, t: float, poses: Sequence[Pose]) -> None:
-        moved = [
-            {
-                "header": {"frame_id": pose.parent},
-                "child_frame_id": pose.child,
-                "transform": {
-                    "translation": dict(zip("xyz", pose.translation, strict=True)),
-                    "rotation": dict(zip("xyzw", pose.rotation, strict=True)),
-                },
-            }
-            for pose in poses
-        ]
-        self._send(topic, t, "tf2_msgs/msg/TFMessage", transforms=moved)
+        made, moved = self._made, []
+        for pose in poses:
+            place = made("geometry_msgs/msg/Vector3", **dict(zip("xyz", pose.translation, strict=True)))
+            turn = made("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", pose.rotation, strict=True)))
+            there = made("geometry_msgs/msg/Transform", translation=place, rotation=turn)
+            names = {"header": self._header(t, pose.parent), "child_frame_id": pose.child}
+            moved.append(made("geometry_msgs/msg/TransformStamped", **names, transform=there))
+        self._send(topic, t, made("tf2_msgs/msg/TFMessage", transforms=moved))
 
-    def _send(self, topic: str, t: float, kind: str, **fields: Any) -> None:
-        """Write a message with the stamp t [s]; seconds and their fraction are rounded apart, to keep digits."""
+    def _made(self, kind: str, **fields: Any) -> Any:
+        return self.store.types[kind](**fields)
+
+    def _header(self, t: float, frame: str = "") -> Any:
+        sec, nanosec = divmod(self._stamp(t), NANO)
+        stamp = self._made("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        return self._made("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+    def _stamp(self, t: float) -> int:
+        """Stamp [ns] of a time [s]; seconds and their fraction are rounded apart, to keep digits."""
         self.shift = min(t, 0.0) if self.shift is None else self.shift
         whole, part = divmod(t - self.shift, 1.0)
-        self.stamp = max(int(whole) * NANO + round(part * NANO), 0)
-        if kind not in self.schemas:
-            text = self.store.generate_msgdef(kind, ros_version=2)[0].encode()
-            self.schemas[kind] = self.writer.register_schema(kind, "ros2msg", text)
+        return max(int(whole) * NANO + round(part * NANO), 0)
+
+    def _send(self, topic: str, t: float, message: Any) -> None:
+        kind, stamp = message.__msgtype__, self._stamp(t)
         if topic not in self.channels:
+            text = self.store.generate_msgdef(kind, ros_version=2)[0].encode()
             offered = {"offered_qos_profiles": LATCH if topic in LATCHED else ""}
-            self.channels[topic] = self.writer.register_channel(topic, "cdr", self.schemas[kind], offered)
-        data = bytes(self.store.serialize_cdr(self._message(kind, fields), kind))
-        self.writer.add_message(self.channels[topic], self.stamp, data, self.stamp)
-
-    def _message(self, kind: str, fields: Mapping[str, Any] | None) -> Any:
-        """Make a message, stamped if it is given; its other fields that are not given are zero or empty."""
-        if kind == TIME and fields is not None:
-            fields = {"sec": self.stamp // NANO, "nanosec": self.stamp % NANO}
-        given = {} if fields is None else {"stamp": {}, **fields}
-        values = {name: self._value(form, given.get(name)) for name, form in self.store.fielddefs[kind][1]}
-        return self.store.types[kind](**values)
-
-    def _value(self, form: Any, given: Any) -> Any:
-        node, inner = form
-        if node.name == "NAME":
-            return self._message(inner, given)
-        if node.name == "BASE":
-            return ("" if inner[0] == "string" else 0) if given is None else given
-        item, of = inner[0]  # a sequence
-        given = [] if given is None else given
-        if item.name == "NAME":
-            return [self._message(of, each) for each in given]
-        return list(given) if of[0] == "string" else np.asarray(given, of[0])
+            schema = self.writer.register_schema(kind, "ros2msg", text)
+            self.channels[topic] = self.writer.register_channel(topic, "cdr", schema, offered)
+        data = bytes(self.store.serialize_cdr(message, kind))
+        self.writer.add_message(self.channels[topic], stamp, data, stamp)
 
 
 def check_library(kind: str) -> None:
@@ -157,22 +214,10 @@ def check_library(kind: str) -> None:
         )
 
 
-def log_file(kind: str, out: IO[bytes], head: Head, package_dirs: Sequence[str] = ()) -> McapFile:
-    """Begin a file of a kind; it is complete when it is closed.
-
-    package_dirs: folders of packages of meshes, which a file of Rerun contains.
-
-    Raises:
-        OptionError: a library is missing.
-    """
-    check_library(kind)
-    return McapFile(out, head) if kind == "mcap" else RerunFile(out, head, package_dirs)
-
-
 class RerunFile(McapFile):
-    """Keeps the messages in a temporary file until it is closed, and has Rerun read them."""
+    """Keeps the messages in a temporary file until it is closed, and has Rerun read them, with meshes of packages."""
 
-    def __init__(self, out: IO[bytes], head: Head, package_dirs: Sequence[str]) -> None:
+    def __init__(self, out: IO[bytes], head: Head, package_dirs: Sequence[str] = ()) -> None:
         self.out, self.package_dirs, self.scratch = out, package_dirs, TemporaryDirectory()
         self.place = Path(self.scratch.name, "messages.mcap")
         self.messages = self.place.open("wb")
@@ -222,14 +267,10 @@ class RerunFile(McapFile):
                     only = [joint == other for other in course.joints]
                     look = rr.SeriesLines.from_fields(names=[name] * len(only), visible_series=only)
                     tab.setdefault(joint, {})[f"{topic}/{quantity}"] = look
-        tabs = [
-            blueprint.Grid(
-                *(blueprint.TimeSeriesView(name=joint, contents=[*own], overrides=own) for joint, own in tab.items()),
-                name=title,
-            )
-            for title, tab in plots.items()
-        ]
-        drawn = []
+        tabs, drawn = [], []
+        for title, tab in plots.items():
+            views = (blueprint.TimeSeriesView(name=joint, contents=[*own], overrides=own) for joint, own in tab.items())
+            tabs.append(blueprint.Grid(*views, name=title))
         if self.links is not None:
             frame = blueprint.SpatialInformation(target_frame=self.links.root)
             drawn = [blueprint.Spatial3DView(origin="/", name="robot", spatial_information=frame)]
@@ -255,6 +296,9 @@ def _with_meshes(robot: Robot, package_dirs: Sequence[str]) -> bytes:
     return bytes(etree.tostring(root))
 
 
+FILES = {"mcap": McapFile, "rrd": RerunFile}  # by kind of log
+
+
 class WatchLogs:
     """Files that take what a watch found; complete also after Ctrl-C, absent after an error.
 
@@ -276,14 +320,14 @@ class WatchLogs:
         package_dirs: Sequence[str] = (),
     ) -> None:
         self.robot, self.sentence = model.robot, sentence
-        self.begun, self.last = False, -np.inf
+        self.last = -np.inf  # [s] time of the last row that was written
         head = Head(model.robot.name, f"watch of {model.robot.name}")
         with ExitStack() as stack:
             self.files = []
             for kind, path in files.items():
                 guard = partial(refused_output, path, f"--{kind}")
                 out = stack.enter_context(open_output(path, f"--{kind}"))
-                file = log_file(kind, out, head, package_dirs)
+                file = FILES[kind](out, head, package_dirs)
                 stack.callback(guard()(file.close))
                 self.files.append((file, guard))
             self.stack = stack.pop_all()
@@ -295,25 +339,25 @@ class WatchLogs:
             OutputError: a file cannot be written.
         """
         with _uninterrupted():
-            signals = self._signals(blocks)
-            remarks = [self._remark(event) for event in events]
+            signals, remarks = self._signals(blocks), list[Remark]()
+            for event in events:  # a warning when a contact begins and for a change
+                calm = isinstance(event, Note) or (isinstance(event, Contact) and event.end is not None)
+                text = json.dumps(event.document(), ensure_ascii=False)
+                remarks.append(Remark(event.t, self.sentence(event), not calm, text))
             times = [*(float(each.t[0]) for each in signals), *(remark.t for remark in remarks)]
             for file, guard in self.files:
                 with guard():
-                    if times and not self.begun and self.robot.kind == "urdf":
+                    if times and file.links is None and self.robot.kind == "urdf":
                         file.robot(times[0], Links(self.robot))
                     if signals:
                         file.signals(signals)
                     for remark in remarks:
                         file.remark("/signid/log", remark)
-            self.begun = self.begun or bool(times)
 
     def _signals(self, blocks: Sequence[WatchedBlocks]) -> list[Signal]:
         """Signals of the rows that are due."""
-        if not blocks:
-            return []
-        rows, kept = WatchedBlocks(*map(np.concatenate, zip(*blocks, strict=True))), []
-        for k, t in enumerate(rows.t.tolist()):
+        rows, kept = [np.concatenate(x) for x in zip(*blocks, strict=True)], list[int]()
+        for k, t in enumerate(rows[0].tolist() if rows else ()):
             if not self.last <= t < self.last + 0.999 / RATE:
                 kept.append(k)
                 self.last = t
@@ -324,20 +368,12 @@ class WatchLogs:
         state = Signal("/joint_states", joints, t, q, v, measured, drawn=True)
         return [state, *(Signal(f"/signid/{name}", joints, t, effort=x) for name, x in efforts)]
 
-    def _remark(self, event: Event) -> Remark:
-        """An event; a warning when a contact begins and for a change."""
-        ended = isinstance(event, Contact) and event.end is not None
-        text = json.dumps(event.document(), ensure_ascii=False)
-        return Remark(event.t, self.sentence(event), not isinstance(event, Note) and not ended, text)
-
     def __enter__(self) -> WatchLogs:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: Any) -> None:
         with _uninterrupted():
-            self.stack.__exit__(kind, error, trace)
+            self.stack.__exit__(*raised)
 
 
 @contextmanager

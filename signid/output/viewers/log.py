@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,11 +19,10 @@ from ...simulation.rollout.run import restrict_joints
 from ...typed import typed
 from ...types import Array, Frozen, Recording, Robot
 from ..replay.drives import commands_only, follow_commands, with_drives
-from ..replay.marks import ReplayFindings, drive_marks, headline, marks, read_found
+from ..replay.marks import headline, marks, read_found
 from ..replay.shapes import reach
 from ..replay.track import Track, predictions, surveyed
-from .files import log_file
-from .links import Head, Links, Remark, Signal
+from .files import FILES, Head, Links, Remark, Signal, check_library
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
@@ -63,11 +61,12 @@ class ViewerLog(Frozen):
         return self._written("mcap")
 
     def _written(self, kind: str) -> bytes:
-        file = log_file(kind, out := BytesIO(), self.head)
+        check_library(kind)
+        file = FILES[kind](out := BytesIO(), self.head)
         for remark in self.remarks:
             file.remark("/findings", remark)
         if self.drawn is not None:
-            file.robot(_start(self.signals), Links(self.drawn))
+            file.robot(min(float(signal.t[0]) for signal in self.signals), Links(self.drawn))
         file.signals(self.signals)
         file.close()
         return out.getvalue()
@@ -105,49 +104,37 @@ def viewer_log(
         folder = "" if len(read) == 1 else f"/{Path(recording.path).name.partition('.')[0] or 'recording'}_{k}"
         signals += _signals(folder, recording, models, rolled, notes)
     origins, name, notes = [time_origin(each) for each in read], model.robot.name, list(dict.fromkeys(notes))
-    start = _start(signals)
+    start, remarks = min(float(signal.t[0]) for signal in signals), list[Remark]()
+    if found is not None:  # causes are warnings
+        placed = marks(found, reach(found.after.robot), origins[0])
+        remarks = [Remark(start, headline(found), bool(placed))]
+        for mark in placed:
+            at = start if mark.time is None else mark.time[0]
+            remarks.append(Remark(at, f"{mark.title}: {'; '.join(mark.lines)}", mark.cause))
     return ViewerLog(
         head=Head(name, name, all(origins), notes),
         signals=tuple(signals),
-        remarks=(
-            *([] if found is None else _remarks(found, start, origins[0])),
-            *(Remark(start, f"note: {note}", False) for note in notes),
-        ),
+        remarks=(*remarks, *(Remark(start, f"note: {note}", False) for note in notes)),
         drawn=restrict_joints(model, read)[0].robot if len(read) == 1 and model.robot.kind == "urdf" else None,
     )
-
-
-def _start(signals: Sequence[Signal]) -> float:
-    """First time stamp [s]."""
-    return min(float(signal.t[0]) for signal in signals)
-
-
-def _remarks(found: ReplayFindings, start: float, origin: float) -> Iterator[Remark]:
-    """Verdict and findings of a diagnosis, causes as warnings."""
-    robot = found.after.robot
-    placed = [*marks(robot, found.findings, reach(robot), origin), *drive_marks(robot, found.drives)]
-    yield Remark(start, headline(robot, found), bool(placed))
-    for mark in placed:
-        at = start if mark.time is None else mark.time[0]
-        yield Remark(at, f"{mark.title}: {'; '.join(mark.lines)}", mark.cause)
 
 
 def _signals(
     folder: str, recording: Recording, models: Sequence[Model], rolled: Track | None, notes: list[str]
 ) -> list[Signal]:
     drives = commands_only(recording)
-    prepare = with_drives if drives else lambda model, each: restrict_joints(model, [each])
-    restricted, more = zip(*(prepare(model, recording) for model in models), strict=True)
-    notes += [note for each in more for note in each]
-    make = partial(_signal, folder, restricted[0].robot.joints)
+    each = (with_drives(x, recording) if drives else restrict_joints(x, [recording]) for x in models)
+    restricted, more = zip(*each, strict=True)
+    notes += [note for own in more for note in own]
+    joints = restricted[0].robot.joints
+
+    def make(name: str, t: Array, **values: Array) -> Signal:
+        return Signal(f"{folder}/{name}", joints, t, drawn=name == "measured", **values)
+
     if drives:
         return _driven(restricted, recording, make)
     need_torque([recording])
     return [*_torques(restricted, recording, make, notes), *_rolled(rolled, make)]
-
-
-def _signal(folder: str, joints: tuple[str, ...], name: str, t: Array, **values: Array) -> Signal:
-    return Signal(f"{folder}/{name}", joints, t, drawn=name == "measured", **values)
 
 
 def _torques(

@@ -148,7 +148,11 @@ def _rows(path: Path, lines: Iterable[bytes]) -> tuple[Iterator[Row], list[str]]
                 if number > 1 and not line.endswith(b"\n"):
                     notes.append(f"line {number} is cut short and left out")
                     return
-                raise RecordingError(_line_fault(path, number, error)) from error
+                why = "it is not UTF-8" if isinstance(error, UnicodeDecodeError) else str(error)
+                if isinstance(error, json.JSONDecodeError):
+                    why = f"{error.msg} at character {error.pos + 1}"
+                fault = f"{path} has no JSON object in line {number} ({why})"
+                raise RecordingError(f"{fault}; expected a line such as {EXAMPLE} for each sample") from error
 
     return rows(), notes
 
@@ -156,13 +160,6 @@ def _rows(path: Path, lines: Iterable[bytes]) -> tuple[Iterator[Row], list[str]]
 def _bare(line: bytes) -> bytes:
     """Line without blanks around it, and without a byte order mark."""
     return line.removeprefix(BOM_UTF8).strip()
-
-
-def _line_fault(path: Path, number: int, error: ValueError) -> str:
-    why = "it is not UTF-8" if isinstance(error, UnicodeDecodeError) else str(error)
-    if isinstance(error, json.JSONDecodeError):
-        why = f"{error.msg} at character {error.pos + 1}"
-    return f"{path} has no JSON object in line {number} ({why}); expected a line such as {EXAMPLE} for each sample"
 
 
 def _whole(path: Path) -> Table:

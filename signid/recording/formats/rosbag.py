@@ -192,8 +192,12 @@ def join(gathered: Sequence[Gather], topics: Sequence[Topic], source: str) -> Me
         servo = any(name.startswith("q_des_") for name in columns)
         consequence = ": it is a recording of servos" if servo else ", so identification is not possible"
         notes.append(f"no torque was recorded (effort is empty){consequence}")
-    origin = f"{clock}, counted from {_date(int(t[0]))}"
-    about = About(tuple(dict.fromkeys(notes)), topics=tuple(topics), clock=origin, origin=int(t[0]) / 1e9)
+    origin = int(t[0]) / 1e9
+    since = f"{origin:.9g} s"
+    if 3e8 < origin < 9e9:  # a date
+        since = datetime.fromtimestamp(origin, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    clock = f"{clock}, counted from {since}"
+    about = About(tuple(dict.fromkeys(notes)), topics=tuple(topics), clock=clock, origin=origin)
     return MemoryTable({"t": (t - t[0]) / 1e9, **columns}, {}, source, about)
 
 
@@ -280,13 +284,6 @@ def _base(streams: Sequence[TimedColumns], source: str) -> TimedColumns:
     if len(mains) > 1 and (single := [topic for topic, stream in mains.items() if len(stream.t) < 2]):
         raise RecordingError(f"{source}: topic {single[0]} has a single reading and cannot be joined to another")
     return max(mains.values(), key=lambda each: each.period)
-
-
-def _date(stamp: int) -> str:
-    """Stamp [ns] as a date in UTC, or in seconds if it is no date."""
-    if 3e17 < stamp < 9e18:
-        return datetime.fromtimestamp(stamp / 1e9, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    return f"{stamp / 1e9:.9g} s"
 
 
 PARTS = (".db3", ".mcap", ".zstd", ".yaml")  # suffixes of the files in a bag folder

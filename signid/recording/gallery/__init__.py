@@ -4,15 +4,13 @@ Nothing is downloaded automatically. `sets` lists the data sets; other packages 
 `signid.data`.
 """
 
-from .download import DATA, DataSet, Product, check_source, data_folder, fetch, is_complete, recordings
-
-__all__ = [
-    "DATA",
-    "DataSet",
-    "Product",
-    "check_source",
-    "data_folder",
-    "fetch",
-    "is_complete",
-    "recordings",
-]
+from .download import (
+    DATA as DATA,
+    DataSet as DataSet,
+    Product as Product,
+    check_source as check_source,
+    data_folder as data_folder,
+    fetch as fetch,
+    is_complete as is_complete,
+    recordings as recordings,
+)

@@ -9,7 +9,6 @@ from urllib.parse import urlsplit
 
 import numpy as np
 from rich.console import RenderableType
-from rich.text import Text
 
 from ....errors import shorten
 from ....recording.gallery import DataSet, is_complete
@@ -20,9 +19,7 @@ from ..documents import Document, ending, picked
 from ..layout import figure, heading, new_table, note_lines, paragraph, plural
 
 if TYPE_CHECKING:
-    from ....recording.convert import Conversion, Pace
-    from ....recording.reading import DraftedMap
-    from ....types import Robot
+    from ....recording.convert import Conversion
 
 SHOWN = 4  # number of joints listed per topic
 
@@ -42,7 +39,6 @@ def conversion_document(found: Conversion, inputs: Sequence[Input] = ()) -> Docu
             for topic in found.about.topics
         ],
         "joined": [picked(file, "path offset estimate std") for file in found.joined],
-        "suggested_columns": list(found.suggested),
         **ending(found, _sources(found), inputs, 0),
     }
 
@@ -54,45 +50,18 @@ def conversion_tables(found: Conversion) -> list[RenderableType]:
         units = dict.fromkeys(unit for kind in kinds if (unit := found.units.get(f"{kind}_{joint}")))
         joints.add_row(joint, " ".join(kinds), *([", ".join(units)] if found.units else []))
     others = [name for name in found.columns if name != "t" and not split(name)]
-    lines = [Text(text, no_wrap=True, overflow="ignore") for text in found.suggested]  # to copy, never wrapped
-    names = " + ".join(source.path for source in _sources(found))
+    title = f"{' + '.join(source.path for source in _sources(found))}: {plural(_rows(found), 'row')}"
+    if (pace := found.pace) is not None:
+        gaps = f"{plural(pace.gaps, 'gap')} of up to {figure(pace.longest)} s" if pace.gaps else "no gap"
+        title += f", {figure(pace.duration)} s at {figure(pace.rate)} Hz, {gaps}"
     return [
-        heading(f"{names}: {plural(_rows(found), 'row')}{_pace(found.pace)}", below=False),
+        heading(title, below=False),
         *_topics(found),
         *([joints] if found.joints else []),
         *([paragraph(f"Other columns, unchanged: {shorten(others)}")] if others else []),
         *([paragraph(f"Clock: {found.about.clock}.")] if found.about.clock else []),
-        *([heading("Suggested column map; check it before use"), *lines] if lines else []),
         *note_lines(found.notes),
     ]
-
-
-def map_document(found: DraftedMap, robot: Robot, file: str) -> Document:
-    """Build the output of `signid convert --map FILE --json` for a file that was written."""
-    columns = [
-        {
-            "signal": line.signal,
-            "column": line.guess.column,
-            "unit": line.noticed.unit if isinstance(line.noticed.unit, str) else None,
-            "reason": line.noticed.why,
-        }
-        for line in found.lines
-    ]
-    offered = [{"signal": signal, "column": column} for signal, column in found.offered]
-    known = {"robot": robot.name, "columns": columns, "offered": offered, "unused": list(found.unused)}
-    return {
-        "schema": "signid.column_map/1",
-        **known,
-        "flags": list(found.lacking),
-        "map": found.text,
-        "written": file,
-        "version": __version__,
-    }
-
-
-def map_text(found: DraftedMap, file: str, again: str) -> str:
-    """A drafted column map that was written to a file, and the command that uses it, for the terminal."""
-    return f"{found.text}\nwritten:\n  {file}\n\nRead and correct it, then run:\n  {again}\n"
 
 
 def _sources(found: Conversion) -> list[Input]:
@@ -101,13 +70,6 @@ def _sources(found: Conversion) -> list[Input]:
 
 def _rows(found: Conversion) -> int:
     return len(next(iter(found.columns.values()), ()))
-
-
-def _pace(pace: Pace | None) -> str:
-    if pace is None:
-        return ""
-    gaps = f"{plural(pace.gaps, 'gap')} of up to {figure(pace.longest)} s" if pace.gaps else "no gap"
-    return f", {figure(pace.duration)} s at {figure(pace.rate)} Hz, {gaps}"
 
 
 def _topics(found: Conversion) -> list[RenderableType]:
@@ -131,19 +93,14 @@ def data_tables(sets: Iterable[DataSet], folder: Path) -> list[RenderableType]:
     """List the data sets by what they hold, and whether they are present."""
     listed, parts = list(sets), list[RenderableType]()
     for title, drives in (("Torques or motor currents", False), ("Position drives: commands and positions", True)):
-        chosen = [one for one in listed if one.drives is drives]
-        parts += [heading(title, below=bool(parts)), _sets_table(chosen, folder)] if chosen else []
+        table = new_table("name", "content", "duration [s]>", "download [MB]>", "present")
+        for one in (one for one in listed if one.drives is drives):
+            here = "yes" if is_complete(one, folder / one.folder) else "no"
+            table.add_row(one.name, one.title, f"{one.seconds:.0f}", f"{one.megabytes:g}", here)
+        parts += [heading(title, below=bool(parts)), table] if table.rows else []
     sources = [paragraph(f"{one.name}: github.com/{one.repository}, licence {one.licence}") for one in listed]
     advice = f"\nsignid data NAME downloads one into {folder} after confirmation."
     return [*parts, paragraph(""), *sources, paragraph(advice)]
-
-
-def _sets_table(sets: Iterable[DataSet], folder: Path) -> RenderableType:
-    table = new_table("name", "content", "duration [s]>", "download [MB]>", "present")
-    for one in sets:
-        here = "yes" if is_complete(one, folder / one.folder) else "no"
-        table.add_row(one.name, one.title, f"{one.seconds:.0f}", f"{one.megabytes:g}", here)
-    return table
 
 
 def data_card(wanted: DataSet, folder: Path, base: str) -> list[RenderableType]:
