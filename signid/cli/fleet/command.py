@@ -38,6 +38,9 @@ def fleet(
     (2026-03-31), session (its folder); paths are relative to the manifest. DIR gets index.html and fleet.json
     with changes, outliers and robots ranked by mismatch, and sessions/NAME with the files of the single command.
     An interrupted run can be repeated: sessions whose files are unchanged are not run again.
+
+    Raises:
+        OptionError: no folder was named.
     """
     from ...output.report import check_foreign, probe_folder, to_json, write_files
     from ...output.report.results.fleet import fleet_page, fleet_tables

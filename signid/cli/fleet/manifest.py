@@ -235,7 +235,11 @@ def _described(
 
 
 def digest(path: Path, name: str) -> str:
-    """SHA-256 of a regular file."""
+    """SHA-256 of a regular file.
+
+    Raises:
+        RecordingError: it is no regular file, or cannot be read.
+    """
     if path.exists() and not path.is_file():
         raise RecordingError(f"cannot read {name}: it is no regular file")
     try:

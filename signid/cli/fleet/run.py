@@ -184,7 +184,11 @@ class Answer(NamedTuple):
 
 
 def carry_out(order: Order) -> Answer:
-    """Run a command in this process, after those that other threads of it run."""
+    """Run a command in this process, after those that other threads of it run.
+
+    Raises:
+        RuntimeError: the order comes from another version of signid.
+    """
     if order.version != __version__:
         raise RuntimeError(f"signid {__version__} there, {order.version} here")
     errors = StringIO()
