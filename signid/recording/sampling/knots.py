@@ -20,6 +20,9 @@ FULL = 0.82  # [1/rows] most free numbers of a spline with multiple knots, which
 LOCAL = 65  # [rows] window of the local rms that scales differences
 OUTLIER = 4.0  # [1] largest scaled difference
 LINES, LINE = 3, 100.0  # strongest lines; [1] their power over the background (real logs: 133 at most, off low rates)
+# Parts of a window; periods of a line in one that show it; [1] most gain of a line over the background by the longer
+# window: 8 to 21 for knots, 90 and more for lines of a motion that is repeated, which are none in a part.
+PARTS, PERIODS, REPEATED = 8, 8, 60.0
 WIDTH, FAINT = 8, 1e-3  # half width of a line [1/4 of the resolution]; least power at a rate over that of its multiples
 LOWEST = 0.01  # [1/rows] lowest frequency of a line
 HARMONICS = 8  # of the main frequency of a signal, lines at which are those of a periodic motion
@@ -143,12 +146,11 @@ def _activity(x: Array, order: int) -> Array:
 
 
 def _lines(x: Array, order: int) -> list[_Line]:
-    """Lines in the spectrum of the activity of signals (N, c), the strongest first."""
+    """Lines in the spectrum of the activity of signals (N, c) that are there in all parts, the strongest first."""
     y = _activity(x, order)
     n = len(y)
-    power = np.abs(np.fft.rfft((y - y.mean()) * np.hanning(n), 4 * n)) ** 2
-    background = float(np.median(power)) / np.log(2)
-    whole = power.copy()
+    power, background = _spectrum(y, n)
+    whole, (parts, level) = power.copy(), _spectrum(y, n // PARTS)
     power[: int(LOWEST * 4 * n)] = 0.0
     power[: int(SLOW * 4 * n)] /= MOTION
     found: list[_Line] = []
@@ -161,9 +163,20 @@ def _lines(x: Array, order: int) -> list[_Line]:
             left, middle, right = np.log(np.maximum(whole[k - 1 : k + 2], 1e-300))
             bend = left - 2 * middle + right
             offset = float(np.clip(0.5 * (left - right) / bend, -1, 1)) if bend < 0 else 0.0
-        found.append(_Line((k + offset) / (4 * n), whole))
+        here = round(k * (n // PARTS) / n)
+        least = min(LINE * background, whole[k] / REPEATED) * level
+        if k < 4 * PARTS * PERIODS or parts[max(0, here - 1) : here + 2].max() * background >= least:
+            found.append(_Line((k + offset) / (4 * n), whole))
         power[max(0, k - 12) : k + 13] = 0.0
     return found
+
+
+def _spectrum(y: Array, length: int) -> tuple[Array, float]:
+    """Power of a signal (N,) in windows of a length that overlap by half, at 4 `length` frequencies; its background."""
+    pieces = (y[k : k + length] for k in range(0, len(y) - length + 1, max(1, length // 2)))
+    each = (np.abs(np.fft.rfft((piece - piece.mean()) * np.hanning(length), 4 * length)) ** 2 for piece in pieces)
+    power = np.asarray(sum(each))
+    return power, float(np.median(power)) / np.log(2)
 
 
 def _steps(lines: Sequence[_Line]) -> Iterator[float]:
