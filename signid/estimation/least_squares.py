@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ LENGTH = 0.3  # [standard deviations of the state] correlation length of a proce
 APART, LAGS = 0.6, 6.0  # [s], [rows] distance in time from which on noise is uncorrelated
 REDUCTION = 1.0  # [standard errors under noise] subtracted from each variance
 FEWEST = 10  # smallest number of rows of a joint
+BLOCK = 128  # rows of which those that are close in time are taken together
 # Relative standard deviation of friction between recordings. Measured on joints 4 to 6 of a UR10e, five recordings
 # within three weeks, variance of noise subtracted (data: Mamedov, Mikhel, Frontiers in Robotics and AI 7, 2020). Their
 # residuals show almost no discrepancy: one recording alone cannot show this change. Temperature is the likely cause.
@@ -36,15 +37,16 @@ WEAK_INSTRUMENT = 3.0  # [1] median standard deviation over that of least square
 
 
 class _Joint(NamedTuple):
-    """Valid sample rows of one joint, K' of them."""
+    """Valid sample rows of one joint, K' of them, by time."""
 
     columns: Indices  # (m,) base parameters
     x: Array  # (K', m) [torque per unit of base]
     rest: Array  # (K',) residual [N.m or N]
     slope: Array  # (K',) derivative of the torque [N.m/s or N/s]
     state: dict[str, Array]  # (K',) each, in standard deviations
-    apart: Array  # (K', K') 1 where two rows are distant in time, else 0
+    close: list[tuple[slice, slice, Mask]]  # rows, the others that may be close in time, and whether they are
     weight: float  # weight of a row of the sample [1/N2.m2]
+    turn: Array  # (m, m) of x onto `taken`
     taken: Array  # (K', m) taken @ x' projects a process onto the fit
     stride: int  # rows that one sample row represents
 
@@ -72,10 +74,11 @@ def discrepancy_covariance(
 
 
 def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, variance: float, white: Array) -> _Joint:
-    here, columns = sample.kept[:, j], seen[j]
+    here, columns = np.flatnonzero(sample.kept[:, j]), seen[j]
+    here = here[np.argsort(sample.number[here], kind="stable")]
     x = sample.of(j, seen)[here]
     load, weight = x @ value[columns], sample.stride / variance
-    time = sample.number[here] * sample.period
+    turn = white[np.ix_(columns, columns)] * weight
     state = {"q": sample.q[here, j], "v": sample.v[here, j], "l": load}
     return _Joint(
         columns,
@@ -83,48 +86,65 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
         sample.torque[here, j] - load,
         sample.slope[here, j],
         {name: signal / max(float(np.std(signal)), 1e-300) for name, signal in state.items() if len(signal)},
-        (np.abs(time[:, None] - time) >= max(APART, LAGS * sample.period)).astype(float),
+        list(_close(sample.number[here] * sample.period, max(APART, LAGS * sample.period))),
         weight,
-        x @ white[np.ix_(columns, columns)] * weight,
+        turn,
+        x @ turn,
         sample.stride,
     )
+
+
+def _close(time: Array, apart: float) -> Iterator[tuple[slice, slice, Mask]]:
+    """Rows (K,) at ascending times [s], `BLOCK` at a time, with the rows less than `apart` [s] from any of them."""
+    for start in range(0, len(time), BLOCK):
+        rows = time[start : start + BLOCK]
+        low, high = np.searchsorted(time, (rows[0] - 1.1 * apart, rows[-1] + 1.1 * apart))  # not to round there
+        yield slice(start, start + BLOCK), slice(low, high), np.abs(rows[:, None] - time[low:high]) < apart
 
 
 def _processes(joint: _Joint) -> tuple[Array, float]:
     """Covariance (m, m) of the normal equations' right-hand side due to discrepancy; its variance [N2.m2 or N2]."""
     spread, size = np.zeros((len(joint.columns),) * 2), 0.0
+    signals, projected = np.column_stack([joint.x, joint.rest]), np.column_stack([joint.taken, joint.rest])
     single = {name: _likeness(state) for name, state in joint.state.items()}
     for names in PROCESSES:
         like = single[names] if len(names) == 1 else single[names[0]] * single[names[1]]
-        reach = like @ joint.x
-        variance = _variance(joint, like, reach)
-        spread += variance * joint.weight**2 * joint.x.T @ reach
+        reach = like @ signals
+        right = joint.x.T @ reach[:, :-1]
+        variance = _variance(joint, like, reach, right, projected)
+        spread += variance * joint.weight**2 * right
         size += variance
     return spread, size
 
 
 def _likeness(state: Array) -> Array:
     """Correlation (K, K) of a process at K states (K,), in standard deviations."""
-    return np.asarray(np.exp((state[:, None] - state) ** 2 * (-0.5 / LENGTH**2)))
+    like = state[:, None] - state
+    like *= like
+    like *= -0.5 / LENGTH**2
+    return np.exp(like, out=like)
 
 
-def _variance(joint: _Joint, like: Array, reach: Array) -> float:
+def _variance(joint: _Joint, like: Array, reach: Array, right: Array, projected: Array) -> float:
     """Variance of a process [N2.m2 or N2], from products of residuals at similar states and distant times.
 
-    The residual is (1 - P) (noise + process) with P = taken @ x'; the expectations of both terms are traces.
+    The residual is (1 - P) (noise + process) with P = taken @ x'; the expectations of both terms are traces. They
+    follow from `reach` = like @ [x, residual] and `right` = x' like x, less the pairs of rows that are close in time.
     """
-    pairs = like * joint.apart
-    near, x, taken = pairs @ np.column_stack([joint.taken, reach]), joint.x, joint.taken
-    m = x.shape[1]
-    turned = taken @ (x.T @ reach)
-    within = float(np.trace(like) - 2 * np.sum(taken * reach) + np.sum(turned * taken))  # E[residual'residual]
-    squares = float(np.vdot(pairs, pairs))
-    across = float(squares - 2 * np.sum(near[:, m:] * taken) + np.sum(near[:, :m] * turned))
+    near, squares = np.column_stack([reach[:, :-1] @ joint.turn, reach[:, -1]]), float(np.vdot(like, like))
+    for rows, others, close in joint.close:
+        own = like[rows, others] * close
+        near[rows] -= own @ projected[others]
+        squares -= float(np.vdot(own, own))
+    pairs, x, taken = near[:, :-1], joint.x, joint.taken
+    onto, again = np.vdot(joint.turn, right), np.vdot(taken.T @ taken, right)
+    within = float(len(like) - 2 * onto + again)  # E[residual'residual]
+    across = float(squares - 2 * np.vdot(pairs, reach[:, :-1]) + np.vdot(taken.T @ pairs, right))
     if across <= 0 or within <= 0:
         return 0.0
     power = float(joint.rest @ joint.rest)
-    noise = power / max(len(joint.rest) - float(np.sum(taken * x)) / joint.stride, 1.0)
-    products = float(joint.rest @ pairs @ joint.rest) + noise * float(np.sum(near[:, :m] * x)) / joint.stride
+    noise = power / max(len(joint.rest) - float(np.vdot(taken, x)) / joint.stride, 1.0)
+    products = float(joint.rest @ near[:, -1]) + noise * float(np.vdot(pairs, x)) / joint.stride
     error = noise * np.sqrt(2 * squares)
     return float(np.clip((products - REDUCTION * error) / across, 0.0, power / within))
 
