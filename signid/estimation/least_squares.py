@@ -18,7 +18,7 @@ LENGTH = 0.3  # [standard deviations of the state] correlation length of a proce
 APART, LAGS = 0.6, 6.0  # [s], [rows] distance in time from which on noise is uncorrelated
 REDUCTION = 1.0  # [standard errors under noise] subtracted from each variance
 FEWEST = 10  # smallest number of rows of a joint
-BLOCK = 128  # rows of which those that are close in time are taken together
+BLOCK = 32  # rows of which those that are close in time are taken together
 # Relative standard deviation of friction between recordings. Measured on joints 4 to 6 of a UR10e, five recordings
 # within three weeks, variance of noise subtracted (data: Mamedov, Mikhel, Frontiers in Robotics and AI 7, 2020). Their
 # residuals show almost no discrepancy: one recording alone cannot show this change. Temperature is the likely cause.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -357,8 +358,8 @@ def _rigid_blocks(part: _Bodies, places: Indices, size: int) -> Iterator[Array]:
     q, v, a = part.states
     buffer = np.empty((min(size, len(q)), len(places)))
     for start in range(0, len(q), size):
-        states = zip(q[start : start + size], v[start : start + size], a[start : start + size], strict=True)
-        count = 0
-        for count, state in enumerate(states, 1):
-            compute(model, data, *state).take(places, out=buffer[count - 1], mode="clip")
-        yield buffer[:count]
+        states = (x[start : start + size] for x in (q, v, a))
+        rows = buffer[: len(q) - start]
+        for row, found in zip(rows, map(compute, repeat(model), repeat(data), *states), strict=True):
+            found.take(places, out=row, mode="clip")
+        yield rows
