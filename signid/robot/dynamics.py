@@ -5,7 +5,8 @@ States are those of the model: configurations (N, nq) [rad, m or 1], rates (N, n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,8 +33,15 @@ def rigid_torque(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     q: (N, nq) [rad, m or 1]; v: (N, nv) [rad/s or m/s]; a: (N, nv) [rad/s2 or m/s2].
     """
     model, data = robot.model, robot.model.createData()
-    rows = [pin.rnea(model, data, *state).copy() for state in zip(q, v, a, strict=True)]
-    return np.asarray(np.array(rows).reshape(len(q), model.nv) @ robot.drive)
+    return np.asarray(_by_row(pin.rnea, (model.nv,), model, data, q, v, a) @ robot.drive)
+
+
+def _by_row(compute: Callable[..., Any], shape: tuple[int, ...], model: Any, data: Any, *states: Array) -> Array:
+    """Results (N, *shape) of a function of Pinocchio for N states."""
+    out = np.empty((len(states[0]), *shape))
+    for row, found in zip(out, map(compute, repeat(model), repeat(data), *states), strict=True):
+        row[...] = found
+    return out
 
 
 def effective_inertia(robot: Robot, q: Array) -> Array:
@@ -52,8 +60,7 @@ def mass_matrices(model: Any, data: Any, q: Array, drive: Array) -> Array:
 
 def _masses(model: Any, data: Any, q: Array) -> Array:
     """Mass matrices (N, nv, nv) over all coordinates of the model [kg.m2 or kg]."""
-    rows = [np.reshape(pin.crba(model, data, row), -1).copy() for row in q]
-    return _symmetric(np.array(rows).reshape(-1, model.nv, model.nv))
+    return _symmetric(_by_row(pin.crba, (model.nv, model.nv), model, data, q))
 
 
 def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:
@@ -78,9 +85,8 @@ def body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     q: (N, nq) [rad, m or 1]; v: (N, nv) [rad/s or m/s]; a: (N, nv) [rad/s2 or m/s2].
     """
     model, data = robot.model, robot.model.createData()
-    out = np.empty((len(q), model.nv, 10 * (model.njoints - 1)))
-    for i, state in enumerate(zip(q, v, a, strict=True)):
-        out[i] = np.reshape(pin.computeJointTorqueRegressor(model, data, *state), (model.nv, -1))
+    shape = model.nv, 10 * (model.njoints - 1)
+    out = _by_row(pin.computeJointTorqueRegressor, shape, model, data, q, v, a)
     plain = np.array_equal(robot.drive, np.eye(model.nv))
     return (out if plain else np.asarray(robot.drive.T @ out)).reshape(len(q), robot.drive.shape[1], -1, 10)
 
@@ -90,8 +96,7 @@ def gravity_torque(robot: Robot, q: Array, gravity: Sequence[float] | Array) -> 
     model = robot.model.copy()
     model.gravity.linear = np.asarray(gravity, float)
     data = model.createData()
-    rows = [pin.computeGeneralizedGravity(model, data, state).copy() for state in q]
-    return np.asarray(np.array(rows).reshape(len(q), model.nv) @ robot.drive)
+    return np.asarray(_by_row(pin.computeGeneralizedGravity, (model.nv,), model, data, q) @ robot.drive)
 
 
 def shows_gravity(robot: Robot, gravity: Array) -> bool:

@@ -377,11 +377,10 @@ def polish(problem: FeasibleProblem, u: Array, steps: int = 30, precision: float
     for _ in range(steps):
         step, _ = _newton(problem, u, exact)
         trials = (u + step * 0.5**k for k in range(30))
-        better = next((trial for trial in trials if problem.cost(trial) < cost), None)
+        better = next(((x, trial) for trial in trials if (x := problem.cost(trial)) < cost), None)
         if better is None:
             return u
-        gain, u = cost - problem.cost(better), better
-        cost -= gain
+        gain, (cost, u) = cost - better[0], better
         if gain < precision * problem.weight:
             return u
     return u

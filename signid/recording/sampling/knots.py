@@ -150,7 +150,7 @@ def _lines(x: Array, order: int) -> list[_Line]:
     y = _activity(x, order)
     n = len(y)
     power, background = _spectrum(y, n)
-    whole, (parts, level) = power.copy(), _spectrum(y, n // PARTS)
+    whole = power.copy()
     power[: int(LOWEST * 4 * n)] = 0.0
     power[: int(SLOW * 4 * n)] /= MOTION
     found: list[_Line] = []
@@ -163,18 +163,23 @@ def _lines(x: Array, order: int) -> list[_Line]:
             left, middle, right = np.log(np.maximum(whole[k - 1 : k + 2], 1e-300))
             bend = left - 2 * middle + right
             offset = float(np.clip(0.5 * (left - right) / bend, -1, 1)) if bend < 0 else 0.0
-        here = round(k * (n // PARTS) / n)
-        least = min(LINE * background, whole[k] / REPEATED) * level
-        if k < 4 * PARTS * PERIODS or parts[max(0, here - 1) : here + 2].max() * background >= least:
-            found.append(_Line((k + offset) / (4 * n), whole))
+        found.append(_Line((k + offset) / (4 * n), whole))
         power[max(0, k - 12) : k + 13] = 0.0
-    return found
+    parts, level = _spectrum(y, n // PARTS) if found else (whole, background)
+
+    def is_lasting(line: _Line) -> bool:
+        k, here = (round(4 * size * line.frequency) for size in (n, n // PARTS))
+        least = min(LINE * background, whole[k] / REPEATED) * level
+        return bool(k < 4 * PARTS * PERIODS or parts[max(0, here - 1) : here + 2].max() * background >= least)
+
+    return list(filter(is_lasting, found))
 
 
 def _spectrum(y: Array, length: int) -> tuple[Array, float]:
     """Power of a signal (N,) in windows of a length that overlap by half, at 4 `length` frequencies; its background."""
     pieces = (y[k : k + length] for k in range(0, len(y) - length + 1, max(1, length // 2)))
-    each = (np.abs(np.fft.rfft((piece - piece.mean()) * np.hanning(length), 4 * length)) ** 2 for piece in pieces)
+    window = np.hanning(length)
+    each = (np.abs(np.fft.rfft((piece - piece.mean()) * window, 4 * length)) ** 2 for piece in pieces)
     power = np.asarray(sum(each))
     return power, float(np.median(power)) / np.log(2)
 
