@@ -233,7 +233,7 @@ def estimate(
             for (joint, columns), old in zip(_each(factors), before, strict=True)
         ]
         changes = ((new.colour, old.colour) for new, old in zip(noise, before, strict=True))
-        if all(np.allclose(new, old, SETTLED, SETTLED * old[0]) for new, old in changes):
+        if all((np.abs(new - old) <= SETTLED * (old[0] + np.abs(old))).all() for new, old in changes):
             break
     solution = _solve(factors, noise, start, noise_grams)
     covariance = _positive(_covariance(factors, noise, solution), solution.inverse)
