@@ -105,7 +105,7 @@ def _close(time: Array, apart: float) -> Iterator[tuple[slice, slice, Mask]]:
 def _processes(joint: _Joint) -> tuple[Array, float]:
     """Covariance (m, m) of the normal equations' right-hand side due to discrepancy; its variance [N2.m2 or N2]."""
     spread, size = np.zeros((len(joint.columns),) * 2), 0.0
-    signals, projected = np.column_stack([joint.x, joint.rest]), np.column_stack([joint.taken, joint.rest])
+    signals, projected = (np.column_stack([x, joint.rest]) for x in (joint.x, joint.taken))
     single = {name: _likeness(state) for name, state in joint.state.items()}
     for names in PROCESSES:
         like = single[names] if len(names) == 1 else single[names[0]] * single[names[1]]
@@ -128,8 +128,8 @@ def _likeness(state: Array) -> Array:
 def _variance(joint: _Joint, like: Array, reach: Array, right: Array, projected: Array) -> float:
     """Variance of a process [N2.m2 or N2], from products of residuals at similar states and distant times.
 
-    The residual is (1 - P) (noise + process) with P = taken @ x'; the expectations of both terms are traces. They
-    follow from `reach` = like @ [x, residual] and `right` = x' like x, less the pairs of rows that are close in time.
+    The residual is (1 - P) (noise + process), P = taken @ x'; the expectations of both terms are traces. They follow
+    from reach = like @ [x, residual] and right = x' like x, less the pairs of rows that are close in time.
     """
     near, squares = np.column_stack([reach[:, :-1] @ joint.turn, reach[:, -1]]), float(np.vdot(like, like))
     for rows, others, close in joint.close:
@@ -137,8 +137,7 @@ def _variance(joint: _Joint, like: Array, reach: Array, right: Array, projected:
         near[rows] -= own @ projected[others]
         squares -= float(np.vdot(own, own))
     pairs, x, taken = near[:, :-1], joint.x, joint.taken
-    onto, again = np.vdot(joint.turn, right), np.vdot(taken.T @ taken, right)
-    within = float(len(like) - 2 * onto + again)  # E[residual'residual]
+    within = float(len(like) - 2 * np.vdot(joint.turn, right) + np.vdot(taken.T @ taken, right))  # E[residual'residual]
     across = float(squares - 2 * np.vdot(pairs, reach[:, :-1]) + np.vdot(taken.T @ pairs, right))
     if across <= 0 or within <= 0:
         return 0.0
