@@ -86,7 +86,7 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
         sample.torque[here, j] - load,
         sample.slope[here, j],
         {name: signal / max(float(np.std(signal)), 1e-300) for name, signal in state.items() if len(signal)},
-        list(_close(sample.number[here] * sample.period, max(APART, LAGS * sample.period))),
+        list(_close(np.asarray(sample.number[here] * sample.period), max(APART, LAGS * sample.period))),
         weight,
         turn,
         x @ turn,
