@@ -75,7 +75,16 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     best = _random_information(task, factors, speed, acceleration, weight, seed)
     size = np.sqrt(np.maximum(np.diag(best), 1e-300))
     scaled = best / np.outer(size, size) + 1e-12 * np.eye(base.rank)
-    shares, directions = _generalised(ours / np.outer(size, size), scaled)
+    root = np.linalg.cholesky(scaled)
+    half = np.linalg.solve(root, ours / np.outer(size, size))
+    try:
+        shares, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))  # generalised eigenvalues
+    except np.linalg.LinAlgError:
+        raise RecordingError(
+            "the information of the recordings cannot be computed, since their numbers differ too much in size; check "
+            "the units of the columns, or reduce the recordings again"
+        ) from None
+    directions = np.linalg.solve(root.T, vectors)
     torque = np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints])
     prior = _prior_sizes(robot, base, torque, speed)
     weak = [_largest(directions[:, k] / size / prior) for k in np.flatnonzero(shares < ENOUGH)]
@@ -91,20 +100,6 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
         tuple(tuple(robot.joints[j] for j in group) for group in in_step(factors.velocity / factors.rows)),
         tuple(e for e, u in zip(base.expressions, uncertain, strict=True) if u),
     )
-
-
-def _generalised(one: Array, other: Array) -> tuple[Array, Array]:
-    """Generalised eigenvalues (b,), ascending, and vectors (b, b) of a symmetric and a positive definite matrix."""
-    root = np.linalg.cholesky(other)
-    half = np.linalg.solve(root, one)
-    try:
-        values, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
-    except np.linalg.LinAlgError:
-        raise RecordingError(
-            "the information of the recordings cannot be computed, since their numbers differ too much in size; check "
-            "the units of the columns, or reduce the recordings again"
-        ) from None
-    return values, np.linalg.solve(root.T, vectors)
 
 
 def _prior_sizes(robot: Robot, base: BaseMap, torque: Array, speed: Array) -> Array:

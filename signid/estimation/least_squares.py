@@ -86,7 +86,7 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
         sample.torque[here, j] - load,
         sample.slope[here, j],
         {name: signal / max(float(np.std(signal)), 1e-300) for name, signal in state.items() if len(signal)},
-        list(_close(sample.number[here] * sample.period, max(APART, LAGS * sample.period))),
+        list(_close(np.asarray(sample.number[here] * sample.period), max(APART, LAGS * sample.period))),
         weight,
         turn,
         x @ turn,
@@ -105,7 +105,7 @@ def _close(time: Array, apart: float) -> Iterator[tuple[slice, slice, Mask]]:
 def _processes(joint: _Joint) -> tuple[Array, float]:
     """Covariance (m, m) of the normal equations' right-hand side due to discrepancy; its variance [N2.m2 or N2]."""
     spread, size = np.zeros((len(joint.columns),) * 2), 0.0
-    signals, projected = np.column_stack([joint.x, joint.rest]), np.column_stack([joint.taken, joint.rest])
+    signals, projected = (np.column_stack([x, joint.rest]) for x in (joint.x, joint.taken))
     single = {name: _likeness(state) for name, state in joint.state.items()}
     for names in PROCESSES:
         like = single[names] if len(names) == 1 else single[names[0]] * single[names[1]]
@@ -128,8 +128,8 @@ def _likeness(state: Array) -> Array:
 def _variance(joint: _Joint, like: Array, reach: Array, right: Array, projected: Array) -> float:
     """Variance of a process [N2.m2 or N2], from products of residuals at similar states and distant times.
 
-    The residual is (1 - P) (noise + process) with P = taken @ x'; the expectations of both terms are traces. They
-    follow from `reach` = like @ [x, residual] and `right` = x' like x, less the pairs of rows that are close in time.
+    The residual is (1 - P) (noise + process), P = taken @ x'; the expectations of both terms are traces. They follow
+    from reach = like @ [x, residual] and right = x' like x, less the pairs of rows that are close in time.
     """
     near, squares = np.column_stack([reach[:, :-1] @ joint.turn, reach[:, -1]]), float(np.vdot(like, like))
     for rows, others, close in joint.close:
@@ -137,8 +137,7 @@ def _variance(joint: _Joint, like: Array, reach: Array, right: Array, projected:
         near[rows] -= own @ projected[others]
         squares -= float(np.vdot(own, own))
     pairs, x, taken = near[:, :-1], joint.x, joint.taken
-    onto, again = np.vdot(joint.turn, right), np.vdot(taken.T @ taken, right)
-    within = float(len(like) - 2 * onto + again)  # E[residual'residual]
+    within = float(len(like) - 2 * np.vdot(joint.turn, right) + np.vdot(taken.T @ taken, right))  # E[residual'residual]
     across = float(squares - 2 * np.vdot(pairs, reach[:, :-1]) + np.vdot(taken.T @ pairs, right))
     if across <= 0 or within <= 0:
         return 0.0
@@ -233,7 +232,7 @@ def estimate(
             for (joint, columns), old in zip(_each(factors), before, strict=True)
         ]
         changes = ((new.colour, old.colour) for new, old in zip(noise, before, strict=True))
-        if all(np.allclose(new, old, SETTLED, SETTLED * old[0]) for new, old in changes):
+        if all((np.abs(new - old) <= SETTLED * (old[0] + np.abs(old))).all() for new, old in changes):
             break
     solution = _solve(factors, noise, start, noise_grams)
     covariance = _positive(_covariance(factors, noise, solution), solution.inverse)

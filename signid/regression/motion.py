@@ -380,11 +380,10 @@ def _rigid_blocks(part: _Bodies, places: Indices, size: int) -> Iterator[Array]:
     All blocks share one buffer.
     """
     model, data, compute = part.model, part.model.createData(), pin.computeJointTorqueRegressor
-    q, v, a = part.states
-    buffer = np.empty((min(size, len(q)), len(places)))
-    for start in range(0, len(q), size):
-        states = (x[start : start + size] for x in (q, v, a))
-        rows = buffer[: len(q) - start]
+    buffer = np.empty((min(size, len(part.states[0])), len(places)))
+    for start in range(0, len(part.states[0]), size):
+        states = [x[start : start + size] for x in part.states]
+        rows = buffer[: len(states[0])]
         for row, found in zip(rows, map(compute, repeat(model), repeat(data), *states), strict=True):
             found.take(places, out=row, mode="clip")
         yield rows

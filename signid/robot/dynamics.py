@@ -46,8 +46,8 @@ def _by_row(compute: Callable[..., Any], shape: tuple[int, ...], model: Any, dat
 
 def effective_inertia(robot: Robot, q: Array) -> Array:
     """Diagonal of the joint-space mass matrix, (N, n) [kg.m2 or kg]; q: (N, nq) [rad, m or 1]."""
-    mass = _masses(robot.model, robot.model.createData(), q)
-    return np.asarray(np.einsum("ij,tik,kj->tj", robot.drive, mass, robot.drive, optimize=True))
+    mass = mass_matrices(robot.model, robot.model.createData(), q, robot.drive)
+    return np.asarray(np.diagonal(mass, axis1=1, axis2=2))
 
 
 def mass_matrices(model: Any, data: Any, q: Array, drive: Array) -> Array:
@@ -55,12 +55,7 @@ def mass_matrices(model: Any, data: Any, q: Array, drive: Array) -> Array:
 
     q: (N, nq) [rad, m or 1]; drive: (nv, n) model velocity per coordinate velocity [1].
     """
-    return np.asarray(drive.T @ _masses(model, data, q) @ drive)
-
-
-def _masses(model: Any, data: Any, q: Array) -> Array:
-    """Mass matrices (N, nv, nv) over all coordinates of the model [kg.m2 or kg]."""
-    return _symmetric(_by_row(pin.crba, (model.nv, model.nv), model, data, q))
+    return np.asarray(drive.T @ _symmetric(_by_row(pin.crba, (model.nv, model.nv), model, data, q)) @ drive)
 
 
 def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:

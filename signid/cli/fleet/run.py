@@ -246,7 +246,8 @@ def _processes(workers: int) -> Iterator[Callable[[Order], Future[Answer]]]:
 
     def answer(order: Order) -> Answer:
         try:
-            return own.pool.submit(carry_out, order).result()
+            future: Future[Answer] = own.pool.submit(carry_out, order)
+            return future.result()
         except BrokenProcessPool:
             renew()
             raise

@@ -109,18 +109,14 @@ def _fit_joints(session: Session, piece: Samples, gains: tuple[Array, Array] | N
         errors = asked.q[:, j] - real.q[:, j], asked.v[:, j] - real.v[:, j]
         known = not np.isnan(tau[:, j]).all()
         rows = thin(np.column_stack([*errors, x, tau[:, j]])) if known else np.zeros((1, x.shape[1] + 3))
-        found.append(_fit(rows, None if gains is None else np.array([gains[0][j], gains[1][j]])))
+        stated = None if gains is None else np.array([gains[0][j], gains[1][j]])
+        first = 0 if stated is None else 2
+        x, y = rows[:, first:-1], rows[:, -1] - (0 if stated is None else rows[:, :2] @ stated)
+        size = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
+        solved = least_squares(x / size, y, RANK) / size
+        share = 1 - float(np.var(y - x @ solved)) / max(float(np.var(rows[:, -1])), 1e-300)
+        found.append(_Fit(solved[:2] if stated is None else stated, solved[2 - first :], share))
     return asked, found
-
-
-def _fit(rows: Array, gains: Array | None) -> _Fit:
-    """Least-squares fit of the last column by the others; the first two are errors of position and speed."""
-    first = 0 if gains is None else 2
-    x, y = rows[:, first:-1], rows[:, -1] - (0 if gains is None else rows[:, :2] @ gains)
-    size = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
-    solved = least_squares(x / size, y, RANK) / size
-    share = 1 - float(np.var(y - x @ solved)) / max(float(np.var(rows[:, -1])), 1e-300)
-    return _Fit(solved[:2] if gains is None else gains, solved[2 - first :], share)
 
 
 def _note(session: Session, good: Mask, shares: Array, speed: Array) -> str:

@@ -200,7 +200,10 @@ def build_problem(base: BaseMap, estimate: Estimate, prior: Parameters, weight: 
 
     The prior is strictly feasible; its weight is in squared standard deviations.
     """
-    groups = _seen(base, prior)
+    shown = np.abs(base.combination).max(0, initial=0.0) > 0
+    body, bounded = inertial(prior), positive(prior)
+    whole, rest = np.repeat(shown[body].reshape(-1, 10).any(1), 10), shown & ~body
+    groups = [np.flatnonzero(body)[whole], np.flatnonzero(rest & bounded), np.flatnonzero(rest & ~bounded)]
     seen, bounds = np.concatenate(groups), (len(groups[0]), len(groups[0]) + len(groups[1]))
     stated = prior.values[seen]
     size = coefficient_sizes(base, estimate.value, prior.values, estimate.std)[seen]
@@ -221,15 +224,6 @@ def information_root(information: Array) -> Array:
     values, vectors = np.linalg.eigh(information / np.outer(unit, unit))
     identifiable = values > _LOST * values.max(initial=0.0)
     return np.asarray(np.sqrt(values[identifiable])[:, None] * vectors[:, identifiable].T * scale)
-
-
-def _seen(base: BaseMap, prior: Parameters) -> list[Indices]:
-    """Standard parameters that the torque depends on: all of a body's, positive coefficients, other coefficients."""
-    shown = np.abs(base.combination).max(0, initial=0.0) > 0
-    body, bounded = inertial(prior), positive(prior)
-    whole = np.repeat(shown[body].reshape(-1, 10).any(1), 10)
-    rest = shown & ~body
-    return [np.flatnonzero(body)[whole], np.flatnonzero(rest & bounded), np.flatnonzero(rest & ~bounded)]
 
 
 _NEAR = 1e-3  # [standard deviations] distance from the estimate that counts as zero

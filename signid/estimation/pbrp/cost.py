@@ -114,7 +114,9 @@ def _intervals(quantity: str, stated: Any, where: str) -> tuple[Array, Array]:
     rows = range(10)[_ROWS[quantity]]
     pairs = [stated] if quantity == "mass" else stated
     wanted = "a pair [lo, hi]" if quantity == "mass" else f"{len(rows)} pairs [lo, hi]"
-    if not isinstance(pairs, list) or len(pairs) != len(rows) or not all(map(_is_pair, pairs)):
+    alike = isinstance(pairs, list) and len(pairs) == len(rows)
+    lists = alike and all(isinstance(pair, list) and len(pair) == 2 for pair in pairs)
+    if not lists or not all(type(x) in (int, float) and abs(x) < _HUGE for pair in pairs for x in pair):
         raise OptionError(f"{where} is {stated}; expected {wanted} of finite numbers")
     low, high = np.array(pairs, dtype=float).T
     if (low > high).any():
@@ -122,14 +124,6 @@ def _intervals(quantity: str, stated: Any, where: str) -> tuple[Array, Array]:
     if quantity == "mass" and low[0] <= 0:
         raise OptionError(f"{where} is {stated}; expected masses above 0")
     return low, high
-
-
-def _is_pair(value: Any) -> bool:
-    return (
-        isinstance(value, list)
-        and len(value) == 2
-        and all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) < _HUGE for x in value)
-    )
 
 
 def _box(body: Array) -> Array:

@@ -129,7 +129,9 @@ def second_is_better(robot: Robot | None, stretches: list[TimedRows], period: fl
 
     Source: Savitzky, Golay, Analytical Chemistry 36(8), 1964 (derivatives by local polynomials).
     """
-    positions = _compare(*(_roughness(stretches, clock) for clock in (0, 1)))
+    about = ([_polynomials(x.times[k], x.q, WINDOW, WINDOW, DEGREE)[1] for x in stretches] for k in (0, 1))
+    squares = (np.concatenate(each) for each in about)  # of the positions about local polynomials
+    positions = _compare(*(each[:, each.any(axis=0)] for each in squares))
     torque = None
     if robot is not None and any(np.isfinite(rows.tau).any() for rows in stretches):
         torque = _compare(*(_misfit(robot, stretches, clock, period) for clock in (0, 1)))
@@ -152,13 +154,6 @@ def _compare(first: Array, second: Array) -> _Comparison | None:
     error = ratio.std(ddof=1) / np.sqrt(blocks)
     mean = float(ratio.mean())
     return _Comparison(mean, mean / max(float(error), 1e-12))
-
-
-def _roughness(stretches: list[TimedRows], clock: int) -> Array:
-    """Squared residuals (W, n) of the positions about local polynomials, of joints that move."""
-    found = [_polynomials(rows.times[clock], rows.q, WINDOW, WINDOW, DEGREE)[1] for rows in stretches]
-    squares = np.concatenate(found)
-    return squares[:, squares.any(axis=0)]
 
 
 def _misfit(robot: Robot, stretches: list[TimedRows], clock: int, period: float) -> Array:

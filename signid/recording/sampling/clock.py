@@ -159,7 +159,8 @@ def fit_even(stamps: Array, clock: Clock) -> EvenClock | None:
     count = _ticks if coherence >= COHERENT else lambda x, _: np.arange(len(x), dtype=float)
     first = float(np.polyfit(count(longest, period), longest, 1)[0])
     ticks = [count(part, first) for part in parts]
-    period = _rate(parts, ticks)
+    centred = [(x - x.mean(), k - k.mean()) for x, k in zip(parts, ticks, strict=True)]
+    period = sum(float(x @ k) for x, k in centred) / sum(float(k @ k) for _, k in centred)  # their common slope
     fits = [_smooth(part, k, period) for part, k in zip(parts, ticks, strict=True)]
     if any(fit is None for fit in fits):
         return None
@@ -219,12 +220,6 @@ def _ascending(values: NDArray[np.int_]) -> NDArray[np.int_]:
             heapreplace(heap, -value)
         found[i] = -heap[0]
     return np.minimum.accumulate(found[::-1])[::-1]
-
-
-def _rate(parts: Sequence[Array], ticks: Sequence[Array]) -> float:
-    """Common slope of times (N,) [s] over ticks (N,) of parts with offsets of their own, by least squares."""
-    centred = [(x - x.mean(), k - k.mean()) for x, k in zip(parts, ticks, strict=True)]
-    return sum(float(x @ k) for x, k in centred) / sum(float(k @ k) for _, k in centred)
 
 
 def _smooth(x: Array, ticks: Array, period: float) -> Array | None:

@@ -79,11 +79,6 @@ class _Trial(NamedTuple):
     rest: Array  # (c,) rms that the splines leave
     share: Array  # (c,) [1] the same over that with the worst phase
 
-    @property
-    def dense(self) -> float:
-        """Free numbers of a spline [1/rows]."""
-        return SPACES[self.knots.kind][1] / self.knots.step
-
 
 def find_knots(x: Array) -> list[Knots | None]:
     """Knots of each signal in consecutive rows x (N, c) of one kind [any]; None: it has content up to the rate.
@@ -222,16 +217,11 @@ def _held(x: Array, steps: Sequence[float]) -> Knots | None:
     return None
 
 
-def _busiest(x: Array) -> int:
-    """First of BLOCK rows of signals (N, c) in which they vary most."""
-    starts = np.arange(0, len(x) - BLOCK + 1, BLOCK // 2)
-    change = np.array([np.abs(np.diff(x[k : k + BLOCK], axis=0)).sum(axis=0) for k in starts])
-    return int(starts[np.argmax((change / np.maximum(change.max(axis=0), 1e-300)).sum(axis=1))])
-
-
 def _splines(x: Array, steps: Sequence[float]) -> list[Knots | None]:
     """Knots of piecewise polynomials (N, c): those of the splines that leave nothing, with the fewest free numbers."""
-    first = _busiest(x)
+    starts = np.arange(0, len(x) - BLOCK + 1, BLOCK // 2)
+    change = np.array([np.abs(np.diff(x[k : k + BLOCK], axis=0)).sum(axis=0) for k in starts])
+    first = int(starts[np.argmax((change / np.maximum(change.max(axis=0), 1e-300)).sum(axis=1))])  # the busiest
     y = x[first : first + BLOCK] - x[first]
     trials: list[_Trial] = []
     for kind, (_, multiple) in SPACES.items():
@@ -241,12 +231,13 @@ def _splines(x: Array, steps: Sequence[float]) -> list[Knots | None]:
                 if not (failed and BLOCK * abs(step - trials[-1].knots.step) < SAME * step**2):
                     trials.append(_trial(y, kind, step, first))
     found: list[Knots | None] = []
+    dense = {trial.knots: SPACES[trial.knots.kind][1] / trial.knots.step for trial in trials}  # free numbers [1/rows]
     for j, size in enumerate(np.ptp(y, axis=0)):
         coarse = COARSE * _quantum(y[:, j])
         good = [trial for trial in trials if trial.share[j] < FIT and trial.rest[j] > coarse * trial.share[j]]
         least = ALIKE * min((trial.rest[j] for trial in good), default=0.0) + ROUNDING * size
         fit = [trial for trial in good if trial.rest[j] <= least or trial.share[j] < NOTHING]
-        found.append(min(fit, key=lambda trial: (trial.dense, trial.rest[j])).knots if fit else None)
+        found.append(min(fit, key=lambda trial: (dense[trial.knots], trial.rest[j])).knots if fit else None)
     return found
 
 

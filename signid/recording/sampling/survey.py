@@ -299,7 +299,10 @@ def notes(facts: Facts) -> Iterator[str]:
     if facts.repeated:
         yield f"{plural(facts.repeated, 'sample')} dropped: same time as the previous sample"
     if facts.choice.times is not None:
-        yield _even(facts.choice)
+        choice, lost = facts.choice, plural(facts.choice.missing, "row")
+        fact = f"stamps of time jitter by {choice.jitter * 1e3:.2g} ms rms around an even clock of"
+        lost = f", {lost} {'is' if choice.missing == 1 else 'are'} missing" if choice.missing else ""
+        yield f"{fact} {choice.period * 1e3:.5g} ms; the even clock is used{lost}"
     elif not accumulated.uniform:
         least, most = accumulated.total.shortest * 1e3, accumulated.total.longest * 1e3
         fact = f"time steps vary from {least:.4g} to {most:.4g} ms"
@@ -309,16 +312,6 @@ def notes(facts: Facts) -> Iterator[str]:
         yield f"{stretches} shorter than 8 samples or 0.5 s omitted"
     yield from _joint_notes(facts)
     yield from _dead_derivatives(facts)
-
-
-def _even(choice: Choice) -> str:
-    """The clock that takes the place of the stamps."""
-    jitter, period = choice.jitter * 1e3, choice.period * 1e3
-    fact = f"stamps of time jitter by {jitter:.2g} ms rms around an even clock of {period:.5g} ms"
-    lost = (
-        f", {plural(choice.missing, 'row')} {'is' if choice.missing == 1 else 'are'} missing" if choice.missing else ""
-    )
-    return f"{fact}; the even clock is used{lost}"
 
 
 def _joint_notes(facts: Facts) -> Iterator[str]:
