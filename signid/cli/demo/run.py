@@ -282,12 +282,12 @@ def comparison(story: Story) -> list[RenderableType]:
 def _numbers(story: Story, outcome: LawOutcome) -> dict[str, dict[str, Any]]:
     """True value, unit, and estimate with standard deviation of each parameter; None: not found."""
     robot, named = story.simulation.robot, outcome.found
-    found = law_numbers(robot, named.law, named.std) if named else {}
+    found = {x.name: x for x in law_numbers(robot, named.law, named.std)} if named else {}
     numbers = {}
-    for key, true in law_numbers(robot, outcome.law, {}).items():
-        own = found.get(key, {})
-        known = {"found": own.get("value"), "std": own.get("std")}
-        numbers[key] = {"value": true["value"], "unit": true["unit"], **known}
+    for true in law_numbers(robot, outcome.law, {}):
+        own = found.get(true.name)
+        known = {"found": own and own.value, "std": own and own.std}
+        numbers[true.name] = {"value": true.value, "unit": true.unit, **known}
     return numbers
 
 

@@ -14,9 +14,12 @@ from ...estimation.fit_quality import Fit
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import INERTIAL, INERTIAL_UNITS, Array, Law, Recording, Robot
 from ..report.documents import picked
+from ..report.quantities import Quantity
 from ..report.results.identification import identified_numbers
 from ..report.results.inspection import joint_documents
 from ..report.results.laws import finding_numbers, law_numbers
+from ..report.results.payload import payload_numbers
+from ..report.results.servo_identification import drive_numbers
 
 Maker = Callable[[Any], pl.DataFrame]
 KINDS: dict[str, type[pl.DataType]] = {"s": pl.String, "f": pl.Float64, "i": pl.Int64, "b": pl.Boolean}
@@ -77,32 +80,29 @@ def _checked(result: Any) -> pl.DataFrame:
 
 
 def _identified_laws(result: Any) -> pl.DataFrame:
-    numbers = (n for numbers in identified_numbers(result) for n in numbers)
-    return table_of(LAWS, ((n.effect, n.joint, None, n.key, n.value, n.std, n.unit) for n in numbers))
+    return numbers_frame(LAWS, (n for numbers in identified_numbers(result) for n in numbers))
 
 
 def _stated_laws(model: Any) -> pl.DataFrame:
-    robot, rows = model.robot, list[tuple[Any, ...]]()
-    for law in model.laws_beside_drives:
-        rows += _law_rows(robot, law, law_numbers(robot, law, {}))
-    return table_of(LAWS, (row[:-1] for row in rows))
+    each = [(law, law_numbers(model.robot, law, {})) for law in model.laws_beside_drives]
+    return numbers_frame(LAWS, _law_rows(model.robot, each))
 
 
 def _found_laws(result: Any) -> pl.DataFrame:
-    robot, rows = result.robot, list[tuple[Any, ...]]()
-    for finding in result.findings:
-        rows += _law_rows(robot, finding.law, finding_numbers(robot, finding))
-    return table_of(f"{LAWS} stated:f", rows)
+    each = [(finding.law, finding_numbers(result.robot, finding)) for finding in result.findings]
+    return numbers_frame(f"{LAWS} stated:f", _law_rows(result.robot, each))
 
 
-def _law_rows(robot: Robot, law: Law, numbers: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
-    """Law, joint, partner, parameter, value, std, unit, stated value; a law without parameters has one row."""
-    first = (law.effect.name, law_place(law, robot)[0], numbers.get("partner", {}).get("value"))
-    own = {key: number for key, number in numbers.items() if key != "partner"}
-    for key, n in own.items():
-        yield *first, key, n["value"], n["std"], n["unit"], n.get("stated")
-    if not own:
-        yield *first, *[None] * 5
+def numbers_frame(columns: str, numbers: Iterable[Quantity]) -> pl.DataFrame:
+    """A row per number, with columns `attribute:kind`."""
+    names = [column.partition(":")[0] for column in columns.split()]
+    return table_of(columns, (x.row(names) for x in numbers))
+
+
+def _law_rows(robot: Robot, laws: Iterable[tuple[Law, list[Quantity]]]) -> Iterator[Quantity]:
+    """Numbers of the laws; a law without parameters has one row."""
+    for law, numbers in laws:
+        yield from numbers or [Quantity("", np.nan, None, "", law_place(law, robot)[0], law.effect.name)]
 
 
 def _bodies(result: Any) -> pl.DataFrame:
@@ -174,15 +174,6 @@ def _validated(result: Any) -> pl.DataFrame:
     )
 
 
-def _payload(found: Any) -> pl.DataFrame:
-    centre = zip((f"centre_{axis}" for axis in "xyz"), *found.centre, "m" * 3, strict=True)
-    inertia = zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)
-    what = {True: "picked_up", False: "put_down"}
-    moments = [(what[moment.picked_up], moment.t, moment.std, "s") for moment in found.moments]
-    numbers = [("mass", *found.mass, "kg"), *centre, *inertia] if found.found else []
-    return table_of("parameter:s value:f std:f unit:s", [*numbers, *moments])
-
-
 def _listed(columns: str, keys: str, rows: Iterable[Mapping[str, Any]]) -> pl.DataFrame:
     """A row per entry of a document, with its values at some keys."""
     return table_of(columns, (tuple(row.get(key) for key in keys.split()) for row in rows))
@@ -190,9 +181,9 @@ def _listed(columns: str, keys: str, rows: Iterable[Mapping[str, Any]]) -> pl.Da
 
 def _drives(result: Any) -> pl.DataFrame:
     """Numbers of the drives; null where not identifiable."""
-    numbers = ((one.joint, one.law, x) for one in result.joints for x in one.numbers.values())
-    rows = ((joint, law, x.name, x.value, x.std, x.unit, x.stated) for joint, law, x in numbers)
-    return table_of("joint:s law:s parameter:s value:f std:f unit:s stated:b", rows)
+    numbers = (x for one in result.joints for x in drive_numbers(one))
+    found = numbers_frame("joint:s law:s parameter:s value:f std:f unit:s stated:f", numbers)
+    return found.with_columns(pl.col("stated").is_not_null())
 
 
 def _stated_drives(model: Any) -> pl.DataFrame:
@@ -338,7 +329,7 @@ FRAMES: dict[str, dict[str, Maker]] = {
         "joints": lambda result: pl.DataFrame(joint_documents(result.robot)),
     },
     "Model": {"laws": _stated_laws, "standard_parameters": _bodies, "drives": _stated_drives},
-    "Payload": {"payload": _payload},
+    "Payload": {"payload": lambda found: numbers_frame("parameter:s value:f std:f unit:s", payload_numbers(found))},
     "Recording": {"samples": _samples},
     "Robot": {"joints": lambda robot: pl.DataFrame(joint_documents(robot))},
     "RollOut": {"rollouts": lambda result: _rolled({"simulation": result})},
