@@ -16,7 +16,7 @@ from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw, of_kind
 from .effects.bodies import body_inertia
 from .effects.drive import DriveLaw
 from .effects.law import law_torque
-from .effects.naming import law_at, law_entry, law_name, parse_law, possible
+from .effects.naming import law_at, law_name, law_place, parse_law, possible
 from .effects.packing import MOTOR, drive_laws, motor_friction, packed_drives
 from .errors import OptionError, RobotError, SignidError, shorten, unexpected
 from .frozen import show_with
@@ -164,7 +164,11 @@ class Model(JointDynamics):
                 if np.isfinite(x)
             },
             "standard_parameters": standard_parameters(robot, self.inertials),
-            "effects": [law_entry(law, robot) for law in self.laws_beside_drives],
+            "effects": [
+                {"effect": law.effect.name, "joint": joint, "parameters": parameters}
+                for law in self.laws_beside_drives
+                for joint, parameters in [law_place(law, robot)]
+            ],
             **({} if self.covariance is None else {"covariance": self.covariance.document()}),
             **({} if self.misfit is None else {"misfit": self.misfit.document(robot.joints)}),
             **({} if errors is None else {"payload_covariance": lower_triangle(errors)}),

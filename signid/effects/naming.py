@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from ..errors import OptionError
 from ..robot.joints import find
@@ -48,12 +47,6 @@ def law_place(law: Law, robot: Robot) -> tuple[str | None, dict[str, str | float
     if law.effect.scope == "pair":
         values = {"partner": robot.joints[law.joints[1]], **values}
     return robot.joints[law.joints[0]], values
-
-
-def law_entry(law: Law, robot: Robot) -> dict[str, Any]:
-    """Law as in files: effect, joint and values of its parameters."""
-    joint, values = law_place(law, robot)
-    return {"effect": law.effect.name, "joint": joint, "parameters": values}
 
 
 def law_name(law: Law, robot: Robot) -> str:

@@ -282,12 +282,11 @@ def comparison(story: Story) -> list[RenderableType]:
 def _numbers(story: Story, outcome: LawOutcome) -> dict[str, dict[str, Any]]:
     """True value, unit, and estimate with standard deviation of each parameter; None: not found."""
     robot, named = story.simulation.robot, outcome.found
-    found = {x.name: x for x in law_numbers(robot, named.law, named.std)} if named else {}
+    found = {x.name: (x.value, x.std) for x in law_numbers(robot, named.law, named.std)} if named else {}
     numbers = {}
     for true in law_numbers(robot, outcome.law, {}):
-        own = found.get(true.name)
-        known = {"found": own and own.value, "std": own and own.std}
-        numbers[true.name] = {"value": true.value, "unit": true.unit, **known}
+        value, std = found.get(true.name, (None, None))
+        numbers[true.name] = {"value": true.value, "unit": true.unit, "found": value, "std": std}
     return numbers
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from rich.console import RenderableType
 
 from ....effects.base import Effect
-from ....effects.naming import law_entry
 from ....estimation.excitation import ENOUGH
 from ....model import standard_parameters, stated_inertials
 from ....types import TWO_SIDED, Array, BaseMap, Input, Law, pseudo_inertia
@@ -22,7 +21,7 @@ from ..plots.frame import Header, sections_page, shared
 from ..plots.heat import correlation_plot, excitation_plot, tied
 from ..quantities import Quantity, effect_document, grid, spaced
 from ..sections import Bar, Card, Cells, Folds, Key, Legend, Plain, Plots, Section, Sentences, terminal
-from .laws import law_numbers
+from .laws import law_document, law_numbers
 from .signs import drawn_signs, signs_document, signs_sections
 
 if TYPE_CHECKING:
@@ -210,7 +209,13 @@ def _refinement(result: Identification, found: Refinement) -> Document:
         "before": [float(x) for x in found.before],
         "after": [float(x) for x in found.after],
         "unit": list(found.unit),
-        "effects": [law_entry(law, result.robot) for law in result.best.laws],
+        "effects": [
+            {
+                **law_document(result.robot, law),
+                "parameters": {x.name: x.value for x in law_numbers(result.robot, law, {})},
+            }
+            for law in result.best.laws
+        ],
     }
 
 

@@ -120,8 +120,7 @@ def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
 def _cells(x: Quantity) -> NumberCells:
     before, unit = "" if x.stated is None else _as_fine(x.stated, x.std), "" if x.unit == "1" else x.unit
     value, half = x.interval("")
-    if value == UNKNOWN:
-        return NumberCells(x.name, before, value, "", unit if before else "")
+    half, unit = ("", unit if before else "") if value == UNKNOWN else (half, unit)
     return NumberCells(x.name, before, value, half, unit)
 
 
