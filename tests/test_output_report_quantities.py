@@ -20,7 +20,7 @@ from signid.output.report.results import identification, laws
 from signid.servo.identify import ServoNumber
 
 VALUE, STD = 4.321, 0.05
-TEXT = re.compile(r"4\.321( ± |</td><td[^>]*>)0\.098")  # on a page, the half-width may have a column of its own
+TEXT = re.compile(r"4\.321( ±\s|</td><td[^>]*>)0\.098")  # a page has a no-break space or two columns
 
 
 def assert_everywhere(result: Any, frame: str) -> None:
