@@ -67,7 +67,7 @@ def test_a_fitted_spring_has_its_stiffness_and_rest_with_intervals(arm: Robot) -
 
 def test_the_rest_of_a_spring_beside_an_offset_has_no_interval(arm: Robot) -> None:
     found = identify(arm, 1, "spring", (*USUAL, "spring"))
-    (spring,) = (law for law in identified_numbers(found) if law[0].effect == "spring" and law[0].joint == "joint_2")
+    (spring,) = (law for law in identified_numbers(found) if law[0].law == "spring" and law[0].joint == "joint_2")
     stiffness, rest = spring
     assert stiffness.value == pytest.approx(25.0, abs=3 * (stiffness.std or np.nan)) and rest.std is None
 

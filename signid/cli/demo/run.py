@@ -269,11 +269,11 @@ def comparison(story: Story) -> list[RenderableType]:
 def _numbers(story: Story, outcome: LawOutcome) -> dict[str, dict[str, Any]]:
     """True value, unit, and estimate with standard deviation of each parameter; None: not found."""
     robot, named = story.simulation.robot, outcome.found
-    found = law_numbers(robot, named.law, named.std) if named else {}
+    found = {x.name: (x.value, x.std) for x in law_numbers(robot, named.law, named.std)} if named else {}
     numbers = {}
-    for key, true in law_numbers(robot, outcome.law, {}).items():
-        value, std = (found.get(key, {}).get(name) for name in ("value", "std"))
-        numbers[key] = {"value": true["value"], "unit": true["unit"], "found": value, "std": std}
+    for true in law_numbers(robot, outcome.law, {}):
+        value, std = found.get(true.name, (None, None))
+        numbers[true.name] = {"value": true.value, "unit": true.unit, "found": value, "std": std}
     return numbers
 
 

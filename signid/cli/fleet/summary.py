@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ...effects import EFFECTS
-from ...output.report.results.sentences import Named, Value
+from ...output.report.quantities import Quantity
+from ...output.report.results.sentences import Named
 from .manifest import Entry
 
 FILES = {"diagnose": "diagnosis.json", "identify": "identification.json"}
@@ -36,9 +37,9 @@ class Number(NamedTuple):
         return (self.joint or self.what) if self.effect else self.what, self.unit
 
     @property
-    def shown(self) -> Value:
+    def shown(self) -> Quantity:
         """For its wording."""
-        return Value(self.value, self.std, self.unit)
+        return Quantity(self.key, self.value, self.std, self.unit)
 
 
 class Cause(NamedTuple):

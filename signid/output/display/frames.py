@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from operator import attrgetter
 from typing import Any, TypeAlias
 
@@ -14,9 +14,12 @@ from ...errors import OptionError
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import INERTIAL, INERTIAL_UNITS, Array, Law, Recording, Robot
 from ..report.documents import picked
+from ..report.quantities import Quantity
 from ..report.results.identification import identified_numbers
 from ..report.results.inspection import joint_documents
 from ..report.results.laws import finding_numbers, law_numbers
+from ..report.results.payload import payload_numbers
+from ..report.results.servo_identification import drive_numbers
 
 Rows: TypeAlias = Iterable[tuple[Any, ...]]
 Table: TypeAlias = Callable[[Any], pl.DataFrame] | tuple[str, Callable[[Any], Rows]]  # or columns and rows
@@ -63,26 +66,30 @@ def _estimated(found: Any) -> Rows:
     return zip(names, found.value, found.std, units, strict=True)
 
 
-def _law_rows(robot: Robot, law: Law, numbers: Mapping[str, Any]) -> Rows:
-    """Law, joint, partner, parameter, value, std, unit, stated value; a law without parameters has one row."""
-    first = (law.effect.name, law_place(law, robot)[0], numbers.get("partner", {}).get("value"))
-    own = {key: n for key, n in numbers.items() if key != "partner"}
-    rows = [(*first, key, n["value"], n["std"], n["unit"], n.get("stated")) for key, n in own.items()]
-    return rows or [(*first, *[None] * 5)]
+def numbers_frame(columns: str, numbers: Iterable[Quantity]) -> pl.DataFrame:
+    """A row per number, with columns `attribute:kind`."""
+    names = [column.partition(":")[0] for column in columns.split()]
+    return table_of(columns, (x.row(names) for x in numbers))
 
 
-def _identified_laws(result: Any) -> Rows:
-    return ((n.effect, n.joint, None, n.key, n.value, n.std, n.unit) for own in identified_numbers(result) for n in own)
+def _law_rows(robot: Robot, laws: Iterable[tuple[Law, list[Quantity]]]) -> Iterator[Quantity]:
+    """Numbers of the laws; a law without parameters has one row."""
+    for law, numbers in laws:
+        yield from numbers or [Quantity("", np.nan, None, "", law_place(law, robot)[0], law.effect.name)]
 
 
-def _stated_laws(model: Any) -> Rows:
-    for law in model.laws_beside_drives:
-        yield from (row[:-1] for row in _law_rows(model.robot, law, law_numbers(model.robot, law, {})))
+def _identified_laws(result: Any) -> pl.DataFrame:
+    return numbers_frame(LAWS, (n for numbers in identified_numbers(result) for n in numbers))
 
 
-def _found_laws(result: Any) -> Rows:
-    for finding in result.findings:
-        yield from _law_rows(result.robot, finding.law, finding_numbers(result.robot, finding))
+def _stated_laws(model: Any) -> pl.DataFrame:
+    each = [(law, law_numbers(model.robot, law, {})) for law in model.laws_beside_drives]
+    return numbers_frame(LAWS, _law_rows(model.robot, each))
+
+
+def _found_laws(result: Any) -> pl.DataFrame:
+    each = [(finding.law, finding_numbers(result.robot, finding)) for finding in result.findings]
+    return numbers_frame(f"{LAWS} stated:f", _law_rows(result.robot, each))
 
 
 def _bodies(result: Any) -> Rows:
@@ -127,19 +134,11 @@ def _unexplained(result: Any) -> Rows:
         yield result.robot.joints[x.joint], x.place.variable, x.place.region, x.share, x.held_out_gain, x.modelled
 
 
-def _payload(found: Any) -> Rows:
-    if found.found:
-        yield "mass", *found.mass, "kg"
-        yield from zip((f"centre_{axis}" for axis in "xyz"), *found.centre, "m" * 3, strict=True)
-        yield from zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)
-    for moment in found.moments:
-        yield "picked_up" if moment.picked_up else "put_down", moment.t, moment.std, "s"
-
-
-def _drives(result: Any) -> Rows:
+def _drives(result: Any) -> pl.DataFrame:
     """Numbers of the drives; null where not identifiable."""
-    for one in result.joints:
-        yield from ((one.joint, one.law, x.name, x.value, x.std, x.unit, x.stated) for x in one.numbers.values())
+    numbers = (x for one in result.joints for x in drive_numbers(one))
+    rows = numbers_frame("joint:s law:s parameter:s value:f std:f unit:s stated:f", numbers)
+    return rows.with_columns(pl.col("stated").is_not_null())
 
 
 def _stated_drives(model: Any) -> Rows:
@@ -237,7 +236,7 @@ FRAMES: dict[str, dict[str, Table]] = {
             "alternatives:i in_model:b",
             _findings,
         ),
-        "laws": (f"{LAWS} stated:f", _found_laws),
+        "laws": _found_laws,
         "alternatives": (
             "law:s joint:s alternative:s alternative_joint:s probability:f separating_motion:s",
             _alternatives,
@@ -269,7 +268,7 @@ FRAMES: dict[str, dict[str, Table]] = {
             "expression:s value:f std:f estimate:f unit:s",
             _side_by_side("base.expressions base_value estimate.std estimate.value base.units"),
         ),
-        "laws": (LAWS, _identified_laws),
+        "laws": _identified_laws,
         "standard_parameters": BODIES,
         "fit": (FIT, lambda one: _fit(one.fit)),
         "residuals": _residuals,
@@ -277,17 +276,17 @@ FRAMES: dict[str, dict[str, Table]] = {
     },
     "Inspection": {"base_parameters": lambda one: frame(one.base), "joints": lambda one: frame(one.robot)},
     "Model": {
-        "laws": (LAWS, _stated_laws),
+        "laws": _stated_laws,
         "standard_parameters": BODIES,
         "drives": ("joint:s law:s parameter:s value:f unit:s", _stated_drives),
     },
-    "Payload": {"payload": ("parameter:s value:f std:f unit:s", _payload)},
+    "Payload": {"payload": lambda found: numbers_frame("parameter:s value:f std:f unit:s", payload_numbers(found))},
     "Recording": {"samples": _samples},
     "Robot": {"joints": lambda robot: pl.DataFrame(joint_documents(robot))},
     "RollOut": {"rollouts": (ROLLED, lambda run: _rolled({"simulation": run}))},
     "Separation": {"motion": _motion},
     "ServoIdentification": {
-        "drives": ("joint:s law:s parameter:s value:f std:f unit:s stated:b", _drives),
+        "drives": _drives,
         "closed_loops": _loops,
         "positions": _positions,
     },

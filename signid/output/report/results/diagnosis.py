@@ -18,6 +18,7 @@ from ..layout import Worse, confidence, determination, figure, heading, log_odds
 from ..plots.courses import joint_plots, rollout_plots, worst
 from ..plots.frame import AFTER, BEFORE, Header, sections_page, shared
 from ..plots.heat import heat_maps, hottest
+from ..quantities import parameters
 from ..sections import (
     Bar,
     Card,
@@ -118,7 +119,7 @@ def _finding(result: Diagnosis, finding: Finding) -> Document:
         "link": changed_link(robot, finding.law),
         **picked(finding, "role in_model probability"),
         **({"refused": finding.refused} if finding.refused else {}),
-        "parameters": finding_numbers(robot, finding),
+        "parameters": parameters(finding_numbers(robot, finding)),
         "meaning": finding.law.effect.meaning(finding.law.parameters),
         "torque_share": {name: share for name, share in shares if share > 0},
         "where": {
@@ -141,13 +142,13 @@ def _ordinary(result: Diagnosis) -> Iterator[Document]:
     some = [finding for finding in result.findings if finding.ordinary]
     for effect in dict.fromkeys(finding.law.effect for finding in some):
         own = [finding for finding in some if finding.law.effect is effect]
-        numbers = [finding_numbers(result.robot, finding) for finding in own]
+        each = [{x.name: x for x in finding_numbers(result.robot, finding)} for finding in own]
         yield {
             "effect": effect.name,
             "joints": [law_place(finding.law, result.robot)[0] for finding in own],
             "parameters": {
-                key: {"unit": x["unit"], **{y: [number[key][y] for number in numbers] for y in ("value", "std")}}
-                for key, x in numbers[0].items()
+                key: {"unit": x.unit, **{y: [getattr(numbers[key], y) for numbers in each] for y in ("value", "std")}}
+                for key, x in each[0].items()
             },
         }
 

@@ -3,33 +3,25 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
 
 from ....effects.base import Effect
 from ....estimation.excitation import ENOUGH
-from ....model import Model, standard_parameters, stated_inertials
+from ....model import standard_parameters, stated_inertials
 from ....types import TWO_SIDED, Array, BaseMap, Input, Law, pseudo_inertia
-from ..documents import (
-    Document,
-    description,
-    ending,
-    excitation_verdict,
-    fit_document,
-    law_units,
-    opening,
-    recorded,
-    rms,
-)
+from ..documents import Document, description, ending, excitation_verdict, fit_document, opening, recorded, rms
 from ..layout import determination, figure, heading, plural, share, torque_units, with_interval
 from ..plots.courses import held_out_rows, joint_plots, worst
 from ..plots.frame import Header, sections_page, shared
 from ..plots.heat import correlation_plot, excitation_plot, tied
+from ..quantities import Quantity, effect_document, grid, spaced
 from ..sections import Bar, Card, Cells, Folds, Key, Legend, Plain, Plots, Section, Sentences, terminal
+from .laws import law_document, law_numbers
 from .signs import drawn_signs, signs_document, signs_sections
 
 if TYPE_CHECKING:
@@ -56,42 +48,16 @@ CONSISTENT = (
 )
 
 
-class LawNumber(NamedTuple):
-    """One parameter of a law; std is None if it is identifiable only in combination."""
-
-    effect: str
-    joint: str | None  # None: the whole robot
-    key: str
-    value: float
-    std: float | None
-    unit: str
-
-    @property
-    def place(self) -> str:
-        """Joint, or the robot."""
-        return self.joint or "(robot)"
-
-    @property
-    def interval(self) -> tuple[str, str]:
-        """Value, and the half-width of its interval."""
-        return (figure(self.value), "in combination") if self.std is None else with_interval(self.value, self.std)
-
-    @property
-    def words(self) -> tuple[str, str]:
-        """Effect and key without underscores."""
-        return self.effect.replace("_", " "), self.key.replace("_", " ")
-
-
-def identified_numbers(result: Identification) -> list[list[LawNumber]]:
-    """Parameters of each law of the model, with their standard deviations."""
+def identified_numbers(result: Identification) -> list[list[Quantity]]:
+    """Parameters of each law of the model, from which all outputs follow; std is None in combinations alone."""
     singles, places = _alone(result.base), defaultdict[int, list[int]](list)
     for k, label in enumerate(result.base.labels):
         if label.law is not None:
             places[label.law].append(k)
     found = [(x, _deviations(result, x, [singles.get(k) for k in places[i]])) for i, x in enumerate(result.model.laws)]
-    currents = (_numbers(result, law, dict(zip(law.effect.linear(), std, strict=True))) for law, std in result.currents)
-    own = ([number._replace(unit=_in_amperes(number.unit)) for number in numbers] for numbers in currents)
-    return [*(_numbers(result, *pair) for pair in found), *own]
+    own = [(law, dict(zip(law.effect.linear(), std, strict=True))) for law, std in result.currents]
+    currents = [[x._replace(unit=_in_amperes(x.unit)) for x in law_numbers(result.robot, *pair)] for pair in own]
+    return [*(law_numbers(result.robot, *pair) for pair in found), *currents]
 
 
 def _in_amperes(unit: str) -> str:
@@ -110,13 +76,6 @@ def _rigid_rows(base: BaseMap) -> list[int]:
     singles = _alone(base)
     laws = {singles[k] for k, label in enumerate(base.labels) if label.law is not None and k in singles}
     return [row for row in range(base.rank) if row not in laws]
-
-
-def _numbers(result: Identification, law: Law, std: Mapping[str, float]) -> list[LawNumber]:
-    joint = result.robot.joints[law.joints[0]] if len(law.joints) == 1 else None
-    units = law_units(result.robot, law)
-    values = law.parameters.items()
-    return [LawNumber(law.effect.name, joint, key, float(x), std.get(key), units[key]) for key, x in values]
 
 
 def _deviations(result: Identification, law: Law, rows: Sequence[int | None]) -> dict[str, float]:
@@ -153,14 +112,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "standard_parameters": standard_parameters(robot, result.parameters.bodies()),
         "physically_consistent": result.physically_consistent,
         "moved": float(result.moved),
-        "effects": [
-            {
-                "effect": numbers[0].effect,
-                "joint": numbers[0].joint,
-                "parameters": {n.key: {"value": n.value, "std": n.std, "unit": n.unit} for n in numbers},
-            }
-            for numbers in identified_numbers(result)
-        ],
+        "effects": [effect_document(some[0].law, some[0].joint, some) for some in identified_numbers(result)],
         "signs": None if result.signs is None else signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
         "lacks": [{key: x for key, x in list(vars(lack).items())[:4]} for lack in result.lacks],
@@ -198,36 +150,18 @@ def identification_tables(result: Identification) -> list[RenderableType]:
     return [heading(f"{result.robot.name}: {counted}", below=False), *terminal(sections, result.notes)]
 
 
-def _laws(numbers: Sequence[LawNumber]) -> Section:
+def _laws(numbers: Sequence[Quantity]) -> Section:
     """A table with one row per joint, or one row per parameter if there are too many columns."""
-    kinds = list(dict.fromkeys((n.effect, n.key) for n in numbers))
-    if len(kinds) <= WIDE:
-        table = _law_grid(numbers, kinds)
+    if len({(n.law, n.name) for n in numbers}) <= WIDE:
+        heads, cells = grid(numbers, lambda n: f"{spaced(n.law)}\n{n.name} ")
+        places = dict.fromkeys(n.place for n in numbers)
+        table = Cells(("joint", *heads), [(place, *row) for place, row in zip(places, cells, strict=True)])
     else:
-        rows = [(n.place, *n.words, _law_cell(n), n.unit) for n in numbers]
+        rows = [(n.place, spaced(n.law), spaced(n.name), n.cell, n.unit) for n in numbers]
         table = Cells(("joint", "law", "parameter", "value>", "unit"), rows)
     combined = any(n.std is None for n in numbers)
     note = "In parentheses: identifiable only in combination with other parameters." if combined else ""
     return Section("Laws at the joints, ± 95 %", (table, Plain(note)))
-
-
-def _law_grid(numbers: Sequence[LawNumber], kinds: Sequence[tuple[str, str]]) -> Cells:
-    lines: dict[str, dict[tuple[str, str], LawNumber]] = {}
-    units: dict[tuple[str, str], dict[str, None]] = {}
-    for n in numbers:
-        lines.setdefault(n.place, {})[n.effect, n.key] = n
-        units.setdefault((n.effect, n.key), {})[n.unit] = None
-    heads = [f"{kind[0].replace('_', ' ')}\n{kind[1]} [{' or '.join(units[kind])}]>" for kind in kinds]
-    rows = [(place, *(_law_cell(line.get(kind)) for kind in kinds)) for place, line in lines.items()]
-    return Cells(("joint", *heads), rows)
-
-
-def _law_cell(number: LawNumber | None) -> str:
-    if number is None:
-        return ""
-    if number.std is None:
-        return f"({figure(number.value)})"
-    return " ± ".join(text for text in number.interval if text != "-")
 
 
 def fit_rows(fit: Fit, *before: Array) -> Iterator[tuple[str, ...]]:
@@ -269,7 +203,6 @@ def cutoff_words(torque: float, position: float) -> str:
 
 def _refinement(result: Identification, found: Refinement) -> Document:
     """Build the block `refinement` of identification.json."""
-    joints = result.robot.joints
     return {
         "kept": found.kept,
         "windows": list(found.lengths),
@@ -278,9 +211,8 @@ def _refinement(result: Identification, found: Refinement) -> Document:
         "unit": list(found.unit),
         "effects": [
             {
-                "effect": law.effect.name,
-                "joint": joints[law.joints[0]] if len(law.joints) == 1 else None,
-                "parameters": {key: float(value) for key, value in law.parameters.items()},
+                **law_document(result.robot, law),
+                "parameters": {x.name: x.value for x in law_numbers(result.robot, law, {})},
             }
             for law in result.best.laws
         ],
@@ -292,26 +224,17 @@ def _refined(result: Identification) -> Section:
     found, model = result.refinement, result.refined
     if found is None or model is None:
         return Section("", ())
-    table = Cells(("joint", "law", "parameter", "value>", "unit"), _refined_rows(model))
+    numbers = [n for law in model.laws for n in law_numbers(model.robot, law, {})]
+    rows = [(n.place, spaced(n.law), n.name, n.text, n.unit) for n in numbers]
+    table = Cells(("joint", "law", "parameter", "value>", "unit"), rows)
     return Section("Refined by roll-outs: laws of model.json", (table, Plain(f"{found.sentence}.".capitalize())))
-
-
-def _refined_rows(model: Model) -> list[list[str]]:
-    prismatic, joints = model.robot.prismatic, model.robot.joints
-    rows = []
-    for law in model.laws:
-        j = law.joints[0]
-        for key, value in law.parameters.items():
-            unit = law.effect.parameters[key].unit_at(bool(prismatic[j]))
-            rows.append([joints[j], law.effect.name.replace("_", " "), key, figure(float(value)), unit])
-    return rows
 
 
 def identification_page(result: Identification, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of an identification; `inputs` besides the recordings default to the description."""
     name, base, order = result.robot.name, result.base, worst(result.fit)
     numbers = [n for numbers in identified_numbers(result) for n in numbers]
-    laws = [(n.place, *n.words, *n.interval, n.unit) for n in numbers]
+    laws = [(n.place, spaced(n.law), spaced(n.name), *n.interval("in combination"), n.unit) for n in numbers]
     pairs = [
         f"{base.expressions[i]} and {base.expressions[k]}: {size:.3f}"
         for i, k, size in tied(result.estimate.covariance)[:LISTED]

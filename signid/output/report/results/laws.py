@@ -17,6 +17,7 @@ from ....types import TWO_SIDED, Coefficient, Law, Robot
 from ....version import __version__
 from ..documents import Document, law_units, picked
 from ..layout import UNKNOWN, figure, heading, new_table, paragraph, plural, with_interval
+from ..quantities import Quantity, effect_document
 
 if TYPE_CHECKING:
     from ....diagnose import Finding
@@ -54,17 +55,22 @@ class NumberCells(NamedTuple):
         return f"{self.stated} in the simulation, {self.interval} recorded"
 
 
-def law_numbers(robot: Robot, law: Law, std: Mapping[str, float | None]) -> Document:
-    """Parameters of a law by key: value, std (None if unknown) and unit; the value of a partner is its name."""
-    units, (_, values) = law_units(robot, law), law_place(law, robot)
-    return {key: {"value": x, "std": std.get(key), "unit": units.get(key, "")} for key, x in values.items()}
+def law_numbers(
+    robot: Robot, law: Law, std: Mapping[str, float | None], stated: Mapping[str, float] | None = None
+) -> list[Quantity]:
+    """Parameters of a law with standard deviations and stated values, from which all outputs follow."""
+    units, (joint, values) = law_units(robot, law), law_place(law, robot)
+    partner, known = values.pop("partner", None), stated or {}
+    own = joint, law.effect.name, None if partner is None else str(partner)
+    return [Quantity(key, float(x), std.get(key), units[key], *own, known.get(key)) for key, x in values.items()]
 
 
 def law_document(robot: Robot, law: Law) -> Document:
-    """Effect, joint and parameters of a law with their units."""
-    units, (joint, values) = law_units(robot, law), law_place(law, robot)
-    parameters = {key: {"value": value, "unit": units.get(key, "")} for key, value in values.items()}
-    return {"effect": law.effect.name, "joint": joint, "parameters": parameters}
+    """Effect, joint and parameters of a stated law, without standard deviations."""
+    found = effect_document(law.effect.name, law_place(law, robot)[0], law_numbers(robot, law, {}))
+    for number in found["parameters"].values():
+        del number["std"]
+    return found
 
 
 def changed_link(robot: Robot, law: Law) -> str | None:
@@ -82,26 +88,25 @@ def law_words(robot: Robot, law: Law) -> str:
     return f"{words if ' of ' in words else f'{words} of {robot.joints[law.joints[0]]}'} (link {link})"
 
 
-def finding_numbers(robot: Robot, finding: Finding) -> Document:
+def finding_numbers(robot: Robot, finding: Finding) -> list[Quantity]:
     """Parameters of the law of a finding, with the values stated by the simulation."""
-    numbers = law_numbers(robot, finding.law, finding.std)
-    for key in numbers.keys() & finding.stated.keys():
-        numbers[key]["stated"] = finding.stated[key]
-    return numbers
+    return law_numbers(robot, finding.law, finding.std, finding.stated)
 
 
 def number_cells(robot: Robot, finding: Finding) -> list[NumberCells]:
     """Parameters of a finding; optional ones consistent with zero are only counted."""
-    numbers, origin = finding_numbers(robot, finding), finding.where.origin
-    for key in numbers.keys() & {"start", "end"} if origin else ():
-        numbers[key] |= {"value": numbers[key]["value"] - origin, "unit": "s since the start"}
-    optional = [key for key in numbers if key in finding.law.effect.optional and key not in finding.stated]
-    sizes = {key: (abs(numbers[key]["value"]), numbers[key]["std"]) for key in optional}
-    hidden = [key for key, (size, std) in sizes.items() if std is not None and size < TWO_SIDED * std]
-    cells = [_cells(key, **number) for key, number in numbers.items() if key not in (*hidden, "partner")]
+    shown, origin, hidden = list[NumberCells](), finding.where.origin, 0
+    for x in finding_numbers(robot, finding):
+        if origin and x.name in ("start", "end"):
+            x = x._replace(value=x.value - origin, unit="s since the start")
+        optional = x.name in finding.law.effect.optional and x.stated is None
+        if optional and x.std is not None and abs(x.value) < TWO_SIDED * x.std:
+            hidden += 1
+        else:
+            shown.append(_cells(x))
     if hidden:
-        cells.append(NumberCells(f"{plural(len(hidden), 'more parameter')}: could be zero", "", "", "", ""))
-    return cells
+        shown.append(NumberCells(f"{plural(hidden, 'more parameter')}: could be zero", "", "", "", ""))
+    return shown
 
 
 def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
@@ -112,13 +117,11 @@ def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
     return (*lines, *filter(None, [finding.law.effect.meaning(finding.law.parameters), absent]))
 
 
-def _cells(key: str, value: float, std: float | None, unit: str, stated: float | None = None) -> NumberCells:
-    before, unit = "" if stated is None else _as_fine(stated, std), "" if unit == "1" else unit
-    if std is None:
-        return NumberCells(key, before, figure(value), "", unit)
-    if not (isfinite(std) and isfinite(value)):
-        return NumberCells(key, before, UNKNOWN, "", unit if before else "")
-    return NumberCells(key, before, *with_interval(value, std), unit)
+def _cells(x: Quantity) -> NumberCells:
+    before, unit = "" if x.stated is None else _as_fine(x.stated, x.std), "" if x.unit == "1" else x.unit
+    value, half = x.interval("")
+    half, unit = ("", unit if before else "") if value == UNKNOWN else (half, unit)
+    return NumberCells(x.name, before, value, half, unit)
 
 
 def _as_fine(stated: float, std: float | None) -> str:

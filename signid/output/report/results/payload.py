@@ -9,7 +9,8 @@ from rich.console import RenderableType
 
 from ....types import INERTIAL, Input
 from ..documents import Document, description, ending, picked
-from ..layout import heading, note_lines, paragraph, with_interval
+from ..layout import heading, note_lines, paragraph
+from ..quantities import Quantity, spaced
 from ..sections import Cells, Plain, Section, terminal
 
 if TYPE_CHECKING:
@@ -38,18 +39,27 @@ def payload_document(found: Payload, inputs: Sequence[Input] = ()) -> Document:
     }
 
 
+def payload_numbers(found: Payload) -> list[Quantity]:
+    """Numbers of the load and its moments, from which tables and frames follow."""
+    centre = zip((f"centre_{axis}" for axis in "xyz"), *found.centre, ["m"] * 3, strict=True)
+    load = [("mass", *found.mass, "kg"), *centre, *zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)]
+    moments = [("picked_up" if each.picked_up else "put_down", each.t, each.std, "s") for each in found.moments]
+    numbers = [*(load if found.found else []), *moments]
+    return [Quantity(name, float(value), float(std), unit) for name, value, std, unit in numbers]
+
+
+def _title(name: str) -> str:
+    if name in INERTIAL:
+        return f"{name} about its centre"
+    return spaced(name).replace("centre", "centre of mass") + (" at" if name in ("picked_up", "put_down") else "")
+
+
 def payload_tables(found: Payload) -> list[RenderableType]:
     """Mass, centre of mass and inertia with their intervals; moments, or the notes alone without a load."""
     head = heading(f"{found.robot.name}: payload of {found.link}, in its joint frame", below=False)
     if not found.found:
         return [head, paragraph("No load was found."), *note_lines(found.notes)]
-    numbers = [
-        ("mass", *found.mass, "kg"),
-        *zip((f"centre of mass {axis}" for axis in "xyz"), *found.centre, ["m"] * 3, strict=True),
-        *zip((f"{name} about its centre" for name in INERTIAL[4:]), *found.inertia, ["kg.m2"] * 6, strict=True),
-        *(("picked up at" if each.picked_up else "put down at", each.t, each.std, "s") for each in found.moments),
-    ]
-    rows = [(name, *with_interval(float(value), float(std)), unit) for name, value, std, unit in numbers]
+    rows = [(_title(x.name), *x.interval("-"), x.unit) for x in payload_numbers(found)]
     change = f"this changed the difference of base parameters by at most {found.moved:.1f} standard deviations"
     sentence = f"The inertia is physically consistent; {change}. Cut-off {found.cutoff:.3g} Hz."
     section = Section("", (Cells(("payload", "value>", "± (95 %)>", "unit"), rows), Plain(sentence)))

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from ....effects.naming import law_place
 from ....errors import shorten
 from ....types import TWO_SIDED, Coefficient, Effect, Law, Robot, Shape
-from ..documents import law_units
 from ..layout import UNKNOWN, confidence, figure, plural, share
-from .laws import changed_link, law_words, number_lines
+from ..quantities import Quantity, spaced
+from .laws import changed_link, law_numbers, law_words, number_lines
 
 if TYPE_CHECKING:
     from ....diagnose import Diagnosis, Finding
@@ -35,21 +35,13 @@ SAID = ("payload", "coulomb_friction", "spring")  # effects whose smallest size 
 RIVALS = 3  # maximum number of alternatives shown on the terminal
 
 
-class Value(NamedTuple):
-    """A parameter of a finding."""
-
-    value: float
-    std: float | None  # None: unknown
-    unit: str
-
-
 class Named(NamedTuple):
     """A law at its joints with its parameters, as an object or a result file states it."""
 
     effect: Effect
     joint: str | None  # None: the whole robot
     partner: str | None
-    numbers: Mapping[str, Value]
+    numbers: Mapping[str, Quantity]
     stated: Mapping[str, float] = {}  # values in the simulation [unit of the parameter]
     link: str | None = None  # the link whose inertia the law changes
 
@@ -57,8 +49,7 @@ class Named(NamedTuple):
 def named(robot: Robot, law: Law, std: Mapping[str, float | None], stated: Mapping[str, float] | None = None) -> Named:
     """A law of a robot, with standard deviations and stated values of its parameters [unit of the parameter]."""
     joint, values = law_place(law, robot)
-    partner, units = values.get("partner"), law_units(robot, law)
-    numbers = {key: Value(float(x), std.get(key), units[key]) for key, x in values.items() if key != "partner"}
+    partner, numbers = values.get("partner"), {x.name: x for x in law_numbers(robot, law, std)}
     return Named(
         law.effect, joint, None if partner is None else str(partner), numbers, stated or {}, changed_link(robot, law)
     )
@@ -103,7 +94,7 @@ def compared(finding: Named) -> str:
     if len(finding.numbers) != 1 or not finding.stated:
         return ""
     (key, number), where = next(iter(finding.numbers.items())), subject(finding)
-    before, after = quantity(finding.stated[key], None, number.unit), quantity(*number)
+    before, after = quantity(finding.stated[key], None, number.unit), quantity(number.value, number.std, number.unit)
     shown = after if after == UNKNOWN else f"{after} recorded"
     return f"{where}: {before} in the simulation, {shown}"
 
@@ -114,14 +105,13 @@ def subject(finding: Named) -> str:
     return FIELD.sub(lambda field: _filled(finding, field[1]), words)
 
 
-def main_number(finding: Named) -> tuple[str, Value] | None:
+def main_number(finding: Named) -> Quantity | None:
     """The first coefficient that is not consistent with zero, or else the first parameter."""
     effect = finding.effect
     known = {key: x for key, x in finding.numbers.items() if key in effect.parameters and key not in effect.optional}
     linear = {key: x for key, x in known.items() if isinstance(effect.parameters[key], Coefficient)} or known
     sure = [key for key, x in linear.items() if x.std is not None and abs(x.value) >= TWO_SIDED * x.std]
-    key = next(iter(sure or linear), None)
-    return None if key is None else (key, linear[key])
+    return next((linear[key] for key in sure or linear), None)
 
 
 def _template(finding: Named) -> str:
@@ -133,7 +123,7 @@ def _template(finding: Named) -> str:
         words = effect.name.replace("_", " ") + at + (" (link {link})" if finding.link else "")
         if (found := main_number(finding)) is not None:
             several = sum(isinstance(kind, Coefficient) for kind in effect.parameters.values()) > 1
-            words += f": {found[0].replace('_', ' ') + ' ' if several else ''}{{{found[0]}}}"
+            words += f": {spaced(found.name) + ' ' if several else ''}{{{found.name}}}"
     return words if finding.joint else words.replace(" of {joint}", "")
 
 
@@ -144,7 +134,7 @@ def _filled(finding: Named, field: str) -> str:
     if field in finding.numbers:
         number, kind = finding.numbers[field], finding.effect.parameters.get(field)
         instant = isinstance(kind, Shape) and kind.unit == "s" and not kind.grid
-        return quantity(*number._replace(std=None) if instant else number)
+        return quantity(number.value, None if instant else number.std, number.unit)
     parts = [finding.numbers[key] for key in (f"{field}_{axis}" for axis in "xyz") if key in finding.numbers]
     size = hypot(*(part.value for part in parts))
     errors = [part.value * (part.std or 0.0) for part in parts]
@@ -172,9 +162,9 @@ def _together(findings: Sequence[Named], joints: int) -> str:
     where = "all joints" if len(places) == joints else where
     words = _template(findings[0]).partition(": ")[0].replace("{joint}", where).replace(" (link {link})", "")
     found = [number for finding in findings if (number := main_number(finding)) is not None]
-    units = list(dict.fromkeys(value.unit for _, value in found))
-    values = [value.value for _, value in found if isfinite(value.value)]
-    if len({key for key, _ in found}) != 1 or len(units) != 1 or not values:
+    units = list(dict.fromkeys(number.unit for number in found))
+    values = [number.value for number in found if isfinite(number.value)]
+    if len({number.name for number in found}) != 1 or len(units) != 1 or not values:
         return words
     least, most = (quantity(value, None, units[0]) for value in (min(values), max(values)))
     both = "" if least == most else f"{least.rpartition(' ')[0]} to "

@@ -13,14 +13,15 @@ from ....servo.diagnose.conclude import VISIBLE
 from ....servo.identify.fits import HORIZON
 from ....types import Input
 from ..documents import Document, description, ending, fit_document, opening, picked
-from ..layout import figure, share, thousandths, with_interval
+from ..layout import figure, share, thousandths
 from ..plots.courses import loop_blocks, worst_joints
 from ..plots.frame import Header, sections_page, shared
+from ..quantities import Quantity, parameters
 from ..sections import Card, Cells, Section, Sentences, terminal
 from .servo_identification import all_joints, loop_units, poor_joints
 
 if TYPE_CHECKING:
-    from ....servo.diagnose import FoundNumber, ServoDiagnosis, ServoFinding, ServoRepeats
+    from ....servo.diagnose import ServoDiagnosis, ServoFinding, ServoRepeats
 
 VERDICTS = {
     "nothing_missing": "nothing is missing: the simulation predicts the motion within the noise of the positions, or "
@@ -65,7 +66,7 @@ def _repeats(found: ServoRepeats) -> Document:
 def _finding(one: ServoFinding) -> Document:
     return {
         **picked(one, "effect joint role probability"),
-        "parameters": {key: _number(number) for key, number in one.parameters.items()},
+        "parameters": parameters(found_numbers(one)),
         "meaning": one.meaning,
         "torque_share": dict(one.share),
         "where": {"joint": one.joint, "variable": one.variable, "region": one.region},
@@ -74,9 +75,10 @@ def _finding(one: ServoFinding) -> Document:
     }
 
 
-def _number(number: FoundNumber) -> Document:
-    stated = {} if number.stated is None else {"stated": number.stated}
-    return {"value": number.value, "std": number.std, "unit": number.unit, **stated}
+def found_numbers(one: ServoFinding) -> list[Quantity]:
+    """Parameters of a finding, from which all outputs follow."""
+    own = one.joint, one.effect, None
+    return [Quantity(key, x.value, x.std, x.unit, *own, x.stated) for key, x in one.parameters.items()]
 
 
 def servo_diagnosis_tables(result: ServoDiagnosis) -> list[RenderableType]:
@@ -131,11 +133,8 @@ def _findings(result: ServoDiagnosis) -> Section:
 
 
 def _cells(one: ServoFinding) -> list[str]:
-    numbers, stated = [], []
-    for key, number in one.parameters.items():
-        value = figure(number.value) if not number.std else " ± ".join(with_interval(number.value, number.std))
-        numbers.append(f"{key} {value} {number.unit}".removesuffix(" 1"))
-        stated.append("-" if number.stated is None else figure(number.stated))
+    numbers = [f"{x.name} {x.text} {x.unit}".removesuffix(" 1") for x in found_numbers(one)]
+    stated = ["-" if x.stated is None else figure(x.stated) for x in found_numbers(one)]
     sure = "> 99.9 %" if one.probability > FINE else share(one.probability)
     explained = share(one.share.get(one.joint, 0.0))
     return ["; ".join(numbers), "; ".join(stated), sure, explained, share(max(one.held_out_gain, 0.0))]

@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from math import isfinite
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Sequence
+from math import isfinite, nan
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
 from ....effects import EFFECTS
-from ....errors import decimals
 from ....model import standard_parameters
 from ....parameters import Array, pseudo_inertia
 from ....servos import PASSIVE
 from ....types import Input
 from ..documents import Document, description, ending, opening, picked, stamps_clock
-from ..layout import Worse, figure, plural, share, thousandths, with_interval
+from ..layout import Worse, plural, share, thousandths
 from ..plots.courses import loop_blocks, worst_joints
 from ..plots.frame import FRICTION, Header, friction_plots, sections_page, shared
+from ..quantities import Quantity, effect_document, grid, spaced
 from ..sections import Block, Card, Cells, Legend, Plain, Plots, Section, Sentences, terminal
 from .sentences import WORSE
 
 if TYPE_CHECKING:
     from ....servo.identify import FrictionModel, ServoIdentification, ServoJoint, ServoNumber, ServoRollOut
-    from ....servo.zeros import JointZero
 
 FIRST = ("kp", "damping", "delay", "lag", "effort_limit", "armature", "coulomb_friction", "load_friction")
 LAWS = (*PASSIVE, "load_friction")  # numbers of a drive that are written as effects
@@ -43,14 +42,22 @@ MODELS = (
     "The log Bayes factor is that of these rows over the first model; the probability allows for their differences. "
     "M1 to M6: Duclusaud et al., arXiv 2410.08650; PACE: Bjelonic et al., 2025."
 )
-UNITS = {"s": "ms", "1": ""}  # as `number_cell` writes them
 
 
 def servo_identification_document(result: ServoIdentification, inputs: Sequence[Input] = ()) -> Document:
     """Build the content of identification.json; `inputs` besides the recordings default to the robot description."""
     robot, model = result.robot, result.model
-    inertials, models = np.asarray(model.inertials), [_model(x, result) for x in result.friction_models]
+    inertials, scale = np.asarray(model.inertials), result.scale
+    models = [_model(x, result.rollout.held_out) for x in result.friction_models]
     bodies = list(map(pseudo_inertia, inertials))
+    zeros = [
+        {
+            **picked(one, "joint sign sign_probability"),
+            "zero": {"value": one.zero, "std": one.std, "unit": "rad"},
+            "identifiable": one.identifiable,
+        }
+        for one in result.zeros
+    ]
     return {
         **opening("signid.identification/1", robot),
         "base_parameters": [],
@@ -66,95 +73,84 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
             for log in result.logs
         ],
         "servo": {
-            "scale": _scale(result),
+            "scale": {
+                "set_by": scale.known_by,
+                "share_of_known_load": {one.joint: one.known_load_share for one in result.joints},
+                "sentence": scale.sentence,
+                "otherwise": "; ".join(scale.alternatives),
+            },
             "joints": [_joint(one) for one in result.joints],
             "rollout": {**rollout_document(result.rollout), "held_out": result.rollout.held_out},
-            **({"zeros": [_zero(one) for one in result.zeros]} if result.zeros else {}),
+            **({"zeros": zeros} if zeros else {}),
             **({"friction_models": models} if models else {}),
         },
         **ending(result, result.inputs, inputs or [description(robot)], result.seed),
     }
 
 
-def _scale(result: ServoIdentification) -> Document:
-    scale = result.scale
-    return {
-        "set_by": scale.known_by,
-        "share_of_known_load": {one.joint: one.known_load_share for one in result.joints},
-        "sentence": scale.sentence,
-        "otherwise": "; ".join(scale.alternatives),
+def drive_numbers(one: ServoJoint) -> list[Quantity]:
+    """Numbers of a drive, from which all outputs follow."""
+    more: dict[str, Document] = {"damping": {"is": DAMPING}, "effort_limit": {"saturated_share": one.saturated_share}}
+    return [_quantity(x, one.joint, one.law, **more.get(x.name, {})) for x in one.numbers.values()]
+
+
+def _quantity(x: ServoNumber, joint: str, law: str = "", **more: Any) -> Quantity:
+    """A number of a drive; one that is not identifiable has a sentence, and bounds if any."""
+    facts = {
+        "prior": x.prior and x.prior._asdict(),
+        "bounds": x.bounds and list(x.bounds),
+        "at_bound": x.at_bound,
+        "sentence": x.sentence,
     }
+    value, std = (nan, None) if x.value is None else (x.value, x.std)
+    return Quantity(
+        *(x.name, value, std, x.unit, joint, law),
+        stated=value if x.stated else None,
+        below=x.below,
+        above=x.above,
+        remark="bound" if x.at_bound else "stated" if x.stated else "with prior" if x.prior else "",
+        more={**{key: fact for key, fact in facts.items() if fact}, **more},
+    )
+
+
+def _ordered(numbers: Iterable[Quantity]) -> list[Quantity]:
+    """Numbers of some joints, the most asked for first."""
+    return sorted(numbers, key=lambda x: FIRST.index(x.name) if x.name in FIRST else len(FIRST))
 
 
 def _joint(one: ServoJoint) -> Document:
-    numbers = {name: _number(one.numbers[name]) for name in _ordered_numbers([one])}
-    limit = numbers.get("effort_limit", {"value": None, "std": None, "unit": ""})
-    damping = {"damping": {**numbers["damping"], "is": DAMPING}} if "damping" in numbers else {}
+    limit = {"value": None, "std": None, "unit": "", "saturated_share": one.saturated_share}
+    numbers = {x.name: x.document() for x in _ordered(drive_numbers(one))}
     return {
-        "joint": one.joint,
-        "law": one.law,
-        "law_probability": one.law_probability,
+        **picked(one, "joint law law_probability"),
         "laws": dict(one.laws),
         **numbers,
-        **damping,
-        "effort_limit": {**limit, "saturated_share": one.saturated_share},
+        "effort_limit": numbers.get("effort_limit", limit),
         "known_load_share": one.known_load_share,
         **({"equal": list(one.equal)} if one.equal else {}),
         "not_identifiable": list(one.not_identifiable),
     }
 
 
-def _zero(one: JointZero) -> Document:
-    return {
-        "joint": one.joint,
-        "sign": one.sign,
-        "sign_probability": one.sign_probability,
-        "zero": {"value": one.zero, "std": one.std, "unit": "rad"},
-        "identifiable": one.identifiable,
-    }
-
-
-def _model(one: FrictionModel, result: ServoIdentification) -> Document:
+def _model(one: FrictionModel, held_out: bool) -> Document:
+    each = {joint: [_quantity(x, joint) for x in numbers.values()] for joint, numbers in one.numbers.items()}
     return {
         "model": one.name,
         **picked(one, "terms mean_absolute rms"),
-        "held_out": result.rollout.held_out,
+        "held_out": held_out,
         **picked(one, "log_bayes_factor probability"),
         "processor_seconds": one.seconds,
-        "joints": {joint: {name: _number(x) for name, x in numbers.items()} for joint, numbers in one.numbers.items()},
-    }
-
-
-def _number(number: ServoNumber) -> Document:
-    """Value and standard deviation; a number that is not identifiable has neither, and a sentence."""
-    known = number.value is not None
-    return {
-        "value": number.value,
-        "std": number.std if known else None,
-        "unit": number.unit,
-        **({"stated": number.value} if number.stated else {}),
-        **{key: x for key in ("below", "above") if (x := getattr(number, key)) is not None},
-        **({"prior": number.prior._asdict()} if number.prior else {}),
-        **({"bounds": [x if np.isfinite(x) else None for x in number.bounds]} if number.bounds else {}),
-        **({"at_bound": True} if number.at_bound else {}),
-        **({"sentence": number.sentence} if number.sentence else {}),
+        "joints": {joint: {x.name: x.document() for x in numbers} for joint, numbers in each.items()},
     }
 
 
 def _effects(result: ServoIdentification) -> Iterator[Document]:
     """Passive laws of the joints that the recordings identify."""
     for one in result.joints:
-        for name in LAWS:
-            number = one.numbers.get(name)
-            if number is not None and number.value is not None:
-                value = {"value": number.value, "std": number.std, "unit": number.unit}
-                yield {"effect": name, "joint": one.joint, "parameters": {next(iter(EFFECTS[name].parameters)): value}}
-
-
-def _ordered_numbers(joints: Sequence[ServoJoint]) -> list[str]:
-    """Names of the numbers of some joints, the most asked for first."""
-    names = dict.fromkeys(name for one in joints for name in one.numbers)
-    return [*(name for name in FIRST if name in names), *(name for name in names if name not in FIRST)]
+        numbers = {x.name: x for x in drive_numbers(one) if x.known}
+        for x in (numbers[name] for name in LAWS if name in numbers):
+            key = next(iter(EFFECTS[x.name].parameters))
+            yield effect_document(x.name, one.joint, [Quantity(key, x.value, x.std, x.unit)])
 
 
 def position_fit(found: ServoRollOut) -> Document:
@@ -178,35 +174,41 @@ def rollout_document(found: ServoRollOut) -> Document:
 
 def servo_identification_tables(result: ServoIdentification) -> list[RenderableType]:
     """Drives with their intervals, one joint a line; what is not identifiable; errors of closed loops."""
-    sections = [_drives(result), _unidentifiable(result), _scale_basis(result), _loops(result.rollout), _laws(result)]
-    sections += [models_section(result)]
-    return [Text(_headline(result), loop_style(result.rollout, result.far)), *terminal(sections, _notes(result))]
+    style = loop_style(result.rollout, result.far)
+    return [Text(_headline(result), style), *terminal(_sections(result), _unsaid(result, result.notes))]
 
 
 def servo_identification_page(result: ServoIdentification, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a servo identification; `inputs` besides the recordings default to the description."""
-    name, found = result.robot.name, result.rollout
-    over = f"identification of {name}: position drives from commands and positions, without torque"
-    sections = [
-        _drives(result).beside(Legend(LEGEND)),
-        _unidentifiable(result),
-        _scale_basis(result),
-        _loops(found).beside(*loop_blocks(result.traces, found, found.nominal, "identified")),
-        Section("Friction over speed and load", (Legend(FRICTION), Plots(friction_plots(result, found.joints)))),
-        _laws(result),
-        models_section(result, pages=True),
-    ]
-    kind = "unreliable" if poor_joints(found, result.far) else ""
-    title = f"{name}: {plural(len(result.joints), 'position drive')}"
+    over = f"identification of {result.robot.name}: position drives from commands and positions, without torque"
+    kind = "unreliable" if poor_joints(result.rollout, result.far) else ""
+    title = f"{result.robot.name}: {plural(len(result.joints), 'position drive')}"
     header = Header(title, over, list(_cards(result)), kind, _headline(result))
     content = shared(result, [result.robot], inputs, command)
-    return sections_page(header, sections, content | {"notes": _notes(result), "flags": servo_warnings(result)})
+    left = {"notes": _unsaid(result, result.notes), "flags": _unsaid(result, result.flags)}
+    return sections_page(header, _sections(result, pages=True), content | left)
 
 
-def servo_warnings(result: ServoIdentification) -> list[str]:
-    """Flags that are no sentence on what is not identifiable, or on the scale."""
-    said = [*_unidentifiable_lines(result), result.scale.sentence]
-    return [flag for flag in result.flags if flag not in said]
+def _sections(result: ServoIdentification, *, pages: bool = False) -> list[Section]:
+    """Sections of the terminal, or with what `pages` have beside them."""
+    found = result.rollout
+    drawn = loop_blocks(result.traces, found, found.nominal, "identified") if pages else ()
+    friction = (Legend(FRICTION), Plots(friction_plots(result, found.joints))) if pages else ()
+    return [
+        _drives(result).beside(Legend(LEGEND)),
+        Section("Not identifiable", (Sentences(_unidentifiable(result)),)),
+        _scale_basis(result),
+        _loops(found).beside(*drawn),
+        Section("Friction over speed and load", friction),
+        _laws(result),
+        _models(result).beside(*(_model_numbers(result) if pages else ())),
+    ]
+
+
+def _unsaid(result: ServoIdentification, lines: Iterable[str]) -> list[str]:
+    """Flags or notes that are no sentence on what is not identifiable, or on the scale."""
+    said = [*_unidentifiable(result), result.scale.sentence]
+    return [line for line in lines if line not in said]
 
 
 def _headline(result: ServoIdentification) -> str:
@@ -285,12 +287,6 @@ def _cards(result: ServoIdentification) -> Iterator[Card]:
     yield Card("scale of torque and mass", result.scale.known_by, "positions alone give ratios")
 
 
-def _notes(result: ServoIdentification) -> list[str]:
-    """Notes that are no sentence on what is not identifiable."""
-    lines = _unidentifiable_lines(result)
-    return [note for note in result.notes if note not in lines]
-
-
 def _loops(found: ServoRollOut) -> Section:
     """Tracking error, and rms error of the predicted loop over whole recordings and from every second on."""
     units = loop_units(found)
@@ -301,8 +297,8 @@ def _loops(found: ServoRollOut) -> Section:
     ]
     names = ["tracking", *([found.nominal] if stated else []), *PREDICTED]
     heads = [f"{name}\n[{units}]>" if name != PREDICTED[1] else f"{name}>" for name in names]
-    data = "held-out data" if found.held_out else "data of the fit (none was held out)"
-    return Section(f"Closed loop from commands alone, {data}: rms position error", (Cells(["joint", *heads], rows),))
+    title = f"Closed loop from commands alone, {_rows_of(found)}: rms position error"
+    return Section(title, (Cells(["joint", *heads], rows),))
 
 
 def _drives(result: ServoIdentification) -> Section:
@@ -320,30 +316,17 @@ def _drives(result: ServoIdentification) -> Section:
 
 def _numbers(joints: Sequence[ServoJoint], named: bool) -> Cells:
     """A row for each of some joints, those of ratios or the others; `named`: with their laws."""
-    every = _ordered_numbers(joints)
-    used = {name for one in joints for name, number in one.numbers.items() if number.value}
-    names = [name for name in every if name in FIRST[:5] or name in used]
-    if any("/" in name for name in every):
-        names = [name for name in every if name in ("delay", "lag") or "/" in name]
+    every = _ordered(x for one in joints for x in drive_numbers(one))
+    names = {x.name for x in every if x.name in FIRST[:5] or (x.known and x.value)}
+    if any("/" in x.name for x in every):
+        names = {x.name for x in every if x.name in ("delay", "lag") or "/" in x.name}
+    shown = [x.displayed() for x in every if x.name in names]
+    heads, cells = grid(shown, lambda x: f"{spaced(x.name)}\n", [one.joint for one in joints])
+    first = [[one.joint, *([_law(one)] if named else [])] for one in joints]
+    last = [[share(one.saturated_share)] for one in joints]
     limited = any(one.saturated_share > 0 for one in joints)
-    rows = [
-        [
-            one.joint,
-            *([_law(one)] if named else []),
-            *(number_cell(one.numbers.get(name)) for name in names),
-            *([share(one.saturated_share)] if limited else []),
-        ]
-        for one in joints
-    ]
-    heads = ["joint", *(["law\n(probability)"] if named else []), *(_head(name, joints) for name in names)]
-    return Cells([*heads, *(["saturated>"] if limited else [])], rows)
-
-
-def _head(name: str, joints: Sequence[ServoJoint]) -> str:
-    """Name of a number with its units; times are in ms."""
-    units = dict.fromkeys(one.numbers[name].unit for one in joints if name in one.numbers)
-    shown = " or ".join("ms" if unit == "s" else unit for unit in units if unit != "1")
-    return name.replace("_", " ") + (f"\n[{shown}]>" if shown else ">")
+    rows = [[*a, *b, *(c if limited else [])] for a, b, c in zip(first, cells, last, strict=True)]
+    return Cells(["joint", *(["law\n(probability)"] if named else []), *heads, *(["saturated>"] * limited)], rows)
 
 
 def _law(one: ServoJoint) -> str:
@@ -365,17 +348,12 @@ def _scale_basis(result: ServoIdentification) -> Section:
     return Section("Scale of torque and mass", (Sentences(said),))
 
 
-def _unidentifiable(result: ServoIdentification) -> Section:
-    return Section("Not identifiable", (Sentences(_unidentifiable_lines(result)),))
-
-
-def _unidentifiable_lines(result: ServoIdentification) -> list[str]:
+def _unidentifiable(result: ServoIdentification) -> list[str]:
     """Sentences on what is not identifiable, each once, with its joints."""
     from ....servo.identify.flags import by_sentence
     from ....servo.identify.identifiable import COMBINED, IDLE
 
-    dependent = [flag for flag in result.flags if IDLE in flag or COMBINED in flag]
-    return [*by_sentence(result.joints), *dependent]
+    return [*by_sentence(result.joints), *(flag for flag in result.flags if IDLE in flag or COMBINED in flag)]
 
 
 def _laws(result: ServoIdentification) -> Section:
@@ -393,24 +371,24 @@ def _probability(value: float | None) -> str:
     return ">0.999" if value > 0.999 else f"{value:.3f}" if value >= 0.0005 else "<0.001"
 
 
-def models_section(result: ServoIdentification, *, pages: bool = False) -> Section:
-    """One row per friction model: errors of whole recordings, evidence, time; `pages`: with the numbers of each."""
+def _models(result: ServoIdentification) -> Section:
+    """One row per friction model: errors of whole recordings, evidence, time."""
     heads = ("model", "has", "mean |error|>", "rms>", "log Bayes factor>", "probability>", "processor s>")
     rows = [
         (
-            one.name,
-            one.terms,
-            _by_unit(result.rollout, one.mean_absolute),
-            _by_unit(result.rollout, one.rms),
+            *(one.name, one.terms, *(_by_unit(result.rollout, x) for x in (one.mean_absolute, one.rms))),
             f"{one.log_bayes_factor:.1f}",
             "-" if np.isnan(one.probability) else f"{one.probability:.2f}",
             f"{one.seconds:.1f}",
         )
         for one in result.friction_models
     ]
-    data = "held-out data" if result.rollout.held_out else "data of the fit (none was held out)"
-    section = Section(f"Friction models: errors from commands alone, {data}", (Cells(heads, rows),) if rows else ())
-    return section.beside(*_model_numbers(result)) if pages else section
+    title = f"Friction models: errors from commands alone, {_rows_of(result.rollout)}"
+    return Section(title, (Cells(heads, rows),) if rows else ())
+
+
+def _rows_of(found: ServoRollOut) -> str:
+    return "held-out data" if found.held_out else "data of the fit (none was held out)"
 
 
 def _by_unit(found: ServoRollOut, errors: Array) -> str:
@@ -422,41 +400,12 @@ def _by_unit(found: ServoRollOut, errors: Array) -> str:
 
 def _model_numbers(result: ServoIdentification) -> Iterator[Block]:
     """Numbers of each friction model by joint, those that are not identifiable last."""
-    rows = [
-        (
-            one.name,
-            joint,
-            ", ".join(
-                f"{_word(x.name)} {number_cell(x)} {UNITS.get(x.unit, x.unit)}".rstrip()
-                for x in numbers.values()
-                if x.value is not None
-            ),
-            ", ".join(_word(x.name) for x in numbers.values() if x.value is None),
-        )
-        for one in result.friction_models
-        for joint, numbers in one.numbers.items()
-    ]
+    rows = []
+    for one in result.friction_models:
+        for joint, numbers in one.numbers.items():
+            shown = [_quantity(x, joint).displayed() for x in numbers.values()]
+            known = ", ".join(f"{spaced(x.name)} {x.cell} {x.unit}".rstrip() for x in shown if x.known)
+            rows.append((one.name, joint, known, ", ".join(spaced(x.name) for x in shown if not x.known)))
     if rows:
         yield Cells(("model", "joint", "numbers, ± 95 %", "not identifiable"), rows)
         yield Legend(MODELS)
-
-
-def _word(name: str) -> str:
-    return name.replace("_", " ")
-
-
-def number_cell(number: ServoNumber | None) -> str:
-    """Value with the half-width of its 95 % interval, or a bound; words where it is stated. Times in ms."""
-    if number is None:
-        return ""
-    scale = 1e3 if number.unit == "s" else 1.0
-    if number.value is None:
-        bounds = (("<", number.below), (">", number.above))
-        return next((f"{sign} {decimals(scale * bound, 2)}" for sign, bound in bounds if bound is not None), "-")
-    value = scale * number.value
-    if number.at_bound:
-        return f"{figure(value)} (bound)"
-    if number.stated or not number.std:
-        return f"{figure(value)} (stated)" if number.stated else f"({figure(value)})"
-    text = " ± ".join(text for text in with_interval(value, scale * number.std) if text != "-")
-    return f"{text} (with prior)" if number.prior else text
