@@ -232,7 +232,7 @@ def _extended_urdf(result: Diagnosis) -> tuple[dict[str, Content], tuple[str, ..
         made = export(result.model, "urdf")
     except RobotError as error:
         return {}, (f"robot.urdf is not written: {error}",)
-    return {"robot.urdf": _marked(made.text)}, tuple(f"robot.urdf: {note}" for note in made.notes)
+    return {"robot.urdf": _marked(made.text)}, tuple(f"robot.urdf: {note}" for note in (*made.flags, *made.notes))
 
 
 def _marked(text: str) -> str:

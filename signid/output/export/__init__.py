@@ -1,12 +1,13 @@
 """Export of models to other programs: URDF, MJCF, actuators.toml, Python, ROS 2, Isaac Lab, mjlab, C, controllers.
 
-`Exported.notes` and a comment in the file list the content that a format cannot hold. The Python function holds the
-laws that neither URDF nor MJCF can express, and needs only NumPy.
+`Exported.flags`, `Exported.notes` and a comment in the file list the content that a format cannot hold; FORMATS is what
+each holds. The Python function holds the laws that neither URDF nor MJCF can express, and needs only NumPy.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -14,11 +15,12 @@ from ...errors import OptionError
 from ...model import ModelSource, as_model
 from ...recording import Recordings
 from ...typed import typed
-from .bodies import Exported, model_digest
-from .drives import annotated, with_known_numbers
-from .urdf import urdf_with, with_comment
+from .bodies import Exported, annotated, model_digest, with_comment
+from .drives import with_known_numbers
+from .formats import FORMATS, OF_TORQUE, VENDORS, left_out
+from .urdf import urdf_with
 
-__all__ = ["KINDS", "Exported", "export", "urdf_with", "with_comment", "with_known_numbers"]
+__all__ = ["KINDS", "VENDORS", "Exported", "export", "urdf_with", "with_comment", "with_known_numbers"]
 
 _WRITERS = {  # module below this folder, and function in it
     "urdf": ("urdf", "write_urdf"),
@@ -28,17 +30,16 @@ _WRITERS = {  # module below this folder, and function in it
     "ros": ("actuators", "write_ros"),
     "isaaclab": ("actuators", "write_isaaclab"),
     "mjlab": ("actuators", "write_mjlab"),
+    "newton": ("actuators", "write_newton"),
     "c": ("code.c", "write_c"),
     "arrays": ("code.arrays", "write_arrays"),
     "franka": ("vendor", "write_franka"),
     "ur": ("vendor", "write_ur"),
     "kuka": ("vendor", "write_kuka"),
 }
-KINDS = tuple(_WRITERS)
+KINDS = tuple(FORMATS)
 STARTING = ("mjcf", "isaaclab", "mjlab")  # loops that can start from a recording
 FURTHER = ("nonlinear", "forward", "jacobian", "payload", "observer")  # functions of C code on request
-VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
-OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
 
 
 @typed
@@ -55,17 +56,17 @@ def export(
     link: str | None = None,
     flange: str | None = None,
     tool: str | None = None,
+    beside: Sequence[str] = (),
 ) -> Exported:
-    """Export a model; return the text of the file and notes on the content that the format cannot hold.
+    """Export a model; return the text of the file, and flags and notes on the content that the format cannot hold.
 
     Args:
         model: rigid bodies and laws.
-        kind: "urdf" (the robot's URDF with inertials, damping and friction), "mjcf" (for MuJoCo), "actuators" (TOML
-            file for use with a URDF), "function" (laws as Python code that needs only NumPy), "ros" (parameters of a
-            ROS 2 node), "isaaclab" (actuator groups), "mjlab" (actuators), "c" (inverse dynamics as C99; `beside` holds
-            its header and a test program), "arrays" (inverse dynamics as Python over numpy, jax.numpy or torch); of
-            the payload alone, "franka" (end effector as JSON; `beside` has the numbers of libfranka), "ur" (URScript)
-            and "kuka" (load data in KRL).
+        kind: one of KINDS. "urdf": robot's URDF with inertials, damping and friction; "mjcf": for MuJoCo; "actuators":
+            TOML file for use with a URDF; "function": laws as Python code that needs only NumPy; "ros": parameters of a
+            ROS 2 node; "isaaclab", "mjlab", "newton": actuators; "c", "arrays": inverse dynamics as C99 (`beside` holds
+            its header and a test program), or as Python over numpy, jax.numpy or torch; of the payload alone "franka"
+            (JSON; `beside` has the numbers of libfranka), "ur" (URScript) and "kuka" (KRL).
         package_dirs: folders to search for meshes of an MJCF, besides those of example-robot-data.
         name: name of the C files without ".c"; default: the robot's name as an identifier.
         floating: whether the base link of an MJCF is a body on a free joint, with its mass.
@@ -78,6 +79,7 @@ def export(
         link: link whose frame Jacobian and payload have; default: the frame of the last joint.
         flange: link whose frame "franka", "ur" and "kuka" take as the flange. Default: link8 of Franka, tool0.
         tool: link whose frame they take as the tool. Default: none.
+        beside: kinds of the files that are written with this one; a law that they hold is no flag.
 
     Raises:
         OptionError: the kind is unknown, a function, or the gain of a position drive; `start`, `functions` or `link` do
@@ -117,4 +119,7 @@ def export(
     more = {"mjcf": (package_dirs, floating, meshes), "c": (name,)}.get(kind, (flange, tool) if kind in VENDORS else ())
     made: Exported = getattr(import_module(f"{__name__}.{module}"), function)(model, *more, **code)
     made = with_loop(kind, made, loop) if loop else made
-    return annotated(kind, made, unknown) if unknown else made
+    if kind in VENDORS:
+        return made
+    flags, notes = left_out(model, kind, floating, beside)
+    return annotated(kind, replace(made, flags=tuple(flags), notes=(*notes, *made.notes, *unknown)))

@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ...errors import one_line, shorten
+from ...errors import one_line
 from ...model import Model
 from ...recording.names.mapping import quoted
 from ...robot.joints import name_pattern
 from ...servos import PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo
 from ...types import Actuators, Array
-from .bodies import BODIES, MOST, Exported, beyond, fixed_note, remarks, summed
-from .drives import curved, known_document, lacked_notes, left_out
+from .bodies import Exported, fixed_note
+from .drives import curved, known_document, left_out
+from .formats import summed
 
 _UNITS = {
     "armature": "kg.m2",
@@ -56,6 +57,33 @@ kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. {gains}
 {imports}from mjlab.actuator import {classes}
 
 '''
+_NEWTON_HEAD = '''\
+"""Actuators of {name} for Newton 1.6 or newer: call add_actuators(builder) before builder.finalize().
+
+kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. Targets are joint_target_q and joint_target_qd (drives) or
+joint_act (torque of the others). A delay is a whole number of steps of the actuators.
+"""
+
+from newton.actuators import {classes}
+
+PHYSICS_STEP = 0.005  # s; set it to the time step of the actuators
+JOINTS = {{
+{joints}}}
+
+
+def add_actuators(builder):
+    """Set armature, damping and friction of the joints, and add their actuators, in the place of the solver's."""
+    for joint, label in enumerate(builder.joint_label):
+        if (numbers := JOINTS.get(label.rsplit("/", 1)[-1])) is None:
+            continue
+        index = builder.joint_qd_start[joint]
+        passive, drive = numbers["passive"], numbers["drive"]
+        builder.joint_target_ke[index] = builder.joint_target_kd[index] = 0.0
+        builder.joint_armature[index] = passive["armature"] + 0.5 * PHYSICS_STEP * drive["kd"]  # explicit: less
+        builder.joint_damping[index], builder.joint_friction[index] = passive["damping"], passive["friction"]
+        steps = max(1, round(numbers["delay"] / PHYSICS_STEP + 0.5)) if numbers["delay"] else None
+        builder.add_actuator(DrivePD, index=index, delay_steps=steps, clamping=numbers["clamping"], **drive)
+'''
 _GAINS = "Set stiffness and damping to the gains of your controller."
 _LOOP = "Commands are positions; a delay between two steps varies between both."
 _IMPORT = "import math\n\n"
@@ -86,16 +114,15 @@ def write_actuators(model: Model) -> Exported:
 
     Values that the description states and the model lacks are zero, since the file overrides the description.
     """
-    notes = beyond("an actuators file", model, FIELDS, ("torque_offset",)) + _droop_note(model)
     head = f"Actuators of {model.robot.name}; prismatic joints: N for N.m, m for rad, kg for kg.m2"
-    lines = remarks([head, *notes]).splitlines()
+    lines = [f"# {one_line(head)}"]
     for joint, stated in _driven(model).items():
         table = f"joint.{joint if _BARE.fullmatch(joint) else quoted(joint)}"
         if stated:
             lines += ["", f"[{table}]", *(f"{key} = {value!r}  # {_UNITS[key]}" for key, value in stated.items())]
         if joint in model.servos:
             lines += ["", f"[{table}.servo]", *_servo_lines(model.servos[joint])]
-    return Exported("\n".join(lines) + "\n", tuple(notes))
+    return Exported("\n".join(lines) + "\n")
 
 
 def _servo_lines(servo: Servo) -> list[str]:
@@ -107,11 +134,6 @@ def _servo_lines(servo: Servo) -> list[str]:
             known = "; not identifiable, as stated before" if key in servo.not_identifiable else ""
             lines.append(f"{key} = {value!r}  # {SERVO_UNITS[key]}{known}")
     return [*lines, *([] if servo.kp_register is None else [f"kp_register = {float(servo.kp_register)!r}"])]
-
-
-def _droop_note(model: Model) -> list[str]:
-    joints = [joint for joint in model.robot.joints if joint in model.servos and model.servos[joint].droop > 0]
-    return [f"an actuators file cannot hold the droop of the torque (droop) of {', '.join(joints)}"] if joints else []
 
 
 def _driven(model: Model) -> dict[str, dict[str, float]]:
@@ -149,10 +171,9 @@ def write_ros(model: Model) -> Exported:
         "link": {link: _inertial(body) for link, body in zip(robot.links, bodies, strict=True)},
     }
     parameters = {key: x for key, x in parameters.items() if x}  # rcl takes what follows an empty map for its content
-    lacks = beyond("a ROS parameter file", model, FIELDS, ("torque_offset", *BODIES))
-    lacks += fixed_note(robot, "their links are listed nevertheless")
+    notes = fixed_note(robot, "their links are listed nevertheless")
     text = safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)
-    return Exported(HEAD.format(name=one_line(robot.name)) + remarks(lacks) + text, tuple(lacks))
+    return Exported(HEAD.format(name=one_line(robot.name)) + text, tuple(notes))
 
 
 def _inertial(body: pin.Inertia) -> dict[str, Any]:
@@ -167,9 +188,6 @@ def write_isaaclab(model: Model) -> Exported:
     `effort` and `duty` become DelayedPDActuatorCfg, `torque_speed` DCMotorCfg.
     """
     servos = _servos(model)
-    subject = "an actuator group of Isaac Lab"
-    notes = beyond(subject, model, FIELDS)
-    notes += _isaaclab_notes(subject, servos)
     groups = {
         pattern: (kind, [f"joint_names_expr=[{_text(pattern)}]", *lines])
         for pattern, kind, lines in _grouped(model, {j: _isaaclab_drive(servo) for j, servo in servos.items()})
@@ -188,13 +206,12 @@ def write_isaaclab(model: Model) -> Exported:
         classes=", ".join(sorted({x for x, _ in groups.values()})),
     )
     step = _STEP.format(least="min_delay", most="max_delay") if servos else ""
-    return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = {{\n{body}}}\n{_offsets(servos)}", tuple(notes))
+    return Exported(f"{head}{step}ACTUATORS = {{\n{body}}}\n{_offsets(servos)}", tuple(_isaaclab_notes(servos)))
 
 
 def write_mjlab(model: Model) -> Exported:
     """Write a Python file with an actuator of mjlab for each joint; joints without a drive get a motor."""
-    servos, subject = _servos(model), "an actuator of mjlab"
-    notes = beyond(subject, model, FIELDS) + lacked_notes(subject, servos) + _offset_notes(servos)
+    servos, notes = _servos(model), list[str]()
     if any(servo.coulomb_friction > 0 for servo in servos.values()):
         notes.append('dry friction creeps unless joints have solreffriction="0.001 1" solimpfriction="0.9999 0.9999"')
     made = dict[str, _Drive]()
@@ -223,7 +240,41 @@ def write_mjlab(model: Model) -> Exported:
         classes=", ".join(sorted({kind for kind, _ in made.values()})),
     ).replace("N. \n", "N.\n")
     step = _STEP.format(least="delay_min_lag", most="delay_max_lag") if servos else ""
-    return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = (\n{body})\n{_offsets(servos)}", tuple(notes))
+    return Exported(f"{head}{step}ACTUATORS = (\n{body})\n{_offsets(servos)}", tuple(notes))
+
+
+def write_newton(model: Model) -> Exported:
+    """Write a Python file that adds drive, clamp and delay of each joint to a builder of Newton."""
+    servos, kinds, lines = _servos(model), {"DrivePD"}, list[str]()
+    sums = {key: np.maximum(0.0, np.nan_to_num(summed(model, effect))) for effect, key in _NEWTON.items()}
+    offsets = np.nan_to_num(summed(model, "torque_offset"))
+    for j, joint in enumerate(model.robot.joints):
+        servo, passive = servos.get(joint, Servo()), {key: float(x[j]) for key, x in sums.items()}
+        duty, limit = servo.law == "duty", float(servo.effort_limit if joint in servos else model.robot.effort_limit[j])
+        if duty:
+            passive["damping"] = float(servo.damping)
+        kind, most = "ClampingMaxEffort", {"max_effort": limit}
+        if curved(servo):
+            kind = "ClampingDCMotor"
+            most = {"saturation_effort": limit, "velocity_limit": float(servo.speed_limit), "max_motor_effort": limit}
+        clamping = f"[({kind}, {most!r})]" if np.isfinite(limit) else "None"
+        kinds |= {kind} if np.isfinite(limit) else set()
+        gains = {"kp": float(servo.kp), "kd": 0.0 if duty else float(servo.kd)} if joint in servos else dict(_NO_GAINS)
+        delay = float(servo.delay) if joint in servos else 0.0
+        drive = gains | {"const_effort": -float(offsets[j])}
+        numbers = f'"passive": {passive!r}, "drive": {drive!r}, "delay": {delay!r}, "clamping": {clamping}'
+        lines.append(f"    {_text(joint)}: {{{numbers}}},\n")
+    head = _NEWTON_HEAD.format(name=_name(model), classes=", ".join(sorted(kinds)), joints="".join(lines))
+    return Exported(head, tuple(_velocity_notes(servos)))
+
+
+_NEWTON = {"armature": "armature", "viscous_friction": "damping", "coulomb_friction": "friction"}
+_NO_GAINS = {"kp": 0.0, "kd": 0.0}
+
+
+def _velocity_notes(servos: Mapping[str, Servo]) -> list[str]:
+    still = [joint for joint, servo in servos.items() if servo.kd_on == "error" and servo.kd > 0]
+    return [f"set velocity targets too for {', '.join(still)}: kd acts on the error of the speed"] if still else []
 
 
 def _behind(kind: str, servo: Servo) -> float:
@@ -237,18 +288,6 @@ def _offsets(servos: Mapping[str, Servo]) -> str:
     """Offsets of the targets that stand for torque offsets, as Python; "" without any."""
     shifts = {joint: float(f"{-x.torque_offset / x.kp:.6g}") for joint, x in servos.items() if x.torque_offset}
     return _OFFSETS.format(json.dumps(shifts, ensure_ascii=False, indent=4)) if shifts else ""
-
-
-def _offset_notes(servos: Mapping[str, Servo]) -> list[str]:
-    """Notes on the offsets of the targets."""
-    shifted = [joint for joint, servo in servos.items() if servo.torque_offset]
-    limited = [joint for joint in shifted if np.isfinite(servos[joint].effort_limit)]
-    notes = ["TARGET_OFFSETS, to add to position targets, stand for torque_offset"] if shifted else []
-    if limited:
-        notes.append(
-            f"torque_offset of {shorten(limited, MOST)} is within the effort limit, so limited torque differs by it"
-        )
-    return notes
 
 
 _MJLAB = {"armature": "armature", "viscous_friction": "viscous_damping", "coulomb_friction": "frictionloss"}
@@ -317,18 +356,15 @@ def _isaaclab_free(model: Model, joints: list[str]) -> tuple[str, list[str]]:
     return "ImplicitActuatorCfg", lines
 
 
-def _isaaclab_notes(subject: str, servos: Mapping[str, Servo]) -> list[str]:
-    notes = lacked_notes(subject, servos) + _offset_notes(servos)
+def _isaaclab_notes(servos: Mapping[str, Servo]) -> list[str]:
+    notes = list[str]()
     late = [f"{joint} ({1e3 * x.delay:.4g} ms)" for joint, x in servos.items() if curved(x) and x.delay > 0]
     if late:
         notes.append(f"DCMotorCfg cannot hold the delay of {', '.join(late)}")
     free = [joint for joint, servo in servos.items() if not np.isfinite(servo.effort_limit)]
     if free:
         notes.append(f"the effort limit of {', '.join(free)} is that of the asset, since none was identified")
-    still = [joint for joint, servo in servos.items() if servo.kd_on == "error" and servo.kd > 0]
-    if still:
-        notes.append(f"set velocity targets too for {', '.join(still)}: kd acts on the error of the speed")
-    return notes
+    return [*notes, *_velocity_notes(servos)]
 
 
 def _mjlab_drive(servo: Servo | None, limit: float) -> tuple[str, list[str]]:

@@ -11,10 +11,10 @@ from ....model import Model, torque_model
 from ....types import Robot
 from ....version import __version__
 from ...report.layout import torque_units
-from ..bodies import Exported, c_comment
+from ..bodies import Exported, c_comment, fixed_note
 from .laws import writable
 from .observer import TERMS, ObserverCode, observer_code, observer_terms
-from .program import Function, Language, Program, program_of, statements
+from .program import FIXED, Function, Language, Program, program_of, statements
 
 _WORDS = {
     "add": "{0} + {1}",
@@ -73,7 +73,7 @@ def write_c(
     declared = _header(model, program, name, digest, observer.header)
     header = f"{head}C99, no dependencies but math.h (-lm). */\n{declared}"
     test = head + "*/\n" + _test(program, name, stem, n, observer.test)
-    return Exported(source, program.notes, {".h": header, "_test.c": test})
+    return Exported(source, tuple(fixed_note(robot, FIXED)), {".h": header, "_test.c": test})
 
 
 def identifier(name: str) -> str:
@@ -118,7 +118,6 @@ def _header(model: Model, program: Program, name: str, digest: str, observer: st
         *_formulas(model),
         f"Gravity in the frame of the base [m/s2]: {' '.join(f'{x:.10g}' for x in model.robot.model.gravity.linear)}",
         *([f"SHA-256 of the model.json of this model: {digest}"] if digest else []),
-        *(f"Note: {note}." for note in program.notes),
     ]
     declared = [
         f"/* {fill(c_comment(function.meaning), 100, subsequent_indent='   ')} */\n{_signature(function, name, n)};"

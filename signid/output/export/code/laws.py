@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ....effects.base import BodyLaw, TorqueLaw
+from ....effects.base import TorqueLaw
 from ....effects.naming import law_name
 from ....model import Model, torque_model
 from ....types import Law
@@ -42,11 +42,6 @@ def writable(law: Law) -> bool:
     known = {"q", "v", "a", "load", "variable", "knots", "values", "sum", "where", "interp", *UNARY, *BINARY}
     used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     return used <= known | set(effect.filled(law.parameters))
-
-
-def inertial(law: Law) -> bool:
-    """Whether the inertial parameters of the bodies hold a law."""
-    return isinstance(law.effect, BodyLaw)
 
 
 def law_expressions(

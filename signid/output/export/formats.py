@@ -1,0 +1,232 @@
+"""What each format holds of each law: one table, from which come the notes and flags of exports and the documentation.
+
+A law that a format lacks is a flag if its torque is more than `SMALL` of that of a joint, along a motion within the
+limits of the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...effects.base import ActuatorLaw, RecordingLaw, TransmissionLaw
+from ...effects.drive import DriveLaw
+from ...errors import SignidError, shorten
+from ...model import Model
+from ...regression.motion import Motion
+from ...simulation.excite.families import rest_to_rest_motion
+from ...types import Array, Law, Robot
+
+MOST = 16  # maximum number of joints listed
+BODIES = ("payload", "link_inertia")  # laws included in inertials
+FRICTION = ("viscous_friction", "coulomb_friction")
+PASSIVE = (*FRICTION, "armature")  # whose sums at a joint formats of simulators hold unless negative
+SMALL = 0.02  # [1] rms torque of a law over that of its joint, below which a format may lack it without a flag
+SECONDS, STEP = 10.0, 0.01  # [s] of the motion along which torque is compared
+_LOOP = """
+    servo_gain register_gain servo_damping error_damping command_delay effort_limit duty_limit speed_limit
+"""
+_OF_MOTION = """
+    viscous_friction coulomb_friction torque_offset armature asymmetric_friction stribeck_friction quadratic_friction
+    load_friction position_friction spring cable_torque counterbalance torque_ripple joint_coupling empirical
+    gear_friction
+"""
+_OF_BODIES = "payload link_inertia base_tilt gravity"
+
+
+class Format(NamedTuple):
+    """A format: its name in sentences, and the effects that it holds."""
+
+    subject: str
+    exact: frozenset[str]
+    approximate: frozenset[str] = frozenset()  # within what its README states
+    driven: frozenset[str] = frozenset()  # of these, held only at joints with a position drive
+    beside: tuple[str, ...] = ()  # kinds of files that hold the rest, if they are written, too
+
+    def grade(self, effect: str) -> str:
+        """How the format holds an effect: "exact", "approximate" or ""."""
+        return "exact" if effect in self.exact else "approximate" if effect in self.approximate else ""
+
+
+def _format(subject: str, exact: str, approximate: str = "", driven: str = "", beside: str = "") -> Format:
+    sets = [frozenset(text.split()) for text in (exact, approximate, driven)]
+    return Format(subject, sets[0], sets[1], sets[2], tuple(beside.split()))
+
+
+_SIMULATOR = f"{' '.join(PASSIVE)} {_LOOP.replace('command_delay', '')}"
+_CONTROLLER = _format("a payload", "payload")
+_CODE = _format("the code", f"{_OF_MOTION} {_OF_BODIES}")
+FORMATS = {
+    "urdf": _format("a URDF", " ".join((*FRICTION, *BODIES)), beside="actuators ros function"),
+    "mjcf": _format(
+        "an MJCF",
+        f"{' '.join(PASSIVE)} {_OF_BODIES} {_LOOP} torque_offset spring torque_saturation quadratic_friction "
+        f"cable_torque counterbalance torque_ripple joint_elasticity",
+        "presliding_friction backlash",
+        beside="function",
+    ),
+    "actuators": _format(
+        "an actuators file",
+        f"{' '.join(PASSIVE)} {_LOOP} torque_offset motor_friction dead_band profile_limit",
+        beside="urdf function",
+    ),
+    "function": _format("this file", f"{_OF_MOTION} friction_drift external_contact fluid_drag", beside="urdf mjcf"),
+    "ros": _format(
+        "a ROS parameter file",
+        f"{' '.join((*PASSIVE, *BODIES))} {_LOOP} torque_offset motor_friction dead_band profile_limit voltage_droop "
+        f"link_encoder",
+        beside="function",
+    ),
+    "isaaclab": _format(
+        "an actuator group of Isaac Lab", _SIMULATOR, "command_delay torque_offset", "torque_offset", "urdf"
+    ),
+    "mjlab": _format("an actuator of mjlab", _SIMULATOR, "command_delay torque_offset", "torque_offset", "urdf mjcf"),
+    "newton": _format("an actuator of Newton", _SIMULATOR, "command_delay torque_offset", beside="urdf mjcf"),
+    "c": _CODE,
+    "arrays": _CODE,
+    "franka": _CONTROLLER,
+    "ur": _CONTROLLER,
+    "kuka": _CONTROLLER,
+}
+VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
+BY_ACTUATOR = ("torque_offset", "counterbalance", "torque_ripple", "torque_saturation")  # in MJCF: not passive
+OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
+
+
+def held(model: Model, kind: str, floating: bool = False) -> list[Law]:
+    """Laws of a model that a file holds; numbers of a joint that are negative only code can hold."""
+    found, driven = FORMATS[kind], {model.robot.index(joint) for joint in model.servos}
+    sums = {} if kind in OF_TORQUE else {effect: summed(model, effect) for effect in (*PASSIVE, "quadratic_friction")}
+    return [
+        law
+        for law in model.laws
+        if found.grade(law.effect.name)
+        and (law.effect.name not in found.driven or driven.issuperset(law.joints))
+        and (law.effect.name not in sums or sums[law.effect.name][law.joints[0]] >= 0)
+        and (kind != "mjcf" or _in_mjcf(model, law, driven))
+        and not (floating and law.effect.scope == "robot")  # such a base takes its direction from the simulation
+    ]
+
+
+def _in_mjcf(model: Model, law: Law, driven: Collection[int]) -> bool:
+    """Whether MuJoCo takes the numbers of a law that MJCF has a place for."""
+    name, robot, numbers = law.effect.name, model.robot, law.parameters
+    alike = [other for other in model.laws if other.effect.name == name and other.joints == law.joints]
+    spring, rest = stiffness(model).get(law.joints[0], (0.0, 0.0))
+    if name == "spring":
+        return spring > 0
+    if name == "cable_torque":  # one polynomial about one position
+        return len(alike) == 1 and numbers["cubic"] > 0 and (spring <= 0 or rest == numbers["centre"])
+    if isinstance(law.effect, TransmissionLaw):
+        gears, rows = [x for x in model.of(TransmissionLaw) if x.joints == law.joints], robot.drive[:, law.joints[0]]
+        return len(gears) == 1 and np.count_nonzero(rows) == 1 and bool(summed(model, "armature")[law.joints[0]] > 0)
+    return name not in ("counterbalance", "torque_ripple", "presliding_friction") or law.joints[0] not in driven
+
+
+def stiffness(model: Model) -> dict[int, tuple[float, float]]:
+    """Total stiffness [N.m/rad or N/m] and rest position [rad or m] of all springs, by joint."""
+    found = dict[int, tuple[float, float]]()
+    for law in (law for law in model.laws if law.effect.name == "spring"):
+        (j,), k = law.joints, law.parameters["stiffness"]
+        before, rest = found.get(j, (0.0, 0.0))
+        total = before + k
+        found[j] = total, (before * rest + k * law.parameters["rest"]) / total if total else 0.0
+    return found
+
+
+def summed(model: Model, effect: str) -> Array:
+    """Sum of an effect's single parameter over its laws, (n,) [the unit of the parameter]; NaN: no law."""
+    total = np.full(len(model.robot.joints), np.nan)
+    for law in model.joint_laws:
+        if law.effect.name == effect:
+            (value,), (joint,) = law.parameters.values(), law.joints
+            total[joint] = np.nan_to_num(total[joint]) + value
+    return total
+
+
+def among(law: Law, laws: Iterable[Law]) -> bool:
+    """Whether a law itself, not an equal one, is among some laws."""
+    return any(law is other for other in laws)
+
+
+def left_out(
+    model: Model, kind: str, floating: bool = False, beside: Collection[str] = ()
+) -> tuple[list[str], list[str]]:
+    """Flags and notes on the laws that a file lacks; `beside`: kinds of files that are written with it."""
+    if kind in VENDORS:
+        return [], []
+    found, own = FORMATS[kind], held(model, kind, floating)
+    lacked = [law for law in model.laws if not among(law, own)]
+    notes = list[str]()
+    if model.servos and not found.grade("servo_gain"):
+        notes.append(f"{found.subject} cannot hold the position drives of {shorten(list(model.servos), MOST)}")
+        lacked = [law for law in lacked if not isinstance(law.effect, DriveLaw)]
+    if rough := [law for law in own if law.effect.name in found.approximate]:
+        notes.append(f"{found.subject} holds {lacking(model.robot, rough)} approximately")
+    others = {name: held(model, name) for name in FORMATS if name not in VENDORS}
+    near = [name for name in found.beside if kind == "function" or name in beside]
+    groups = dict[str, list[Law]]()  # by the end of the sentence
+    large = dict[tuple[str, str], list[tuple[float, int, Law]]]()
+    for law, share in zip(lacked, _shares(model, lacked), strict=True):
+        holding = [name for name, laws in others.items() if among(law, laws)]
+        if there := [f"--{name}" for name in near if name in holding]:
+            end = f", which {_listed(there, 'and')} hold{'s' * (len(there) == 1)}"
+        elif isinstance(law.effect, RecordingLaw):
+            end = ", an error of the recording, not of the robot"
+        elif isinstance(law.effect, DriveLaw):
+            end = ""
+        elif share is None:
+            end = ", whose share of the torque is unknown"
+        elif share.max(initial=0.0) <= SMALL:
+            end = f", below {100 * SMALL:.0f} % of the torque"
+        else:
+            most, which = float(share.max()), _listed([f"--{name}" for name in holding], "or")
+            large.setdefault((law.effect.name, which), []).append((most, int(np.argmax(share)), law))
+            continue
+        groups.setdefault(end, []).append(law)
+    lead, robot = f"{found.subject} cannot hold", model.robot
+    flags = [
+        f"{lead} {lacking(robot, [law for *_, law in laws])}: {100 * most:.2g} % of the torque of "
+        f"{robot.joints[joint]} along a simulated motion; {f'use {which}' if which else 'no format can'}"
+        for (_, which), laws in large.items()
+        for most, joint, _ in [max(laws, key=lambda one: one[0])]
+    ]
+    return flags, [*notes, *(f"{lead} {lacking(robot, laws)}{end}" for end, laws in groups.items())]
+
+
+def _listed(names: Sequence[str], last: str) -> str:
+    return f" {last} ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def _shares(model: Model, laws: Sequence[Law]) -> list[Array | None]:
+    """Rms torque (n,) of each law over that of its joint [1]; None: unknown."""
+    judged = [isinstance(law.effect, RecordingLaw | ActuatorLaw | DriveLaw) for law in laws]
+    if all(judged):
+        return [None] * len(laws)
+    try:
+        moved = rest_to_rest_motion(model.robot, SECONDS, STEP, seed=0)
+        motion = Motion(model.robot, moved.t, moved.q, moved.v, moved.a)
+        whole = model.inverse(motion)
+    except SignidError:  # no limits, or laws that cannot act together
+        return [None] * len(laws)
+    size, found = np.sqrt(np.mean(whole**2, axis=0)), list[Array | None]()
+    for law, none in zip(laws, judged, strict=True):
+        less = replace(model, laws=tuple(other for other in model.laws if other is not law), marks={})
+        part = np.zeros_like(whole) if none else whole - less.inverse(motion)
+        share = np.sqrt(np.mean(part**2, axis=0)) / np.maximum(size, 1e-300)
+        found.append(None if none or not np.isfinite(share).all() else np.where(size > 0, share, 0.0))
+    return found
+
+
+def lacking(robot: Robot, laws: Iterable[Law]) -> str:
+    """Laws in words: `torque_offset of joint_1, joint_2; backlash of joint_3`."""
+    where: dict[str, list[str]] = {}
+    for law in laws:
+        every = law.effect.scope in ("robot", "any") and len(law.joints) == len(robot.joints)
+        said = law.effect.meaning(law.parameters)
+        name = f"{law.effect.name} ({said})" if said else law.effect.name
+        where.setdefault(name, []).extend([] if every else [robot.joints[j] for j in law.joints])
+    return "; ".join(f"{name} of {shorten(joints, MOST)}" if joints else name for name, joints in where.items())
