@@ -50,7 +50,7 @@ def test_all_files_at_once(saved: str, tmp_path: Path, capsys: pytest.CaptureFix
         "signid: isaaclab: an actuator group of Isaac Lab cannot hold torque_offset of joint_2: 21 % of the torque of "
     )
     assert said.err.startswith(flag) and said.err.count("\n") == 1
-    assert "along a simulated motion; use --mjcf, --actuators, --function, --ros, --c or --arrays" in said.err
+    assert "along a simulated motion; use --mjcf, --actuators, --function, --ros, --newton, --c or --arrays" in said.err
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(KINDS.values())
     mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "robot.xml"))
     first = {name: (tmp_path / "out" / name).read_bytes() for name in KINDS.values()}

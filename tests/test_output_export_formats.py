@@ -88,7 +88,7 @@ def test_newton_gets_joints_and_loops(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (first["index"], first["kp"], first["kd"], first["const_effort"]) == (6, 8.0, 0.15, -0.05)
     assert first["delay_steps"] == 3 and first["clamping"] is None
     assert (free["kp"], free["delay_steps"], free["clamping"][0][1]) == (0.0, None, {"max_effort": 20.0})
-    assert last["clamping"][0][1] == {"saturation_effort": 1.0, "velocity_limit": 6.0, "max_motor_effort": 1.0}
+    assert last["clamping"][0][1] == {"saturation_effort": 1.0, "velocity_limit": 6.0}
     assert builder.joint_armature[6] == 0.004 + 0.0025 * 0.15 and builder.joint_friction[6] == 0.08
     assert builder.joint_target_ke[6:] == [0.0, 0.0, 0.0] and builder.joint_target_ke[:6] == [5.0] * 6
     assert any("command_delay of joint_1, joint_3" in note and note.endswith("approximately") for note in made.notes)

@@ -77,12 +77,11 @@ def add_actuators(builder):
         if (numbers := JOINTS.get(label.rsplit("/", 1)[-1])) is None:
             continue
         index = builder.joint_qd_start[joint]
-        passive, drive = numbers["passive"], numbers["drive"]
-        builder.joint_target_ke[index] = builder.joint_target_kd[index] = 0.0
-        builder.joint_armature[index] = passive["armature"] + 0.5 * PHYSICS_STEP * drive["kd"]  # explicit: less
-        builder.joint_damping[index], builder.joint_friction[index] = passive["damping"], passive["friction"]
+        for key, number in ("target_ke", 0.0), ("target_kd", 0.0), *numbers["passive"].items():
+            getattr(builder, f"joint_{{key}}")[index] = number
+        builder.joint_armature[index] += 0.5 * PHYSICS_STEP * numbers["drive"]["kd"]  # an explicit kd acts like less
         steps = max(1, round(numbers["delay"] / PHYSICS_STEP + 0.5)) if numbers["delay"] else None
-        builder.add_actuator(DrivePD, index=index, delay_steps=steps, clamping=numbers["clamping"], **drive)
+        builder.add_actuator(DrivePD, index=index, delay_steps=steps, clamping=numbers["clamping"], **numbers["drive"])
 '''
 _GAINS = "Set stiffness and damping to the gains of your controller."
 _LOOP = "Commands are positions; a delay between two steps varies between both."
@@ -190,7 +189,7 @@ def write_isaaclab(model: Model) -> Exported:
     servos = _servos(model)
     groups = {
         pattern: (kind, [f"joint_names_expr=[{_text(pattern)}]", *lines])
-        for pattern, kind, lines in _grouped(model, {j: _isaaclab_drive(servo) for j, servo in servos.items()})
+        for pattern, kind, lines in _grouped(model, {j: _isaaclab_drive(model, j) for j in servos})
     }
     others = [joint for joint in model.robot.joints if joint not in servos]
     if others:
@@ -214,21 +213,7 @@ def write_mjlab(model: Model) -> Exported:
     servos, notes = _servos(model), list[str]()
     if any(servo.coulomb_friction > 0 for servo in servos.values()):
         notes.append('dry friction creeps unless joints have solreffriction="0.001 1" solimpfriction="0.9999 0.9999"')
-    made = dict[str, _Drive]()
-    for j, joint in enumerate(model.robot.joints):
-        unknown = left_out(servos[joint]) if joint in servos else ()
-        numbers = {
-            key: max(0.0, float(np.nan_to_num(summed(model, effect)[j])))
-            for effect, key in _MJLAB.items()
-            if effect not in unknown
-        }
-        kind, loop = _mjlab_drive(servos.get(joint), float(model.robot.effort_limit[j]))
-        if joint in servos and servos[joint].law == "duty":
-            numbers["viscous_damping"] = servos[joint].damping
-        written = {key: repr(x) for key, x in numbers.items()}
-        if joint in servos and "armature" in numbers:
-            written["armature"] = f"inertia({numbers['armature']!r}, {_behind(kind, servos[joint])!r})"
-        made[joint] = kind, [*loop, *(f"{k}={x}" for k, x in written.items())]
+    made = {joint: _mjlab_drive(model, joint) for joint in model.robot.joints}
     body = "".join(
         f"    {_call(kind, [f'target_names_expr=({_text(pattern)},)', *lines])},\n"
         for pattern, kind, lines in _grouped(model, made)
@@ -245,31 +230,45 @@ def write_mjlab(model: Model) -> Exported:
 
 def write_newton(model: Model) -> Exported:
     """Write a Python file that adds drive, clamp and delay of each joint to a builder of Newton."""
-    servos, kinds, lines = _servos(model), {"DrivePD"}, list[str]()
-    sums = {key: np.maximum(0.0, np.nan_to_num(summed(model, effect))) for effect, key in _NEWTON.items()}
-    offsets = np.nan_to_num(summed(model, "torque_offset"))
-    for j, joint in enumerate(model.robot.joints):
-        servo, passive = servos.get(joint, Servo()), {key: float(x[j]) for key, x in sums.items()}
-        duty, limit = servo.law == "duty", float(servo.effort_limit if joint in servos else model.robot.effort_limit[j])
-        if duty:
-            passive["damping"] = float(servo.damping)
-        kind, most = "ClampingMaxEffort", {"max_effort": limit}
-        if curved(servo):
-            kind = "ClampingDCMotor"
-            most = {"saturation_effort": limit, "velocity_limit": float(servo.speed_limit), "max_motor_effort": limit}
-        clamping = f"[({kind}, {most!r})]" if np.isfinite(limit) else "None"
-        kinds |= {kind} if np.isfinite(limit) else set()
-        gains = {"kp": float(servo.kp), "kd": 0.0 if duty else float(servo.kd)} if joint in servos else dict(_NO_GAINS)
-        delay = float(servo.delay) if joint in servos else 0.0
-        drive = gains | {"const_effort": -float(offsets[j])}
-        numbers = f'"passive": {passive!r}, "drive": {drive!r}, "delay": {delay!r}, "clamping": {clamping}'
-        lines.append(f"    {_text(joint)}: {{{numbers}}},\n")
-    head = _NEWTON_HEAD.format(name=_name(model), classes=", ".join(sorted(kinds)), joints="".join(lines))
-    return Exported(head, tuple(_velocity_notes(servos)))
+    lines = "".join(f"    {_text(joint)}: {_newton_joint(model, joint)},\n" for joint in model.robot.joints)
+    used = [name for name in ("ClampingDCMotor", "ClampingMaxEffort", "DrivePD") if name in lines + "DrivePD"]
+    text = _NEWTON_HEAD.format(name=_name(model), classes=", ".join(used), joints=lines)
+    return Exported(text, tuple(_velocity_notes(_servos(model))))
+
+
+def _newton_joint(model: Model, joint: str) -> str:
+    """Numbers of a joint as a dict of Python; without a drive it has no gains, and its effort limit is described."""
+    j, servo = model.robot.index(joint), model.servos.get(joint, _FREE)
+    limit = float(servo.effort_limit if joint in model.servos else model.robot.effort_limit[j])
+    kind, most = "ClampingMaxEffort", {"max_effort": limit}
+    if curved(servo):
+        kind, most = "ClampingDCMotor", {"saturation_effort": limit, "velocity_limit": float(servo.speed_limit)}
+    clamping = f"[({kind}, {most!r})]" if np.isfinite(limit) else None
+    offset = float(np.nan_to_num(summed(model, "torque_offset")[j]))
+    drive = {"kp": float(servo.kp), "kd": _kd(servo), "const_effort": -offset}
+    passive, delay = _passive(model, joint, _NEWTON), float(servo.delay)
+    return f'{{"passive": {passive!r}, "drive": {drive!r}, "delay": {delay!r}, "clamping": {clamping}}}'
 
 
 _NEWTON = {"armature": "armature", "viscous_friction": "damping", "coulomb_friction": "friction"}
-_NO_GAINS = {"kp": 0.0, "kd": 0.0}
+_FREE = Servo(kp=0.0)
+
+
+def _passive(model: Model, joint: str, keys: Mapping[str, str]) -> dict[str, float]:
+    """Armature and friction of a joint by the keys of a format, without numbers of its drive that are not known.
+
+    Below a duty limit, damping of the drive is friction, since it is not clipped.
+    """
+    servo, j = model.servos.get(joint, _FREE), model.robot.index(joint)
+    values = {effect: max(0.0, float(np.nan_to_num(summed(model, effect)[j]))) for effect in keys}
+    if servo.law == "duty":
+        values["viscous_friction"] = float(servo.damping)
+    return {keys[effect]: x for effect, x in values.items() if x or effect not in left_out(servo)}
+
+
+def _kd(servo: Servo) -> float:
+    """Gain on the speed that a limit clips."""
+    return 0.0 if servo.law == "duty" else float(servo.kd)
 
 
 def _velocity_notes(servos: Mapping[str, Servo]) -> list[str]:
@@ -305,32 +304,18 @@ def _grouped(model: Model, drives: Mapping[str, _Drive]) -> list[tuple[str, str,
     return [(name_pattern(members, joints), *drives[members[0]]) for members in groups.values()]
 
 
-def _isaaclab_drive(servo: Servo) -> _Drive:
-    """Class and arguments of a drive; below a duty limit, damping of the drive is friction, since it is not clipped.
-
-    Numbers that are left out are those of the asset.
-    """
-    duty, unknown = servo.law == "duty", left_out(servo)
-    friction = float(servo.coulomb_friction)
-    passive = {
-        "armature": ("armature", float(servo.armature)),
-        "friction": ("coulomb_friction", friction),
-        "dynamic_friction": ("coulomb_friction", friction),
-        "viscous_friction": ("viscous_friction", float(servo.damping if duty else servo.viscous_friction)),
-    }
-    damping = None if "kd" in unknown and not duty else 0.0 if duty else float(servo.kd)
-    written = {field: repr(value) for field, (name, value) in passive.items() if name not in unknown or value}
+def _isaaclab_drive(model: Model, joint: str) -> _Drive:
+    """Class and arguments of a drive; numbers that are left out are those of the asset."""
+    servo, passive = model.servos[joint], _passive(model, joint, FIELDS)
+    damping = None if "kd" in left_out(servo) and servo.law != "duty" else _kd(servo)
+    written = {key: repr(x) for key, x in passive.items()}
     if "armature" in written:
         written["armature"] = f"inertia({written['armature']}, {damping or 0.0!r})"
-    lines = [
-        f"stiffness={float(servo.kp)!r}",
-        f"damping={damping!r}",
-        *_limit(servo),
-        *(f"{field}={value}" for field, value in written.items()),
-    ]
-    if curved(servo):
-        return "DCMotorCfg", lines
-    return "DelayedPDActuatorCfg", [*lines, *_delay(servo)]
+    if "friction" in written:
+        written["dynamic_friction"] = written["friction"]
+    lines = [f"stiffness={float(servo.kp)!r}", f"damping={damping!r}", *_limit(servo)]
+    lines += [f"{key}={value}" for key, value in written.items()]
+    return ("DCMotorCfg", lines) if curved(servo) else ("DelayedPDActuatorCfg", [*lines, *_delay(servo)])
 
 
 def _delay(servo: Servo) -> list[str]:
@@ -346,13 +331,11 @@ def _limit(servo: Servo) -> list[str]:
 
 def _isaaclab_free(model: Model, joints: list[str]) -> tuple[str, list[str]]:
     """Class and arguments of joints without a drive."""
-    names = [re.escape(joint) for joint in joints]
-    at = [model.robot.index(joint) for joint in joints]
-    lines = [f"joint_names_expr={names!r}", "stiffness=None", "damping=None"]
-    for effect, field in FIELDS.items():
-        value = np.maximum(0.0, np.nan_to_num(summed(model, effect)[at]))
-        table = repr(dict(zip(names, value.tolist(), strict=True)))
-        lines += [f"{name}={table}" for name in ([field, "dynamic_friction"] if field == "friction" else [field])]
+    numbers = {re.escape(joint): _passive(model, joint, FIELDS) for joint in joints}
+    lines = [f"joint_names_expr={list(numbers)!r}", "stiffness=None", "damping=None"]
+    for name in (*FIELDS.values(), "dynamic_friction"):
+        table = {joint: each[name.removeprefix("dynamic_")] for joint, each in numbers.items()}
+        lines.append(f"{name}={table!r}")
     return "ImplicitActuatorCfg", lines
 
 
@@ -367,14 +350,22 @@ def _isaaclab_notes(servos: Mapping[str, Servo]) -> list[str]:
     return [*notes, *_velocity_notes(servos)]
 
 
-def _mjlab_drive(servo: Servo | None, limit: float) -> tuple[str, list[str]]:
-    """Class and arguments of the loop of a joint."""
+def _mjlab_drive(model: Model, joint: str) -> _Drive:
+    """Class and arguments of a joint."""
+    servo, numbers = model.servos.get(joint), _passive(model, joint, _MJLAB)
+    written = {key: repr(x) for key, x in numbers.items()}
     if servo is None:
-        return "BuiltinMotorActuatorCfg", [f"effort_limit={limit!r}" if np.isfinite(limit) else "effort_limit=1e9"]
-    duty = servo.law == "duty"
-    lines = [f"stiffness={float(servo.kp)!r}", f"damping={0.0 if duty else float(servo.kd)!r}", *_limit(servo)]
-    kind = "BuiltinPositionActuatorCfg" if duty or servo.kd_on == "velocity" else "IdealPdActuatorCfg"
-    return "DcMotorActuatorCfg" if curved(servo) else kind, [*lines, *_delay(servo)]
+        limit = float(model.robot.effort_limit[model.robot.index(joint)])
+        kind, lines = "BuiltinMotorActuatorCfg", [f"effort_limit={limit if np.isfinite(limit) else 1e9!r}"]
+    else:
+        kind = (
+            "BuiltinPositionActuatorCfg" if servo.law == "duty" or servo.kd_on == "velocity" else "IdealPdActuatorCfg"
+        )
+        kind = "DcMotorActuatorCfg" if curved(servo) else kind
+        lines = [f"stiffness={float(servo.kp)!r}", f"damping={_kd(servo)!r}", *_limit(servo), *_delay(servo)]
+        if "armature" in numbers:
+            written["armature"] = f"inertia({numbers['armature']!r}, {_behind(kind, servo)!r})"
+    return kind, [*lines, *(f"{key}={x}" for key, x in written.items())]
 
 
 def _call(kind: str, lines: list[str]) -> str:

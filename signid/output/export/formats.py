@@ -189,7 +189,7 @@ def left_out(
         groups.setdefault(end, []).append(law)
     lead, robot = f"{found.subject} cannot hold", model.robot
     flags = [
-        f"{lead} {lacking(robot, [law for *_, law in laws])}: {100 * most:.2g} % of the torque of "
+        f"{lead} {lacking(robot, [law for *_, law in laws])}: {100 * most:.0f} % of the torque of "
         f"{robot.joints[joint]} along a simulated motion; {f'use {which}' if which else 'no format can'}"
         for (_, which), laws in large.items()
         for most, joint, _ in [max(laws, key=lambda one: one[0])]

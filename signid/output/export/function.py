@@ -20,36 +20,34 @@ _SIGNALS = ("t", "q", "v", "a", "load", "jacobian")
 _VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
 _HEAD = '''"""Torque of the laws of a signid model of {name}, in addition to the rigid bodies.
 
-    total torque = inverse dynamics of the exported URDF, without friction and armature + torque(q, v, a{arguments})
-    total torque = inverse dynamics of the exported MJCF in MuJoCo + torque(q, v, a{arguments}, mjcf=True)
+    total torque = inverse dynamics of the exported URDF, without friction and armature + torque(q, v, a, ...)
+    total torque = inverse dynamics of the exported MJCF in MuJoCo + torque(q, v, a, ..., mjcf=True)
 """
 
 import numpy as np
 {imports}
 JOINTS = {joints!r}
 UNITS = {units!r}
-'''
+{gravity}'''
 _TORQUE = '''
 
-def torque(q, v, a{parameters}, mjcf=False):
+def torque(q, v, a, *, t=0.0, load=None, jacobian=None, mjcf=False):
     """Torque (n,) of the joints in the order of JOINTS, in UNITS.
 
-    q: (n,) positions [rad or m]; v: (n,) velocities; a: (n,) accelerations{explained}
-    mjcf: leave out laws that the exported MJCF holds: armature, friction and springs.
+    q: (n,) positions [rad or m]; v: (n,) velocities; a: (n,) accelerations
+    t: time since the start of the recording [s].
+    load: (n,) rigid-body torque of the exported URDF, without armature [N.m or N], if a law names it.
+    jacobian: (3, n) of the last link's centre of mass, in world axes, if a law names it.
+    mjcf: leave out laws that the exported MJCF holds at its joints: armature, friction and springs.
     """
-    signals = {{{signals}}}
+    signals = {"q": q, "v": v, "a": a, "load": load, "jacobian": jacobian}
     total = np.zeros(len(JOINTS))
     for law, needs, joints, numbers, in_mjcf in LAWS:
         if not (mjcf and in_mjcf):
-            given = {{key: np.asarray(signals[key], float)[..., joints] for key in needs{but}}}
-            total[joints] += law(**given, **numbers{also})
+            given = {key: t if key == "t" else np.asarray(signals[key], float)[..., joints] for key in needs}
+            total[joints] += law(**given, **numbers)
     return total
 '''
-_EXPLAINED = {
-    "t": "t: time since the start of the recording [s].",
-    "load": "load: (n,) rigid-body torque of the exported URDF, without armature [N.m or N].",
-    "jacobian": "jacobian: (3, n) of the last link's centre of mass, in world axes.",
-}
 
 
 def write_function(model: Model) -> Exported:
@@ -59,34 +57,22 @@ def write_function(model: Model) -> Exported:
     """
     robot, inside = model.robot, [law for law in held(model, "mjcf") if law.effect.name not in BY_ACTUATOR]
     written = [(law, code) for law in torque_model(model).laws if (code := _code_of(law)) is not None]
-    more = [key for key in _EXPLAINED if any(key in code.signals for _, code in written)]
     used = {name for _, code in written for name in code.functions}
-    keyword = {"t": "t=0.0", "load": "load", "jacobian": "jacobian"}
-    signals = [key for key in ("q", "v", "a", *more) if key != "t"]
+    lines = [f"from numpy.linalg import {name}\n" for name in sorted(used & {"norm"})]
+    lines = [f"from numpy import {', '.join(names)}\n" for names in [sorted(used - {"norm"})] if names] + lines
+    acts = model.bodies().gravity.linear
+    tilted = not np.allclose(acts, described_gravity(robot), atol=1e-12)
+    gravity = f"GRAVITY = {tuple(map(float, acts))}  # m/s2, in the frame of the base; use it with the URDF\n"
     head = _HEAD.format(
         name=_quoted(robot.name),
-        arguments="".join(f", {key}={key}" for key in more),
-        imports="".join(
-            f"from {module} import {', '.join(sorted(names))}\n"
-            for module, names in (("numpy", used - {"norm"}), ("numpy.linalg", used & {"norm"}))
-            if names
-        ),
+        imports="".join(lines),
         joints=robot.joints,
         units=tuple(torque_units(robot)),
+        gravity=gravity if tilted else "",
     )
-    body = _TORQUE.format(
-        parameters="".join(f", {part}" for part in ("*", *(keyword[key] for key in more)) if more),
-        explained="".join(f"\n    {_EXPLAINED[key]}" for key in more),
-        signals=", ".join(f'"{key}": {key}' for key in signals),
-        but=' if key != "t"' if "t" in more else "",
-        also=', **({"t": t} if "t" in needs else {})' if "t" in more else "",
-    )
-    acts = model.bodies().gravity.linear
-    gravity = f"GRAVITY = {tuple(map(float, acts))}  # m/s2, in the frame of the base\n"
-    tilted = not np.allclose(acts, described_gravity(robot), atol=1e-12)
     laws = [_entry(law, code, among(law, inside)) for law, code in written]
     table = "\n\nLAWS = [  # function, signals, joints, parameters, whether the MJCF holds it\n" + "".join(laws) + "]\n"
-    return Exported(head + (gravity if tilted else "") + _functions(written) + table + body)
+    return Exported(head + _functions(written) + table + _TORQUE)
 
 
 def _functions(written: Iterable[tuple[Law, _Code]]) -> str:
