@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ..diagnose import Diagnosis
     from ..faults import ServoAudit, UnusableRecordings
     from ..identify import Identification
+    from ..model import Model
     from ..output.report import Content
     from ..output.viewers import ViewerLog
     from ..payload import Payload
@@ -24,11 +25,10 @@ if TYPE_CHECKING:
     from ..servo.identify import ServoIdentification
     from ..servo.validate import ServoValidation
     from ..signs import Signs
-    from ..types import Array, Input, Law, Recording, Robot
+    from ..types import Array, Input, Recording, Robot
     from ..validate import Validation
 
 Logs: TypeAlias = "tuple[ViewerLog, Mapping[str, Path]] | None"
-FRICTION = ("viscous_friction", "coulomb_friction")
 VALIDATED = ("validation.json", "report.html")
 WEIGHED = ("payload.json", "model.json")
 CHECKED = ("check.json", "report.html")
@@ -42,7 +42,7 @@ def deliver(result: Identification, inputs: Sequence[Input], output: str | None,
 
     files: dict[str, Content] = {}
     if output is not None:
-        described, notes = _urdf(result.robot, _identifiable_bodies(result), result.best.laws)
+        described, notes = _urdf(result.best, _identifiable_bodies(result))
         result = replace(result, notes=(*result.notes, *notes))
         signed = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
         files = {**described, "report.html": page(result, inputs, command), **signed}
@@ -60,14 +60,13 @@ def deliver_servos(
     more: Mapping[str, Content],
 ) -> int:
     """Write and print an identification of position drives, with more files; return the exit code."""
-    from ..model import torque_model
     from ..output.export import with_known_numbers
     from ..output.report import document, page, tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
         known, left = with_known_numbers(result.model, gain=False)
-        described, notes = _urdf(known.robot, known.inertials, torque_model(known).laws)
+        described, notes = _urdf(known, known.inertials)
         unknown = "robot.urdf leaves out the numbers that are not identifiable, unless they were stated before"
         result = replace(result, notes=(*result.notes, *notes, *([unknown] if left else [])))
         files = {**described, "report.html": page(result, inputs, command), **more}
@@ -210,15 +209,17 @@ def _readings(recordings: Sequence[Recording]) -> dict[str, Content]:
     return {reading_path(each.path).name: each.reading.text for each in recordings if each.reading and each.path}
 
 
-def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, Content], tuple[str, ...]]:
+def _urdf(model: Model, bodies: Array) -> tuple[dict[str, Content], tuple[str, ...]]:
     """The robot's URDF with the identified parameters; if it cannot be written, a note with the reason."""
     from ..output.export import urdf_with
+    from ..output.export.formats import FRICTION, summed
 
-    if robot.kind != "urdf":
-        why = f"the robot comes from {robot.kind.upper()}"
+    if model.robot.kind != "urdf":
+        why = f"the robot comes from {model.robot.kind.upper()}"
     else:
         try:
-            return {"robot.urdf": _marked(urdf_with(robot, bodies, *(_friction(robot, laws, x) for x in FRICTION)))}, ()
+            friction = (np.maximum(summed(model, effect), 0.0) for effect in FRICTION)
+            return {"robot.urdf": _marked(urdf_with(model.robot, bodies, *friction))}, ()
         except RobotError as error:
             why = str(error)
     return {}, (f"robot.urdf is not written: {why}",)
@@ -250,12 +251,3 @@ def _identifiable_bodies(result: Identification) -> Array:
     seen = {label.body for s, label in zip(shown, result.base.labels, strict=True) if s}
     bodies[[body not in seen for body in range(len(bodies))]] = np.nan
     return bodies
-
-
-def _friction(robot: Robot, laws: Sequence[Law], effect: str) -> Array:
-    """Coefficient of a law per joint, (n,) [N.m.s/rad or N.m]; NaN at joints without it, zero if negative."""
-    values = np.full(len(robot.joints), np.nan)
-    for law in laws:
-        if law.effect.name == effect:
-            values[list(law.joints)] = max(0.0, *law.parameters.values())
-    return values

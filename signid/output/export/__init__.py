@@ -22,20 +22,10 @@ from .urdf import urdf_with
 
 __all__ = ["KINDS", "VENDORS", "Exported", "export", "urdf_with", "with_comment", "with_known_numbers"]
 
-_WRITERS = {  # module below this folder, and function in it
-    "urdf": ("urdf", "write_urdf"),
-    "mjcf": ("mjcf", "write_mjcf"),
-    "actuators": ("actuators", "write_actuators"),
-    "function": ("function", "write_function"),
-    "ros": ("actuators", "write_ros"),
-    "isaaclab": ("actuators", "write_isaaclab"),
-    "mjlab": ("actuators", "write_mjlab"),
-    "newton": ("actuators", "write_newton"),
-    "c": ("code.c", "write_c"),
-    "arrays": ("code.arrays", "write_arrays"),
-    "franka": ("vendor", "write_franka"),
-    "ur": ("vendor", "write_ur"),
-    "kuka": ("vendor", "write_kuka"),
+_MODULES = {  # below this folder, where `write_KIND` is not in a module of its own
+    **dict.fromkeys(("ros", "isaaclab", "mjlab", "newton"), "actuators"),
+    **{"c": "code.c", "arrays": "code.arrays"},
+    **dict.fromkeys(VENDORS, "vendor"),
 }
 KINDS = tuple(FORMATS)
 STARTING = ("mjcf", "isaaclab", "mjlab")  # loops that can start from a recording
@@ -88,7 +78,7 @@ def export(
         RobotError: the format cannot hold the bodies of the model, the robot has no URDF, or a floating base no mass.
     """
     model = as_model(model, "export")
-    if kind not in _WRITERS:
+    if kind not in FORMATS:
         raise OptionError(f"there is no export to {kind!r}; choose from {', '.join(KINDS)}")
     if unwritten := [name for name in functions if name not in FURTHER]:
         raise OptionError(f"C code has no further function {unwritten[0]!r}; choose from {', '.join(FURTHER)}")
@@ -115,9 +105,9 @@ def export(
 
         loop = loop_of(model, start)
         model = loop.written
-    module, function = _WRITERS[kind]
+    write = getattr(import_module(f"{__name__}.{_MODULES.get(kind, kind)}"), f"write_{kind}")
     more = {"mjcf": (package_dirs, floating, meshes), "c": (name,)}.get(kind, (flange, tool) if kind in VENDORS else ())
-    made: Exported = getattr(import_module(f"{__name__}.{module}"), function)(model, *more, **code)
+    made: Exported = write(model, *more, **code)
     made = with_loop(kind, made, loop) if loop else made
     if kind in VENDORS:
         return made

@@ -21,13 +21,7 @@ from .bodies import Exported, fixed_note
 from .drives import curved, known_document, left_out
 from .formats import summed
 
-_UNITS = {
-    "armature": "kg.m2",
-    "viscous_friction": "N.m.s/rad",
-    "coulomb_friction": "N.m",
-    "torque_offset": "N.m",
-    "torque_constant": "N.m/A",
-}
+_UNITS = {**SERVO_UNITS, "torque_constant": "N.m/A"}
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 HEAD = """\
 # Dynamics of {name} as parameters of a ROS 2 node: --param-file FILE of a controller's spawner, or parameters=[FILE] in
@@ -42,7 +36,7 @@ _ISAACLAB_HEAD = '''\
 """Actuators of {name} for Isaac Lab 2.2 or newer on Isaac Sim 5: ArticulationCfg(actuators=ACTUATORS, ...).
 
 kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. Friction is an effort (PhysX 5.6, PxJointFrictionParams),
-static and dynamic alike. {gains}
+static and dynamic alike. Set stiffness and damping of joints without a drive to the gains of your controller.{loop}
 """
 
 {imports}from isaaclab.actuators import {classes}
@@ -51,7 +45,7 @@ static and dynamic alike. {gains}
 _MJLAB_HEAD = '''\
 """Actuators of {name} for mjlab 1.6 or newer: EntityArticulationInfoCfg(actuators=ACTUATORS, ...).
 
-kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. {gains}
+kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N.{loop}
 """
 
 {imports}from mjlab.actuator import {classes}
@@ -83,8 +77,7 @@ def add_actuators(builder):
         steps = max(1, round(numbers["delay"] / PHYSICS_STEP + 0.5)) if numbers["delay"] else None
         builder.add_actuator(DrivePD, index=index, delay_steps=steps, clamping=numbers["clamping"], **numbers["drive"])
 '''
-_GAINS = "Set stiffness and damping to the gains of your controller."
-_LOOP = "Commands are positions; a delay between two steps varies between both."
+_LOOP = "\nCommands are positions; a delay between two steps varies between both."
 _IMPORT = "import math\n\n"
 _STEP = '''\
 PHYSICS_STEP = 0.005  # s; set it to the time step of the physics
@@ -186,7 +179,7 @@ def write_isaaclab(model: Model) -> Exported:
 
     `effort` and `duty` become DelayedPDActuatorCfg, `torque_speed` DCMotorCfg.
     """
-    servos = _servos(model)
+    servos = model.servos
     groups = {
         pattern: (kind, [f"joint_names_expr=[{_text(pattern)}]", *lines])
         for pattern, kind, lines in _grouped(model, {j: _isaaclab_drive(model, j) for j in servos})
@@ -198,19 +191,22 @@ def write_isaaclab(model: Model) -> Exported:
             rest += "_"
         groups[rest] = _isaaclab_free(model, others)
     body = "".join(f"    {_text(name)}: {_call(kind, lines)},\n" for name, (kind, lines) in groups.items())
-    head = _ISAACLAB_HEAD.format(
-        name=_name(model),
-        gains=_LOOP if servos else _GAINS,
-        imports=_IMPORT if servos else "",
-        classes=", ".join(sorted({x for x, _ in groups.values()})),
-    )
-    step = _STEP.format(least="min_delay", most="max_delay") if servos else ""
-    return Exported(f"{head}{step}ACTUATORS = {{\n{body}}}\n{_offsets(servos)}", tuple(_isaaclab_notes(servos)))
+    used, delay = {x for x, _ in groups.values()}, ("min_delay", "max_delay")
+    return _python(_ISAACLAB_HEAD, model, used, delay, f"ACTUATORS = {{\n{body}}}\n", _isaaclab_notes(servos))
+
+
+def _python(head: str, model: Model, used: set[str], delay: tuple[str, str], body: str, notes: list[str]) -> Exported:
+    """A Python file; used: names of classes; delay: names of the least and the largest one."""
+    servos = model.servos
+    given = {"loop": _LOOP if servos else "", "imports": _IMPORT if servos else ""}
+    text = head.format(name=_name(model), classes=", ".join(sorted(used)), **given)
+    text += _STEP.format(least=delay[0], most=delay[1]) if servos else ""
+    return Exported(text + body + _offsets(servos), tuple(notes))
 
 
 def write_mjlab(model: Model) -> Exported:
     """Write a Python file with an actuator of mjlab for each joint; joints without a drive get a motor."""
-    servos, notes = _servos(model), list[str]()
+    servos, notes = model.servos, list[str]()
     if any(servo.coulomb_friction > 0 for servo in servos.values()):
         notes.append('dry friction creeps unless joints have solreffriction="0.001 1" solimpfriction="0.9999 0.9999"')
     made = {joint: _mjlab_drive(model, joint) for joint in model.robot.joints}
@@ -218,14 +214,8 @@ def write_mjlab(model: Model) -> Exported:
         f"    {_call(kind, [f'target_names_expr=({_text(pattern)},)', *lines])},\n"
         for pattern, kind, lines in _grouped(model, made)
     )
-    head = _MJLAB_HEAD.format(
-        name=_name(model),
-        gains=_LOOP if servos else "",
-        imports=_IMPORT if servos else "",
-        classes=", ".join(sorted({kind for kind, _ in made.values()})),
-    ).replace("N. \n", "N.\n")
-    step = _STEP.format(least="delay_min_lag", most="delay_max_lag") if servos else ""
-    return Exported(f"{head}{step}ACTUATORS = (\n{body})\n{_offsets(servos)}", tuple(notes))
+    used, delay = {kind for kind, _ in made.values()}, ("delay_min_lag", "delay_max_lag")
+    return _python(_MJLAB_HEAD, model, used, delay, f"ACTUATORS = (\n{body})\n", notes)
 
 
 def write_newton(model: Model) -> Exported:
@@ -233,7 +223,7 @@ def write_newton(model: Model) -> Exported:
     lines = "".join(f"    {_text(joint)}: {_newton_joint(model, joint)},\n" for joint in model.robot.joints)
     used = [name for name in ("ClampingDCMotor", "ClampingMaxEffort", "DrivePD") if name in lines + "DrivePD"]
     text = _NEWTON_HEAD.format(name=_name(model), classes=", ".join(used), joints=lines)
-    return Exported(text, tuple(_velocity_notes(_servos(model))))
+    return Exported(text, tuple(_velocity_notes(model.servos)))
 
 
 def _newton_joint(model: Model, joint: str) -> str:
@@ -290,10 +280,6 @@ def _offsets(servos: Mapping[str, Servo]) -> str:
 
 
 _MJLAB = {"armature": "armature", "viscous_friction": "viscous_damping", "coulomb_friction": "frictionloss"}
-
-
-def _servos(model: Model) -> dict[str, Servo]:
-    return {joint: model.servos[joint] for joint in model.robot.joints if joint in model.servos}
 
 
 def _grouped(model: Model, drives: Mapping[str, _Drive]) -> list[tuple[str, str, list[str]]]:

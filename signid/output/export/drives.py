@@ -142,23 +142,15 @@ def mjcf_actuators(joint: str, servo: Servo) -> list[tuple[str, dict[str, str]]]
 
 def mjcf_notes(model: Model) -> list[str]:
     """Requirements and gaps of an MJCF with drives, one sentence each."""
-    servos = {joint: model.servos[joint] for joint in model.robot.joints if joint in model.servos}
-    if not servos:
+    if not model.servos:
         return []
-    notes = [f"actuators of {shorten(list(servos), MOST)} take commanded positions [rad or m]"]
-    delays = [f"{joint} {1e3 * servo.delay:.4g} ms" for joint, servo in servos.items()]
-    notes.append(
+    delays = [f"{joint} {1e3 * servo.delay:.4g} ms" for joint, servo in model.servos.items()]
+    return [
         f"commands are delayed ({shorten(delays, MOST)}, and half a step of {1e3 * STEP:g} ms, since MuJoCo applies a "
-        f"command that much early), which needs MuJoCo 3.5 or newer"
-    )
-    notes.append(
+        f"command that much early), which needs MuJoCo 3.5 or newer; mj_initCtrlHistory sets those before the start",
         f"a time step of {1e3 * STEP:g} ms repeats the loop to 1 mrad; at 1 ms, positions differ by half a step "
-        f"times the speed, and by some mrad where torque is limited"
-    )
-    notes.append("mj_initCtrlHistory sets the commands before the start; without it they are 0 until the delay is over")
-    if any(servo.coulomb_friction > 0 for servo in servos.values()):
-        notes.append("dry friction is as hard as MuJoCo allows (solreffriction, solimpfriction)")
-    return notes
+        f"times the speed, and by some mrad where torque is limited",
+    ]
 
 
 def _general(

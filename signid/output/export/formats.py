@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...effects.base import ActuatorLaw, RecordingLaw, TransmissionLaw
+from ...effects.base import ActuatorLaw, RecordingLaw, TorqueLaw, TransmissionLaw
 from ...effects.drive import DriveLaw
 from ...errors import SignidError, shorten
 from ...model import Model
@@ -20,6 +20,7 @@ from ...regression.motion import Motion
 from ...simulation.excite.families import rest_to_rest_motion
 from ...types import Array, Law, Robot
 
+VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
 MOST = 16  # maximum number of joints listed
 BODIES = ("payload", "link_inertia")  # laws included in inertials
 FRICTION = ("viscous_friction", "coulomb_friction")
@@ -57,7 +58,6 @@ def _format(subject: str, exact: str, approximate: str = "", driven: str = "", b
 
 
 _SIMULATOR = f"{' '.join(PASSIVE)} {_LOOP.replace('command_delay', '')}"
-_CONTROLLER = _format("a payload", "payload")
 _CODE = _format("the code", f"{_OF_MOTION} {_OF_BODIES}")
 FORMATS = {
     "urdf": _format("a URDF", " ".join((*FRICTION, *BODIES)), beside="actuators ros function"),
@@ -87,11 +87,8 @@ FORMATS = {
     "newton": _format("an actuator of Newton", _SIMULATOR, "command_delay torque_offset", beside="urdf mjcf"),
     "c": _CODE,
     "arrays": _CODE,
-    "franka": _CONTROLLER,
-    "ur": _CONTROLLER,
-    "kuka": _CONTROLLER,
+    **dict.fromkeys(VENDORS, _format("a payload", "payload")),
 }
-VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
 BY_ACTUATOR = ("torque_offset", "counterbalance", "torque_ripple", "torque_saturation")  # in MJCF: not passive
 OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
 
@@ -103,12 +100,18 @@ def held(model: Model, kind: str, floating: bool = False) -> list[Law]:
     return [
         law
         for law in model.laws
-        if found.grade(law.effect.name)
+        if (found.grade(law.effect.name) or (kind in OF_TORQUE and _is_plugin(law)))
         and (law.effect.name not in found.driven or driven.issuperset(law.joints))
         and (law.effect.name not in sums or sums[law.effect.name][law.joints[0]] >= 0)
         and (kind != "mjcf" or _in_mjcf(model, law, driven))
         and not (floating and law.effect.scope == "robot")  # such a base takes its direction from the simulation
     ]
+
+
+def _is_plugin(law: Law) -> bool:
+    """Whether code holds a law of another package, that the table lacks."""
+    own = type(law.effect).__module__.startswith(f"{__package__.partition('.')[0]}.effects.")
+    return not own and isinstance(law.effect, TorqueLaw) and not law.effect.memory
 
 
 def _in_mjcf(model: Model, law: Law, driven: Collection[int]) -> bool:
@@ -123,7 +126,8 @@ def _in_mjcf(model: Model, law: Law, driven: Collection[int]) -> bool:
     if isinstance(law.effect, TransmissionLaw):
         gears, rows = [x for x in model.of(TransmissionLaw) if x.joints == law.joints], robot.drive[:, law.joints[0]]
         return len(gears) == 1 and np.count_nonzero(rows) == 1 and bool(summed(model, "armature")[law.joints[0]] > 0)
-    return name not in ("counterbalance", "torque_ripple", "presliding_friction") or law.joints[0] not in driven
+    beside_drives = ("quadratic_friction", "counterbalance", "torque_ripple", "presliding_friction")
+    return name not in beside_drives or law.joints[0] not in driven
 
 
 def stiffness(model: Model) -> dict[int, tuple[float, float]]:

@@ -29,6 +29,12 @@ _DENSITY = 2700.0  # density at which a payload is drawn [kg/m3]
 _NUMBERS = dict(zip(("damping", "frictionloss", "armature"), PASSIVE, strict=True))
 _STIFF = "0.9999 0.9999 0.001 0.5 2"  # impedance of the stops of a gear
 _SHORT = ("joint_elasticity", "backlash", "presliding_friction")  # laws that need the time step of drives
+_NEEDS = {  # sentences, and the laws that they are on
+    "polynomials of damping and stiffness need MuJoCo 3.7 or newer": ("quadratic_friction", "cable_torque"),
+    "passive dcmotors need MuJoCo 3.12 or newer": ("counterbalance", "torque_ripple", "presliding_friction"),
+    "JOINT is the motor and JOINT_gear the deflection of the link from it: positions add up": _SHORT[:2],
+    "elasticity, backlash and presliding need a time step of 0.1 ms to repeat a motion to 1 mrad": _SHORT,
+}
 _NO_MOTOR = {"motorconst": "0", "resistance": "1", "input": "none"}  # a dcmotor without its electrical part
 
 
@@ -64,7 +70,7 @@ def write_mjcf(
     gravity = robot.model.gravity if floating else model.bodies().gravity
     option = {"gravity": words(gravity.linear), "integrator": "implicitfast"}
     options = parse(robot.document).iter("option") if robot.kind == "mjcf" else ()
-    short = [repr(STEP)] if model.servos or needs_short_steps(model) else []
+    short = [repr(STEP)] if model.servos or _effects(model) & set(_SHORT) else []
     steps = [x for node in options if (x := node.get("timestep"))] or short
     _add(root, "option", option | ({"timestep": steps[-1]} if steps else {}))
     _add(_add(root, "default"), "geom", {"contype": "0", "conaffinity": "0", "group": "2"})
@@ -113,7 +119,7 @@ def _tree(world: Any, model: Model, shapes: Shapes, bodies: PossibleBodies, plac
         _add(node, "inertial", _inertial(body))
         for joint in place.joints.values():
             _add(node, "joint", {**joint, **_joint(model, joint["name"])})
-            if behind := gear(model, joint["name"]):
+            if behind := _gear(model, joint["name"]):
                 _add(node, "joint", joint | behind)
         _add_shapes(node, shapes, len(nodes))
         nodes.append(node)
@@ -143,36 +149,28 @@ def _joint(model: Model, name: str) -> dict[str, str]:
     ends = robot.lower[j], robot.upper[j]
     if np.isfinite(ends).all():
         stated["range"] = words(ends)
-    stated |= joint_laws(model, name)
+    stated |= _joint_laws(model, name)
     return stated | (mjcf_joint(model.servos[name]) if name in model.servos else {})
 
 
 def _actuators(group: Any, model: Model) -> None:
-    """Add the actuators of the drives, motors at the other joints, and passive ones."""
-    for motor in _motors(model):
-        servo = model.servos.get(motor["joint"])
-        kind = "general" if "biastype" in motor else "motor"
-        for tag, entry in [(kind, motor)] if servo is None else mjcf_actuators(motor["joint"], servo):
-            _add(group, tag, entry)
-    for passive in passive_actuators(model):
-        _add(group, "dcmotor", passive)
+    """Add the drives, a motor at each other joint, less its torque offset, and passive actuators.
 
-
-def _motors(model: Model) -> list[dict[str, str]]:
-    """A motor per joint, limited by the effort limit and by torque saturation, less the torque offset."""
-    robot, limit = model.robot, model.robot.effort_limit.copy()
+    The effort limit and torque saturation limit a motor.
+    """
+    limit, offsets = model.robot.effort_limit.copy(), np.nan_to_num(summed(model, "torque_offset"))
     for law in model.joint_laws:
         if law.effect.name == "torque_saturation":
             limit[list(law.joints)] = np.minimum(limit[list(law.joints)], law.parameters["limit"])
-    offsets = np.nan_to_num(summed(model, "torque_offset"))
-    return [
-        {
-            **{"name": joint, "joint": joint},
-            **({"forcerange": words([-most - offset, most - offset])} if np.isfinite(most) else {}),
-            **({"biastype": "affine", "biasprm": words([-offset, 0, 0])} if offset else {}),
-        }
-        for joint, most, offset in zip(robot.joints, limit.tolist(), offsets.tolist(), strict=True)
-    ]
+    for joint, most, offset in zip(model.robot.joints, limit.tolist(), offsets.tolist(), strict=True):
+        motor = {"name": joint, "joint": joint}
+        motor |= {"forcerange": words([-most - offset, most - offset])} if np.isfinite(most) else {}
+        less = {"biastype": "affine", "biasprm": words([-offset, 0, 0])}
+        made = [("general", motor | less) if offset else ("motor", motor)]
+        for tag, entry in mjcf_actuators(joint, model.servos[joint]) if joint in model.servos else made:
+            _add(group, tag, entry)
+    for passive in _passive_actuators(model):
+        _add(group, "dcmotor", passive)
 
 
 def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodies, floating: bool) -> list[str]:
@@ -186,7 +184,7 @@ def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodi
     if ties:
         each = ", ".join(f"{tie['joint1']} of {tie['joint2']}" for tie in ties)
         notes.append(f"mimic joints are equality constraints, which are slightly compliant in MuJoCo: {each}")
-    notes += [*mjcf_notes(model), *passive_notes(model), *bodies.notes]
+    notes += [*mjcf_notes(model), *(say for say, laws in _NEEDS.items() if _effects(model) & set(laws)), *bodies.notes]
     notes += trunk_notes(model, bodies) if floating else []
     if empty := [link for link, body in zip(robot.links, bodies.links, strict=True) if body.mass <= LEAST]:
         notes.append(f"massless links get {LEAST:g} kg, since MuJoCo rejects zero mass: {', '.join(empty)}")
@@ -282,7 +280,11 @@ def _name(robot: Robot) -> str:
     return name
 
 
-def joint_laws(model: Model, joint: str) -> dict[str, str]:
+def _effects(model: Model) -> set[str]:
+    return {law.effect.name for law in held(model, "mjcf")}
+
+
+def _joint_laws(model: Model, joint: str) -> dict[str, str]:
     """Attributes of a joint by the laws that an MJCF holds there: friction, armature, spring and cable."""
     j = model.robot.index(joint)
     sums = {key: float(np.nan_to_num(summed(model, effect)[j])) for key, effect in _NUMBERS.items()}
@@ -299,7 +301,7 @@ def joint_laws(model: Model, joint: str) -> dict[str, str]:
     return stated
 
 
-def gear(model: Model, joint: str) -> dict[str, str]:
+def _gear(model: Model, joint: str) -> dict[str, str]:
     """Attributes of the joint between motor and link, by its elasticity or backlash; empty without a gear.
 
     The inertia of the motor, friction and the actuator belong to the joint before it.
@@ -315,7 +317,7 @@ def gear(model: Model, joint: str) -> dict[str, str]:
     return {}
 
 
-def passive_actuators(model: Model) -> Iterator[dict[str, str]]:
+def _passive_actuators(model: Model) -> Iterator[dict[str, str]]:
     """A dcmotor for each torque that is a sine of the position, and for presliding friction."""
     for k, law in enumerate(held(model, "mjcf")):
         name, p = law.effect.name, law.parameters
@@ -326,25 +328,3 @@ def passive_actuators(model: Model) -> Iterator[dict[str, str]]:
         elif name == "presliding_friction":
             level = p["level"]
             yield {**line, "lugre": words([level / p["distance"], 0, level, level, 1])}
-
-
-def passive_notes(model: Model) -> list[str]:
-    """Requirements of these laws, one sentence each."""
-    names = {law.effect.name for law in held(model, "mjcf")}
-    notes = list[str]()
-    if names & {"quadratic_friction", "cable_torque"}:
-        notes.append("polynomials of damping and stiffness need MuJoCo 3.7 or newer")
-    if names & {"counterbalance", "torque_ripple", "presliding_friction"}:
-        notes.append("passive dcmotors, which need MuJoCo 3.12 or newer, hold sines of the position and presliding")
-    if names & {"joint_elasticity", "backlash"}:
-        notes.append("JOINT is the motor and JOINT_gear the deflection of the link from it: positions add up")
-    if needs_short_steps(model):
-        notes.append("elasticity, backlash and presliding need a time step of 0.1 ms to repeat a motion to 1 mrad")
-    return notes
-
-
-def needs_short_steps(model: Model) -> bool:
-    """Whether a law needs the time step of drives."""
-    return any(
-        law.effect.name in ("joint_elasticity", "backlash", "presliding_friction") for law in held(model, "mjcf")
-    )

@@ -117,13 +117,9 @@ def _evaluate(
     if law.effect.name == "empirical":
         lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
         numbers = {"variable": signals[_VARIABLES[int(numbers["variable"])]], **lists}
-    functions: dict[str, Any] = {name: np.frompyfunc(partial(_unary, graph, name), 1, 1) for name in UNARY}
-    functions |= {name: np.frompyfunc(partial(_binary, graph, name), 2, 1) for name in BINARY}
-    functions |= {
-        "where": np.frompyfunc(partial(_where, graph), 3, 1),
-        "interp": partial(_interpolate, graph),
-        "sum": sum,
-    }
+    functions: dict[str, Any] = {name: _lifted(graph, partial(unary, name), 1) for name in UNARY}
+    functions |= {name: _lifted(graph, partial(binary, name), 2) for name in BINARY}
+    functions |= {"where": _lifted(graph, where, 3), "interp": partial(_interpolate, graph), "sum": sum}
     if sign is not None:
         functions[SIGN] = np.frompyfunc(sign, 1, 1)
     return _value(ast.parse(law.effect.equation, mode="eval").body, {**functions, **signals, **numbers})
@@ -171,16 +167,9 @@ def _signed_velocity(call: ast.Call) -> ast.expr | None:
     return None
 
 
-def _unary(graph: Graph, name: str, x: Any) -> Scalar:
-    return unary(name, graph.scalar(x))
-
-
-def _binary(graph: Graph, name: str, a: Any, b: Any) -> Scalar:
-    return binary(name, graph.scalar(a), graph.scalar(b))
-
-
-def _where(graph: Graph, condition: Any, yes: Any, no: Any) -> Scalar:
-    return where(graph.scalar(condition), graph.scalar(yes), graph.scalar(no))
+def _lifted(graph: Graph, function: Callable[..., Scalar], operands: int) -> Any:
+    """A function of nodes as one of arrays of nodes and numbers."""
+    return np.frompyfunc(lambda *given: function(*map(graph.scalar, given)), operands, 1)
 
 
 def _interpolate(graph: Graph, x: Scalar, knots: list[float], values: list[float]) -> Scalar:
