@@ -39,10 +39,10 @@ def test_all_files_at_once(saved: str, tmp_path: Path, capsys: pytest.CaptureFix
     printed = " ".join(said.out.split())
     late = "time_delay (torque recorded 4.0 ms late), an error of the recording, not of the robot"
     for line in (
-        "urdf: a URDF cannot hold torque_offset of joint_2, which --actuators, --ros and --function hold",
+        "urdf: a URDF cannot hold torque_offset of joint_2, held by actuators, ros, function",
         f"mjcf: an MJCF cannot hold {late}",
-        "actuators: an actuators file cannot hold payload of joint_3, which --urdf holds",
-        "function: this file cannot hold payload of joint_3, which --urdf and --mjcf hold",
+        "actuators: an actuators file cannot hold payload of joint_3, held by urdf",
+        "function: this file cannot hold payload of joint_3, held by urdf, mjcf",
         f"function: this file cannot hold {late}",
     ):
         assert line in printed
@@ -50,7 +50,7 @@ def test_all_files_at_once(saved: str, tmp_path: Path, capsys: pytest.CaptureFix
         "signid: isaaclab: an actuator group of Isaac Lab cannot hold torque_offset of joint_2: 21 % of the torque of "
     )
     assert said.err.startswith(flag) and said.err.count("\n") == 1
-    assert "along a simulated motion; use --mjcf, --actuators, --function, --ros, --newton, --c or --arrays" in said.err
+    assert "along a simulated motion; held by mjcf, actuators, function, ros, newton, c, arrays" in said.err
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(KINDS.values())
     mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "robot.xml"))
     first = {name: (tmp_path / "out" / name).read_bytes() for name in KINDS.values()}

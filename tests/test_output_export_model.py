@@ -147,8 +147,8 @@ def test_laws_without_a_function_are_named(tmp_path: Path) -> None:
     made = export(model, "function")
     imported(made.text, tmp_path)
     for part in (
-        "payload of joint_3, which --urdf and --mjcf hold",
-        "presliding_friction of joint_2; torque_saturation of joint_3; base_tilt, which --mjcf holds",
+        "payload of joint_3, held by urdf, mjcf",
+        "presliding_friction of joint_2; torque_saturation of joint_3; base_tilt, held by mjcf",
         "time_delay (torque recorded 4.0 ms late), an error of the recording, not of the robot",
     ):
         assert f"\n# this file cannot hold {part}\n" in made.text

@@ -15,10 +15,10 @@ from ...errors import one_line
 from ...model import Model
 from ...recording.names.mapping import quoted
 from ...robot.joints import name_pattern
-from ...servos import PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo
+from ...servos import MARKS, PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo, servos_document
 from ...types import Actuators, Array
 from .bodies import Exported, fixed_note
-from .drives import curved, known_document, left_out
+from .drives import curved, left_out
 from .formats import summed
 
 _UNITS = {**SERVO_UNITS, "torque_constant": "N.m/A"}
@@ -153,13 +153,15 @@ def write_ros(model: Model) -> Exported:
     from yaml import safe_dump
 
     robot, bodies = model.robot, list(model.bodies().inertias)[1:]
-    drives = _driven(model)
+    drives, servos = _driven(model), servos_document(model.servos, robot.joints)
+    for joint, servo in model.servos.items():
+        servos[joint] = {key: x for key, x in servos[joint].items() if key not in (*left_out(servo), *MARKS)}
     for joint, limit in zip(robot.joints, robot.effort_limit.tolist(), strict=True):
         drives[joint] |= {"effort_limit": limit} if 0 < limit < np.inf else {}
     parameters = {
         "joints": list(robot.joints),
         "joint": {joint: stated for joint, stated in drives.items() if stated},
-        **({"servo": known_document(model.servos, robot.joints)} if model.servos else {}),
+        "servo": servos,
         "link": {link: _inertial(body) for link, body in zip(robot.links, bodies, strict=True)},
     }
     parameters = {key: x for key, x in parameters.items() if x}  # rcl takes what follows an empty map for its content
@@ -201,7 +203,9 @@ def _python(head: str, model: Model, used: set[str], delay: tuple[str, str], bod
     given = {"loop": _LOOP if servos else "", "imports": _IMPORT if servos else ""}
     text = head.format(name=_name(model), classes=", ".join(sorted(used)), **given)
     text += _STEP.format(least=delay[0], most=delay[1]) if servos else ""
-    return Exported(text + body + _offsets(servos), tuple(notes))
+    shifts = {joint: float(f"{-x.torque_offset / x.kp:.6g}") for joint, x in servos.items() if x.torque_offset}
+    offsets = _OFFSETS.format(json.dumps(shifts, ensure_ascii=False, indent=4)) if shifts else ""
+    return Exported(text + body + offsets, tuple(notes))
 
 
 def write_mjlab(model: Model) -> Exported:
@@ -271,12 +275,6 @@ def _behind(kind: str, servo: Servo) -> float:
     if servo.law == "duty" or kind == "BuiltinPositionActuatorCfg":
         return -float(servo.damping)
     return float(servo.kd - servo.viscous_friction)
-
-
-def _offsets(servos: Mapping[str, Servo]) -> str:
-    """Offsets of the targets that stand for torque offsets, as Python; "" without any."""
-    shifts = {joint: float(f"{-x.torque_offset / x.kp:.6g}") for joint, x in servos.items() if x.torque_offset}
-    return _OFFSETS.format(json.dumps(shifts, ensure_ascii=False, indent=4)) if shifts else ""
 
 
 _MJLAB = {"armature": "armature", "viscous_friction": "viscous_damping", "coulomb_friction": "frictionloss"}

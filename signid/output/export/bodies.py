@@ -174,6 +174,11 @@ def with_comment(text: str, notes: Iterable[str]) -> str:
     return f"{head}<!-- {said} -->{text[declared.end() :] if declared else newline + text}"
 
 
+def in_docstring(text: str) -> str:
+    """Escape text for a docstring of Python."""
+    return text.replace("\\", "\\\\").replace('"', '\\"')
+
+
 def c_comment(text: str) -> str:
     """Format text as part of a comment of C, which it cannot end."""
     return one_line(text).replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode()

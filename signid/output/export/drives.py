@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ...errors import OptionError, shorten
 from ...model import Model, with_servos
-from ...servos import MARKS, PASSIVE, SERVO_NUMBERS, Servo, servos_document
+from ...servos import PASSIVE, SERVO_NUMBERS, Servo
 from .formats import MOST
 from .shapes import words
 
@@ -89,15 +88,6 @@ def _acts(key: str, servo: Servo) -> bool:
 def left_out(servo: Servo) -> frozenset[str]:
     """Numbers of a drive that the recordings do not identify and nothing states."""
     return frozenset(name for name, stated in servo.not_identifiable.items() if stated is None)
-
-
-def known_document(servos: Mapping[str, Servo], joints: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Drives by joint as JSON, without the numbers that are left out and without marks."""
-    written = servos_document(servos, joints)
-    return {
-        joint: {key: x for key, x in numbers.items() if key not in (*left_out(servos[joint]), *MARKS)}
-        for joint, numbers in written.items()
-    }
 
 
 def curved(servo: Servo) -> bool:

@@ -39,55 +39,51 @@ _OF_BODIES = "payload link_inertia base_tilt gravity"
 
 
 class Format(NamedTuple):
-    """A format: its name in sentences, and the effects that it holds."""
+    """A format: its name in sentences, and names of effects and kinds of files with spaces between."""
 
     subject: str
-    exact: frozenset[str]
-    approximate: frozenset[str] = frozenset()  # within what its README states
-    driven: frozenset[str] = frozenset()  # of these, held only at joints with a position drive
-    beside: tuple[str, ...] = ()  # kinds of files that hold the rest, if they are written, too
+    exact: str  # effects that it holds
+    approximate: str = ""  # within what its README states
+    driven: str = ""  # of these, held only at joints with a position drive
+    beside: str = ""  # kinds of files that hold the rest, if they are written, too
 
     def grade(self, effect: str) -> str:
         """How the format holds an effect: "exact", "approximate" or ""."""
-        return "exact" if effect in self.exact else "approximate" if effect in self.approximate else ""
-
-
-def _format(subject: str, exact: str, approximate: str = "", driven: str = "", beside: str = "") -> Format:
-    sets = [frozenset(text.split()) for text in (exact, approximate, driven)]
-    return Format(subject, sets[0], sets[1], sets[2], tuple(beside.split()))
+        exact, rough = self.exact.split(), self.approximate.split()
+        return "exact" if effect in exact else "approximate" if effect in rough else ""
 
 
 _SIMULATOR = f"{' '.join(PASSIVE)} {_LOOP.replace('command_delay', '')}"
-_CODE = _format("the code", f"{_OF_MOTION} {_OF_BODIES}")
+_CODE = Format("the code", f"{_OF_MOTION} {_OF_BODIES}")
 FORMATS = {
-    "urdf": _format("a URDF", " ".join((*FRICTION, *BODIES)), beside="actuators ros function"),
-    "mjcf": _format(
+    "urdf": Format("a URDF", " ".join((*FRICTION, *BODIES)), beside="actuators ros function"),
+    "mjcf": Format(
         "an MJCF",
         f"{' '.join(PASSIVE)} {_OF_BODIES} {_LOOP} torque_offset spring torque_saturation quadratic_friction "
         f"cable_torque counterbalance torque_ripple joint_elasticity",
         "presliding_friction backlash",
         beside="function",
     ),
-    "actuators": _format(
+    "actuators": Format(
         "an actuators file",
         f"{' '.join(PASSIVE)} {_LOOP} torque_offset motor_friction dead_band profile_limit",
         beside="urdf function",
     ),
-    "function": _format("this file", f"{_OF_MOTION} friction_drift external_contact fluid_drag", beside="urdf mjcf"),
-    "ros": _format(
+    "function": Format("this file", f"{_OF_MOTION} friction_drift external_contact fluid_drag", beside="urdf mjcf"),
+    "ros": Format(
         "a ROS parameter file",
         f"{' '.join((*PASSIVE, *BODIES))} {_LOOP} torque_offset motor_friction dead_band profile_limit voltage_droop "
         f"link_encoder",
         beside="function",
     ),
-    "isaaclab": _format(
+    "isaaclab": Format(
         "an actuator group of Isaac Lab", _SIMULATOR, "command_delay torque_offset", "torque_offset", "urdf"
     ),
-    "mjlab": _format("an actuator of mjlab", _SIMULATOR, "command_delay torque_offset", "torque_offset", "urdf mjcf"),
-    "newton": _format("an actuator of Newton", _SIMULATOR, "command_delay torque_offset", beside="urdf mjcf"),
+    "mjlab": Format("an actuator of mjlab", _SIMULATOR, "command_delay torque_offset", "torque_offset", "urdf mjcf"),
+    "newton": Format("an actuator of Newton", _SIMULATOR, "command_delay torque_offset", beside="urdf mjcf"),
     "c": _CODE,
     "arrays": _CODE,
-    **dict.fromkeys(VENDORS, _format("a payload", "payload")),
+    **dict.fromkeys(VENDORS, Format("a payload", "payload")),
 }
 BY_ACTUATOR = ("torque_offset", "counterbalance", "torque_ripple", "torque_saturation")  # in MJCF: not passive
 OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
@@ -101,7 +97,7 @@ def held(model: Model, kind: str, floating: bool = False) -> list[Law]:
         law
         for law in model.laws
         if (found.grade(law.effect.name) or (kind in OF_TORQUE and _is_plugin(law)))
-        and (law.effect.name not in found.driven or driven.issuperset(law.joints))
+        and (law.effect.name not in found.driven.split() or driven.issuperset(law.joints))
         and (law.effect.name not in sums or sums[law.effect.name][law.joints[0]] >= 0)
         and (kind != "mjcf" or _in_mjcf(model, law, driven))
         and not (floating and law.effect.scope == "robot")  # such a base takes its direction from the simulation
@@ -168,16 +164,16 @@ def left_out(
     if model.servos and not found.grade("servo_gain"):
         notes.append(f"{found.subject} cannot hold the position drives of {shorten(list(model.servos), MOST)}")
         lacked = [law for law in lacked if not isinstance(law.effect, DriveLaw)]
-    if rough := [law for law in own if law.effect.name in found.approximate]:
+    if rough := [law for law in own if found.grade(law.effect.name) == "approximate"]:
         notes.append(f"{found.subject} holds {lacking(model.robot, rough)} approximately")
     others = {name: held(model, name) for name in FORMATS if name not in VENDORS}
-    near = [name for name in found.beside if kind == "function" or name in beside]
+    near = [name for name in found.beside.split() if kind == "function" or name in beside]
     groups = dict[str, list[Law]]()  # by the end of the sentence
     large = dict[tuple[str, str], list[tuple[float, int, Law]]]()
     for law, share in zip(lacked, _shares(model, lacked), strict=True):
         holding = [name for name, laws in others.items() if among(law, laws)]
-        if there := [f"--{name}" for name in near if name in holding]:
-            end = f", which {_listed(there, 'and')} hold{'s' * (len(there) == 1)}"
+        if there := [name for name in near if name in holding]:
+            end = f", held by {', '.join(there)}"
         elif isinstance(law.effect, RecordingLaw):
             end = ", an error of the recording, not of the robot"
         elif isinstance(law.effect, DriveLaw):
@@ -187,22 +183,18 @@ def left_out(
         elif share.max(initial=0.0) <= SMALL:
             end = f", below {100 * SMALL:.0f} % of the torque"
         else:
-            most, which = float(share.max()), _listed([f"--{name}" for name in holding], "or")
+            most, which = float(share.max()), ", ".join(holding) or "no format"
             large.setdefault((law.effect.name, which), []).append((most, int(np.argmax(share)), law))
             continue
         groups.setdefault(end, []).append(law)
     lead, robot = f"{found.subject} cannot hold", model.robot
     flags = [
         f"{lead} {lacking(robot, [law for *_, law in laws])}: {100 * most:.0f} % of the torque of "
-        f"{robot.joints[joint]} along a simulated motion; {f'use {which}' if which else 'no format can'}"
+        f"{robot.joints[joint]} along a simulated motion; held by {which}"
         for (_, which), laws in large.items()
         for most, joint, _ in [max(laws, key=lambda one: one[0])]
     ]
     return flags, [*notes, *(f"{lead} {lacking(robot, laws)}{end}" for end, laws in groups.items())]
-
-
-def _listed(names: Sequence[str], last: str) -> str:
-    return f" {last} ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _shares(model: Model, laws: Sequence[Law]) -> list[Array | None]:

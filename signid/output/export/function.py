@@ -13,11 +13,11 @@ from ...model import Model, torque_model
 from ...robot import described_gravity
 from ...types import Law
 from ..report.layout import torque_units
-from .bodies import Exported
+from .bodies import Exported, in_docstring
+from .code.laws import VARIABLES
 from .formats import BY_ACTUATOR, among, held
 
 _SIGNALS = ("t", "q", "v", "a", "load", "jacobian")
-_VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
 _HEAD = '''"""Torque of the laws of a signid model of {name}, in addition to the rigid bodies.
 
     total torque = inverse dynamics of the exported URDF, without friction and armature + torque(q, v, a, ...)
@@ -64,15 +64,17 @@ def write_function(model: Model) -> Exported:
     tilted = not np.allclose(acts, described_gravity(robot), atol=1e-12)
     gravity = f"GRAVITY = {tuple(map(float, acts))}  # m/s2, in the frame of the base; use it with the URDF\n"
     head = _HEAD.format(
-        name=_quoted(robot.name),
+        name=in_docstring(robot.name),
         imports="".join(lines),
         joints=robot.joints,
         units=tuple(torque_units(robot)),
         gravity=gravity if tilted else "",
     )
-    laws = [_entry(law, code, among(law, inside)) for law, code in written]
-    table = "\n\nLAWS = [  # function, signals, joints, parameters, whether the MJCF holds it\n" + "".join(laws) + "]\n"
-    return Exported(head + _functions(written) + table + _TORQUE)
+    table = "\n\nLAWS = [  # function, signals, joints, parameters, whether the MJCF holds it\n"
+    for law, code in written:
+        at = law.joints[0] if len(law.joints) == 1 and law.effect.scope == "joint" else list(law.joints)
+        table += f"    ({code.name}, {code.signals!r}, {at!r}, {code.numbers!r}, {among(law, inside)}),\n"
+    return Exported(head + _functions(written) + table + "]\n" + _TORQUE)
 
 
 def _functions(written: Iterable[tuple[Law, _Code]]) -> str:
@@ -81,19 +83,9 @@ def _functions(written: Iterable[tuple[Law, _Code]]) -> str:
     for law, code in written:
         arguments = ", ".join((*code.signals, *code.numbers))
         units = ", ".join(f"{key}: {p.unit}" for key, p in law.effect.parameters.items())
-        text = _quoted(f"{law.effect.equation}, [{units}]; {law.effect.source}")
+        text = in_docstring(f"{law.effect.equation}, [{units}]; {law.effect.source}")
         found[code.name] = f'\n\ndef {code.name}({arguments}):\n    """{text}"""\n    return {code.expression}\n'
     return "".join(found.values())
-
-
-def _entry(law: Law, code: _Code, inside: bool) -> str:
-    joints = law.joints[0] if len(law.joints) == 1 and law.effect.scope == "joint" else list(law.joints)
-    return f"    ({code.name}, {code.signals!r}, {joints!r}, {code.numbers!r}, {inside}),\n"
-
-
-def _quoted(text: str) -> str:
-    """Escape text for a docstring."""
-    return text.replace("\\", "\\\\").replace('"', '\\"')
 
 
 class _Code(NamedTuple):
@@ -112,7 +104,7 @@ def _code_of(law: Law) -> _Code | None:
     name, equation = effect.name, effect.equation
     numbers: dict[str, Any] = {key: float(x) for key, x in effect.filled(law.parameters).items()}
     if name == "empirical":
-        signal = _VARIABLES[int(numbers["variable"])]
+        signal = VARIABLES[int(numbers["variable"])]
         lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
         name, numbers, equation = f"empirical_{signal}", lists, equation.replace("variable", signal)
     try:

@@ -54,10 +54,6 @@ def write_mjcf(
     Joints with a position drive get its actuator instead. Mimic joints become equality constraints. Shapes are visual
     only: mass comes from inertials, and nothing collides. If `floating`, the base link is a body on a free joint.
     Meshes are read from their place, or from the folder `meshes` beside the file.
-
-    Raises:
-        RobotError: no physically consistent bodies, as MuJoCo requires, give the torque of the model; a floating base
-            has no mass.
     """
     from lxml import etree
 
@@ -97,15 +93,20 @@ def _group(root: Any, name: str, tag: str, entries: Sequence[Mapping[str, str]])
         _add(group, tag, entry)
 
 
-def _add_shapes(node: Any, shapes: Shapes, joint: int) -> None:
-    for tag, entry in shapes.at.get(joint, ()):
-        _add(node, tag, entry)
-
-
 def _trunk(world: Any, robot: Robot) -> Any:
-    """The base link as a body on a free joint."""
-    name, body = trunk_of(robot)
-    node = _add(world, "body", {"name": name})
+    """The base link as a body on a free joint, with all links that are fixed to it.
+
+    Raises:
+        RobotError: the base has no mass, or its inertia is not physically consistent.
+    """
+    body = principal(robot.model.inertias[0].toDynamicParameters())
+    if body is None or body.mass <= LEAST:
+        what = "has no mass" if body is not None else "has an inertia that no body can have"
+        raise RobotError(
+            f"the base of {robot.name} {what}, so it cannot float; state its inertial in the description, or export "
+            f"with a fixed base"
+        )
+    node = _add(world, "body", {"name": _name(robot)})
     _add(node, "freejoint")
     _add(node, "inertial", _inertial(body))
     return node
@@ -113,7 +114,8 @@ def _trunk(world: Any, robot: Robot) -> Any:
 
 def _tree(world: Any, model: Model, shapes: Shapes, bodies: PossibleBodies, placed: Sequence[_Place]) -> None:
     robot, nodes = model.robot, [world]
-    _add_shapes(world, shapes, 0)
+    for tag, entry in shapes.at.get(0, ()):
+        _add(world, tag, entry)
     for place, link, body in zip(placed, robot.links, bodies.links, strict=True):
         node = _add(nodes[place.parent], "body", {"name": link, **pose_words(place.pose)})
         _add(node, "inertial", _inertial(body))
@@ -121,7 +123,8 @@ def _tree(world: Any, model: Model, shapes: Shapes, bodies: PossibleBodies, plac
             _add(node, "joint", {**joint, **_joint(model, joint["name"])})
             if behind := _gear(model, joint["name"]):
                 _add(node, "joint", joint | behind)
-        _add_shapes(node, shapes, len(nodes))
+        for tag, entry in shapes.at.get(len(nodes), ()):
+            _add(node, tag, entry)
         nodes.append(node)
     for k, (law, body) in enumerate(bodies.loads):
         at = nodes[joint_of_row(robot.model, own_row(robot, law.joints[0]))]
@@ -235,22 +238,6 @@ def _parts(joint: Any) -> list[tuple[Any, Any]]:
         return [(joint, pin.SE3.Identity())]
     whole = joint.extract()
     return list(zip(whole.joints, whole.jointPlacements, strict=True))
-
-
-def trunk_of(robot: Robot) -> tuple[str, Principal]:
-    """Name of the base link, and its body with all links that are fixed to it.
-
-    Raises:
-        RobotError: the base has no mass, or its inertia is not physically consistent.
-    """
-    name, body = _name(robot), principal(robot.model.inertias[0].toDynamicParameters())
-    if body is None or body.mass <= LEAST:
-        what = "has no mass" if body is not None else "has an inertia that no body can have"
-        raise RobotError(
-            f"the base of {robot.name} {what}, so it cannot float; state its inertial in the description, or export "
-            f"with a fixed base"
-        )
-    return name, body
 
 
 def trunk_notes(model: Model, bodies: PossibleBodies) -> list[str]:

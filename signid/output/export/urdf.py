@@ -47,9 +47,6 @@ def write_urdf(model: Model) -> Exported:
     """Write the robot's URDF with the model's inertials, damping and friction.
 
     Unchanged links are kept byte for byte. Friction that the model lacks is removed.
-
-    Raises:
-        RobotError: the robot was not loaded from a URDF, or a body cannot be written.
     """
     robot = model.robot
     bodies = model.whole_inertials()

@@ -6,7 +6,7 @@ from ....errors import one_line
 from ....model import Model
 from ....version import __version__
 from ...report.layout import torque_units
-from ..bodies import Exported, fixed_note
+from ..bodies import Exported, fixed_note, in_docstring
 from .graph import UNARY
 from .program import FIXED, Function, Language, Program, program_of, statements
 
@@ -39,14 +39,10 @@ UNITS = {units!r}
 
 
 def write_arrays(model: Model) -> Exported:
-    """Write inverse dynamics, gravity, laws and the mass matrix as Python functions over an array namespace.
-
-    Raises:
-        RobotError: a joint is neither revolute nor prismatic.
-    """
+    """Write inverse dynamics, gravity, laws and the mass matrix as Python functions over an array namespace."""
     program, robot = program_of(model), model.robot
     head = _HEAD.format(
-        name=_plain(robot.name),
+        name=in_docstring(robot.name),
         version=__version__,
         n=len(robot.joints),
         joints=tuple(robot.joints),
@@ -54,11 +50,6 @@ def write_arrays(model: Model) -> Exported:
     )
     functions = "".join(_definition(program, function, len(robot.joints)) for function in program.functions)
     return Exported(head + functions, tuple(fixed_note(robot, FIXED)))
-
-
-def _plain(text: str) -> str:
-    """Escape text for a docstring."""
-    return text.replace("\\", "\\\\").replace('"', '\\"')
 
 
 def _definition(program: Program, function: Function, n: int) -> str:

@@ -27,7 +27,7 @@ OPERATORS: dict[type[ast.AST], Any] = {
     ast.Lt: operator.lt,
 }
 SIGN = "sign of velocity"  # function in the place of sign(v)
-_VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
+VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
 
 
 def writable(law: Law) -> bool:
@@ -116,7 +116,7 @@ def _evaluate(
     numbers: dict[str, Any] = {key: float(x) for key, x in law.effect.filled(law.parameters).items()}
     if law.effect.name == "empirical":
         lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
-        numbers = {"variable": signals[_VARIABLES[int(numbers["variable"])]], **lists}
+        numbers = {"variable": signals[VARIABLES[int(numbers["variable"])]], **lists}
     functions: dict[str, Any] = {name: _lifted(graph, partial(unary, name), 1) for name in UNARY}
     functions |= {name: _lifted(graph, partial(binary, name), 2) for name in BINARY}
     functions |= {"where": _lifted(graph, where, 3), "interp": partial(_interpolate, graph), "sum": sum}
