@@ -27,9 +27,7 @@ FRICTION = ("viscous_friction", "coulomb_friction")
 PASSIVE = (*FRICTION, "armature")  # whose sums at a joint formats of simulators hold unless negative
 SMALL = 0.02  # [1] rms torque of a law over that of its joint, below which a format may lack it without a flag
 SECONDS, STEP = 10.0, 0.01  # [s] of the motion along which torque is compared
-_LOOP = """
-    servo_gain register_gain servo_damping error_damping command_delay effort_limit duty_limit speed_limit
-"""
+_LOOP = "servo_gain register_gain servo_damping error_damping command_delay effort_limit duty_limit speed_limit"
 _OF_MOTION = """
     viscous_friction coulomb_friction torque_offset armature asymmetric_friction stribeck_friction quadratic_friction
     load_friction position_friction spring cable_torque counterbalance torque_ripple joint_coupling empirical

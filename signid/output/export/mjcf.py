@@ -280,8 +280,7 @@ def _joint_laws(model: Model, joint: str) -> dict[str, str]:
     stated |= {"stiffness": repr(spring), "springref": repr(rest)} if spring > 0 else {}
     for law in (law for law in held(model, "mjcf") if law.joints == (j,)):
         if law.effect.name == "quadratic_friction":
-            drag = float(summed(model, law.effect.name)[j])
-            stated["damping"] = words([max(sums["damping"], 0.0), drag])
+            stated["damping"] = words([max(sums["damping"], 0.0), summed(model, law.effect.name)[j]])
         if law.effect.name == "cable_torque":
             stated["stiffness"] = words([max(spring, 0.0), 0.0, law.parameters["cubic"]])
             stated["springref"] = repr(float(law.parameters["centre"]))
@@ -313,5 +312,4 @@ def _passive_actuators(model: Model) -> Iterator[dict[str, str]]:
         if name in ("counterbalance", "torque_ripple"):
             yield {**line, "cogging": words([-p["amplitude"], p.get("frequency", 1.0), p["phase"]])}
         elif name == "presliding_friction":
-            level = p["level"]
-            yield {**line, "lugre": words([level / p["distance"], 0, level, level, 1])}
+            yield {**line, "lugre": words([p["level"] / p["distance"], 0, p["level"], p["level"], 1])}
