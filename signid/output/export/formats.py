@@ -129,10 +129,9 @@ def stiffness(model: Model) -> dict[int, tuple[float, float]]:
     found = dict[int, tuple[float, float]]()
     for law in (law for law in model.laws if law.effect.name == "spring"):
         (j,), k = law.joints, law.parameters["stiffness"]
-        before, rest = found.get(j, (0.0, 0.0))
-        total = before + k
-        found[j] = total, (before * rest + k * law.parameters["rest"]) / total if total else 0.0
-    return found
+        total, moment = found.get(j, (0.0, 0.0))
+        found[j] = total + k, moment + k * law.parameters["rest"]
+    return {j: (total, moment / total if total else 0.0) for j, (total, moment) in found.items()}
 
 
 def summed(model: Model, effect: str) -> Array:
@@ -164,7 +163,7 @@ def left_out(
         lacked = [law for law in lacked if not isinstance(law.effect, DriveLaw)]
     if rough := [law for law in own if found.grade(law.effect.name) == "approximate"]:
         notes.append(f"{found.subject} holds {lacking(model.robot, rough)} approximately")
-    others = {name: held(model, name) for name in FORMATS if name not in VENDORS}
+    others = {name: held(model, name) for name in FORMATS if name not in (*VENDORS, kind)}
     near = [name for name in found.beside.split() if kind == "function" or name in beside]
     groups = dict[str, list[Law]]()  # by the end of the sentence
     large = dict[tuple[str, str], list[tuple[float, int, Law]]]()
@@ -197,22 +196,20 @@ def left_out(
 
 def _shares(model: Model, laws: Sequence[Law]) -> list[Array | None]:
     """Rms torque (n,) of each law over that of its joint [1]; None: unknown."""
-    judged = [isinstance(law.effect, RecordingLaw | ActuatorLaw | DriveLaw) for law in laws]
-    if all(judged):
+    unknown = [isinstance(law.effect, RecordingLaw | ActuatorLaw | DriveLaw) for law in laws]
+    if all(unknown):
         return [None] * len(laws)
     try:
         moved = rest_to_rest_motion(model.robot, SECONDS, STEP, seed=0)
         motion = Motion(model.robot, moved.t, moved.q, moved.v, moved.a)
-        whole = model.inverse(motion)
+        whole, least = model.inverse(motion), np.finfo(float).tiny
+        without = [replace(model, laws=tuple(x for x in model.laws if x is not law), marks={}) for law in laws]
+        parts = [None if none else whole - x.inverse(motion) for x, none in zip(without, unknown, strict=True)]
     except SignidError:  # no limits, or laws that cannot act together
         return [None] * len(laws)
-    size, found = np.sqrt(np.mean(whole**2, axis=0)), list[Array | None]()
-    for law, none in zip(laws, judged, strict=True):
-        less = replace(model, laws=tuple(other for other in model.laws if other is not law), marks={})
-        part = np.zeros_like(whole) if none else whole - less.inverse(motion)
-        share = np.sqrt(np.mean(part**2, axis=0)) / np.maximum(size, 1e-300)
-        found.append(None if none or not np.isfinite(share).all() else np.where(size > 0, share, 0.0))
-    return found
+    sizes = [None if part is None else np.sqrt(np.mean(part**2, axis=0)) for part in parts]
+    size = np.maximum(np.sqrt(np.mean(whole**2, axis=0)), least)
+    return [None if one is None or not np.isfinite(one / size).all() else one / size for one in sizes]
 
 
 def lacking(robot: Robot, laws: Iterable[Law]) -> str:
