@@ -9,7 +9,7 @@ import pytest
 
 from signid.cli.demo.run import conceal, take_arm
 from signid.model import Model, stated_inertials, stated_laws
-from signid.output.export.mjcf import mjcf_laws
+from signid.output.export.formats import held
 from signid.regression.motion import Motion
 from signid.robot import load_robot
 from signid.simulation.excite.families import rest_to_rest_motion
@@ -39,7 +39,9 @@ def test_concealed_laws_are_visible_and_exportable(name: str) -> None:
             (x.effect.name, x.joints, dict(x.parameters)) for x in again
         ]
         true = replace(stated, laws=(*stated.laws, *laws))
-        assert all(x in mjcf_laws(true) for x in laws) and len({(x.effect.name, x.joints) for x in laws}) == len(laws)
+        assert all(x in held(true, "mjcf") for x in laws) and len({(x.effect.name, x.joints) for x in laws}) == len(
+            laws
+        )
         has = {(x.effect.name, x.joints) for x in stated.laws if any(x.parameters.values())}
         assert not has & {(x.effect.name, x.joints) for x in laws}
         shares = np.std(true.inverse(motion) - torque, axis=0) / np.std(torque, axis=0)

@@ -34,19 +34,27 @@ def options(folder: Path) -> list[str]:
 
 
 def test_all_files_at_once(saved: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["export", saved, *options(tmp_path / "out")]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
+    assert run(["export", saved, *options(tmp_path / "out")]) == 3
+    said = capsys.readouterr()
+    printed = " ".join(said.out.split())
+    late = "time_delay (torque recorded 4.0 ms late), an error of the recording, not of the robot"
     for line in (
-        "urdf: a URDF cannot hold torque_offset of joint_2; time_delay",
-        "mjcf: an MJCF cannot hold torque_offset of joint_2; time_delay",
-        "actuators: an actuators file cannot hold payload of joint_3; time_delay",
-        "function: not in this file, since not a function of time and motion: time_delay",
+        "urdf: a URDF cannot hold torque_offset of joint_2, held by actuators, ros, function",
+        f"mjcf: an MJCF cannot hold {late}",
+        "actuators: an actuators file cannot hold payload of joint_3, held by urdf",
+        "function: this file cannot hold payload of joint_3, held by urdf, mjcf",
+        f"function: this file cannot hold {late}",
     ):
         assert line in printed
+    flag = (
+        "signid: isaaclab: an actuator group of Isaac Lab cannot hold torque_offset of joint_2: 21 % of the torque of "
+    )
+    assert said.err.startswith(flag) and said.err.count("\n") == 1
+    assert "along a simulated motion; held by mjcf, actuators, function, ros, newton, c, arrays" in said.err
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(KINDS.values())
     mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "robot.xml"))
     first = {name: (tmp_path / "out" / name).read_bytes() for name in KINDS.values()}
-    assert run(["export", str(saved), *options(tmp_path / "again")]) == 0
+    assert run(["export", str(saved), *options(tmp_path / "again")]) == 3
     assert first == {name: (tmp_path / "again" / name).read_bytes() for name in KINDS.values()}
 
 
@@ -55,7 +63,8 @@ def test_json_says_the_same(saved: str, tmp_path: Path, capsys: pytest.CaptureFi
     document = json.loads(capsys.readouterr().out)
     assert (document["schema"], document["robot"], document["inputs"][0]["path"]) == ("signid.export/1", "3r", saved)
     assert [(file["kind"], file["path"]) for file in document["files"]] == [("mjcf", str(tmp_path / "robot.xml"))]
-    assert document["files"][0]["notes"][0].startswith("an MJCF cannot hold torque_offset of joint_2")
+    assert document["files"][0]["flags"] == []
+    assert document["files"][0]["notes"][0].startswith("an MJCF cannot hold time_delay")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 import pytest
 from exported import gripper, model_of, mujoco_torque, states
-from lxml import etree
 from toys import BODY as MASS, joint, link, toy
 
 from signid.effects import EFFECTS
@@ -118,10 +117,12 @@ def test_motors_ranges_and_omitted_parameters() -> None:
     robot = model.robot
     np.testing.assert_allclose(there.jnt_range, np.column_stack([robot.lower, robot.upper]))
     most = np.minimum(robot.effort_limit, [np.inf, 20, np.inf, np.inf, np.inf, np.inf])
-    np.testing.assert_allclose(there.actuator_forcerange[:, 1], most)
-    sentence = "an MJCF cannot hold backlash of shoulder_pan_joint; torque_offset of shoulder_pan_joint, elbow_joint"
-    assert made.notes[0] == sentence
-    assert sentence in etree.fromstring(made.text)[0].text
+    np.testing.assert_allclose(there.actuator_forcerange[:, 1], most + there.actuator_biasprm[:, 0])
+    np.testing.assert_allclose(there.actuator_forcerange[:, 0], -most + there.actuator_biasprm[:, 0])
+    sentence = "an MJCF cannot hold backlash of shoulder_pan_joint"
+    assert [flag.partition(":")[0] for flag in made.flags] == [sentence], "the joint has no armature"
+    assert sentence in made.text.partition("<mujoco")[0]
+    assert there.actuator_biasprm[:, 0].tolist() == [-1.0, 0, -1.0, 0, 0, 0]
 
 
 def test_negative_numbers_are_omitted_and_reported() -> None:
@@ -134,7 +135,8 @@ def test_negative_numbers_are_omitted_and_reported() -> None:
     made = export(replace(model_of(robot), laws=laws), "mjcf")
     there = mujoco.MjModel.from_xml_string(made.text)
     np.testing.assert_allclose(there.dof_damping, [0, 1.5, 0])
-    assert made.notes[0] == "an MJCF cannot hold viscous_friction of joint_1, joint_1; spring of joint_3"
+    said = " ".join((*made.flags, *made.notes))
+    assert "an MJCF cannot hold viscous_friction of joint_1, joint_1: " in said and "spring of joint_3" in said
 
 
 def test_meshes_are_shown_where_they_are_found(tmp_path: Path) -> None:

@@ -87,9 +87,9 @@ CURVED = SWING.with_(law="torque_speed", effort_limit=1.0, speed_limit=6.0)
 
 def test_an_mjcf_says_what_it_lacks() -> None:
     made = export(driven(pendulum(), {"swing": BEYOND}), "mjcf")
-    for number in ("load_friction", "dead_band", "profile_speed", "droop"):
-        assert any(number in note and note.startswith("an MJCF cannot hold") for note in made.notes)
-        assert number in made.text
+    for law in ("motor_friction", "dead_band", "profile_limit", "voltage_droop"):
+        assert any(law in note and note.startswith("an MJCF cannot hold") for note in (*made.notes, *made.flags))
+        assert law in made.text
     assert not any("cannot hold" in note for note in export(driven(pendulum(), {"swing": SWING}), "mjcf").notes)
 
 

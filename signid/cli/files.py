@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from ..diagnose import Diagnosis
     from ..faults import ServoAudit, UnusableRecordings
     from ..identify import Identification
+    from ..model import Model
     from ..output.report import Content
     from ..output.viewers import ViewerLog
     from ..servo.diagnose import ServoDiagnosis
     from ..servo.identify import ServoIdentification
     from ..servo.validate import ServoValidation
     from ..signs import Signs
-    from ..types import Array, Input, Law, Recording, Robot
+    from ..types import Array, Input, Recording, Robot
     from ..validate import Validation
 
 Logs: TypeAlias = "tuple[ViewerLog, Mapping[str, Path]] | None"
-FRICTION = ("viscous_friction", "coulomb_friction")
 VALIDATED = ("validation.json", "report.html")
 WEIGHED = ("payload.json", "model.json")
 CHECKED = ("check.json", "report.html")
@@ -75,7 +75,6 @@ def deliver_identification(
 ) -> int:
     """Write and print an identification, with more files; return the exit code; `command` reproduces it."""
     from ..identify import Identification
-    from ..model import torque_model
     from ..output.export import with_known_numbers
     from ..output.report import page, to_json
 
@@ -83,11 +82,11 @@ def deliver_identification(
     if output is not None:
         if isinstance(result, Identification):
             model, known, left = result.best, result.best, list[str]()
-            described, notes = _urdf(result.robot, _identifiable_bodies(result), known.laws)
+            described, notes = _urdf(known, _identifiable_bodies(result))
             more = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
         else:
             model, (known, left) = result.model, with_known_numbers(result.model, gain=False)
-            described, notes = _urdf(known.robot, known.inertials, torque_model(known).laws)
+            described, notes = _urdf(known, known.inertials)
         unknown = "robot.urdf leaves out the numbers that are not identifiable, unless they were stated before"
         result = replace(result, notes=(*result.notes, *notes, *([unknown] if left else [])))
         shown = {**described, "report.html": page(result, inputs, command), **more}
@@ -122,7 +121,7 @@ def diagnosis_files(
         try:
             made = export(result.model, "urdf")
             described = {"robot.urdf": _marked(made.text)}
-            notes = [f"robot.urdf: {note}" for note in made.notes]  # on content that it cannot hold
+            notes = [f"robot.urdf: {note}" for note in (*made.flags, *made.notes)]  # on content that it cannot hold
         except RobotError as error:
             notes = [f"robot.urdf is not written: {error}"]
         result = replace(result, notes=(*result.notes, *notes))
@@ -201,15 +200,17 @@ def _readings(recordings: Sequence[Recording]) -> dict[str, Content]:
     return {reading_path(each.path).name: each.reading.text for each in recordings if each.reading and each.path}
 
 
-def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, Content], tuple[str, ...]]:
+def _urdf(model: Model, bodies: Array) -> tuple[dict[str, Content], tuple[str, ...]]:
     """The robot's URDF with the identified parameters; if it cannot be written, a note with the reason."""
     from ..output.export import urdf_with
+    from ..output.export.formats import FRICTION, summed
 
-    if robot.kind != "urdf":
-        why = f"the robot comes from {robot.kind.upper()}"
+    if model.robot.kind != "urdf":
+        why = f"the robot comes from {model.robot.kind.upper()}"
     else:
         try:
-            return {"robot.urdf": _marked(urdf_with(robot, bodies, *(_friction(robot, laws, x) for x in FRICTION)))}, ()
+            friction = (np.maximum(summed(model, effect), 0.0) for effect in FRICTION)
+            return {"robot.urdf": _marked(urdf_with(model.robot, bodies, *friction))}, ()
         except RobotError as error:
             why = str(error)
     return {}, (f"robot.urdf is not written: {why}",)
@@ -230,12 +231,3 @@ def _identifiable_bodies(result: Identification) -> Array:
     seen = {label.body for s, label in zip(shown, result.base.labels, strict=True) if s}
     bodies[[body not in seen for body in range(len(bodies))]] = np.nan
     return bodies
-
-
-def _friction(robot: Robot, laws: Sequence[Law], effect: str) -> Array:
-    """Coefficient of a law per joint, (n,) [N.m.s/rad or N.m]; NaN at joints without it, zero if negative."""
-    values = np.full(len(robot.joints), np.nan)
-    for law in laws:
-        if law.effect.name == effect:
-            values[list(law.joints)] = max(0.0, *law.parameters.values())
-    return values

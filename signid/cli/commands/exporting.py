@@ -12,7 +12,7 @@ from ...errors import OptionError, OutputError
 from ..app import Text, command, option
 from ..arguments import given_model, given_recordings, simulation_inputs
 from ..options import Columns, Gravity, Json, PackageDir, Rate, SimulationArguments, SimulationName, Xacro
-from ..terminal import DONE, check_unread
+from ..terminal import check_unread, show
 
 if TYPE_CHECKING:
     from ...output.export import Exported
@@ -31,6 +31,7 @@ class ExportFiles:
     ros: Text = option(None, "YAML: actuators and inertials for a ROS 2 node.", metavar="FILE")
     isaaclab: Text = option(None, "Python: actuators for Isaac Lab.", metavar="FILE")
     mjlab: Text = option(None, "Python: actuators for mjlab.", metavar="FILE")
+    newton: Text = option(None, "Python: actuators for Newton.", metavar="FILE")
     c: Text = option(None, "C99: inverse dynamics; FILE.h and FILE_test.c beside it.", "--c", metavar="FILE.c")
     arrays: Text = option(None, "Python: inverse dynamics over numpy, jax.numpy or torch.", metavar="FILE")
     franka: Text = option(None, "JSON: payload as end effector of Desk; FILE_load.h for libfranka.", metavar="FILE")
@@ -83,7 +84,8 @@ def export(
 ) -> int:
     """Write a model in the file formats of other programs.
 
-    Options can be combined; content that a format cannot hold is listed. The URDF gets inertials (including a payload),
+    Options can be combined; content that a format cannot hold is listed, and flagged where it is more than 2 % of the
+    torque of a joint. The URDF gets inertials (including a payload),
     damping and friction, and is otherwise unchanged. The MJCF also gets armature, springs, gravity, ranges and motors,
     or position drives with their delay and limits. --function needs only NumPy and holds the laws that both lack.
     --franka, --ur and --kuka need a payload, as signid payload -o DIR writes it into model.json.
@@ -116,22 +118,25 @@ def export(
             link=options.link if kind == "c" else None,
             flange=options.flange,
             tool=options.tool,
+            beside=list(paths),
         )
         for kind, path in paths.items()
     }
     meshes = _write(paths, made)
-    files = [{"kind": kind, "path": asked[kind], "notes": list(made[kind].notes)} for kind in paths]
+    files = [
+        {"kind": kind, "path": asked[kind], "flags": list(one.flags), "notes": list(one.notes)}
+        for kind, one in made.items()
+    ]
     known = {"schema": "signid.export/1", "robot": model.robot.name, "files": files}
-    screen = Screen()
+    flags = [f"{kind}: {flag}" for kind, one in made.items() for flag in one.flags]
     if json:
-        screen.write(to_json({**known, **provenance((), simulation_inputs(source, model.robot), 0)}))
-        return DONE
-    for kind in paths:
-        for note in made[kind].notes:
-            screen.print(f"{kind}: {note}")
+        return show(to_json({**known, **provenance((), simulation_inputs(source, model.robot), 0)}), flags)
+    screen = Screen()
+    for kind, note in ((kind, note) for kind, one in made.items() for note in one.notes):
+        screen.print(f"{kind}: {note}")
     beside = [path.with_name(path.stem + end) for kind, path in paths.items() for end in made[kind].beside]
     screen.write("\n".join(["written:", *(f"  {path}" for path in (*paths.values(), *beside, *meshes)), ""]))
-    return DONE
+    return show("", flags)
 
 
 def _check_exports(asked: dict[str, Text], paths: dict[str, Path], options: ExportOptions) -> None:

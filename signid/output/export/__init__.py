@@ -1,12 +1,13 @@
 """Export of models to other programs: URDF, MJCF, actuators.toml, Python, ROS 2, Isaac Lab, mjlab, C, controllers.
 
-`Exported.notes` and a comment in the file list the content that a format cannot hold. The Python function holds the
-laws that neither URDF nor MJCF can express, and needs only NumPy.
+`Exported.flags`, `Exported.notes` and a comment in the file list the content that a format cannot hold; FORMATS is what
+each holds. The Python function holds the laws that neither URDF nor MJCF can express, and needs only NumPy.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -14,31 +15,21 @@ from ...errors import OptionError
 from ...model import ModelSource, as_model
 from ...recording import Recordings
 from ...typed import typed
-from .bodies import Exported, model_digest
-from .drives import annotated, with_known_numbers
-from .urdf import urdf_with, with_comment
+from .bodies import Exported, annotated, model_digest, with_comment
+from .drives import with_known_numbers
+from .formats import FORMATS, OF_TORQUE, VENDORS, left_out
+from .urdf import urdf_with
 
-__all__ = ["KINDS", "Exported", "export", "urdf_with", "with_comment", "with_known_numbers"]
+__all__ = ["KINDS", "VENDORS", "Exported", "export", "urdf_with", "with_comment", "with_known_numbers"]
 
-_WRITERS = {  # module below this folder, and function in it
-    "urdf": ("urdf", "write_urdf"),
-    "mjcf": ("mjcf", "write_mjcf"),
-    "actuators": ("actuators", "write_actuators"),
-    "function": ("function", "write_function"),
-    "ros": ("actuators", "write_ros"),
-    "isaaclab": ("actuators", "write_isaaclab"),
-    "mjlab": ("actuators", "write_mjlab"),
-    "c": ("code.c", "write_c"),
-    "arrays": ("code.arrays", "write_arrays"),
-    "franka": ("vendor", "write_franka"),
-    "ur": ("vendor", "write_ur"),
-    "kuka": ("vendor", "write_kuka"),
+_MODULES = {  # below this folder, where `write_KIND` is not in a module of its own
+    **dict.fromkeys(("ros", "isaaclab", "mjlab", "newton"), "actuators"),
+    **{"c": "code.c", "arrays": "code.arrays"},
+    **dict.fromkeys(VENDORS, "vendor"),
 }
-KINDS = tuple(_WRITERS)
+KINDS = tuple(FORMATS)
 STARTING = ("mjcf", "isaaclab", "mjlab")  # loops that can start from a recording
 FURTHER = ("nonlinear", "forward", "jacobian", "payload", "observer")  # functions of C code on request
-VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
-OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
 
 
 @typed
@@ -55,17 +46,17 @@ def export(
     link: str | None = None,
     flange: str | None = None,
     tool: str | None = None,
+    beside: Sequence[str] = (),
 ) -> Exported:
-    """Export a model; return the text of the file and notes on the content that the format cannot hold.
+    """Export a model; return the text of the file, and flags and notes on the content that the format cannot hold.
 
     Args:
         model: rigid bodies and laws.
-        kind: "urdf" (the robot's URDF with inertials, damping and friction), "mjcf" (for MuJoCo), "actuators" (TOML
-            file for use with a URDF), "function" (laws as Python code that needs only NumPy), "ros" (parameters of a
-            ROS 2 node), "isaaclab" (actuator groups), "mjlab" (actuators), "c" (inverse dynamics as C99; `beside` holds
-            its header and a test program), "arrays" (inverse dynamics as Python over numpy, jax.numpy or torch); of
-            the payload alone, "franka" (end effector as JSON; `beside` has the numbers of libfranka), "ur" (URScript)
-            and "kuka" (load data in KRL).
+        kind: one of KINDS. "urdf": robot's URDF with inertials, damping and friction; "mjcf": for MuJoCo; "actuators":
+            TOML file for use with a URDF; "function": laws as Python code that needs only NumPy; "ros": parameters of a
+            ROS 2 node; "isaaclab", "mjlab", "newton": actuators; "c", "arrays": inverse dynamics as C99 (`beside` holds
+            its header and a test program), or as Python over numpy, jax.numpy or torch; of the payload alone "franka"
+            (JSON; `beside` has the numbers of libfranka), "ur" (URScript) and "kuka" (KRL).
         package_dirs: folders to search for meshes of an MJCF, besides those of example-robot-data.
         name: name of the C files without ".c"; default: the robot's name as an identifier.
         floating: whether the base link of an MJCF is a body on a free joint, with its mass.
@@ -78,6 +69,7 @@ def export(
         link: link whose frame Jacobian and payload have; default: the frame of the last joint.
         flange: link whose frame "franka", "ur" and "kuka" take as the flange. Default: link8 of Franka, tool0.
         tool: link whose frame they take as the tool. Default: none.
+        beside: kinds of the files that are written with this one; a law that they hold is no flag.
 
     Raises:
         OptionError: the kind is unknown, a function, or the gain of a position drive; `start`, `functions` or `link` do
@@ -86,7 +78,7 @@ def export(
         RobotError: the format cannot hold the bodies of the model, the robot has no URDF, or a floating base no mass.
     """
     model = as_model(model, "export")
-    if kind not in _WRITERS:
+    if kind not in FORMATS:
         raise OptionError(f"there is no export to {kind!r}; choose from {', '.join(KINDS)}")
     if unwritten := [name for name in functions if name not in FURTHER]:
         raise OptionError(f"C code has no further function {unwritten[0]!r}; choose from {', '.join(FURTHER)}")
@@ -113,8 +105,11 @@ def export(
 
         loop = loop_of(model, start)
         model = loop.written
-    module, function = _WRITERS[kind]
+    write = getattr(import_module(f"{__name__}.{_MODULES.get(kind, kind)}"), f"write_{kind}")
     more = {"mjcf": (package_dirs, floating, meshes), "c": (name,)}.get(kind, (flange, tool) if kind in VENDORS else ())
-    made: Exported = getattr(import_module(f"{__name__}.{module}"), function)(model, *more, **code)
+    made: Exported = write(model, *more, **code)
     made = with_loop(kind, made, loop) if loop else made
-    return annotated(kind, made, unknown) if unknown else made
+    if kind in VENDORS:
+        return made
+    flags, notes = left_out(model, kind, floating, beside)
+    return annotated(kind, replace(made, flags=tuple(flags), notes=(*notes, *made.notes, *unknown)))

@@ -11,22 +11,17 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ...errors import one_line, shorten
+from ...errors import one_line
 from ...model import Model
 from ...recording.names.mapping import quoted
 from ...robot.joints import name_pattern
-from ...servos import PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo
+from ...servos import MARKS, PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo, servos_document
 from ...types import Actuators, Array
-from .bodies import BODIES, MOST, Exported, beyond, fixed_note, remarks, summed
-from .drives import curved, known_document, lacked_notes, left_out
+from .bodies import Exported, fixed_note
+from .drives import curved, left_out
+from .formats import summed
 
-_UNITS = {
-    "armature": "kg.m2",
-    "viscous_friction": "N.m.s/rad",
-    "coulomb_friction": "N.m",
-    "torque_offset": "N.m",
-    "torque_constant": "N.m/A",
-}
+_UNITS = {**SERVO_UNITS, "torque_constant": "N.m/A"}
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 HEAD = """\
 # Dynamics of {name} as parameters of a ROS 2 node: --param-file FILE of a controller's spawner, or parameters=[FILE] in
@@ -41,7 +36,7 @@ _ISAACLAB_HEAD = '''\
 """Actuators of {name} for Isaac Lab 2.2 or newer on Isaac Sim 5: ArticulationCfg(actuators=ACTUATORS, ...).
 
 kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. Friction is an effort (PhysX 5.6, PxJointFrictionParams),
-static and dynamic alike. {gains}
+static and dynamic alike. Set stiffness and damping of joints without a drive to the gains of your controller.{loop}
 """
 
 {imports}from isaaclab.actuators import {classes}
@@ -50,14 +45,39 @@ static and dynamic alike. {gains}
 _MJLAB_HEAD = '''\
 """Actuators of {name} for mjlab 1.6 or newer: EntityArticulationInfoCfg(actuators=ACTUATORS, ...).
 
-kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. {gains}
+kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N.{loop}
 """
 
 {imports}from mjlab.actuator import {classes}
 
 '''
-_GAINS = "Set stiffness and damping to the gains of your controller."
-_LOOP = "Commands are positions; a delay between two steps varies between both."
+_NEWTON_HEAD = '''\
+"""Actuators of {name} for Newton 1.6 or newer: call add_actuators(builder) before builder.finalize().
+
+kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. Targets are joint_target_q and joint_target_qd (drives) or
+joint_act (torque of the others). A delay is a whole number of steps of the actuators.
+"""
+
+from newton.actuators import {classes}
+
+PHYSICS_STEP = 0.005  # s; set it to the time step of the actuators
+JOINTS = {{
+{joints}}}
+
+
+def add_actuators(builder):
+    """Set armature, damping and friction of the joints, and add their actuators, in the place of the solver's."""
+    for joint, label in enumerate(builder.joint_label):
+        if (numbers := JOINTS.get(label.rsplit("/", 1)[-1])) is None:
+            continue
+        index = builder.joint_qd_start[joint]
+        for key, number in ("target_ke", 0.0), ("target_kd", 0.0), *numbers["passive"].items():
+            getattr(builder, f"joint_{{key}}")[index] = number
+        builder.joint_armature[index] += 0.5 * PHYSICS_STEP * numbers["drive"]["kd"]  # an explicit kd acts like less
+        steps = max(1, round(numbers["delay"] / PHYSICS_STEP + 0.5)) if numbers["delay"] else None
+        builder.add_actuator(DrivePD, index=index, delay_steps=steps, clamping=numbers["clamping"], **numbers["drive"])
+'''
+_LOOP = "\nCommands are positions; a delay between two steps varies between both."
 _IMPORT = "import math\n\n"
 _STEP = '''\
 PHYSICS_STEP = 0.005  # s; set it to the time step of the physics
@@ -86,16 +106,15 @@ def write_actuators(model: Model) -> Exported:
 
     Values that the description states and the model lacks are zero, since the file overrides the description.
     """
-    notes = beyond("an actuators file", model, FIELDS, ("torque_offset",)) + _droop_note(model)
     head = f"Actuators of {model.robot.name}; prismatic joints: N for N.m, m for rad, kg for kg.m2"
-    lines = remarks([head, *notes]).splitlines()
+    lines = [f"# {one_line(head)}"]
     for joint, stated in _driven(model).items():
         table = f"joint.{joint if _BARE.fullmatch(joint) else quoted(joint)}"
         if stated:
             lines += ["", f"[{table}]", *(f"{key} = {value!r}  # {_UNITS[key]}" for key, value in stated.items())]
         if joint in model.servos:
             lines += ["", f"[{table}.servo]", *_servo_lines(model.servos[joint])]
-    return Exported("\n".join(lines) + "\n", tuple(notes))
+    return Exported("\n".join(lines) + "\n")
 
 
 def _servo_lines(servo: Servo) -> list[str]:
@@ -107,11 +126,6 @@ def _servo_lines(servo: Servo) -> list[str]:
             known = "; not identifiable, as stated before" if key in servo.not_identifiable else ""
             lines.append(f"{key} = {value!r}  # {SERVO_UNITS[key]}{known}")
     return [*lines, *([] if servo.kp_register is None else [f"kp_register = {float(servo.kp_register)!r}"])]
-
-
-def _droop_note(model: Model) -> list[str]:
-    joints = [joint for joint in model.robot.joints if joint in model.servos and model.servos[joint].droop > 0]
-    return [f"an actuators file cannot hold the droop of the torque (droop) of {', '.join(joints)}"] if joints else []
 
 
 def _driven(model: Model) -> dict[str, dict[str, float]]:
@@ -139,20 +153,21 @@ def write_ros(model: Model) -> Exported:
     from yaml import safe_dump
 
     robot, bodies = model.robot, list(model.bodies().inertias)[1:]
-    drives = _driven(model)
+    drives, servos = _driven(model), servos_document(model.servos, robot.joints)
+    for joint, servo in model.servos.items():
+        servos[joint] = {key: x for key, x in servos[joint].items() if key not in (*left_out(servo), *MARKS)}
     for joint, limit in zip(robot.joints, robot.effort_limit.tolist(), strict=True):
         drives[joint] |= {"effort_limit": limit} if 0 < limit < np.inf else {}
     parameters = {
         "joints": list(robot.joints),
         "joint": {joint: stated for joint, stated in drives.items() if stated},
-        **({"servo": known_document(model.servos, robot.joints)} if model.servos else {}),
+        "servo": servos,
         "link": {link: _inertial(body) for link, body in zip(robot.links, bodies, strict=True)},
     }
     parameters = {key: x for key, x in parameters.items() if x}  # rcl takes what follows an empty map for its content
-    lacks = beyond("a ROS parameter file", model, FIELDS, ("torque_offset", *BODIES))
-    lacks += fixed_note(robot, "their links are listed nevertheless")
+    notes = fixed_note(robot, "their links are listed nevertheless")
     text = safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)
-    return Exported(HEAD.format(name=one_line(robot.name)) + remarks(lacks) + text, tuple(lacks))
+    return Exported(HEAD.format(name=one_line(robot.name)) + text, tuple(notes))
 
 
 def _inertial(body: pin.Inertia) -> dict[str, Any]:
@@ -166,13 +181,10 @@ def write_isaaclab(model: Model) -> Exported:
 
     `effort` and `duty` become DelayedPDActuatorCfg, `torque_speed` DCMotorCfg.
     """
-    servos = _servos(model)
-    subject = "an actuator group of Isaac Lab"
-    notes = beyond(subject, model, FIELDS)
-    notes += _isaaclab_notes(subject, servos)
+    servos = model.servos
     groups = {
         pattern: (kind, [f"joint_names_expr=[{_text(pattern)}]", *lines])
-        for pattern, kind, lines in _grouped(model, {j: _isaaclab_drive(servo) for j, servo in servos.items()})
+        for pattern, kind, lines in _grouped(model, {j: _isaaclab_drive(model, j) for j in servos})
     }
     others = [joint for joint in model.robot.joints if joint not in servos]
     if others:
@@ -181,49 +193,81 @@ def write_isaaclab(model: Model) -> Exported:
             rest += "_"
         groups[rest] = _isaaclab_free(model, others)
     body = "".join(f"    {_text(name)}: {_call(kind, lines)},\n" for name, (kind, lines) in groups.items())
-    head = _ISAACLAB_HEAD.format(
-        name=_name(model),
-        gains=_LOOP if servos else _GAINS,
-        imports=_IMPORT if servos else "",
-        classes=", ".join(sorted({x for x, _ in groups.values()})),
-    )
-    step = _STEP.format(least="min_delay", most="max_delay") if servos else ""
-    return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = {{\n{body}}}\n{_offsets(servos)}", tuple(notes))
+    used, delay = {x for x, _ in groups.values()}, ("min_delay", "max_delay")
+    return _python(_ISAACLAB_HEAD, model, used, delay, f"ACTUATORS = {{\n{body}}}\n", _isaaclab_notes(servos))
+
+
+def _python(head: str, model: Model, used: set[str], delay: tuple[str, str], body: str, notes: list[str]) -> Exported:
+    """A Python file; used: names of classes; delay: names of the least and the largest one."""
+    servos = model.servos
+    given = {"loop": _LOOP if servos else "", "imports": _IMPORT if servos else ""}
+    text = head.format(name=_name(model), classes=", ".join(sorted(used)), **given)
+    text += _STEP.format(least=delay[0], most=delay[1]) if servos else ""
+    shifts = {joint: float(f"{-x.torque_offset / x.kp:.6g}") for joint, x in servos.items() if x.torque_offset}
+    offsets = _OFFSETS.format(json.dumps(shifts, ensure_ascii=False, indent=4)) if shifts else ""
+    return Exported(text + body + offsets, tuple(notes))
 
 
 def write_mjlab(model: Model) -> Exported:
     """Write a Python file with an actuator of mjlab for each joint; joints without a drive get a motor."""
-    servos, subject = _servos(model), "an actuator of mjlab"
-    notes = beyond(subject, model, FIELDS) + lacked_notes(subject, servos) + _offset_notes(servos)
+    servos, notes = model.servos, list[str]()
     if any(servo.coulomb_friction > 0 for servo in servos.values()):
         notes.append('dry friction creeps unless joints have solreffriction="0.001 1" solimpfriction="0.9999 0.9999"')
-    made = dict[str, _Drive]()
-    for j, joint in enumerate(model.robot.joints):
-        unknown = left_out(servos[joint]) if joint in servos else ()
-        numbers = {
-            key: max(0.0, float(np.nan_to_num(summed(model, effect)[j])))
-            for effect, key in _MJLAB.items()
-            if effect not in unknown
-        }
-        kind, loop = _mjlab_drive(servos.get(joint), float(model.robot.effort_limit[j]))
-        if joint in servos and servos[joint].law == "duty":
-            numbers["viscous_damping"] = servos[joint].damping
-        written = {key: repr(x) for key, x in numbers.items()}
-        if joint in servos and "armature" in numbers:
-            written["armature"] = f"inertia({numbers['armature']!r}, {_behind(kind, servos[joint])!r})"
-        made[joint] = kind, [*loop, *(f"{k}={x}" for k, x in written.items())]
+    made = {joint: _mjlab_drive(model, joint) for joint in model.robot.joints}
     body = "".join(
         f"    {_call(kind, [f'target_names_expr=({_text(pattern)},)', *lines])},\n"
         for pattern, kind, lines in _grouped(model, made)
     )
-    head = _MJLAB_HEAD.format(
-        name=_name(model),
-        gains=_LOOP if servos else "",
-        imports=_IMPORT if servos else "",
-        classes=", ".join(sorted({kind for kind, _ in made.values()})),
-    ).replace("N. \n", "N.\n")
-    step = _STEP.format(least="delay_min_lag", most="delay_max_lag") if servos else ""
-    return Exported(f"{head}{remarks(notes)}{step}ACTUATORS = (\n{body})\n{_offsets(servos)}", tuple(notes))
+    used, delay = {kind for kind, _ in made.values()}, ("delay_min_lag", "delay_max_lag")
+    return _python(_MJLAB_HEAD, model, used, delay, f"ACTUATORS = (\n{body})\n", notes)
+
+
+def write_newton(model: Model) -> Exported:
+    """Write a Python file that adds drive, clamp and delay of each joint to a builder of Newton."""
+    lines = "".join(f"    {_text(joint)}: {_newton_joint(model, joint)},\n" for joint in model.robot.joints)
+    used = [name for name in ("ClampingDCMotor", "ClampingMaxEffort", "DrivePD") if name in lines + "DrivePD"]
+    text = _NEWTON_HEAD.format(name=_name(model), classes=", ".join(used), joints=lines)
+    return Exported(text, tuple(_velocity_notes(model.servos)))
+
+
+def _newton_joint(model: Model, joint: str) -> str:
+    """Numbers of a joint as a dict of Python; without a drive it has no gains, and its effort limit is described."""
+    j, servo = model.robot.index(joint), model.servos.get(joint, _FREE)
+    limit = float(servo.effort_limit if joint in model.servos else model.robot.effort_limit[j])
+    kind, most = "ClampingMaxEffort", {"max_effort": limit}
+    if curved(servo):
+        kind, most = "ClampingDCMotor", {"saturation_effort": limit, "velocity_limit": float(servo.speed_limit)}
+    clamping = f"[({kind}, {most!r})]" if np.isfinite(limit) else None
+    offset = float(np.nan_to_num(summed(model, "torque_offset")[j]))
+    drive = {"kp": float(servo.kp), "kd": _kd(servo), "const_effort": -offset}
+    passive, delay = _passive(model, joint, _NEWTON), float(servo.delay)
+    return f'{{"passive": {passive!r}, "drive": {drive!r}, "delay": {delay!r}, "clamping": {clamping}}}'
+
+
+_NEWTON = {"armature": "armature", "viscous_friction": "damping", "coulomb_friction": "friction"}
+_FREE = Servo(kp=0.0)
+
+
+def _passive(model: Model, joint: str, keys: Mapping[str, str]) -> dict[str, float]:
+    """Armature and friction of a joint by the keys of a format, without numbers of its drive that are not known.
+
+    Below a duty limit, damping of the drive is friction, since it is not clipped.
+    """
+    servo, j = model.servos.get(joint, _FREE), model.robot.index(joint)
+    values = {effect: max(0.0, float(np.nan_to_num(summed(model, effect)[j]))) for effect in keys}
+    if servo.law == "duty":
+        values["viscous_friction"] = float(servo.damping)
+    return {keys[effect]: x for effect, x in values.items() if x or effect not in left_out(servo)}
+
+
+def _kd(servo: Servo) -> float:
+    """Gain on the speed that a limit clips."""
+    return 0.0 if servo.law == "duty" else float(servo.kd)
+
+
+def _velocity_notes(servos: Mapping[str, Servo]) -> list[str]:
+    still = [joint for joint, servo in servos.items() if servo.kd_on == "error" and servo.kd > 0]
+    return [f"set velocity targets too for {', '.join(still)}: kd acts on the error of the speed"] if still else []
 
 
 def _behind(kind: str, servo: Servo) -> float:
@@ -233,29 +277,7 @@ def _behind(kind: str, servo: Servo) -> float:
     return float(servo.kd - servo.viscous_friction)
 
 
-def _offsets(servos: Mapping[str, Servo]) -> str:
-    """Offsets of the targets that stand for torque offsets, as Python; "" without any."""
-    shifts = {joint: float(f"{-x.torque_offset / x.kp:.6g}") for joint, x in servos.items() if x.torque_offset}
-    return _OFFSETS.format(json.dumps(shifts, ensure_ascii=False, indent=4)) if shifts else ""
-
-
-def _offset_notes(servos: Mapping[str, Servo]) -> list[str]:
-    """Notes on the offsets of the targets."""
-    shifted = [joint for joint, servo in servos.items() if servo.torque_offset]
-    limited = [joint for joint in shifted if np.isfinite(servos[joint].effort_limit)]
-    notes = ["TARGET_OFFSETS, to add to position targets, stand for torque_offset"] if shifted else []
-    if limited:
-        notes.append(
-            f"torque_offset of {shorten(limited, MOST)} is within the effort limit, so limited torque differs by it"
-        )
-    return notes
-
-
 _MJLAB = {"armature": "armature", "viscous_friction": "viscous_damping", "coulomb_friction": "frictionloss"}
-
-
-def _servos(model: Model) -> dict[str, Servo]:
-    return {joint: model.servos[joint] for joint in model.robot.joints if joint in model.servos}
 
 
 def _grouped(model: Model, drives: Mapping[str, _Drive]) -> list[tuple[str, str, list[str]]]:
@@ -266,32 +288,18 @@ def _grouped(model: Model, drives: Mapping[str, _Drive]) -> list[tuple[str, str,
     return [(name_pattern(members, joints), *drives[members[0]]) for members in groups.values()]
 
 
-def _isaaclab_drive(servo: Servo) -> _Drive:
-    """Class and arguments of a drive; below a duty limit, damping of the drive is friction, since it is not clipped.
-
-    Numbers that are left out are those of the asset.
-    """
-    duty, unknown = servo.law == "duty", left_out(servo)
-    friction = float(servo.coulomb_friction)
-    passive = {
-        "armature": ("armature", float(servo.armature)),
-        "friction": ("coulomb_friction", friction),
-        "dynamic_friction": ("coulomb_friction", friction),
-        "viscous_friction": ("viscous_friction", float(servo.damping if duty else servo.viscous_friction)),
-    }
-    damping = None if "kd" in unknown and not duty else 0.0 if duty else float(servo.kd)
-    written = {field: repr(value) for field, (name, value) in passive.items() if name not in unknown or value}
+def _isaaclab_drive(model: Model, joint: str) -> _Drive:
+    """Class and arguments of a drive; numbers that are left out are those of the asset."""
+    servo, passive = model.servos[joint], _passive(model, joint, FIELDS)
+    damping = None if "kd" in left_out(servo) and servo.law != "duty" else _kd(servo)
+    written = {key: repr(x) for key, x in passive.items()}
     if "armature" in written:
         written["armature"] = f"inertia({written['armature']}, {damping or 0.0!r})"
-    lines = [
-        f"stiffness={float(servo.kp)!r}",
-        f"damping={damping!r}",
-        *_limit(servo),
-        *(f"{field}={value}" for field, value in written.items()),
-    ]
-    if curved(servo):
-        return "DCMotorCfg", lines
-    return "DelayedPDActuatorCfg", [*lines, *_delay(servo)]
+    if "friction" in written:
+        written["dynamic_friction"] = written["friction"]
+    lines = [f"stiffness={float(servo.kp)!r}", f"damping={damping!r}", *_limit(servo)]
+    lines += [f"{key}={value}" for key, value in written.items()]
+    return ("DCMotorCfg", lines) if curved(servo) else ("DelayedPDActuatorCfg", [*lines, *_delay(servo)])
 
 
 def _delay(servo: Servo) -> list[str]:
@@ -307,38 +315,41 @@ def _limit(servo: Servo) -> list[str]:
 
 def _isaaclab_free(model: Model, joints: list[str]) -> tuple[str, list[str]]:
     """Class and arguments of joints without a drive."""
-    names = [re.escape(joint) for joint in joints]
-    at = [model.robot.index(joint) for joint in joints]
-    lines = [f"joint_names_expr={names!r}", "stiffness=None", "damping=None"]
-    for effect, field in FIELDS.items():
-        value = np.maximum(0.0, np.nan_to_num(summed(model, effect)[at]))
-        table = repr(dict(zip(names, value.tolist(), strict=True)))
-        lines += [f"{name}={table}" for name in ([field, "dynamic_friction"] if field == "friction" else [field])]
+    numbers = {re.escape(joint): _passive(model, joint, FIELDS) for joint in joints}
+    lines = [f"joint_names_expr={list(numbers)!r}", "stiffness=None", "damping=None"]
+    for name in (*FIELDS.values(), "dynamic_friction"):
+        table = {joint: each[name.removeprefix("dynamic_")] for joint, each in numbers.items()}
+        lines.append(f"{name}={table!r}")
     return "ImplicitActuatorCfg", lines
 
 
-def _isaaclab_notes(subject: str, servos: Mapping[str, Servo]) -> list[str]:
-    notes = lacked_notes(subject, servos) + _offset_notes(servos)
+def _isaaclab_notes(servos: Mapping[str, Servo]) -> list[str]:
+    notes = list[str]()
     late = [f"{joint} ({1e3 * x.delay:.4g} ms)" for joint, x in servos.items() if curved(x) and x.delay > 0]
     if late:
         notes.append(f"DCMotorCfg cannot hold the delay of {', '.join(late)}")
     free = [joint for joint, servo in servos.items() if not np.isfinite(servo.effort_limit)]
     if free:
         notes.append(f"the effort limit of {', '.join(free)} is that of the asset, since none was identified")
-    still = [joint for joint, servo in servos.items() if servo.kd_on == "error" and servo.kd > 0]
-    if still:
-        notes.append(f"set velocity targets too for {', '.join(still)}: kd acts on the error of the speed")
-    return notes
+    return [*notes, *_velocity_notes(servos)]
 
 
-def _mjlab_drive(servo: Servo | None, limit: float) -> tuple[str, list[str]]:
-    """Class and arguments of the loop of a joint."""
+def _mjlab_drive(model: Model, joint: str) -> _Drive:
+    """Class and arguments of a joint."""
+    servo, numbers = model.servos.get(joint), _passive(model, joint, _MJLAB)
+    written = {key: repr(x) for key, x in numbers.items()}
     if servo is None:
-        return "BuiltinMotorActuatorCfg", [f"effort_limit={limit!r}" if np.isfinite(limit) else "effort_limit=1e9"]
-    duty = servo.law == "duty"
-    lines = [f"stiffness={float(servo.kp)!r}", f"damping={0.0 if duty else float(servo.kd)!r}", *_limit(servo)]
-    kind = "BuiltinPositionActuatorCfg" if duty or servo.kd_on == "velocity" else "IdealPdActuatorCfg"
-    return "DcMotorActuatorCfg" if curved(servo) else kind, [*lines, *_delay(servo)]
+        limit = float(model.robot.effort_limit[model.robot.index(joint)])
+        kind, lines = "BuiltinMotorActuatorCfg", [f"effort_limit={limit if np.isfinite(limit) else 1e9!r}"]
+    else:
+        kind = (
+            "BuiltinPositionActuatorCfg" if servo.law == "duty" or servo.kd_on == "velocity" else "IdealPdActuatorCfg"
+        )
+        kind = "DcMotorActuatorCfg" if curved(servo) else kind
+        lines = [f"stiffness={float(servo.kp)!r}", f"damping={_kd(servo)!r}", *_limit(servo), *_delay(servo)]
+        if "armature" in numbers:
+            written["armature"] = f"inertia({numbers['armature']!r}, {_behind(kind, servo)!r})"
+    return kind, [*lines, *(f"{key}={x}" for key, x in written.items())]
 
 
 def _call(kind: str, lines: list[str]) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
@@ -19,10 +20,9 @@ from ...regression.projection import least_squares
 from ...types import Array, Estimate, Frozen, Law, Parameters, Robot
 
 LEAST = 1e-12  # minimum mass [kg] and moment [kg.m2] of a moving body; MuJoCo rejects zero
+_DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
 _ROUNDING = 1e-9  # tolerance, relative to the largest principal moment
 _SURE = 1e8  # size of a base parameter over its standard deviation
-MOST = 16  # maximum number of joints listed
-BODIES = ("payload", "link_inertia")  # laws included in inertials
 
 
 class Principal(NamedTuple):
@@ -131,46 +131,7 @@ class Exported(Frozen):
     notes: tuple[str, ...] = ()
     beside: Mapping[str, str] = field(default_factory=dict)  # further texts, by the ends of their files' names
     meshes: Mapping[str, Path] = field(default_factory=dict)  # files to copy, by their path from the folder of the text
-
-
-def summed(model: Model, effect: str) -> Array:
-    """Sum of an effect's single parameter over its laws, (n,) [the unit of the parameter]; NaN: no law."""
-    total = np.full(len(model.robot.joints), np.nan)
-    for law in model.joint_laws:
-        if law.effect.name == effect:
-            (value,), (joint,) = law.parameters.values(), law.joints
-            total[joint] = np.nan_to_num(total[joint]) + value
-    return total
-
-
-def held(model: Model, effects: Iterable[str]) -> list[Law]:
-    """Laws of some effects at joints where their sum is not negative; formats cannot hold negative values."""
-    sums = {effect: summed(model, effect) for effect in effects}
-    return [law for law in model.joint_laws if law.effect.name in sums and sums[law.effect.name][law.joints[0]] >= 0]
-
-
-def among(law: Law, laws: Iterable[Law]) -> bool:
-    """Whether a law itself, not an equal one, is among some laws."""
-    return any(law is other for other in laws)
-
-
-def beyond(subject: str, model: Model, effects: Iterable[str], whole: Collection[str] = BODIES) -> list[str]:
-    """Note on the laws that a format lacks, if it holds some effects unless negative, and others as they are."""
-    carried = [*held(model, effects), *(law for law in model.joint_laws if law.effect.name in whole)]
-    words = lacking(model.robot, model.joint_laws, carried)
-    return [f"{subject} cannot hold {words}"] if words else []
-
-
-def lacking(robot: Robot, laws: Iterable[Law], carried: Collection[Law]) -> str:
-    """Laws that are not among those carried, in words: `torque_offset of joint_1, joint_2; backlash of joint_3`."""
-    where: dict[str, list[str]] = {}
-    for law in laws:
-        if not among(law, carried):
-            every = law.effect.scope in ("robot", "any") and len(law.joints) == len(robot.joints)
-            said = law.effect.meaning(law.parameters)
-            name = f"{law.effect.name} ({said})" if said else law.effect.name
-            where.setdefault(name, []).extend([] if every else [robot.joints[j] for j in law.joints])
-    return "; ".join(f"{name} of {shorten(joints, MOST)}" if joints else name for name, joints in where.items())
+    flags: tuple[str, ...] = ()  # on laws that it lacks and that have more than 2 % of the torque of a joint
 
 
 def fixed_note(robot: Robot, consequence: str) -> list[str]:
@@ -190,9 +151,32 @@ def remarks(lines: Iterable[str]) -> str:
     return "".join(f"# {one_line(line)}\n" for line in lines)
 
 
-def commented(lines: Iterable[str]) -> str:
-    """Format lines as the text of an XML comment, without double hyphens."""
-    return "\n".join(lines).replace("--", "- -").replace("--", "- -")
+def annotated(kind: str, made: Exported) -> Exported:
+    """An export with its flags and notes as comments of its text."""
+    lines = [*made.flags, *made.notes]
+    if not lines:
+        return made
+    if kind in ("urdf", "mjcf"):
+        return replace(made, text=with_comment(made.text, lines))
+    if kind == "c":
+        comment = "".join(f"/* {c_comment(line)} */\n" for line in lines)
+        header = {end: comment + beside if end == ".h" else beside for end, beside in made.beside.items()}
+        return replace(made, text=comment + made.text, beside=header)
+    return replace(made, text=remarks(lines) + made.text)
+
+
+def with_comment(text: str, notes: Iterable[str]) -> str:
+    """Insert notes as a comment before the root element of XML; it has no double hyphens."""
+    newline = "\r\n" if "\r\n" in text else "\n"
+    said = newline.join(notes).replace("--", "- -").replace("--", "- -")
+    declared = _DECLARATION.match(text)
+    head = text[: declared.end()] + newline if declared else ""
+    return f"{head}<!-- {said} -->{text[declared.end() :] if declared else newline + text}"
+
+
+def in_docstring(text: str) -> str:
+    """Escape text for a docstring of Python."""
+    return text.replace("\\", "\\\\").replace('"', '\\"')
 
 
 def c_comment(text: str) -> str:

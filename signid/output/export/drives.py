@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ...errors import OptionError, shorten
 from ...model import Model, with_servos
-from ...servos import MARKS, PASSIVE, SERVO_NUMBERS, Servo, servos_document
-from .bodies import MOST, Exported, c_comment, commented, remarks
+from ...servos import PASSIVE, SERVO_NUMBERS, Servo
+from .formats import MOST
 from .shapes import words
 
 STEP = 1e-4  # time step of an exported MJCF with drives: 1 mrad beside exact roll-outs, also saturated [s]
-_LACKED = {  # numbers that no format of a simulator holds: words, value without the effect
-    "load_friction": ("friction per motor torque", 0.0),
-    "dead_band": ("the dead band", 0.0),
-    "profile_speed": ("the profile speed", np.inf),
-    "droop": ("the droop of the torque", 0.0),
-}
 SHOWN = 0.1  # share of the lag that damping has where it is not negligible
 _HARD = {"solreffriction": "0.0002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # else dry friction creeps
 _APART = 1.0 + 1e-9  # keeps MuJoCo from reading a positive coefficient of the speed as a damping ratio
@@ -97,46 +90,6 @@ def left_out(servo: Servo) -> frozenset[str]:
     return frozenset(name for name, stated in servo.not_identifiable.items() if stated is None)
 
 
-def known_document(servos: Mapping[str, Servo], joints: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Drives by joint as JSON, without the numbers that are left out and without marks."""
-    written = servos_document(servos, joints)
-    return {
-        joint: {key: x for key, x in numbers.items() if key not in (*left_out(servos[joint]), *MARKS)}
-        for joint, numbers in written.items()
-    }
-
-
-def annotated(kind: str, made: Exported, notes: list[str]) -> Exported:
-    """An export with further notes, as comments of its text."""
-    if kind in ("urdf", "mjcf"):
-        head = made.text.index("?>") + 2 if made.text.startswith("<?xml") else 0
-        comment = f"<!--\n{commented(notes)}\n-->\n"
-        text = f"{made.text[:head]}{chr(10) * bool(head)}{comment}{made.text[head:].lstrip()}"
-    elif kind == "c":
-        comment = "".join(f"/* {c_comment(note)} */\n" for note in notes)
-        header = {end: comment + beside if end == ".h" else beside for end, beside in made.beside.items()}
-        return replace(made, text=comment + made.text, beside=header, notes=(*made.notes, *notes))
-    else:
-        text = remarks(notes) + made.text
-    return replace(made, text=text, notes=(*made.notes, *notes))
-
-
-def drive_note(subject: str, model: Model) -> list[str]:
-    """Note on the drives, for a format that holds none."""
-    joints = [joint for joint in model.robot.joints if joint in model.servos]
-    return [f"{subject} cannot hold the position drives of {shorten(joints, MOST)}"] if joints else []
-
-
-def lacked_notes(subject: str, servos: Mapping[str, Servo]) -> list[str]:
-    """One note for each number of the drives that no simulator's actuator has."""
-    found = []
-    for name, (what, none) in _LACKED.items():
-        joints = [joint for joint, servo in servos.items() if getattr(servo, name) != none]
-        if joints:
-            found.append(f"{subject} cannot hold {what} ({name}) of {shorten(joints, MOST)}")
-    return found
-
-
 def curved(servo: Servo) -> bool:
     """Whether the limit of the torque falls with the speed."""
     return servo.law == "torque_speed" and bool(np.isfinite([servo.effort_limit, servo.speed_limit]).all())
@@ -179,38 +132,15 @@ def mjcf_actuators(joint: str, servo: Servo) -> list[tuple[str, dict[str, str]]]
 
 def mjcf_notes(model: Model) -> list[str]:
     """Requirements and gaps of an MJCF with drives, one sentence each."""
-    servos = {joint: model.servos[joint] for joint in model.robot.joints if joint in model.servos}
-    if not servos:
+    if not model.servos:
         return []
-    notes = [f"actuators of {shorten(list(servos), MOST)} take commanded positions [rad or m]"]
-    delays = [f"{joint} {1e3 * servo.delay:.4g} ms" for joint, servo in servos.items()]
-    notes.append(
+    delays = [f"{joint} {1e3 * servo.delay:.4g} ms" for joint, servo in model.servos.items()]
+    return [
         f"commands are delayed ({shorten(delays, MOST)}, and half a step of {1e3 * STEP:g} ms, since MuJoCo applies a "
-        f"command that much early), which needs MuJoCo 3.5 or newer"
-    )
-    notes.append(
+        f"command that much early), which needs MuJoCo 3.5 or newer; mj_initCtrlHistory sets those before the start",
         f"a time step of {1e3 * STEP:g} ms repeats the loop to 1 mrad; at 1 ms, positions differ by half a step "
-        f"times the speed, and by some mrad where torque is limited"
-    )
-    notes.append("mj_initCtrlHistory sets the commands before the start; without it they are 0 until the delay is over")
-    notes += _law_notes(servos)
-    if any(servo.coulomb_friction > 0 for servo in servos.values()):
-        notes.append("dry friction is as hard as MuJoCo allows (solreffriction, solimpfriction)")
-    return [*notes, *lacked_notes("an MJCF", servos)]
-
-
-def _law_notes(servos: Mapping[str, Servo]) -> Iterable[str]:
-    def of(test: Callable[[Servo], bool]) -> str:
-        return shorten([joint for joint, servo in servos.items() if test(servo)], MOST)
-
-    if joints := of(lambda servo: servo.law == "duty" and servo.kd > 0):
-        yield f"kd of {joints} is part of the damping of the joint, since a duty limit leaves the back-EMF unclipped"
-    if joints := of(lambda servo: servo.kd_on == "error" and servo.kd > 0 and not curved(servo)):
-        yield f"the second actuator of {joints} takes the commanded speed [rad/s or m/s]"
-    if joints := of(curved):
-        yield f"a passive dcmotor, which needs MuJoCo 3.12 or newer, lets the torque of {joints} fall with the speed"
-    if joints := of(lambda servo: curved(servo) and servo.kd_on == "error" and servo.kd > 0):
-        yield f"kd of {joints} acts on the speed, not on its error"
+        f"times the speed, and by some mrad where torque is limited",
+    ]
 
 
 def _general(

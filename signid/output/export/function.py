@@ -8,88 +8,73 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...effects.base import FUNCTIONS, ActuatorLaw, BodyLaw, RecordingLaw, TorqueLaw, TransmissionLaw
+from ...effects.base import FUNCTIONS, BodyLaw, TorqueLaw
 from ...model import Model, torque_model
 from ...robot import described_gravity
 from ...types import Law
 from ..report.layout import torque_units
-from .bodies import BODIES, Exported, among, lacking
-from .drives import drive_note
-from .mjcf import mjcf_laws
+from .bodies import Exported, in_docstring
+from .code.laws import VARIABLES
+from .formats import BY_ACTUATOR, among, held
 
 _SIGNALS = ("t", "q", "v", "a", "load", "jacobian")
-_VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
-_REASONS = {
-    RecordingLaw: "changes the recorded values, not the torque",
-    ActuatorLaw: "limits the torque of the actuator, independent of the motion",
-    TransmissionLaw: "has its own dynamics between motor and link",
-}
 _HEAD = '''"""Torque of the laws of a signid model of {name}, in addition to the rigid bodies.
 
-    total torque = inverse dynamics of the exported URDF, without friction and armature + torque(q, v, a{arguments})
-    total torque = inverse dynamics of the exported MJCF in MuJoCo + torque(q, v, a{arguments}, mjcf=True){lacks}
+    total torque = inverse dynamics of the exported URDF, without friction and armature + torque(q, v, a, ...)
+    total torque = inverse dynamics of the exported MJCF in MuJoCo + torque(q, v, a, ..., mjcf=True)
 """
 
 import numpy as np
-
+{imports}
 JOINTS = {joints!r}
 UNITS = {units!r}
-'''
+{gravity}'''
 _TORQUE = '''
 
-def torque(q, v, a{parameters}, mjcf=False):
+def torque(q, v, a, *, t=0.0, load=None, jacobian=None, mjcf=False):
     """Torque (n,) of the joints in the order of JOINTS, in UNITS.
 
-    q: (n,) positions [rad or m]; v: (n,) velocities; a: (n,) accelerations{explained}
-    mjcf: leave out laws that the exported MJCF holds: armature, friction and springs.
+    q: (n,) positions [rad or m]; v: (n,) velocities; a: (n,) accelerations
+    t: time since the start of the recording [s].
+    load: (n,) rigid-body torque of the exported URDF, without armature [N.m or N], if a law names it.
+    jacobian: (3, n) of the last link's centre of mass, in world axes, if a law names it.
+    mjcf: leave out laws that the exported MJCF holds at its joints: armature, friction and springs.
     """
-    signals = {{{signals}}}
+    signals = {"q": q, "v": v, "a": a, "load": load, "jacobian": jacobian}
     total = np.zeros(len(JOINTS))
     for law, needs, joints, numbers, in_mjcf in LAWS:
         if not (mjcf and in_mjcf):
-            given = {{key: np.asarray(signals[key], float)[..., joints] for key in needs{but}}}
-            total[joints] += law(**given, **numbers{also})
+            given = {key: t if key == "t" else np.asarray(signals[key], float)[..., joints] for key in needs}
+            total[joints] += law(**given, **numbers)
     return total
 '''
-_EXPLAINED = {
-    "t": "t: time since the start of the recording [s].",
-    "load": "load: (n,) rigid-body torque of the exported URDF, without armature [N.m or N].",
-    "jacobian": "jacobian: (3, n) of the last link's centre of mass, in world axes.",
-}
 
 
 def write_function(model: Model) -> Exported:
     """Write a Python file with `torque(q, v, a)`, the torque of the laws from their own equations.
 
-    Bodies and gravity belong to the URDF and the MJCF; other laws that are not functions of time and motion are noted.
+    Bodies and gravity belong to the URDF and the MJCF.
     """
-    robot, inside = model.robot, mjcf_laws(model)
+    robot, inside = model.robot, [law for law in held(model, "mjcf") if law.effect.name not in BY_ACTUATOR]
     written = [(law, code) for law in torque_model(model).laws if (code := _code_of(law)) is not None]
-    notes = _notes(model, [law for law, _ in written]) + drive_note("this file", model)
-    more = [key for key in _EXPLAINED if any(key in code.signals for _, code in written)]
-    keyword = {"t": "t=0.0", "load": "load", "jacobian": "jacobian"}
-    signals = [key for key in ("q", "v", "a", *more) if key != "t"]
-    lacks = "".join(f"\n\n{note[:1].upper()}{note[1:]}." for note in notes)
+    used = {name for _, code in written for name in code.functions}
+    lines = [f"from numpy.linalg import {name}\n" for name in sorted(used & {"norm"})]
+    lines = [f"from numpy import {', '.join(names)}\n" for names in [sorted(used - {"norm"})] if names] + lines
+    acts = model.bodies().gravity.linear
+    tilted = not np.allclose(acts, described_gravity(robot), atol=1e-12)
+    gravity = f"GRAVITY = {tuple(map(float, acts))}  # m/s2, in the frame of the base; use it with the URDF\n"
     head = _HEAD.format(
-        name=_quoted(robot.name),
-        arguments="".join(f", {key}={key}" for key in more),
-        lacks=_quoted(lacks),
+        name=in_docstring(robot.name),
+        imports="".join(lines),
         joints=robot.joints,
         units=tuple(torque_units(robot)),
+        gravity=gravity if tilted else "",
     )
-    body = _TORQUE.format(
-        parameters="".join(f", {part}" for part in ("*", *(keyword[key] for key in more)) if more),
-        explained="".join(f"\n    {_EXPLAINED[key]}" for key in more),
-        signals=", ".join(f'"{key}": {key}' for key in signals),
-        but=' if key != "t"' if "t" in more else "",
-        also=', **({"t": t} if "t" in needs else {})' if "t" in more else "",
-    )
-    acts = model.bodies().gravity.linear
-    gravity = f"GRAVITY = {tuple(map(float, acts))}  # m/s2, in the frame of the base\n"
-    tilted = not np.allclose(acts, described_gravity(robot), atol=1e-12)
-    laws = [_entry(law, code, among(law, inside)) for law, code in written]
-    table = "\n\nLAWS = [  # function, signals, joints, parameters, whether the MJCF holds it\n" + "".join(laws) + "]\n"
-    return Exported(head + (gravity if tilted else "") + _functions(written) + table + body, tuple(notes))
+    table = "\n\nLAWS = [  # function, signals, joints, parameters, whether the MJCF holds it\n"
+    for law, code in written:
+        at = law.joints[0] if len(law.joints) == 1 and law.effect.scope == "joint" else list(law.joints)
+        table += f"    ({code.name}, {code.signals!r}, {at!r}, {code.numbers!r}, {among(law, inside)}),\n"
+    return Exported(head + _functions(written) + table + "]\n" + _TORQUE)
 
 
 def _functions(written: Iterable[tuple[Law, _Code]]) -> str:
@@ -98,92 +83,37 @@ def _functions(written: Iterable[tuple[Law, _Code]]) -> str:
     for law, code in written:
         arguments = ", ".join((*code.signals, *code.numbers))
         units = ", ".join(f"{key}: {p.unit}" for key, p in law.effect.parameters.items())
-        text = _quoted(f"{law.effect.equation}, [{units}]; {law.effect.source}")
+        text = in_docstring(f"{law.effect.equation}, [{units}]; {law.effect.source}")
         found[code.name] = f'\n\ndef {code.name}({arguments}):\n    """{text}"""\n    return {code.expression}\n'
     return "".join(found.values())
 
 
-def _entry(law: Law, code: _Code, inside: bool) -> str:
-    joints = law.joints[0] if len(law.joints) == 1 and law.effect.scope == "joint" else list(law.joints)
-    return f"    ({code.name}, {code.signals!r}, {joints!r}, {code.numbers!r}, {inside}),\n"
-
-
-def _notes(model: Model, written: list[Law]) -> list[str]:
-    """Notes on laws that are in other files, and on laws that are in none."""
-    robot, notes = model.robot, []
-    left = [law for law in torque_model(model).laws if not among(law, written)]
-    bodies = [law for law in left if law.effect.name in BODIES]
-    if bodies:
-        notes.append(f"the inertials of the exported URDF and MJCF hold {lacking(robot, bodies, ())}")
-    inside = [law for law in left if among(law, mjcf_laws(model)) and law.effect.name not in BODIES]
-    if inside:
-        tilted = any(law.effect.name == "base_tilt" for law in inside)
-        notes.append(f"only the MJCF holds {lacking(robot, inside, ())}{'; elsewhere, use GRAVITY' if tilted else ''}")
-    reasons: dict[str, list[Law]] = {}
-    for law in left:
-        if not among(law, (*bodies, *inside)):
-            other = "has a memory" if law.effect.memory else "needs the rigid bodies"
-            why = next((text for kind, text in _REASONS.items() if isinstance(law.effect, kind)), other)
-            reasons.setdefault(why, []).append(law)
-    lead = "not in this file, since not a function of time and motion"
-    return [*notes, *(f"{lead}: {lacking(robot, laws, ())}, which {why}" for why, laws in reasons.items())]
-
-
-def _quoted(text: str) -> str:
-    """Escape text for a docstring."""
-    return text.replace("\\", "\\\\").replace('"', '\\"')
-
-
 class _Code(NamedTuple):
-    """A law as a NumPy function: name, arguments, parameters and returned expression."""
+    """A law as a Python function: name, arguments, parameters, returned expression, and functions of NumPy in it."""
 
     name: str
     signals: tuple[str, ...]  # subset of _SIGNALS
     numbers: dict[str, Any]
     expression: str
+    functions: set[str]
 
 
 def _code_of(law: Law) -> _Code | None:
-    """Translate a law; None if it is not a function of time, motion, load and Jacobian."""
+    """Equation of a law; None if it is not a function of time, motion, load and Jacobian."""
     effect = law.effect
-    if not isinstance(effect, TorqueLaw | BodyLaw) or effect.memory:
-        return None
-    name, renamed = effect.name, dict[str, str]()
+    name, equation = effect.name, effect.equation
     numbers: dict[str, Any] = {key: float(x) for key, x in effect.filled(law.parameters).items()}
     if name == "empirical":
-        name, numbers, renamed = _empirical(numbers)
+        signal = VARIABLES[int(numbers["variable"])]
+        lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
+        name, numbers, equation = f"empirical_{signal}", lists, equation.replace("variable", signal)
     try:
-        tree = ast.parse(effect.equation, mode="eval")
+        used = {node.id for node in ast.walk(ast.parse(equation, mode="eval")) if isinstance(node, ast.Name)}
     except SyntaxError:
         return None
-    code = _Plain(set(numbers), renamed)
-    expression = ast.unparse(code.visit(tree))
-    if effect.scope not in ("joint", "pair", "robot") or not code.known:
+    functions = used - {*numbers, *_SIGNALS}
+    if not isinstance(effect, TorqueLaw | BodyLaw) or effect.memory or not functions <= {*FUNCTIONS, "norm"}:
         return None
-    return _Code(name, tuple(s for s in _SIGNALS if s in code.used), numbers, expression)
-
-
-def _empirical(numbers: dict[str, float]) -> tuple[str, dict[str, Any], dict[str, str]]:
-    """Name, parameters with knots and values as lists, and renamed variable of an empirical torque."""
-    signal = _VARIABLES[int(numbers["variable"])]
-    lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
-    return f"empirical_{signal}", lists, {"variable": signal}
-
-
-class _Plain(ast.NodeTransformer):
-    """Replace functions by NumPy's; record the signals used and whether all names are known."""
-
-    def __init__(self, numbers: set[str], renamed: dict[str, str]) -> None:
-        self.numbers, self.renamed = numbers, renamed
-        self.used: set[str] = set()
-        self.known = True
-
-    def visit_Name(self, node: ast.Name) -> ast.expr:
-        name = self.renamed.get(node.id, node.id)
-        if name in self.numbers:
-            return ast.Name(name)
-        if name in _SIGNALS:
-            self.used.add(name)
-            return ast.Name(name)
-        self.known &= name in FUNCTIONS or name == "norm"
-        return ast.Attribute(ast.Name("np"), name if name != "norm" else "linalg.norm")
+    if effect.scope not in ("joint", "pair", "robot"):
+        return None
+    return _Code(name, tuple(s for s in _SIGNALS if s in used - set(numbers)), numbers, equation, functions)

@@ -22,7 +22,6 @@ from ...servo.validate import prepared_model
 from ...servos import Servo, ServoGrid
 from ...types import Array, Frozen
 from .bodies import Exported
-from .drives import annotated
 from .shapes import words
 
 _START = """
@@ -93,13 +92,12 @@ def with_loop(kind: str, made: Exported, loop: Loop) -> Exported:
     An MJCF gets a keyframe; files of Isaac Lab and mjlab get START and HELD.
     """
     if kind != "mjcf":
-        made = replace(made, text=made.text + _python(loop))
-        return annotated(kind, made, list(loop.notes)) if loop.notes else made
+        return replace(made, text=made.text + _python(loop), notes=(*made.notes, *loop.notes))
     note = (
         f"the keyframe start is the state of {_named(loop)} at its first row; it does not hold the commands before it: "
         f"call mj_initCtrlHistory with its ctrl"
     )
-    return annotated(kind, replace(made, text=_keyed(made.text, loop)), [note, *loop.notes])
+    return replace(made, text=_keyed(made.text, loop), notes=(*made.notes, note, *loop.notes))
 
 
 def _unlike(model: Model, grid: ServoGrid) -> list[str]:
@@ -126,7 +124,7 @@ def _keyed(text: str, loop: Loop) -> str:
         offset, scale, *_ = map(float, tie.get("polycoef").split())
         q, v = state[tie.get("joint2")]
         state[tie.get("joint1")] = (offset + scale * q, scale * v)
-    q, v = zip(*(state[joint.get("name")] for joint in root.iterfind("worldbody//joint")), strict=True)
+    q, v = zip(*(state.get(joint.get("name"), (0.0, 0.0)) for joint in root.iterfind("worldbody//joint")), strict=True)
     inputs = [item.get("name") for item in root.find("actuator") if item.get("input") != "none"]
     speeds = {f"{joint}_speed": command_speed(loop.grid, j)[0] for j, joint in enumerate(loop.grid.joints)}
     control = [(speeds | loop.held).get(name, 0.0) for name in inputs]

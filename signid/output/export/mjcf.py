@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -10,33 +10,32 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from ...effects.base import TransmissionLaw
+from ...effects.joint_elasticity import RELAXATION
 from ...errors import RobotError
 from ...model import Model
 from ...robot import configuration
 from ...robot.description.document import children, parse
 from ...robot.dynamics import joint_of_row, own_row
 from ...robot.joints import is_plain
-from ...types import Array, Law, Robot
-from .bodies import (
-    BODIES,
-    LEAST,
-    Exported,
-    PossibleBodies,
-    Principal,
-    commented,
-    fixed_note,
-    held,
-    lacking,
-    possible_bodies,
-    principal,
-    summed,
-)
+from ...types import Array, Robot
+from .bodies import LEAST, Exported, PossibleBodies, Principal, fixed_note, possible_bodies, principal
 from .drives import STEP, mjcf_actuators, mjcf_joint, mjcf_notes
+from .formats import PASSIVE, held, stiffness, summed
 from .shapes import Shapes, copied, pose_words, read_shapes, words
 
-_NUMBERS = {"damping": "viscous_friction", "frictionloss": "coulomb_friction", "armature": "armature"}
 DIFFERENT = 1e-3  # [1] difference of the mass of a floating robot from its description that is said
 _DENSITY = 2700.0  # density at which a payload is drawn [kg/m3]
+_NUMBERS = dict(zip(("damping", "frictionloss", "armature"), PASSIVE, strict=True))
+_STIFF = "0.9999 0.9999 0.001 0.5 2"  # impedance of the stops of a gear
+_SHORT = ("joint_elasticity", "backlash", "presliding_friction")  # laws that need the time step of drives
+_NEEDS = {  # sentences, and the laws that they are on
+    "polynomials of damping and stiffness need MuJoCo 3.7 or newer": ("quadratic_friction", "cable_torque"),
+    "passive dcmotors need MuJoCo 3.12 or newer": ("counterbalance", "torque_ripple", "presliding_friction"),
+    "JOINT is the motor and JOINT_gear the deflection of the link from it: positions add up": _SHORT[:2],
+    "elasticity, backlash and presliding need a time step of 0.1 ms to repeat a motion to 1 mrad": _SHORT,
+}
+_NO_MOTOR = {"motorconst": "0", "resistance": "1", "input": "none"}  # a dcmotor without its electrical part
 
 
 class _Place(NamedTuple):
@@ -55,10 +54,6 @@ def write_mjcf(
     Joints with a position drive get its actuator instead. Mimic joints become equality constraints. Shapes are visual
     only: mass comes from inertials, and nothing collides. If `floating`, the base link is a body on a free joint.
     Meshes are read from their place, or from the folder `meshes` beside the file.
-
-    Raises:
-        RobotError: no physically consistent bodies, as MuJoCo requires, give the torque of the model; a floating base
-            has no mass.
     """
     from lxml import etree
 
@@ -71,7 +66,8 @@ def write_mjcf(
     gravity = robot.model.gravity if floating else model.bodies().gravity
     option = {"gravity": words(gravity.linear), "integrator": "implicitfast"}
     options = parse(robot.document).iter("option") if robot.kind == "mjcf" else ()
-    steps = [x for node in options if (x := node.get("timestep"))] or ([repr(STEP)] if model.servos else [])
+    short = [repr(STEP)] if model.servos or _effects(model) & set(_SHORT) else []
+    steps = [x for node in options if (x := node.get("timestep"))] or short
     _add(root, "option", option | ({"timestep": steps[-1]} if steps else {}))
     _add(_add(root, "default"), "geom", {"contype": "0", "conaffinity": "0", "group": "2"})
     _group(root, "asset", "mesh", shapes.meshes)
@@ -79,20 +75,9 @@ def write_mjcf(
     _tree(_trunk(world, robot) if floating else world, model, shapes, bodies, placed)
     _group(root, "equality", "joint", ties)
     _actuators(_add(root, "actuator"), model)
-    notes = [*_notes(model, ties, bodies, floating), *shapes.notes]
-    if notes:
-        root.insert(0, etree.Comment("\n    " + "\n    ".join(commented(notes).splitlines()) + "\n  "))
+    notes = (*_notes(model, ties, bodies, floating), *shapes.notes)
     etree.indent(root)
-    return Exported(str(etree.tostring(root, encoding="unicode")) + "\n", tuple(notes), meshes=files)
-
-
-def mjcf_laws(model: Model, floating: bool = False) -> list[Law]:
-    """Laws of a model that its MJCF holds; a floating base takes its tilt from the simulation."""
-    kept = (*BODIES, "torque_saturation", *(() if floating else ("base_tilt",)))
-    whole = [law for law in model.joint_laws if law.effect.name in kept]
-    servo = {model.robot.index(joint) for joint in model.servos}
-    whole += [law for law in model.joint_laws if law.effect.name == "torque_offset" and servo.issuperset(law.joints)]
-    return [*held(model, _NUMBERS.values()), *(law for law in _springs(model) if _stiffness(model, law)[0] > 0), *whole]
+    return Exported(str(etree.tostring(root, encoding="unicode")) + "\n", notes, meshes=files)
 
 
 def _add(parent: Any, tag: str, attributes: Mapping[str, str] = MappingProxyType({})) -> Any:
@@ -108,15 +93,20 @@ def _group(root: Any, name: str, tag: str, entries: Sequence[Mapping[str, str]])
         _add(group, tag, entry)
 
 
-def _add_shapes(node: Any, shapes: Shapes, joint: int) -> None:
-    for tag, entry in shapes.at.get(joint, ()):
-        _add(node, tag, entry)
-
-
 def _trunk(world: Any, robot: Robot) -> Any:
-    """The base link as a body on a free joint."""
-    name, body = trunk_of(robot)
-    node = _add(world, "body", {"name": name})
+    """The base link as a body on a free joint, with all links that are fixed to it.
+
+    Raises:
+        RobotError: the base has no mass, or its inertia is not physically consistent.
+    """
+    body = principal(robot.model.inertias[0].toDynamicParameters())
+    if body is None or body.mass <= LEAST:
+        what = "has no mass" if body is not None else "has an inertia that no body can have"
+        raise RobotError(
+            f"the base of {robot.name} {what}, so it cannot float; state its inertial in the description, or export "
+            f"with a fixed base"
+        )
+    node = _add(world, "body", {"name": _name(robot)})
     _add(node, "freejoint")
     _add(node, "inertial", _inertial(body))
     return node
@@ -124,13 +114,17 @@ def _trunk(world: Any, robot: Robot) -> Any:
 
 def _tree(world: Any, model: Model, shapes: Shapes, bodies: PossibleBodies, placed: Sequence[_Place]) -> None:
     robot, nodes = model.robot, [world]
-    _add_shapes(world, shapes, 0)
+    for tag, entry in shapes.at.get(0, ()):
+        _add(world, tag, entry)
     for place, link, body in zip(placed, robot.links, bodies.links, strict=True):
         node = _add(nodes[place.parent], "body", {"name": link, **pose_words(place.pose)})
         _add(node, "inertial", _inertial(body))
         for joint in place.joints.values():
             _add(node, "joint", {**joint, **_joint(model, joint["name"])})
-        _add_shapes(node, shapes, len(nodes))
+            if behind := _gear(model, joint["name"]):
+                _add(node, "joint", joint | behind)
+        for tag, entry in shapes.at.get(len(nodes), ()):
+            _add(node, tag, entry)
         nodes.append(node)
     for k, (law, body) in enumerate(bodies.loads):
         at = nodes[joint_of_row(robot.model, own_row(robot, law.joints[0]))]
@@ -150,7 +144,7 @@ def _inertial(body: Principal) -> dict[str, str]:
 
 
 def _joint(model: Model, name: str) -> dict[str, str]:
-    """Range, friction, armature and spring of a joint; nothing for mimic joints."""
+    """Range and laws of a joint; nothing for mimic joints."""
     robot, stated = model.robot, dict[str, str]()
     if name not in robot.joints:
         return stated
@@ -158,49 +152,33 @@ def _joint(model: Model, name: str) -> dict[str, str]:
     ends = robot.lower[j], robot.upper[j]
     if np.isfinite(ends).all():
         stated["range"] = words(ends)
-    sums = {key: float(summed(model, effect)[j]) for key, effect in _NUMBERS.items()}
-    stated |= {key: repr(value) for key, value in sums.items() if value > 0}
-    stiffness, rest = next((_stiffness(model, law) for law in _springs(model) if law.joints == (j,)), (0.0, 0.0))
-    stated |= {"stiffness": repr(stiffness), "springref": repr(rest)} if stiffness > 0 else {}
+    stated |= _joint_laws(model, name)
     return stated | (mjcf_joint(model.servos[name]) if name in model.servos else {})
 
 
-def _springs(model: Model) -> list[Law]:
-    return [law for law in model.joint_laws if law.effect.name == "spring"]
-
-
-def _stiffness(model: Model, law: Law) -> tuple[float, float]:
-    """Total stiffness [N.m/rad or N/m] and rest position [rad or m] of all springs at the joint of a law."""
-    each = [(x.parameters["stiffness"], x.parameters["rest"]) for x in _springs(model) if x.joints == law.joints]
-    total = float(sum(k for k, _ in each))
-    return total, float(sum(k * rest for k, rest in each)) / total if total else 0.0
-
-
 def _actuators(group: Any, model: Model) -> None:
-    """Add the actuators of the drives, and motors at the other joints."""
-    for motor in _motors(model):
-        servo = model.servos.get(motor["joint"])
-        for tag, entry in [("motor", motor)] if servo is None else mjcf_actuators(motor["joint"], servo):
-            _add(group, tag, entry)
+    """Add the drives, a motor at each other joint, less its torque offset, and passive actuators.
 
-
-def _motors(model: Model) -> list[dict[str, str]]:
-    """A motor per joint, limited by the effort limit and by torque saturation."""
-    robot, limit = model.robot, model.robot.effort_limit.copy()
+    The effort limit and torque saturation limit a motor.
+    """
+    limit, offsets = model.robot.effort_limit.copy(), np.nan_to_num(summed(model, "torque_offset"))
     for law in model.joint_laws:
         if law.effect.name == "torque_saturation":
             limit[list(law.joints)] = np.minimum(limit[list(law.joints)], law.parameters["limit"])
-    return [
-        {"name": joint, "joint": joint, **({"forcerange": words([-most, most])} if np.isfinite(most) else {})}
-        for joint, most in zip(robot.joints, limit.tolist(), strict=True)
-    ]
+    for joint, most, offset in zip(model.robot.joints, limit.tolist(), offsets.tolist(), strict=True):
+        motor = {"name": joint, "joint": joint}
+        motor |= {"forcerange": words([-most - offset, most - offset])} if np.isfinite(most) else {}
+        less = {"biastype": "affine", "biasprm": words([-offset, 0, 0])}
+        made = [("general", motor | less) if offset else ("motor", motor)]
+        for tag, entry in mjcf_actuators(joint, model.servos[joint]) if joint in model.servos else made:
+            _add(group, tag, entry)
+    for passive in _passive_actuators(model):
+        _add(group, "dcmotor", passive)
 
 
 def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodies, floating: bool) -> list[str]:
     robot = model.robot
     notes = fixed_note(robot, "they are rigid in the MJCF")
-    if beyond := lacking(robot, model.joint_laws, mjcf_laws(model, floating)):
-        notes.append(f"an MJCF cannot hold {beyond}")
     if np.isfinite(robot.velocity_limit).any():
         notes.append("an MJCF cannot hold velocity limits")
     ends = zip(robot.joints, np.isfinite(robot.lower), np.isfinite(robot.upper), strict=True)
@@ -209,7 +187,8 @@ def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodi
     if ties:
         each = ", ".join(f"{tie['joint1']} of {tie['joint2']}" for tie in ties)
         notes.append(f"mimic joints are equality constraints, which are slightly compliant in MuJoCo: {each}")
-    notes += [*mjcf_notes(model), *bodies.notes, *(trunk_notes(model, bodies) if floating else ())]
+    notes += [*mjcf_notes(model), *(say for say, laws in _NEEDS.items() if _effects(model) & set(laws)), *bodies.notes]
+    notes += trunk_notes(model, bodies) if floating else []
     if empty := [link for link, body in zip(robot.links, bodies.links, strict=True) if body.mass <= LEAST]:
         notes.append(f"massless links get {LEAST:g} kg, since MuJoCo rejects zero mass: {', '.join(empty)}")
     return notes
@@ -261,22 +240,6 @@ def _parts(joint: Any) -> list[tuple[Any, Any]]:
     return list(zip(whole.joints, whole.jointPlacements, strict=True))
 
 
-def trunk_of(robot: Robot) -> tuple[str, Principal]:
-    """Name of the base link, and its body with all links that are fixed to it.
-
-    Raises:
-        RobotError: the base has no mass, or its inertia is not physically consistent.
-    """
-    name, body = _name(robot), principal(robot.model.inertias[0].toDynamicParameters())
-    if body is None or body.mass <= LEAST:
-        what = "has no mass" if body is not None else "has an inertia that no body can have"
-        raise RobotError(
-            f"the base of {robot.name} {what}, so it cannot float; state its inertial in the description, or export "
-            f"with a fixed base"
-        )
-    return name, body
-
-
 def trunk_notes(model: Model, bodies: PossibleBodies) -> list[str]:
     """Notes on a floating trunk."""
     notes = ["the trunk floats on a free joint, with the mass that the description states"]
@@ -302,3 +265,51 @@ def _name(robot: Robot) -> str:
     while name in (*robot.links, "world", ""):
         name += "_"
     return name
+
+
+def _effects(model: Model) -> set[str]:
+    return {law.effect.name for law in held(model, "mjcf")}
+
+
+def _joint_laws(model: Model, joint: str) -> dict[str, str]:
+    """Attributes of a joint by the laws that an MJCF holds there: friction, armature, spring and cable."""
+    j = model.robot.index(joint)
+    sums = {key: float(np.nan_to_num(summed(model, effect)[j])) for key, effect in _NUMBERS.items()}
+    stated = {key: repr(value) for key, value in sums.items() if value > 0}
+    spring, rest = stiffness(model).get(j, (0.0, 0.0))
+    stated |= {"stiffness": repr(spring), "springref": repr(rest)} if spring > 0 else {}
+    for law in (law for law in held(model, "mjcf") if law.joints == (j,)):
+        if law.effect.name == "quadratic_friction":
+            stated["damping"] = words([max(sums["damping"], 0.0), summed(model, law.effect.name)[j]])
+        if law.effect.name == "cable_torque":
+            stated["stiffness"] = words([max(spring, 0.0), 0.0, law.parameters["cubic"]])
+            stated["springref"] = repr(float(law.parameters["centre"]))
+    return stated
+
+
+def _gear(model: Model, joint: str) -> dict[str, str]:
+    """Attributes of the joint between motor and link, by its elasticity or backlash; empty without a gear.
+
+    The inertia of the motor, friction and the actuator belong to the joint before it.
+    """
+    for law in held(model, "mjcf"):
+        if isinstance(law.effect, TransmissionLaw) and model.robot.joints[law.joints[0]] == joint:
+            name = {"name": f"{joint}_gear"}
+            if law.effect.name == "joint_elasticity":
+                k = float(law.parameters["stiffness"])
+                return {**name, "stiffness": repr(k), "damping": repr(RELAXATION * k)}
+            half = law.parameters["gap"] / 2
+            return {**name, "range": words([-half, half]), "solreflimit": "0.0005 1", "solimplimit": _STIFF}
+    return {}
+
+
+def _passive_actuators(model: Model) -> Iterator[dict[str, str]]:
+    """A dcmotor for each torque that is a sine of the position, and for presliding friction."""
+    for k, law in enumerate(held(model, "mjcf")):
+        name, p = law.effect.name, law.parameters
+        line = {"joint": model.robot.joints[law.joints[0]]}
+        line = {"name": f"{line['joint']}_{name}_{k}", **line, **_NO_MOTOR}
+        if name in ("counterbalance", "torque_ripple"):
+            yield {**line, "cogging": words([-p["amplitude"], p.get("frequency", 1.0), p["phase"]])}
+        elif name == "presliding_friction":
+            yield {**line, "lugre": words([p["level"] / p["distance"], 0, p["level"], p["level"], 1])}

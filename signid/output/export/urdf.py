@@ -15,11 +15,9 @@ from ...model import Model, stated_inertials
 from ...robot import described_gravity
 from ...robot.description.document import without_declaration
 from ...types import Array, Robot
-from .bodies import Exported, about_centre, beyond, commented, fixed_note, summed
-from .drives import drive_note
+from .bodies import Exported, about_centre, fixed_note
+from .formats import FRICTION, summed
 
-FRICTION = ("viscous_friction", "coulomb_friction")
-_DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
 _TAG = re.compile(r"""<[^"'>]*(?:"[^"]*"[^"'>]*|'[^']*'[^"'>]*)*>""")
 _MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 
@@ -46,12 +44,9 @@ class _Edit(NamedTuple):
 
 
 def write_urdf(model: Model) -> Exported:
-    """Write the robot's URDF with the model's inertials, damping and friction; a comment lists what it cannot hold.
+    """Write the robot's URDF with the model's inertials, damping and friction.
 
     Unchanged links are kept byte for byte. Friction that the model lacks is removed.
-
-    Raises:
-        RobotError: the robot was not loaded from a URDF, or a body cannot be written.
     """
     robot = model.robot
     bodies = model.whole_inertials()
@@ -59,23 +54,10 @@ def write_urdf(model: Model) -> Exported:
     friction = (np.maximum(0.0, np.nan_to_num(summed(model, name))) for name in FRICTION)
     text = urdf_with(robot, np.where(same, np.nan, bodies), *friction)
     notes = fixed_note(robot, "they move in the URDF")
-    notes += beyond("a URDF", model, FRICTION) + (drive_note("a URDF", model) if model.servos else [])
     if not np.allclose(model.bodies().gravity.linear, described_gravity(robot), atol=1e-12):
         gravity = " ".join(repr(float(x)) for x in model.bodies().gravity.linear)
         notes.append(f"the gravity of the model is {gravity} m/s2")
-    return Exported(with_comment(text, notes), tuple(notes))
-
-
-def with_comment(text: str, notes: list[str]) -> str:
-    """Insert the notes as a comment before the root element."""
-    if not notes:
-        return text
-    newline = _newline(text)
-    comment = f"<!-- {newline.join(commented(notes).splitlines())} -->"
-    declared = _DECLARATION.match(text)
-    if declared is None:
-        return f"{comment}{newline}{text}"
-    return f"{text[: declared.end()]}{newline}{comment}{text[declared.end() :]}"
+    return Exported(text, tuple(notes))
 
 
 def urdf_with(

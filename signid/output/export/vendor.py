@@ -168,10 +168,6 @@ def write_franka(model: Model, flange: str | None = None, tool: str | None = Non
     """Write the end effector as JSON; `beside` has the numbers of `setLoad` as a C++ header.
 
     JSON has no comments and Franka names all of its keys, so that frames, units and intervals stand in the header.
-
-    Raises:
-        OptionError: the model has no identifiable payload, or a frame is not known.
-        RobotError: the payload has no positive mass.
     """
     found = flange_of(model, FRANKA_FLANGE, flange, tool)
     inertia = column_major(np.zeros((3, 3)) if found.inertia is None else found.inertia)
@@ -211,12 +207,7 @@ def _listed(values: object) -> str:
 
 
 def write_kuka(model: Model, flange: str | None = None, tool: str | None = None) -> Exported:
-    """Write `LOAD_DATA[1]`, and `TOOL_DATA[1]` if a tool frame is named.
-
-    Raises:
-        OptionError: the model has no identifiable payload, or a frame is not known.
-        RobotError: the payload has no positive mass.
-    """
+    """Write `LOAD_DATA[1]`, and `TOOL_DATA[1]` if a tool frame is named."""
     found = flange_of(model, KUKA_FLANGE, flange, tool)
     moments, axes = _principal(np.zeros((3, 3)) if found.inertia is None else found.inertia)
     load = f"{{M {_real(found.mass)},CM {_pose(found.centre, axes)},J {_labelled('XYZ', moments)}}}"
@@ -263,12 +254,7 @@ def _real(value: float) -> str:
 
 
 def write_ur(model: Model, flange: str | None = None, tool: str | None = None) -> Exported:
-    """Write `set_target_payload`, and `set_tcp` if a tool frame is named.
-
-    Raises:
-        OptionError: the model has no identifiable payload, or a frame is not known.
-        RobotError: the payload has no positive mass.
-    """
+    """Write `set_target_payload`, and `set_tcp` if a tool frame is named."""
     found = flange_of(model, UR_FLANGE, flange, tool)
     numbers = [_list(np.array([found.mass]))[1:-1], _list(found.centre)]
     calls = [f"set_target_payload({', '.join(numbers)})"]

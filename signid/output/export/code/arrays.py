@@ -6,9 +6,9 @@ from ....errors import one_line
 from ....model import Model
 from ....version import __version__
 from ...report.layout import torque_units
-from ..bodies import Exported
+from ..bodies import Exported, fixed_note, in_docstring
 from .graph import UNARY
-from .program import Function, Language, Program, program_of, statements
+from .program import FIXED, Function, Language, Program, program_of, statements
 
 _WORDS = {
     "add": "{0} + {1}",
@@ -28,7 +28,7 @@ _PYTHON = Language(_WORDS, lambda x: x.replace("[", "[..., "), "    {} = {}", la
 _HEAD = '''"""Dynamics of {name}, written by signid {version}, over an array namespace.
 
 Every function takes arrays (..., {n}) in the order of JOINTS [rad or m, per s, per s2]; torques are in UNITS.
-xp: numpy (default), jax.numpy or torch; derivatives hold wherever dry friction is smooth.{notes}
+xp: numpy (default), jax.numpy or torch; derivatives hold wherever dry friction is smooth.
 """
 
 import numpy
@@ -39,28 +39,17 @@ UNITS = {units!r}
 
 
 def write_arrays(model: Model) -> Exported:
-    """Write inverse dynamics, gravity, laws and the mass matrix as Python functions over an array namespace.
-
-    Raises:
-        RobotError: a joint is neither revolute nor prismatic.
-    """
+    """Write inverse dynamics, gravity, laws and the mass matrix as Python functions over an array namespace."""
     program, robot = program_of(model), model.robot
-    notes = "".join(f"\n\nNote: {note}." for note in program.notes)
     head = _HEAD.format(
-        name=_plain(robot.name),
+        name=in_docstring(robot.name),
         version=__version__,
         n=len(robot.joints),
-        notes=_plain(notes),
         joints=tuple(robot.joints),
         units=tuple(torque_units(robot)),
     )
     functions = "".join(_definition(program, function, len(robot.joints)) for function in program.functions)
-    return Exported(head + functions, program.notes)
-
-
-def _plain(text: str) -> str:
-    """Escape text for a docstring."""
-    return text.replace("\\", "\\\\").replace('"', '\\"')
+    return Exported(head + functions, tuple(fixed_note(robot, FIXED)))
 
 
 def _definition(program: Program, function: Function, n: int) -> str:

@@ -8,13 +8,12 @@ from textwrap import fill
 
 from ....effects.naming import law_name
 from ....model import Model, torque_model
-from ....types import Robot
 from ....version import __version__
 from ...report.layout import torque_units
-from ..bodies import Exported, c_comment
+from ..bodies import Exported, c_comment, fixed_note
 from .laws import writable
 from .observer import TERMS, ObserverCode, observer_code, observer_terms
-from .program import Function, Language, Program, program_of, statements
+from .program import FIXED, Function, Language, Program, program_of, statements
 
 _WORDS = {
     "add": "{0} + {1}",
@@ -48,17 +47,7 @@ def write_c(
     The text is the source; `beside` holds the header and a test program, by the ends of their names (".h", "_test.c").
     Functions are straight-line code over constants; they read and write only the arrays that they are given.
 
-    Args:
-        model: rigid bodies and laws.
-        stem: name of the files without ".c"; None: the robot's name as an identifier.
-        digest: SHA-256 of the model, for the header.
-        further: functions beside these: "nonlinear", "forward", "jacobian", "payload", "observer" (which has loops and
-            branches, and a struct that the caller holds).
-        link: link whose frame Jacobian and payload have; None: the frame of the last joint.
-
-    Raises:
-        RobotError: a joint is neither revolute nor prismatic, no link has that name, or the mass matrix that "forward"
-            inverts is not positive definite.
+    digest: SHA-256 of the model, for the header; `further` as `functions` of `export`.
     """
     program, robot = program_of(model, tracking=True, further=further, link=link), model.robot
     name, n = identifier(robot.name), len(robot.joints)
@@ -73,7 +62,7 @@ def write_c(
     declared = _header(model, program, name, digest, observer.header)
     header = f"{head}C99, no dependencies but math.h (-lm). */\n{declared}"
     test = head + "*/\n" + _test(program, name, stem, n, observer.test)
-    return Exported(source, program.notes, {".h": header, "_test.c": test})
+    return Exported(source, tuple(fixed_note(robot, FIXED)), {".h": header, "_test.c": test})
 
 
 def identifier(name: str) -> str:
@@ -109,16 +98,16 @@ def _labels(function: Function, joints: Sequence[str]) -> list[str]:
 
 def _header(model: Model, program: Program, name: str, digest: str, observer: str) -> str:
     robot = model.robot
+    joints = zip(robot.joints, robot.prismatic, torque_units(robot), strict=True)
     guard, n = f"{name.upper()}_DYNAMICS_H", len(robot.joints)
     comment = [
         "Arrays are in this order of joints (index, name, unit of position, unit of torque):",
-        *(f"  {k}  {line}" for k, line in enumerate(_joints(robot))),
+        *(f"  {k}  {c_comment(x)}  {'m' if slides else 'rad'}  {unit}" for k, (x, slides, unit) in enumerate(joints)),
         "q: positions, v: velocities [per s], a: accelerations [per s2]; a = 0 compensates gravity and friction.",
         "At rest (v = 0) dry friction is 0. Outputs may not overlap inputs.",
         *_formulas(model),
         f"Gravity in the frame of the base [m/s2]: {' '.join(f'{x:.10g}' for x in model.robot.model.gravity.linear)}",
         *([f"SHA-256 of the model.json of this model: {digest}"] if digest else []),
-        *(f"Note: {note}." for note in program.notes),
     ]
     declared = [
         f"/* {fill(c_comment(function.meaning), 100, subsequent_indent='   ')} */\n{_signature(function, name, n)};"
@@ -156,11 +145,6 @@ def _formulas(model: Model) -> Iterator[str]:
         yield f"  {c_comment(f'{law_name(law, model.robot)}: {law.effect.equation}; {numbers}')}"
     if not laws:
         yield "  none"
-
-
-def _joints(robot: Robot) -> Iterator[str]:
-    for joint, prismatic, unit in zip(robot.joints, robot.prismatic, torque_units(robot), strict=True):
-        yield f"{c_comment(joint)}  {'m' if prismatic else 'rad'}  {unit}"
 
 
 _FURTHER = {  # arguments beside q, v and a

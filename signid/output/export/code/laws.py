@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ....effects.base import BodyLaw, TorqueLaw
+from ....effects.base import TorqueLaw
 from ....effects.naming import law_name
 from ....model import Model, torque_model
 from ....types import Law
@@ -27,7 +27,7 @@ OPERATORS: dict[type[ast.AST], Any] = {
     ast.Lt: operator.lt,
 }
 SIGN = "sign of velocity"  # function in the place of sign(v)
-_VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
+VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
 
 
 def writable(law: Law) -> bool:
@@ -42,11 +42,6 @@ def writable(law: Law) -> bool:
     known = {"q", "v", "a", "load", "variable", "knots", "values", "sum", "where", "interp", *UNARY, *BINARY}
     used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     return used <= known | set(effect.filled(law.parameters))
-
-
-def inertial(law: Law) -> bool:
-    """Whether the inertial parameters of the bodies hold a law."""
-    return isinstance(law.effect, BodyLaw)
 
 
 def law_expressions(
@@ -121,14 +116,10 @@ def _evaluate(
     numbers: dict[str, Any] = {key: float(x) for key, x in law.effect.filled(law.parameters).items()}
     if law.effect.name == "empirical":
         lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
-        numbers = {"variable": signals[_VARIABLES[int(numbers["variable"])]], **lists}
-    functions: dict[str, Any] = {name: np.frompyfunc(partial(_unary, graph, name), 1, 1) for name in UNARY}
-    functions |= {name: np.frompyfunc(partial(_binary, graph, name), 2, 1) for name in BINARY}
-    functions |= {
-        "where": np.frompyfunc(partial(_where, graph), 3, 1),
-        "interp": partial(_interpolate, graph),
-        "sum": sum,
-    }
+        numbers = {"variable": signals[VARIABLES[int(numbers["variable"])]], **lists}
+    functions: dict[str, Any] = {name: _lifted(graph, partial(unary, name), 1) for name in UNARY}
+    functions |= {name: _lifted(graph, partial(binary, name), 2) for name in BINARY}
+    functions |= {"where": _lifted(graph, where, 3), "interp": partial(_interpolate, graph), "sum": sum}
     if sign is not None:
         functions[SIGN] = np.frompyfunc(sign, 1, 1)
     return _value(ast.parse(law.effect.equation, mode="eval").body, {**functions, **signals, **numbers})
@@ -176,16 +167,9 @@ def _signed_velocity(call: ast.Call) -> ast.expr | None:
     return None
 
 
-def _unary(graph: Graph, name: str, x: Any) -> Scalar:
-    return unary(name, graph.scalar(x))
-
-
-def _binary(graph: Graph, name: str, a: Any, b: Any) -> Scalar:
-    return binary(name, graph.scalar(a), graph.scalar(b))
-
-
-def _where(graph: Graph, condition: Any, yes: Any, no: Any) -> Scalar:
-    return where(graph.scalar(condition), graph.scalar(yes), graph.scalar(no))
+def _lifted(graph: Graph, function: Callable[..., Scalar], operands: int) -> Any:
+    """A function of nodes as one of arrays of nodes and numbers."""
+    return np.frompyfunc(lambda *given: function(*map(graph.scalar, given)), operands, 1)
 
 
 def _interpolate(graph: Graph, x: Scalar, knots: list[float], values: list[float]) -> Scalar:

@@ -13,7 +13,7 @@ from ....watch.intake import LEAST, LOST
 from ....watch.observer import BELOW, GAIN, MORE, RINGING
 from ....watch.quiet import LITTLE, MOVED, PEAK, SHARE, SIGMAS, STRANGE
 from ....watch.watcher import APART, JITTER, LASTING, LEAVE, PATIENCE, SLOWEST, STILL, WARM
-from ..bodies import summed
+from ..formats import summed
 from .graph import Graph
 from .laws import directed_laws
 from .program import Function, Program, vector
@@ -48,7 +48,7 @@ def observer_terms(model: Model) -> Program:
     outputs = np.concatenate([momentum, whole, force, laws, reversing, viscous])
     arguments = ("q", "v", "a", "load", "slow")
     function = Function("observer_terms", arguments, "terms", tuple(map(graph.scalar, outputs)), "")
-    return Program(graph, (function,), ())
+    return Program(graph, (function,))
 
 
 def observer_code(model: Model, name: str) -> ObserverCode:

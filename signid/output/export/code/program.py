@@ -16,9 +16,8 @@ from ....model import Model, torque_model
 from ....robot import configuration
 from ....robot.dynamics import mass_matrices, own_body
 from ....types import Array
-from ..bodies import fixed_note, lacking
 from .graph import Graph, Scalar, binary, unary
-from .laws import inertial, law_expressions, writable
+from .laws import law_expressions
 from .rigid import (
     Bodies,
     Body,
@@ -55,6 +54,7 @@ FORWARD = (
     "accelerations at torque tau: mass_matrix(q) a = tau - inverse_dynamics(q, v, 0); friction that depends on load is "
     "that at a = 0, and a joint at v = 0 has no dry friction"
 )
+FIXED = "the code holds it there, too"  # joints that the model holds fixed
 SMALLEST = 1e-9  # [rad/s or m/s] width of smoothing
 ROUNDED = 1e-12  # least ratio of eigenvalues of a mass matrix that is not singular by rounding
 ACCELERATION = re.compile(r"\ba\b")  # in the equation of a law
@@ -82,11 +82,10 @@ class Function:
 
 @dataclass(frozen=True)
 class Program:
-    """Functions of a model over one graph, and notes on laws that they lack."""
+    """Functions of a model over one graph."""
 
     graph: Graph
     functions: tuple[Function, ...]
-    notes: tuple[str, ...]
 
 
 def program_of(
@@ -143,7 +142,7 @@ def program_of(
     if "payload" in further:
         torque = payload_torque(graph, tree, frame, motion, vector(graph, "payload", 10))
         functions.append(_function("payload_torque", "q v a payload", "tau", torque, PAYLOAD.format(frame.name)))
-    return Program(graph, tuple(functions), tuple(_notes(model)))
+    return Program(graph, tuple(functions))
 
 
 def _check_mass(model: Model) -> None:
@@ -177,13 +176,6 @@ def _coupled(graph: Graph, model: Model, q: Expressions) -> Expressions:
     units = np.array([graph.constant(x) for x in np.eye(len(q)).ravel()]).reshape(len(q), len(q))
     columns = [law_expressions(graph, model, {"q": q, "v": zero, "a": unit, "load": zero}) for unit in units]
     return np.array(columns).T
-
-
-def _notes(model: Model) -> list[str]:
-    left = [law for law in torque_model(model).laws if not writable(law) and not inertial(law)]
-    words = lacking(model.robot, left, ())
-    lead = "the code lacks laws that are no functions of position, velocity and acceleration: "
-    return [*([lead + words] if words else []), *fixed_note(model.robot, "the code holds it there, too")]
 
 
 @dataclass(frozen=True)

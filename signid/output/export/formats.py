@@ -1,0 +1,223 @@
+"""What each format holds of each law: one table, from which come the notes and flags of exports and the documentation.
+
+A law that a format lacks is a flag if its torque is more than `SMALL` of that of a joint, along a motion within the
+limits of the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...effects.base import ActuatorLaw, RecordingLaw, TorqueLaw, TransmissionLaw
+from ...effects.drive import DriveLaw
+from ...errors import SignidError, shorten
+from ...model import Model
+from ...regression.motion import Motion
+from ...simulation.excite.families import rest_to_rest_motion
+from ...types import Array, Law, Robot
+
+VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
+MOST = 16  # maximum number of joints listed
+BODIES = ("payload", "link_inertia")  # laws included in inertials
+FRICTION = ("viscous_friction", "coulomb_friction")
+PASSIVE = (*FRICTION, "armature")  # whose sums at a joint formats of simulators hold unless negative
+SMALL = 0.02  # [1] rms torque of a law over that of its joint, below which a format may lack it without a flag
+SECONDS, STEP = 10.0, 0.01  # [s] of the motion along which torque is compared
+_LOOP = "servo_gain register_gain servo_damping error_damping command_delay effort_limit duty_limit speed_limit"
+_OF_MOTION = """
+    viscous_friction coulomb_friction torque_offset armature asymmetric_friction stribeck_friction quadratic_friction
+    load_friction position_friction spring cable_torque counterbalance torque_ripple joint_coupling empirical
+    gear_friction
+"""
+_OF_BODIES = "payload link_inertia base_tilt gravity"
+
+
+class Format(NamedTuple):
+    """A format: its name in sentences, and names of effects and kinds of files with spaces between."""
+
+    subject: str
+    exact: str  # effects that it holds
+    approximate: str = ""  # within what its README states
+    driven: str = ""  # of these, held only at joints with a position drive
+    beside: str = ""  # kinds of files that hold the rest, if they are written, too
+
+    def grade(self, effect: str) -> str:
+        """How the format holds an effect: "exact", "approximate" or ""."""
+        exact, rough = self.exact.split(), self.approximate.split()
+        return "exact" if effect in exact else "approximate" if effect in rough else ""
+
+
+_SIMULATOR = f"{' '.join(PASSIVE)} {_LOOP.replace('command_delay', '')}"
+_CODE = Format("the code", f"{_OF_MOTION} {_OF_BODIES}")
+FORMATS = {
+    "urdf": Format("a URDF", " ".join((*FRICTION, *BODIES)), beside="actuators ros function"),
+    "mjcf": Format(
+        "an MJCF",
+        f"{' '.join(PASSIVE)} {_OF_BODIES} {_LOOP} torque_offset spring torque_saturation quadratic_friction "
+        f"cable_torque counterbalance torque_ripple joint_elasticity",
+        "presliding_friction backlash",
+        beside="function",
+    ),
+    "actuators": Format(
+        "an actuators file",
+        f"{' '.join(PASSIVE)} {_LOOP} torque_offset motor_friction dead_band profile_limit",
+        beside="urdf function",
+    ),
+    "function": Format("this file", f"{_OF_MOTION} friction_drift external_contact fluid_drag", beside="urdf mjcf"),
+    "ros": Format(
+        "a ROS parameter file",
+        f"{' '.join((*PASSIVE, *BODIES))} {_LOOP} torque_offset motor_friction dead_band profile_limit voltage_droop "
+        f"link_encoder",
+        beside="function",
+    ),
+    "isaaclab": Format(
+        "an actuator group of Isaac Lab", _SIMULATOR, "command_delay torque_offset", "torque_offset", "urdf"
+    ),
+    "mjlab": Format("an actuator of mjlab", _SIMULATOR, "command_delay torque_offset", "torque_offset", "urdf mjcf"),
+    "newton": Format("an actuator of Newton", _SIMULATOR, "command_delay torque_offset", beside="urdf mjcf"),
+    "c": _CODE,
+    "arrays": _CODE,
+    **dict.fromkeys(VENDORS, Format("a payload", "payload")),
+}
+BY_ACTUATOR = ("torque_offset", "counterbalance", "torque_ripple", "torque_saturation")  # in MJCF: not passive
+OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
+
+
+def held(model: Model, kind: str, floating: bool = False) -> list[Law]:
+    """Laws of a model that a file holds; numbers of a joint that are negative only code can hold."""
+    found, driven = FORMATS[kind], {model.robot.index(joint) for joint in model.servos}
+    sums = {} if kind in OF_TORQUE else {effect: summed(model, effect) for effect in (*PASSIVE, "quadratic_friction")}
+    return [
+        law
+        for law in model.laws
+        if (found.grade(law.effect.name) or (kind in OF_TORQUE and _is_plugin(law)))
+        and (law.effect.name not in found.driven.split() or driven.issuperset(law.joints))
+        and (law.effect.name not in sums or sums[law.effect.name][law.joints[0]] >= 0)
+        and (kind != "mjcf" or _in_mjcf(model, law, driven))
+        and not (floating and law.effect.scope == "robot")  # such a base takes its direction from the simulation
+    ]
+
+
+def _is_plugin(law: Law) -> bool:
+    """Whether code holds a law of another package, that the table lacks."""
+    own = type(law.effect).__module__.startswith(f"{__package__.partition('.')[0]}.effects.")
+    return not own and isinstance(law.effect, TorqueLaw) and not law.effect.memory
+
+
+def _in_mjcf(model: Model, law: Law, driven: Collection[int]) -> bool:
+    """Whether MuJoCo takes the numbers of a law that MJCF has a place for."""
+    name, robot, numbers = law.effect.name, model.robot, law.parameters
+    alike = [other for other in model.laws if other.effect.name == name and other.joints == law.joints]
+    spring, rest = stiffness(model).get(law.joints[0], (0.0, 0.0))
+    if name == "spring":
+        return spring > 0
+    if name == "cable_torque":  # one polynomial about one position
+        return len(alike) == 1 and numbers["cubic"] > 0 and (spring <= 0 or rest == numbers["centre"])
+    if isinstance(law.effect, TransmissionLaw):
+        gears, rows = [x for x in model.of(TransmissionLaw) if x.joints == law.joints], robot.drive[:, law.joints[0]]
+        return len(gears) == 1 and np.count_nonzero(rows) == 1 and bool(summed(model, "armature")[law.joints[0]] > 0)
+    beside_drives = ("quadratic_friction", "counterbalance", "torque_ripple", "presliding_friction")
+    return name not in beside_drives or law.joints[0] not in driven
+
+
+def stiffness(model: Model) -> dict[int, tuple[float, float]]:
+    """Total stiffness [N.m/rad or N/m] and rest position [rad or m] of all springs, by joint."""
+    found = dict[int, tuple[float, float]]()
+    for law in (law for law in model.laws if law.effect.name == "spring"):
+        (j,), k = law.joints, law.parameters["stiffness"]
+        total, moment = found.get(j, (0.0, 0.0))
+        found[j] = total + k, moment + k * law.parameters["rest"]
+    return {j: (total, moment / total if total else 0.0) for j, (total, moment) in found.items()}
+
+
+def summed(model: Model, effect: str) -> Array:
+    """Sum of an effect's single parameter over its laws, (n,) [the unit of the parameter]; NaN: no law."""
+    total = np.full(len(model.robot.joints), np.nan)
+    for law in model.joint_laws:
+        if law.effect.name == effect:
+            (value,), (joint,) = law.parameters.values(), law.joints
+            total[joint] = np.nan_to_num(total[joint]) + value
+    return total
+
+
+def among(law: Law, laws: Iterable[Law]) -> bool:
+    """Whether a law itself, not an equal one, is among some laws."""
+    return any(law is other for other in laws)
+
+
+def left_out(
+    model: Model, kind: str, floating: bool = False, beside: Collection[str] = ()
+) -> tuple[list[str], list[str]]:
+    """Flags and notes on the laws that a file lacks; `beside`: kinds of files that are written with it."""
+    if kind in VENDORS:
+        return [], []
+    found, own = FORMATS[kind], held(model, kind, floating)
+    lacked = [law for law in model.laws if not among(law, own)]
+    notes = list[str]()
+    if model.servos and not found.grade("servo_gain"):
+        notes.append(f"{found.subject} cannot hold the position drives of {shorten(list(model.servos), MOST)}")
+        lacked = [law for law in lacked if not isinstance(law.effect, DriveLaw)]
+    if rough := [law for law in own if found.grade(law.effect.name) == "approximate"]:
+        notes.append(f"{found.subject} holds {lacking(model.robot, rough)} approximately")
+    others = {name: held(model, name) for name in FORMATS if name not in (*VENDORS, kind)}
+    near = [name for name in found.beside.split() if kind == "function" or name in beside]
+    groups = dict[str, list[Law]]()  # by the end of the sentence
+    large = dict[tuple[str, str], list[tuple[float, int, Law]]]()
+    for law, share in zip(lacked, _shares(model, lacked), strict=True):
+        holding = [name for name, laws in others.items() if among(law, laws)]
+        if there := [name for name in near if name in holding]:
+            end = f", held by {', '.join(there)}"
+        elif isinstance(law.effect, RecordingLaw):
+            end = ", an error of the recording, not of the robot"
+        elif isinstance(law.effect, DriveLaw):
+            end = ""
+        elif share is None:
+            end = ", whose share of the torque is unknown"
+        elif share.max(initial=0.0) <= SMALL:
+            end = f", below {100 * SMALL:.0f} % of the torque"
+        else:
+            most, which = float(share.max()), ", ".join(holding) or "no format"
+            large.setdefault((law.effect.name, which), []).append((most, int(np.argmax(share)), law))
+            continue
+        groups.setdefault(end, []).append(law)
+    lead, robot = f"{found.subject} cannot hold", model.robot
+    flags = [
+        f"{lead} {lacking(robot, [law for *_, law in laws])}: {100 * most:.0f} % of the torque of "
+        f"{robot.joints[joint]} along a simulated motion; held by {which}"
+        for (_, which), laws in large.items()
+        for most, joint, _ in [max(laws, key=lambda one: one[0])]
+    ]
+    return flags, [*notes, *(f"{lead} {lacking(robot, laws)}{end}" for end, laws in groups.items())]
+
+
+def _shares(model: Model, laws: Sequence[Law]) -> list[Array | None]:
+    """Rms torque (n,) of each law over that of its joint [1]; None: unknown."""
+    unknown = [isinstance(law.effect, RecordingLaw | ActuatorLaw | DriveLaw) for law in laws]
+    if all(unknown):
+        return [None] * len(laws)
+    try:
+        moved = rest_to_rest_motion(model.robot, SECONDS, STEP, seed=0)
+        motion = Motion(model.robot, moved.t, moved.q, moved.v, moved.a)
+        whole, least = model.inverse(motion), np.finfo(float).tiny
+        without = [replace(model, laws=tuple(x for x in model.laws if x is not law), marks={}) for law in laws]
+        parts = [None if none else whole - x.inverse(motion) for x, none in zip(without, unknown, strict=True)]
+    except SignidError:  # no limits, or laws that cannot act together
+        return [None] * len(laws)
+    sizes = [None if part is None else np.sqrt(np.mean(part**2, axis=0)) for part in parts]
+    size = np.maximum(np.sqrt(np.mean(whole**2, axis=0)), least)
+    return [None if one is None or not np.isfinite(one / size).all() else one / size for one in sizes]
+
+
+def lacking(robot: Robot, laws: Iterable[Law]) -> str:
+    """Laws in words: `torque_offset of joint_1, joint_2; backlash of joint_3`."""
+    where: dict[str, list[str]] = {}
+    for law in laws:
+        every = law.effect.scope in ("robot", "any") and len(law.joints) == len(robot.joints)
+        said = law.effect.meaning(law.parameters)
+        name = f"{law.effect.name} ({said})" if said else law.effect.name
+        where.setdefault(name, []).extend([] if every else [robot.joints[j] for j in law.joints])
+    return "; ".join(f"{name} of {shorten(joints, MOST)}" if joints else name for name, joints in where.items())
