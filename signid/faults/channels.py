@@ -61,7 +61,7 @@ class Column(NamedTuple):
     unit: str  # "" if unknown
     t: Sequence[Array]  # (N,) [s] of each stretch
     x: Sequence[Array]  # (N,) [unit]
-    beside: Sequence[Array] = ()  # (N,) the position beside a torque, the command beside a position
+    beside: Sequence[Array] = ()  # (N,) [rad or m] the position beside a torque, the command beside a position
     signed: bool = True
     weak: bool = False  # varies too little for spikes and few values to be judged
 
@@ -80,7 +80,7 @@ class Column(NamedTuple):
 
 
 def quantum(stretches: Sequence[Array]) -> float:
-    """Smallest step of values (N,) of each stretch [unit of the values]; 0 if they never change."""
+    """Smallest step of values; 0 if they never change; stretches: (N,) [unit of the values] each."""
     steps = np.concatenate([np.abs(np.diff(x)) for x in stretches])
     moved = steps[steps > TINY * max(float(np.ptp(x)) for x in stretches)]
     return float(moved.min()) if len(moved) else 0.0
@@ -179,7 +179,7 @@ def clipping(column: Column) -> Iterator[RecordingFault]:
     for t, tau, q in zip(column.t, column.x, column.beside, strict=True):
         if not np.all(np.isfinite(tau)) or len(np.unique(tau)) < VALUES:
             continue
-        sides = [(clipped(side * tau, q), float(np.max(side * tau))) for side in (1.0, -1.0)[: 1 + column.signed]]
+        sides = [(_clipped(side * tau, q), float(np.max(side * tau))) for side in (1.0, -1.0)[: 1 + column.signed]]
         for count, value in sides:
             if count:
                 said = f"is clipped at {value:.4g} {column.unit} in {count} samples"
@@ -193,7 +193,7 @@ def clipping(column: Column) -> Iterator[RecordingFault]:
             yield column.fault("stuck torque", WARN, said, count=float(max(stuck)), value=seconds)
 
 
-def clipped(y: Array, q: Array) -> int:
+def _clipped(y: Array, q: Array) -> int:
     """Number of samples at the largest value if it is clipped: many are there and few just below; else 0."""
     at = y >= y.max() - TINY * np.ptp(y)
     levels = np.unique(y)[-2:]

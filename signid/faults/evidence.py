@@ -272,7 +272,7 @@ def agreement(before: Signals, after: Signals, block: Indices, joints: Sequence[
 
 
 def far_better(before: Array, after: Array, informative: Mask) -> Indices:
-    """Informative joints whose unexplained shares, (n,) [1] each, a correction reduces; none if it is by little."""
+    """Informative joints that a correction improves much; before, after: (n,) [1] unexplained shares."""
     ratio = np.where(informative, after / np.maximum(before, 1e-300), 1.0)
     return np.flatnonzero((ratio <= BETTER) & (ratio.min() <= MUCH))
 

@@ -1,7 +1,7 @@
 """Evidence -> corrections with which the model explains the torque far better: order, signs, units, lags and factors.
 
-A greedy search finds the best correction after those before it. What is left are lags of recorded torque against the
-motion, and factors between recorded and predicted torque: wrong units of all joints, and wrong gains of some.
+A greedy search finds the best correction after those before it. Lags of recorded torque against the motion, and factors
+between recorded and predicted torque (wrong units of all joints, wrong gains of some) are estimated after it.
 """
 
 from __future__ import annotations

@@ -131,7 +131,7 @@ def saturated_share(parts: Sequence[Part], grids: Sequence[Grid]) -> float:
 
 
 def speed_over(x: Array, period: float) -> Array:
-    """Speed over about 60 ms, (N - k,) [1/s]."""
+    """Speed over about 60 ms, (N - k,) [rad/s or m/s]; x: (N,) [rad or m]."""
     k = max(2, min(len(x) - 1, round(0.06 / period)))
     return (x[k:] - x[:-k]) / (k * period)
 

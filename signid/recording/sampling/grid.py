@@ -434,7 +434,7 @@ def _at_rows(y: Array, low: int, u: Array) -> Array:
 
 
 def lagrange(y: Array, u: Array) -> Array:
-    """Values (M,) or (M, c) between equidistant ones y (N,) or (N, c) at the places u (M,)."""
+    """Values (M, ...) between equidistant ones at places; y: (N, ...) [any unit], u: (M,) [rows]."""
     points = min(POINTS, len(y))
     first = np.clip(np.floor(u).astype(int) - points // 2 + 1, 0, len(y) - points)
     offset = u - first
