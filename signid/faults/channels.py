@@ -74,10 +74,6 @@ class Column(NamedTuple):
         """Fault of the column; what is said follows its name."""
         return RecordingFault(kind, (self.joint,), severity, measures, f"{self.name} {said}")
 
-    def size(self, value: float) -> str:
-        """Value with its unit in a sentence."""
-        return f"{value:.3g} {self.unit}".rstrip()
-
 
 def quantum(stretches: Sequence[Array]) -> float:
     """Smallest step of values; 0 if they never change; stretches: (N,) [unit of the values] each."""
@@ -158,7 +154,7 @@ def coarse_position(column: Column) -> Iterator[RecordingFault]:
     """A position with few values, far apart."""
     levels, step = len(np.unique(np.concatenate(column.x))), column.step
     if levels < LEVELS and step > COARSE_STEP.get(column.unit, np.inf):
-        said = f"has only {levels} different values, {column.size(step)} apart: speeds and small errors are lost"
+        said = f"has only {levels} different values, {step:.3g} {column.unit} apart: speeds and small errors are lost"
         said += "; record the position with all bits of the encoder"
         yield column.fault("coarse position", WARN, said, values=float(levels), step=step)
 
