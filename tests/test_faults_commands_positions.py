@@ -56,3 +56,37 @@ def test_a_factor_that_no_load_explains_is_named() -> None:
     for factor, count in ((1.0, 0), (0.5, 1), (0.65, 1)):
         faults = audit_servos(recording({"t": t, "q_a": factor * q, "q_des_a": command})).faults
         assert len(faults) == count and all("scale of both columns" in fault for fault in faults), (factor, faults)
+
+
+def chirp(size: float) -> tuple[Array, Array, Array]:
+    """Time, position and command of a drive that follows a chirp with a lag of 60 ms and a load; 12-bit encoder."""
+    t, step = np.arange(0, 12, 0.01), 2 * np.pi / 4096
+    command = size * np.sin(2 * np.pi * (0.1 * t + 0.058 * t**2))
+    late = np.interp(t - 0.06, t, command)
+    return t, np.round((late - 0.02 * np.sin(late + 0.3)) / step) * step, command
+
+
+@pytest.mark.parametrize("size", [0.3, 1.0])
+@pytest.mark.parametrize("at", [0.35, 0.47, 0.58, 0.72])
+def test_a_second_without_new_positions_is_named(size: float, at: float) -> None:
+    t, q, command = chirp(size)
+    first = round(at * len(t))
+    stuck = np.where((np.arange(len(t)) >= first) & (np.arange(len(t)) < first + 100), q[first], q)
+    columns = {"t": t, "q_a": stuck, "q_des_a": command}
+    faults = audit_servos(recording(columns)).faults
+    assert any("stands still" in fault for fault in faults), faults
+    assert not audit_servos(recording({**columns, "q_a": q})).faults
+
+
+@pytest.mark.parametrize("size", [0.3, 1.0])
+def test_a_small_drift_over_one_chirp_is_named(size: float) -> None:
+    t, q, command = chirp(size)
+    [fault] = audit_servos(recording({"t": t, "q_a": q + 0.15 * t / t[-1], "q_des_a": command})).faults
+    assert "the zero of q drifts by 0.15 rad" in fault
+
+
+@PUBLIC
+def test_half_a_position_is_named_where_a_load_that_holds_it_back_would_make_it_slow() -> None:
+    joints, columns = read_public("bam_sts3250/kp32_sin_time_square.csv.gz")
+    half = {**columns, f"q_{joints[0]}": 0.5 * columns[f"q_{joints[0]}"]}
+    assert any("of q_des, at every angle" in fault for fault in audit_servos(recording(half)).faults)

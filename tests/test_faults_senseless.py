@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 from senseless_servo import SWING, healthy, senseless
 from servo_logs import recording
 
+import signid
 from signid.cli import run
+from signid.faults.channels import judge_samples
 from signid.faults.commands import audit_servos
+from signid.regression.session import prepare
+from signid.robot import load_robot
 
 GOOD, OTHER = healthy(1), healthy(2)
 SENSELESS = senseless(GOOD, OTHER)
@@ -31,10 +36,10 @@ WORDS = {
     "off by 90 degrees": "above its command",
     "early by 1 s": "leads q_des by",
     "late by 1 s": "ms after its command, later than a drive",
-    "spikes": "q jumps away and back",
-    "spikes of the command": "q_des jumps away and back",
-    "drop-outs": "q jumps away and back",
-    "drop-outs of the command": "q_des jumps away and back",
+    "spikes": "q has spikes",
+    "spikes of the command": "q_des has spikes",
+    "drop-outs": "q drops to 0 for single samples",
+    "drop-outs of the command": "q_des drops to 0 for single samples",
     "8 bits of a turn": "72 different values",
     "three levels": "3 different values",
     "reversed in time": "leads",
@@ -89,3 +94,15 @@ def test_identification_and_diagnosis_end_with_2_or_3(
 def test_a_healthy_recording_is_validated_without_a_flag(actuators: str, tmp_path: Path) -> None:
     pl.DataFrame(GOOD).write_csv(tmp_path / "log.csv")
     assert run(["validate", "1r", str(tmp_path / "log.csv"), "--actuators", actuators]) == 0
+
+
+@pytest.mark.parametrize("name", ["spikes", "drop-outs", "stuck", "8 bits of a turn"])
+def test_a_recording_of_torque_is_checked_by_the_same_list(name: str) -> None:
+    bad, robot = SENSELESS[name], load_robot("1r")
+    rows = {"t": bad["t"], "q": bad["q_1"][:, None], "tau": np.sin(GOOD["q_1"])[:, None]}
+    session = prepare(robot, [signid.read_recording(rows, robot)])
+    of_torque = {
+        fault.sentence.removeprefix("the position of joint_1") for fault in judge_samples(session.whole, robot)
+    }
+    of_commands = {said.removeprefix("1: q") for said in audit_servos(recording(bad)).faults}
+    assert of_torque & of_commands, (of_torque, of_commands)

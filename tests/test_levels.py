@@ -14,7 +14,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "recording regression model inspect simulation estimation signs faults payload check identify diagnose "
     "validate servo watch output cli __main__ __init__",
     "cli": "app terminal options arguments files fleet demo commands run __init__",
-    "faults": "result channels commands evidence lag_and_gain distortions search gravity examine identified __init__",
+    "faults": "result channels commands evidence distortions search gravity examine identified __init__",
     "servo": "__init__ given plant simulate fit search zeros identify validate diagnose compare",
     "diagnose": "data evidence result extend search findings detectable run __init__",
     "output": "__init__ geometry report replay viewers export display",

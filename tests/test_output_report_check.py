@@ -17,7 +17,7 @@ import signid
 from signid.check import Check, check
 from signid.cli.run import run
 from signid.faults import SAMPLE_KINDS
-from signid.faults.channels import CHANNELS
+from signid.faults.channels import COLUMN_KINDS
 from signid.faults.commands import audit_servos
 from signid.faults.distortions import KINDS as DISTORTIONS
 from signid.faults.examine import LIMITS
@@ -110,7 +110,7 @@ def test_what_was_looked_for_names_every_kind_of_fault() -> None:
     kinds += IN_DESCRIPTION.values()
     others = {"gravity", "weight", "units", "gain", "unexplained torque", "absolute torque"}
     limits = {f"{kind} limit" for kind in LIMITS}
-    assert sorted(kinds) == sorted({*SAMPLE_KINDS, *CHANNELS, *limits, *CLAIMS, *DISTORTIONS, *others})
+    assert sorted(kinds) == sorted({*SAMPLE_KINDS, *COLUMN_KINDS, *limits, *CLAIMS, *DISTORTIONS, *others})
 
 
 def test_torque_without_a_sign_is_not_compared() -> None:

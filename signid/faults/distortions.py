@@ -20,16 +20,14 @@ from ..regression.motion import Motion
 from ..robot import held_positions, robot_from_text
 from ..robot.dynamics import moved_bodies, own_body
 from ..types import Array, Frozen, Indices, Mask, Robot
-from .evidence import LAG, SPRING, FaultEvidence, Signals, agreement, missing_laws, unexplained
+from .evidence import AGREE, LAG, SPRING, FaultEvidence, Signals, agreement, far_better, missing_laws, unexplained
 from .result import REFUSE, WARN, RecordingFault, named
 
 SEARCH = "the search for distorted recordings"
 # [1] unexplained share that no distortion is needed for, and [nats] smallest reduction of the log unexplained shares.
 # Measured: at most 1.2 on real and simulated arms, 2.7 and more for distortions of the 3r
 FLOOR, LEAST_GAIN = 2e-3, 1.8
-MUCH, BETTER = 0.35, 0.5  # [1] largest unexplained share over that before: of one joint, and of others that improve
-GOOD = 0.1  # [1] largest unexplained share of these joints after the correction
-AGREE = 0.8  # [1] smallest share of blocks in which the correction improves the fit
+GOOD = 0.1  # [1] largest unexplained share of the improved joints after the correction
 FACTORS = (0.1, 0.25, 1 / 3, 0.5, 0.7, 1.4, 2.0, 3.0, 4.0, 10.0)  # [1] on the position of a joint
 TIMES = (0.25, 1 / 3, 0.5, 0.7, 1.4, 2.0, 3.0, 4.0)  # [1] on all velocities
 ANGLES = tuple(15 * k for k in range(-11, 13) if abs(15 * k) >= 45)  # [degrees]; diagnosis has a law for smaller ones
@@ -236,11 +234,10 @@ def _judged(evidence: FaultEvidence, informative: Mask, trial: _Trial, rest: flo
     signals, rows = _undone(evidence, trial)
     plain, block = evidence.plain.rows(rows), evidence.block[rows]
     before, after = unexplained(plain), unexplained(signals)
-    ratio = np.where(informative, after / np.maximum(before, 1e-300), 1.0)
-    betters = np.flatnonzero(ratio <= BETTER)
+    betters = far_better(before, after, informative)
     alone = trial.kind == "clock" and len(betters) < 2  # the inertia of one joint may be stated wrongly
     least = min(rest, nats(before, informative)) - nats(after, informative)
-    if least < LEAST_GAIN or ratio.min() > MUCH or alone or after[betters].max() > GOOD:
+    if least < LEAST_GAIN or not len(betters) or alone or after[betters].max() > GOOD:
         return None
     share = agreement(plain, signals, block, betters.tolist(), betters.tolist())
     if share < AGREE:

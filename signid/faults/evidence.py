@@ -15,6 +15,7 @@ import numpy as np
 
 from ..effects.base import BodyLaw, TorqueLaw
 from ..model import Model
+from ..recording.sampling.grid import lagrange
 from ..regression.bandwidth import Decimator
 from ..regression.motion import Motion, build_motion, margin
 from ..regression.projection import leave
@@ -29,12 +30,12 @@ FINE = 4  # samples of the filtered torque per row of identification, for lags b
 ROWS = 1500  # largest number of rows of all recordings together
 BLOCKS = 8  # smallest number of blocks of all recordings; a fault must show in most of them
 LAG = 0.25  # [s] longest lag
-# Nodes of the interpolating polynomial. Measured error: 3 % for a sine of four samples per period, 0.05 % for eight
-NODES = 6
 SIGNALS = 6  # position, and those of `Signals`
 PER_UNKNOWN = 2.5  # smallest number of rows per unknown, for the joint with most unknowns, to estimate noise
 BEYOND = 3.0  # [1] largest cut-off over the highest frequency of the motion
 MOTION = 6.25  # [Hz] highest frequency of a motion; rows beyond it have no new information
+# [1] unexplained share after an accepted correction over that before, of some torques and of one; share of the blocks
+BETTER, MUCH, AGREE = 0.5, 0.35, 0.8
 SPARE = 1.05  # [1] recommended duration over the necessary one
 
 
@@ -47,13 +48,8 @@ class Curve(Frozen):
 
     def at(self, t: Array) -> Array:
         """Values (K, n) at t: (K,) [s] by the polynomial through the nearest samples; constant beyond the ends."""
-        count, last = min(NODES, len(self.t)), len(self.t) - 1
-        place = (np.clip(t, self.t[0], self.t[-1]) - self.t[0]) / (self.t[-1] - self.t[0]) * last
-        start = np.clip(np.floor(place).astype(np.intp) - count // 2 + 1, 0, last + 1 - count)
-        nodes, off = np.arange(count), place - start
-        others = np.array([nodes[nodes != k] for k in nodes])
-        weight = np.prod((off - others[:, :, None]) / (nodes[:, None] - others)[:, :, None], axis=1)
-        return np.asarray(np.einsum("ik,ikn->kn", weight, self.x[start + nodes[:, None]]))
+        place = (np.clip(t, self.t[0], self.t[-1]) - self.t[0]) / (self.t[-1] - self.t[0]) * (len(self.t) - 1)
+        return lagrange(self.x, place)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,6 +269,12 @@ def agreement(before: Signals, after: Signals, block: Indices, joints: Sequence[
         square = np.sum(found.residual[own, :, 0] ** 2 / found.power[own], axis=0)
         sizes.append(np.array([square[block == k].sum() for k in np.unique(block)]))
     return float(np.mean(sizes[1] < sizes[0]))
+
+
+def far_better(before: Array, after: Array, informative: Mask) -> Indices:
+    """Informative joints that a correction improves much; before, after: (n,) [1] unexplained shares."""
+    ratio = np.where(informative, after / np.maximum(before, 1e-300), 1.0)
+    return np.flatnonzero((ratio <= BETTER) & (ratio.min() <= MUCH))
 
 
 def informative_torques(x: Signals, signed: Mask) -> Mask:

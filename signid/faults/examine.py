@@ -16,7 +16,7 @@ from ..model import Model, stated_inertials, stated_laws
 from ..regression.session import Part, Session
 from ..robot import with_gravity
 from ..types import Array, Mask, Robot
-from .channels import SAMPLE_KINDS, judge_channels, judge_samples, longest_rows, true_runs
+from .channels import SAMPLE_KINDS, judge_samples, longest_rows, true_runs
 from .distortions import KINDS as DISTORTIONS, DistortionSearch, distortion_fault, find_distortion, nats
 from .evidence import (
     Correction,
@@ -31,9 +31,8 @@ from .evidence import (
     unexplained_by_others,
 )
 from .gravity import GravityEstimate, Weights, find_gravity, gravity_fault, under_gravity, weigh, weight_fault
-from .lag_and_gain import Gains, Lags, factor_faults, judge_gains, judge_lags, lag_faults
 from .result import NOTE, REFUSE, UNCERTAIN, WARN, RecordingFault, RecordingFaults, named, percent
-from .search import CLAIMS, Claim, claim_faults, search
+from .search import CLAIMS, Claim, Gains, Lags, claim_faults, factor_faults, judge_gains, judge_lags, lag_faults, search
 
 # [1] smallest unexplained share of a joint's torque that is a fault; smallest deviation of that torque over the
 # largest; smallest rms velocity of that joint over the largest
@@ -161,7 +160,7 @@ def examine(
 def _look(case: Case) -> None:
     """Add the findings of all checks; later ones see what earlier ones have found."""
     session, robot, parts = case.session, case.session.robot, case.parts
-    case.found += judge_samples(parts, robot, session.task.band.per_joint)
+    case.found += judge_samples(parts, robot)
     if (evidence := case.compared) is not None:
         case.found += judge_standstills(evidence, parts)
         case.found += _lost_signs(case, evidence) if case.sound else ()
@@ -173,7 +172,6 @@ def _look(case: Case) -> None:
         case.found += [f for f in faults if not (f.kind == UNFIT and damaged.issuperset(f.joints))]
     if any(recording.static for recording, _ in parts):
         return
-    case.found += judge_channels(parts, robot)
     case.found += [f for f in judge_limits(case.compared, parts, robot) if f.joints[0] not in _caused(case)]
     if case.compared is not None and not _caused(case):
         case.found += _excitation(case)

@@ -19,7 +19,16 @@ from ..robot import with_gravity
 from ..robot.joints import gravity_text, root_link
 from ..types import Array, Frozen, Mask
 from .distortions import axis_words, descend, nats, thinned
-from .evidence import Correction, FaultEvidence, Signals, fit_passive, informative_torques, unexplained
+from .evidence import (
+    AGREE,
+    Correction,
+    FaultEvidence,
+    Signals,
+    far_better,
+    fit_passive,
+    informative_torques,
+    unexplained,
+)
 from .result import WARN, RecordingFault, named, percent
 
 UPRIGHT = 1.0  # [degrees] largest angle to an upright or level base that is called so
@@ -33,10 +42,9 @@ STEPS = tuple(np.radians((24.0, 12.0, 6.0, 3.0, 1.5, 0.7, 0.3)))  # [rad] steps 
 AXIS = np.radians(8.0)  # [rad] largest angle to an axis of the root link that inertial errors can explain; heuristic
 SNAP = 0.5  # [nats] largest loss by taking the axis; heuristic
 # [nats] smallest reduction of the log unexplained shares; [1] largest unexplained share after it, in the median of the
-# improved joints; the same over that before it, of one joint and of the others; and the smallest share of blocks in
-# which the fit improves. Measured: 4.8 nats and more on simulated arms whose links have errors of 15 %; at most 0.7 on
-# healthy real arms, and 2.4 on a dVRK whose description lacks masses
-LEAST_GAIN, GOOD, MUCH, BETTER, AGREE = 3.0, 0.1, 0.35, 0.5, 0.8
+# improved joints. Measured: 4.8 nats and more on simulated arms whose links have errors of 15 %; at most 0.7 on healthy
+# real arms, and 2.4 on a dVRK whose description lacks masses
+LEAST_GAIN, GOOD = 3.0, 0.1
 FINEST = 1e-4  # [1] unexplained share of a joint that the search for the direction does not reduce further
 # [1] smallest weight on a joint, over the largest one, that counts; largest share of it in torque without weight, and
 # its range in torque with weight. Measured: 0.43 to 2.1 on healthy real arms, -0.25 to 0 on a dVRK without masses
@@ -108,11 +116,9 @@ def _judged(
     power = np.maximum(np.var(evidence.plain.torque, axis=0), 1e-300)
     squares = [fit_passive(x).residual[:, :, 0].T ** 2 / power for x in (given, found.plain)]
     before, after = (np.minimum(square.mean(axis=0), 1.0) for square in squares)
-    ratio = np.where(informative, after / np.maximum(before, 1e-300), 1.0)
-    betters = np.flatnonzero(ratio <= BETTER)
-    left = nats(after, informative)
+    betters, left = far_better(before, after, informative), nats(after, informative)
     gain = nats(before, informative) - left
-    if gain < LEAST_GAIN or ratio.min() > MUCH or np.median(after[betters]) > GOOD:
+    if gain < LEAST_GAIN or not len(betters) or np.median(after[betters]) > GOOD:
         return None
     blocks = [[x[evidence.block == k][:, betters].sum() for k in np.unique(evidence.block)] for x in squares]
     agreement = float(np.mean(np.less(blocks[1], blocks[0])))

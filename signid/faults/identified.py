@@ -25,7 +25,7 @@ from ..types import Array, Mask, Recording
 from .channels import naming_faults
 from .evidence import FaultEvidence
 from .examine import examine
-from .result import NOTE, REFUSE, WARN, RecordingFault
+from .result import NOTE, RecordingFault
 
 LOUD = 3.0  # [noise floors] held-out rms from which on it is more than noise
 # A joint fits badly if its held-out rms exceeds FAR [noise floors], and its held-out R2 is below `LITTLE`, or R2 with
@@ -233,7 +233,6 @@ def recording_flags(
     """
     session = prepare(model.robot, recordings, recordings, options)
     with naming_faults(session):
-        found = examine(model, session, NO_EXCITATION).findings
-    severe = [fault for severity in (REFUSE, WARN) for fault in found if fault.severity == severity]
+        severe = examine(model, session, NO_EXCITATION).severe
     said = (fault.sentence for fault in severe if (fault.kind in kinds if kinds else fault.kind not in OF_A_FIT))
     return tuple(dict.fromkeys(said))

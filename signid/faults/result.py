@@ -46,9 +46,14 @@ class RecordingFaults(Frozen):
         return next((f.sentence for f in self.findings if f.severity == REFUSE), "")
 
     @property
+    def severe(self) -> tuple[RecordingFault, ...]:
+        """Faults without notes, the most severe first."""
+        return tuple(fault for severity in (REFUSE, WARN) for fault in self.findings if fault.severity == severity)
+
+    @property
     def flags(self) -> tuple[str, ...]:
         """Sentences on faults, the most severe first."""
-        return tuple(f.sentence for severity in (REFUSE, WARN) for f in self.findings if f.severity == severity)
+        return tuple(fault.sentence for fault in self.severe)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -1,19 +1,35 @@
-"""Greedy search for corrections with which the model explains the torque far better."""
+"""Evidence -> corrections with which the model explains the torque far better: order, signs, units, lags and factors.
+
+A greedy search finds the best correction after those before it. Lags of recorded torque against the motion, and factors
+between recorded and predicted torque (wrong units of all joints, wrong gains of some) are estimated after it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from math import isfinite, log
 from typing import NamedTuple
 
 import numpy as np
 
 from ..deadline import time_is_up
-from ..types import Array, Frozen, Mask
+from ..regression.projection import least_squares, leave
+from ..types import Array, Frozen, Mask, Robot
 from .distortions import nats
-from .evidence import Correction, FaultEvidence, agreement, unexplained, unexplained_by_others
-from .lag_and_gain import LATE, lag_table
+from .evidence import (
+    AGREE,
+    BETTER,
+    LAG,
+    Correction,
+    FaultEvidence,
+    Signals,
+    agreement,
+    fit_passive,
+    unexplained,
+    unexplained_by_others,
+)
 from .result import REFUSE, WARN, RecordingFault, named, percent
 
 DEGREES = 'convert it to radians, or write [units] q = "deg", on two lines, into a column map (--columns)'
@@ -40,11 +56,10 @@ SEARCH = "the search for recording faults"
 WELL, CLOSELY = 0.05, 0.01  # [1] unexplained share of a good fit, and of the criterion for ties
 # [nats] smallest reduction of the log unexplained variance by a claim; tolerance for rivals
 LEAST_GAIN, NEARLY = 0.8, 0.3
-LEFT, BETTER = 0.35, 0.5  # [1] largest unexplained share after a claim, and over that before it, on some joint
+LEAST_LEFT = 0.35  # [1] largest unexplained share after a claim on some joint
 WORSE = 0.25  # [1] increase of the unexplained share of any joint from which on a correction is rejected
-AGREE = 0.8  # [1] smallest share of blocks in which a claim improves the fit
 WIDE = 2 * np.pi  # smallest range of a position in degrees; smaller ones are radians, or a motion of a few degrees
-UNITS = {"degrees": np.pi / 180, "revolutions": 2 * np.pi, "millimetres": 1e-3}
+POSITION_UNITS = {"degrees": np.pi / 180, "revolutions": 2 * np.pi, "millimetres": 1e-3}
 
 
 class CorrectionTrial(NamedTuple):
@@ -101,7 +116,7 @@ def _next(evidence: FaultEvidence, done: Correction, informative: Mask) -> Claim
     if best.kind == "lag" and np.abs(best.correction.lag - done.lag).max() < LATE:
         return None
     betters = np.flatnonzero(informative & (left <= BETTER * before))
-    if nats(before, informative, WELL) - rank[0] < LEAST_GAIN or not np.any(left[betters] <= LEFT):
+    if nats(before, informative, WELL) - rank[0] < LEAST_GAIN or not np.any(left[betters] <= LEAST_LEFT):
         return None
     before_it, after_it = (evidence.corrected(correction) for correction in (done, best.correction))
     joints, moved = ([c.tau_from.index(k) for k in betters.tolist()] for c in (done, best.correction))
@@ -145,7 +160,7 @@ def _trials(evidence: FaultEvidence, done: Correction, informative: Mask) -> Ite
             yield CorrectionTrial("torque order", (i, j), done.exchange(swapped, torques=True))
         yield CorrectionTrial("position order", (i, j), done.exchange(swapped, positions=True))
         yield CorrectionTrial("joint order", (i, j), done.exchange(swapped, positions=True, torques=True))
-    for unit, scale in UNITS.items():
+    for unit, scale in POSITION_UNITS.items():
         which = tuple(np.flatnonzero(prismatic == (unit == "millimetres")).tolist())
         for joints in sorted({which, *((j,) for j in which)} - {()}):
             if unit != "degrees" or np.ptp(evidence.q[:, list(joints)], axis=0).max() > WIDE:
@@ -178,3 +193,203 @@ def claim_faults(claims: Sequence[Claim], joints: Sequence[str], blocks: int) ->
         mild = kind in DIAGNOSABLE or any(rival in DIAGNOSABLE for rival, _ in rivals)
         measures = {"explained_before": 1 - before, "explained_after": 1 - after, "agreement": sure}
         yield RecordingFault(kind, about, WARN if mild else REFUSE, measures, sentence, tuple(rivals))
+
+
+UNITS = {1e3: "mN.m", 1e-3: "kN.m", 10.197: "kgf.cm", 141.61: "ozf.in", 8.851: "lbf.in"}  # per N.m
+NEAR = log(1.35)  # [nats] largest distance of a factor from that of a unit
+MEANINGLESS = 5.0  # [1] factor of units from which on a diagnosis is meaningless
+STEPS = 25  # candidates on either side of zero
+LARGE, LATE = 0.25, 0.08  # [1] change of the torque by a lag over the rms torque, and [s]: from these on a lag is large
+# A lag is significant if the unexplained share falls to HALVES of that without it, by at least GAINS, to at most LEFT
+HALVES, GAINS, LEFT = 0.5, 0.02, 0.15  # [1]
+TOGETHER, FLOOR = 1.5, 0.01  # [1] unexplained share of a common lag, over and above that of the joint's own best lag
+TINY = 1e-3  # [1] unexplained share below which lags count as equally good
+EDGE = 0.9  # [1] largest lag over the longest candidate; beyond it there is no minimum
+
+# [1] largest unexplained share of a good fit; smallest unexplained share without the prediction, over that with it, and
+# absolute
+FITS, RIGID, LEAST = 0.15, 3.0, 0.03
+PRECISE = 0.1  # [1] largest standard error of a factor's logarithm
+# [1] smallest predicted torque over the strongest, and smallest speed over the fastest, that friction cannot explain
+SMALL, MOVES = 0.03, 0.05
+ALL, LONE = 1.9, 3.0  # [1] factor of several joints, and of a single one, from which on the model is not the cause
+BEYOND = 5.0  # [1] factor from which on no change of a single body is the cause
+ALIKE = 1.5  # [1] ratio to the median up to which factors count as equal
+ROTOR = 300.0  # [1] largest factor without gravity: geared rotors can dominate the links
+ONE = 1.65  # [1] ratio of one joint's factor to the median, from which on it is an error
+RIVAL = 0.6  # [1] largest residual with factors, over that with the best change of one body
+
+
+class Lags(NamedTuple):
+    """Lags of the joints."""
+
+    own: Array  # (n,) [s], NaN for a joint that is not informative
+    common: float  # [s] of all informative joints, NaN if they differ or there is none
+    share: Array  # (n,) [1] change of the torque by the lag over its rms; 0 if the lag is not significant
+    large: Mask  # (n,) whether it is more than a mild delay
+
+
+class Gains(NamedTuple):
+    """Factors of the torques, and those that are faults."""
+
+    factor: Array  # (n,) [1] recorded over predicted torque; NaN if it is not identifiable
+    spread: Array  # (n,) [1] standard error of its logarithm
+    common: float  # [1] factor of all joints; 1 if the model may be the cause
+    lone: tuple[int, ...]  # joints with a wrong gain of their own
+
+
+def lag_table(evidence: FaultEvidence, done: Correction) -> tuple[Array, Array]:
+    """Candidate lags (L,) [s], and unexplained shares (L, n) [1] of the torques with each of them."""
+    lags, x = np.asarray(LAG / STEPS * np.arange(-STEPS, STEPS + 1)), evidence.corrected(done)
+    late = np.stack([evidence.late(done.lag + lag)[:, list(done.tau_from)].T for lag in lags], axis=-1)
+    return lags, fit_passive(x, late * done.tau_sign[:, None, None]).unexplained.T
+
+
+def judge_lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> Lags:
+    """Estimate the remaining lags of the corrected torques; informative: (n,) joints with informative torque."""
+    lags, left = lag_table(evidence, done)
+    best = np.array([_minimum(lags, column) for column in left.T])
+    zero, least = left[len(lags) // 2], left.min(axis=0)
+    inside = informative & (np.abs(best) < EDGE * LAG) & (least <= zero)
+    saves = inside & (least <= np.minimum(HALVES * zero, LEFT)) & (zero - least >= GAINS)
+    own = np.where(inside, best, np.nan)
+    known = left[:, informative]
+    common = _minimum(lags, np.log(np.maximum(known, TINY)).sum(axis=1)) if informative.any() else EDGE * LAG
+    at = np.array([np.interp(common, lags, column) for column in left.T])
+    alike = at[informative] <= TOGETHER * least[informative] + FLOOR
+    together = bool(np.all(alike)) and abs(common) < EDGE * LAG
+    places, late = list(done.tau_from), np.zeros_like(best)
+    late[places] = best
+    changed = _rms(evidence.late(done.lag + late) - evidence.late(done.lag))[places]
+    size = np.maximum(_rms(evidence.corrected(done).torque), 1e-300)
+    share = np.where(saves, changed / size, 0.0)
+    if together and 2 * saves.sum() >= max(1, informative.sum()):
+        # One clock: the change of all torques together counts, since a joint without gravity changes much alone
+        much = float(np.linalg.norm(changed[saves]) / np.linalg.norm(size[saves])) >= LARGE or abs(common) >= LATE
+        return Lags(own, common, share, saves & much)
+    return Lags(own, common if together else np.nan, share, saves & (share >= LARGE) & (np.abs(best) >= LATE))
+
+
+def _rms(x: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
+
+
+def _minimum(x: Array, y: Array) -> float:
+    """Minimum of a curve, by the parabola through its lowest point and the neighbours."""
+    k = int(np.argmin(y))
+    if k in (0, len(x) - 1):
+        return float(x[k])
+    left, middle, right = y[k - 1 : k + 2]
+    bend = left - 2 * middle + right
+    return float(x[k] + (x[1] - x[0]) * (0.5 * (left - right) / bend if bend > 0 else 0.0))
+
+
+def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
+    """Estimate factors of the corrected torques."""
+    x, n = evidence.corrected(done), len(done.lag)
+    factor, spread = np.full(n, np.nan), np.full(n, np.nan)
+    strongest, speed = _rms(x.predicted).max(initial=0.0), _rms(x.v)
+    usable = evidence.signed & (np.std(x.predicted, axis=0) >= SMALL * strongest) & (speed >= MOVES * speed.max())
+    some = [evidence.block != k for k in np.unique(evidence.block)]  # the jackknife over blocks
+    for j in np.flatnonzero(usable).tolist():
+        one, rotor = x.joint(j), not evidence.rotors[j]
+        if gain := _informative_gain(one, rotor):
+            gains = np.array([fit_passive(one.rows(rows), rotor=rotor).gain[0, 0] for rows in some])
+            spread[j] = np.sqrt((len(some) - 1) * np.mean((gains - gain) ** 2)) / gain
+            factor[j] = gain if spread[j] <= PRECISE else np.nan
+    known = np.isfinite(factor)
+    if not known.any():
+        return Gains(factor, spread, _inertial(evidence, x), ())
+    middle, least = float(np.median(factor[known])), ALL if known.sum() > 1 else LONE
+    motion = evidence.along(done)
+
+    def beaten(factor: float, own: Array) -> bool:
+        """Whether factors (n,) explain far more than one common factor with a change of any one body."""
+        scaled = x._replace(predicted=x.predicted * factor)
+        rival = min(_residual(scaled, known, motion.body_columns(body)) for body in range(n))
+        return _residual(x._replace(predicted=x.predicted * own), known) <= RIVAL * rival
+
+    alike = np.mean(np.abs(np.log(factor[known] / middle)) <= np.log(ALIKE)) > 0.5
+    off = abs(np.log(middle))
+    common = alike and (off >= np.log(BEYOND) or (off >= np.log(least) and beaten(1.0, np.full(n, middle))))
+    apart = known & (np.abs(np.log(np.where(known, factor, 1.0) / middle)) >= np.log(ONE))
+    lone = apart.any() and known.sum() > 1 and apart.sum() <= known.sum() / 2
+    own = np.where(apart, factor, middle)
+    chosen = np.flatnonzero(apart).tolist() if lone and beaten(middle, own) else []
+    return Gains(factor, spread, middle if common else 1.0, tuple(chosen))
+
+
+def _inertial(evidence: FaultEvidence, x: Signals) -> float:
+    """Factor of the strongest joint without a rotor, for a robot whose factors gravity does not show; else 1."""
+    size = np.where(evidence.signed, np.std(x.predicted, axis=0), 0.0)
+    joint = int(np.argmax(size))
+    if size[joint] == 0:
+        return 1.0
+    gain = _informative_gain(x.joint(joint), rotor=False)
+    return gain if gain and not 1 / LONE < gain < ROTOR else 1.0
+
+
+def _informative_gain(x: Signals, rotor: bool) -> float:
+    """Gain of one joint's torque, if the fit is good and far better than without the predicted torque; else 0."""
+    found = fit_passive(x, rotor=rotor)
+    left, without = float(found.unexplained[0, 0]), float(fit_passive(x, None, False, rotor).unexplained[0, 0])
+    return float(found.gain[0, 0]) if left <= FITS and without >= max(LEAST, RIGID * left) else 0.0
+
+
+def _residual(x: Signals, known: Mask, shared: Array | None = None) -> float:
+    """Sum of unexplained shares [1] with prediction, friction and a change of one body, columns (K, n, 10)."""
+    rows = []
+    for j in np.flatnonzero(known):
+        own = np.stack([x.v[:, j], x.direction[:, j], x.a[:, j], np.ones(len(x.v))], axis=1)
+        rest = (x.torque[:, j] - x.predicted[:, j])[:, None]
+        free = rest if shared is None else np.column_stack([shared[:, j], rest])
+        rows.append(leave(free, own) / np.std(x.torque[:, j]))
+    columns, y = np.split(np.concatenate(rows), [-1], axis=1)
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    fitted = scaled @ least_squares(scaled, y, 1e-6) if scaled.shape[1] else 0.0
+    return float(np.sum((y - fitted) ** 2)) / len(x.v)
+
+
+def lag_faults(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterator[RecordingFault]:
+    """One finding for a lag of all joints, else one per joint."""
+    before = done.lag[list(done.tau_from)]
+    odd = np.flatnonzero((before != 0) | lags.large).tolist()
+    one_clock = len(set(before.tolist())) == 1 and (before[0] != 0 or isfinite(lags.common)) and len(joints) > 1
+    rest = np.where(lags.share > 0, np.nan_to_num(lags.own), 0.0)
+    for group in [odd] if odd and one_clock else [[j] for j in odd]:
+        lag = float(before[group[0]] + (lags.common if isfinite(lags.common) else np.median(rest[group])))
+        about = tuple(joints) if one_clock else (joints[group[0]],)
+        who, side = "all joints" if one_clock else about[0], "late" if lag > 0 else "early"
+        fact = f"the torque of {who} is recorded {1e3 * abs(lag):.0f} ms {side} against the motion"
+        advice = "record both with one clock, or shift the columns by that time"
+        measures = {"lag": lag, "share": float(lags.share[group].max())}
+        yield RecordingFault("lag", about, WARN, measures, f"{fact}; {advice}")
+
+
+def factor_faults(gains: Gains, robot: Robot) -> Iterator[RecordingFault]:
+    """Findings on the unit of all torques, and on gains of single joints."""
+    middle = gains.common
+    if middle != 1.0:
+        unit = next((name for factor, name in UNITS.items() if abs(log(middle / factor)) < NEAR), "")
+        guess = f"they seem to be in {unit}" if unit else _currents(gains, robot)
+        fact = f"all torques are {middle:.3g} times the predicted ones: {guess}"
+        advice = "convert them to N.m (N), name currents current_J with a torque_constant, or correct the masses"
+        severity = REFUSE if abs(log(middle)) > log(MEANINGLESS) else WARN
+        yield RecordingFault("units", (), severity, {"factor": middle}, f"{fact}; {advice}")
+    known = gains.factor[np.isfinite(gains.factor)]
+    for j in gains.lone:
+        ratio = float(gains.factor[j] / np.median(known))
+        fact = f"the torque of {robot.joints[j]} is {ratio:.3g} times the one that the other joints suggest"
+        sure = f"± {percent(2 * gains.spread[j])}; no other mass of a link explains it"
+        advice = "check its unit, its torque constant and its gear ratio"
+        yield RecordingFault("gain", (robot.joints[j],), WARN, {"factor": ratio}, f"{fact} ({sure}); {advice}")
+
+
+def _currents(gains: Gains, robot: Robot) -> str:
+    constant = robot.actuators.torque_constant
+    fits = np.abs(np.log(np.where(constant > 0, constant, np.nan) * gains.factor))
+    if np.isfinite(fits).any() and np.nanmedian(fits) < NEAR:
+        return "they are currents, according to the torque constants"
+    if gains.common < 1:
+        return "they may be currents [A], or torques before the gear"
+    return "their unit or the description's masses are wrong"

@@ -13,7 +13,6 @@ from ..diagnose.extend.holdout import filtered
 from ..errors import InputError, OptionError, RecordingError, shorten
 from ..estimation.fit_quality import LITTLE, Fit, fit_rows
 from ..faults import NO_EXCITATION, OF_A_FIT, RecordingFaults, examine
-from ..faults.result import REFUSE, WARN
 from ..model import Model, ModelSource, as_model
 from ..recording import Recordings, as_recordings, same_joints
 from ..regression.session import Options, Session, only_once, prepare
@@ -256,7 +255,7 @@ def fault_flags(names: Sequence[str], faults: Sequence[RecordingFaults]) -> Iter
     """The sentence of each recording fault, once; with the models that find it unless all do."""
     shown: dict[tuple[str, tuple[str, ...]], tuple[str, list[str]]] = {}
     for name, found in zip(names, faults, strict=True):
-        for fault in (f for severity in (REFUSE, WARN) for f in found.findings if f.severity == severity):
+        for fault in found.severe:
             if fault.kind not in OF_A_FIT:
                 shown.setdefault((fault.kind, fault.joints), (fault.sentence, []))[1].append(name)
     for sentence, by in shown.values():

@@ -11,6 +11,7 @@ import numpy as np
 from ...errors import RecordingError
 from ...recording.formats.base import About
 from ...types import Array, Recording, Robot, Samples
+from ..channels import quantum
 from ..result import JointAudit, ServoAudit
 from .logs import (
     COARSE,
@@ -18,13 +19,11 @@ from .logs import (
     command_period,
     held_share,
     judge_joint,
-    judge_limits,
     judge_stamps,
     judge_still,
     jumps,
-    quantum,
-    rms_speed,
     saturated_share,
+    speed_over,
     turn_of,
     unwrapped,
 )
@@ -40,6 +39,7 @@ OTHER, NEARER = 0.95, 0.25  # correlation with another joint's command, and 1 - 
 SCALES, ALIKE = 1.5, 1.15  # ratio of the scale to that of the others, and largest one of the others among each other
 ZERO, ZERO_LEAST = 0.1, 0.15  # [range] and [rad or m] by which the mean error differs from that of the others
 LATE, PERIODS = 0.4, 3.0  # [s] and [periods] by which the shift differs; dry friction in slow motion: below 0.27 s
+SATURATED = 0.4  # share of rows at the limit, from which on numbers are inexact
 APART = 3.0  # difference of the error over the largest one among the others
 
 
@@ -60,7 +60,7 @@ def audit_servos(recordings: Recording | Sequence[Recording], units: Mapping[str
         source = given[0].path or "the recording"
         raise RecordingError(f"{source} has no commanded position of a joint that it records; add columns q_des_J")
     read, clocks, parts = tracks
-    coarsest = max((quantum(each) for each in parts.values() if each), default=0.0)
+    coarsest = max((quantum([part.q for part in each]) for each in parts.values() if each), default=0.0)
     known = tracks.period, coarsest, _odd_episodes(given, tracks, units)
     audits = [_audit(joint, units.get(joint, "rad"), each, *known) for joint, each in parts.items() if each]
     silent = [joint for joint, each in parts.items() if not each]
@@ -162,7 +162,7 @@ def _audit(
     given = [part for part in parts if (part.recording, part.t[0]) not in left_out]
     parts = _without_turns(given, unit)
     q, command = joined(parts, "q"), joined(parts, "command")
-    step, span = quantum(parts), float(np.ptp(command))
+    step, span = quantum([part.q for part in parts]), float(np.ptp(command))
     grids = [on_grid(part, max(period, SLOWEST_GRID)) for part in parts]
     moved = span > 0 and float(np.ptp(q)) > 0
     found = find_response(grids) if moved else None
@@ -176,7 +176,7 @@ def _audit(
         range=span,
         zero=float(np.mean(command - q)),
         error=float(np.sqrt(np.mean((command - q) ** 2))),
-        speed=rms_speed(grids),
+        speed=float(np.sqrt(np.mean(np.concatenate([speed_over(grid.q, grid.period) for grid in grids]) ** 2))),
         saturated=saturated_share(parts, grids),
         command_period=command_period(parts),
         command_noise=command_noise(grids),
@@ -185,12 +185,13 @@ def _audit(
         **answer,
         **rest._asdict(),
     )
-    limits: tuple[str, ...] = ()
-    if span > COARSE * max(step, coarsest):
-        limits = tuple(judge_limits(audit))
-        said = judge_joint(audit, found, given, grids)
-    else:
-        said = judge_still(audit, parts)
+    if span <= COARSE * max(step, coarsest):
+        return replace(audit, flags=(*(one.said for one in odd), *judge_still(audit, parts)))
+    said = judge_joint(audit, found, given, grids)
+    limit = (
+        f"{joint} is at its limit in {audit.saturated:.0%} of the rows: stiffness hardly shows there; command smaller "
+    )
+    limits = (f"{limit}or slower motion",) if audit.saturated > SATURATED else ()
     return replace(audit, flags=(*(one.said for one in odd), *said), limits=limits)
 
 
@@ -237,7 +238,14 @@ class _Answer(NamedTuple):
 def odd_episodes(episodes: Mapping[str, Sequence[Episode]], period: float, units: Mapping[str, str]) -> tuple[Odd, ...]:
     """Episodes of joints that differ from the others; period of the grid [s], units of joints ("" if unknown)."""
     grids = {joint: [[on_grid(part, period) for part in each.parts] for each in own] for joint, own in episodes.items()}
-    places = {joint: _places(own, grids[joint]) for joint, own in episodes.items()}
+    places = {
+        joint: {
+            _place(part, grid): grid.command
+            for each, some in zip(own, grids[joint], strict=True)
+            for part, grid in zip(each.parts, some, strict=True)
+        }
+        for joint, own in episodes.items()
+    }
     found: list[Odd] = []
     for joint, own in episodes.items():
         answers = _answers(own, grids[joint])
@@ -284,20 +292,15 @@ def _at(grids: Sequence[Grid], commands: Sequence[Array], shift: float) -> tuple
 _Place = tuple[int, float, int]  # recording, first time and rows of a part
 
 
-def _places(episodes: Sequence[Episode], grids: Sequence[list[Grid]]) -> dict[_Place, Grid]:
-    """Grids of one joint by the places of their parts."""
-    each = [pair for own, some in zip(episodes, grids, strict=True) for pair in zip(own.parts, some, strict=True)]
-    return {_place(part, grid): grid for part, grid in each}
-
-
 def _place(part: Part, grid: Grid) -> _Place:
     return part.recording, float(part.t[0]), len(grid.q)
 
 
-def _same(places: Mapping[_Place, Grid], one: _Answer) -> list[Array] | None:
+def _same(places: Mapping[_Place, Array], one: _Answer) -> list[Array] | None:
     """Commands of another joint in the rows of an episode; None if it lacks some of them."""
     found = [places.get(_place(part, grid)) for part, grid in zip(one.episode.parts, one.grids, strict=True)]
-    return [grid.command for grid in found if grid is not None] if all(grid is not None for grid in found) else None
+    known = [command for command in found if command is not None]
+    return known if len(known) == len(found) else None
 
 
 def _differences(

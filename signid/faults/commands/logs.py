@@ -12,12 +12,11 @@ from math import pi
 import numpy as np
 
 from ...types import Array, Recording
-from ..channels import true_runs
+from ..channels import TINY, Column, judge_columns, true_runs
 from ..result import JointAudit
 from .response import LONGEST, Response, best_shift
 from .rows import Grid, Part, RowClock, joined
 
-TINY = 1e-9  # [1] share of the range of motion below which a step is rounding
 JUMP = 3.0  # steps of the encoder that count as motion between two rows
 FULL = 0.98  # duty that counts as saturated
 TOP, APART, RUN = 0.93, 0.4, 3  # speed at its limit [1]; difference from the commanded one [1]; rows
@@ -25,21 +24,10 @@ FASTEST = 0.999  # quantile of the speed that is its limit
 WRAPPED = 0.05  # tolerance of a full turn [1]
 OUTLIER = 20.0  # jumps over the 99.9 % quantile of the others that are no motion
 COPY, SHIFTS = 1e-6, range(-3, 4)  # [1] of the range of motion; rows
-ALTERNATES = -0.5  # largest correlation of successive second differences of white noise, which have -2/3
-SPIKE, USUAL = 0.12, 8.0  # size of a spike over the range [1] and over the median step [1]; healthy logs: below .11
-OUTER = 0.01  # [1] quantile at both ends that the range leaves out
-FEW_LEVELS = 10  # values of a command that jumps between levels, whose short pulses are no spikes
 STILL, SWEEP = 1.0, 0.5  # [s] and [range] of motion of the command during which a position that repeats is stuck
+ALTERNATES = -0.5  # largest correlation of successive second differences of white noise, which have -2/3
 BASE, LATEST = 0.03, 0.15  # [s] over which a speed is computed; largest delay of a speed after the error
 TO_STD = 1.4826 / np.sqrt(6.0)  # of the median size of the second differences of white noise
-
-
-def quantum(parts: Sequence[Part]) -> float:
-    """Smallest step of the position [rad or m]."""
-    steps = np.concatenate([np.abs(np.diff(part.q)) for part in parts])
-    size = max(float(np.ptp(part.q)) for part in parts)
-    moved = steps[steps > TINY * size]
-    return float(moved.min()) if len(moved) else 0.0
 
 
 def held_share(parts: Sequence[Part], step: float) -> float:
@@ -97,26 +85,12 @@ def copied(parts: Sequence[Part]) -> int | None:
     return None
 
 
-def spikes(parts: Sequence[Part], key: str) -> tuple[int, float]:
-    """Number of rows that jump away and back at once, and the largest such jump [rad or m]; key: "q" or "command"."""
-    x = np.concatenate([getattr(part, key) for part in parts])
-    low, high = np.quantile(x, [OUTER, 1 - OUTER])
-    steps = [np.diff(getattr(part, key)) for part in parts]
-    limit = max(SPIKE * float(high - low), USUAL * float(np.median(np.abs(np.concatenate(steps)))))
-    back = [np.minimum(np.abs(d[1:]), np.abs(d[:-1])) * (d[1:] * d[:-1] < 0) for d in steps]
-    sizes = np.concatenate(back)
-    levels = key == "command" and len(np.unique(x)) <= FEW_LEVELS
-    found = sizes[sizes > max(limit, TINY)]
-    return (0, 0.0) if levels or not len(found) else (len(found), float(found.max()))
-
-
 def stuck(parts: Sequence[Part], span: float) -> tuple[float, float]:
     """Duration [s] and motion of the command over its range [1] of the stretch in which q repeats most; span: range."""
     longest = (0.0, 0.0)
     for part in parts:
-        edges = np.flatnonzero(np.concatenate([[True], np.diff(part.q) != 0, [True]]))
-        for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            seconds, command = float(part.t[high - 1] - part.t[low]), part.command[low:high]
+        for a, b in true_runs(np.diff(part.q) == 0):
+            seconds, command = float(part.t[b] - part.t[a]), part.command[a : b + 1]
             if seconds > STILL and np.ptp(command) > SWEEP * span:
                 longest = max(longest, (seconds, float(np.abs(np.diff(command)).sum()) / span), key=lambda x: x[1])
     return longest
@@ -144,7 +118,7 @@ def saturated_share(parts: Sequence[Part], grids: Sequence[Grid]) -> float:
         duty = np.concatenate(duties)
         known = np.isfinite(duty)
         return float(np.mean(np.abs(duty[known]) >= FULL)) if known.any() else np.nan
-    speeds = [(_speed(grid.q, grid.period), _speed(grid.command, grid.period)) for grid in grids]
+    speeds = [(speed_over(grid.q, grid.period), speed_over(grid.command, grid.period)) for grid in grids]
     top = float(np.quantile(np.abs(np.concatenate([v for v, _ in speeds])), FASTEST))
     if top <= 0:
         return 0.0
@@ -156,15 +130,10 @@ def saturated_share(parts: Sequence[Part], grids: Sequence[Grid]) -> float:
     return found / rows
 
 
-def _speed(x: Array, period: float) -> Array:
-    """Speed over about 60 ms, (N - k,) [1/s]."""
+def speed_over(x: Array, period: float) -> Array:
+    """Speed over about 60 ms, (N - k,) [rad/s or m/s]; x: (N,) [rad or m]."""
     k = max(2, min(len(x) - 1, round(0.06 / period)))
     return (x[k:] - x[:-k]) / (k * period)
-
-
-def rms_speed(grids: Sequence[Grid]) -> float:
-    """Rms of the speed over about 60 ms [rad/s or m/s]."""
-    return float(np.sqrt(np.mean(np.concatenate([_speed(grid.q, grid.period) for grid in grids]) ** 2)))
 
 
 def command_noise(grids: Sequence[Grid]) -> float:
@@ -191,26 +160,6 @@ def command_period(parts: Sequence[Part]) -> float:
     return float(np.median(every)) if len(every) else np.nan
 
 
-FROZEN, BEFORE = 0.3, 4  # [s]; rows before that
-ABRUPT, TOGETHER = 10.0, 2.5  # [steps of the encoder] by which q moves in each of these; healthy logs: 3.0, 1.0
-
-
-def frozen(parts: Sequence[Part], step: float) -> float:
-    """Duration [s] for which q repeats most after it stopped within one row, as no drive does; step: of the encoder.
-
-    Steps of a few encoder steps count where the command stops in the same row: a joint follows it later.
-    """
-    longest = 0.0
-    for part in parts:
-        d, sent = np.abs(np.diff(part.q)), np.diff(part.command) != 0
-        for a, b in true_runs(np.asarray(d == 0)):
-            least = float(d[a - BEFORE : a].min()) if a >= BEFORE else 0.0
-            together = bool(sent[a - BEFORE : a].all()) and not sent[a:b].any()  # q_des stops in the same row
-            if least > (TOGETHER if together else ABRUPT) * step:
-                longest = max(longest, float(part.t[b] - part.t[a]))
-    return longest if longest > FROZEN else 0.0
-
-
 Course = tuple[Array, Array, Array, Array]  # command, late by the shift, its direction, time over the duration, q: (N,)
 
 
@@ -230,7 +179,9 @@ def _left(columns: Sequence[Array], y: Array) -> tuple[float, float]:
 
 
 OTHER, SHRINKS, HALVES = 0.6, 0.5, (0.3, 3.0)  # [1] time unlike motion; residual; drift of each half over that of all
-DRIFTS, LEAST_DRIFT = 0.1, 0.05  # [range], [rad or m]; of healthy logs at most 0.07 in both halves
+# [range], [rad or m] size of a drift; of healthy logs at most 0.07 in both halves. Residual of a clear drift [1], for
+# which the range does not count (healthy: 0.2); share of the motion that the command explains beside the drift [1]
+DRIFTS, LEAST_DRIFT, CLEAR, DRIFTLESS = 0.1, 0.05, 0.1, 0.9
 
 
 def drift(rows: Course, span: float) -> float:
@@ -241,25 +192,34 @@ def drift(rows: Course, span: float) -> float:
     command, way, t, q = rows
     z = (command - command.mean()) / span
     columns = [np.ones_like(z), z, z**2, z**3, way]
-    size, after = _left([*columns, t], q)
-    like = _left(columns, t)[1] < OTHER * float(np.var(t))
-    if like or after > SHRINKS * _left(columns, q)[1] or abs(size) < max(DRIFTS * span, LEAST_DRIFT):
+    (size, after), before = _left([*columns, t], q), _left(columns, q)[1]
+    least = LEAST_DRIFT if after < CLEAR * before else max(DRIFTS * span, LEAST_DRIFT)
+    like = _left(columns, t)[1] < OTHER * float(np.var(t)) or after > (1 - DRIFTLESS) * float(np.var(q - size * t))
+    if like or after > SHRINKS * before or abs(size) < least:
         return 0.0
     each = [_left([x[side] for x in (*columns, t)], q[side])[0] / size for side in (t < 0, t >= 0)]
     return size if all(HALVES[0] < share < HALVES[1] for share in each) else 0.0
 
 
 LOADED, LINEAR = 2.0, 0.1  # [1] residual of a load over that of a scale; of a scale, over the error
+GRAVITY, SHORTEST = 9.81, 0.03  # [m/s2]; [m] length of a pendulum, below which no robot has its load (healthy: 0.067)
 WINDOW, STEPS, AHEAD = 0.06, 0.06, 0.5  # [s]; [range] of a step; [1] motion before it over that after it
 
 
-def scaled(rows: Course, unit: str) -> float:
-    """Motion per command [1] if the error grows with q as of a factor, and not as of a load; else 1."""
+def scaled(rows: Course, unit: str, bandwidth: float) -> float:
+    """Motion per command [1] if the error grows with q as of a factor, and not as of a load; else 1.
+
+    A load that holds a drive back by a share of its command makes it slow: its stiffness over the inertia of a pendulum
+    is at most gravity over its length. bandwidth: [Hz].
+    """
     command, way, _, q = rows
     error, loads = command - q, [np.sin(q), np.cos(q)] if unit == "rad" else [np.ones_like(q)]
     factor, left = _left([way, q], error)
-    alike = left > LINEAR * float(np.mean(error**2)) or _left([*loads, way], error)[1] < LOADED * left
-    return 1.0 if alike or factor <= -1 else 1 / (1 + factor)
+    if left > LINEAR * float(np.mean(error**2)) or factor <= -1:
+        return 1.0
+    scale = 1 / (1 + factor)
+    fast = unit == "rad" and (2 * pi * bandwidth) ** 2 * abs(1 - scale) * SHORTEST > GRAVITY
+    return scale if fast or _left([*loads, way], error)[1] >= LOADED * left else 1.0
 
 
 def ahead(grids: Sequence[Grid], span: float) -> float:
@@ -287,13 +247,9 @@ SCALES, DEGREES = (0.1, 1.5), 0.1  # motion per command; tolerance of 180 / pi
 ZERO, ZERO_LEAST, CLOSE, QUIET = 0.25, 0.15, 0.15, 0.2  # [range], [rad], |scale - 1|, residual
 WIDE, LOAD, STEADY = 1.2, 0.037, 0.5  # [rad]; rms of cos x over x**2 about its mean [1/rad2]; share of it [1]
 HELD = 0.08  # share of moving rows
-SATURATED = 0.4  # share of rows
 DRIVEN = 0.7  # correlation of speed and error from which on a joint follows although q and q_des differ
 GAIN, CLEAN = 0.3, 0.03  # difference of the scale from one, and residual below which it is no friction
-SPIKES, SHARE = 3, 0.005  # rows of q and share of rows of q_des that jump away and back; healthy: 0 rows and .001
-FLICKER = 5.0  # steps of the encoder that a spike exceeds
 SWEEPS = 2.0  # [range] motion of the command while q repeats; healthy logs: at most 1
-LEVELS, STEP = 100, 0.01  # values and size of their step [rad or m], fewer and larger ones of which are coarse
 FREE, FREE_STEPS = 0.1, 60.0  # [rad or m] and [steps of the encoder] of motion without a command
 NOISE = 0.02  # [range]
 UNEVEN, REPEATED = 0.1, 0.01  # shares of rows
@@ -306,18 +262,11 @@ def judge_still(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
     if audit.range == 0 and moved > max(least, FREE_STEPS * audit.quantum):
         fact = f"{audit.joint}: q moves by {_length(moved, audit)} although q_des never changes"
         yield f"{fact}; check that q_des is the command, or mark the rows with the drive off (on_J)"
-    yield from _coarse(audit, parts)
+    yield from (fault.sentence for fault in judge_columns(_columns(audit, parts, weak=True)))
 
 
 def _moved(parts: Sequence[Part]) -> float:
     return max(float(part.q.max()) for part in parts) - min(float(part.q.min()) for part in parts)
-
-
-def _coarse(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
-    levels = len(np.unique(np.concatenate([part.q for part in parts])))
-    if audit.unit in ("rad", "m") and levels < LEVELS and audit.quantum > STEP:
-        fact = f"{audit.joint}: q has only {levels} different values, {_length(audit.quantum, audit)} apart"
-        yield f"{fact}: speeds and small errors are lost; record the position with all bits of the encoder"
 
 
 def judge_joint(
@@ -343,11 +292,10 @@ def judge_joint(
         ends = [(float(x.min()), float(x.max())) for x in (joined(grids, "q"), joined(grids, "command"))]
         apart = ends[0][0] >= 0 >= ends[1][1] or ends[1][0] >= 0 >= ends[0][1]
         yield from _response(audit, found, grids[0].period, float(np.std(joined(parts, "q"))), apart)
-    if found is not None and found.correlation > AGAINST:
+    if found is not None and found.correlation > FOLLOWS:
         yield from _unlike(audit, found, parts, grids)
     yield from _log(audit, parts)
     yield from _damaged(audit, parts)
-    yield from _coarse(audit, parts)
 
 
 def _unlike(audit: JointAudit, found: Response, parts: Sequence[Part], grids: Sequence[Grid]) -> Iterator[str]:
@@ -356,8 +304,10 @@ def _unlike(audit: JointAudit, found: Response, parts: Sequence[Part], grids: Se
     if moved := drift(rows, audit.range):
         fact = f"{audit.joint}: the zero of q drifts by {_length(moved, audit)} against q_des over the recording"
         yield f"{fact}: the encoder slips or loses counts; check it, or use short stretches"
+    if found.correlation <= AGAINST:
+        return
     plain = audit.residual < CLEAN or not SCALES[0] < found.scale < SCALES[1]  # said already
-    if not plain and abs((factor := scaled(rows, audit.unit)) - 1) > GAIN:
+    if not plain and abs((factor := scaled(rows, audit.unit, audit.bandwidth)) - 1) > GAIN:
         fact = f"{audit.joint}: q is {factor:.3g} of q_des, at every angle"
         yield f"{fact}, which no load explains; check units, gear ratio and scale of both columns"
     if levels := ahead(grids, audit.range):
@@ -444,27 +394,23 @@ def _log(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
         yield f"{fact}, {audit.command_noise / audit.range:.0%} of its range; record the command that is sent"
 
 
-def judge_limits(audit: JointAudit) -> Iterator[str]:
-    """Limits of the numbers of the audit, in recordings without a fault."""
-    if audit.saturated > SATURATED:
-        fact = f"{audit.joint} is at its limit in {audit.saturated:.0%} of the rows"
-        yield f"{fact}: stiffness hardly shows there; command smaller or slower motion"
+def _columns(audit: JointAudit, parts: Sequence[Part], weak: bool = False) -> list[Column]:
+    """Position and command of one joint."""
+    t, q, command = ([getattr(part, key) for part in parts] for key in ("t", "q", "command"))
+    position = Column(audit.joint, "position", f"{audit.joint}: q", audit.unit, t, q, command, weak=weak)
+    return [position, Column(audit.joint, "command", f"{audit.joint}: q_des", audit.unit, t, command, weak=weak)]
 
 
 def _damaged(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
-    """Spikes and stretches in which a sensor is stuck."""
-    rows = sum(len(part.q) for part in parts)
-    explained = {"q": bool(jumps(parts)[0]), "command": audit.command_noise > NOISE * audit.range}
-    for key, name, least in (("q", "q", SPIKES), ("command", "q_des", max(SPIKES, SHARE * rows))):
-        count, size = spikes(parts, key)
-        if count >= least and size > FLICKER * audit.quantum and not explained[key]:
-            fact = f"{audit.joint}: {name} jumps away and back within one row {count} times, by up to"
-            yield f"{fact} {_length(size, audit)}: lost or damaged values; leave these cells empty"
+    """Faults of single columns, and stretches in which a position repeats while its command moves."""
+    noisy = audit.command_noise > NOISE * audit.range
+    found = judge_columns(_columns(audit, parts)[: 1 if noisy else 2])
+    outlying = ("spikes", "drop-outs", "skipping position") if jumps(parts)[0] else ()
+    kept = [fault for fault in found if fault.kind not in outlying]
+    yield from (fault.sentence for fault in kept)
     seconds, sweeps = stuck(parts, audit.range)
-    if still := frozen(parts, audit.quantum):
-        fact = f"{audit.joint}: q stops within one row and stays the same for {still:.3g} s"
-        yield f"{fact}: the sensor is stuck, or the log; leave these rows out"
-    elif sweeps > SWEEPS and not explained["command"] and not abs(audit.shift) > LONGEST:
+    still = any(fault.kind == "stuck position" for fault in kept)
+    if sweeps > SWEEPS and not still and not noisy and not abs(audit.shift) > LONGEST:
         fact = f"{audit.joint}: q stays the same for {seconds:.3g} s while q_des moves"
         yield f"{fact}: the sensor is stuck, or the drive is off; leave these rows out or mark them (on_J)"
 

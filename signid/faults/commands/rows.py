@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import RecordingError
-from ...recording.sampling.clock import read_clock
+from ...recording.sampling.clock import GAP, GAP_SECONDS, read_clock
 from ...types import Array, Mask, Recording, Samples, ServoSamples
 
-GAP, GAP_SECONDS = 3.5, 0.01  # a gap exceeds both [periods], [s]
 HUGE = 1e9  # [rad or m] implausible position
 SHORTEST, BRIEFEST = 12, 0.3  # of a stretch [rows], [s]
 EVEN = 0.5  # accepted difference of a time step from the median [1]

@@ -27,7 +27,7 @@ BLOCKS, SHORT, STEPS = 12, 160, 16  # blocks of the recording that must agree; t
 AGREE = 0.8  # smallest share of blocks that agree
 SIGNALS = ("q", "tau", "dq", "ddq", "q_des")
 BOUND = ("q", "tau")  # signals that bound the rate
-POINTS = 6  # neighbours of an interpolated value (Lagrange)
+POINTS = 6  # neighbours of an interpolated value (Lagrange). Error of a sine: 3 % of 4 samples a period, 0.05 % of 8
 LENGTH, PAD = 256, 12  # [knots] of one fit; beyond its ends
 EXACT = 1e-6  # [rows] distance at which instants coincide
 Read = Callable[[int, int], Samples]  # kept rows low..high of a stretch
@@ -430,19 +430,19 @@ def _at_rows(y: Array, low: int, u: Array) -> Array:
     near = np.rint(u)
     if np.abs(u - near).max(initial=0.0) < EXACT:
         return np.asarray(y[near.astype(int) - low])
-    return _lagrange(y, u - low)
+    return lagrange(y, u - low)
 
 
-def _lagrange(y: Array, u: Array) -> Array:
-    """Values (M,) between equidistant ones y (N,) at the places u (M,)."""
+def lagrange(y: Array, u: Array) -> Array:
+    """Values (M, ...) between equidistant ones at places; y: (N, ...) [any unit], u: (M,) [rows]."""
     points = min(POINTS, len(y))
     first = np.clip(np.floor(u).astype(int) - points // 2 + 1, 0, len(y) - points)
     offset = u - first
-    total = np.zeros(len(u))
+    total = np.zeros((len(u), *y.shape[1:]))
     for i in range(points):
         others = [k for k in range(points) if k != i]
         weight = np.prod([(offset - k) / (i - k) for k in others], axis=0)
-        total += weight * y[first + i]
+        total += (weight * y[first + i].T).T
     return total
 
 
@@ -455,7 +455,7 @@ def _at_knots(knots: Knots, read: Callable[[int, int], Array], kept: int, u: Arr
         return np.asarray(values[(near - near[0]).astype(int)])
     most = floor((kept - 1 - knots.phase) / knots.step)
     low, high = max(0, floor(place[0]) - POINTS), min(most, ceil(place[-1]) + POINTS)
-    return _lagrange(_knot_values(knots, read, kept, low, high), np.asarray(place - low))
+    return lagrange(_knot_values(knots, read, kept, low, high), np.asarray(place - low))
 
 
 def _knot_values(knots: Knots, read: Callable[[int, int], Array], kept: int, low: int, high: int) -> Array:
