@@ -175,7 +175,7 @@ def test_possible_maps_are_offered(case: str) -> None:
 
 def test_an_offered_map_reads(tmp_path: Path) -> None:
     source = {"time_us": T * 1e6, "shoulder.pos deg": np.degrees(Q[:, 0]), 'shoulder "effort"': TAU[:, 0]}
-    with refusal("'t'", "begins", "signid convert --robot prints it"):
+    with refusal("'t'", "a column map (columns=) that begins"):
         read(source, None)
     (tmp_path / "map.toml").write_text("\n".join(renamed(open_source(source), arm())))
     samples = read(source, tmp_path / "map.toml").read()

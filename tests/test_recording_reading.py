@@ -74,7 +74,12 @@ def test_lines_to_choose_are_written_once_and_found(
     said = capfd.readouterr().err
     file = Path("log.csv.reading.toml")
     assert said.count("\n") == 1 and "Winkel_Fuss_Grad for q_joint_1" in said and str(file) in said
-    chosen = file.read_text().replace("# q_", "q_").replace("# tau_", "tau_")
+    drafted = file.read_text()
+    for verb in ("identify", "check"):  # nothing was chosen
+        assert run([verb, "3r", "log.csv", "-o", "r"]) == 3
+        said = capfd.readouterr().err
+        assert str(file) in said and '"Winkel_Fuss_Grad"' in said and file.read_text() == drafted
+    chosen = drafted.replace("# q_", "q_").replace("# tau_", "tau_")
     file.write_text(chosen)
     found = signid.read_recording("log.csv", ROBOT)
     assert found.joints == ROBOT.joints and found.reading is not None and found.reading.path == str(file)

@@ -147,15 +147,16 @@ def given_recordings(
         UndecidedReading: lines of a reading are to be chosen; the sentence names the file.
     """
     from ..recording import read_recording
+    from ..recording.source import reading_beside, reading_path
 
     found = []
     for path in paths or ():
-        place = _place_of_reading(path, output)
-        known = str(place) if columns is None and place.is_file() else columns
+        closed = output if output is not None and not os.access(Path(path).parent, os.W_OK) else None
+        own = columns or (closed and reading_beside(path, closed))
         try:
-            found.append(read_recording(path, robot, columns=known, unsigned=unsigned, rate=rate))
+            found.append(read_recording(path, robot, columns=own or None, unsigned=unsigned, rate=rate))
         except UndecidedReading as error:
-            raise _written_reading(error, place) from None
+            raise _written_reading(error, reading_path(path, closed)) from None
         if not quiet:
             _print_reading(found[-1])
     return found
@@ -172,21 +173,13 @@ def _print_reading(recording: Recording) -> None:
     Screen().print(f"Reading of {recording.path}", table, "", sep="\n")
 
 
-def _place_of_reading(path: str, output: str | None) -> Path:
-    """Path of the reading of a recording: beside it, or in the folder `output` if that is all that can be written."""
-    from ..recording.source import reading_path
-
-    beside = reading_path(path)
-    closed = output is not None and not beside.exists() and not os.access(beside.parent, os.W_OK)
-    return reading_path(path, output) if closed else beside
-
-
 def _written_reading(error: UndecidedReading, place: Path) -> UndecidedReading:
-    """Write a reading, and name its file in the sentence."""
+    """Write a reading that was drafted, into the log's folder or `-o`, and name its file in the sentence."""
     from ..output.report import write_files
 
     try:
-        write_files(place.parent, {place.name: error.text}, named=True)
+        if error.text:  # else it lies there
+            write_files(place.parent, {place.name: error.text}, named=True)
     except OutputError as fault:
         return UndecidedReading(f"{error}; the reading cannot be written: {fault}; add -o DIR", error.text)
     said = str(error).replace("its reading are", f"its reading, {readable(str(place))}, are", 1)

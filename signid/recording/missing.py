@@ -26,6 +26,8 @@ MUCH = 0.1  # [1] bridged share of a column from which results are flagged
 DISORDER = 0.7  # [1] mean square step of positions over twice their variance, above which rows jump; 1: white noise
 STANDSTILL = 0.05  # [rad or m] largest range of positions that are noise of joints at rest
 APART = 0.2  # [s] smallest time between rows of postures
+SWEEP = 1.0  # [s] smallest time between rows of a smooth sweep of postures
+SLOWEST_SWEEP = 4e-3  # [rad/s or m/s] its smallest speed; stamps in ms would make it 4 rad/s, which few robots keep
 APPROACH = 1e-3  # [rad/s or m/s] velocity that stands for the direction of approach; its inertial torque is negligible
 FIRST, FEWEST = 65_536, 8  # rows that are examined, and that are needed
 
@@ -155,13 +157,18 @@ def disorder(q: Array) -> float:
 
 
 def are_postures(table: Table, positions: tuple[str, ...], time: str) -> bool:
-    """Whether positions jump from row to row, and rows of a column `time` [s], if any, are at least 0.2 s apart."""
+    """Whether positions jump from row to row, and rows of a column `time` [s], if any, are at least 0.2 s apart.
+
+    A smooth sweep counts from 1 s on, if its steps would be too fast for stamps that are milliseconds.
+    """
     values = table.read([*([time] if time else []), *positions], 0, FIRST)
     values = values[np.isfinite(values).all(axis=1)]
     if len(values) < FEWEST:
         return False
     q, period = values[:, -len(positions) :], float(np.median(np.diff(values[:, 0]))) if time else np.inf
-    return period >= APART and np.ptp(q, axis=0).max() >= STANDSTILL and disorder(q) > DISORDER
+    step = float(np.median(np.abs(np.diff(q, axis=0)).max(axis=1)))
+    jumps = disorder(q) > DISORDER or (np.isfinite(period) and period >= SWEEP and step > SLOWEST_SWEEP * period)
+    return period >= APART and np.ptp(q, axis=0).max() >= STANDSTILL and jumps
 
 
 def at_rest(recording: Recording) -> Recording:

@@ -83,10 +83,9 @@ def read_recording(
         UndecidedReading: lines of the drafted reading are to be chosen.
     """
     robot, own = as_robot(robot, "read_recording"), reading_beside(source) if columns is None else columns
-    heading = read_heading("", 0, (), rate)
+    heading, reading = read_heading("", 0, (), rate), found_reading(own)
     try:
-        found = _read(source, robot, read_map(own, heading=heading), unsigned, topics)
-        return replace(found, reading=found_reading(own))
+        return replace(_read(source, robot, read_map(own, heading=heading), unsigned, topics), reading=reading)
     except RecordingError as error:
         if own is not None or not isinstance(source, str | Path):
             raise

@@ -27,7 +27,7 @@ from .names.mapping import (
 from .names.match import Guess, guess, guess_columns, known_joints, match_signals, pair_in_order
 from .names.vocabulary import Change, change_of, without_unit
 from .sampling.clock import increasing, numbers_of, rivals
-from .source import Opened, Source
+from .source import SUFFIX, Opened, Source
 from .units import Noticed, noticed_units, time_unit
 
 CHECK = "CHECK"  # in the reason of a unit that the user is to check
@@ -364,13 +364,13 @@ def renamed(opened: Opened, robot: Robot) -> tuple[str, ...]:
 
 
 def suggest(opened: Opened, robot: Robot) -> str:
-    """End of a message about columns that do not match the robot, with lines of the drafted map; "" without any."""
+    """End of a message about columns that do not match the robot, with lines of the drafted reading; "" without any."""
     lines = renamed(opened, robot)
     if not lines:
         return ""
     whole, first = "; ".join(lines), lines[0]
     content = f" with {whole}" if len(whole) <= INLINE else f" that begins {first}" if len(first) <= INLINE else ""
-    return f"{OFFER}{content} may fit: signid convert --robot prints it, and writes it with --map map.toml"
+    return f"{f'; {opened.name}{SUFFIX} beside it' if opened.path else OFFER}{content} may fit"
 
 
 def lacking_time(table: Table, used: Collection[str]) -> str:
@@ -380,7 +380,7 @@ def lacking_time(table: Table, used: Collection[str]) -> str:
     """
     if any((one := guess(name)) and one.kind == "t" for name in table.columns):
         return "add it, or name it in a column map"
-    state = "state the rate of its rows [Hz], --rate 100"
+    state = "state the rate of its rows [Hz], --rate 100 (0: each row is a posture at rest)"
     rising = [(name, t) for name, t in increasing(table, [x for x in table.columns if x not in used]) if t[0] < t[-1]]
     steps = {name: np.diff(t) for name, t in rising}
     times = {name: t for name, t in rising if np.all(steps[name] > 0) and not np.all(steps[name] == 1)}
