@@ -21,7 +21,7 @@ from .faults import (
     under_found_gravity,
 )
 from .model import Model, ModelSource, stated_inertials, stated_laws
-from .recording import Recordings, as_recordings, without_torque
+from .recording import Recordings, as_recordings
 from .recording.names.mapping import ColumnMap, read_map
 from .recording.sampling import Sampling
 from .recording.source import Source, open_source
@@ -120,16 +120,17 @@ def _checked(
     try:
         return _judged(described, recordings, options, progress)
     except InputError as error:
-        lost = error.joints if isinstance(error, UnknownConstants) else ()
         if any(r.scaled is not None for r in recordings) and all(any(r.columns.get("q_des", ())) for r in recordings):
             note = f"position drives are checked from q_des_J instead of torque: {error}"
             with suppress(InputError):
                 found = audit_servos(recordings, units)
                 return replace(found, notes=(note, *found.notes))
-        rest = [without_torque(recording, lost) for recording in recordings]
-        if not lost or not any(any(recording.columns["tau"]) for recording in rest):
-            raise RecordingError(str(error)) if lost else error from None
-        made = _checked(described, rest, options, progress)
+        if not isinstance(error, UnknownConstants):
+            raise
+        try:
+            made = _checked(described, error.left_out(recordings), options, progress)
+        except UnknownConstants:
+            raise RecordingError(str(error)) from None
         return replace(made, suspects=(str(error), *made.suspects)) if isinstance(made, Check) else made
 
 

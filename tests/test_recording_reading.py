@@ -134,3 +134,17 @@ def test_a_current_without_a_constant_stays_in_amperes() -> None:
     assert there["unit"] == "A.s/rad" and abs(CONSTANTS[1] * there["value"] / here["value"] - 1) < 0.1
     assert found.fit.unit == ("N.m", "A") and found.fit.held_out_r2.min() > 0.99
     assert any("residual of z are in A" in flag for flag in found.flags)
+
+
+def test_a_current_without_a_constant_is_left_out_of_a_comparison() -> None:
+    robot = toy(link("a"), link("b", PENDULUM), link("c", PENDULUM), joint("y", "a", "b"), joint("z", "a", "c"))
+    columns = made(robot, 2)
+    columns["current_2"] = columns.pop("tau_2") / CONSTANTS[1]
+    robot = stating(heavier(robot, 0.0), (0,))
+    recording = signid.read_recording(columns, robot)
+    for verb in (signid.validate, signid.diagnose):
+        found = verb(signid.load_model(robot), recording)
+        [flag] = [flag for flag in found.flags if "torque constant of z is not known" in flag]
+        assert "the current of z is left out of the comparison" in flag
+        rest = found.held_out.before if verb is signid.diagnose else found.models[0].residual
+        assert np.isfinite(rest[:, 0]).any() and not np.isfinite(rest[:, 1]).any()
