@@ -15,7 +15,7 @@ from .columns import Assignment
 from .formats.base import MemoryTable
 from .names.mapping import DerivedTable, Signal
 from .names.vocabulary import INTEGRAL
-from .sampling.clock import CHUNK, FASTEST, GAP, GAP_SECONDS, SLOWEST
+from .sampling.clock import CHUNK, FASTEST, GAP, GAP_SECONDS, SLOWEST, repair_stamps
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
 PERIODS, SECONDS = 6.5, 0.05  # [periods], [s] holes that are no longer than both are short, too
@@ -30,6 +30,29 @@ SWEEP = 1.0  # [s] smallest time between rows of a smooth sweep of postures
 SLOWEST_SWEEP = 4e-3  # [rad/s or m/s] its smallest speed; stamps in ms would make it 4 rad/s, which few robots keep
 APPROACH = 1e-3  # [rad/s or m/s] velocity that stands for the direction of approach; its inertial torque is negligible
 FIRST, FEWEST = 65_536, 8  # rows that are examined, and that are needed
+
+
+def with_repaired_stamps(recording: Recording) -> Recording:
+    """The recording with times in place of stamps that go back a little, or have too few digits; both noted."""
+    table, (time, *_) = recording.table, recording.columns["t"]
+    pieces = [table.read([time], k, k + CHUNK)[:, 0] for k in range(0, table.rows, CHUNK)]
+    stamps = np.concatenate(pieces) if pieces else np.zeros(0)
+    known = np.flatnonzero(np.isfinite(stamps))
+    repeats = np.diff(stamps[known]) <= 0
+    if not repeats.any():
+        return recording
+    positions = [column for column in recording.columns["q"] if column]
+    repaired = repair_stamps(stamps[known], np.array(table.read(positions, 0, table.rows)[known]))
+    if repaired is None:
+        return recording
+    added, order = {time: stamps.copy()}, np.arange(table.rows)
+    if repaired.order is not None:
+        order[known] = known[repaired.order]
+        used = dict.fromkeys(name for group in recording.columns.values() for name in group if name)
+        added = {name: np.array(table.read([name], 0, table.rows)[order, 0]) for name in used}
+    added[time][known] = repaired.times
+    notes = (*recording.notes, repaired.note)
+    return replace(recording, table=DerivedTable(table, {}, added), notes=notes)
 
 
 def bridge(recording: Recording) -> Recording:

@@ -22,7 +22,7 @@ from .columns import Assignment, assign_columns, converted, stated_units, unit_c
 from .formats import FORMATS, PICKLED
 from .formats.base import About
 from .formats.json_ import holds_samples
-from .missing import are_postures, at_rest, bridge, with_positions
+from .missing import are_postures, at_rest, bridge, with_positions, with_repaired_stamps
 from .names.mapping import TORQUES, ColumnMap, DerivedTable, ParsedColumns, Signal, read_heading, read_map, split
 from .names.match import guess
 from .reading import commanded_torques, draft_reading, lacking_time, suggest
@@ -138,7 +138,7 @@ def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, 
         (*found.flags, *flags),
         {name: unit for name, unit in found.units.items() if any(name in group for group in chosen.values())},
     )
-    recording = at_rest(recording) if mapping.heading.rate == 0 else bridge(recording)
+    recording = at_rest(recording) if mapping.heading.rate == 0 else bridge(with_repaired_stamps(recording))
     commands = commanded_torques(recording) if any(chosen["q_des"]) else ()
     return replace(recording, notes=(*recording.notes, *commands))
 
@@ -450,7 +450,7 @@ def read_bare(
         flags=tuple(implausible),
         units=units,
     )
-    return bridge(recording), {joint: "" if joint in unknown else "rad" for joint in joints}
+    return bridge(with_repaired_stamps(recording)), {joint: "" if joint in unknown else "rad" for joint in joints}
 
 
 def _signals(opened: Opened, mapping: ParsedColumns) -> dict[str, Signal]:
