@@ -113,6 +113,30 @@ def test_sections_of_a_reading(tmp_path: Path) -> None:
             signid.read_recording(tmp_path / "log.csv", ROBOT)
 
 
+LEROBOT = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+SO100 = ("Rotation", "Pitch", "Elbow", "Wrist_Pitch", "Wrist_Roll", "Jaw")
+
+
+@pytest.mark.parametrize(("own", "recorded"), [("123456", LEROBOT), (SO100, LEROBOT), (LEROBOT, SO100)])
+def test_joints_of_so_arms_are_matched_by_their_place(
+    own: tuple[str, ...], recorded: tuple[str, ...], tmp_path: Path
+) -> None:
+    text = (Path(signid.load_robot("so101").path)).read_text()
+    for name, other in zip(LEROBOT, own, strict=True):
+        text = text.replace(f'"{name}"', f'"{other}"')
+    (tmp_path / "arm.urdf").write_text(text)
+    columns = {"timestamp": T}
+    for k, name in enumerate(recorded):
+        columns[f"observation.state.{name}.pos"] = np.degrees(0.2 + 0.1 * np.sin((k + 1) * T))
+        columns[f"action.{name}.pos"] = columns[f"observation.state.{name}.pos"] + 3 * np.cos(T)
+    pl.DataFrame(columns).write_csv(tmp_path / "log.csv")
+    found = signid.read_recording(tmp_path / "log.csv", tmp_path / "arm.urdf")
+    used = dict(zip(found.joints, found.columns["q"], strict=True))
+    assert used == {joint: f"observation.state.{name}.pos" for joint, name in zip(own, recorded, strict=True)}
+    rows = found.reading.rows[1:] if found.reading else ()
+    assert len(rows) == 6 and all("joint by its place in the arm" in row[3] for row in rows)
+
+
 def test_a_commanded_torque_is_said() -> None:
     desired = Q + 0.02 * np.cos(7 * T)[:, None]
     v = np.gradient(Q, T, axis=0)

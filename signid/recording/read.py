@@ -309,7 +309,8 @@ def _notes(
 ) -> Iterator[str]:
     """Deviations from what a user may expect; used: the columns that are read."""
     if not any(found.torque(j) for j in joints):
-        yield f"no torque and no current: a recording of servos{suggest(opened, robot)}"
+        read = any(signal.mapped for signal in found.signals.values())
+        yield f"no torque and no current: a recording of servos{'' if read else suggest(opened, robot)}"
     if absent := [f"{name} (at {x:.4g})" for name, x in resting(robot, [robot.joints[j] for j in joints]).items()]:
         subject, verbs = ("joint", ("has", "is")) if len(absent) == 1 else ("joints", ("have", "are"))
         fact = f"{subject} {', '.join(absent)} {verbs[0]} no position column and {verbs[1]} held fixed"

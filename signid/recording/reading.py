@@ -24,7 +24,7 @@ from .names.mapping import (
     read_map,
     split,
 )
-from .names.match import Guess, guess, guess_columns, known_joints, match_signals, pair_in_order
+from .names.match import Guess, by_place_in_arm, guess, guess_columns, known_joints, match_signals, pair_in_order
 from .names.vocabulary import Change, change_of, without_unit
 from .sampling.clock import increasing, numbers_of, rivals
 from .source import SUFFIX, Opened, Source
@@ -76,12 +76,14 @@ def draft_reading(source: str | Path, robot: Robot, topics: Sequence[str], error
         raise error from None
     kinds = {line.kind for line in drafted.lines} | {key.partition("_")[0] for key, _ in drafted.offered}
     driven = kinds & {*TORQUES, "q_des"}
-    if not kinds & {"q", "dq"} or not (driven or "volt" in kinds) or all(line.guess.plain for line in drafted.lines):
+    arm = by_place_in_arm({line.guess.joint for line in drafted.lines if line.kind == "q"}, robot)
+    named = all(line.guess.plain for line in drafted.lines) and not arm
+    if not kinds & {"q", "dq"} or not (driven or "volt" in kinds) or named:
         raise error
     if driven and (choices := [*_choices(drafted, bool(driven & {*TORQUES}))]):
         name = readable(str(source))
         raise UndecidedReading(f"{name}: lines of its reading are to be chosen: {', '.join(choices)}", drafted.text)
-    return Reading(drafted.text, tuple(_rows(drafted, robot)))
+    return Reading(drafted.text, tuple(_rows(drafted, robot, arm)))
 
 
 def _choices(drafted: DraftedMap, torque: bool) -> Iterator[str]:
@@ -96,11 +98,13 @@ def _choices(drafted: DraftedMap, torque: bool) -> Iterator[str]:
     yield from ((sentence.partition(": ")[2] or sentence).partition("; ")[0] for sentence in drafted.lacking)
 
 
-def _rows(drafted: DraftedMap, robot: Robot) -> Iterator[tuple[str, str, str, str]]:
+def _rows(drafted: DraftedMap, robot: Robot, arm: Mapping[str, str]) -> Iterator[tuple[str, str, str, str]]:
     """Columns that are read, with units and reasons: of time, then of each joint."""
     for joint, name in enumerate(("time", *robot.joints), -1):
         own = [line for line in drafted.lines if line.joint == joint and line.kind in SHOWN]
         units, reasons = [str(line.noticed.unit) for line in own], dict.fromkeys(line.noticed.why for line in own)
+        if name in arm.values():
+            reasons["joint by its place in the arm"] = None
         if any(line.kind.endswith("current") for line in own):
             known = float(robot.actuators.torque_constant[joint])
             reasons[f"torque constant {f'{known:.4g}, stated' if known == known else 'to be estimated'}"] = None
