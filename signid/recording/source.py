@@ -29,6 +29,8 @@ class Frame(Protocol):
 
 
 SUFFIX = ".reading.toml"  # of the name of the log
+SECONDS = re.compile(r"(.*?)(?:secs?|seconds)", re.IGNORECASE)  # names of the halves of a stamp
+NANOSECONDS = re.compile(r"(.*?)(?:nano_?sec(?:ond)?s?|nsecs?)", re.IGNORECASE)
 Source = str | Path | Mapping[str, ArrayLike] | Frame
 
 
@@ -71,7 +73,18 @@ def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | N
     if not path.is_file() and not path.is_dir():
         raise RecordingError(f"recording {path} does not exist; expected a file of samples")
     name = readable(str(path))
-    return Opened(_table(path, topics, stated), name, name, digest_of(path))
+    return Opened(_whole_stamps(_table(path, topics, stated)), name, name, digest_of(path))
+
+
+def _whole_stamps(table: Table) -> Table:
+    """A table with stamps [s] where two columns hold their seconds and nanoseconds, as in messages of ROS."""
+    found = {match[1]: name for name in table.columns if (match := SECONDS.fullmatch(name))}
+    halves = {name: match[1] for name in table.columns if (match := NANOSECONDS.fullmatch(name)) and match[1] in found}
+    for nanoseconds, head in halves.items() if "t" not in table.columns else []:
+        with suppress(RecordingError):  # texts
+            whole = table.read([found[head], nanoseconds], 0, table.rows) @ [1.0, 1e-9]
+            return DerivedTable(table, {}, {head.rstrip("._") or "stamp": np.asarray(whole)})
+    return table
 
 
 def _paced(table: Table, rate: float) -> Table:
