@@ -18,7 +18,7 @@ T, Q, TAU = pristine().values()
 UNUSABLE = {  # samples, words of the reason, words of what to correct
     "no position": (csv(swing(q_1=None)), "no position column", "column map"),
     "no torque": (csv(swing(tau_1=None)), "no torque of a joint", "add columns such as tau_1"),
-    "foreign names": (csv({"Zeit": T, "Achse1": Q, "Kraft": TAU}), "no column 't' of time", "log.csv.reading.toml"),
+    "foreign names": (csv({"Zeit": T, "Achse1": Q, "Kraft": TAU}), "no column 't' of time", "name it in a column map"),
     "no samples": ("t,q_1,tau_1\n", "no samples", "record the robot in motion"),
     "one sample": (csv({"t": T[:1], "q_1": Q[:1], "tau_1": TAU[:1]}), "a single sample", "a few seconds"),
     "too short": (csv({name: x[:30] for name, x in swing().items()}), "too short", "at least 20"),

@@ -109,7 +109,7 @@ def test_the_source_is_described(
         ("/joint_states", True),
         ("/spare", False),
     ]
-    assert document["inputs"][0]["path"] == "a.bag" and document["flags"] == document["suggested_columns"] == []
+    assert document["inputs"][0]["path"] == "a.bag" and document["flags"] == []
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.bag", "a.csv"], "looking writes nothing"
 
 
@@ -120,7 +120,7 @@ def test_names_are_held_against_a_robot(
     t, q, tau = pristine().values()
     Path("a.csv").write_text(csv({"t": t, "q_left/joint_1": q, "tau_left/joint_1": tau}))
     out, err = command("convert a.csv --robot 1r -o b.csv", capfd, code=3)
-    assert 'check it before use\nq_joint_1 = "q_left/joint_1"\n' in out and Path("b.csv").is_file()
+    assert Path("b.csv").is_file()
     sentence(err.strip(), "a.csv: q_left/joint_1 names no joint of 1r")
     Path("map.toml").write_text('joints = "left/*"')
     out, err = command("convert a.csv --robot 1r --columns map.toml -o b.csv", capfd)

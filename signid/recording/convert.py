@@ -16,7 +16,6 @@ from .columns import converted, resolve, stated_units, unknown_joints_flag
 from .formats.base import About, MemoryTable
 from .joining import Files, JoinedFile, open_files
 from .names.mapping import DRIVE, TORQUES, ColumnMap, Heading, ParsedColumns, Signal, read_map, split
-from .reading import OFFER, renamed
 from .sampling.clock import read_clock, rivals
 from .source import Opened, Source
 
@@ -39,7 +38,6 @@ class Conversion(Frozen):
     about: About
     units: Mapping[str, str]  # stated units of the source columns
     pace: Pace | None  # None without a usable time column
-    suggested: tuple[str, ...]  # lines of a suggested column map
     flags: tuple[str, ...]
     notes: tuple[str, ...]
     joined: tuple[JoinedFile, ...] = ()  # files besides the source, on its times
@@ -112,14 +110,13 @@ def convert(
         flags.append(unknown_joints_flag(opened.name, robot, strange, "left out"))
     if robot:
         try:
-            read_recording(found, robot)
+            read_recording(found, robot, columns={})
         except RecordingError as error:
-            flags.append(opened.name + str(error).partition(OFFER)[0].removeprefix("the recording"))
-    suggested = renamed(opened._replace(table=MemoryTable(found, {}, opened.name)), robot) if robot else ()
+            flags.append(opened.name + str(error).removeprefix("the recording"))
     file = Input(opened.path or opened.name, opened.sha256, "converted")
     notes += [] if flags else _lacking(found, about)
     ends = tuple(flags), tuple(dict.fromkeys(notes))
-    return Conversion(found, file, about, stated, pace, suggested, *ends, joined.files)
+    return Conversion(found, file, about, stated, pace, *ends, joined.files)
 
 
 def _kind(name: str) -> str:

@@ -25,7 +25,7 @@ from .formats.json_ import holds_samples
 from .missing import are_postures, at_rest, bridge, with_positions, with_repaired_stamps
 from .names.mapping import TORQUES, ColumnMap, DerivedTable, ParsedColumns, Signal, read_heading, read_map, split
 from .names.match import guess
-from .reading import commanded_torques, draft_reading, lacking_time, suggest
+from .reading import commanded_torques, draft_reading, lacking_time
 from .sampling.clock import CHUNK, ask_for_time
 from .source import Opened, Source, columns_of, found_reading, open_source, reading_beside
 from .units import UNSTATED
@@ -87,7 +87,7 @@ def read_recording(
     try:
         return replace(_read(source, robot, read_map(own, heading=heading), unsigned, topics), reading=reading)
     except RecordingError as error:
-        if own is not None or not isinstance(source, str | Path):
+        if own is not None:
             raise
         drafted = draft_reading(source, robot, topics, error)
     found = _read(source, robot, read_map(tomllib.loads(drafted.text), heading=heading), unsigned, topics)
@@ -248,7 +248,7 @@ def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
         lack += "; a voltage is no torque" if any(found.column("volt", j) for j in joints) else ""
     else:
         return joints
-    raise RecordingError(f"{opened.name} has no {lack}{suggest(opened, robot)}")
+    raise RecordingError(f"{opened.name} has no {lack}")
 
 
 def _static(found: Assignment, robot: Robot) -> bool:
@@ -309,8 +309,7 @@ def _notes(
 ) -> Iterator[str]:
     """Deviations from what a user may expect; used: the columns that are read."""
     if not any(found.torque(j) for j in joints):
-        read = any(signal.mapped for signal in found.signals.values())
-        yield f"no torque and no current: a recording of servos{'' if read else suggest(opened, robot)}"
+        yield "no torque and no current: a recording of servos"
     if absent := [f"{name} (at {x:.4g})" for name, x in resting(robot, [robot.joints[j] for j in joints]).items()]:
         subject, verbs = ("joint", ("has", "is")) if len(absent) == 1 else ("joints", ("have", "are"))
         fact = f"{subject} {', '.join(absent)} {verbs[0]} no position column and {verbs[1]} held fixed"

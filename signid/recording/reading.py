@@ -24,19 +24,16 @@ from .names.mapping import (
     read_map,
     split,
 )
-from .names.match import Guess, by_place_in_arm, guess, guess_columns, known_joints, match_signals, pair_in_order
+from .names.match import Guess, by_place_in_arm, guess, guess_columns, match_signals, pair_in_order
 from .names.vocabulary import Change, change_of, without_unit
 from .sampling.clock import increasing, numbers_of, rivals
-from .source import SUFFIX, Opened, Source
+from .source import Opened, Source
 from .units import Noticed, noticed_units, time_unit
 
 CHECK = "CHECK"  # in the reason of a unit that the user is to check
 COMMAND = 0.999  # correlation of a torque with kp (q_des - q) - kd dq above which it is a command
 EXAMINED, FEWEST = 20_000, 100  # [rows] that decide it, at most and at least
 SHOWN = ("t", "q", "q_des", "dq", *TORQUES)  # kinds of columns that a reading lists
-BASE = ("rad", "rad/s", "rad/s2", "s", "N.m", "A", "m", "m/s", "m/s2", "N", "1", "V", "C")  # units of recordings
-INLINE = 110  # maximum length of a map within a message [characters]
-OFFER = "; a column map (--columns)"
 ROWS = 200_000  # rows whose numbers are examined
 ORDER = ("q", "dq", "ddq", "tau", "abs_tau", "current", "abs_current", "q_des", *ServoSamples._fields)
 TITLES = {
@@ -63,7 +60,7 @@ SECTIONS = """
 """  # of a reading, to fill in
 
 
-def draft_reading(source: str | Path, robot: Robot, topics: Sequence[str], error: RecordingError) -> Reading:
+def draft_reading(source: Source, robot: Robot, topics: Sequence[str], error: RecordingError) -> Reading:
     """Draft the reading of a log whose columns are none of a recording.
 
     Raises:
@@ -81,7 +78,7 @@ def draft_reading(source: str | Path, robot: Robot, topics: Sequence[str], error
     if not kinds & {"q", "dq"} or not (driven or "volt" in kinds) or named:
         raise error
     if driven and (choices := [*_choices(drafted, bool(driven & {*TORQUES}))]):
-        name = readable(str(source))
+        name = readable(str(source)) if isinstance(source, str | Path) else "the recording"
         raise UndecidedReading(f"{name}: lines of its reading are to be chosen: {', '.join(choices)}", drafted.text)
     return Reading(drafted.text, tuple(_rows(drafted, robot, arm)))
 
@@ -355,26 +352,6 @@ def _section(kind: str, lines: Sequence[MappedColumn], shared: Noticed | None) -
     for line in lines:
         own = entry(line.signal, line.guess.column, "" if shared else line.noticed.unit)
         yield own if shared or alike else f"{own}  # {one_line(line.noticed.why)}"
-
-
-def renamed(opened: Opened, robot: Robot) -> tuple[str, ...]:
-    """Lines of the drafted map on columns that a recording would name otherwise, without uncertain ones."""
-    known = {"", *known_joints(robot)}
-    return tuple(
-        entry(line.signal, line.guess.column, "" if line.noticed.unit in BASE else line.noticed.unit)
-        for line in draft_opened(opened, robot).lines
-        if not (line.guess.plain and line.guess.joint in known) and not line.guess.bare
-    )
-
-
-def suggest(opened: Opened, robot: Robot) -> str:
-    """End of a message about columns that do not match the robot, with lines of the drafted reading; "" without any."""
-    lines = renamed(opened, robot)
-    if not lines:
-        return ""
-    whole, first = "; ".join(lines), lines[0]
-    content = f" with {whole}" if len(whole) <= INLINE else f" that begins {first}" if len(first) <= INLINE else ""
-    return f"{f'; {opened.name}{SUFFIX} beside it' if opened.path else OFFER}{content} may fit"
 
 
 def lacking_time(table: Table, used: Collection[str]) -> str:

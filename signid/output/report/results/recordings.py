@@ -9,7 +9,6 @@ from urllib.parse import urlsplit
 
 import numpy as np
 from rich.console import RenderableType
-from rich.text import Text
 
 from ....errors import shorten
 from ....recording.gallery import DataSet, is_complete
@@ -42,7 +41,6 @@ def conversion_document(found: Conversion, inputs: Sequence[Input] = ()) -> Docu
             for topic in found.about.topics
         ],
         "joined": [picked(file, "path offset estimate std") for file in found.joined],
-        "suggested_columns": list(found.suggested),
         **ending(found, _sources(found), inputs, 0),
     }
 
@@ -54,7 +52,6 @@ def conversion_tables(found: Conversion) -> list[RenderableType]:
         units = dict.fromkeys(unit for kind in kinds if (unit := found.units.get(f"{kind}_{joint}")))
         joints.add_row(joint, " ".join(kinds), *([", ".join(units)] if found.units else []))
     others = [name for name in found.columns if name != "t" and not split(name)]
-    lines = [Text(text, no_wrap=True, overflow="ignore") for text in found.suggested]  # to copy, never wrapped
     names = " + ".join(source.path for source in _sources(found))
     return [
         heading(f"{names}: {plural(_rows(found), 'row')}{_pace(found.pace)}", below=False),
@@ -62,7 +59,6 @@ def conversion_tables(found: Conversion) -> list[RenderableType]:
         *([joints] if found.joints else []),
         *([paragraph(f"Other columns, unchanged: {shorten(others)}")] if others else []),
         *([paragraph(f"Clock: {found.about.clock}.")] if found.about.clock else []),
-        *([heading("Suggested column map; check it before use"), *lines] if lines else []),
         *note_lines(found.notes),
     ]
 
