@@ -138,9 +138,23 @@ def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, 
         (*found.flags, *flags),
         {name: unit for name, unit in found.units.items() if any(name in group for group in chosen.values())},
     )
+    recording = _without_dead_torques(recording)
     recording = at_rest(recording) if mapping.heading.rate == 0 else bridge(with_repaired_stamps(recording))
     commands = commanded_torques(recording) if any(chosen["q_des"]) else ()
     return replace(recording, notes=(*recording.notes, *commands))
+
+
+def _without_dead_torques(recording: Recording) -> Recording:
+    """The recording without torques that are zero throughout of joints that stand still, as of grippers; a note."""
+    table, dead = recording.table, list[str]()
+    for joint, *names in zip(recording.joints, recording.columns["q"], recording.columns["tau"], strict=True):
+        starts = range(0, table.rows if names[1] else 0, CHUNK)
+        pieces = (table.read(names, start, start + CHUNK) - [*table.read(names[:1], 0, 1)[0], 0] for start in starts)
+        dead += [joint] if names[1] and not any(np.nan_to_num(piece).any() for piece in pieces) else []
+    if not dead or not any(without_torque(recording, dead).columns["tau"]):
+        return recording
+    note = f"torque that is zero throughout is left out: {shorten(dead)} stands still"
+    return replace(without_torque(recording, dead), notes=(*recording.notes, note))
 
 
 def same_joints(recordings: Sequence[Recording]) -> tuple[str, ...]:

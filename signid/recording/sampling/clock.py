@@ -205,7 +205,7 @@ def repair_stamps(stamps: Array, q: Array) -> RepairedStamps | None:
             return None
         how = f"{fact}: rows are kept in their order, {spaced[1] * 1e3:.5g} ms apart"
         return RepairedStamps(spaced[0], None, how)
-    moves = np.diff(q, axis=0).any(axis=1)
+    moves = np.asarray(np.diff(q, axis=0).any(axis=1))
     if again.mean() <= REPEATED or moves[again].mean() < COPIED * moves[~again].mean():
         return None  # few rows, or copies of rows
     if (spaced := _spaced(stamps, max(GAP * forward, GAP_SECONDS), forward)) is None:
