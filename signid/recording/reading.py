@@ -78,7 +78,9 @@ def draft_reading(source: Source, robot: Robot, topics: Sequence[str], error: Re
     if not kinds & {"q", "dq"} or not (driven or "volt" in kinds) or named:
         raise error
     if driven and (choices := [*_choices(drafted, bool(driven & {*TORQUES}))]):
-        name = readable(str(source)) if isinstance(source, str | Path) else "the recording"
+        if not isinstance(source, str | Path):
+            raise error  # which says what to write; there is no file to lie beside
+        name = readable(str(source))
         raise UndecidedReading(f"{name}: lines of its reading are to be chosen: {', '.join(choices)}", drafted.text)
     return Reading(drafted.text, tuple(_rows(drafted, robot, arm)))
 
@@ -168,13 +170,7 @@ def draft_map(
         OptionError: topics of a source without topics.
         RecordingError: the source cannot be read.
     """
-    return draft_opened(open_files(source, topics, read_map(None, None, heading)).opened, robot, heading, ranges)
-
-
-def draft_opened(
-    opened: Opened, robot: Robot, heading: Heading | None = None, ranges: Mapping[str, MotorRange] | None = None
-) -> DraftedMap:
-    """Draft a column map of an opened log, as `draft_map`."""
+    opened = open_files(source, topics, read_map(None, None, heading)).opened
     values = dict(numbers_of(opened.table, opened.table.columns, ROWS))
     guesses = guess_columns(list(values), robot)
     matched = list(match_signals(guesses, robot))
