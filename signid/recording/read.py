@@ -105,7 +105,9 @@ def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, 
         used = {signal.column for signal in found.signals.values()}
         ask_for_time(opened.table, time.column if time else "", used, opened.name)
     if mapping.heading.rate is None and _static(found, robot):
-        return _read(source, robot, mapping._replace(heading=mapping.heading._replace(rate=0.0)), unsigned, topics)
+        named = {key: column for key, column in mapping.named.items() if key != "t"}
+        mapping = mapping._replace(named=named, heading=mapping.heading._replace(rate=0.0))
+        return _read(source, robot, mapping, unsigned, topics)
     joints = _joints(found, robot, opened)
     torques = [found.torque(j) for j in joints]
     absolute = [bool(kind) and (unsigned or kind.startswith("abs_")) for kind in torques]

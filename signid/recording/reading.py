@@ -69,7 +69,7 @@ def draft_reading(source: Source, robot: Robot, topics: Sequence[str], error: Re
     """
     try:
         drafted = draft_map(source, robot, topics)
-    except RecordingError:
+    except ValueError:
         raise error from None
     kinds = {line.kind for line in drafted.lines} | {key.partition("_")[0] for key, _ in drafted.offered}
     driven = kinds & {*TORQUES, "q_des"}
