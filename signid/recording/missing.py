@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -100,6 +101,27 @@ def bridge(recording: Recording) -> Recording:
     bridged = DerivedTable(table, {name: partial(_filled, *parts[name]) for name in counts})
     flags = (*recording.flags, flag) if much else recording.flags
     return replace(recording, table=bridged, notes=(*recording.notes, note), flags=flags)
+
+
+def without_torque(recording: Recording, joints: Sequence[str]) -> Recording:
+    """The recording without the torques or currents of some joints."""
+    lost = [joint in joints for joint in recording.joints]
+    tau = tuple("" if out else column for out, column in zip(lost, recording.columns["tau"], strict=True))
+    known = None if recording.scaled is None or (recording.scaled | lost).all() else recording.scaled | lost
+    return replace(recording, columns={**recording.columns, "tau": tau}, signed=recording.signed | lost, scaled=known)
+
+
+def without_dead_torques(recording: Recording) -> Recording:
+    """The recording without torques that are zero throughout of joints that stand still, as of grippers; a note."""
+    table, dead = recording.table, list[str]()
+    for joint, *names in zip(recording.joints, recording.columns["q"], recording.columns["tau"], strict=True):
+        starts = range(0, table.rows if names[1] else 0, CHUNK)
+        pieces = (table.read(names, start, start + CHUNK) - [*table.read(names[:1], 0, 1)[0], 0] for start in starts)
+        dead += [joint] if names[1] and not any(np.nan_to_num(piece).any() for piece in pieces) else []
+    if not dead or not any(without_torque(recording, dead).columns["tau"]):
+        return recording
+    note = f"torque that is zero throughout is left out: {shorten(dead)} stands still"
+    return replace(without_torque(recording, dead), notes=(*recording.notes, note))
 
 
 def with_positions(found: Assignment, robot: Robot) -> Assignment:

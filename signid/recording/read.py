@@ -22,7 +22,7 @@ from .columns import Assignment, assign_columns, converted, stated_units, unit_c
 from .formats import FORMATS, PICKLED
 from .formats.base import About
 from .formats.json_ import holds_samples
-from .missing import are_postures, at_rest, bridge, with_positions, with_repaired_stamps
+from .missing import are_postures, at_rest, bridge, with_positions, with_repaired_stamps, without_dead_torques
 from .names.mapping import TORQUES, ColumnMap, DerivedTable, ParsedColumns, Signal, read_heading, read_map, split
 from .names.match import guess
 from .reading import commanded_torques, draft_reading, lacking_time
@@ -140,23 +140,10 @@ def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, 
         (*found.flags, *flags),
         {name: unit for name, unit in found.units.items() if any(name in group for group in chosen.values())},
     )
-    recording = _without_dead_torques(recording)
+    recording = without_dead_torques(recording)
     recording = at_rest(recording) if mapping.heading.rate == 0 else bridge(with_repaired_stamps(recording))
     commands = commanded_torques(recording) if any(chosen["q_des"]) else ()
     return replace(recording, notes=(*recording.notes, *commands))
-
-
-def _without_dead_torques(recording: Recording) -> Recording:
-    """The recording without torques that are zero throughout of joints that stand still, as of grippers; a note."""
-    table, dead = recording.table, list[str]()
-    for joint, *names in zip(recording.joints, recording.columns["q"], recording.columns["tau"], strict=True):
-        starts = range(0, table.rows if names[1] else 0, CHUNK)
-        pieces = (table.read(names, start, start + CHUNK) - [*table.read(names[:1], 0, 1)[0], 0] for start in starts)
-        dead += [joint] if names[1] and not any(np.nan_to_num(piece).any() for piece in pieces) else []
-    if not dead or not any(without_torque(recording, dead).columns["tau"]):
-        return recording
-    note = f"torque that is zero throughout is left out: {shorten(dead)} stands still"
-    return replace(without_torque(recording, dead), notes=(*recording.notes, note))
 
 
 def same_joints(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -198,14 +185,6 @@ def need_torque(recordings: Sequence[Recording]) -> None:
             source, joint = recording.path or "the recording", recording.joints[0]
             fault = f"{source} has commanded and measured positions, but no torque of a joint"
             raise RecordingError(f"{fault}; add columns such as tau_{joint} or current_{joint}")
-
-
-def without_torque(recording: Recording, joints: Sequence[str]) -> Recording:
-    """The recording without the torques or currents of some joints."""
-    lost = [joint in joints for joint in recording.joints]
-    tau = tuple("" if out else column for out, column in zip(lost, recording.columns["tau"], strict=True))
-    known = None if recording.scaled is None or (recording.scaled | lost).all() else recording.scaled | lost
-    return replace(recording, columns={**recording.columns, "tau": tau}, signed=recording.signed | lost, scaled=known)
 
 
 def with_signs(recording: Recording, signs: NDArray[np.int8] | NDArray[np.float32]) -> Recording:

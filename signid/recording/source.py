@@ -30,7 +30,7 @@ class Frame(Protocol):
 
 SUFFIX = ".reading.toml"  # of the name of the log
 SECONDS = re.compile(r"(.*?)(?:secs?|seconds)", re.IGNORECASE)  # names of the halves of a stamp
-NANOSECONDS = re.compile(r"(.*?)(?:nano_?sec(?:ond)?s?|nsecs?)", re.IGNORECASE)
+NANOSECONDS = re.compile(r"(.*?)(?:nano_?secs?|nano_?seconds?|nsecs?)", re.IGNORECASE)
 Source = str | Path | Mapping[str, ArrayLike] | Frame
 
 

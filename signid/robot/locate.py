@@ -76,8 +76,8 @@ def saved_model(source: str | Path, exported: bool = False) -> Path | None:
     path, name = Path(source), str(source).casefold()
     if str(source).endswith(".json"):
         return path
-    found = _published().get(name)
-    if found is None or path.is_file() or (path / "robot.urdf").is_file():
+    found = robots_folder() / name / "model.json"
+    if Path(name).name != name or not found.is_file() or path.is_file() or (path / "robot.urdf").is_file():
         return None
     return found if exported or _known().get(name, found).parent == found.parent else None
 
@@ -132,11 +132,6 @@ def _beside(path: Path, description: str, package_dirs: Sequence[str | Path]) ->
     place = path if path.is_absolute() else near and near / path
     folders = [*package_dirs, *_shared(), *([near] if near else [])]
     return place if place and may_read(place, folders) and place.is_file() else None
-
-
-@lru_cache(maxsize=1)
-def _published() -> dict[str, Path]:
-    return {file.parent.name: file for file in robots_folder().glob("*/model.json")}
 
 
 @lru_cache(maxsize=1)
