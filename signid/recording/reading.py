@@ -28,7 +28,7 @@ from .names.match import Guess, by_place_in_arm, guess, guess_columns, match_sig
 from .names.vocabulary import Change, change_of, without_unit
 from .sampling.clock import increasing, numbers_of, rivals
 from .source import Opened, Source
-from .units import Noticed, noticed_units, time_unit
+from .units import UNSTATED, Noticed, noticed_units, time_unit
 
 CHECK = "CHECK"  # in the reason of a unit that the user is to check
 COMMAND = 0.999  # correlation of a torque with kp (q_des - q) - kd dq above which it is a command
@@ -74,7 +74,8 @@ def draft_reading(source: Source, robot: Robot, topics: Sequence[str], error: Re
     kinds = {line.kind for line in drafted.lines} | {key.partition("_")[0] for key, _ in drafted.offered}
     driven = kinds & {*TORQUES, "q_des"}
     arm = by_place_in_arm({line.guess.joint for line in drafted.lines if line.kind == "q"}, robot)
-    named = all(line.guess.plain for line in drafted.lines) and not arm
+    doubtful = arm or any(UNSTATED in line.noticed.why for line in drafted.lines)
+    named = all(line.guess.plain for line in drafted.lines) and not doubtful
     if not kinds & {"q", "dq"} or not (driven or "volt" in kinds) or named:
         raise error
     if driven and (choices := [*_choices(drafted, bool(driven & {*TORQUES}))]):
