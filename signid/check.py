@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .errors import InputError, RecordingError
 from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.least_squares import estimate
-from .faults import RecordingFaults, described_evidence, examine, naming_faults, under_found_gravity
+from .faults import (
+    RecordingFaults,
+    ServoAudit,
+    UnusableRecordings,
+    described_evidence,
+    examine,
+    naming_faults,
+    under_found_gravity,
+)
 from .model import Model, ModelSource, stated_inertials, stated_laws
-from .recording import Recordings, as_recordings, without_torque
+from .recording import Recordings, as_recordings
+from .recording.names.mapping import ColumnMap, read_map
 from .recording.sampling import Sampling
+from .recording.source import Source, open_source
 from .regression.bandwidth import Band
 from .regression.session import Options, advice_on_rows
-from .robot import as_robot, audit
+from .robot import Audit, as_robot, audit
 from .signs import Signs, prepare_and_recover
 from .signs.torque_constants import UnknownConstants
 from .typed import typed
-from .types import Array, BaseMap, Progress, Recording, Result, Robot
+from .types import Array, BaseMap, Input, Progress, Recording, Result, Robot
 
 WELL, BARELY = (0.3, 1.0)  # [1] expected over prior standard deviation: identifiable below, unidentifiable above
 
@@ -53,32 +66,83 @@ class Check(Result):
 @typed
 def check(
     robot: ModelSource, recordings: Recordings, *, options: Options | None = None, progress: Progress | None = None
-) -> Check:
+) -> Check | ServoAudit | UnusableRecordings:
     """Check recordings, all of them together; signs of unsigned torque are recovered first.
 
     Recording faults are detected with the inertials that the description states. Where the recordings clearly show
-    another gravity than the stated one, the check is made with it, and a flag says so.
+    another gravity than the stated one, the check is made with it, and a flag says so. Recordings with commanded
+    positions and without usable torque are audited. Those that can be opened and not be checked are returned as such,
+    with the reason as their flag; currents whose torque constants are unknown are left out, flagged.
 
     Raises:
-        InputError: a recording or an option cannot be used; the sentence says which and why.
+        InputError: a recording cannot be opened, or an option cannot be used; the sentence says which and why.
     """
-    robot = (described := audit(as_robot(robot, "check"))).robot
-    recordings, options = as_recordings(recordings, robot, "check"), options or Options()
+    described = audit(as_robot(robot, "check"))
     try:
-        recovered = prepare_and_recover(robot, recordings, recordings, options=options, progress=progress)
-    except UnknownConstants as error:
-        rest = [without_torque(recording, error.joints) for recording in recordings]
-        if not all(any(recording.columns["tau"]) for recording in rest) or all(any(r.columns["q_des"]) for r in rest):
-            raise  # nothing is left, or drives: their audit needs no torque
-        made = check(robot, rest, options=options, progress=progress)
-        return replace(made, suspects=(str(error), *made.suspects))
+        given = as_recordings(recordings, described.robot, "check")
+        return _checked(described, given, options or Options(), progress)
+    except (RecordingError, np.linalg.LinAlgError, ArithmeticError) as error:
+        several = isinstance(recordings, Sequence) and not isinstance(recordings, str)
+        return unusable(recordings if several else [recordings], error)  # type: ignore[arg-type]
+
+
+def unusable(
+    recordings: Sequence[Recording | Source], error: Exception, columns: ColumnMap | None = None
+) -> UnusableRecordings:
+    """Recordings that cannot be checked, and why.
+
+    Raises:
+        RecordingError: one cannot be opened.
+    """
+    numbers = f"numbers lead to no result ({error}); check their units"
+    reason, files, rows = str(error) if isinstance(error, RecordingError) else numbers, list[Input](), list[int]()
+    for one in recordings:
+        if isinstance(one, Recording):
+            files.append(Input(one.path, one.sha256, "recording"))
+            rows.append(len(one))
+        else:
+            opened = open_source(one, (), read_map(columns).heading)
+            files.append(Input(opened.path, opened.sha256, "recording"))
+            rows.append(opened.table.rows)
+    return UnusableRecordings(tuple(files), tuple(rows), (reason,))
+
+
+def _checked(
+    described: Audit, recordings: Sequence[Recording], options: Options, progress: Progress | None
+) -> Check | ServoAudit:
+    """Check of torque, or audit of drives; currents whose constants are unknown are left out, and named."""
+    from .faults.commands import audit_servos
+
+    kinds = zip(described.robot.joints, described.robot.prismatic, strict=True)
+    units = {joint: "m" if slides else "rad" for joint, slides in kinds}
+    if recordings and not any(any(recording.columns["tau"]) for recording in recordings):
+        return audit_servos(recordings, units)
+    try:
+        return _judged(described, recordings, options, progress)
+    except InputError as error:
+        if any(r.scaled is not None for r in recordings) and all(any(r.columns.get("q_des", ())) for r in recordings):
+            note = f"position drives are checked from q_des_J instead of torque: {error}"
+            with suppress(InputError):
+                found = audit_servos(recordings, units)
+                return replace(found, notes=(note, *found.notes))
+        if not isinstance(error, UnknownConstants):
+            raise
+        try:
+            made = _checked(described, error.left_out(recordings), options, progress)
+        except UnknownConstants:
+            raise RecordingError(str(error)) from None
+        return replace(made, suspects=(str(error), *made.suspects)) if isinstance(made, Check) else made
+
+
+def _judged(described: Audit, recordings: Sequence[Recording], options: Options, progress: Progress | None) -> Check:
+    robot = described.robot
+    recovered = prepare_and_recover(robot, recordings, recordings, options=options, progress=progress)
     session = recovered.session_to_fit(robot)
     signed = np.all([recording.signed for recording in recordings], axis=0)
     evidence = described_evidence(session, signed)
     if mounted := under_found_gravity(robot, evidence):
-        made = check(mounted.robot, recordings, options=options, progress=progress)
-        faults = replace(made.faults, findings=(mounted.fault, *made.faults.findings))
-        return replace(made, faults=faults, suspects=described.before())
+        made = _judged(replace(described, robot=mounted.robot), recordings, options, progress)
+        return replace(made, faults=replace(made.faults, findings=(mounted.fault, *made.faults.findings)))
     with naming_faults(session):
         factors = session.reduce(session.train, progress=progress)
     found = estimate(factors, session.task.base, whiten=options.whiten)

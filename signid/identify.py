@@ -18,7 +18,7 @@ from .estimation.least_squares import estimate, with_spread
 from .estimation.standard import METHODS, Search, choose_in_time
 from .faults import IdentifiedData, described_evidence, identification_flags, naming_faults, under_found_gravity
 from .model import Model, ModelSource, fitted_model, stated_parameters
-from .recording import Recordings, as_recordings, without_torque
+from .recording import Recordings, as_recordings
 from .regression.covariance import base_covariance, measure_misfit
 from .regression.factors import LAGS, Factors, Weigh
 from .regression.lacking import Lack
@@ -160,8 +160,8 @@ def identify(
     try:
         recovered = prepare_and_recover(robot, recordings, held_out, options=options, method=signs, progress=progress)
     except UnknownConstants as error:
-        lost = [without_torque(recording, error.joints) for recording in everything]
-        if not all(map(any, (recording.columns["tau"] for recording in lost))) or not _all_signed(everything, error):
+        lost = error.left_out(everything)
+        if not _all_signed(everything, error):
             raise
         found = repeat(robot, lost[: len(recordings)], held_out=lost[len(recordings) :])
         return _with_currents(found, recordings, held_out, error)

@@ -18,7 +18,7 @@ T, Q, TAU = pristine().values()
 UNUSABLE = {  # samples, words of the reason, words of what to correct
     "no position": (csv(swing(q_1=None)), "no position column", "column map"),
     "no torque": (csv(swing(tau_1=None)), "no torque of a joint", "add columns such as tau_1"),
-    "foreign names": (csv({"Zeit": T, "Achse1": Q, "Kraft": TAU}), "no column 't' of time", "--columns"),
+    "foreign names": (csv({"Zeit": T, "Achse1": Q, "Kraft": TAU}), "no column 't' of time", "name it in a column map"),
     "no samples": ("t,q_1,tau_1\n", "no samples", "record the robot in motion"),
     "one sample": (csv({"t": T[:1], "q_1": Q[:1], "tau_1": TAU[:1]}), "a single sample", "a few seconds"),
     "too short": (csv({name: x[:30] for name, x in swing().items()}), "too short", "at least 20"),
@@ -56,6 +56,8 @@ def test_what_is_wrong_with_a_file_is_the_verdict(name: str, place: Path, capfd:
     assert screen.startswith("1r: 1 recording Not usable for identification") and reason in screen
     assert len(err.splitlines()) == 1 and reason in err and remedy in err
     document = json.loads((place / "out/check.json").read_text())
+    found = signid.check("1r", "log.csv")
+    assert isinstance(found, signid.faults.UnusableRecordings) and reason in found.flags[0]  # in Python, too
     assert document["schema"] == "signid.check/1" and document["verdict"] == "unusable"
     assert document["flags"] == [err.strip().removeprefix("signid: ")] and reason in document["headline"]
     assert [entry["role"] for entry in document["inputs"]] == ["recording", "description"]

@@ -18,7 +18,7 @@ OPTIONS = {
     "simulate 1r --motion m.csv -o out.csv": "--noise 1e308;--coloured-noise 1e308;--jitter 1e300;--rate 1e300;"
     "--step 1e-310;--step 1e-12;--duration 1e300;--bandwidth 1e300;--feed-forward 1e300;--encoder-bits 1e300;"
     "--kp 1e308 --kd 1;--substeps 100000000000000",
-    "replay 1r m.csv --html out.html": "--horizon 1e300;--rate 1e300;--from 1e300;--duration 1e300",
+    "replay 1r m.csv --html out.html": "--horizon 1e300;--fps 1e300;--rate 1e300;--from 1e300;--duration 1e300",
     "identify 1r m.csv --json": "--cutoff 1e300;--time-limit 1e-300",
 }
 LAWS = "torque_lag@1:time_constant coulomb_friction@1:level payload:mass time_delay@1:delay spring@1:rest".split()

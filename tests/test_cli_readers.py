@@ -69,5 +69,5 @@ def test_a_replay_of_a_dataset_needs_only_its_units(
     Path("map.toml").write_text('[units]\nq = "deg"\ntau = "N.m"\n')
     assert run(shlex.split("replay 1r d --columns map.toml --html d.html --duration 2")) == 0, capfd.readouterr().err
     assert Path("d.html").stat().st_size > 1e5
-    assert run(shlex.split("replay 1r d --html d.html")) == 2
-    assert 'write [units] q = "deg"' in capfd.readouterr().err
+    assert run(shlex.split("replay 1r d --html d.html")) == 3
+    assert "check the unit of q " in capfd.readouterr().err and 'q = "deg"' in Path("d.reading.toml").read_text()

@@ -123,7 +123,7 @@ def test_a_part_of_a_recording(recording: Recording) -> None:
     assert_allclose(cut.read().t[[0, -1]], (1.0, 3.0))
     assert_allclose(cut.read().q, recording.read(250, 751).q)
     assert part(recording, 0.0, 100.0) is recording
-    shown = signid.replay(signid.load_model("3r"), recording, start=1.0, duration=2.0, rate=10.0)
+    shown = signid.replay(signid.load_model("3r"), recording, start=1.0, duration=2.0, fps=10.0)
     assert_allclose(shown.track.t, 1 + 0.1 * np.arange(21))
 
 
@@ -205,7 +205,7 @@ def test_the_command_writes_the_page(shown: Replay, capfd: pytest.CaptureFixture
         ("3r arm.csv --diagnosis broken/diagnosis.json --html a.html", "is not a diagnosis.json"),
         ("3r arm.csv --from 9 --html a.html", "start earlier"),
         ("3r arm.csv --duration -1 --html a.html", "cannot be shown"),
-        ("3r arm.csv --rate 0 --html a.html", "a rate of 0 Hz"),
+        ("3r arm.csv --fps 0 --html a.html", "0 frames a second"),
         ("3r arm.csv --horizon 0 --html a.html", "horizon"),
         ("3r arm.csv --horizon 20 --html a.html", "shorter horizons"),
         ("model.json arm.csv --lock 1=0 --html a.html", "states its joints"),

@@ -14,7 +14,7 @@ from bags import JOINTS, swung
 from test_recording import arm
 from test_recording_formats import refusal, sentence
 
-from signid.errors import RecordingError
+from signid.errors import RecordingError, UndecidedReading
 from signid.recording import read_recording
 from signid.recording.formats import FORMATS, base
 from signid.recording.formats.base import About
@@ -103,7 +103,10 @@ def test_units_are_not_guessed(missing: str, tmp_path: Path) -> None:
 
 
 def test_a_drafted_map_asks_about_units_of_positions(tmp_path: Path) -> None:
-    text = draft_map(two_episodes(tmp_path, together=True), arm()).text
+    path = two_episodes(tmp_path, together=True)
+    text = draft_map(path, arm()).text
+    with pytest.raises(UndecidedReading, match="check the unit of q "):  # the command writes it, and ends with 3
+        read_recording(path, arm())
     asked = [
         line for line in text.splitlines() if line.endswith("CHECK") and "per cent of the calibrated range" in line
     ]

@@ -139,7 +139,7 @@ def test_names_of_columns_are_matched(case: str) -> None:
 
 
 T = np.arange(500) * 0.02
-SERVOS = ("Rotation", "Pitch", "Elbow", "Wrist_Pitch", "Wrist_Roll", "Jaw")
+SERVOS = ("Rotation", "Pitch", "Elbow", "Wrist_Pitch", "Wrist_Roll", "Claw")
 PAIRED = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
 

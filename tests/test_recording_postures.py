@@ -84,6 +84,17 @@ def test_postures_of_a_sweep_are_stated() -> None:
     assert read_recording(columns, "3r", rate=0).static
 
 
+@pytest.mark.parametrize(("period", "rows", "static"), [(2.0, ROWS, True), (8.0, ROWS, True), (2.0, 40 * ROWS, False)])
+def test_a_smooth_sweep_with_stamps_of_seconds_is_one_of_postures(period: float, rows: int, static: bool) -> None:
+    robot, phase = signid.load_robot("3r"), np.linspace(0, 2 * np.pi, rows)
+    q = 2 * np.sin(np.outer(phase, [1, 2, 3]))
+    tau = signid.load_model(robot).gravity(q)
+    columns = {f"{kind}_{j + 1}": x[:, j] for kind, x in (("q", q), ("tau", tau)) for j in range(3)}
+    t = period * np.arange(rows)
+    assert read_recording({"t": t, **columns}, robot).static == static  # else it may be in ms
+    assert read_recording({"when": t, **columns}, robot, columns={"t": "when"}).static == static
+
+
 def test_postures_and_motions_are_identified_apart() -> None:
     moving = read_recording({**postures("3r"), "t": np.arange(ROWS) / 100}, "3r", rate=100)
     with pytest.raises(RecordingError, match="identify them apart"):

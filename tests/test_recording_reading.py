@@ -74,7 +74,12 @@ def test_lines_to_choose_are_written_once_and_found(
     said = capfd.readouterr().err
     file = Path("log.csv.reading.toml")
     assert said.count("\n") == 1 and "Winkel_Fuss_Grad for q_joint_1" in said and str(file) in said
-    chosen = file.read_text().replace("# q_", "q_").replace("# tau_", "tau_")
+    drafted = file.read_text()
+    for verb in ("identify", "check"):  # nothing was chosen
+        assert run([verb, "3r", "log.csv", "-o", "r"]) == 3
+        said = capfd.readouterr().err
+        assert str(file) in said and '"Winkel_Fuss_Grad"' in said and file.read_text() == drafted
+    chosen = drafted.replace("# q_", "q_").replace("# tau_", "tau_")
     file.write_text(chosen)
     found = signid.read_recording("log.csv", ROBOT)
     assert found.joints == ROBOT.joints and found.reading is not None and found.reading.path == str(file)
@@ -108,6 +113,30 @@ def test_sections_of_a_reading(tmp_path: Path) -> None:
             signid.read_recording(tmp_path / "log.csv", ROBOT)
 
 
+LEROBOT = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+SO100 = ("Rotation", "Pitch", "Elbow", "Wrist_Pitch", "Wrist_Roll", "Jaw")
+
+
+@pytest.mark.parametrize(("own", "recorded"), [("123456", LEROBOT), (SO100, LEROBOT), (LEROBOT, SO100)])
+def test_joints_of_so_arms_are_matched_by_their_place(
+    own: tuple[str, ...], recorded: tuple[str, ...], tmp_path: Path
+) -> None:
+    text = (Path(signid.load_robot("so101").path)).read_text()
+    for name, other in zip(LEROBOT, own, strict=True):
+        text = text.replace(f'"{name}"', f'"{other}"')
+    (tmp_path / "arm.urdf").write_text(text)
+    columns = {"timestamp": T}
+    for k, name in enumerate(recorded):
+        columns[f"observation.state.{name}.pos"] = np.degrees(0.2 + 0.1 * np.sin((k + 1) * T))
+        columns[f"action.{name}.pos"] = columns[f"observation.state.{name}.pos"] + 3 * np.cos(T)
+    pl.DataFrame(columns).write_csv(tmp_path / "log.csv")
+    found = signid.read_recording(tmp_path / "log.csv", tmp_path / "arm.urdf")
+    used = dict(zip(found.joints, found.columns["q"], strict=True))
+    assert used == {joint: f"observation.state.{name}.pos" for joint, name in zip(own, recorded, strict=True)}
+    rows = found.reading.rows[1:] if found.reading else ()
+    assert len(rows) == 6 and all("joint by its place in the arm" in row[3] for row in rows)
+
+
 def test_a_commanded_torque_is_said() -> None:
     desired = Q + 0.02 * np.cos(7 * T)[:, None]
     v = np.gradient(Q, T, axis=0)
@@ -129,3 +158,17 @@ def test_a_current_without_a_constant_stays_in_amperes() -> None:
     assert there["unit"] == "A.s/rad" and abs(CONSTANTS[1] * there["value"] / here["value"] - 1) < 0.1
     assert found.fit.unit == ("N.m", "A") and found.fit.held_out_r2.min() > 0.99
     assert any("residual of z are in A" in flag for flag in found.flags)
+
+
+def test_a_current_without_a_constant_is_left_out_of_a_comparison() -> None:
+    robot = toy(link("a"), link("b", PENDULUM), link("c", PENDULUM), joint("y", "a", "b"), joint("z", "a", "c"))
+    columns = made(robot, 2)
+    columns["current_2"] = columns.pop("tau_2") / CONSTANTS[1]
+    robot = stating(heavier(robot, 0.0), (0,))
+    recording = signid.read_recording(columns, robot)
+    for verb in (signid.validate, signid.diagnose):
+        found = verb(signid.load_model(robot), recording)
+        [flag] = [flag for flag in found.flags if "torque constant of z is not known" in flag]
+        assert "the current of z is left out of the comparison" in flag
+        rest = found.held_out.before if verb is signid.diagnose else found.models[0].residual
+        assert np.isfinite(rest[:, 0]).any() and not np.isfinite(rest[:, 1]).any()

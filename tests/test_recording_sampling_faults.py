@@ -41,7 +41,10 @@ BAD: dict[str, tuple[Change, tuple[str, ...]]] = {
     "stands still": (put("t", slice(None), 3.0), ("does not change", "3")),
     "no time": (put("t", slice(None), np.nan), ("'t'", "no value")),
     "infinite time": (put("t", N - 1, np.inf), ("'t'", "infinite")),
-    "repeats": (lambda c: c.update(t=np.floor(T * 20) / 20), ("1600 of 2000", "repeat")),
+    "repeats": (
+        lambda c: c.update({k: np.repeat(x[::5], 5, axis=0)[:N] for k, x in c.items()}),
+        ("1600 of 2000", "repeat"),
+    ),
     "milliseconds": (scale("t", 1e3), ("milliseconds", "'t'", "10")),
     "milliseconds at 1 kHz": (lambda c: c.update(t=np.arange(N) * 1.0), ("milliseconds", "1")),
     "microseconds": (scale("t", 1e6), ("microseconds",)),

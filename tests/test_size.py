@@ -35,21 +35,21 @@ AIMS = {  # [lines of Python] a room is to have; what it has today is below
     "": 2400,
 }
 TODAY = {
-    "recording": 8738,
+    "recording": 8893,
     "robot": 3262,
     "effects": 2326,
     "regression": 2247,
     "simulation": 4333,
     "estimation": 2576,
-    "signs": 3214,
+    "signs": 3226,
     "faults": 3847,
     "servo": 8979,
-    "diagnose": 6918,
-    "payload": 1421,
+    "diagnose": 6928,
+    "payload": 1442,
     "watch": 2139,
     "output": 12384,
-    "cli": 4819,
-    "": 2499,
+    "cli": 4781,
+    "": 2563,
 }
 LOWERED = 60  # [lines] below the number of today from which the number is to be lowered
 TOGETHER = {"optimisers": "estimation", "validate": "payload"}  # rooms that are counted with another

@@ -144,18 +144,16 @@ def given_recordings(
         UndecidedReading: lines of a reading are to be chosen; the sentence names the file.
     """
     from ..recording import read_recording
-    from ..recording.source import reading_path
+    from ..recording.source import reading_beside, reading_path
 
     found = []
     for path in paths or ():
-        place = reading_path(path)
-        if output is not None and not place.exists() and not os.access(place.parent, os.W_OK):
-            place = reading_path(path, output)
-        known = str(place) if columns is None and place.is_file() else columns
+        closed = output if output is not None and not os.access(Path(path).parent, os.W_OK) else None
+        own = columns or (closed and reading_beside(path, closed))
         try:
-            found.append(read_recording(path, robot, columns=known, unsigned=unsigned, rate=rate))
+            found.append(read_recording(path, robot, columns=own or None, unsigned=unsigned, rate=rate))
         except UndecidedReading as error:
-            raise written_reading(error, place) from None
+            raise written_reading(error, reading_path(path, closed)) from None
         if not quiet:
             print_reading(found[-1].path, found[-1].reading)
     return found
@@ -173,11 +171,12 @@ def print_reading(path: str, reading: Reading | None) -> None:
 
 
 def written_reading(error: UndecidedReading, place: Path) -> UndecidedReading:
-    """Write a reading, and name its file in the sentence."""
+    """Write a reading that was drafted, into the log's folder or `-o`, and name its file in the sentence."""
     from ..output.report import write_files
 
     try:
-        write_files(place.parent, {place.name: error.text}, named=True)
+        if error.text:  # else it lies there
+            write_files(place.parent, {place.name: error.text}, named=True)
     except OutputError as fault:
         return UndecidedReading(f"{error}; the reading cannot be written: {fault}; add -o DIR", error.text)
     said = str(error).replace("its reading are", f"its reading, {readable(str(place))}, are", 1)

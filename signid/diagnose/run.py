@@ -19,6 +19,7 @@ from ..regression.session import Options, Session, longest_piece, rearrange, rec
 from ..robot import Audit, audit, with_gravity
 from ..robot.dynamics import own_body
 from ..signs import Recovered, prepare_and_recover
+from ..signs.torque_constants import UnknownConstants
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.run import restrict_joints
 from ..typed import typed
@@ -98,7 +99,7 @@ def diagnose(
     show, options = progress or _no_progress, replace(options or Options(), effects=())
     healthy = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
     given, notes = restrict_joints(model, [*recordings, *held_out])
-    recovered = _recover(given, recordings, held_out, options, show)
+    recovered, unscaled = _recover(given, recordings, held_out, options, show)
     model = restrict_joints(_lasting(healthy.model), [*recordings, *held_out])[0] if healthy else given
     mounting = mount(model, *prepare_session(model, recovered, options, show), skip)
     mounting = mounting._replace(given=given, constants=recovered.gains.covariance if recovered.gains else None)
@@ -127,6 +128,7 @@ def diagnose(
         inputs=recordings_used(recordings, held_out, reference),
         flags=(
             *described.before(),
+            *unscaled,
             *_flags(recovered, faults),
             *answer.flags,
             *result.flags,
@@ -206,10 +208,18 @@ def _given(model: ModelSource, *some: Recordings) -> tuple[Model, list[Recording
 
 def _recover(
     model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording], options: Options, show: Progress
-) -> Recovered:
-    """Session with recovered signs; their search needs friction."""
+) -> tuple[Recovered, tuple[str, ...]]:
+    """Session with recovered signs, whose search needs friction, and flags on currents that are left out."""
     signs = replace(options, effects=EFFECT_NAMES)
-    return prepare_and_recover(model.robot, recordings, held_out, options=options, unsigned=signs, progress=show)
+    try:
+        return (
+            prepare_and_recover(model.robot, recordings, held_out, options=options, unsigned=signs, progress=show),
+            (),
+        )
+    except UnknownConstants as error:
+        rest, k = error.left_out([*recordings, *held_out]), len(recordings)
+        found, flags = _recover(model, rest[:k], rest[k:], options, show)
+        return found, (error.flag, *flags)
 
 
 def _check(recordings: Sequence[Recording], reference: Sequence[Recording], skip: Sequence[str]) -> None:

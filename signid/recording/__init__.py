@@ -7,6 +7,7 @@ column map assigns other names.
 Samples are read on demand and in chunks, so memory does not grow with the length of a recording.
 """
 
+from .missing import without_torque
 from .read import (
     Recordings,
     as_recording,
@@ -18,7 +19,6 @@ from .read import (
     read_recording,
     same_joints,
     with_signs,
-    without_torque,
 )
 
 __all__ = [

@@ -15,7 +15,6 @@ from .formats.base import About
 from .names.mapping import TORQUES, DerivedTable, ParsedColumns, Signal, split
 from .names.match import last_numbers
 from .names.vocabulary import Change, change_of, signed_register
-from .reading import suggest
 from .source import Opened
 from .units import UNSTATED
 
@@ -207,7 +206,7 @@ def _ignored(
             numbers = f"{first} to {last}" if whole else ", ".join(map(str, robot.numbers))
             joints = f"{shorten(robot.joints, 12)}, numbered {numbers}"
             fault = f"{opened.name}: {signal.logical} names no joint of {robot.name}{guess}; it has {joints}"
-            raise RecordingError(fault + suggest(opened, robot))
+            raise RecordingError(fault)
         elif token.isdecimal() or (kind == "q" and not quantity):
             ignored.append(signal.column)
     notes = (f"ignored, because {robot.name} has no such joint: {shorten(ignored, 12)}",) if ignored else ()

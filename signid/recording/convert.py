@@ -116,7 +116,7 @@ def convert(
     unread = ""
     if robot:
         try:
-            read_recording(found, robot)
+            read_recording(found, robot, columns={})
         except RecordingError as error:
             unread = opened.name + str(error).removeprefix("the recording")
             flags.append(unread)

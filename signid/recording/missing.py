@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,7 +16,7 @@ from .columns import Assignment
 from .formats.base import MemoryTable
 from .names.mapping import DerivedTable, Signal
 from .names.vocabulary import INTEGRAL
-from .sampling.clock import CHUNK, FASTEST, GAP, GAP_SECONDS, SLOWEST
+from .sampling.clock import CHUNK, FASTEST, GAP, GAP_SECONDS, SLOWEST, repair_stamps
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
 PERIODS, SECONDS = 6.5, 0.05  # [periods], [s] holes that are no longer than both are short, too
@@ -26,8 +27,33 @@ MUCH = 0.1  # [1] bridged share of a column from which results are flagged
 DISORDER = 0.7  # [1] mean square step of positions over twice their variance, above which rows jump; 1: white noise
 STANDSTILL = 0.05  # [rad or m] largest range of positions that are noise of joints at rest
 APART = 0.2  # [s] smallest time between rows of postures
+SWEEP = 1.0  # [s] smallest time between rows of a smooth sweep of postures
+SLOWEST_SWEEP = 4e-3  # [rad/s or m/s] its smallest speed; stamps in ms would make it 4 rad/s, which few robots keep
 APPROACH = 1e-3  # [rad/s or m/s] velocity that stands for the direction of approach; its inertial torque is negligible
 FIRST, FEWEST = 65_536, 8  # rows that are examined, and that are needed
+
+
+def with_repaired_stamps(recording: Recording) -> Recording:
+    """The recording with times in place of stamps that go back a little, or have too few digits; both noted."""
+    table, (time, *_) = recording.table, recording.columns["t"]
+    pieces = [table.read([time], k, k + CHUNK)[:, 0] for k in range(0, table.rows, CHUNK)]
+    stamps = np.concatenate(pieces) if pieces else np.zeros(0)
+    known = np.flatnonzero(np.isfinite(stamps))
+    repeats = np.diff(stamps[known]) <= 0
+    if not repeats.any():
+        return recording
+    positions = [column for column in recording.columns["q"] if column]
+    repaired = repair_stamps(stamps[known], np.array(table.read(positions, 0, table.rows)[known]))
+    if repaired is None:
+        return recording
+    added, order = {time: stamps.copy()}, np.arange(table.rows)
+    if repaired.order is not None:
+        order[known] = known[repaired.order]
+        used = dict.fromkeys(name for group in recording.columns.values() for name in group if name)
+        added = {name: np.array(table.read([name], 0, table.rows)[order, 0]) for name in used}
+    added[time][known] = repaired.times
+    notes = (*recording.notes, repaired.note)
+    return replace(recording, table=DerivedTable(table, {}, added), notes=notes)
 
 
 def bridge(recording: Recording) -> Recording:
@@ -75,6 +101,27 @@ def bridge(recording: Recording) -> Recording:
     bridged = DerivedTable(table, {name: partial(_filled, *parts[name]) for name in counts})
     flags = (*recording.flags, flag) if much else recording.flags
     return replace(recording, table=bridged, notes=(*recording.notes, note), flags=flags)
+
+
+def without_torque(recording: Recording, joints: Sequence[str]) -> Recording:
+    """The recording without the torques or currents of some joints."""
+    lost = [joint in joints for joint in recording.joints]
+    tau = tuple("" if out else column for out, column in zip(lost, recording.columns["tau"], strict=True))
+    known = None if recording.scaled is None or (recording.scaled | lost).all() else recording.scaled | lost
+    return replace(recording, columns={**recording.columns, "tau": tau}, signed=recording.signed | lost, scaled=known)
+
+
+def without_dead_torques(recording: Recording) -> Recording:
+    """The recording without torques that are zero throughout of joints that stand still, as of grippers; a note."""
+    table, dead = recording.table, list[str]()
+    for joint, *names in zip(recording.joints, recording.columns["q"], recording.columns["tau"], strict=True):
+        starts = range(0, table.rows if names[1] else 0, CHUNK)
+        pieces = (table.read(names, start, start + CHUNK) - [*table.read(names[:1], 0, 1)[0], 0] for start in starts)
+        dead += [joint] if names[1] and not any(np.nan_to_num(piece).any() for piece in pieces) else []
+    if not dead or not any(without_torque(recording, dead).columns["tau"]):
+        return recording
+    note = f"torque that is zero throughout is left out: {shorten(dead)} stands still"
+    return replace(without_torque(recording, dead), notes=(*recording.notes, note))
 
 
 def with_positions(found: Assignment, robot: Robot) -> Assignment:
@@ -155,13 +202,18 @@ def disorder(q: Array) -> float:
 
 
 def are_postures(table: Table, positions: tuple[str, ...], time: str) -> bool:
-    """Whether positions jump from row to row, and rows of a column `time` [s], if any, are at least 0.2 s apart."""
+    """Whether positions jump from row to row, and rows of a column `time` [s], if any, are at least 0.2 s apart.
+
+    A smooth sweep counts from 1 s on, if its steps would be too fast for stamps that are milliseconds.
+    """
     values = table.read([*([time] if time else []), *positions], 0, FIRST)
     values = values[np.isfinite(values).all(axis=1)]
     if len(values) < FEWEST:
         return False
     q, period = values[:, -len(positions) :], float(np.median(np.diff(values[:, 0]))) if time else np.inf
-    return period >= APART and np.ptp(q, axis=0).max() >= STANDSTILL and disorder(q) > DISORDER
+    step = float(np.median(np.abs(np.diff(q, axis=0)).max(axis=1)))
+    jumps = disorder(q) > DISORDER or (np.isfinite(period) and period >= SWEEP and step > SLOWEST_SWEEP * period)
+    return period >= APART and np.ptp(q, axis=0).max() >= STANDSTILL and jumps
 
 
 def at_rest(recording: Recording) -> Recording:

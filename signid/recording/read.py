@@ -22,10 +22,10 @@ from .columns import Assignment, assign_columns, converted, stated_units, unit_c
 from .formats import FORMATS, PICKLED
 from .formats.base import About
 from .formats.json_ import holds_samples
-from .missing import are_postures, at_rest, bridge, with_positions
+from .missing import are_postures, at_rest, bridge, with_positions, with_repaired_stamps, without_dead_torques
 from .names.mapping import TORQUES, ColumnMap, DerivedTable, ParsedColumns, Signal, read_heading, read_map, split
 from .names.match import guess
-from .reading import commanded_torques, draft_reading, lacking_time, suggest
+from .reading import commanded_torques, draft_reading, lacking_time
 from .sampling.clock import CHUNK, ask_for_time
 from .source import Opened, Source, columns_of, found_reading, open_source, reading_beside
 from .units import UNSTATED
@@ -83,12 +83,11 @@ def read_recording(
         UndecidedReading: lines of the drafted reading are to be chosen.
     """
     robot, own = as_robot(robot, "read_recording"), reading_beside(source) if columns is None else columns
-    heading = read_heading("", 0, (), rate)
+    heading, reading = read_heading("", 0, (), rate), found_reading(own)
     try:
-        found = _read(source, robot, read_map(own, heading=heading), unsigned, topics)
-        return replace(found, reading=found_reading(own))
+        return replace(_read(source, robot, read_map(own, heading=heading), unsigned, topics), reading=reading)
     except RecordingError as error:
-        if own is not None or not isinstance(source, str | Path):
+        if own is not None:
             raise
         drafted = draft_reading(source, robot, topics, error)
     found = _read(source, robot, read_map(tomllib.loads(drafted.text), heading=heading), unsigned, topics)
@@ -106,7 +105,9 @@ def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, 
         used = {signal.column for signal in found.signals.values()}
         ask_for_time(opened.table, time.column if time else "", used, opened.name)
     if mapping.heading.rate is None and _static(found, robot):
-        return _read(source, robot, mapping._replace(heading=mapping.heading._replace(rate=0.0)), unsigned, topics)
+        named = {key: column for key, column in mapping.named.items() if key != "t"}
+        mapping = mapping._replace(named=named, heading=mapping.heading._replace(rate=0.0))
+        return _read(source, robot, mapping, unsigned, topics)
     joints = _joints(found, robot, opened)
     torques = [found.torque(j) for j in joints]
     absolute = [bool(kind) and (unsigned or kind.startswith("abs_")) for kind in torques]
@@ -139,7 +140,8 @@ def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, 
         (*found.flags, *flags),
         {name: unit for name, unit in found.units.items() if any(name in group for group in chosen.values())},
     )
-    recording = at_rest(recording) if mapping.heading.rate == 0 else bridge(recording)
+    recording = without_dead_torques(recording)
+    recording = at_rest(recording) if mapping.heading.rate == 0 else bridge(with_repaired_stamps(recording))
     commands = commanded_torques(recording) if any(chosen["q_des"]) else ()
     return replace(recording, notes=(*recording.notes, *commands))
 
@@ -183,14 +185,6 @@ def need_torque(recordings: Sequence[Recording]) -> None:
             source, joint = recording.path or "the recording", recording.joints[0]
             fault = f"{source} has commanded and measured positions, but no torque of a joint"
             raise RecordingError(f"{fault}; add columns such as tau_{joint} or current_{joint}")
-
-
-def without_torque(recording: Recording, joints: Sequence[str]) -> Recording:
-    """The recording without the torques or currents of some joints."""
-    lost = [joint in joints for joint in recording.joints]
-    tau = tuple("" if out else column for out, column in zip(lost, recording.columns["tau"], strict=True))
-    known = None if recording.scaled is None or (recording.scaled | lost).all() else recording.scaled | lost
-    return replace(recording, columns={**recording.columns, "tau": tau}, signed=recording.signed | lost, scaled=known)
 
 
 def with_signs(recording: Recording, signs: NDArray[np.int8] | NDArray[np.float32]) -> Recording:
@@ -249,7 +243,7 @@ def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
         lack += "; a voltage is no torque" if any(found.column("volt", j) for j in joints) else ""
     else:
         return joints
-    raise RecordingError(f"{opened.name} has no {lack}{suggest(opened, robot)}")
+    raise RecordingError(f"{opened.name} has no {lack}")
 
 
 def _static(found: Assignment, robot: Robot) -> bool:
@@ -310,7 +304,7 @@ def _notes(
 ) -> Iterator[str]:
     """Deviations from what a user may expect; used: the columns that are read."""
     if not any(found.torque(j) for j in joints):
-        yield f"no torque and no current: a recording of servos{suggest(opened, robot)}"
+        yield "no torque and no current: a recording of servos"
     if absent := [f"{name} (at {x:.4g})" for name, x in resting(robot, [robot.joints[j] for j in joints]).items()]:
         subject, verbs = ("joint", ("has", "is")) if len(absent) == 1 else ("joints", ("have", "are"))
         fact = f"{subject} {', '.join(absent)} {verbs[0]} no position column and {verbs[1]} held fixed"
@@ -451,7 +445,7 @@ def read_bare(
         flags=tuple(implausible),
         units=units,
     )
-    return bridge(recording), {joint: "" if joint in unknown else "rad" for joint in joints}
+    return bridge(with_repaired_stamps(recording)), {joint: "" if joint in unknown else "rad" for joint in joints}
 
 
 def _signals(opened: Opened, mapping: ParsedColumns) -> dict[str, Signal]:

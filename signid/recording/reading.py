@@ -24,18 +24,16 @@ from .names.mapping import (
     read_map,
     split,
 )
-from .names.match import Guess, guess, guess_columns, known_joints, match_signals, pair_in_order
+from .names.match import Guess, by_place_in_arm, guess, guess_columns, match_signals, pair_in_order
 from .names.vocabulary import Change, change_of, without_unit
 from .sampling.clock import increasing, numbers_of, rivals
 from .source import Opened, Source
-from .units import Noticed, noticed_units, time_unit
+from .units import UNSTATED, Noticed, noticed_units, time_unit
 
 CHECK = "CHECK"  # in the reason of a unit that the user is to check
 COMMAND = 0.999  # correlation of a torque with kp (q_des - q) - kd dq above which it is a command
 EXAMINED, FEWEST = 20_000, 100  # [rows] that decide it, at most and at least
 SHOWN = ("t", "q", "q_des", "dq", *TORQUES)  # kinds of columns that a reading lists
-BASE = ("rad", "rad/s", "rad/s2", "s", "N.m", "A", "m", "m/s", "m/s2", "N", "1", "V", "C")  # units of recordings
-INLINE = 110  # maximum length of a map within a message [characters]
 ROWS = 200_000  # rows whose numbers are examined
 ORDER = ("q", "dq", "ddq", "tau", "abs_tau", "current", "abs_current", "q_des", *ServoSamples._fields)
 TITLES = {
@@ -63,7 +61,7 @@ SECTIONS = """
 
 
 def draft_reading(
-    source: str | Path | Files,
+    source: Source | Files,
     robot: Robot,
     topics: Sequence[str],
     error: RecordingError,
@@ -79,17 +77,21 @@ def draft_reading(
     """
     try:
         drafted = draft_map(source, robot, topics, heading, ranges)
-    except RecordingError:
+    except ValueError:
         raise error from None
     kinds = {line.kind for line in drafted.lines} | {key.partition("_")[0] for key, _ in drafted.offered}
     driven = kinds & {*TORQUES, "q_des"}
-    plain = ranges is None and all(line.guess.plain for line in drafted.lines)
-    if not kinds & {"q", "dq"} or not (driven or "volt" in kinds) or plain:
+    arm = by_place_in_arm({line.guess.joint for line in drafted.lines if line.kind == "q"}, robot)
+    doubtful = arm or ranges is not None or any(UNSTATED in line.noticed.why for line in drafted.lines)
+    named = all(line.guess.plain for line in drafted.lines) and not doubtful
+    if not kinds & {"q", "dq"} or not (driven or "volt" in kinds) or named:
         raise error
     if driven and (choices := [*_choices(drafted, bool(driven & {*TORQUES}))]):
+        if not isinstance(source, str | Path | Files):
+            raise error  # which says what to write; there is no file to lie beside
         name = readable(" + ".join(map(str, source.paths)) if isinstance(source, Files) else str(source))
         raise UndecidedReading(f"{name}: lines of its reading are to be chosen: {', '.join(choices)}", drafted.text)
-    return Reading(drafted.text, tuple(_rows(drafted, robot)))
+    return Reading(drafted.text, tuple(_rows(drafted, robot, arm)))
 
 
 def _choices(drafted: DraftedMap, torque: bool) -> Iterator[str]:
@@ -104,11 +106,13 @@ def _choices(drafted: DraftedMap, torque: bool) -> Iterator[str]:
     yield from ((sentence.partition(": ")[2] or sentence).partition("; ")[0] for sentence in drafted.lacking)
 
 
-def _rows(drafted: DraftedMap, robot: Robot) -> Iterator[tuple[str, str, str, str]]:
+def _rows(drafted: DraftedMap, robot: Robot, arm: Mapping[str, str]) -> Iterator[tuple[str, str, str, str]]:
     """Columns that are read, with units and reasons: of time, then of each joint."""
     for joint, name in enumerate(("time", *robot.joints), -1):
         own = [line for line in drafted.lines if line.joint == joint and line.kind in SHOWN]
         units, reasons = [str(line.noticed.unit) for line in own], dict.fromkeys(line.noticed.why for line in own)
+        if name in arm.values():
+            reasons["joint by its place in the arm"] = None
         if any(line.kind.endswith("current") for line in own):
             known = float(robot.actuators.torque_constant[joint])
             reasons[f"torque constant {f'{known:.4g}, stated' if known == known else 'to be estimated'}"] = None
@@ -159,7 +163,7 @@ class DraftedMap(NamedTuple):
 
 
 def draft_map(
-    source: Source | Files | Opened,
+    source: Source | Files,
     robot: Robot,
     topics: Sequence[str] = (),
     heading: Heading | None = None,
@@ -175,15 +179,14 @@ def draft_map(
         OptionError: topics of a source without topics.
         RecordingError: the source cannot be read.
     """
-    if not isinstance(source, Opened):
-        source = open_files(source, topics, read_map(None, None, heading)).opened
-    values = dict(numbers_of(source.table, source.table.columns, ROWS))
+    opened = open_files(source, topics, read_map(None, None, heading)).opened
+    values = dict(numbers_of(opened.table, opened.table.columns, ROWS))
     guesses = guess_columns(list(values), robot)
     matched = list(match_signals(guesses, robot))
     signals = {key: one for key, one in matched if not one.desired}
     spare = [one.column for _, one in matched if one.desired]
     signals, time = _unsigned(signals, values), _time(guesses, values)
-    unstated = About.of(source.table).unstated
+    unstated = About.of(opened.table).unstated
     lines = tuple(
         line._replace(noticed=line.noticed.with_caveat(unstated=True))
         if line.kind in ("q", "q_des") and line.guess.column in unstated
@@ -193,9 +196,9 @@ def draft_map(
     lines = _calibrated(lines, values, ranges or {})
     offered = tuple((key, one.column) for key, one in pair_in_order(guesses, signals, robot))
     used = {line.guess.column for line in lines} | {column for _, column in offered}
-    unused = tuple(name for name in source.table.columns if name not in used)
-    lacking = tuple(_lacking(lines, source, used))
-    text = _text(source.name, robot, lines, offered, spare=spare, unused=unused, lacking=lacking)
+    unused = tuple(name for name in opened.table.columns if name not in used)
+    lacking = tuple(_lacking(lines, opened, used))
+    text = _text(opened.name, robot, lines, offered, spare=spare, unused=unused, lacking=lacking)
     text += _missing([values[line.guess.column] for line in lines]) + SECTIONS
     if stated := heading_lines(heading or Heading()):
         top, first, rest = text.partition("\n\n")
@@ -356,26 +359,6 @@ def _section(kind: str, lines: Sequence[MappedColumn], shared: Noticed | None) -
         yield own if shared or alike else f"{own}  # {one_line(line.noticed.why)}"
 
 
-def renamed(opened: Opened, robot: Robot) -> tuple[str, ...]:
-    """Lines of the drafted map on columns that a recording would name otherwise, without uncertain ones."""
-    known = {"", *known_joints(robot)}
-    return tuple(
-        entry(line.signal, line.guess.column, "" if line.noticed.unit in BASE else line.noticed.unit)
-        for line in draft_map(opened, robot).lines
-        if not (line.guess.plain and line.guess.joint in known) and not line.guess.bare
-    )
-
-
-def suggest(opened: Opened, robot: Robot) -> str:
-    """End of a message about columns that do not match the robot, with lines of the drafted map; "" without any."""
-    lines = renamed(opened, robot)
-    if not lines:
-        return ""
-    whole, first = "; ".join(lines), lines[0]
-    content = f" with {whole}" if len(whole) <= INLINE else f" that begins {first}" if len(first) <= INLINE else ""
-    return f"; a column map (--columns){content} may fit"
-
-
 def lacking_time(table: Table, used: Collection[str]) -> str:
     """Advice on a table without a column of time; `used`: columns of signals.
 
@@ -383,7 +366,7 @@ def lacking_time(table: Table, used: Collection[str]) -> str:
     """
     if any((one := guess(name)) and one.kind == "t" for name in table.columns):
         return "add it, or name it in a column map"
-    state = "state the rate of its rows [Hz], --rate 100"
+    state = "state the rate of its rows [Hz], --rate 100 (0: each row is a posture at rest)"
     rising = [(name, t) for name, t in increasing(table, [x for x in table.columns if x not in used]) if t[0] < t[-1]]
     steps = {name: np.diff(t) for name, t in rising}
     times = {name: t for name, t in rising if np.all(steps[name] > 0) and not np.all(steps[name] == 1)}

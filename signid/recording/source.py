@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from errno import EINVAL
@@ -13,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
-from ..errors import OptionError, RecordingError, readable, shorten
+from ..errors import OptionError, RecordingError, UndecidedReading, readable, shorten
 from ..types import Reading, Table
 from .formats import find_format
 from .formats.base import About, memory_table
@@ -28,6 +29,8 @@ class Frame(Protocol):
 
 
 SUFFIX = ".reading.toml"  # of the name of the log
+SECONDS = re.compile(r"(.*?)(?:secs?|seconds)", re.IGNORECASE)  # names of the halves of a stamp
+NANOSECONDS = re.compile(r"(.*?)(?:nano_?secs?|nano_?seconds?|nsecs?)", re.IGNORECASE)
 Source = str | Path | Mapping[str, ArrayLike] | Frame
 
 
@@ -70,7 +73,18 @@ def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | N
     if not path.is_file() and not path.is_dir():
         raise RecordingError(f"recording {path} does not exist; expected a file of samples")
     name = readable(str(path))
-    return Opened(_table(path, topics, stated), name, name, digest_of(path))
+    return Opened(_whole_stamps(_table(path, topics, stated)), name, name, digest_of(path))
+
+
+def _whole_stamps(table: Table) -> Table:
+    """A table with stamps [s] where two columns hold their seconds and nanoseconds, as in messages of ROS."""
+    found = {match[1]: name for name in table.columns if (match := SECONDS.fullmatch(name))}
+    halves = {name: match[1] for name in table.columns if (match := NANOSECONDS.fullmatch(name)) and match[1] in found}
+    for nanoseconds, head in halves.items() if "t" not in table.columns else []:
+        with suppress(RecordingError):  # texts
+            whole = table.read([found[head], nanoseconds], 0, table.rows) @ [1.0, 1e-9]
+            return DerivedTable(table, {}, {head.rstrip("._") or "stamp": np.asarray(whole)})
+    return table
 
 
 def _paced(table: Table, rate: float) -> Table:
@@ -165,17 +179,25 @@ def _digest(file: Path) -> str:
         return file_digest(stream, "sha256").hexdigest()
 
 
-def reading_beside(source: object) -> Path | None:
-    """The reading of a log that lies beside it; None without one."""
-    path = reading_path(source) if isinstance(source, str | Path) else None
-    return path if path and path.is_file() else None
+def reading_beside(source: object, folder: str | Path | None = None) -> Path | None:
+    """The reading of a log that lies beside it, or in a folder; None without one."""
+    paths = [reading_path(source, place) for place in (None, folder)] if isinstance(source, str | Path) else []
+    return next((path for path in paths if path.is_file()), None)
 
 
 def found_reading(file: object) -> Reading | None:
-    """The reading in a file with a column map; None for another map."""
+    """The reading in a file with a column map; None for another map.
+
+    Raises:
+        UndecidedReading: lines of it are still to be chosen.
+    """
     if not isinstance(file, str | Path) or not str(file).endswith(SUFFIX):
         return None
-    return Reading(Path(file).read_text(encoding="utf-8"), (), readable(str(file)))
+    found, name = Reading(Path(file).read_text(encoding="utf-8"), (), readable(str(file))), readable(str(file))
+    if offered := re.findall(r"^#\s*(\S.*?)\s*# which\?", found.text, re.MULTILINE):
+        fact = f"{name.removesuffix(SUFFIX)}: lines of its reading are to be chosen: {shorten(offered, 3)}"
+        raise UndecidedReading(f"{fact} (remove the first # of each line that is right, delete the others)", "")
+    return found
 
 
 def reading_path(source: str | Path, folder: str | Path | None = None) -> Path:

@@ -76,8 +76,8 @@ def saved_model(source: str | Path, exported: bool = False) -> Path | None:
     path, name = Path(source), str(source).casefold()
     if str(source).endswith(".json"):
         return path
-    found = {file.parent.name: file for file in robots_folder().glob("*/model.json")}.get(name)
-    if found is None or path.is_file() or (path / "robot.urdf").is_file():
+    found = robots_folder() / name / "model.json"
+    if Path(name).name != name or not found.is_file() or path.is_file() or (path / "robot.urdf").is_file():
         return None
     return found if exported or _known().get(name, found).parent == found.parent else None
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import OptionError, RecordingError, shorten
 from ..estimation.least_squares import estimate
 from ..model import stated_inertials
-from ..recording import same_joints, with_signs
+from ..recording import same_joints, with_signs, without_torque
 from ..regression.factors import Factors, JointFactors
 from ..regression.rows import Task
 from ..regression.session import Session
@@ -60,6 +60,18 @@ class UnknownConstants(OptionError):
         self.joints = tuple(robot.joints[j] for j in np.flatnonzero(lost))
         units = " or ".join(sorted({_unit(robot, j) for j in np.flatnonzero(lost).tolist()}))
         super().__init__(f"{fact}; state torque_constant [{units} at the joint] in an actuators file, {remedy}")
+
+    @property
+    def flag(self) -> str:
+        """Sentence on results without the currents of these joints."""
+        return f"{self}; the current of {shorten(self.joints)} is left out of the comparison"
+
+    def left_out(self, recordings: Sequence[Recording]) -> list[Recording]:
+        """Recordings without the currents of these joints; raises this error if one has no other torque."""
+        rest = [without_torque(recording, self.joints) for recording in recordings]
+        if not all(any(recording.columns["tau"]) for recording in rest):
+            raise self
+        return rest
 
 
 @dataclass(frozen=True, eq=False)

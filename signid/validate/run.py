@@ -10,12 +10,14 @@ import numpy as np
 
 from ..diagnose.data.motions import pieces, row_filter
 from ..diagnose.extend.holdout import filtered
+from ..effects import EFFECT_NAMES
 from ..errors import InputError, OptionError, RecordingError, shorten
 from ..estimation.fit_quality import LITTLE, Fit, fit_rows
 from ..faults import NO_EXCITATION, OF_A_FIT, RecordingFaults, examine
 from ..model import Model, ModelSource, as_model
 from ..recording import Recordings, as_recordings, same_joints
 from ..regression.session import Options, Session, only_once, prepare
+from ..signs.torque_constants import UnknownConstants, find_gains
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.run import restrict_joints
 from ..typed import typed
@@ -62,10 +64,13 @@ def validate(
     given = as_recordings(recordings, next(iter(named.values())).robot, "validate") if named else []
     _check(named, given)
     options = replace(options or Options(), effects=(), instruments=False)
+    unscaled, constants = tuple[str, ...](), tuple[str, ...]()
+    if any(recording.scaled is not None for recording in given):
+        given, unscaled, constants = _scaled(next(iter(named.values())), given, options)
     candidates = [_share_joints(name, model, given) for name, model in named.items()]
     sessions = _sessions(candidates, options)
-    validated, faults, notes = list[ValidatedModel](), list[RecordingFaults](), list[str]()
-    flags = [*joint_flags(candidates, same_joints(given)), *constant_flags(candidates)]
+    validated, faults, notes = list[ValidatedModel](), list[RecordingFaults](), [*constants]
+    flags = [*unscaled, *joint_flags(candidates, same_joints(given)), *constant_flags(candidates)]
     for k, one in enumerate(candidates):
         if progress is not None:
             progress(f"validating {one.name}", k / len(candidates))
@@ -110,6 +115,22 @@ def _check(models: Mapping[str, Model], recordings: Sequence[Recording]) -> None
                 f"{name} has no sign of the torque of {shorten(unsigned)}, and validation does not recover signs; run "
                 f"signid identify on it, and validate on the signed.csv that it writes"
             )
+
+
+def _scaled(
+    model: Model, recordings: list[Recording], options: Options
+) -> tuple[list[Recording], tuple[str, ...], tuple[str, ...]]:
+    """Recordings with currents as torques, flags and notes; constants that are not stated are estimated.
+
+    Currents of joints whose constants cannot be estimated are left out.
+    """
+    session = prepare(model.robot, recordings, recordings, replace(options, effects=EFFECT_NAMES), scaled=False)
+    try:
+        gains = find_gains(session)
+    except UnknownConstants as error:
+        rest, flags, notes = _scaled(model, error.left_out(recordings), options)
+        return rest, (error.flag, *flags), notes
+    return (recordings, (), ()) if gains is None else ([*map(gains.scale, recordings)], gains.flags, gains.notes)
 
 
 def _share_joints(name: str, model: Model, recordings: Sequence[Recording]) -> ModelCandidate:

@@ -37,12 +37,12 @@ from ..options import (
 from ..terminal import bars, check_folder, show
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from ...check import Check
     from ...estimation.standard import Search
     from ...faults import ServoAudit, UnusableRecordings
-    from ...types import Recording, Robot
+    from ...types import Robot
 
 
 @command("signid inspect panda --joints panda_joint6,panda_joint7")
@@ -83,6 +83,7 @@ def check(
     """
     from numpy.linalg import LinAlgError
 
+    from ...check import unusable
     from ...recording import is_recording
     from ...recording.source import digest_of
     from ...types import Input
@@ -98,7 +99,7 @@ def check(
     try:
         found = _checked(context, described, paths, rows, run, unsigned=unsigned, output=output)
     except (RecordingError, LinAlgError, ArithmeticError) as error:
-        found = _unusable(paths, rows.columns, error)
+        found = unusable(paths, error, rows.columns)
     if described is not None:
         inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
     else:
@@ -116,63 +117,24 @@ def _checked(
     *,
     unsigned: bool,
     output: str | None,
-) -> Check | ServoAudit:
-    """Check of torque, or audit of position drives; currents whose constants are unknown are left out, and named."""
+) -> Check | ServoAudit | UnusableRecordings:
+    """Check of torque, or audit of position drives, which options for torque exclude."""
     from ...check import check as judge
-    from ...recording import without_torque
-    from ...signs.torque_constants import UnknownConstants
+    from ...faults import ServoAudit
 
     if described is None:
+        from ...faults.commands import audit_servos
         from ...recording import read_bare
 
         read = [read_bare(path, columns=rows.columns, rate=rows.rate) for path in paths]
         units = {joint: unit for _, own in read for joint, unit in own.items()}
-        return _audit([recording for recording, _ in read], units)
-    kinds = zip(described.joints, described.prismatic, strict=True)
-    units = {joint: "m" if slides else "rad" for joint, slides in kinds}
-    given, lacking = (
-        given_recordings(paths, described, rows.columns, unsigned, rows.rate, output=output, quiet=run.json),
-        list[str](),
-    )
-    while any(any(recording.columns["tau"]) for recording in given):
-        try:
-            with bars(run.json) as progress:
-                found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
-            return replace(found, suspects=(*lacking, *found.suspects))
-        except InputError as error:
-            try:
-                return _audit(given, units, instead_of_torque(context, error, given, "checked"))
-            except InputError:
-                if not isinstance(error, UnknownConstants):
-                    raise
-            given = [without_torque(recording, error.joints) for recording in given]
-            lacking.append(str(error))
-    if lacking:
-        raise RecordingError(lacking[-1])
-    return _audit(given, units)
-
-
-def _unusable(paths: Sequence[str], columns: str | None, error: Exception) -> UnusableRecordings:
-    """Recordings that cannot be checked, and why; the error of opening them where that fails."""
-    from ...faults import UnusableRecordings
-    from ...recording.names.mapping import read_map
-    from ...recording.source import open_source
-    from ...types import Input
-
-    opened = [open_source(path, (), read_map(columns).heading) for path in paths]
-    reason = (
-        str(error) if isinstance(error, RecordingError) else f"numbers lead to no result ({error}); check their units"
-    )
-    files = tuple(Input(one.path, one.sha256, "recording") for one in opened)
-    return UnusableRecordings(files, tuple(one.table.rows for one in opened), (reason,))
-
-
-def _audit(given: Sequence[Recording], units: Mapping[str, str], notes: Sequence[str] = ()) -> ServoAudit:
-    """Audit recordings of servos whose positions have these units by joint, with more notes."""
-    from ...faults.commands import audit_servos
-
-    found = audit_servos(given, units)
-    return replace(found, notes=(*notes, *found.notes))
+        return audit_servos([recording for recording, _ in read], units)
+    given = given_recordings(paths, described, rows.columns, unsigned, rows.rate, output=output, quiet=run.json)
+    with bars(run.json) as progress:
+        found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
+    if isinstance(found, ServoAudit) and not has_drives(given):
+        instead_of_torque(context, RecordingError(found.notes[0].partition(": ")[2]), given, "checked")
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)

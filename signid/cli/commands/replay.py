@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ...errors import OptionError
 from ..app import Text, command, option
 from ..arguments import given_model, given_recordings, simulation_inputs
-from ..options import Columns, Json, Mcap, RecordingName, Rrd, SimulationArguments
+from ..options import Columns, Json, Mcap, Rate, RecordingName, Rrd, SimulationArguments
 from ..terminal import DONE, check_unread
 
 if TYPE_CHECKING:
@@ -29,9 +29,10 @@ class ReplayOptions:
     horizon: float | None = option(
         None, "Time between restarts from the measured state [s]. Default: 0.5; with position drives none.", metavar="S"
     )
-    rate: float = option(30.0, "Frame rate [Hz].", metavar="HZ")
+    fps: float = option(30.0, "Frames a second [Hz].", metavar="HZ")
     browser: bool = option(True, "Open the browser.", "--open/--no-open")
     columns: Columns = None
+    rate: Rate = None
     rrd: Rrd = None
     mcap: Mcap = None
 
@@ -70,7 +71,7 @@ def replay(shown: ReplayOptions, simulation: SimulationArguments, recording: Rec
     if diagnosis is not None and Path(diagnosis).is_dir():
         diagnosis = str(Path(diagnosis) / "diagnosis.json")
     model, _ = given_model(simulation)
-    [read] = given_recordings([recording], model.robot, shown.columns)
+    [read] = given_recordings([recording], model.robot, shown.columns, rate=shown.rate)
     built = build(
         model,
         read,
@@ -78,7 +79,7 @@ def replay(shown: ReplayOptions, simulation: SimulationArguments, recording: Rec
         start=shown.start,
         duration=shown.duration,
         horizon=shown.horizon,
-        rate=shown.rate,
+        fps=shown.fps,
         package_dirs=simulation.package_dir or (),
     )
     log = None

@@ -42,7 +42,7 @@ def replay(
     start: float = 0.0,
     duration: float | None = None,
     horizon: float | None = None,
-    rate: float = 30.0,
+    fps: float = 30.0,
     package_dirs: Sequence[str | Path] = (),
 ) -> Replay:
     """Animate the recorded robot and its simulation, which restarts from the measured state after each horizon.
@@ -54,7 +54,7 @@ def replay(
         start: start time after the first row [s].
         duration: duration to show [s]; None: all, at most a minute.
         horizon: length of a roll-out [s]; None: 0.5, or the whole recording with position drives.
-        rate: frame rate [Hz].
+        fps: frames a second [Hz].
         package_dirs: folders that hold packages with meshes.
 
     Raises:
@@ -65,7 +65,7 @@ def replay(
     recording = as_recording(recording, model.robot, "replay")
     drives = commands_only(recording)
     horizon = HORIZON if horizon is None and not drives else horizon
-    _check(recording, drives, horizon, rate)
+    _check(recording, drives, horizon, fps)
     shown = part(recording, start, LONGEST if duration is None else duration)
     cut = duration is None and len(shown) < len(recording)
     notes = [f"{len(shown)} of {len(recording)} rows are shown"] if cut else []
@@ -79,10 +79,10 @@ def replay(
     bodies = sorted({*seen.bodies, *(mark.body for mark in marked)})
     span = shown.read(len(shown) - 1).t[0] - shown.read(0, 1).t[0]
     slow = MOST / (len(bodies) * (1 + drives + len(models)) * max(float(span), 1e-9))
-    if slow < rate:
-        notes.append(f"{slow:.3g} frames per second instead of {rate:g}, to limit the size of the page")
-        rate = slow
-    track = follow_commands(models, shown, horizon, rate) if drives else follow(models, shown, horizon or HORIZON, rate)
+    if slow < fps:
+        notes.append(f"{slow:.3g} frames per second instead of {fps:g}, to limit the size of the page")
+        fps = slow
+    track = follow_commands(models, shown, horizon, fps) if drives else follow(models, shown, horizon or HORIZON, fps)
     wanted = track.command
     return Replay(
         robot=robot,
@@ -104,11 +104,11 @@ def replay(
     )
 
 
-def _check(recording: Recording, drives: bool, horizon: float | None, rate: float) -> None:
+def _check(recording: Recording, drives: bool, horizon: float | None, fps: float) -> None:
     if not drives:
         need_torque([recording])
-    if not 0 < rate <= 240:
-        raise OptionError(f"a rate of {rate:g} Hz cannot be shown; give a rate above 0 and up to 240 Hz")
+    if not 0 < fps <= 240:
+        raise OptionError(f"{fps:g} frames a second cannot be shown; give a rate above 0 and up to 240 Hz")
     if horizon is not None and not 0 < horizon < float("inf"):
         raise OptionError(f"a horizon of {horizon:g} s is invalid; give one above 0 s, such as 0.5")
     unsigned = [joint for joint, signed in zip(recording.joints, recording.signed, strict=True) if not signed]

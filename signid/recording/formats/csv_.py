@@ -48,7 +48,8 @@ MOST_HEADER, MOST_BLANK = 1_000_000, 10_000  # bytes, lines before a header
 SEEN = 64  # lines, without blank ones and comments, in which the header is searched
 BELOW = 3  # lines below a header that must be regular, if there are as many
 MARKS = ("#", "%", "//")  # beginnings of comments before the samples
-MISSING = ("NA", "N/A", "null", "NULL", "None", "none", "-nan", "-NaN", "nan(ind)", "-nan(ind)")
+MISSING = tuple("NA N/A n/a n.a. #N/A NAN null NULL None none - -- -nan -NaN nan(ind) -nan(ind)".split())
+NAME = re.compile(r"(.*?)names?[_.\[]?(\d+)\]?", re.IGNORECASE)  # columns of texts that name the columns of one number
 
 
 class Csv(Format):
@@ -172,6 +173,8 @@ def _of_texts(path: Path, content: bytes, layout: TextLayout) -> MemoryTable:
         raise RecordingError(_shape_fault(path, content, layout)) from error
     frame = frame.with_columns(pl.all().str.strip_chars())
     frame, notes = _samples(frame)
+    frame, said = _named_by_texts(frame)
+    notes += said
     usable, unusable = dict[str, Array](), dict[str, str]()
     for text in frame:
         column = text.str.replace(",", ".", literal=True) if layout.decimal_comma else text
@@ -203,6 +206,19 @@ def _samples(frame: pl.DataFrame) -> tuple[pl.DataFrame, tuple[str, ...]]:
     if below:
         notes += (f"lines of text below the samples left out: {below}",)
     return frame.head(frame.height - below), notes
+
+
+def _named_by_texts(frame: pl.DataFrame) -> tuple[pl.DataFrame, tuple[str, ...]]:
+    """Columns such as position_0 with the text that name_0 holds in every row in place of their number, and a note."""
+    numbered = [(text, found[2]) for text in frame if (found := NAME.fullmatch(text.name)) and text.n_unique() == 1]
+    names = {number: str(text[0]) for text, number in numbered if text[0] and not is_number(text[0])}
+    ends = {column: re.fullmatch(r"(.*?[_.\[])(\d+)\]?", column) for column in frame.columns}
+    own = {text.name for text, _ in numbered}
+    known = {column: end for column, end in ends.items() if end and end[2] in names and column not in own}
+    new = {column: f"{end[1].rstrip('[._')}_{names[end[2]]}" for column, end in known.items()}
+    if len({*new.values()} - {*frame.columns}) < len(new) or not new:
+        return frame, ()
+    return frame.rename(new).drop(own), (f"columns are named by the texts of {shorten(sorted(own), 3)}",)
 
 
 def _seconds_of_dates(column: pl.Series) -> Array | None:

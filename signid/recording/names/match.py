@@ -14,6 +14,9 @@ from ...types import Robot
 from .mapping import DRIVE, split
 from .vocabulary import CLOCKS, OF, SPELLINGS, UNITS, VOCABULARY, Word, bracketed, without_unit, words_of
 
+SO_ARM = "shoulderpan rotation;shoulderlift pitch;elbowflex elbow;wristflex wristpitch;wristroll;gripper jaw"
+SO_JOINTS = {name: place for place, names in enumerate(SO_ARM.split(";")) for name in names.split()}
+LEAST = 5  # joints of an SO arm, without its gripper
 LONGEST = 200  # characters of a name that has a meaning
 ALIKE = 0.6  # minimum similarity of two names [1]
 NUMBER = re.compile(
@@ -248,11 +251,24 @@ def _joints_of(own: Sequence[Guess], robot: Robot, zero: bool) -> dict[str, str]
     if zero and len(numbered := _numbers(tokens, robot)) == len(tokens):
         by_number = _by_number(robot)
         return {token: joint for token, n in numbered.items() if (joint := by_number.get(n + 1))}
+    if chain := by_place_in_arm(tokens, robot):
+        return chain
     sure = {one.joint: one.joint for one in own if one.joint in robot.joints}
     sure |= {one.joint: numbers[one.joint] for one in own if one.plain and one.joint in numbers}
     rest = [token for token in tokens if token not in sure]
     lacking = [joint for joint in robot.joints if joint not in sure.values()]
     return sure | (_by_pattern(rest, lacking) or _match_names(rest, lacking, robot))
+
+
+def by_place_in_arm(tokens: Collection[str], robot: Robot) -> dict[str, str]:
+    """Joints of a robot by the names that LeRobot and SO arms give them, from the base on; empty for other names.
+
+    The robot has as many joints, with at least one other name.
+    """
+    places = {token: SO_JOINTS[plain] for token in tokens if (plain := _plain(token)) in SO_JOINTS}
+    if sorted(places.values()) != [*range(len(robot.joints))] or len(places) < max(len(tokens), LEAST):
+        return {}
+    return {token: _chain(robot)[place] for token, place in places.items()} if {*tokens} - {*robot.joints} else {}
 
 
 def _begin_at_zero(kinds: Sequence[Sequence[str]], robot: Robot) -> bool:

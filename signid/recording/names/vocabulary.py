@@ -137,6 +137,7 @@ _ENDING = re.compile(
 )
 _WITHIN = re.compile(r"(?<![a-z])(deg[_/]s|rad[_/]s|deg|rpm|ms|us|ns|mm|mnm)(?![a-z])", re.IGNORECASE)
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()\s](?:[^\[\]()]{0,20}[^\[\]()\s])?)\s*[\])]\s*$")
+_IN = re.compile(r"(?<=\w)[\s_]+in[\s_]+(\S{1,10})$", re.IGNORECASE)  # "Strom in A"
 _NO_UNIT = ("", "-", "[]", "[-]", "()", "(-)")  # cells of a row of units for columns without one
 INTEGRAL = "integral of "  # beginning of the names of positions that are integrated from velocities
 _SHORTEST = 3  # letters of each part of a compound
@@ -159,8 +160,8 @@ def kinds_of(name: str) -> set[str]:
 
 
 def bracketed(name: str) -> tuple[str, str]:
-    """A name without the unit in brackets at its end, and this unit; the name itself and "" without a known one."""
-    inside = _BRACKETS.search(name[-60:])
+    """A name without the unit at its end, in brackets or behind "in", and this unit; "" without a known one."""
+    inside = _BRACKETS.search(name[-60:]) or _IN.search(name[-60:])
     unit = _spelt(inside[1]) if inside else ""
     return (name[: inside.start() + max(0, len(name) - 60)], unit) if inside and unit else (name, "")
 

@@ -36,6 +36,9 @@ DRIFT = 1e-3  # [1] largest relative change of rate within a stretch: the tolera
 DROPPED = 0.5  # largest share of missing rows within a stretch
 FEW = 0.5  # [periods] least summed error that a jump next to an end must save
 SMALLEST = 1e-3  # [periods] largest error that makes no difference: the tolerance of uniform sampling
+DEEPEST = 4.0  # [periods] by which stamps may go back and are repaired
+REPEATED = 0.01  # accepted share of rows with a repeated time
+COPIED = 0.2  # [1] rows with a repeated time move as often as others; below this share they are copies
 FEW_TIMES = 8  # rows with both times
 DIFFERENT = 0.02  # [periods] difference beyond rounding from which two columns disagree
 SHARE = 0.99  # quantile of the differences; 1 - SHARE is the other one
@@ -159,8 +162,7 @@ def fit_even(stamps: Array, clock: Clock) -> EvenClock | None:
     count = _ticks if coherence >= COHERENT else lambda x, _: np.arange(len(x), dtype=float)
     first = float(np.polyfit(count(longest, period), longest, 1)[0])
     ticks = [count(part, first) for part in parts]
-    centred = [(x - x.mean(), k - k.mean()) for x, k in zip(parts, ticks, strict=True)]
-    period = sum(float(x @ k) for x, k in centred) / sum(float(k @ k) for _, k in centred)  # their common slope
+    period = _common_period(parts, ticks)
     fits = [_smooth(part, k, period) for part, k in zip(parts, ticks, strict=True)]
     if any(fit is None for fit in fits):
         return None
@@ -169,6 +171,71 @@ def fit_even(stamps: Array, clock: Clock) -> EvenClock | None:
     jitter = float(np.sqrt(np.mean(error**2)))
     usable = SMALLEST * period < np.abs(error).max() and jitter <= LOOSEST * period and missing <= DROPPED * len(x)
     return EvenClock(period, stamps[0] + times, jitter, missing) if usable and np.all(np.diff(times) > 0) else None
+
+
+class RepairedStamps(NamedTuple):
+    """Times of rows whose stamps could not be used as they are."""
+
+    times: Array  # (N,) [s] increasing
+    order: NDArray[np.int_] | None  # (N,) rows in the order of time; None: as they are
+    note: str
+
+
+def repair_stamps(stamps: Array, q: Array) -> RepairedStamps | None:
+    """Times for stamps (N,) [s] that go back by less than four periods, or have too few digits; None for others.
+
+    Rows keep their order, unless positions q (N, n) [rad or m] are smoother in that of their stamps.
+    """
+    steps = np.diff(stamps)
+    if len(stamps) < FEWEST or not (steps > 0).any():
+        return None
+    back, again, forward = steps < 0, steps == 0, float(np.median(steps[steps > 0]))
+    if back.any():
+        depth, period = float((np.maximum.accumulate(stamps) - stamps).max()), float(np.median(steps))
+        if not depth < DEEPEST * period:
+            return None
+        order = np.argsort(stamps, kind="stable")
+        fact = f"stamps of time go back by up to {depth * 1e3:.3g} ms in {int(back.sum())} of {len(stamps)} rows"
+        if _rough(q[order]) < _rough(q):
+            return RepairedStamps(stamps[order], order, f"{fact}: rows are sorted by time")
+        clock = Clock(period, period, 0.0)
+        even = fit_even(np.sort(stamps), clock)
+        spaced = (even.times, even.period) if even else _spaced(np.sort(stamps), clock.gap, DEEPEST * period)
+        if spaced is None:
+            return None
+        how = f"{fact}: rows are kept in their order, {spaced[1] * 1e3:.5g} ms apart"
+        return RepairedStamps(spaced[0], None, how)
+    moves = np.asarray(np.diff(q, axis=0).any(axis=1))
+    if again.mean() <= REPEATED or moves[again].mean() < COPIED * moves[~again].mean():
+        return None  # few rows, or copies of rows
+    if (spaced := _spaced(stamps, max(GAP * forward, GAP_SECONDS), forward)) is None:
+        return None
+    fact = f"stamps of time have too few digits (steps of {forward * 1e3:.3g} ms)"
+    how = f"{fact}: rows are spaced evenly by the rate that they imply, {1 / spaced[1]:.4g} Hz"
+    return RepairedStamps(spaced[0], None, how)
+
+
+def _spaced(stamps: Array, gap: float, most: float) -> tuple[Array, float] | None:
+    """Times (N,) [s] of rows that are evenly spaced between gaps, and their period [s]; None if they are not.
+
+    stamps: (N,) [s] that do not decrease; `most` [s]: largest error of one.
+    """
+    ends = [0, *(np.flatnonzero(np.diff(stamps) > gap) + 1).tolist(), len(stamps)]
+    parts = [stamps[low:high] - stamps[0] for low, high in pairwise(ends)]
+    ticks = [np.arange(len(part), dtype=float) for part in parts]
+    period = _common_period(parts, ticks) if len(parts) < len(stamps) / FEWEST else 0.0
+    found = [
+        fit for x, k in zip(parts, ticks, strict=True) if period > 0 and (fit := _smooth(x, k, period)) is not None
+    ]
+    if len(found) < len(parts) or max(np.abs(x - y).max() for x, y in zip(parts, found, strict=True)) > most:
+        return None
+    times = stamps[0] + np.concatenate(found)
+    return (times, period) if np.all(np.diff(times) > 0) else None
+
+
+def _rough(q: Array) -> float:
+    """Sum of squared second differences of positions (N, n) [rad or m]."""
+    return float(np.nansum(np.diff(q, 2, axis=0) ** 2))
 
 
 def _period(x: Array, typical: float) -> tuple[float, float]:
@@ -220,6 +287,12 @@ def _ascending(values: NDArray[np.int_]) -> NDArray[np.int_]:
             heapreplace(heap, -value)
         found[i] = -heap[0]
     return np.minimum.accumulate(found[::-1])[::-1]
+
+
+def _common_period(parts: Sequence[Array], ticks: Sequence[Array]) -> float:
+    """Common slope [s] of times (N,) [s] over ticks (N,) of parts with offsets of their own, by least squares."""
+    centred = [(x - x.mean(), k - k.mean()) for x, k in zip(parts, ticks, strict=True)]
+    return sum(float(x @ k) for x, k in centred) / sum(float(k @ k) for _, k in centred)
 
 
 def _smooth(x: Array, ticks: Array, period: float) -> Array | None:

@@ -15,7 +15,7 @@ from ..names.vocabulary import INTEGRAL
 from ..streams import plural
 from .accumulate import Accumulator, register_spans
 from .choice import Choice, choose_clock
-from .clock import CHUNK, Clock, likely_unit, read_clock, time_origin
+from .clock import CHUNK, REPEATED, Clock, likely_unit, read_clock, time_origin
 from .grid import Content, Sampling, at_content, content_notes, find_content, row_reader, widest
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
@@ -24,7 +24,6 @@ DERIVATIVES = ("dq", "ddq")
 ROUNDED = 0.02  # [1] resolution of stamps over the period, and part of a period, from which rounding matters
 ROUND = 6.2  # [rad] joints with a smaller range cannot wrap around
 FEWEST = 20  # minimum number of usable samples
-REPEATED = 0.01  # accepted share of rows with a repeated time
 FAR, RANGES = 6.5, 2.0  # [rad], [ranges of motion] beyond the limits from which positions may be degrees
 SPIN, RACE = 60.0, 50.0  # [rad], [rad/s] beyond both, a joint without limits may be in degrees
 DEGREE = np.pi / 180
