@@ -40,7 +40,7 @@ TODAY = {
     "effects": 2326,
     "regression": 2247,
     "simulation": 4333,
-    "estimation": 2576,
+    "estimation": 2579,
     "signs": 3226,
     "faults": 3847,
     "servo": 8979,

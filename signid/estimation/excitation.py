@@ -64,6 +64,9 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
 
     Source: criterion of optimal excitation (Swevers et al., IEEE T-RA 13(5), 1997), made relative, so that it does not
     depend on units or on the size of the motion.
+
+    Raises:
+        RecordingError: numbers of the recordings differ too much in size.
     """
     robot, base = task.robot, task.base
     weight = 1 / np.maximum(estimated.noise, 1e-12 * estimated.noise.max(initial=1e-300)) ** 2
@@ -82,7 +85,7 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     except np.linalg.LinAlgError:
         raise RecordingError(
             "the information of the recordings cannot be computed, since their numbers differ too much in size; check "
-            "the units of the columns, or reduce the recordings again"
+            "the units of the columns"
         ) from None
     directions = np.linalg.solve(root.T, vectors)
     torque = np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints])
