@@ -82,8 +82,8 @@ def draft_reading(
     kinds = {line.kind for line in drafted.lines} | {key.partition("_")[0] for key, _ in drafted.offered}
     driven = kinds & {*TORQUES, "q_des"}
     arm = by_place_in_arm({line.guess.joint for line in drafted.lines if line.kind == "q"}, robot)
-    doubtful = arm or ranges is not None or any(UNSTATED in line.noticed.why for line in drafted.lines)
-    named = all(line.guess.plain for line in drafted.lines) and not doubtful
+    uncertain = arm or ranges is not None or any(UNSTATED in line.noticed.why for line in drafted.lines)
+    named = all(line.guess.plain for line in drafted.lines) and not uncertain
     if not kinds & {"q", "dq"} or not (driven or "volt" in kinds) or named:
         raise error
     if driven and (choices := [*_choices(drafted, bool(driven & {*TORQUES}))]):
