@@ -55,7 +55,8 @@ def test_a_name_is_the_model_as_simulation_and_the_description_as_robot(
     assert set(saved.robot.joints) <= set(robot.joints)
     assert len(signid.load_model(robot).laws) < len(saved.laws)
     for which in (name.upper(), str(ROBOTS / name / "model.json")):
-        assert run(["export", which, "--mjcf", str(tmp_path / f"{len(which)}.xml")]) == 0
+        lacks = 3 if "motor_friction" in {law.effect.name for law in saved.laws} else 0  # flagged: more than 2 %
+        assert run(["export", which, "--mjcf", str(tmp_path / f"{len(which)}.xml")]) == lacks
     first, second = (path.read_text().split("<worldbody>")[1] for path in sorted(tmp_path.glob("*.xml")))
     assert first == second
     capsys.readouterr()

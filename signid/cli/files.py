@@ -203,7 +203,7 @@ def _readings(recordings: Sequence[Recording]) -> dict[str, Content]:
 def _urdf(model: Model, bodies: Array) -> tuple[dict[str, Content], tuple[str, ...]]:
     """The robot's URDF with the identified parameters; if it cannot be written, a note with the reason."""
     from ..output.export import urdf_with
-    from ..output.export.formats import FRICTION, summed
+    from ..output.export.bodies import FRICTION, summed
 
     if model.robot.kind != "urdf":
         why = f"the robot comes from {model.robot.kind.upper()}"

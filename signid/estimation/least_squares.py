@@ -18,6 +18,7 @@ LENGTH = 0.3  # [standard deviations of the state] correlation length of a proce
 APART, LAGS = 0.6, 6.0  # [s], [rows] distance in time from which on noise is uncorrelated
 REDUCTION = 1.0  # [standard errors under noise] subtracted from each variance
 FEWEST = 10  # smallest number of rows of a joint
+SMALLEST_VARIANCE = 1e-100  # [N2.m2 or N2] of noise, of a torque without any; products of its inverse are finite
 BLOCK = 32  # rows of which those that are close in time are taken together
 # Relative standard deviation of friction between recordings. Measured on joints 4 to 6 of a UR10e, five recordings
 # within three weeks, variance of noise subtracted (data: Mamedov, Mikhel, Frontiers in Robotics and AI 7, 2020). Their
@@ -77,7 +78,7 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
     here, columns = np.flatnonzero(sample.kept[:, j]), seen[j]
     here = here[np.argsort(sample.number[here], kind="stable")]
     x = sample.of(j, seen)[here]
-    load, weight = x @ value[columns], sample.stride / variance
+    load, weight = x @ value[columns], sample.stride / max(variance, SMALLEST_VARIANCE)
     turn = white[np.ix_(columns, columns)] * weight
     state = {"q": sample.q[here, j], "v": sample.v[here, j], "l": load}
     return _Joint(

@@ -196,7 +196,6 @@ def identify(
     delay, friction, armature and limits, by simulation of the closed loop (servo mode).
     """
     from ...identify import identify as learn
-    from ...simulation.refine import LAWS
     from ..files import IDENTIFIED, deliver_identification
     from .drives import identify_drives, revised_columns
 
@@ -225,6 +224,8 @@ def identify(
     options, search = given_options(rows, run.seed, fit.robust), _search(fit)
     refine: tuple[str, ...] | None = None
     if fit.refine is not None:
+        from ...simulation.refine import LAWS
+
         named = tuple(name.strip() for name in fit.refine.split(","))
         refine = () if fit.refine == "rollout" else LAWS if fit.refine == "all" else named
     with time_limit(fit.time_limit):

@@ -21,7 +21,7 @@ from ...output.replay import Replay, replay
 from ...output.report import figure, with_interval
 from ...output.report.documents import fit_with_errors, provenance
 from ...output.report.layout import confidence, heading, new_table
-from ...output.report.results.laws import law_numbers
+from ...output.report.quantities import law_numbers
 from ...recording import read_recording
 from ...recording.formats import find_format
 from ...regression.motion import Motion

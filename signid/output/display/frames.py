@@ -14,10 +14,10 @@ from ...errors import OptionError
 from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import INERTIAL, INERTIAL_UNITS, Array, Law, Recording, Robot
 from ..report.documents import picked
-from ..report.quantities import Quantity
+from ..report.quantities import Quantity, law_numbers
 from ..report.results.identification import identified_numbers
 from ..report.results.inspection import joint_documents
-from ..report.results.laws import finding_numbers, law_numbers
+from ..report.results.laws import finding_numbers
 from ..report.results.payload import payload_numbers
 from ..report.results.servo_identification import drive_numbers
 

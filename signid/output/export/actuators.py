@@ -17,9 +17,8 @@ from ...recording.names.mapping import quoted
 from ...robot.joints import name_pattern
 from ...servos import MARKS, PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo, servos_document
 from ...types import Actuators, Array
-from .bodies import Exported, fixed_note
+from .bodies import Exported, fixed_note, summed
 from .drives import curved, left_out
-from .formats import summed
 
 _UNITS = {**SERVO_UNITS, "torque_constant": "N.m/A"}
 _BARE = re.compile(r"[A-Za-z0-9_-]+")

@@ -19,6 +19,7 @@ from ...regression.base_parameters import build_base
 from ...regression.projection import least_squares
 from ...types import Array, Estimate, Frozen, Law, Parameters, Robot
 
+FRICTION = ("viscous_friction", "coulomb_friction")
 LEAST = 1e-12  # minimum mass [kg] and moment [kg.m2] of a moving body; MuJoCo rejects zero
 _DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
 _ROUNDING = 1e-9  # tolerance, relative to the largest principal moment
@@ -189,3 +190,13 @@ def model_digest(model: Model) -> str:
     from ..report import to_json
 
     return sha256(to_json(model.document()).encode()).hexdigest()
+
+
+def summed(model: Model, effect: str) -> Array:
+    """Sum of an effect's single parameter over its laws, (n,) [the unit of the parameter]; NaN: no law."""
+    total = np.full(len(model.robot.joints), np.nan)
+    for law in model.joint_laws:
+        if law.effect.name == effect:
+            (value,), (joint,) = law.parameters.values(), law.joints
+            total[joint] = np.nan_to_num(total[joint]) + value
+    return total

@@ -16,14 +16,12 @@ from ...effects.base import ActuatorLaw, RecordingLaw, TorqueLaw, TransmissionLa
 from ...effects.drive import DriveLaw
 from ...errors import SignidError, shorten
 from ...model import Model
-from ...regression.motion import Motion
-from ...simulation.excite.families import rest_to_rest_motion
 from ...types import Array, Law, Robot
+from .bodies import FRICTION, summed
 
 VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
 MOST = 16  # maximum number of joints listed
 BODIES = ("payload", "link_inertia")  # laws included in inertials
-FRICTION = ("viscous_friction", "coulomb_friction")
 PASSIVE = (*FRICTION, "armature")  # whose sums at a joint formats of simulators hold unless negative
 SMALL = 0.02  # [1] rms torque of a law over that of its joint, below which a format may lack it without a flag
 SECONDS, STEP = 10.0, 0.01  # [s] of the motion along which torque is compared
@@ -134,16 +132,6 @@ def stiffness(model: Model) -> dict[int, tuple[float, float]]:
     return {j: (total, moment / total if total else 0.0) for j, (total, moment) in found.items()}
 
 
-def summed(model: Model, effect: str) -> Array:
-    """Sum of an effect's single parameter over its laws, (n,) [the unit of the parameter]; NaN: no law."""
-    total = np.full(len(model.robot.joints), np.nan)
-    for law in model.joint_laws:
-        if law.effect.name == effect:
-            (value,), (joint,) = law.parameters.values(), law.joints
-            total[joint] = np.nan_to_num(total[joint]) + value
-    return total
-
-
 def among(law: Law, laws: Iterable[Law]) -> bool:
     """Whether a law itself, not an equal one, is among some laws."""
     return any(law is other for other in laws)
@@ -196,6 +184,9 @@ def left_out(
 
 def _shares(model: Model, laws: Sequence[Law]) -> list[Array | None]:
     """Rms torque (n,) of each law over that of its joint [1]; None: unknown."""
+    from ...regression.motion import Motion
+    from ...simulation.excite.families import rest_to_rest_motion
+
     unknown = [isinstance(law.effect, RecordingLaw | ActuatorLaw | DriveLaw) for law in laws]
     if all(unknown):
         return [None] * len(laws)

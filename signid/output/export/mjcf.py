@@ -19,9 +19,9 @@ from ...robot.description.document import children, parse
 from ...robot.dynamics import joint_of_row, own_row
 from ...robot.joints import is_plain
 from ...types import Array, Robot
-from .bodies import LEAST, Exported, PossibleBodies, Principal, fixed_note, possible_bodies, principal
+from .bodies import LEAST, Exported, PossibleBodies, Principal, fixed_note, possible_bodies, principal, summed
 from .drives import STEP, mjcf_actuators, mjcf_joint, mjcf_notes
-from .formats import PASSIVE, held, stiffness, summed
+from .formats import PASSIVE, held, stiffness
 from .shapes import Shapes, copied, pose_words, read_shapes, words
 
 DIFFERENT = 1e-3  # [1] difference of the mass of a floating robot from its description that is said

@@ -15,8 +15,7 @@ from ...model import Model, stated_inertials
 from ...robot import described_gravity
 from ...robot.description.document import without_declaration
 from ...types import Array, Robot
-from .bodies import Exported, about_centre, fixed_note
-from .formats import FRICTION, summed
+from .bodies import FRICTION, Exported, about_centre, fixed_note, summed
 
 _TAG = re.compile(r"""<[^"'>]*(?:"[^"]*"[^"'>]*|'[^']*'[^"'>]*)*>""")
 _MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))

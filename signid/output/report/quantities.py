@@ -6,8 +6,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import isnan
 from typing import Any, NamedTuple
 
+from ...effects.naming import law_place
 from ...errors import decimals
-from .documents import Document
+from ...types import Law, Robot
+from .documents import Document, law_units
 from .layout import figure, with_interval
 
 FIXED = ("stated", "bound")  # remarks of numbers that were not estimated
@@ -90,6 +92,16 @@ def parameters(numbers: Sequence[Quantity]) -> Document:
     partner = numbers[0].partner if numbers else None
     first = {"partner": {"value": partner, "std": None, "unit": ""}} if partner else {}
     return {**first, **{x.name: x.document() for x in numbers}}
+
+
+def law_numbers(
+    robot: Robot, law: Law, std: Mapping[str, float | None], stated: Mapping[str, float] | None = None
+) -> list[Quantity]:
+    """Parameters of a law with standard deviations and stated values, from which all outputs follow."""
+    units, (joint, values) = law_units(robot, law), law_place(law, robot)
+    partner, known = values.pop("partner", None), stated or {}
+    own = joint, law.effect.name, None if partner is None else str(partner)
+    return [Quantity(key, float(x), std.get(key), units[key], *own, known.get(key)) for key, x in values.items()]
 
 
 def effect_document(effect: str, joint: str | None, numbers: Sequence[Quantity]) -> Document:

@@ -13,7 +13,7 @@ from ....watch.intake import LEAST, LOST
 from ....watch.observer import BELOW, GAIN, MORE, RINGING
 from ....watch.quiet import LITTLE, MOVED, PEAK, SHARE, SIGMAS, STRANGE
 from ....watch.watcher import APART, JITTER, LASTING, LEAVE, PATIENCE, SLOWEST, STILL, WARM
-from ..formats import summed
+from ..bodies import summed
 from .graph import Graph
 from .laws import directed_laws
 from .program import Function, Program, vector

@@ -19,9 +19,9 @@ from ..layout import determination, figure, heading, plural, share, torque_units
 from ..plots.courses import held_out_rows, joint_plots, worst
 from ..plots.frame import Header, sections_page, shared
 from ..plots.heat import correlation_plot, excitation_plot, tied
-from ..quantities import Quantity, effect_document, grid, spaced
+from ..quantities import Quantity, effect_document, grid, law_numbers, spaced
 from ..sections import Bar, Card, Cells, Folds, Key, Legend, Plain, Plots, Section, Sentences, terminal
-from .laws import law_document, law_numbers
+from .laws import law_document
 from .signs import drawn_signs, signs_document, signs_sections
 
 if TYPE_CHECKING:

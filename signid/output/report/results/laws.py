@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from inspect import getdoc
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,9 +15,9 @@ from ....effects.naming import law_name, law_place, law_syntax
 from ....robot.dynamics import own_body
 from ....types import TWO_SIDED, Coefficient, Law, Robot
 from ....version import __version__
-from ..documents import Document, law_units, picked
+from ..documents import Document, picked
 from ..layout import UNKNOWN, figure, heading, new_table, paragraph, plural, with_interval
-from ..quantities import Quantity, effect_document
+from ..quantities import Quantity, effect_document, law_numbers
 
 if TYPE_CHECKING:
     from ....diagnose import Finding
@@ -53,16 +53,6 @@ class NumberCells(NamedTuple):
         if self.value == UNKNOWN:
             return f"{self.stated} {self.unit}".rstrip() + f" in the simulation, {UNKNOWN} from the recordings"
         return f"{self.stated} in the simulation, {self.interval} recorded"
-
-
-def law_numbers(
-    robot: Robot, law: Law, std: Mapping[str, float | None], stated: Mapping[str, float] | None = None
-) -> list[Quantity]:
-    """Parameters of a law with standard deviations and stated values, from which all outputs follow."""
-    units, (joint, values) = law_units(robot, law), law_place(law, robot)
-    partner, known = values.pop("partner", None), stated or {}
-    own = joint, law.effect.name, None if partner is None else str(partner)
-    return [Quantity(key, float(x), std.get(key), units[key], *own, known.get(key)) for key, x in values.items()]
 
 
 def law_document(robot: Robot, law: Law) -> Document:
