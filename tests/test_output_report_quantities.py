@@ -40,7 +40,7 @@ def test_a_number_added_to_a_drive_is_in_all_outputs() -> None:
 
 @pytest.mark.parametrize(("module", "kind"), [(identification, "Identification"), (laws, "Diagnosis")])
 def test_a_number_added_to_a_law_is_in_all_outputs(module: Any, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, made_by = signid.load_robot("1r"), quantities.law_numbers
+    robot, made_by = signid.load_robot("1r"), laws.law_numbers
     result = made() if kind == "Diagnosis" else signid.identify(robot, [trial(robot, seconds=5.0).noisy()])
 
     def with_another(*given: Any) -> list[Quantity]:
