@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .errors import InputError, RecordingError
+from .errors import InputError, RecordingError, named_for_caller
 from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.least_squares import estimate
 from .faults import (
@@ -58,9 +58,9 @@ class Check(Result):
     @property
     def flags(self) -> tuple[str, ...]:
         """Reasons why the recordings are insufficient; empty when they are good."""
-        lost = self.signs.flags if self.signs else ()
         columns = [flag for recording in self.recordings for flag in recording.flags]
-        return tuple(dict.fromkeys((*self.suspects, *columns, *lost, *self.excitation.sentences, *self.faults.flags)))
+        found = (*self.suspects, *columns, *(self.signs.flags if self.signs else ()), *self.excitation.sentences)
+        return tuple(dict.fromkeys(map(named_for_caller, (*found, *self.faults.flags))))
 
 
 @typed

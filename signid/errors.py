@@ -21,7 +21,7 @@ class SignidError(Exception):
     """Base class of all exceptions of signid; its sentence names Python's arguments, on the command line options."""
 
     def __str__(self) -> str:
-        return super().__str__() if ON_COMMAND_LINE.get() else OPTION.sub(argument, super().__str__())
+        return named_for_caller(super().__str__())
 
 
 class InputError(SignidError, ValueError):
@@ -75,6 +75,11 @@ def readable(name: str) -> str:
 def one_line(text: str) -> str:
     """Text of one line without control characters, for comments, names in code, and terminals."""
     return " ".join(CONTROL.sub(" ", text).split())
+
+
+def named_for_caller(sentence: str) -> str:
+    """A sentence with Python's arguments in place of options, unless the command line runs."""
+    return sentence if ON_COMMAND_LINE.get() else OPTION.sub(argument, sentence)
 
 
 def argument(option: re.Match[str]) -> str:

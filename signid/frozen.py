@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import OptionError
+from .errors import OptionError, named_for_caller
 
 if TYPE_CHECKING:
     import polars as pl
@@ -43,7 +43,15 @@ class Frozen:
 
 
 class Result(Frozen):
-    """Base class of results: a repr of at most 40 lines, HTML in notebooks and tables by name."""
+    """Base class of results: a repr of at most 40 lines, HTML in notebooks and tables by name.
+
+    Its `flags` and `notes` name arguments of Python; on the command line, options.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in vars(self).keys() & {"flags", "notes"}:
+            object.__setattr__(self, name, tuple(map(named_for_caller, getattr(self, name))))
 
     def __repr__(self) -> str:
         return str(show_with("text", self))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import named_for_caller
 from ..types import Array, Frozen, Input, Recording
 
 REFUSE, WARN, NOTE = "refuse", "warn", "note"
@@ -127,7 +128,7 @@ class ServoAudit(Frozen):
     def flags(self) -> tuple[str, ...]:
         """Reasons not to rely on the recordings, one sentence each; empty for healthy ones."""
         columns = [flag for recording in self.recordings for flag in recording.flags]
-        return tuple(dict.fromkeys((*columns, *self.faults, *self.limits)))
+        return tuple(dict.fromkeys(map(named_for_caller, (*columns, *self.faults, *self.limits))))
 
     @property
     def faults(self) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
-from ...errors import CONTROL
+from ...errors import CONTROL, named_for_caller
 from ...types import TWO_SIDED, Robot
 
 MOST = 9  # maximum number of significant digits
@@ -145,7 +145,7 @@ def heading(text: str, below: bool = True) -> RenderableType:
 
 def paragraph(text: str) -> RenderableType:
     """Plain text."""
-    return Text(text)
+    return Text(named_for_caller(text))
 
 
 def note_lines(notes: Iterable[str]) -> list[RenderableType]:
