@@ -168,10 +168,7 @@ def make_feasible(problem: ExcitationProblem, family: Family, x: Array) -> Feasi
     for _ in range(HALVINGS):
         tried = home + share * (full - home)
         ok, distance = _obeys(problem, family, t, tried)
-        if ok:
-            best = FeasibleMotion(tried, share, distance)
-        else:
-            high = share
+        best, high = (FeasibleMotion(tried, share, distance), high) if ok else (best, share)
         if best.share == high:
             break
         share = (best.share + high) / 2
@@ -314,8 +311,7 @@ def _optimised(
     again = enforce_limits(dense, found.x, budget, progress)
     other = make_feasible(cost.problem, cost.family, again.x)
     best = min(feasible, other, key=lambda end: cost.value(cost.relative(end.x)))
-    spent = found.spent or again.spent
-    return best, FoundMotion(again.x, found.evaluations + again.evaluations, spent)
+    return best, FoundMotion(again.x, found.evaluations + again.evaluations, found.spent or again.spent)
 
 
 class Precision(NamedTuple):
@@ -333,9 +329,6 @@ def predict_precision(problem: ExcitationProblem, trajectory: Trajectory) -> Pre
     values = np.maximum(values, 1e-300)
     std = np.sqrt(np.sum(vectors**2 / values, axis=1)) / problem.size
     return Precision(float(np.sum(np.log(values))), float(np.sqrt(values[-1] / values[0])), std)
-
-
-"""Information (b, b) [1] of scaled parameters -> cost to minimise, and its gradient (b, b)."""
 
 
 def determinant(information: Array) -> tuple[float, Array]:
@@ -390,6 +383,10 @@ class ExcitationCost(Frozen):
         sizes = column_sizes(self.basis, self.problem.limits)
         sizes[:, 0] = self.problem.limits.half
         return sizes
+
+    @cached_property
+    def _latest(self) -> dict[bytes, tuple[float, Array]]:  # contact by positions: a search asks for value, then slope
+        return {}
 
     def parameters(self, z: Array) -> Array:
         """Parameters (n, d) [rad or m] from z (n * d,) [1]."""
@@ -463,4 +460,7 @@ class ExcitationCost(Frozen):
         """Mean square of the missing share of the clearance; gradient (N, n)."""
         if self.problem.collision is None:
             return 0.0, np.zeros(states.shape[1:])
-        return self.problem.collision.penalty(states[0], self.problem.clearance, self.spare)
+        if (key := states[0].tobytes()) not in self._latest:
+            self._latest.clear()
+            self._latest[key] = self.problem.collision.penalty(states[0], self.problem.clearance, self.spare)
+        return self._latest[key]
