@@ -254,15 +254,10 @@ def _refit(
     if seconds_left() <= 0 and whole.method != "wls":
         return found
     return replace(
-        found,
-        estimate=whole.estimate,
-        base_value=whole.base_value,
-        parameters=whole.parameters,
+        whole,
         model=replace(whole.model, misfit=found.model.misfit),
-        excitation=whole.excitation,
-        method=whole.method,
-        moved=whole.moved,
         fit=replace(found.fit, refit=True),
+        **{key: getattr(found, key) for key in ("flags", "notes", "lacks", "session", "judged")},
     )
 
 

@@ -91,7 +91,7 @@ class Effect:
     """
 
     name: ClassVar[str] = ""
-    equation: ClassVar[str] = ""  # executable text in the parameter keys and t, q, v, a, load, torque, inertia
+    equation: ClassVar[str] = ""  # executable text in its parameters, t, q, v, a, load, torque, inertia and `FUNCTIONS`
     source: ClassVar[str] = ""
     typical: ClassVar[str] = ""  # typical magnitudes
     parameters: ClassVar[Mapping[str, Coefficient | Shape]] = {}
@@ -108,7 +108,7 @@ class Effect:
     contains: ClassVar[Mapping[str, Mapping[str, float]]] = {}
     """Simpler effects contained in this one: factor from their coefficient to each parameter."""
     changes: ClassVar[tuple[str, ...]] = ()  # effects that this one modifies; one of them must be at the joint
-    common: ClassVar[float] = 1.0  # relative prior frequency among missing effects [1]
+    common: ClassVar[float | None] = None  # prior frequency [1]; None: 1 if `signid.effects` lists it, else 0.1
     usual: ClassVar[bool] = False  # present at nearly every joint
     approximate: ClassVar[bool] = False  # never matches a real robot exactly
     memory: ClassVar[bool] = False  # has a state: `begin` and `advance` of `effects.base.TorqueLaw`

@@ -58,6 +58,18 @@ def test_every_public_name_has_its_place(pages: dict[str, str]) -> None:
     assert "estimates a model with confidence intervals" in words(face), "the docstring introduces"
 
 
+def test_pages_begin_with_the_verbs_and_end_with_the_rooms(pages: dict[str, str]) -> None:
+    first = ["load_robot", "read_recording", "identify", "diagnose", "simulate", "validate"]
+    assert list(signid.NAMES)[:6] == first
+    sections = re.findall(r'<section id="([^".]+)">', pages["signid"])
+    assert sections[:6] == first and sections[-1] == "rooms"
+    types = [name for name in signid.NAMES if isinstance(getattr(signid, name), type)]
+    assert sections[-len(types) - 2 : -1] == ["results", *types]
+    shown = words(pages["signid"], '<section id="results">', '<section id="')
+    assert all(name in shown for name in ("Robot", "Recording", "Identification", "Diagnosis", "Model", "Validation"))
+    assert not [name for name in pages if "test" in name]
+
+
 def test_every_module_and_package_is_introduced(pages: dict[str, str]) -> None:
     names = [path.stem if path.is_file() else path.name for path in PACKAGE.iterdir() if path.name[0] not in "._"]
     modules = [name for name in names if (PACKAGE / name).is_dir() or (PACKAGE / f"{name}.py").is_file()]

@@ -15,7 +15,7 @@ from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import INERTIAL, INERTIAL_UNITS, Array, Law, Recording, Robot
 from ..report.documents import picked
 from ..report.quantities import Quantity
-from ..report.results.identification import identified_numbers
+from ..report.results.identification import identified_numbers, whole_numbers
 from ..report.results.inspection import joint_documents
 from ..report.results.laws import finding_numbers, law_numbers
 from ..report.results.payload import payload_numbers
@@ -269,6 +269,7 @@ FRAMES: dict[str, dict[str, Table]] = {
             _side_by_side("base.expressions base_value estimate.std estimate.value base.units"),
         ),
         "laws": _identified_laws,
+        "numbers": lambda one: numbers_frame("parameter:s value:f unit:s", whole_numbers(one)),
         "standard_parameters": BODIES,
         "fit": (FIT, lambda one: _fit(one.fit)),
         "residuals": _residuals,

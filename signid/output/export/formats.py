@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...effects import LISTED_LAWS, UNLISTED
 from ...effects.base import ActuatorLaw, RecordingLaw, TorqueLaw, TransmissionLaw
 from ...effects.drive import DriveLaw
 from ...errors import SignidError, shorten
@@ -19,6 +20,7 @@ from ...model import Model
 from ...regression.motion import Motion
 from ...simulation.excite.families import rest_to_rest_motion
 from ...types import Array, Law, Robot
+from .code.laws import writable
 
 VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
 MOST = 16  # maximum number of joints listed
@@ -94,7 +96,7 @@ def held(model: Model, kind: str, floating: bool = False) -> list[Law]:
     return [
         law
         for law in model.laws
-        if (found.grade(law.effect.name) or (kind in OF_TORQUE and _is_plugin(law)))
+        if (found.grade(law.effect.name) or (kind in OF_TORQUE and _is_added(law, kind)))
         and (law.effect.name not in found.driven.split() or driven.issuperset(law.joints))
         and (law.effect.name not in sums or sums[law.effect.name][law.joints[0]] >= 0)
         and (kind != "mjcf" or _in_mjcf(model, law, driven))
@@ -102,10 +104,11 @@ def held(model: Model, kind: str, floating: bool = False) -> list[Law]:
     ]
 
 
-def _is_plugin(law: Law) -> bool:
-    """Whether code holds a law of another package, that the table lacks."""
-    own = type(law.effect).__module__.startswith(f"{__package__.partition('.')[0]}.effects.")
-    return not own and isinstance(law.effect, TorqueLaw) and not law.effect.memory
+def _is_added(law: Law, kind: str) -> bool:
+    """Whether code holds a law that the table lacks, of a new file or another package."""
+    effect, listed = law.effect, (*LISTED_LAWS, *UNLISTED.split())
+    held = isinstance(effect, TorqueLaw) and not effect.memory if kind == "function" else writable(law)
+    return held and effect.name not in listed
 
 
 def _in_mjcf(model: Model, law: Law, driven: Collection[int]) -> bool:
