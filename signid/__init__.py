@@ -5,7 +5,6 @@ the effects that a simulation (`load_model`) lacks. Units are SI, errors derive 
 """
 
 from typing import TYPE_CHECKING  # isort: skip_file
-
 from .registry import become_package as _become_package
 from .version import __version__ as __version__
 

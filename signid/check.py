@@ -56,6 +56,9 @@ def check(
 ) -> Check:
     """Check recordings, all of them together; signs of unsigned torque are recovered first.
 
+    >>> signid.check("3r", "robots/3r/recording.parquet").excitation.sufficient
+    True
+
     Recording faults are detected with the inertials that the description states. Where the recordings clearly show
     another gravity than the stated one, the check is made with it, and a flag says so.
 

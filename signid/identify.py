@@ -110,6 +110,9 @@ def identify(
 ) -> Identification:
     """Identify a dynamics model from a description and recordings.
 
+    >>> signid.identify("3r", "robots/3r/recording.parquet").model.gravity([0, 0, 0]).shape
+    (3,)
+
     Where torque was recorded without its sign, the signs are recovered first and then count as measured. Where the
     recordings clearly show another gravity than the stated one, the model is identified with it, and a flag says so.
     Once its errors on held-out rows are known, the model is fitted again to all rows, except those of `held_out`.

@@ -15,8 +15,7 @@ from signid.effects import EFFECTS, UNLISTED
 from signid.effects.base import FUNCTIONS, TorqueLaw
 from signid.output.export import KINDS, export
 from signid.output.export.code.graph import BINARY, UNARY
-from signid.output.export.code.laws import OF_VECTORS, writable
-from signid.output.export.formats import FORMATS, VENDORS, among, held
+from signid.output.export.formats import FORMATS, OF_VECTORS, VENDORS, among, held, writable
 from signid.output.export.function import _code_of
 from signid.types import Law
 

@@ -79,6 +79,9 @@ def diagnose(
 ) -> Diagnosis:
     """Locate, name and model the differences between a simulation and recordings; evaluate on held-out recordings.
 
+    >>> signid.diagnose("3r", "robots/3r/recording.parquet").verdict
+    'named'
+
     Args:
         model: simulation, from `load_model`, or what it reads.
         recordings: one recording or several of the robot, from `read_recording`, or what it reads.

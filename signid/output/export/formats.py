@@ -6,6 +6,7 @@ limits of the robot.
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,14 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ...effects import LISTED_LAWS, UNLISTED
-from ...effects.base import ActuatorLaw, RecordingLaw, TorqueLaw, TransmissionLaw
+from ...effects.base import FUNCTIONS, ActuatorLaw, RecordingLaw, TorqueLaw, TransmissionLaw
 from ...effects.drive import DriveLaw
 from ...errors import SignidError, shorten
 from ...model import Model
 from ...regression.motion import Motion
 from ...simulation.excite.families import rest_to_rest_motion
 from ...types import Array, Law, Robot
-from .code.laws import writable
 
 VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
 MOST = 16  # maximum number of joints listed
@@ -36,6 +36,10 @@ _OF_MOTION = """
     gear_friction
 """
 _OF_BODIES = "payload link_inertia base_tilt gravity"
+
+
+OF_VECTORS = {"array", "cross"}  # functions of equations that scalar code lacks
+VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
 
 
 class Format(NamedTuple):
@@ -102,6 +106,19 @@ def held(model: Model, kind: str, floating: bool = False) -> list[Law]:
         and (kind != "mjcf" or _in_mjcf(model, law, driven))
         and not (floating and law.effect.scope == "robot")  # such a base takes its direction from the simulation
     ]
+
+
+def writable(law: Law) -> bool:
+    """Whether the torque of a law is a function of position, velocity, acceleration and rigid-body torque."""
+    effect = law.effect
+    if not isinstance(effect, TorqueLaw) or effect.memory or effect.scope not in ("joint", "pair", "robot", "any"):
+        return False
+    try:
+        tree = ast.parse(effect.equation, mode="eval")
+    except SyntaxError:
+        return False
+    used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    return used <= {*VARIABLES, "variable", "knots", "values", *FUNCTIONS, *effect.filled(law.parameters)} - OF_VECTORS
 
 
 def _is_added(law: Law, kind: str) -> bool:

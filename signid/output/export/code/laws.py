@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ....effects.base import FUNCTIONS, TorqueLaw
 from ....effects.naming import law_name
 from ....model import Model, torque_model
 from ....types import Law
+from ..formats import VARIABLES, writable
 from .graph import BINARY, UNARY, Graph, Scalar, binary, unary, where
 from .rigid import Expressions
 
@@ -27,21 +27,6 @@ OPERATORS: dict[type[ast.AST], Any] = {
     ast.Lt: operator.lt,
 }
 SIGN = "sign of velocity"  # function in the place of sign(v)
-OF_VECTORS = {"array", "cross"}  # functions of equations that scalar code lacks
-VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
-
-
-def writable(law: Law) -> bool:
-    """Whether the torque of a law is a function of position, velocity, acceleration and rigid-body torque."""
-    effect = law.effect
-    if not isinstance(effect, TorqueLaw) or effect.memory or effect.scope not in ("joint", "pair", "robot", "any"):
-        return False
-    try:
-        tree = ast.parse(effect.equation, mode="eval")
-    except SyntaxError:
-        return False
-    used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-    return used <= {*VARIABLES, "variable", "knots", "values", *FUNCTIONS, *effect.filled(law.parameters)} - OF_VECTORS
 
 
 def law_expressions(
