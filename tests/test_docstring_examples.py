@@ -12,7 +12,9 @@ import signid
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = 20  # names with an example
-FOUND = {name: doctest.DocTestParser().get_examples(inspect.getdoc(getattr(signid, name)) or "") for name in signid.NAMES}
+FOUND = {
+    name: doctest.DocTestParser().get_examples(inspect.getdoc(getattr(signid, name)) or "") for name in signid.NAMES
+}
 SHOWN = [name for name, examples in FOUND.items() if examples]
 
 

@@ -6,7 +6,7 @@ is one law; iterating over `EFFECTS` yields all laws of torque, over `DRIVE_EFFE
 a, load, torque and inertia. At prismatic joints, N replaces N.m, and m replaces rad.
 
 To add a law, write a module here after the example of `signid.effects.spring`, and derive one of the five kinds of
-`signid.effects.base` or `DriveLaw` of `signid.effects.drive`; `signid.laws.Effect` has all that a law may state. It
+`signid.effects.base` or `DriveLaw` of `signid.effects.drive`; `signid.types.Effect` has all that a law may state. It
 stands behind the laws below, and a diagnosis takes it for rare unless it states `common`. Or register an entry point
 `signid.effects` in another package.
 """
