@@ -36,13 +36,7 @@ LISTED_LAWS = """
     torque_ripple backlash joint_elasticity encoder_offset time_delay torque_lag payload link_inertia base_tilt gravity
     joint_coupling torque_saturation external_contact fluid_drag torque_sign channel_swap
 """.split()
-DRIVE_EFFECTS: Registry[DriveLaw] = Registry(
-    "effects", __name__, " ".join(dict.fromkeys([*LISTED_DRIVES, *_DRIVE_LAWS]))
-)
+DRIVE_EFFECTS: Registry[DriveLaw] = Registry("effects", __name__, " ".join(dict.fromkeys(LISTED_DRIVES + _DRIVE_LAWS)))
 UNLISTED = f"empirical motor_friction gear_friction {' '.join(DRIVE_EFFECTS.names)}"
-EFFECTS: Registry[Effect] = Registry(
-    "effects",
-    __name__,
-    " ".join(name for name in dict.fromkeys([*LISTED_LAWS, *_LAWS]) if name not in UNLISTED.split()),
-    unlisted=UNLISTED,
-)
+_TORQUE_LAWS = [name for name in dict.fromkeys(LISTED_LAWS + _LAWS) if name not in UNLISTED.split()]
+EFFECTS: Registry[Effect] = Registry("effects", __name__, " ".join(_TORQUE_LAWS), unlisted=UNLISTED)

@@ -258,10 +258,7 @@ FRAMES: dict[str, dict[str, Table]] = {
             "robot:s verdict:s joint:s mismatch:f after:f explained:f",
             _listed("robots", "name verdict joint mismatch left explained"),
         ),
-        "sessions": (
-            "session:s name:s robot:s task:s state:s",
-            _listed("sessions", "session name robot task state"),
-        ),
+        "sessions": ("session:s name:s robot:s task:s state:s", _listed("sessions", "session name robot task state")),
     },
     "Identification": {
         "base_parameters": (
@@ -286,11 +283,7 @@ FRAMES: dict[str, dict[str, Table]] = {
     "Robot": {"joints": lambda robot: pl.DataFrame(joint_documents(robot))},
     "RollOut": {"rollouts": (ROLLED, lambda run: _rolled({"simulation": run}))},
     "Separation": {"motion": _motion},
-    "ServoIdentification": {
-        "drives": _drives,
-        "closed_loops": _loops,
-        "positions": _positions,
-    },
+    "ServoIdentification": {"drives": _drives, "closed_loops": _loops, "positions": _positions},
     "ServoSimulation": {"samples": lambda run: pl.DataFrame(dict(run.columns))},
     "ServoValidatedModel": {"closed_loops": _loops, "positions": _positions},
     "ServoValidation": {

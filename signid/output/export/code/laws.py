@@ -30,10 +30,7 @@ SIGN = "sign of velocity"  # function in the place of sign(v)
 
 
 def law_expressions(
-    graph: Graph,
-    model: Model,
-    motion: Mapping[str, Expressions],
-    tracking: tuple[Expressions, Scalar] | None = None,
+    graph: Graph, model: Model, motion: Mapping[str, Expressions], tracking: tuple[Expressions, Scalar] | None = None
 ) -> Expressions:
     """Torque (n,) of the laws that can be written.
 
