@@ -44,7 +44,7 @@ def words(page: str, start: str = "", end: str = "") -> str:
     """Text of a page without source listings, from one place to another."""
     page = page[page.index(start) :] if start else page
     page = page[: page.index(end, 1)] if end and end in page[1:] else page
-    page = re.sub(r'<div class="pdoc-code codehilite">.*?</pre></div>', " ", page, flags=re.DOTALL)
+    page = re.sub(r'<div class="pdoc-code codehilite">.*?</pre>\s*</div>', " ", page, flags=re.DOTALL)
     return " ".join(unescape(re.sub(r"<[^>]*>", "", page)).replace("\xa0", " ").split())
 
 
