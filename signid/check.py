@@ -69,6 +69,9 @@ def check(
 ) -> Check | ServoAudit | UnusableRecordings:
     """Check recordings, all of them together; signs of unsigned torque are recovered first.
 
+    >>> signid.check("3r", "robots/3r/recording.parquet").excitation.sufficient
+    True
+
     Recording faults are detected with the inertials that the description states. Where the recordings clearly show
     another gravity than the stated one, the check is made with it, and a flag says so. Recordings with commanded
     positions and without usable torque are audited. Those that can be opened and not be checked are returned as such,

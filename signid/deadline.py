@@ -38,6 +38,9 @@ _LIMITS: ContextVar[tuple[_Limit, ...]] = ContextVar("limits", default=())  # in
 def time_limit(seconds: float) -> Iterator[None]:
     """Limit the duration of searches; a truncated search returns its best result and sets a flag.
 
+    >>> with signid.time_limit(60):
+    ...     found = signid.identify("3r", "robots/3r/recording.parquet")
+
     Reading, filtering and least squares are not interrupted, but their duration counts.
 
     Args:

@@ -110,6 +110,9 @@ def identify(
 ) -> Identification:
     """Identify a dynamics model from a description and recordings.
 
+    >>> signid.identify("3r", "robots/3r/recording.parquet").model.gravity([0, 0, 0]).shape
+    (3,)
+
     Where torque was recorded without its sign, the signs are recovered first and then count as measured. Where the
     recordings clearly show another gravity than the stated one, the model is identified with it, and a flag says so.
     Once its errors on held-out rows are known, the model is fitted again to all rows, except those of `held_out`.
@@ -254,15 +257,10 @@ def _refit(
     if seconds_left() <= 0 and whole.method != "wls":
         return found
     return replace(
-        found,
-        estimate=whole.estimate,
-        base_value=whole.base_value,
-        parameters=whole.parameters,
+        whole,
         model=replace(whole.model, misfit=found.model.misfit),
-        excitation=whole.excitation,
-        method=whole.method,
-        moved=whole.moved,
         fit=replace(found.fit, refit=True),
+        **{key: getattr(found, key) for key in ("flags", "notes", "lacks", "session", "judged")},
     )
 
 

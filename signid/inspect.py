@@ -40,6 +40,9 @@ class Inspection(Result):
 def inspect(robot: ModelSource, effects: Sequence[str] = EFFECT_NAMES, seed: int = 0) -> Inspection:
     """Determine the base parameters of a robot with the given effects at every joint.
 
+    >>> signid.inspect("3r").base.rank
+    25
+
     Raises:
         OptionError: unknown effect.
     """

@@ -197,6 +197,9 @@ def load_model(
 ) -> Model:
     """Load a model.json, a published model by its name, or what a robot description and its actuators file state.
 
+    >>> signid.load_model("3r").with_laws("payload:mass=0.3").gravity([0, 0, 0]).round(1)
+    array([0. , 5.5, 0.7])
+
     gravity: (3,) [m/s2] in the frame of the root link, in the place of that of the source.
 
     Raises:

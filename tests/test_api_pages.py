@@ -44,7 +44,7 @@ def words(page: str, start: str = "", end: str = "") -> str:
     """Text of a page without source listings, from one place to another."""
     page = page[page.index(start) :] if start else page
     page = page[: page.index(end, 1)] if end and end in page[1:] else page
-    page = re.sub(r'<div class="pdoc-code codehilite">.*?</pre></div>', " ", page, flags=re.DOTALL)
+    page = re.sub(r'<div class="pdoc-code codehilite">.*?</pre>\s*</div>', " ", page, flags=re.DOTALL)
     return " ".join(unescape(re.sub(r"<[^>]*>", "", page)).replace("\xa0", " ").split())
 
 
@@ -56,6 +56,18 @@ def test_every_public_name_has_its_place(pages: dict[str, str]) -> None:
         first = (getattr(signid, name).__doc__ or "").splitlines()[0].replace("`", "")
         assert first in words(face, f'<section id="{name}">', '<section id="'), name
     assert "estimates a model with confidence intervals" in words(face), "the docstring introduces"
+
+
+def test_pages_begin_with_the_verbs_and_end_with_the_rooms(pages: dict[str, str]) -> None:
+    first = ["load_robot", "read_recording", "identify", "diagnose", "simulate", "validate"]
+    assert list(signid.NAMES)[:6] == first
+    sections = re.findall(r'<section id="([^".]+)">', pages["signid"])
+    assert sections[:6] == first and sections[-1] == "rooms"
+    types = [name for name in signid.NAMES if isinstance(getattr(signid, name), type)]
+    assert sections[-len(types) - 2 : -1] == ["results", *types]
+    shown = words(pages["signid"], '<section id="results">', '<section id="')
+    assert all(name in shown for name in ("Robot", "Recording", "Identification", "Diagnosis", "Model", "Validation"))
+    assert not [name for name in pages if "test" in name]
 
 
 def test_every_module_and_package_is_introduced(pages: dict[str, str]) -> None:

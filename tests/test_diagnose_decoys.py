@@ -13,9 +13,12 @@ from diagnosed import fault, read, recorded, simulation
 
 import signid
 from signid.diagnose import Diagnosis
+from signid.diagnose.data.hypotheses import Hypothesis
+from signid.diagnose.data.thresholds import ADDED_FREQUENCY
+from signid.diagnose.evidence.prior import log_prior
 from signid.effects import EFFECTS
 from signid.effects.base import TorqueLaw
-from signid.types import Array, Coefficient, View
+from signid.types import Array, Coefficient, Law, View
 
 ROOT = Path(__file__).parents[1]
 SPRING = fault("spring", 2, stiffness=1.0, rest=0.2)
@@ -61,6 +64,13 @@ def diagnosed(case: str) -> Diagnosis:
         return signid.diagnose(signid.load_robot("3r"), [ROOT / "robots" / "3r" / "recording.parquet"])
     stated = ("viscous_friction", "coulomb_friction", "armature") if case == "stated" else ()
     return signid.diagnose(simulation("3r", stated), read("3r", recorded("3r", SPRING)))
+
+
+def test_a_law_that_is_not_listed_is_rare_a_priori() -> None:
+    prior = [
+        log_prior(Hypothesis((Law(effect, (0,)),)), 1, 30, 1) for effect in (StiffeningSpring(), EFFECTS["spring"])
+    ]
+    assert np.exp(prior[0] - prior[1]) == pytest.approx(ADDED_FREQUENCY) and ADDED_FREQUENCY < 0.3
 
 
 @pytest.mark.parametrize("case", ["robots/3r", "bare", "stated"])

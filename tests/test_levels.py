@@ -10,7 +10,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "signid"
 ROOMS = {  # modules and folders of a folder in the order of the data; one imports only those before it
-    "": "version errors typed deadline toml_json registry frozen parameters laws servos types optimisers robot effects "
+    "": "version errors typed deadline toml_json registry frozen parameters servos types optimisers robot effects "
     "recording regression model inspect simulation estimation signs faults payload check identify diagnose "
     "validate servo watch output cli __main__ __init__",
     "cli": "app terminal options arguments files fleet demo commands run __init__",

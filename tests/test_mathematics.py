@@ -23,7 +23,7 @@ from signid.diagnose.evidence.bayes_factors import log_bayes_factor, stack_prior
 from signid.diagnose.evidence.prior import CoefficientPrior, coefficient_prior, log_prior
 from signid.diagnose.search.contributions import steadiness
 from signid.diagnose.search.iterate import _expected
-from signid.effects import EFFECTS
+from signid.effects import EFFECTS, LISTED_LAWS
 from signid.servo.diagnose import search as servo_search
 from signid.servo.fit import normal as normal_module
 from signid.servo.fit.coordinates import Coordinates, Slot
@@ -314,7 +314,7 @@ def test_priors_are_those_of_the_page() -> None:
     assert np.exp(log_prior(law("time_delay"), 7, 30, 1)) == pytest.approx(0.5 * 0.98 * 0.3 / 30 / 7)  # one joint alone
     assert np.exp(log_prior(law("time_delay", (0, 1)), 7, 30, 1)) == pytest.approx(0.5 * 0.98 / 30 / 7)
     assert np.exp(log_prior(Hypothesis(variable="position"), 1, 30, 8)) == pytest.approx(0.5 * 0.02 / 8)
-    common = [effect.common for effect in EFFECTS if effect.name != "gravity"]
+    common = [np.exp(log_prior(law(name, (0, 1)), 1, 1, 1)) / 0.49 for name in LISTED_LAWS if name != "gravity"]
     assert 1 - sum(common) / len(common) == pytest.approx(0.14, abs=0.005)
 
     square = np.array([[2.0, 0.5], [0.5, 1.0]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,9 +12,10 @@ from exported import executed, model_of
 from servo_loops import SWING, driven
 
 from signid.effects import EFFECTS, UNLISTED
+from signid.effects.base import FUNCTIONS, TorqueLaw
 from signid.output.export import KINDS, export
-from signid.output.export.code.laws import writable
-from signid.output.export.formats import FORMATS, VENDORS
+from signid.output.export.code.graph import BINARY, UNARY
+from signid.output.export.formats import FORMATS, OF_VECTORS, VENDORS, among, held, writable
 from signid.output.export.function import _code_of
 from signid.types import Law
 
@@ -49,6 +51,18 @@ def test_code_holds_the_laws_that_the_table_says(name: str) -> None:
     assert bool(FORMATS["function"].grade(name)) == (_code_of(law) is not None)
     bodies = ("payload", "link_inertia", "base_tilt", "gravity", "armature")
     assert bool(FORMATS["c"].grade(name)) == (writable(law) or name in bodies)
+
+
+def test_code_has_every_name_that_an_equation_may_use() -> None:
+    class Added(TorqueLaw):
+        name = "added"
+        equation = "where(v > 0, clip(q, -1, 1) * pi, minimum(a, arctan(load)))"
+
+    law = Law(Added(), (0,))
+    model = replace(model_of("3r"), laws=(law,))
+    assert writable(law) and {*UNARY, *BINARY} | {"pi", "clip", "where", "sum", "interp"} >= {*FUNCTIONS} - OF_VECTORS
+    assert all(among(law, held(model, kind)) for kind in ("c", "arrays", "function"))
+    assert "3.14159" in export(model, "c").text
 
 
 def test_a_law_with_much_of_the_torque_is_a_flag() -> None:

@@ -15,7 +15,8 @@ from signid.cli import run
 from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.names.mapping import calibrated, read_calibration
-from signid.recording.names.match import guess, guess_columns, match_signals
+from signid.recording.names.match import NUMBER, guess, guess_columns, match_signals
+from signid.recording.names.vocabulary import VOCABULARY, kinds_of
 from signid.recording.reading import draft_map
 from signid.robot import robot_from_text
 
@@ -224,6 +225,12 @@ def test_words_of_time_in_five_languages_and_their_units() -> None:
         name: ("t", unit) for name, unit in TIMES.items()
     }
     assert [name for name in NO_TIMES if (one := guess(name)) and one.kind == "t"] == []
+
+
+def test_every_word_of_time_and_of_joints_is_one_wherever_names_are_read() -> None:
+    words = {side: [w for w, x in VOCABULARY.items() if side in (x.kind, x.side)] for side in ("t", "joint")}
+    assert [word for word in words["t"] if kinds_of(word) != {"t"} or getattr(guess(word), "kind", "") != "t"] == []
+    assert [word for word in words["joint"] if not NUMBER.fullmatch(f"{word}01")] == []
 
 
 def test_ticks_are_time_beside_positions_of_joints_and_counts_where_a_time_stands_beside_them() -> None:

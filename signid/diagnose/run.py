@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..deadline import OutOfTimeError, ends_in_time, seconds_left, steps_shown, time_is_up
-from ..effects import EFFECT_NAMES, EFFECTS
+from ..effects import EFFECT_NAMES, EFFECTS, LISTED_LAWS
 from ..errors import InputError, OptionError, RecordingError
 from ..faults import REFUSE, SAMPLE_KINDS, RecordingFault, RecordingFaults, examine, is_sole, naming_faults
 from ..model import Model, ModelSource, as_model, stated_inertials, torque_model
@@ -79,6 +79,9 @@ def diagnose(
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Locate, name and model the differences between a simulation and recordings; evaluate on held-out recordings.
+
+    >>> signid.diagnose("3r", "robots/3r/recording.parquet").verdict
+    'named'
 
     Args:
         model: simulation, from `load_model`, or what it reads.
@@ -262,7 +265,7 @@ def _posterior(model: Model, evidence: Evidence, skip: Sequence[str]) -> Posteri
     """Evidence with the priors of the library."""
     bodies = tuple(own_body(model.robot, j) for j in range(len(model.robot.joints)))
     own = StatedBodies(build_base(model.robot), model.whole_inertials())
-    return Posterior(evidence, len(list(EFFECTS)) - len({*skip, GRAVITY}), bodies, own)
+    return Posterior(evidence, len({*LISTED_LAWS} - {*skip, GRAVITY}), bodies, own)
 
 
 def _roll_out(
@@ -412,7 +415,7 @@ def with_gravity_finding(
     share = torque_share(torque, np.maximum(scale, 1e-300))
     joint = int(np.argmax(share))
     after = result.prediction.held_out.residual[:, joint]
-    odds = min(NATS * fault.measures["gain"] - float(np.log(len(list(EFFECTS)))), MOST_LOG_ODDS)
+    odds = min(NATS * fault.measures["gain"] - float(np.log(len(LISTED_LAWS))), MOST_LOG_ODDS)
     finding = Finding(
         law=Law(effect, joints, value),
         std={key: fault.measures[f"std_{key}"] for key in "xyz"},

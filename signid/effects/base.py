@@ -15,8 +15,9 @@ from .trial import Trial
 
 Kind = TypeVar("Kind", bound="Effect")
 Numbers = Mapping[str, float]
-FUNCTIONS = (  # of NumPy, which an equation may use, beside norm
-    "abs sign exp log sqrt sin cos tan arctan arctan2 sinh cosh tanh clip where sum array cross minimum maximum interp"
+FUNCTIONS = (  # names of NumPy that an equation may use, beside norm
+    "pi abs sign exp log sqrt sin cos tan arctan arctan2 sinh cosh tanh clip where sum array cross minimum maximum "
+    "interp"
 ).split()
 ITERATIONS = 12  # fixed-point iterations that invert a recording law
 

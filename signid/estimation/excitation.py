@@ -30,11 +30,11 @@ class ExcitationVerdict(Frozen):
 
     shares: Array  # (b,) [1]
     prior: Array  # (b,) [units of base] prior standard deviation of each base parameter
-    weak: tuple[tuple[str, ...], ...]
-    unidentified: tuple[str, ...]  # "the rotational inertia of links a and b"
-    resting: tuple[str, ...]  # joints that did not move
-    in_step: tuple[tuple[str, ...], ...]  # groups of joints with proportional velocities
-    small: tuple[str, ...]  # base parameters whose standard deviation exceeds the prior one
+    weak: tuple[tuple[str, ...], ...] = ()
+    unidentified: tuple[str, ...] = ()  # "the rotational inertia of links a and b"
+    resting: tuple[str, ...] = ()  # joints that did not move
+    in_step: tuple[tuple[str, ...], ...] = ()  # groups of joints with proportional velocities
+    small: tuple[str, ...] = ()  # base parameters whose standard deviation exceeds the prior one
 
     @property
     def sufficient(self) -> bool:
@@ -92,16 +92,15 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     prior = _prior_sizes(robot, base, torque, speed)
     weak = [_largest(directions[:, k] / size / prior) for k in np.flatnonzero(shares < ENOUGH)]
     uncertain = estimated.std > prior
+    resting = np.flatnonzero((speed <= AT_REST * speed.max(initial=1e-300)) & (speed.max() > 0))
     return ExcitationVerdict(
-        shares,
-        prior,
-        tuple(tuple(base.expressions[i] for i in group) for group in weak),
-        _in_words(robot, base, dict.fromkeys(i for group in weak for i in group)),
-        tuple(
-            robot.joints[j] for j in np.flatnonzero((speed <= AT_REST * speed.max(initial=1e-300)) & (speed.max() > 0))
-        ),
-        tuple(tuple(robot.joints[j] for j in group) for group in in_step(factors.velocity / factors.rows)),
-        tuple(e for e, u in zip(base.expressions, uncertain, strict=True) if u),
+        shares=shares,
+        prior=prior,
+        weak=tuple(tuple(base.expressions[i] for i in group) for group in weak),
+        unidentified=_in_words(robot, base, dict.fromkeys(i for group in weak for i in group)),
+        resting=tuple(robot.joints[j] for j in resting),
+        in_step=tuple(tuple(robot.joints[j] for j in group) for group in in_step(factors.velocity / factors.rows)),
+        small=tuple(e for e, u in zip(base.expressions, uncertain, strict=True) if u),
     )
 
 

@@ -220,7 +220,7 @@ def _joint_delay(windows: list[Rows], joint: int) -> tuple[float, float, float] 
 
 
 OF_A_FIT = ("too little data", "excitation")  # kinds of faults that matter only for a fit
-NO_EXCITATION = ExcitationVerdict(np.ones(1), np.ones(1), (), (), (), (), ())  # not judged: nothing is fitted
+NO_EXCITATION = ExcitationVerdict(shares=np.ones(1), prior=np.ones(1))  # not judged: nothing is fitted
 
 
 def recording_flags(

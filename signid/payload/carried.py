@@ -35,6 +35,9 @@ def carried(model: Model) -> Load | None:
 def with_payload(model: ModelSource, inertial: ArrayLike, covariance: ArrayLike | None = None) -> Model:
     """Model that carries a further load at its last link, in one law with what it carries already.
 
+    >>> signid.with_payload("3r", [0.3, 0, 0, 0.05]).laws[0].parameters["mass"]
+    0.3
+
     A negative mass takes a load off. If nothing is left within three standard deviations, the model carries none. The
     covariance of the model's base parameters grows by that of the load.
 

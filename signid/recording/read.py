@@ -58,6 +58,9 @@ def read_recording(
 ) -> Recording:
     """Read a recording of a robot.
 
+    >>> len(signid.read_recording("robots/3r/recording.parquet", "3r"))
+    6000
+
     Required columns are `t` and, for each joint J by name or number, `q_J` and one of `tau_J`, `current_J`,
     `abs_tau_J` and `abs_current_J` (absolute values), or the commanded position `q_des_J` of a servo; `dq_J`, `ddq_J`,
     `q_des_J` and the columns of `ServoSamples` (`on_J`, `pwm_J`, ...) are optional. A signed current requires the

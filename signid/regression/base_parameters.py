@@ -20,11 +20,7 @@ DIGITS = 6  # significant digits of a printed coefficient
 
 
 def build_base(
-    robot: Robot,
-    laws: Sequence[Law] = (),
-    seed: int = 0,
-    measured: Sequence[bool] | None = None,
-    static: bool = False,
+    robot: Robot, laws: Sequence[Law] = (), seed: int = 0, measured: Sequence[bool] | None = None, static: bool = False
 ) -> BaseMap:
     """Base map of a robot with laws, from random states, since a periodic motion can hide parameters.
 

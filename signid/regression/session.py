@@ -46,7 +46,10 @@ Parts = tuple[Part, ...]
 
 @dataclass(frozen=True, eq=False)
 class Options(Frozen):
-    """Options of the way from recordings to rows. Defaults come from the data."""
+    """Options of the way from recordings to rows. Defaults come from the data.
+
+    >>> found = signid.identify("3r", "robots/3r/recording.parquet", options=signid.Options(robust=True))
+    """
 
     effects: tuple[str, ...] = EFFECT_NAMES
     cutoff: float | None = None  # [Hz]; None: from the encoder noise; inf: no filter

@@ -35,6 +35,9 @@ def load_robot(
 ) -> Robot:
     """Load a robot from a URDF, xacro or MJCF file, with a fixed base; meshes are not required.
 
+    >>> signid.load_robot("3r").joints
+    ('joint_1', 'joint_2', 'joint_3')
+
     Joints are given by name or by their 1-based number among the moving joints in the order of the file.
 
     Args:

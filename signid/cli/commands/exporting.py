@@ -76,12 +76,7 @@ class ExportOptions:
 
 
 @command("signid export result/model.json --urdf arm.urdf --mjcf arm.xml")
-def export(
-    simulation: SimulationName,
-    exports: ExportFiles,
-    options: ExportOptions,
-    json: Json = False,
-) -> int:
+def export(simulation: SimulationName, exports: ExportFiles, options: ExportOptions, json: Json = False) -> int:
     """Write a model in the file formats of other programs.
 
     Options can be combined; content that a format cannot hold is listed, and flagged where it is more than 2 % of the

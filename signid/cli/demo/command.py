@@ -25,9 +25,7 @@ def demo(
     robot: Annotated[
         str,
         typer.Option(
-            metavar="ROBOT",
-            help="A URDF, xacro or MJCF file, or a name such as panda.",
-            autocompletion=complete_robot,
+            metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.", autocompletion=complete_robot
         ),
     ] = "3r",
     output: Annotated[str, typer.Option("--output", "-o", metavar="DIR", help="Output folder.")] = "signid-demo",

@@ -65,6 +65,7 @@ BODY_LEVER = 0.1  # [m] distance of mass from the joint; relates mass, first mom
 # Prior probability of hypotheses.
 PRIOR_NOTHING = 0.5  # [1] no hypothesis is true. Prototype
 PRIOR_UNKNOWN = 0.02  # [1] an unknown dependence, if a hypothesis is true. Heuristic
+ADDED_FREQUENCY = 0.1  # [1] of a law that `signid.effects` does not list and that states no `common`. Heuristic
 SINGLE_JOINT = 0.3  # [1] factor for one joint alone with an effect that all joints may share. Prototype
 # Noise floor beside the selected laws.
 RELEVANT_DROP = 0.8  # [1] a floor below this share of the saturated floor makes that floor be measured again. Heuristic

@@ -8,13 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...effects import LISTED_LAWS
 from ...effects.base import BodyLaw, TransmissionLaw
 from ...model import Model
 from ...regression.motion import labels
 from ...types import INERTIAL, Array, Frozen, Indices, Law
+from ..data import thresholds as tuned
 from ..data.column_groups import Group
 from ..data.hypotheses import Hypothesis
-from ..data.thresholds import APPROXIMATE_STD, BODY_LEVER, PRESENCE_STD, PRIOR_NOTHING, PRIOR_UNKNOWN, SINGLE_JOINT
 
 RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
 RANK = 1e-10  # [1] smallest eigenvalue that counts, over the largest; 1e-6 cuts off the cubic of a cable
@@ -44,7 +45,7 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
         return CoefficientPrior(np.eye(len(square)) * fixed, 1.0, -1)
     units = [kind.unit for law in hypothesis.laws for kind in law.effect.linear().values()]
     if hypothesis.laws and not hypothesis.scaled and isinstance(hypothesis.laws[0].effect, BodyLaw) and "kg" in units:
-        lever = np.array([BODY_LEVER ** {"kg": 0, "kg.m": 1, "kg.m2": 2}[unit] for unit in units])
+        lever = np.array([tuned.BODY_LEVER ** {"kg": 0, "kg.m": 1, "kg.m2": 2}[unit] for unit in units])
         return CoefficientPrior(np.diag(lever / np.sqrt(lever**2 @ size**2)), 0.0, _positive(hypothesis))
     size = np.where(size < 1e-9 * size.max(), np.inf, size)
     values, vectors = np.linalg.eigh(square / size / size[:, None])
@@ -56,19 +57,20 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
 def log_prior(hypothesis: Hypothesis, places: int, kinds: int, unknowns: int) -> float:
     """Log prior probability of a hypothesis [-]: one of `places` of its effect, `kinds` of effects, or `unknowns`."""
     if hypothesis.unknown:
-        return float(np.log(PRIOR_UNKNOWN * (1 - PRIOR_NOTHING) / unknowns))
-    common = min(law.effect.common for law in hypothesis.laws)
+        return float(np.log(tuned.PRIOR_UNKNOWN * (1 - tuned.PRIOR_NOTHING) / unknowns))
+    effects = [law.effect for law in hypothesis.laws]
+    common = min(x.common or (1.0 if x.name in LISTED_LAWS else tuned.ADDED_FREQUENCY) for x in effects)
     one = hypothesis.laws[0]
     if one.effect.scope == "any" and len(one.joints) == 1:
-        common *= SINGLE_JOINT
-    return float(np.log((1 - PRIOR_UNKNOWN) * (1 - PRIOR_NOTHING) * common / kinds / places))
+        common *= tuned.SINGLE_JOINT
+    return float(np.log((1 - tuned.PRIOR_UNKNOWN) * (1 - tuned.PRIOR_NOTHING) * common / kinds / places))
 
 
 def _fixed_std(hypothesis: Hypothesis) -> float | None:
     """Standard deviation of the coefficient of laws without coefficients of their own; None for others [1]."""
     if hypothesis.unknown or any(law.effect.linear() for law in hypothesis.laws):
         return None
-    return APPROXIMATE_STD if isinstance(hypothesis.laws[0].effect, TransmissionLaw) else PRESENCE_STD
+    return tuned.APPROXIMATE_STD if isinstance(hypothesis.laws[0].effect, TransmissionLaw) else tuned.PRESENCE_STD
 
 
 def _positive(hypothesis: Hypothesis) -> int:

@@ -15,7 +15,7 @@ from ...servos import SERVO_NUMBERS, SERVO_UNITS
 from ...types import INERTIAL, INERTIAL_UNITS, Array, Law, Recording, Robot
 from ..report.documents import picked
 from ..report.quantities import Quantity, law_numbers
-from ..report.results.identification import identified_numbers
+from ..report.results.identification import identified_numbers, whole_numbers
 from ..report.results.inspection import joint_documents
 from ..report.results.laws import finding_numbers
 from ..report.results.payload import payload_numbers
@@ -258,10 +258,7 @@ FRAMES: dict[str, dict[str, Table]] = {
             "robot:s verdict:s joint:s mismatch:f after:f explained:f",
             _listed("robots", "name verdict joint mismatch left explained"),
         ),
-        "sessions": (
-            "session:s name:s robot:s task:s state:s",
-            _listed("sessions", "session name robot task state"),
-        ),
+        "sessions": ("session:s name:s robot:s task:s state:s", _listed("sessions", "session name robot task state")),
     },
     "Identification": {
         "base_parameters": (
@@ -269,6 +266,7 @@ FRAMES: dict[str, dict[str, Table]] = {
             _side_by_side("base.expressions base_value estimate.std estimate.value base.units"),
         ),
         "laws": _identified_laws,
+        "numbers": lambda one: numbers_frame("parameter:s value:f unit:s", whole_numbers(one)),
         "standard_parameters": BODIES,
         "fit": (FIT, lambda one: _fit(one.fit)),
         "residuals": _residuals,
@@ -285,11 +283,7 @@ FRAMES: dict[str, dict[str, Table]] = {
     "Robot": {"joints": lambda robot: pl.DataFrame(joint_documents(robot))},
     "RollOut": {"rollouts": (ROLLED, lambda run: _rolled({"simulation": run}))},
     "Separation": {"motion": _motion},
-    "ServoIdentification": {
-        "drives": _drives,
-        "closed_loops": _loops,
-        "positions": _positions,
-    },
+    "ServoIdentification": {"drives": _drives, "closed_loops": _loops, "positions": _positions},
     "ServoSimulation": {"samples": lambda run: pl.DataFrame(dict(run.columns))},
     "ServoValidatedModel": {"closed_loops": _loops, "positions": _positions},
     "ServoValidation": {

@@ -51,6 +51,8 @@ def export(
 ) -> Exported:
     """Export a model; return the text of the file, and flags and notes on the content that the format cannot hold.
 
+    >>> urdf = signid.export("3r", "urdf").text
+
     Args:
         model: rigid bodies and laws.
         kind: one of KINDS. "urdf": robot's URDF with inertials, damping and friction; "mjcf": for MuJoCo; "actuators":

@@ -6,13 +6,15 @@ limits of the robot.
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ...effects.base import ActuatorLaw, RecordingLaw, TorqueLaw, TransmissionLaw
+from ...effects import LISTED_LAWS, UNLISTED
+from ...effects.base import FUNCTIONS, ActuatorLaw, RecordingLaw, TorqueLaw, TransmissionLaw
 from ...effects.drive import DriveLaw
 from ...errors import SignidError, shorten
 from ...model import Model
@@ -32,6 +34,10 @@ _OF_MOTION = """
     gear_friction
 """
 _OF_BODIES = "payload link_inertia base_tilt gravity"
+
+
+OF_VECTORS = {"array", "cross"}  # functions of equations that scalar code lacks
+VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
 
 
 class Format(NamedTuple):
@@ -92,7 +98,7 @@ def held(model: Model, kind: str, floating: bool = False) -> list[Law]:
     return [
         law
         for law in model.laws
-        if (found.grade(law.effect.name) or (kind in OF_TORQUE and _is_plugin(law)))
+        if (found.grade(law.effect.name) or (kind in OF_TORQUE and _is_added(law, kind)))
         and (law.effect.name not in found.driven.split() or driven.issuperset(law.joints))
         and (law.effect.name not in sums or sums[law.effect.name][law.joints[0]] >= 0)
         and (kind != "mjcf" or _in_mjcf(model, law, driven))
@@ -100,10 +106,24 @@ def held(model: Model, kind: str, floating: bool = False) -> list[Law]:
     ]
 
 
-def _is_plugin(law: Law) -> bool:
-    """Whether code holds a law of another package, that the table lacks."""
-    own = type(law.effect).__module__.startswith(f"{__package__.partition('.')[0]}.effects.")
-    return not own and isinstance(law.effect, TorqueLaw) and not law.effect.memory
+def writable(law: Law) -> bool:
+    """Whether the torque of a law is a function of position, velocity, acceleration and rigid-body torque."""
+    effect = law.effect
+    if not isinstance(effect, TorqueLaw) or effect.memory or effect.scope not in ("joint", "pair", "robot", "any"):
+        return False
+    try:
+        tree = ast.parse(effect.equation, mode="eval")
+    except SyntaxError:
+        return False
+    used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    return used <= {*VARIABLES, "variable", "knots", "values", *FUNCTIONS, *effect.filled(law.parameters)} - OF_VECTORS
+
+
+def _is_added(law: Law, kind: str) -> bool:
+    """Whether code holds a law that the table lacks, of a new file or another package."""
+    effect, listed = law.effect, (*LISTED_LAWS, *UNLISTED.split())
+    held = isinstance(effect, TorqueLaw) and not effect.memory if kind == "function" else writable(law)
+    return held and effect.name not in listed
 
 
 def _in_mjcf(model: Model, law: Law, driven: Collection[int]) -> bool:

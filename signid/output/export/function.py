@@ -14,8 +14,7 @@ from ...robot import described_gravity
 from ...types import Law
 from ..report.layout import torque_units
 from .bodies import Exported, in_docstring
-from .code.laws import VARIABLES
-from .formats import BY_ACTUATOR, among, held
+from .formats import BY_ACTUATOR, VARIABLES, among, held
 
 _SIGNALS = ("t", "q", "v", "a", "load", "jacobian")
 _HEAD = '''"""Torque of the laws of a signid model of {name}, in addition to the rigid bodies.

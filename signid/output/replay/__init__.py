@@ -4,6 +4,8 @@ The simulation restarts from the measured state at regular intervals and is driv
 a link shows the residual torque of its joint. Findings of a diagnosis are marked.
 """
 
-from .live import Live as Live
-from .page import Replay as Replay
-from .run import LONGEST as LONGEST, part as part, replay as replay
+from .live import Live
+from .page import Replay
+from .run import LONGEST, part, replay
+
+__all__ = ["LONGEST", "Live", "Replay", "part", "replay"]

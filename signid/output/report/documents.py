@@ -190,6 +190,8 @@ def _writer(result: Any, kind: str) -> Any:
 def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a result: a self-contained page, reproducible to the byte.
 
+    >>> page = signid.report(signid.check("3r", "robots/3r/recording.parquet"))
+
     Args:
         result: result of `check`, `diagnose`, `diagnose_servos`, `identify`, `identify_servos`, `validate` or
             `validate_servos`.

@@ -30,6 +30,8 @@ class Quantity(NamedTuple):
     above: float | None = None  # [unit] the same
     remark: str = ""  # words behind its value in tables
     more: Mapping[str, Any] = {}  # further entries of its document
+    words: str = ""  # sentence that states a number of the whole result; "": its name and value
+    card: tuple[str, str, str] | None = None  # title, figure and remark at the head of the page; None: name and value
 
     @property
     def known(self) -> bool:
@@ -63,6 +65,17 @@ class Quantity(NamedTuple):
     def interval(self, beside: str) -> tuple[str, str]:
         """Value, and the half-width of its 95 % interval; `beside`: in its place where the deviation is unknown."""
         return (figure(self.value), beside) if self.std is None else with_interval(self.value, self.std)
+
+    @property
+    def sentence(self) -> str:
+        """A number of the whole result in words."""
+        return self.words or f"{spaced(self.name).capitalize()}: {self.titled[1]}."
+
+    @property
+    def titled(self) -> tuple[str, str, str]:
+        """Title, figure and remark of its card."""
+        shown = self.displayed()
+        return self.card or (spaced(self.name), f"{shown.text} {shown.unit}".rstrip(), "")
 
     @property
     def text(self) -> str:

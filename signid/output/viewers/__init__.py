@@ -3,5 +3,7 @@
 A replay, a diagnosis (`log`) and a watch (`watch_logs`) send the same `messages` to a file of either kind.
 """
 
-from .files import WatchLogs as WatchLogs, check_library as check_library
-from .log import ViewerLog as ViewerLog, viewer_log as viewer_log
+from .files import WatchLogs, check_library
+from .log import ViewerLog, viewer_log
+
+__all__ = ["ViewerLog", "WatchLogs", "check_library", "viewer_log"]

@@ -139,12 +139,7 @@ def _stated(source: Files, files: Sequence[Timed]) -> dict[int, float]:
 
 
 def _aligned(
-    parts: Sequence[_Part],
-    k: int,
-    stated: Mapping[int, float],
-    align: bool,
-    notes: list[str],
-    flags: list[str],
+    parts: Sequence[_Part], k: int, stated: Mapping[int, float], align: bool, notes: list[str], flags: list[str]
 ) -> JoinedFile:
     """Offset of a file to the clock of the first, with its note or flag."""
     first, other = parts[0].file, parts[k].file
@@ -228,11 +223,7 @@ def _unknown(first: Timed, other: Timed, why: str) -> str:
 
 
 def _table(
-    parts: Sequence[_Part],
-    files: Sequence[JoinedFile],
-    mapping: ParsedColumns,
-    notes: list[str],
-    flags: list[str],
+    parts: Sequence[_Part], files: Sequence[JoinedFile], mapping: ParsedColumns, notes: list[str], flags: list[str]
 ) -> Joined:
     base, opened = parts[0], [part.file.opened for part in parts]
     for part in parts[1:]:

@@ -302,10 +302,7 @@ def _joints(name: str, given: object) -> tuple[dict[str, str], tuple[str, str] |
 
 
 def revised_map(
-    given: ColumnMap | None,
-    joints: Sequence[str],
-    columns: Mapping[str, Sequence[str]],
-    turned: Mapping[str, Turned],
+    given: ColumnMap | None, joints: Sequence[str], columns: Mapping[str, Sequence[str]], turned: Mapping[str, Turned]
 ) -> str:
     """Text of a column map with other signs and zeros of revolute joints; the entries of a map given remain.
 

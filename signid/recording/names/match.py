@@ -19,9 +19,8 @@ SO_JOINTS = {name: place for place, names in enumerate(SO_ARM.split(";")) for na
 LEAST = 5  # joints of an SO arm, without its gripper
 LONGEST = 200  # characters of a name that has a meaning
 ALIKE = 0.6  # minimum similarity of two names [1]
-NUMBER = re.compile(
-    r"(?:joints?|axis|axes|achse|axe|eje|gelenk|motors?|servo|drive|actuator|act|link|dof|id|j|a|m|s)?0*(\d+)"
-)
+JOINT_WORDS = "|".join(word for word, meaning in VOCABULARY.items() if meaning.side == "joint")
+NUMBER = re.compile(rf"(?:{JOINT_WORDS}|act|link|id|j|a|m|s)?0*(\d+)")
 OF_RATE = {("dq", "deg"): "deg/s", ("dq", "rad"): "rad/s", ("ddq", "deg"): "deg/s2", ("ddq", "rad"): "rad/s2"}
 RATES: Mapping[tuple[str, str], str] = {("q", "rate"): "dq", ("dq", "rate"): "ddq", ("q", "second rate"): "ddq"}
 

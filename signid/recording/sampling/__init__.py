@@ -7,13 +7,4 @@ from .clock import time_origin
 from .grid import Sampling, between, one_after_another, samples, select_stretches, split
 from .survey import survey
 
-__all__ = [
-    "Sampling",
-    "between",
-    "one_after_another",
-    "samples",
-    "select_stretches",
-    "split",
-    "survey",
-    "time_origin",
-]
+__all__ = ["Sampling", "between", "one_after_another", "samples", "select_stretches", "split", "survey", "time_origin"]

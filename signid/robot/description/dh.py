@@ -43,6 +43,8 @@ class DHLink:
 def urdf_from_dh(name: str, links: Sequence[DHLink]) -> str:
     """Generate the URDF of a serial robot.
 
+    >>> urdf = signid.urdf_from_dh("arm", [signid.robot.DHLink(alpha=0.0, a=0.3, d=0.1, mass=1.0)])
+
     Joints are `joint_1`..., links `base_link`, `link_1`..., and `tool` at the last frame. A URDF joint moves about its
     own frame, so the frame of `link_i` is that of DH link i - 1, moved by the joint.
 

@@ -85,10 +85,7 @@ def known_scale(known: str, stated: Mapping[str, float], other: Sequence[str]) -
 
 
 def implied_ratios(
-    sets: Sequence[Sequence[str]],
-    servos: Mapping[str, Servo],
-    std: Mapping[str, float],
-    stated: Mapping[str, float],
+    sets: Sequence[Sequence[str]], servos: Mapping[str, Servo], std: Mapping[str, float], stated: Mapping[str, float]
 ) -> list[tuple[Sequence[str], float, float]]:
     """Connected sets whose masses differ notably from the description if stated gains are true: ratio and its std.
 
@@ -108,10 +105,7 @@ def implied_ratios(
 
 
 def alternatives(
-    sets: Sequence[Sequence[str]],
-    servos: Mapping[str, Servo],
-    std: Mapping[str, float],
-    stated: Mapping[str, float],
+    sets: Sequence[Sequence[str]], servos: Mapping[str, Servo], std: Mapping[str, float], stated: Mapping[str, float]
 ) -> tuple[str, ...]:
     """One sentence for each connected set: the masses if the stated gains are true. Arguments as `implied_ratios`.
 

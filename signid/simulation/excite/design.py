@@ -217,6 +217,9 @@ def excite(
 ) -> Excitation:
     """Optimal exciting motion: most information on the base parameters of bodies and laws within the limits.
 
+    >>> signid.excite("3r", kind="random", duration=5.0).trajectory.q.shape
+    (501, 3)
+
     The motion is at rest at both ends. The assumed torque noise is 1 % of each joint's torque limit; for joints without
     a limit, 1 % of the rms torque along random motions. Limits are obeyed on a grid of 1 ms, distances between links on
     one of 5 ms. The motion is the same on every processor (`steady`), but not with other versions of the libraries.

@@ -107,6 +107,8 @@ def track(
 ) -> Tracking:
     """Controller that follows a motion; the default gains make each joint a damped oscillator.
 
+    >>> drive = signid.track("3r", signid.excite("3r", kind="random").trajectory, bandwidth=4.0)
+
     Args:
         known: model of the controller: rigid bodies and rotors.
         trajectory: motion of all n joints.

@@ -273,6 +273,10 @@ def simulate(
 ) -> Simulation:
     """Simulate a model with all its laws, moved by a drive; signals are recorded without error at each step.
 
+    >>> motion = signid.excite("3r", kind="random", duration=2.0).trajectory
+    >>> signid.simulate("3r", signid.track("3r", motion), 2.0).q.shape
+    (2000, 3)
+
     Recorded torque and acceleration belong to the same instant.
 
     Args:

@@ -23,7 +23,10 @@ STAMP = 9  # decimals of time [s]: the clock of a logger counts nanoseconds
 
 @dataclass(frozen=True)
 class Sensors:
-    """Errors of sensors and logger; by default every step is recorded without error."""
+    """Errors of sensors and logger; by default every step is recorded without error.
+
+    >>> sensors = signid.Sensors(rate=100.0, noise=0.01)
+    """
 
     rate: float | None = None  # [Hz] of the log; None: every step
     encoder_bits: float | None = None  # 2**bits counts per turn, or per metre of a prismatic joint
@@ -65,6 +68,9 @@ def record(
     robot: Robot, simulation: Simulation, sensors: Sensors | None = None, *, desired: bool = True, seed: int = 0
 ) -> dict[str, Array]:
     """Columns of a recording: t, then q_J, tau_J (or abs_tau_J) and q_des_J by the names of joints.
+
+    >>> run = signid.simulate("3r", signid.track("3r", signid.excite("3r", kind="random").trajectory), 2.0)
+    >>> columns = signid.record(signid.load_robot("3r"), run)
 
     Sampling times may have jitter, and t has the true sampling times. All signals of a row are sampled at one instant,
     between steps by interpolation: cubic for positions, linear for torque.

@@ -94,6 +94,9 @@ def roll_out(
 ) -> RollOut:
     """Errors of a model that is simulated over short horizons, from measured states under recorded torque.
 
+    >>> signid.roll_out("3r", "robots/3r/recording.parquet", [0.2]).rms(0.2).shape
+    (3,)
+
     Windows have the length of the longest horizon and evenly spaced starts. Their number in each recording is
     proportional to its length, and all are simulated at once. The model's recording laws are undone, and its actuator
     laws act. A joint without recorded torque follows its measured motion.

@@ -11,7 +11,7 @@ from ....model import Model, torque_model
 from ....version import __version__
 from ...report.layout import torque_units
 from ..bodies import Exported, c_comment, fixed_note
-from .laws import writable
+from ..formats import writable
 from .observer import TERMS, ObserverCode, observer_code, observer_terms
 from .program import FIXED, Function, Language, Program, program_of, statements
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ....effects.base import TorqueLaw
 from ....effects.naming import law_name
 from ....model import Model, torque_model
 from ....types import Law
+from ..formats import VARIABLES, writable
 from .graph import BINARY, UNARY, Graph, Scalar, binary, unary, where
 from .rigid import Expressions
 
@@ -27,28 +27,10 @@ OPERATORS: dict[type[ast.AST], Any] = {
     ast.Lt: operator.lt,
 }
 SIGN = "sign of velocity"  # function in the place of sign(v)
-VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
-
-
-def writable(law: Law) -> bool:
-    """Whether the torque of a law is a function of position, velocity, acceleration and rigid-body torque."""
-    effect = law.effect
-    if not isinstance(effect, TorqueLaw) or effect.memory or effect.scope not in ("joint", "pair", "robot", "any"):
-        return False
-    try:
-        tree = ast.parse(effect.equation, mode="eval")
-    except SyntaxError:
-        return False
-    known = {"q", "v", "a", "load", "variable", "knots", "values", "sum", "where", "interp", *UNARY, *BINARY}
-    used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-    return used <= known | set(effect.filled(law.parameters))
 
 
 def law_expressions(
-    graph: Graph,
-    model: Model,
-    motion: Mapping[str, Expressions],
-    tracking: tuple[Expressions, Scalar] | None = None,
+    graph: Graph, model: Model, motion: Mapping[str, Expressions], tracking: tuple[Expressions, Scalar] | None = None
 ) -> Expressions:
     """Torque (n,) of the laws that can be written.
 
@@ -100,8 +82,7 @@ def directed_laws(
 
 def _direction(graph: Graph, slow: Scalar, x: Scalar) -> Scalar:
     """Direction of a velocity [1]: its sign, proportional to it below `slow`."""
-    one = graph.constant(1.0)
-    return binary("minimum", binary("maximum", x / slow, -one), one)
+    return _clip(x / slow, graph.constant(-1.0), graph.constant(1.0))
 
 
 def _side(graph: Graph, x: Scalar) -> Scalar:
@@ -119,7 +100,8 @@ def _evaluate(
         numbers = {"variable": signals[VARIABLES[int(numbers["variable"])]], **lists}
     functions: dict[str, Any] = {name: _lifted(graph, partial(unary, name), 1) for name in UNARY}
     functions |= {name: _lifted(graph, partial(binary, name), 2) for name in BINARY}
-    functions |= {"where": _lifted(graph, where, 3), "interp": partial(_interpolate, graph), "sum": sum}
+    functions |= {"where": _lifted(graph, where, 3), "clip": _lifted(graph, _clip, 3), "pi": np.pi}
+    functions |= {"interp": partial(_interpolate, graph), "sum": sum}
     if sign is not None:
         functions[SIGN] = np.frompyfunc(sign, 1, 1)
     return _value(ast.parse(law.effect.equation, mode="eval").body, {**functions, **signals, **numbers})
@@ -176,6 +158,9 @@ def _interpolate(graph: Graph, x: Scalar, knots: list[float], values: list[float
     """Piecewise linear function, constant beyond its ends, as a sum of clipped ramps."""
     total = graph.constant(values[0])
     for low, high, here, there in zip(knots[:-1], knots[1:], values[:-1], values[1:], strict=True):
-        ramp = binary("minimum", binary("maximum", (x - low) / (high - low), graph.constant(0.0)), graph.constant(1.0))
-        total = total + (there - here) * ramp
+        total = total + (there - here) * _clip((x - low) / (high - low), graph.constant(0.0), graph.constant(1.0))
     return total
+
+
+def _clip(x: Scalar, low: Scalar, high: Scalar) -> Scalar:
+    return binary("minimum", binary("maximum", x, low), high)

@@ -60,6 +60,13 @@ def identified_numbers(result: Identification) -> list[list[Quantity]]:
     return [*(law_numbers(result.robot, *pair) for pair in found), *currents]
 
 
+def whole_numbers(result: Identification) -> list[Quantity]:
+    """Numbers of the whole result, from which all outputs follow."""
+    verdict = "consistent" if result.physically_consistent else "inconsistent"
+    card = ("physical consistency", verdict, f"changed by at most {result.moved:.1f} standard deviations")
+    return [Quantity("moved", float(result.moved), None, "1", words=consistent_words(result), card=card)]
+
+
 def _in_amperes(unit: str) -> str:
     """Unit of a number of a law in the current of a joint without a torque constant."""
     return "A.s2/rad" if unit == "kg.m2" else unit.replace("N.m", "A").replace("N", "A")
@@ -111,7 +118,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         ],
         "standard_parameters": standard_parameters(robot, result.parameters.bodies()),
         "physically_consistent": result.physically_consistent,
-        "moved": float(result.moved),
+        **{x.name: x.value if x.known else None for x in whole_numbers(result)},
         "effects": [effect_document(some[0].law, some[0].joint, some) for some in identified_numbers(result)],
         "signs": None if result.signs is None else signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
@@ -136,7 +143,7 @@ def identification_tables(result: Identification) -> list[RenderableType]:
     ]
     sentences = (
         excited_words(result.excitation),
-        consistent_words(result),
+        *(x.sentence for x in whole_numbers(result)),
         f"{cutoff_words(result.cutoff, result.position_cutoff)}; {result.estimate.method}.",
     )
     sections = [
@@ -291,8 +298,7 @@ def _cards(result: Identification, j: int) -> Iterator[Card]:
     shares = result.excitation.shares
     least = share(max(float(shares[0]), 0.0)) if len(shares) else "-"
     yield Card("excitation, weakest direction", least, f"{share(ENOUGH)} of the information of random motion needed")
-    verdict = "consistent" if result.physically_consistent else "inconsistent"
-    yield Card("physical consistency", verdict, f"changed by at most {result.moved:.1f} standard deviations")
+    yield from (Card(*x.titled) for x in whole_numbers(result))
 
 
 def _bounds(result: Identification) -> Iterator[tuple[str, ...]]:
