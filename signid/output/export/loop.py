@@ -24,7 +24,7 @@ from ...types import Array, Frozen
 from .bodies import Exported
 from .shapes import words
 
-_START = """
+_START_TEXT = """
 # Start of {name}: init_state=InitialStateCfg(**START). HELD are the commands in force before the first one
 # [rad or m]; a delay buffer is full of the first command that it gets after a reset, so give it these once
 # (Isaac Lab: positions_delay_buffer.compute; mjlab: apply_delay) before the first step.
@@ -143,7 +143,7 @@ def _python(loop: Loop) -> str:
         key: json.dumps({name: float(f"{x:.6g}") for name, x in pairs}, ensure_ascii=False, indent=4)
         for key, pairs in each.items()
     }
-    return _START.format(name=_named(loop), **written)
+    return _START_TEXT.format(name=_named(loop), **written)
 
 
 def _named(loop: Loop) -> str:

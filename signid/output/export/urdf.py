@@ -16,10 +16,10 @@ from ...robot import described_gravity
 from ...robot.description.document import without_declaration
 from ...types import Array, Robot
 from .bodies import Exported, about_centre, fixed_note
-from .formats import FRICTION, summed
+from .formats import FRICTION_LAWS, summed
 
-_TAG = re.compile(r"""<[^"'>]*(?:"[^"]*"[^"'>]*|'[^']*'[^"'>]*)*>""")
-_MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
+_XML_TAG = re.compile(r"""<[^"'>]*(?:"[^"]*"[^"'>]*|'[^']*'[^"'>]*)*>""")
+_INERTIA_ATTRIBUTES = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 
 
 _Friction = tuple[float, float]  # damping [N.m.s/rad or N.s/m] and friction [N.m or N] of a joint; NaN: unchanged
@@ -51,7 +51,7 @@ def write_urdf(model: Model) -> Exported:
     robot = model.robot
     bodies = model.whole_inertials()
     same = np.all(np.isclose(bodies, stated_inertials(robot), rtol=1e-12, atol=1e-15), axis=1, keepdims=True)
-    friction = (np.maximum(0.0, np.nan_to_num(summed(model, name))) for name in FRICTION)
+    friction = (np.maximum(0.0, np.nan_to_num(summed(model, name))) for name in FRICTION_LAWS)
     text = urdf_with(robot, np.where(same, np.nan, bodies), *friction)
     notes = fixed_note(robot, "they move in the URDF")
     if not np.allclose(model.bodies().gravity.linear, described_gravity(robot), atol=1e-12):
@@ -116,7 +116,7 @@ def _elements(text: str) -> list[_Element]:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         at = int(character[parser.CurrentByteIndex])
-        opening = _TAG.match(text, at)
+        opening = _XML_TAG.match(text, at)
         assert opening is not None, "expat reports the start of a tag"
         stack.append(_Element(tag, attributes.get("name", ""), at, opening.end(), 0, attributes, []))
 
@@ -205,7 +205,7 @@ def _inertial(name: str, parameters: Array) -> list[str]:
     if body is None:
         raise RobotError(f"the inertial of link {name} cannot be written: it needs finite numbers and a mass")
     mass, centre, inertia = body
-    moments = " ".join(f"{key}={_quoted(inertia[i, j])}" for key, i, j in _MOMENTS)
+    moments = " ".join(f"{key}={_quoted(inertia[i, j])}" for key, i, j in _INERTIA_ATTRIBUTES)
     xyz = quoteattr(" ".join(repr(float(x) + 0.0) for x in centre))
     origin = f'  <origin xyz={xyz} rpy="0 0 0"/>'
     return ["<inertial>", origin, f"  <mass value={_quoted(mass)}/>", f"  <inertia {moments}/>", "</inertial>"]

@@ -19,8 +19,8 @@ from ...types import INERTIAL, TWO_SIDED, Array
 from ..report import WRITTEN
 from .bodies import Exported, c_comment, model_digest, principal, remarks
 
-POINT = 1e-4  # [m] radius of gyration below which a load is a point mass
-DIGITS = 9  # significant digits of the largest number of a vector in a file
+POINT_MASS_RADIUS = 1e-4  # [m] radius of gyration below which a load is a point mass
+VECTOR_DIGITS = 9  # significant digits of the largest number of a vector in a file
 FRANKA_FLANGE = "link8"  # of panda_link8, fr3_link8
 KUKA_FLANGE = "tool0"  # the all-zero tool of ROS-Industrial's descriptions; `flange` has other axes
 UR_FLANGE = "tool0"  # the controller's pose of an all-zero TCP (ur_description); `flange` and `ee_link` have other axes
@@ -114,7 +114,7 @@ def _inertia(load: Load) -> tuple[Array | None, list[str]]:
     """Inertia about the centre (3, 3) [kg.m2] with a note if it is uncertain, or why it is left out."""
     (xx, xy, yy, xz, yz, zz), std = load.inertia
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    size = load.mass[0] * POINT**2
+    size = load.mass[0] * POINT_MASS_RADIUS**2
     if np.abs(inertia).max() < size:
         why = "the model knows no inertia about its centre, as of a point mass"
     elif not np.isfinite(std).all():
@@ -155,7 +155,7 @@ def _interval(value: float, half: float) -> str:
 def rounded(values: Array) -> list[float]:
     """Round values: (k,) [one unit], to the digits of the largest one, without a negative zero."""
     largest = float(np.abs(values).max(initial=0.0))
-    places = DIGITS - 1 - int(np.floor(np.log10(largest))) if largest > 0 else 0
+    places = VECTOR_DIGITS - 1 - int(np.floor(np.log10(largest))) if largest > 0 else 0
     return [float(x) + 0.0 for x in np.round(values, places)]
 
 

@@ -6,4 +6,4 @@ a link shows the residual torque of its joint. Findings of a diagnosis are marke
 
 from .live import Live as Live
 from .page import Replay as Replay
-from .run import LONGEST as LONGEST, part as part, replay as replay
+from .run import DEFAULT_MAX_DURATION as DEFAULT_MAX_DURATION, part as part, replay as replay

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from ...servo.diagnose import ServoDiagnosis
 
 HORIZON = 0.5  # default length of a roll-out from recorded torque [s]
-LONGEST = 60.0  # default maximum duration [s]
-MOST = 150_000  # maximum number of poses (bodies x frames x robots), about 6 MB
+DEFAULT_MAX_DURATION = 60.0  # default maximum duration [s]
+MAX_POSES = 150_000  # maximum number of poses (bodies x frames x robots), about 6 MB
 
 
 @typed
@@ -66,7 +66,7 @@ def replay(
     drives = commands_only(recording)
     horizon = HORIZON if horizon is None and not drives else horizon
     _check(recording, drives, horizon, rate)
-    shown = part(recording, start, LONGEST if duration is None else duration)
+    shown = part(recording, start, DEFAULT_MAX_DURATION if duration is None else duration)
     cut = duration is None and len(shown) < len(recording)
     notes = [f"{len(shown)} of {len(recording)} rows are shown"] if cut else []
     found = None if diagnosis is None else read_found(diagnosis)
@@ -78,7 +78,7 @@ def replay(
     marked = [] if found is None else marks(found, far, time_origin(recording))
     bodies = sorted({*seen.bodies, *(mark.body for mark in marked)})
     span = shown.read(len(shown) - 1).t[0] - shown.read(0, 1).t[0]
-    slow = MOST / (len(bodies) * (1 + drives + len(models)) * max(float(span), 1e-9))
+    slow = MAX_POSES / (len(bodies) * (1 + drives + len(models)) * max(float(span), 1e-9))
     if slow < rate:
         notes.append(f"{slow:.3g} frames per second instead of {rate:g}, to limit the size of the page")
         rate = slow
