@@ -205,16 +205,16 @@ def conceal(known: Model, motion: Motion, seed: int) -> tuple[Law, ...]:
     scale, kind = np.std(torque, axis=0), known.robot.prismatic
     largest = np.array([np.max(scale[kind == own]) for own in kind])  # of the joints of the same kind
     scene = _Scene(known, motion, torque, scale, np.flatnonzero(scale >= MIN_TORQUE_SHARE * largest))
-    possible = [names for names in EFFECT_SETS if all(_places(scene, name) for name in names)]
+    possible = [names for names in EFFECT_SETS if all(_law_joints(scene, name) for name in names)]
     laws: list[Law] = []
     for name in possible[seed % len(possible)]:
-        taken, places = [law.joints for law in laws], _places(scene, name)
+        taken, places = [law.joints for law in laws], _law_joints(scene, name)
         joints = rng.choice([place for place in places if place not in taken] or places)
-        laws.append(_sized(scene, name, tuple(joints.tolist()), rng))
+        laws.append(_scaled_law(scene, name, tuple(joints.tolist()), rng))
     return tuple(laws)
 
 
-def _places(scene: _Scene, name: str) -> list[tuple[int, ...]]:
+def _law_joints(scene: _Scene, name: str) -> list[tuple[int, ...]]:
     """Joints where a law is possible and not yet stated by the simulation."""
     effect, n = EFFECTS[name], len(scene.scale)
     if effect.scope in ("robot", "tip"):
@@ -224,9 +224,9 @@ def _places(scene: _Scene, name: str) -> list[tuple[int, ...]]:
     return [(j,) for j in scene.strong.tolist() if (j,) not in known and j >= first]
 
 
-def _sized(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Law:
+def _scaled_law(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Law:
     """A law whose torque is a random share of the torque of the joint most affected."""
-    known, effect, shape = scene.known, EFFECTS[name], _shape(scene, name, joints, rng)
+    known, effect, shape = scene.known, EFFECTS[name], _unscaled(scene, name, joints, rng)
     unit = Law(effect, joints, shape)
     added = Model(known.robot, known.inertials, (*known.laws, unit)).inverse(scene.motion) - scene.torque
     size = np.max(np.std(added[:, scene.strong], axis=0) / scene.scale[scene.strong])
@@ -236,7 +236,7 @@ def _sized(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
     return Law(effect, joints, {key: float(f"{x:.{CONCEALED_DIGITS}g}") for key, x in numbers.items()})
 
 
-def _shape(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Mapping[str, float]:
+def _unscaled(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Mapping[str, float]:
     """Parameters of a law, before scaling."""
     if name == "payload":
         known, body = scene.known.robot, joint_of_row(scene.known.robot.model, own_row(scene.known.robot, joints[0]))

@@ -80,7 +80,7 @@ def _latest(sessions: Sequence[Outcome]) -> Outcome:
     return ([one for one in sessions if one.summary.mismatch is not None] or sessions)[-1]
 
 
-def _taken(source: object, keys: str) -> Mapping[str, Any]:
+def _fields_of(source: object, keys: str) -> Mapping[str, Any]:
     """Some fields of a session, or of its summary."""
     return {key: getattr(source, key) for key in keys.split()}
 
@@ -92,8 +92,8 @@ def _robot(name: str, sessions: Sequence[Outcome]) -> dict[str, Any]:
         "kind": latest.summary.kind,
         "sessions": [one.entry.session for one in sessions],
         "latest": latest.entry.session,
-        **_taken(latest.entry, "time task"),
-        **_taken(latest.summary, "mismatch joint left explained verdict"),
+        **_fields_of(latest.entry, "time task"),
+        **_fields_of(latest.summary, "mismatch joint left explained verdict"),
         "causes": [cause.name for cause in latest.summary.causes],
         "lacks": [finding_headline(cause.named) for cause in latest.summary.causes],
         "undone": sum(not one.done for one in sessions),
@@ -102,13 +102,13 @@ def _robot(name: str, sessions: Sequence[Outcome]) -> dict[str, Any]:
 
 def _session(outcome: Outcome) -> dict[str, Any]:
     return {
-        **_taken(outcome.entry, "session name robot task time"),
+        **_fields_of(outcome.entry, "session name robot task time"),
         "recordings": list(outcome.entry.recordings),
         "state": UNDONE_STATE if not outcome.done else MARKED if outcome.code == FLAGGED else "done",
         "said": list(outcome.said),
         "folder": f"sessions/{outcome.entry.session}" if outcome.done else None,
         "files": list(outcome.files),
-        **_taken(outcome.summary, "mismatch joint left verdict"),
+        **_fields_of(outcome.summary, "mismatch joint left verdict"),
         "causes": [cause.name for cause in outcome.summary.causes],
     }
 

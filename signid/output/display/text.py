@@ -60,7 +60,7 @@ def html(result: Any) -> str:
 
 def _flags(result: Any, shown: Sequence[RenderableType]) -> list[str]:
     """Flags that are no sentence of the tables."""
-    said = {_plain(block) for block in shown}
+    said = {_plain_text(block) for block in shown}
     return [flag for flag in getattr(result, "flags", ()) if flag not in said]
 
 
@@ -97,11 +97,11 @@ def _shortened(sections: Sequence[Sequence[str]], most: int) -> list[str]:
         limits = [min(n, MIN_SECTION_LINES) if small else n for n, small in zip(limits, aside, strict=True)]
     while sum(limits) > most and max(limits) > MIN_SECTION_LINES:
         limits[max(range(len(limits)), key=lambda k: (limits[k], k))] -= 1
-    lines = [line for section, limit in zip(sections, limits, strict=True) for line in _cut(section, limit)]
+    lines = [line for section, limit in zip(sections, limits, strict=True) for line in _first_lines(section, limit)]
     return lines if len(lines) <= most else [*lines[: most - 1], f"... and {len(lines) - most + 1} more lines"]
 
 
-def _cut(block: Sequence[str], limit: int) -> list[str]:
+def _first_lines(block: Sequence[str], limit: int) -> list[str]:
     return list(block) if len(block) <= limit else [*block[: limit - 1], f"... and {len(block) - limit + 1} more lines"]
 
 
@@ -111,7 +111,7 @@ def _element(block: RenderableType) -> str:
     if isinstance(block, Table):
         return _table(block)
     bold = isinstance(block, Text) and any("bold" in str(part) for part in (block.style, *block.spans))
-    return _paragraph(_plain(block), "font-weight:600" if bold else "")
+    return _paragraph(_plain_text(block), "font-weight:600" if bold else "")
 
 
 def _paragraph(sentence: str, style: str = "") -> str:
@@ -121,7 +121,7 @@ def _paragraph(sentence: str, style: str = "") -> str:
 def _table(table: Table) -> str:
     def row(kind: str, cells: Iterable[RenderableType]) -> str:
         styled = zip(cells, (CELL_STYLE.format(column.justify) for column in table.columns), strict=True)
-        return "".join(f'<{kind} style="{style}">{escape(_plain(cell))}</{kind}>' for cell, style in styled)
+        return "".join(f'<{kind} style="{style}">{escape(_plain_text(cell))}</{kind}>' for cell, style in styled)
 
     rows = list(zip(*(column.cells for column in table.columns), strict=True))
     heads, body = row("th", (column.header for column in table.columns)), [row("td", cells) for cells in rows[:ROWS]]
@@ -130,7 +130,7 @@ def _table(table: Table) -> str:
     return f"<table><thead><tr>{heads}</tr></thead><tbody>{lines}</tbody></table>{more}"
 
 
-def _plain(block: RenderableType) -> str:
+def _plain_text(block: RenderableType) -> str:
     return block.plain if isinstance(block, Text) else str(block)
 
 

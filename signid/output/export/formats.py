@@ -1,7 +1,7 @@
-"""What each format holds of each law: one table, from which come the notes and flags of exports and the documentation.
+"""Laws that each format holds: one table, from which come the notes and flags of exports and the documentation.
 
-A law that a format lacks is a flag if its torque is more than `SMALL` of that of a joint, along a motion within the
-limits of the robot.
+A law that a format lacks is a flag if its torque is more than `MAX_UNFLAGGED_SHARE` of that of a joint, along a motion
+within the limits of the robot.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ class _Code(NamedTuple):
     """A law as a Python function: name, arguments, parameters, returned expression, and functions of NumPy in it."""
 
     name: str
-    signals: tuple[str, ...]  # subset of _SIGNALS
+    signals: tuple[str, ...]  # subset of _FUNCTION_SIGNALS
     numbers: dict[str, Any]
     expression: str
     functions: set[str]

@@ -58,7 +58,7 @@ def write_mjcf(
     from lxml import etree
 
     robot, bodies = model.robot, possible_bodies(model)
-    shapes, placed = read_shapes(robot, package_dirs), _places(robot)
+    shapes, placed = read_shapes(robot, package_dirs), _body_places(robot)
     files = {} if meshes is None else copied(shapes.meshes, meshes)
     ties = _ties(robot, placed)
     root = etree.Element("mujoco", model=robot.name)
@@ -194,7 +194,7 @@ def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodi
     return notes
 
 
-def _places(robot: Robot) -> list[_Place]:
+def _body_places(robot: Robot) -> list[_Place]:
     """List the bodies of the model; held joints are part of the pose of their body."""
     at_zero = configuration(robot, np.zeros(len(robot.joints)))
     leaders = {own_row(robot, j): name for j, name in enumerate(robot.joints)}

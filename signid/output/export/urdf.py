@@ -142,7 +142,7 @@ def _inertial_edits(text: str, elements: list[_Element], inertials: Mapping[str,
             continue
         stated = [child for child in link.children if child.tag == "inertial"]
         if name == link.name:
-            yield _put(text, link, stated[0] if stated else None, _inertial(name, inertials[name]))
+            yield _inserted(text, link, stated[0] if stated else None, _inertial(name, inertials[name]))
         else:
             remark = f"<!-- inertial included in that of {re.sub('-(?=-)', '- ', name)} -->"
             yield from (_Edit(child.start, child.stop, remark) for child in stated[:1])
@@ -157,12 +157,12 @@ def _friction_edits(text: str, elements: list[_Element], friction: Mapping[str, 
         stated = next((child for child in joint.children if child.tag == "dynamics"), None)
         if stated is None and any(given.values()):
             tag = f"<dynamics {' '.join(f'{key}={_quoted(x)}' for key, x in given.items())}/>"
-            yield _put(text, joint, None, [tag])
+            yield _inserted(text, joint, None, [tag])
         elif stated is not None:
-            yield _Edit(stated.start, stated.inside, _with(text[stated.start : stated.inside], given))
+            yield _Edit(stated.start, stated.inside, _attributed(text[stated.start : stated.inside], given))
 
 
-def _with(tag: str, values: Mapping[str, float]) -> str:
+def _attributed(tag: str, values: Mapping[str, float]) -> str:
     """Set attributes of an opening tag; keep the others and the spacing."""
     for key, value in values.items():
         stated = re.search(rf"""\s{key}\s*=\s*("[^"]*"|'[^']*')""", tag)
@@ -175,7 +175,7 @@ def _with(tag: str, values: Mapping[str, float]) -> str:
     return tag
 
 
-def _put(text: str, parent: _Element, stated: _Element | None, lines: list[str]) -> _Edit:
+def _inserted(text: str, parent: _Element, stated: _Element | None, lines: list[str]) -> _Edit:
     """Replace an element by lines, or insert them as first child of its parent, indented accordingly."""
     margin, newline = _margin(text, parent.start), _newline(text)
     inside = [stated] if stated else parent.children

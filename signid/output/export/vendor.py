@@ -72,10 +72,10 @@ def flange_of(model: Model, names: str, flange: str | None, tool: str | None) ->
     ]
     if where is not None:
         said.append(f"tool frame: {tool}")
-    return Flange(seen.mass[0], seen.centre[0], inertia, where, tuple(map(_plain, said)), tuple(map(_plain, notes)))
+    return Flange(seen.mass[0], seen.centre[0], inertia, where, tuple(map(_ascii, said)), tuple(map(_ascii, notes)))
 
 
-def _plain(text: str) -> str:
+def _ascii(text: str) -> str:
     """Text as a comment of a controller's file: one line of ASCII."""
     return one_line(text).encode("ascii", "replace").decode()
 
@@ -194,15 +194,15 @@ def write_franka(model: Model, flange: str | None = None, tool: str | None = Non
         "#pragma once",
         "#include <array>",
         f"constexpr double load_mass = {document['mass']!r};",
-        f"constexpr std::array<double, 3> F_x_Cload{{{{{_listed(document['centerOfMass'])}}}}};",
-        f"constexpr std::array<double, 9> load_inertia{{{{{_listed(inertia)}}}}};",
+        f"constexpr std::array<double, 3> F_x_Cload{{{{{_joined_values(document['centerOfMass'])}}}}};",
+        f"constexpr std::array<double, 9> load_inertia{{{{{_joined_values(inertia)}}}}};",
         "// robot.setLoad(load_mass, F_x_Cload, load_inertia);",
     ]
     text = json.dumps(document, indent=2, ensure_ascii=False) + "\n"
     return Exported(text, tuple(notes), {"_load.h": "\n".join(header) + "\n"})
 
 
-def _listed(values: object) -> str:
+def _joined_values(values: object) -> str:
     return ", ".join(map(repr, values)) if isinstance(values, list) else ""
 
 
@@ -256,13 +256,13 @@ def _real(value: float) -> str:
 def write_ur(model: Model, flange: str | None = None, tool: str | None = None) -> Exported:
     """Write `set_target_payload`, and `set_tcp` if a tool frame is named."""
     found = flange_of(model, UR_FLANGE, flange, tool)
-    numbers = [_list(np.array([found.mass]))[1:-1], _list(found.centre)]
+    numbers = [_rounded_text(np.array([found.mass]))[1:-1], _rounded_text(found.centre)]
     calls = [f"set_target_payload({', '.join(numbers)})"]
     if found.inertia is not None:
-        six = _list(found.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+        six = _rounded_text(found.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
         calls = [f"set_target_payload({', '.join(numbers)}, {six})"]
     if found.tool is not None:
-        calls.append(f"set_tcp(p{_list(np.append(found.tool.translation, pin.log3(found.tool.rotation)))})")
+        calls.append(f"set_tcp(p{_rounded_text(np.append(found.tool.translation, pin.log3(found.tool.rotation)))})")
     said = [
         *found.said,
         "mass [kg], centre of gravity [m] in the tool flange frame, inertia [Ixx, Iyy, Izz, Ixy, Ixz, Iyz] [kg.m2]",
@@ -273,5 +273,5 @@ def write_ur(model: Model, flange: str | None = None, tool: str | None = None) -
     return Exported(remarks(said) + "\n".join(calls) + "\n", found.notes)
 
 
-def _list(values: Array) -> str:
+def _rounded_text(values: Array) -> str:
     return repr(rounded(values))

@@ -150,7 +150,7 @@ def marks(found: ReplayFindings, reach: float, origin: float = 0.0) -> list[Mark
             f"{key.replace('_', ' ')} {_figure(x, TWO_SIDED * std)} {unit}"
             for key, (x, std, unit) in one.numbers.items()
         ]
-        lines = (*shown[:MAX_LABEL_PARAMETERS], _sure(one.probability))
+        lines = (*shown[:MAX_LABEL_PARAMETERS], _probability_words(one.probability))
         placed.append(Mark("joint", body, title, lines, one.cause, (0.0, 0.0, 0.0), tuple(along), joints=(one.joint,)))
     return sorted(placed, key=lambda mark: not mark.cause)
 
@@ -169,7 +169,7 @@ def headline(found: ReplayFindings) -> str:
     return sentence_case(causes_words(causes, found.verdict == "named", len(robot.joints), found.left)) + "."
 
 
-def _sure(probability: float) -> str:
+def _probability_words(probability: float) -> str:
     return "probability >0.999" if probability > 0.999 else f"probability {probability:.3f}"
 
 
@@ -219,7 +219,7 @@ def _numbers(robot: Robot, finding: ReplayFinding, origin: float) -> tuple[str, 
         if shown and abs(value) < half:
             continue  # consistent with zero
         shown.append(f"{key.replace('_', ' ')} {_figure(value, half)}{'' if unit == '1' else f' {unit}'}")
-    return (*shown, _sure(finding.probability))
+    return (*shown, _probability_words(finding.probability))
 
 
 def _figure(value: float, half: float) -> str:

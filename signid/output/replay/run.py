@@ -22,7 +22,7 @@ from .drives import commands_only, follow_commands, with_drives
 from .marks import ReplayFindings, headline, marks, read_found
 from .page import Replay
 from .shapes import look, reach
-from .track import follow, movers, poses
+from .track import movers, poses, track_of
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
@@ -82,7 +82,9 @@ def replay(
     if slow < rate:
         notes.append(f"{slow:.3g} frames per second instead of {rate:g}, to limit the size of the page")
         rate = slow
-    track = follow_commands(models, shown, horizon, rate) if drives else follow(models, shown, horizon or HORIZON, rate)
+    track = (
+        follow_commands(models, shown, horizon, rate) if drives else track_of(models, shown, horizon or HORIZON, rate)
+    )
     wanted = track.command
     return Replay(
         robot=robot,

@@ -48,7 +48,7 @@ class Surveyed(NamedTuple):
     measured: Mask  # (n,) whether torque was recorded
 
 
-def follow(models: Sequence[Model], recording: Recording, window: float, rate: float) -> Track:
+def track_of(models: Sequence[Model], recording: Recording, window: float, rate: float) -> Track:
     """Compute the motion of a recording and of roll-outs of one or two models.
 
     Consecutive windows [s] cover the recording; in each the simulated robots start from the measured state.
@@ -62,7 +62,7 @@ def follow(models: Sequence[Model], recording: Recording, window: float, rate: f
     times, q = np.concatenate([x.t for x in known]), np.concatenate([x.q for x in known])
     t = times[0] + np.arange(int((times[-1] - times[0]) * rate * (1 + 1e-9)) + 1) / rate
     recorded = at_times(t, times, q)
-    strayed = [_strayed(read, models[k], models[k - 1], window, t) for k in range(len(models))]
+    strayed = [_window_errors(read, models[k], models[k - 1], window, t) for k in range(len(models))]
     error, apart, windows = zip(*strayed, strict=True)
     torque = np.concatenate([x.tau for x in known])
     shown, residual = _torque(read, models, t, rate)
@@ -89,7 +89,7 @@ def surveyed(recording: Recording, robot: Robot) -> Surveyed:
     return Surveyed(recording, sampling, band, np.array([bool(column) for column in recording.columns["tau"]]))
 
 
-def _strayed(read: Surveyed, model: Model, other: Model, window: float, t: Array) -> tuple[Array, Mask, Indices]:
+def _window_errors(read: Surveyed, model: Model, other: Model, window: float, t: Array) -> tuple[Array, Mask, Indices]:
     """Simulated - recorded position (F, n), divergence (F,) and number (F,) of consecutive roll-outs.
 
     A diverged joint keeps its last position unless all joints diverged.

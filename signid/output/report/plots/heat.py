@@ -32,7 +32,7 @@ class Variable(NamedTuple):
     name: str
     title: str  # of the axis
     values: Array  # (M, n) [unit of each joint]
-    edges: Array  # (n, BINS + 1) [unit of each joint]
+    edges: Array  # (n, REGIONS + 1) [unit of each joint]
     units: tuple[str, ...]  # n
 
 

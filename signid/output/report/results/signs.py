@@ -95,7 +95,7 @@ def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
         t, *torques = np.ascontiguousarray(values.T)
         cells = {"t": t}
         for j, tau in zip(joints, torques, strict=True):
-            name, sure = recording.joints[j], _sure(signs, part, j, t, tau)
+            name, sure = recording.joints[j], _row_confidence(signs, part, j, t, tau)
             known = np.where((sure > 0) & (sure < CERTAINTY), np.nan, tau)
             cells |= {f"abs_tau_{name}": np.abs(tau)} if j in lost else {f"tau_{name}": known}
             cells[f"sure_{name}"] = sure
@@ -119,7 +119,7 @@ def part_name(signs: Signs, part: int) -> str:
     return signs.traces[part].path or f"recording {part + 1}"
 
 
-def _sure(signs: Signs, part: int, joint: int, t: Array, torque: Array) -> Array:
+def _row_confidence(signs: Signs, part: int, joint: int, t: Array, torque: Array) -> Array:
     """Confidence of the segment of each row with its sign, (N,) [1]."""
     if joint not in signs.hidden:
         return np.ones(len(t))
@@ -169,7 +169,7 @@ def sign_plots(signs: Signs, units: Sequence[str] = ()) -> dict[str, list[Plot]]
 
 
 def _plot(signs: Signs, part: int, j: int, unit: str) -> Plot:
-    trace, top = signs.traces[part], _top(signs.traces[part], j)
+    trace, top = signs.traces[part], _axis_limit(signs.traces[part], j)
     data = [*_shades(signs, part, j, top), *_lines(signs, trace, j, unit)]
     layout = {
         "xaxis": axis("time [s]", range=_ends(trace.t - trace.origin)),
@@ -187,7 +187,7 @@ def _ends(t: Array) -> list[float] | None:
     return [float(t[0]) - room, float(t[-1]) + room]
 
 
-def _top(trace: Trace, joint: int) -> float:
+def _axis_limit(trace: Trace, joint: int) -> float:
     sizes = np.abs(np.concatenate([trace.magnitude[:, joint], trace.predicted[:, joint]]))
     return 1.4 * max(float(sizes[np.isfinite(sizes)].max(initial=0.0)), 1e-12)
 

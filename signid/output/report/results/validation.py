@@ -88,7 +88,7 @@ def validation_tables(result: Validation) -> list[RenderableType]:
 def servo_validation_tables(result: ServoValidation) -> list[RenderableType]:
     """Errors of closed loops of every model, per joint, beside those of q = q_des."""
     loops = _loops(result).beside(Plain(LOOP_NOTE))
-    title = Text(_loop_title(result), "bold red" if _poor(result) else "bold")
+    title = Text(_loop_title(result), "bold red" if _is_poor(result) else "bold")
     return [title, *_listed(result), *terminal([loops], result.notes)]
 
 
@@ -121,7 +121,7 @@ def servo_validation_page(result: ServoValidation, inputs: Sequence[Input] = (),
         sections += [Section("", (key,))] if number == 1 else []
         sections.append(Section(f"{number}: {one.name}" if len(models) > 1 else "", tuple(folds), level=3))
     over = "validation of models with position drives, from commands alone, without fitting"
-    kind = "unreliable" if _poor(result) else ""
+    kind = "unreliable" if _is_poor(result) else ""
     header = Header(_title(result, "closed loop validated"), over, list(_loop_cards(result)), kind, _loop_title(result))
     return sections_page(header, sections, shared(result, (one.model.robot for one in models), inputs, command))
 
@@ -164,7 +164,7 @@ def _loop_title(result: ServoValidation) -> str:
     return f"{name}: {plural(len(best.model.servos), 'drive')}, {loop_words(best.rollout)} {on}"
 
 
-def _poor(result: ServoValidation) -> bool:
+def _is_poor(result: ServoValidation) -> bool:
     """Whether a model predicts a joint badly."""
     return any(poor_joints(one.rollout) for one in result.models)
 
