@@ -20,7 +20,7 @@ import polars as pl
 from rich.console import Console
 
 from signid.model import Model, load_model, with_servos
-from signid.output.export import STARTING, export, with_known_numbers
+from signid.output.export import STARTED_KINDS, export, with_known_numbers
 from signid.output.export.loop import loop_of
 from signid.recording import Recordings, read_recording
 from signid.robot import load_robot
@@ -137,11 +137,11 @@ def recorded(bench: Bench, drives: dict[str, Drive], seed: int, limits: str = "n
 def rolled(case: Case, folder: Path) -> Iterator[Row]:
     """Roll-outs of all exports of a model."""
     model, read = case.model, read_recording(case.recording, case.model.robot)
-    texts = {kind: export(model, kind, start=read).text for kind in STARTING}
+    texts = {kind: export(model, kind, start=read).text for kind in STARTED_KINDS}
     (folder / "arm.xml").write_text(texts["mjcf"], encoding="utf-8")
     table = table_of(with_known_numbers(model, gain=True)[0], read)
     yield Row(case.robot, case.limits, "mjcf", *errors(of_mjcf(folder / "arm.xml", table), table))
-    for kind in STARTING[1:]:
+    for kind in STARTED_KINDS[1:]:
         for step in STEPS:
             each = [errors(run, table) for run in configured(folder / "arm.xml", executed(texts[kind], step), table)]
             best = min(each, key=lambda numbers: numbers[-1])  # of delays rounded down and up

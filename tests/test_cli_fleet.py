@@ -199,7 +199,7 @@ def test_a_session_whose_process_dies_does_not_stop_the_others(
 
 def test_a_process_is_warm_for_some_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_module, "carry_out", _deadly)
-    monkeypatch.setattr(run_module, "LASTS", 2)
+    monkeypatch.setattr(run_module, "COMMANDS_PER_PROCESS", 2)
     answers = dict(spread([Order(("data",), str(tmp_path))] * 5, workers=1))
     pids = [answers[k].said[0] for k in range(5)]
     assert pids[0] == pids[1] != pids[2] == pids[3] != pids[4]

@@ -15,7 +15,7 @@ from signid.check import check
 from signid.errors import RecordingError
 from signid.faults import RecordingFault
 from signid.faults.distortions import axis_words
-from signid.output.report.results.check.summaries import IN_DESCRIPTION, check_document, check_summary
+from signid.output.report.results.check.summaries import DESCRIPTION_FAULTS, check_document, check_summary
 from signid.robot import load_robot
 from signid.types import Array, Robot
 
@@ -128,10 +128,10 @@ def test_what_is_tried_alone_is_excluded(tmp_path: Path) -> None:
     for robot, recorded, tried in (
         (whole.robot, sound, ()),
         (whole.robot, strange, ("wrong axis",)),
-        (load_robot("panda", lock=POSE), odd, tuple(IN_DESCRIPTION)),
+        (load_robot("panda", lock=POSE), odd, tuple(DESCRIPTION_FAULTS)),
     ):
         found = check(robot, [signid.read_recording(recorded, robot)])
-        assert tuple(words for words in check_summary(found).clear if words in IN_DESCRIPTION) == tried
-        assert set(found.faults.tried) == {IN_DESCRIPTION[words] for words in tried}
+        assert tuple(words for words in check_summary(found).clear if words in DESCRIPTION_FAULTS) == tried
+        assert set(found.faults.tried) == {DESCRIPTION_FAULTS[words] for words in tried}
         document = check_document(found)
         assert document["recording_faults"]["findings"] == [] or tried

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 import signid
 from signid.output.replay import Replay
-from signid.output.replay.track import follow
+from signid.output.replay.track import track_of
 
 WINDOW = 900, 720  # [px] of the browser
 
@@ -60,7 +60,7 @@ def test_the_measured_torque_is_that_of_the_recording() -> None:
     model = signid.load_model("3r")
     recording = signid.read_recording(ROOT / "robots/3r/recording.parquet", model.robot)
     samples = recording.read()
-    track = follow([model], recording, 0.5, 30.0)
+    track = track_of([model], recording, 0.5, 30.0)
     raw = np.column_stack([np.interp(track.t, samples.t, x) for x in samples.tau.T])
     known = np.isfinite(track.measured).all(axis=1)
     assert known.mean() > 0.95

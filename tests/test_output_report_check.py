@@ -24,10 +24,10 @@ from signid.faults.examine import LIMITS
 from signid.faults.search import CLAIMS
 from signid.output.report.layout import share
 from signid.output.report.results.check.summaries import (
-    IN_DESCRIPTION,
-    IN_SAMPLES,
-    IN_TORQUE,
-    SEARCHED,
+    DESCRIPTION_FAULTS,
+    SAMPLE_FAULTS,
+    SEARCHED_FAULTS,
+    TORQUE_FAULTS,
     audit_page,
     audit_summary,
     check_document,
@@ -74,7 +74,7 @@ def test_numbers_of_a_recording_with_torque() -> None:
     assert summary.verdict == "good" and summary.headline.startswith("Good for identification: no fault found, ")
     assert summary.gravity.verdict == "agrees"
     assert summary.gravity.sentence.startswith("agrees with (0, 0, -9.81) m/s2 in the frame of base_link: ")
-    assert not summary.faults and len(summary.clear) == len(IN_SAMPLES) + len(IN_TORQUE)
+    assert not summary.faults and len(summary.clear) == len(SAMPLE_FAULTS) + len(TORQUE_FAULTS)
 
 
 def test_content_below_the_rate_is_said() -> None:
@@ -106,8 +106,8 @@ def test_torque_without_weight_has_a_headline_with_a_number() -> None:
 
 
 def test_what_was_looked_for_names_every_kind_of_fault() -> None:
-    kinds = [kind for group in (IN_SAMPLES, IN_TORQUE) for known in group.values() for kind in known]
-    kinds += IN_DESCRIPTION.values()
+    kinds = [kind for group in (SAMPLE_FAULTS, TORQUE_FAULTS) for known in group.values() for kind in known]
+    kinds += DESCRIPTION_FAULTS.values()
     others = {"gravity", "weight", "units", "gain", "unexplained torque", "absolute torque"}
     limits = {f"{kind} limit" for kind in LIMITS}
     assert sorted(kinds) == sorted({*SAMPLE_KINDS, *COLUMN_KINDS, *limits, *CLAIMS, *DISTORTIONS, *others})
@@ -116,8 +116,8 @@ def test_what_was_looked_for_names_every_kind_of_fault() -> None:
 def test_torque_without_a_sign_is_not_compared() -> None:
     robot = signid.load_robot("3r")
     summary = check_summary(check(robot, [signid.read_recording(RECORDED, robot, unsigned=True)]))
-    assert summary.gravity.verdict == "not judged" and not set(summary.clear) & set(IN_TORQUE)
-    assert set(summary.clear) == set(IN_SAMPLES)
+    assert summary.gravity.verdict == "not judged" and not set(summary.clear) & set(TORQUE_FAULTS)
+    assert set(summary.clear) == set(SAMPLE_FAULTS)
 
 
 def test_numbers_of_drives() -> None:
@@ -135,7 +135,7 @@ def test_numbers_of_drives() -> None:
     assert summary.verdict == "good" and summary.headline.endswith(
         f"tracking errors up to {share(one.error / one.range)} of the range (a: {one.error:.2g} rad)"
     )
-    assert summary.gravity.verdict == "not judged" and summary.clear == SEARCHED
+    assert summary.gravity.verdict == "not judged" and summary.clear == SEARCHED_FAULTS
     assert summary.identifiable == ("drive", ("a",), (), ())
 
 

@@ -21,7 +21,7 @@ from signid.cli.fleet import run as run_module
 from signid.cli.fleet.run import DONE, Answer, Order, fleet
 from signid.output.replay import Replay
 from signid.output.report.layout import content_policy, plot_markup
-from signid.output.report.plots.frame import PLOTLY, TEMPLATES
+from signid.output.report.plots.frame import PLOTLY_FILE, TEMPLATES
 from signid.output.report.results.fleet import fleet_page
 from signid.output.report.sections import Plot
 
@@ -174,7 +174,7 @@ def test_a_replay_shows_bodies_with_names_of_javascript(browser: Chromium, folde
 
 def test_the_script_of_plots_is_that_of_its_publisher() -> None:
     """npm pack plotly.js-cartesian-dist-min@4.1.1"""
-    script = gzip.decompress((TEMPLATES / PLOTLY).read_bytes())
+    script = gzip.decompress((TEMPLATES / PLOTLY_FILE).read_bytes())
     assert b"(cartesian - minified) v4.1.1" in script[:100]
     assert hashlib.sha256(script).hexdigest() == "79542150855a52c567260e3137095dbe2b744e6d702a5cabe67da246942fba7a"
 

@@ -133,7 +133,7 @@ def signed_columns(rows: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
 
 @pytest.mark.parametrize("chunk", [65_536, 7])
 def test_signed_torque_as_a_table_has_the_recordings_own_rows(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(REPORT, "CHUNK", chunk)
+    monkeypatch.setattr(REPORT, "ROWS_PER_WRITE", chunk)
     robot = arm("shoulder", "elbow, the second", "wrist", constants=[1.0, 0.7, 1.0])
     columns, tau = signed_columns(50)
     signs = np.column_stack([np.where(tau < 0, -1, 1), np.ones(50)]).astype(np.int8)
@@ -149,7 +149,7 @@ def test_signed_torque_as_a_table_has_the_recordings_own_rows(chunk: int, monkey
 
 @pytest.mark.parametrize("chunk", [65_536, 7])
 def test_rows_are_as_sure_as_their_segment(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(REPORT, "CHUNK", chunk)
+    monkeypatch.setattr(REPORT, "ROWS_PER_WRITE", chunk)
     t = 0.1 * np.arange(10)
     columns = {"t": t, "q": np.ones((10, 3)), "abs_tau": np.ones((10, 3))}
     signs = np.ones((10, 3), np.int8)

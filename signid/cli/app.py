@@ -24,10 +24,10 @@ Text = str | None
 Texts = list[str] | None
 TYPE = re.compile(r" <[\w\[\]]+>$")  # of an argument: "ROBOT <str>"
 XACRO = re.compile(r"[A-Za-z_][\w.\-/]*:=")  # beginning of an argument of a xacro file
-LAST = ("seed", "json")  # options listed last in --help
-LARGEST, SMALLEST = 9e9, 1e-15  # magnitude of a number on the command line; 0 is smaller
-LARGEST_SEED = 2**64 - 1
-CHECKED = "cutoff time_limit duration bandwidth feed_forward".split()  # commands check whether these are finite
+LAST_OPTIONS = ("seed", "json")  # options listed last in --help
+MAX_MAGNITUDE, MIN_MAGNITUDE = 9e9, 1e-15  # magnitude of a number on the command line; 0 is smaller
+MAX_SEED = 2**64 - 1
+UNBOUNDED_OPTIONS = "cutoff time_limit duration bandwidth feed_forward".split()  # commands check these
 app = typer.Typer(
     name="signid",
     help="Identify and diagnose robot dynamics models from a robot description and recordings.",
@@ -137,7 +137,7 @@ def _expanded(function: Callable[..., int]) -> Callable[..., int]:
             flat += own
         else:
             flat.append(parameter.replace(kind=Parameter.KEYWORD_ONLY))
-    flat.sort(key=lambda parameter: parameter.name in LAST)
+    flat.sort(key=lambda parameter: parameter.name in LAST_OPTIONS)
 
     @wraps(function)
     def run(**given: Any) -> int:
@@ -156,22 +156,22 @@ def _bound(parameter: Parameter, value: Any) -> None:
     """Check the magnitude of an option, if it is a number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return
-    if isfinite(value) or parameter.name not in CHECKED:
+    if isfinite(value) or parameter.name not in UNBOUNDED_OPTIONS:
         settings = getattr(parameter.annotation, "__metadata__", ())
         names = (name for setting in settings for name in getattr(setting, "param_decls", None) or ())
         shown = next((name for name in names if name.startswith("--")), f"--{parameter.name.replace('_', '-')}")
-        bounded(shown, value, LARGEST_SEED if parameter.name == "seed" else LARGEST)
+        bounded(shown, value, MAX_SEED if parameter.name == "seed" else MAX_MAGNITUDE)
 
 
-def bounded(option: str, value: float, most: float = LARGEST) -> float:
+def bounded(option: str, value: float, most: float = MAX_MAGNITUDE) -> float:
     """The number of an option, small enough that no product, ratio or count of it overflows.
 
     Raises:
         OptionError: the number is not finite, too large, or too small without being 0.
     """
-    if value != 0 and not SMALLEST <= abs(value) <= most:
+    if value != 0 and not MIN_MAGNITUDE <= abs(value) <= most:
         raise OptionError(
-            f"{option} is {value:.6g}; give 0 or a finite magnitude between {SMALLEST:.0e} and {most:.3g}"
+            f"{option} is {value:.6g}; give 0 or a finite magnitude between {MIN_MAGNITUDE:.0e} and {most:.3g}"
         )
     return value
 

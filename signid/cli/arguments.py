@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from ..types import Input, Reading, Recording, Robot, Trajectory
 
 Given = TypeVar("Given", bound=RobotOptions)
-FARTHEST = 1e4  # position of a held joint [rad or m]
-TORQUE_ONLY = (  # options of `identify` that act on torque
+MAX_HELD_POSITION = 1e4  # position of a held joint [rad or m]
+TORQUE_OPTIONS = (  # options of `identify` that act on torque
     *("method", "estimator", "robust", "unsigned", "signs", "global_algorithm", "local_algorithm"),
     *("total_mass", "effects", "cutoff", "derivatives", "no_instruments", "white", "refine"),
 )
@@ -77,7 +77,7 @@ def _locks(texts: Sequence[str]) -> dict[str, float]:
         if joint in held:
             raise OptionError(f"--lock names joint {joint} twice; give one position for it")
         try:
-            held[joint] = bounded(f"--lock {joint}", float(value if joint else ""), FARTHEST)
+            held[joint] = bounded(f"--lock {joint}", float(value if joint else ""), MAX_HELD_POSITION)
         except OptionError:
             raise
         except ValueError:
@@ -278,7 +278,7 @@ def instead_of_torque(
     unscaled = any(recording.scaled is not None for recording in recordings)
     if not unscaled or not all(any(recording.columns.get("q_des", ())) for recording in recordings):
         raise error
-    if options := _given_options(context, TORQUE_ONLY):
+    if options := _given_options(context, TORQUE_OPTIONS):
         raise OptionError(f"{error}; or remove {options[0]} to have position drives {done} from q_des_J") from None
     return (f"position drives are {done} from q_des_J instead of torque: {error}",)
 
@@ -290,7 +290,7 @@ def check_options(context: typer.Context, drives: bool) -> None:
         OptionError: such an option was given.
     """
     own = [item.name for item in fields(DriveOptions) if item.name != "servo"]
-    for shown in _given_options(context, TORQUE_ONLY if drives else own):
+    for shown in _given_options(context, TORQUE_OPTIONS if drives else own):
         if drives:
             raise OptionError(f"{shown} applies to torque, and these recordings have commands instead; leave it out")
         raise OptionError(f"{shown} applies to position drives, and the recordings have torque; add --servo")

@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from ..validate import Validation
 
 Logs: TypeAlias = "tuple[ViewerLog, Mapping[str, Path]] | None"
-VALIDATED = ("validation.json", "report.html")
-WEIGHED = ("payload.json", "model.json")
-CHECKED = ("check.json", "report.html")
-DIAGNOSED = ("diagnosis.json", "model.json", "robot.urdf", "report.html", "signed.csv", "signs.html")
-IDENTIFIED = ("identification.json", *DIAGNOSED[1:])
+VALIDATION_FILES = ("validation.json", "report.html")
+PAYLOAD_FILES = ("payload.json", "model.json")
+CHECK_FILES = ("check.json", "report.html")
+DIAGNOSIS_FILES = ("diagnosis.json", "model.json", "robot.urdf", "report.html", "signed.csv", "signs.html")
+IDENTIFICATION_FILES = ("identification.json", *DIAGNOSIS_FILES[1:])
 
 
 def deliver(
@@ -83,7 +83,7 @@ def deliver_identification(
         if isinstance(result, Identification):
             model, known, left = result.best, result.best, list[str]()
             described, notes = _urdf(known, _identifiable_bodies(result))
-            more = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
+            more = _recording_files(result.signs, result.recordings, result.robot)
         else:
             model, (known, left) = result.model, with_known_numbers(result.model, gain=False)
             described, notes = _urdf(known, known.inertials)
@@ -125,7 +125,7 @@ def diagnosis_files(
         except RobotError as error:
             notes = [f"robot.urdf is not written: {error}"]
         result = replace(result, notes=(*result.notes, *notes))
-        signed = _signed(result.signs, result.recordings, result.robot) | _readings(result.recordings)
+        signed = _recording_files(result.signs, result.recordings, result.robot)
     model = to_json(result.model.document())
     return result, {"model.json": model, **described, "report.html": page(result, inputs, command), **signed}
 
@@ -179,37 +179,32 @@ def write_logs(log: ViewerLog, paths: Mapping[str, Path]) -> list[Path]:
     ]
 
 
-def _signed(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) -> dict[str, Content]:
-    """A table per recording whose signs were recovered (signed.csv, signed_2.csv, ...), and a page about the signs."""
+def _recording_files(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) -> dict[str, Content]:
+    """Readings, signed.csv (signed_2.csv, ...) of each recording with recovered signs, and a page about the signs."""
     from ..output.report.results.signs import signed_csv, signs_page
+    from ..recording.source import reading_path
 
+    read = {reading_path(each.path).name: each.reading.text for each in recordings if each.reading and each.path}
     if signs is None:
-        return {}
+        return {**read}
     part = {trace.path: k for k, trace in enumerate(signs.traces)}
     found = [recording for recording in recordings if recording.path in part]
     tables = [signed_csv(recording, signs, part[recording.path]) for recording in found]
     names = ["signed.csv", *(f"signed_{k + 2}.csv" for k in range(len(tables) - 1))]
     units = ["N" if prismatic else "N.m" for prismatic in robot.prismatic]
-    return {**dict(zip(names, tables, strict=True)), "signs.html": signs_page(signs, units)}
-
-
-def _readings(recordings: Sequence[Recording]) -> dict[str, Content]:
-    """The readings of recordings, by the names of their files."""
-    from ..recording.source import reading_path
-
-    return {reading_path(each.path).name: each.reading.text for each in recordings if each.reading and each.path}
+    return {**dict(zip(names, tables, strict=True)), "signs.html": signs_page(signs, units), **read}
 
 
 def _urdf(model: Model, bodies: Array) -> tuple[dict[str, Content], tuple[str, ...]]:
     """The robot's URDF with the identified parameters; if it cannot be written, a note with the reason."""
     from ..output.export import urdf_with
-    from ..output.export.bodies import FRICTION, summed
+    from ..output.export.bodies import FRICTION_LAWS, summed
 
     if model.robot.kind != "urdf":
         why = f"the robot comes from {model.robot.kind.upper()}"
     else:
         try:
-            friction = (np.maximum(summed(model, effect), 0.0) for effect in FRICTION)
+            friction = (np.maximum(summed(model, effect), 0.0) for effect in FRICTION_LAWS)
             return {"robot.urdf": _marked(urdf_with(model.robot, bodies, *friction))}, ()
         except RobotError as error:
             why = str(error)

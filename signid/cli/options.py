@@ -24,10 +24,10 @@ RobotName = Annotated[
         metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.", autocompletion=complete_robot
     ),
 ]
-RECORDING = typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
-RecordingName = Annotated[str, RECORDING]
-Recordings = Annotated[list[str], RECORDING]
-OptionalRecordings = Annotated[Texts, RECORDING]
+RECORDING_ARGUMENT = typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
+RecordingName = Annotated[str, RECORDING_ARGUMENT]
+Recordings = Annotated[list[str], RECORDING_ARGUMENT]
+OptionalRecordings = Annotated[Texts, RECORDING_ARGUMENT]
 Columns = Annotated[Text, typer.Option(metavar="FILE", help='TOML of other column names: q_elbow = "elbow_pos".')]
 Rate = Annotated[
     float | None,

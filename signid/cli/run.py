@@ -38,16 +38,16 @@ from .demo import command as demo  # noqa: F401
 from .fleet import command as fleet  # noqa: F401
 from .terminal import BAD, BROKEN, DONE, FLAGGED, INTERRUPTED, open_streams, write_error
 
-ORDER = (  # of commands in --help
+COMMAND_ORDER = (  # of commands in --help
     "demo inspect check identify diagnose validate watch payload effects convert excite export simulate replay "
     "fleet data"
 ).split()
-app.registered_commands.sort(key=lambda command: ORDER.index(getattr(command.callback, "__name__", "")))
+app.registered_commands.sort(key=lambda command: COMMAND_ORDER.index(getattr(command.callback, "__name__", "")))
 # in click, or in typer
-USAGE: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+USAGE_ERROR: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 # by name, because numpy is imported late
-NUMERICAL = {"LinAlgError", "OverflowError", "FloatingPointError", "IndexError", "StopIteration"}
-NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
+NUMERICAL_ERRORS = {"LinAlgError", "OverflowError", "FloatingPointError", "IndexError", "StopIteration"}
+SIGNAL_NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
 
 
 class _Interruption(KeyboardInterrupt):
@@ -68,20 +68,20 @@ class _Heard:
     def hear(self, number: int, frame: FrameType | None) -> None:
         """End running searches; end the command if no search has an answer or a second signal arrives."""
         self.last, self.count = signal.Signals(number), self.count + 1
-        if self.count > 1 or not stop_searches(NAMES[self.last]):
+        if self.count > 1 or not stop_searches(SIGNAL_NAMES[self.last]):
             raise _Interruption
 
     def sentence(self, number: signal.Signals) -> str:
         """Explain why an interrupted command has no result."""
         when = "again, before the result was complete" if self.count > 1 else "before there was a result"
-        return f"{NAMES[number]} ended the command {when}; no file was written"
+        return f"{SIGNAL_NAMES[number]} ended the command {when}; no file was written"
 
 
 @contextmanager
 def _signals_heard() -> Iterator[_Heard]:
     """Handle both signals by the yielded object; restore the former handlers afterwards."""
     heard = _Heard()
-    former = {number: signal.signal(number, heard.hear) for number in NAMES}
+    former = {number: signal.signal(number, heard.hear) for number in SIGNAL_NAMES}
     try:
         yield heard
     finally:
@@ -133,7 +133,7 @@ def _explain(error: Exception, given: Sequence[str]) -> tuple[int, str]:
     """Exit code and sentence of an error of a command with the given arguments."""
     if isinstance(error, SignidError):
         return FLAGGED if isinstance(error, UndecidedReading) else BAD, str(error)
-    if isinstance(error, USAGE):
+    if isinstance(error, USAGE_ERROR):
         context = getattr(error, "ctx", None)
         message = str(error.format_message()).rstrip(".")
         return BAD, f"{message[:1].lower()}{message[1:]}; see {context.command_path if context else 'signid'} --help"
@@ -147,7 +147,7 @@ def _explain(error: Exception, given: Sequence[str]) -> tuple[int, str]:
         why = error.strerror or str(error) or type(error).__name__
         return BAD, f"cannot use {error.filename or 'a file'}: {why}; check its path and permissions"
     cause = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    if NUMERICAL & {kind.__name__ for kind in type(error).__mro__}:
+    if NUMERICAL_ERRORS & {kind.__name__ for kind in type(error).__mro__}:
         files = [word for word in given if os.path.isfile(word)] or given[1:2] or ["the input"]
         advice = "check inertials, lengths and options for numbers that are no physical ones, and signid check"
         return BAD, f"the numbers of {', '.join(files)} lead to a calculation without a result ({cause}); {advice}"

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from ..types import Array, Progress
 
 DONE, BROKEN, BAD, FLAGGED, INTERRUPTED = 0, 1, 2, 3, 130  # exit codes
-LONGEST, LAST = 390, 1200  # lengths of a line from which long words, and whole clauses, are left out [characters]
-WORD = 90  # length of a word that is left whole in a long line [characters]
-BRIEF = 1.0  # elapsed time below which no remaining time is estimated [s]
-LITTLE = 0.03  # completed share below which no remaining time is estimated
-DESCRIBED = ("robot.urdf", "actuators.toml")  # files that are read of a folder with a robot
-MINUTE = 60.0  # time between lines of progress where standard error is no terminal [s]
-NEAR = 5.0  # a time limit beyond this multiple of the estimated remaining time, or else of the past, is not shown
+MAX_LINE, MAX_CUT_LINE = 390, 1200  # [characters] above which words, and clauses, are left out
+LONG = 90  # length of a word that is left whole in a long line [characters]
+MIN_ELAPSED_SECONDS = 1.0  # elapsed time below which no remaining time is estimated [s]
+MIN_COMPLETED_SHARE = 0.03  # completed share below which no remaining time is estimated
+DESCRIPTION_FILES = ("robot.urdf", "actuators.toml")  # files that are read of a folder with a robot
+PROGRESS_SECONDS = 60.0  # time between lines of progress where standard error is no terminal [s]
+SHOWN_LIMIT_RATIO = 5.0  # [1] largest time limit shown, over the remaining time or else that of the past
 
 ShowProgress = Callable[[str, str, float, str], None]  # bar, stage, completed share [1], remaining time in words
 
@@ -41,12 +41,12 @@ def write_error(sentence: str) -> None:
 
 def _brief(line: str) -> str:
     """A line that is never cut inside a clause: long words lose their middle, then whole clauses are left out."""
-    if len(line) <= LONGEST:
+    if len(line) <= MAX_LINE:
         return line
-    line = " ".join(word if len(word) <= WORD else f"{word[: WORD - 30]}...{word[-25:]}" for word in line.split(" "))
+    line = " ".join(word if len(word) <= LONG else f"{word[: LONG - 30]}...{word[-25:]}" for word in line.split(" "))
     for mark in ("; ", ", "):
         parts = line.split(mark)
-        while len(line) > LAST and len(parts) > 3:
+        while len(line) > MAX_CUT_LINE and len(parts) > 3:
             parts = [part for part in parts if part != "..."]
             middle = len(parts) // 2
             parts[middle : middle + 1] = ["..."]
@@ -141,7 +141,7 @@ def _minute_lines() -> Iterator[ShowProgress]:
         said = ", ".join(x for x in (stage + f": {100 * share:.0f} %" * (share >= 0.005), left) if x)
 
     def speak() -> None:
-        while not ended.wait(MINUTE):
+        while not ended.wait(PROGRESS_SECONDS):
             write_error(f"{said or 'started'}, after {_duration(time.monotonic() - start)}")
 
     Thread(target=speak, daemon=True).start()
@@ -155,9 +155,9 @@ def remaining(elapsed: float, done: float, rest: float, limit: float) -> str:
     """Remaining time [s] of the share `rest`, after `done` in the time since the first report, within a time limit."""
     if rest <= 0:
         return ""
-    guess = elapsed * rest / done if elapsed >= BRIEF and done >= LITTLE else float("inf")
+    guess = elapsed * rest / done if elapsed >= MIN_ELAPSED_SECONDS and done >= MIN_COMPLETED_SHARE else float("inf")
     known = [f"about {_duration(guess)}"] if guess < limit else []
-    if limit < NEAR * (guess if guess < float("inf") else elapsed):
+    if limit < SHOWN_LIMIT_RATIO * (guess if guess < float("inf") else elapsed):
         known.append(f"at most {_duration(limit)}")
     return f"{', '.join(known)} left" if known else ""
 
@@ -214,7 +214,7 @@ def check_unread(output: str | Path, read: Sequence[str | None], given: str = "-
     from ..output.report import check_regular
 
     check_regular(output)
-    paths = [Path(name) / file for name in read if name for file in ("", *DESCRIBED)]
+    paths = [Path(name) / file for name in read if name for file in ("", *DESCRIPTION_FILES)]
     paths += [Path(name).with_name("actuators.toml") for name in read if name and Path(name).name]
     if any(_same(path, Path(output)) for path in paths):
         raise OptionError(f"{output} is read by this command; give another name with {given}")

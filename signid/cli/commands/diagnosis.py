@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from ...types import Recording, Robot
     from ..files import Logs
 
-DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
-EXPECTED = "a model is a model.json, a URDF, xacro or MJCF file or a name such as panda; a recording is a data file"
+ROBOT_SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
+INPUTS_HINT = "a model is a model.json, a URDF, xacro or MJCF file or a name such as panda; a recording is a data file"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,10 +84,10 @@ def diagnose(
     from ...diagnose import diagnose as search
     from ...regression.session import Options
     from ...servo.diagnose import diagnose_servos
-    from ..files import DIAGNOSED, check_logs, deliver_diagnosis
+    from ..files import DIAGNOSIS_FILES, check_logs, deliver_diagnosis
     from .drives import registers_beside
 
-    check_folder(diagnosis.output, run.json, DIAGNOSED)
+    check_folder(diagnosis.output, run.json, DIAGNOSIS_FILES)
     logs = check_logs(rrd=diagnosis.rrd, mcap=diagnosis.mcap)
     simulation = under_gravity(simulation, recordings, diagnosis.columns)
     gains = simulation.actuators if simulation.saved else None
@@ -193,10 +193,10 @@ def validate(
     from ...regression.session import Options
     from ...servo.validate import validate_servos
     from ...validate import HORIZON, validate as judge
-    from ..files import VALIDATED, deliver_report
+    from ..files import VALIDATION_FILES, deliver_report
     from .drives import registers_beside
 
-    check_folder(validation.output, True, VALIDATED)
+    check_folder(validation.output, True, VALIDATION_FILES)
     try:
         horizon: float | str = HORIZON if validation.horizon is None else float(validation.horizon)
     except ValueError:  # whole, or a text that is refused
@@ -254,9 +254,9 @@ def _sort_arguments(given: Sequence[str]) -> tuple[list[str], list[str]]:
     models = [name for name in given if _is_model(name)]
     recordings = [name for name in given if name not in models]
     if not models:
-        raise OptionError(f"no model was given with {recordings[0]}; {EXPECTED}")
+        raise OptionError(f"no model was given with {recordings[0]}; {INPUTS_HINT}")
     if not recordings:
-        raise OptionError(f"no recording was given with {models[0]}; {EXPECTED}")
+        raise OptionError(f"no recording was given with {models[0]}; {INPUTS_HINT}")
     return models, recordings
 
 
@@ -267,7 +267,7 @@ def _is_model(name: str) -> bool:
     from ...robot.locate import locate
 
     path = Path(name)
-    if path.suffix.lower() in DESCRIPTIONS or (path.suffix.lower() == ".json" and not holds_samples(path)):
+    if path.suffix.lower() in ROBOT_SUFFIXES or (path.suffix.lower() == ".json" and not holds_samples(path)):
         return True
     try:
         recorded = find_format(path) is not None
@@ -277,7 +277,7 @@ def _is_model(name: str) -> bool:
         if recorded:
             return False
         if path.is_file():
-            raise OptionError(f"{name} has the name of neither a model nor a recording; {EXPECTED}")
+            raise OptionError(f"{name} has the name of neither a model nor a recording; {INPUTS_HINT}")
         try:
             locate(name)
         except RobotError as error:

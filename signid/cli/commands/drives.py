@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from ...servo.identify import ServoIdentification
     from ...types import Input, Recording, Robot
 
-COLUMNS = "columns.toml"  # column map with the signs and zeros that an identification found
-SERVO = "servo@"  # beginning of injected numbers of drives
+COLUMNS_FILE = "columns.toml"  # column map with the signs and zeros that an identification found
+SERVO_PREFIX = "servo@"  # beginning of injected numbers of drives
 
 
 def identify_drives(
@@ -65,12 +65,12 @@ def revised_columns(
         return {}, ()
     first = recordings[0]
     if any(other.columns != first.columns for other in recordings):
-        return {}, (f"{COLUMNS} is not written: the recordings have columns of different names",)
+        return {}, (f"{COLUMNS_FILE} is not written: the recordings have columns of different names",)
     try:
-        check_foreign(output, [COLUMNS])
+        check_foreign(output, [COLUMNS_FILE])
     except OutputError:
-        return {}, (f"{COLUMNS} is not written: {output} has one that is not of signid",)
-    return {COLUMNS: revised_map(columns, first.joints, first.columns, turned)}, ()
+        return {}, (f"{COLUMNS_FILE} is not written: {output} has one that is not of signid",)
+    return {COLUMNS_FILE: revised_map(columns, first.joints, first.columns, turned)}, ()
 
 
 def registers_beside(actuators: str | None, models: Sequence[str]) -> tuple[str | None, list[Input]]:
@@ -116,12 +116,12 @@ def injected_numbers(text: str, robot: Robot) -> tuple[str, dict[str, float]]:
     Raises:
         OptionError: the text has another form.
     """
-    joint, colon, tail = text[len(SERVO) :].partition(":")
+    joint, colon, tail = text[len(SERVO_PREFIX) :].partition(":")
     pairs = [pair.partition("=") for pair in tail.split(",")]
     try:
         numbers = {key.strip(): float(value) for key, _, value in pairs}
     except ValueError:
         numbers = {}
     if not (colon and numbers and all(0 <= abs(x) < 1e12 for x in numbers.values())):
-        raise OptionError(f"--inject {text!r} cannot be read; write {SERVO}JOINT:kp=20,delay=0.01")
+        raise OptionError(f"--inject {text!r} cannot be read; write {SERVO_PREFIX}JOINT:kp=20,delay=0.01")
     return _joint(joint.strip(), robot), numbers

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ...simulation.excite import Excitation, Limits, Separation
     from ...types import Array, Law, Robot, Trajectory
 
-LEAST, MOST = 1e-3, 10.0  # shares of limits that a motion may use
+MIN_SCALE, MAX_SCALE = 1e-3, 10.0  # shares of limits that a motion may use
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +114,8 @@ def _limits(robot: Robot, asked: ExciteOptions) -> Limits:
 
     given = {name: getattr(asked, f"{name}_scale") for name in ("velocity", "acceleration", "torque")}
     for name, value in given.items():
-        if not LEAST <= value <= MOST:
-            raise OptionError(f"--{name}-scale is {value:g}; give a share of the limits, from {LEAST:g} to {MOST:g}")
+        if not MIN_SCALE <= value <= MAX_SCALE:
+            allowed = f"from {MIN_SCALE:g} to {MAX_SCALE:g}"
+            raise OptionError(f"--{name}-scale is {value:g}; give a share of the limits, {allowed}")
     limits = build_limits(robot)
     return replace(limits, **{name: value * getattr(limits, name) for name, value in given.items()})

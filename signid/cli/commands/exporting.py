@@ -17,7 +17,7 @@ from ..terminal import check_unread, show
 if TYPE_CHECKING:
     from ...output.export import Exported
 
-C_FILE = re.compile(r"[A-Za-z_]\w*\.c", re.ASCII)
+C_FILE_NAME = re.compile(r"[A-Za-z_]\w*\.c", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +85,7 @@ def export(simulation: SimulationName, exports: ExportFiles, options: ExportOpti
     or position drives with their delay and limits. --function needs only NumPy and holds the laws that both lack.
     --franka, --ur and --kuka need a payload, as signid payload -o DIR writes it into model.json.
     """
-    from ...output.export import STARTING, export as write
+    from ...output.export import STARTED_KINDS, export as write
     from ...output.report import Screen, to_json
     from ...output.report.documents import provenance
     from ...robot import saved_model
@@ -108,7 +108,7 @@ def export(simulation: SimulationName, exports: ExportFiles, options: ExportOpti
             name=path.stem,
             floating=options.floating,
             meshes=f"{path.stem}_meshes" if options.copy_meshes else None,
-            start=read[0] if read and kind in STARTING else None,
+            start=read[0] if read and kind in STARTED_KINDS else None,
             functions=options.functions if kind == "c" else (),
             link=options.link if kind == "c" else None,
             flange=options.flange,
@@ -136,7 +136,7 @@ def export(simulation: SimulationName, exports: ExportFiles, options: ExportOpti
 
 def _check_exports(asked: dict[str, Text], paths: dict[str, Path], options: ExportOptions) -> None:
     """Check that the files can be written."""
-    from ...output.export import STARTING, VENDORS
+    from ...output.export import STARTED_KINDS, VENDORS
     from ...output.export.code.c import identifier
     from ...output.report import probe_folder
 
@@ -145,15 +145,15 @@ def _check_exports(asked: dict[str, Text], paths: dict[str, Path], options: Expo
     for kind, path in paths.items():
         if not asked[kind] or path.is_dir():
             raise OptionError(f"--{kind} {asked[kind]!r} is not a file name; give the path of the file to write")
-        if kind == "c" and not C_FILE.fullmatch(path.name):
+        if kind == "c" and not C_FILE_NAME.fullmatch(path.name):
             raise OptionError(
                 f"--c {asked[kind]!r} is no name of a C file: letters, digits and underscores, no digit at the "
                 f"beginning, and .c at the end; name it {identifier(path.stem)}.c"
             )
         probe_folder(path.parent, f"--{kind}")
-    if options.start is not None and not set(STARTING) & paths.keys():
+    if options.start is not None and not set(STARTED_KINDS) & paths.keys():
         raise OptionError(
-            f"--start belongs to {', '.join(f'--{kind}' for kind in STARTING)}; add one of them with a FILE"
+            f"--start belongs to {', '.join(f'--{kind}' for kind in STARTED_KINDS)}; add one of them with a FILE"
         )
     if options.columns is not None and options.start is None:
         raise OptionError("--columns names the columns of --start RECORDING; add it")

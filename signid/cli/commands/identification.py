@@ -87,9 +87,9 @@ def check(
     from ...recording import is_recording
     from ...recording.source import digest_of
     from ...types import Input
-    from ..files import CHECKED, deliver_report
+    from ..files import CHECK_FILES, deliver_report
 
-    check_folder(output, True, CHECKED)
+    check_folder(output, True, CHECK_FILES)
     bare = is_recording(robot.robot)
     paths = [robot.robot, *(recordings or ())] if bare else recordings or []
     if not paths:
@@ -172,10 +172,10 @@ class IdentifyOptions:
     time_limit: TimeLimit = USUAL
 
 
-COMMON = "output held_out columns effects method unsigned joints servo known json".split()
+SHARED_OPTIONS = "output held_out columns effects method unsigned joints servo known json".split()
 
 
-@command("signid identify 3r recording.csv -o result", *COMMON)
+@command("signid identify 3r recording.csv -o result", *SHARED_OPTIONS)
 def identify(
     context: typer.Context,
     fit: IdentifyOptions,
@@ -196,10 +196,10 @@ def identify(
     delay, friction, armature and limits, by simulation of the closed loop (servo mode).
     """
     from ...identify import identify as learn
-    from ..files import IDENTIFIED, deliver_identification
+    from ..files import IDENTIFICATION_FILES, deliver_identification
     from .drives import identify_drives, revised_columns
 
-    check_folder(fit.output, run.json, IDENTIFIED)
+    check_folder(fit.output, run.json, IDENTIFICATION_FILES)
     described = given_robot(robot.robot, under_gravity(robot, recordings, rows.columns))
     given, held_out = (
         given_recordings(paths, described, rows.columns, fit.unsigned, rows.rate, output=fit.output, quiet=run.json)

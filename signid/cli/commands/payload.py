@@ -48,7 +48,7 @@ def payload(
     from ...model import load_model
     from ...output.report import to_json
     from ...payload import payload as identify_payload
-    from ..files import WEIGHED, deliver
+    from ..files import PAYLOAD_FILES, deliver
 
     apart = bool(loads.without or loads.carrying)
     if recordings and apart:
@@ -59,7 +59,7 @@ def payload(
         raise OptionError(
             "no recording was given; give one in which the load is picked up, or --without RECORDING --with RECORDING"
         )
-    check_folder(loads.output, True, WEIGHED)
+    check_folder(loads.output, True, PAYLOAD_FILES)
     if loads.output is not None:
         check_unread(Path(loads.output) / "model.json", [simulation.simulation])
     names = [recordings] if recordings else [loads.without, loads.carrying]

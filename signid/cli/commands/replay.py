@@ -15,7 +15,7 @@ from ..terminal import DONE, check_unread
 if TYPE_CHECKING:
     from ...output.replay import Replay
 
-FROM_COMMANDS = "simulation from the commands alone"
+COMMANDS_NOTE = "simulation from the commands alone"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ def replay(shown: ReplayOptions, simulation: SimulationArguments, recording: Rec
     Raises:
         OptionError: the page has not the name of one.
     """
-    from ...output.replay import LONGEST, part, replay as build
+    from ...output.replay import DEFAULT_MAX_DURATION, part, replay as build
     from ...output.report import Screen, probe_folder, to_json, write_files
     from ...output.report.documents import provenance
     from ...output.viewers import viewer_log
@@ -84,7 +84,7 @@ def replay(shown: ReplayOptions, simulation: SimulationArguments, recording: Rec
     )
     log = None
     if logs:  # of the rows that are shown
-        rows = part(read, shown.start, LONGEST if shown.duration is None else shown.duration)
+        rows = part(read, shown.start, DEFAULT_MAX_DURATION if shown.duration is None else shown.duration)
         log = viewer_log(model, rows, shown.diagnosis, rolled=built.track)
     written = [] if html is None else write_files(Path(html).parent, {Path(html).name: built.page()}, named=True)
     written += [] if log is None else write_logs(log, logs)
@@ -121,7 +121,7 @@ def _summary(shown: Replay) -> str:
     t = shown.track.t - shown.origin
     since = " since the start of the recording" if shown.origin else ""
     often = [] if shown.horizon is None else [f"restarted every {shown.horizon:g} s"]
-    drive = f"simulation {often[0]}" if shown.commanded is None else ", ".join([FROM_COMMANDS, *often])
+    drive = f"simulation {often[0]}" if shown.commanded is None else ", ".join([COMMANDS_NOTE, *often])
     frames = f"{len(t)} frames, {t[0]:.4g} to {t[-1]:.4g} s{since}; {drive}"
     marked = [f"marked: {mark.title}" for mark in shown.marks if mark.cause]
     return "\n".join([f"{shown.title}: {frames}", *marked, *(f"note: {note}" for note in shown.notes)])

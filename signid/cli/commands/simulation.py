@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
-from ..app import LARGEST, Text, Texts, command, complete_law, option, output_option
+from ..app import MAX_MAGNITUDE, Text, Texts, command, complete_law, option, output_option
 from ..arguments import given_model, given_recordings, simulation_inputs
 from ..options import RunOptions, SimulationArguments
 from ..terminal import bars, check_file
-from .drives import SERVO, injected_numbers
+from .drives import SERVO_PREFIX, injected_numbers
 
 if TYPE_CHECKING:
     from ...model import Model
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from ...simulation.plant.control import Tracking
     from ...types import Array, Recording, Robot, Trajectory
 
-DURATION = 20.0  # default length of random motions [s]
-RATE, COMMAND_RATE = 250.0, 100.0  # default rates of recordings, and of the commands of random motions [Hz]
-MOST_FORWARD = 10.0  # share of the rigid-body torque that can be fed forward
+DEFAULT_DURATION = 20.0  # default length of random motions [s]
+DEFAULT_RATE, DEFAULT_COMMAND_RATE = 250.0, 100.0  # [Hz] of recordings, and of the commands of random motions
+MAX_FEED_FORWARD = 10.0  # share of the rigid-body torque that can be fed forward
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +108,7 @@ def simulate(
     check_file(plant.output, run.json, read)
     if plant.servo or commands is not None:
         return _through_drives(commands, plant, loop, sensors, simulation, run)
-    recorded = Sensors(**{**vars(sensors), "rate": RATE if sensors.rate is None else sensors.rate})
+    recorded = Sensors(**{**vars(sensors), "rate": DEFAULT_RATE if sensors.rate is None else sensors.rate})
     recorded.every(plant.step)
     known, asked = given_model(simulation, plant.motion, plant.torque)
     drive, seconds = _drive(known, asked, loop, plant.duration, plant.step, run.seed)
@@ -159,16 +159,16 @@ def _through_drives(
         raise OptionError("--duration applies to random motions; with given commands, leave it out")
     known, asked = given_model(simulation, plant.motion)
     texts = plant.inject or ()
-    laws = [parse_law(text, known.robot) for text in texts if not text.startswith(SERVO)]
-    numbers = dict(injected_numbers(text, known.robot) for text in texts if text.startswith(SERVO))
+    laws = [parse_law(text, known.robot) for text in texts if not text.startswith(SERVO_PREFIX)]
+    numbers = dict(injected_numbers(text, known.robot) for text in texts if text.startswith(SERVO_PREFIX))
     given: Recording | Trajectory
     if commands is not None:
         [given] = given_recordings([commands], known.robot, None)
     elif isinstance(asked, Trajectory):
         given = asked
     else:
-        seconds = DURATION if plant.duration is None else plant.duration
-        given = rest_to_rest_motion(known.robot, seconds, 1 / (sensors.rate or COMMAND_RATE), run.seed)
+        seconds = DEFAULT_DURATION if plant.duration is None else plant.duration
+        given = rest_to_rest_motion(known.robot, seconds, 1 / (sensors.rate or DEFAULT_COMMAND_RATE), run.seed)
     done = simulate_servos(
         known, given, Sensors(**vars(sensors)), inject=laws, numbers=numbers, injected=texts, seed=run.seed
     )
@@ -189,7 +189,7 @@ def _drive(
             raise OptionError("--torque is played back open loop; leave --bandwidth, --kp, --kd, --feed-forward out")
         return asked, float(asked.t[-1]) if duration is None else duration
     if asked is None:
-        t = instants(DURATION if duration is None else duration, step)
+        t = instants(DEFAULT_DURATION if duration is None else duration, step)
         asked = rest_to_rest_motion(known.robot, len(t) * step, step, seed)
     gains = None
     if loop.kp is not None or loop.kd is not None:
@@ -200,8 +200,8 @@ def _drive(
     given = {key: value for key, value in options.items() if value is not None}
     if not all(abs(value) < float("inf") for value in given.values()):
         raise OptionError("--bandwidth and --feed-forward must be finite; give the bandwidth in Hz and a share")
-    if not abs(given.get("feed_forward", 1.0)) <= MOST_FORWARD:
-        raise OptionError(f"--feed-forward is {given['feed_forward']:g}; give a share, up to {MOST_FORWARD:g}")
+    if not abs(given.get("feed_forward", 1.0)) <= MAX_FEED_FORWARD:
+        raise OptionError(f"--feed-forward is {given['feed_forward']:g}; give a share, up to {MAX_FEED_FORWARD:g}")
     return track(known, asked, gains=gains, **given), float(asked.t[-1]) if duration is None else duration
 
 
@@ -214,7 +214,7 @@ def _numbers(option: str, text: str, robot: Robot) -> Array:
         values = np.array([float(part) for part in text.split(",")])
     except ValueError:
         values = np.empty(0)
-    if len(values) not in (1, n) or not (np.abs(values) <= LARGEST).all():
+    if len(values) not in (1, n) or not (np.abs(values) <= MAX_MAGNITUDE).all():
         raise OptionError(
             f"{option} {text!r} is neither one number nor one for each of the {n} joints; separate them by commas"
         )

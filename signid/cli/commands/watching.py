@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ...types import Robot
     from ...watch import Event, Watcher
 
-RATE = 10.0  # [Hz] of the live view
+VIEW_RATE = 10.0  # [Hz] of the live view
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,7 +166,7 @@ def _view(watcher: Watcher, stack: ExitStack) -> tuple[Callable[[list[Event]], N
             live.console.print(sentence(event, watcher.model.robot), highlight=False, markup=False)
 
     def refresh() -> None:
-        if time.monotonic() - last[0] > 1 / RATE:
+        if time.monotonic() - last[0] > 1 / VIEW_RATE:
             last[0] = time.monotonic()
             live.update(_table(watcher), refresh=True)
 

@@ -15,8 +15,8 @@ from ..arguments import given_inputs, given_robot
 from ..options import RobotOptions, RunOptions, Xacro
 from ..terminal import bars, check_folder, show
 
-FILES = "demo.json recording.csv held_out.csv diagnosis.json model.json robot.urdf report.html replay.html".split()
-SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")  # environment variables that indicate a browser on Linux
+DEMO_FILES = "demo.json recording.csv held_out.csv diagnosis.json model.json robot.urdf report.html replay.html".split()
+BROWSER_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")  # environment variables that indicate a browser on Linux
 
 
 @command("signid demo --robot panda")
@@ -42,7 +42,7 @@ def demo(
     from ..files import diagnosis_files
     from .run import RECORDINGS, comparison, demo as play, story_document
 
-    check_folder(output, False, FILES)
+    check_folder(output, False, DEMO_FILES)
     described = given_robot(robot, RobotOptions(xacro=xacro))
     with bars(run.json, one=True) as progress:
         story = play(described, output, seed=run.seed, progress=progress)
@@ -58,7 +58,7 @@ def demo(
         return show(text, story.flags)
     code = show([*tables(result), *comparison(story)], story.flags, written)
     Screen().write(f"again: {again} -o again\n")
-    screen = sys.platform != "linux" or any(os.environ.get(name) for name in SCREENS)
+    screen = sys.platform != "linux" or any(os.environ.get(name) for name in BROWSER_VARIABLES)
     if browser and screen and sys.stdout.isatty():
         import webbrowser
 

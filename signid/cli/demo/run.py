@@ -34,18 +34,18 @@ from ...types import Array, Frozen, Indices, Input, Law, Progress, Robot, Trajec
 
 RECORDINGS = ("recording.csv", "held_out.csv")  # training data, held-out data
 PERIOD, PERIODS, HARMONICS = 8.0, 2, 8  # period of a motion [s], number of periods, harmonics
-DURATION = PERIODS * PERIOD  # length of a recording [s]
-RATE, BITS, NOISE = 250.0, 17, 0.01  # sampling rate [Hz], encoder bits, torque noise over rms torque
-MARGIN = 0.7  # share of every limit that the motions use
-COARSE = 10  # decimation of the motion that determines the size of the laws
-FOUND, MINOR, RIVAL, MISSED = "found", "minor", "alternative", "missed"
-OUTCOMES = {
-    FOUND: ("found", "green"),
-    MINOR: ("found, as a correction", "green"),
-    RIVAL: ("only an alternative", "yellow"),
-    MISSED: ("missed", "bold red"),
+SECONDS = PERIODS * PERIOD  # length of a recording [s]
+HERTZ, BITS, NOISE_SHARE = 250.0, 17, 0.01  # sampling rate [Hz], encoder bits, torque noise over rms torque
+USED_LIMIT_SHARE = 0.7  # share of every limit that the motions use
+SIZING_DECIMATION = 10  # decimation of the motion that determines the size of the laws
+FOUND_LAW, MINOR_LAW, RIVAL_LAW, MISSED_LAW = "found", "minor", "alternative", "missed"
+OUTCOME_WORDS = {
+    FOUND_LAW: ("found", "green"),
+    MINOR_LAW: ("found, as a correction", "green"),
+    RIVAL_LAW: ("only an alternative", "yellow"),
+    MISSED_LAW: ("missed", "bold red"),
 }
-TOGETHER = (  # combinations of effects, chosen by the seed
+EFFECT_SETS = (  # combinations of effects, chosen by the seed
     ("spring", "viscous_friction", "coulomb_friction"),
     ("base_tilt", "spring", "coulomb_friction"),
     ("payload", "coulomb_friction"),
@@ -57,12 +57,12 @@ TOGETHER = (  # combinations of effects, chosen by the seed
     ("spring", "armature"),
     ("base_tilt", "coulomb_friction"),
 )
-SIZE, PAYLOAD = (0.15, 0.3), (0.4, 0.8)  # range of a law's torque over the std of the joint torque
-WEAK = 0.02  # joints with less than this share of the largest joint torque get no law
-SPATIAL = 3  # minimum number of joints for laws of bodies to be distinguishable
-TILT, MOST_TILT = 0.05, 0.1  # tilt at which the size is evaluated, and largest tilt [rad]
-REST_OFFSET = 0.3  # largest offset of a spring's rest position from the mean position [rad or m]
-DIGITS = 2  # significant digits of the concealed parameters
+LAW_TORQUE_RANGE, PAYLOAD_TORQUE_RANGE = (0.15, 0.3), (0.4, 0.8)  # range of torque over the std of the joint's
+MIN_TORQUE_SHARE = 0.02  # joints with less than this share of the largest joint torque get no law
+MIN_BODY_LAW_JOINTS = 3  # minimum number of joints for laws of bodies to be distinguishable
+UNIT_TILT, MAX_TILT = 0.05, 0.1  # tilt at which the size is evaluated, and largest tilt [rad]
+MAX_REST_OFFSET = 0.3  # largest offset of a spring's rest position from the mean position [rad or m]
+CONCEALED_DIGITS = 2  # significant digits of the concealed parameters
 
 
 class LawOutcome(NamedTuple):
@@ -76,7 +76,7 @@ class LawOutcome(NamedTuple):
     @property
     def found(self) -> Finding | None:
         """The finding of the law itself, if there is one."""
-        return self.finding if self.kind in (FOUND, MINOR) else None
+        return self.finding if self.kind in (FOUND_LAW, MINOR_LAW) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,13 +113,13 @@ def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress 
     known = Model(arm, stated_inertials(arm), stated_laws(arm))
     motions = [_motion(known, 2 * seed + k) for k in range(len(RECORDINGS))]
     report("recording", 0.2)
-    coarse = Motion(arm, *(getattr(motions[0], key)[::COARSE] for key in "tqva"))
+    coarse = Motion(arm, *(getattr(motions[0], key)[::SIZING_DECIMATION] for key in "tqva"))
     concealed = conceal(known, coarse, seed)
     true = replace(known, laws=(*known.laws, *concealed))
     files = {}
     for k, (name, motion) in enumerate(zip(RECORDINGS, motions, strict=True)):  # the controller knows the description
-        moved = simulate(true, track(known, motion), DURATION)
-        columns = record(true.robot, moved, Sensors(RATE, BITS, NOISE), seed=2 * seed + k)
+        moved = simulate(true, track(known, motion), SECONDS)
+        columns = record(true.robot, moved, Sensors(HERTZ, BITS, NOISE_SHARE), seed=2 * seed + k)
         files[name] = find_format(Path(name)).encode(columns, name)
     read = []
     with TemporaryDirectory() as place:
@@ -141,12 +141,12 @@ def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress 
 
 def _motion(known: Model, seed: int) -> Trajectory:
     """A repeated random motion; repetition separates noise from physics."""
-    limits = build_limits(known.robot, margin=MARGIN, torque=np.inf)
+    limits = build_limits(known.robot, margin=USED_LIMIT_SHARE, torque=np.inf)
     drawn = excite(
-        known, kind="random", duration=PERIOD, harmonics=HARMONICS, limits=limits, rate=RATE, seed=seed
+        known, kind="random", duration=PERIOD, harmonics=HARMONICS, limits=limits, rate=HERTZ, seed=seed
     ).trajectory
     q, v, a = (np.vstack([x[:-1]] * (PERIODS - 1) + [x]) for x in (drawn.q, drawn.v, drawn.a))
-    return Trajectory(known.robot.joints, np.arange(len(q)) / RATE, q, v, a)
+    return Trajectory(known.robot.joints, np.arange(len(q)) / HERTZ, q, v, a)
 
 
 def take_arm(robot: Robot) -> Robot:
@@ -166,9 +166,9 @@ def _misses(outcomes: tuple[LawOutcome, ...], result: Diagnosis) -> Iterator[str
     """Yield a sentence for each law that was missed or named without being concealed."""
     for law, kind, finding, probability in outcomes:
         concealed = f"{law_name(law, result.robot)} was concealed"
-        if kind == MISSED:
+        if kind == MISSED_LAW:
             yield f"{concealed} and missed"
-        if kind == RIVAL and finding is not None:
+        if kind == RIVAL_LAW and finding is not None:
             beside = law_name(finding.law, result.robot)
             yield f"{concealed} and named only as an alternative to {beside}, with probability {probability:.3f}"
     for cause in result.causes:
@@ -178,12 +178,12 @@ def _misses(outcomes: tuple[LawOutcome, ...], result: Diagnosis) -> Iterator[str
 
 def _outcome(law: Law, result: Diagnosis) -> LawOutcome:
     """The finding of the law, else the first one with the law as an alternative."""
-    found = [(FOUND if x.role == "cause" else MINOR, x, x.law, x.probability) for x in result.findings]
-    found += [(RIVAL, x, rival.law, rival.probability) for x in result.findings for rival in x.alternatives]
+    found = [(FOUND_LAW if x.role == "cause" else MINOR_LAW, x, x.law, x.probability) for x in result.findings]
+    found += [(RIVAL_LAW, x, rival.law, rival.probability) for x in result.findings for rival in x.alternatives]
     for kind, finding, own, probability in found:
         if (own.effect.name, own.joints) == (law.effect.name, law.joints):
             return LawOutcome(law, kind, finding, probability)
-    return LawOutcome(law, MISSED, None, 0.0)
+    return LawOutcome(law, MISSED_LAW, None, 0.0)
 
 
 class _Scene(NamedTuple):
@@ -204,39 +204,39 @@ def conceal(known: Model, motion: Motion, seed: int) -> tuple[Law, ...]:
     torque, rng = known.inverse(motion), np.random.default_rng(seed)
     scale, kind = np.std(torque, axis=0), known.robot.prismatic
     largest = np.array([np.max(scale[kind == own]) for own in kind])  # of the joints of the same kind
-    scene = _Scene(known, motion, torque, scale, np.flatnonzero(scale >= WEAK * largest))
-    possible = [names for names in TOGETHER if all(_places(scene, name) for name in names)]
+    scene = _Scene(known, motion, torque, scale, np.flatnonzero(scale >= MIN_TORQUE_SHARE * largest))
+    possible = [names for names in EFFECT_SETS if all(_law_joints(scene, name) for name in names)]
     laws: list[Law] = []
     for name in possible[seed % len(possible)]:
-        taken, places = [law.joints for law in laws], _places(scene, name)
+        taken, places = [law.joints for law in laws], _law_joints(scene, name)
         joints = rng.choice([place for place in places if place not in taken] or places)
-        laws.append(_sized(scene, name, tuple(joints.tolist()), rng))
+        laws.append(_scaled_law(scene, name, tuple(joints.tolist()), rng))
     return tuple(laws)
 
 
-def _places(scene: _Scene, name: str) -> list[tuple[int, ...]]:
+def _law_joints(scene: _Scene, name: str) -> list[tuple[int, ...]]:
     """Joints where a law is possible and not yet stated by the simulation."""
     effect, n = EFFECTS[name], len(scene.scale)
     if effect.scope in ("robot", "tip"):
-        return [tuple(range(n)) if effect.scope == "robot" else (n - 1,)] if n >= SPATIAL else []
+        return [tuple(range(n)) if effect.scope == "robot" else (n - 1,)] if n >= MIN_BODY_LAW_JOINTS else []
     known = [law.joints for law in scene.known.laws if law.effect.name == name and any(law.parameters.values())]
     first = int(name == "armature")  # at the first joint it is equivalent to link inertia
     return [(j,) for j in scene.strong.tolist() if (j,) not in known and j >= first]
 
 
-def _sized(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Law:
+def _scaled_law(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Law:
     """A law whose torque is a random share of the torque of the joint most affected."""
-    known, effect, shape = scene.known, EFFECTS[name], _shape(scene, name, joints, rng)
+    known, effect, shape = scene.known, EFFECTS[name], _unscaled(scene, name, joints, rng)
     unit = Law(effect, joints, shape)
     added = Model(known.robot, known.inertials, (*known.laws, unit)).inverse(scene.motion) - scene.torque
     size = np.max(np.std(added[:, scene.strong], axis=0) / scene.scale[scene.strong])
-    factor = rng.uniform(*PAYLOAD if name == "payload" else SIZE) / size
-    factor = min(factor, MOST_TILT / TILT) if name == "base_tilt" else factor
+    factor = rng.uniform(*PAYLOAD_TORQUE_RANGE if name == "payload" else LAW_TORQUE_RANGE) / size
+    factor = min(factor, MAX_TILT / UNIT_TILT) if name == "base_tilt" else factor
     numbers = {key: x if key == "rest" else factor * x for key, x in shape.items()}
-    return Law(effect, joints, {key: float(f"{x:.{DIGITS}g}") for key, x in numbers.items()})
+    return Law(effect, joints, {key: float(f"{x:.{CONCEALED_DIGITS}g}") for key, x in numbers.items()})
 
 
-def _shape(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Mapping[str, float]:
+def _unscaled(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Mapping[str, float]:
     """Parameters of a law, before scaling."""
     if name == "payload":
         known, body = scene.known.robot, joint_of_row(scene.known.robot.model, own_row(scene.known.robot, joints[0]))
@@ -246,10 +246,10 @@ def _shape(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
         return {"mass": 1.0, **{f"first_moment_{axis}": float(x) for axis, x in centre}}
     if name == "base_tilt":
         way = rng.uniform(0, 2 * np.pi)
-        return {"x": TILT * np.cos(way), "y": TILT * np.sin(way)}
+        return {"x": UNIT_TILT * np.cos(way), "y": UNIT_TILT * np.sin(way)}
     if name == "spring":
         middle = float(np.mean(scene.motion.q[:, joints[0]]))
-        return {"stiffness": 1.0, "rest": middle + rng.uniform(-REST_OFFSET, REST_OFFSET)}
+        return {"stiffness": 1.0, "rest": middle + rng.uniform(-MAX_REST_OFFSET, MAX_REST_OFFSET)}
     return dict.fromkeys(EFFECTS[name].parameters, 1.0)
 
 
@@ -258,7 +258,7 @@ def comparison(story: Story) -> list[RenderableType]:
     robot, table = story.simulation.robot, new_table("concealed", "true>", "found>", "±>", "unit", "probability>", "")
     for outcome in story.outcomes:
         shown = confidence(outcome.probability) if outcome.probability else "-"
-        table.add_row(law_name(outcome.law, robot), "", "", "", "", shown, Text(*OUTCOMES[outcome.kind]))
+        table.add_row(law_name(outcome.law, robot), "", "", "", "", shown, Text(*OUTCOME_WORDS[outcome.kind]))
         for key, number in _numbers(story, outcome).items():
             found, std = number["found"], number["std"]
             cells = ("-" if found is None else figure(found), "-") if std is None else with_interval(found, std)
@@ -285,7 +285,7 @@ def story_document(story: Story, name: str) -> dict[str, Any]:
         "schema": "signid.demo/1",
         "robot": robot.name,
         "joints": list(robot.joints),
-        "recordings": {"duration": DURATION, "rate": RATE, "encoder_bits": BITS, "torque_noise": NOISE},
+        "recordings": {"duration": SECONDS, "rate": HERTZ, "encoder_bits": BITS, "torque_noise": NOISE_SHARE},
         "verdict": result.verdict,
         "concealed": [_concealed(story, outcome) for outcome in story.outcomes],
         "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},

@@ -19,15 +19,15 @@ from ...robot.joints import parse_gravity
 from ...robot.load import parse_arguments
 from ...types import Input
 
-TASKS = ("diagnose", "identify")  # default: the first
-NEEDED = ("robot", "recording")
-READ = ("held_out", "reference", "columns", "actuators")  # options of a session that name files
-OPTIONS = (*READ, "gravity", "xacro")
-COLUMNS = (*NEEDED, *OPTIONS, "task", "name", "time", "session")
-DAY = 86_400.0  # s
-LONGEST = 100  # maximum length of a session name [characters]
-LARGEST = 50_000_000  # size of the file [bytes]
-MOST = 3  # maximum number of errors listed
+SESSION_TASKS = ("diagnose", "identify")  # default: the first
+NEEDED_COLUMNS = ("robot", "recording")
+FILE_OPTIONS = ("held_out", "reference", "columns", "actuators")  # options of a session that name files
+SESSION_OPTIONS = (*FILE_OPTIONS, "gravity", "xacro")
+MANIFEST_COLUMNS = (*NEEDED_COLUMNS, *SESSION_OPTIONS, "task", "name", "time", "session")
+SECONDS_PER_DAY = 86_400.0  # s
+MAX_NAME_LENGTH = 100  # maximum length of a session name [characters]
+MAX_MANIFEST_BYTES = 50_000_000  # size of the file [bytes]
+MAX_ERRORS = 3  # maximum number of errors listed
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,8 @@ def read_manifest(path: str | Path) -> Manifest:
     Raises:
         ManifestError: rows are invalid; one sentence per error.
     """
-    source, regular = Path(path), f"it is no regular file of at most {LARGEST / 1e6:.0f} MB"
-    if source.exists() and not (source.is_file() and source.stat().st_size <= LARGEST):
+    source, regular = Path(path), f"it is no regular file of at most {MAX_MANIFEST_BYTES / 1e6:.0f} MB"
+    if source.exists() and not (source.is_file() and source.stat().st_size <= MAX_MANIFEST_BYTES):
         raise ManifestError([f"cannot read the manifest {path}: {regular}"])
     try:
         content = source.read_bytes()
@@ -102,7 +102,8 @@ def read_manifest(path: str | Path) -> Manifest:
     if not rows:
         faults.append(f"{source.name} lists no session; add one row per session below the column names")
     if faults:
-        raise ManifestError(faults[:MOST] + [f"and {len(faults) - MOST} more such rows"] * (len(faults) > MOST))
+        more = len(faults) - MAX_ERRORS
+        raise ManifestError(faults[:MAX_ERRORS] + [f"and {more} more such rows"] * (more > 0))
     return Manifest(
         tuple(entries), source.absolute().parent, Input(readable(str(path)), sha256(content).hexdigest(), "manifest")
     )
@@ -113,11 +114,11 @@ def _rows(text: str, name: str) -> Iterator[tuple[int, Mapping[str, str]]]:
     reader = csv.reader(text.splitlines(keepends=True), strict=True)
     heads = [head.strip() for head in next(reader, [])]
     for head in heads:
-        if head not in COLUMNS:
-            near = get_close_matches(head, COLUMNS, 1)
-            advice = f"did you mean {near[0]}?" if near else f"columns are {', '.join(COLUMNS)}"
+        if head not in MANIFEST_COLUMNS:
+            near = get_close_matches(head, MANIFEST_COLUMNS, 1)
+            advice = f"did you mean {near[0]}?" if near else f"columns are {', '.join(MANIFEST_COLUMNS)}"
             raise ManifestError([f"{name} has an unknown column {head!r}; {advice}"])
-    lacking = [head for head in NEEDED if head not in heads]
+    lacking = [head for head in NEEDED_COLUMNS if head not in heads]
     if lacking or len(set(heads)) < len(heads):
         what = f"no column {' and none '.join(lacking)}" if lacking else "a column twice"
         raise ManifestError([f"{name} has {what}; its first line names the columns, each once: robot,recording,..."])
@@ -131,15 +132,15 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
     """The session of a row; ValueError if the row is invalid."""
     if "" in row:
         raise ValueError("it has more cells than there are columns; quote cells that contain commas")
-    for head in NEEDED:
+    for head in NEEDED_COLUMNS:
         if not row.get(head):
             raise ValueError(f"the cell {head} is empty; every session needs it")
-    for head in (*NEEDED, *READ):
+    for head in (*NEEDED_COLUMNS, *FILE_OPTIONS):
         if any(part.startswith("-") or "\0" in part for part in _split(row.get(head, ""))):
             raise ValueError(f"{head} {row[head]!r} would be read as an option; write ./{row[head]}")
-    task = row.get("task") or TASKS[0]
-    if task not in TASKS:
-        raise ValueError(f"the task {task!r} is unknown; use one of {', '.join(TASKS)}")
+    task = row.get("task") or SESSION_TASKS[0]
+    if task not in SESSION_TASKS:
+        raise ValueError(f"the task {task!r} is unknown; use one of {', '.join(SESSION_TASKS)}")
     if row.get("reference") and task != "diagnose":
         raise ValueError(f"reference is not used by {task}; leave it empty, or set the task to diagnose")
     recordings, name, time = _split(row["recording"]), row.get("name") or row["robot"], row.get("time", "")
@@ -148,7 +149,7 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
     parse_arguments(_split(row.get("xacro", "")))
     if row.get("gravity"):
         parse_gravity(row["gravity"])
-    options = tuple((head, value) for head in OPTIONS for value in _split(row.get(head, "")))
+    options = tuple((head, value) for head in SESSION_OPTIONS for value in _split(row.get(head, "")))
     session = _folder(row, name, recordings, task)
     return Entry(line, session, name, row["robot"], task, recordings, options, time, _day(time))
 
@@ -165,15 +166,15 @@ def _day(text: str) -> float | None:
         epoch = datetime.fromisoformat("1970-01-01" + ("T00:00Z" if moment.tzinfo else ""))
     except ValueError:
         raise ValueError(f"the time {text!r} is not a date; write 2026-03-31 or 2026-03-31T14:00") from None
-    return (moment - epoch).total_seconds() / DAY
+    return (moment - epoch).total_seconds() / SECONDS_PER_DAY
 
 
 def _folder(row: Mapping[str, str], name: str, recordings: Sequence[str], task: str) -> str:
     """The name of a session: as given, or the robot with the time or the recording."""
     given = row.get("session")
-    parts = (given,) if given else (name, row.get("time") or recordings[0], "" if task == TASKS[0] else task)
+    parts = (given,) if given else (name, row.get("time") or recordings[0], "" if task == SESSION_TASKS[0] else task)
     found = "_".join(re.sub(r"[^\w.]+", "-", part).strip("-._") for part in parts if part)
-    if not found or len(found) > LONGEST or (given and found != given):
+    if not found or len(found) > MAX_NAME_LENGTH or (given and found != given):
         raise ValueError(
             f"{given or found!r} is not a valid folder name; name the session with letters, digits, - and _"
         )
@@ -199,7 +200,7 @@ def describe_robots(listed: Manifest) -> list[tuple[Input, ...]]:
     described, faults = list[tuple[Input, ...]](), list[str]()
     for entry in listed.entries:
         beside, actuators = listed.folder / entry.robot, [listed.folder / name for name in entry.given("actuators")]
-        source, simulation = str(beside) if beside.exists() else entry.robot, entry.task == TASKS[0]
+        source, simulation = str(beside) if beside.exists() else entry.robot, entry.task == SESSION_TASKS[0]
         try:
             described.append(_described(source, entry.robot, (*actuators, None)[0], simulation, entry.given("xacro")))
         except SignidError as error:
@@ -215,7 +216,7 @@ def read_inputs(entry: Entry, folder: Path) -> tuple[Input, ...]:
     Raises:
         RecordingError: one cannot be read.
     """
-    return tuple(Input(name, digest(folder / name, name)) for name in (*entry.recordings, *entry.given(*READ)))
+    return tuple(Input(name, digest(folder / name, name)) for name in (*entry.recordings, *entry.given(*FILE_OPTIONS)))
 
 
 @cache

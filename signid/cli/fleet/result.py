@@ -11,24 +11,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...effects import EFFECTS
-from ...output.report.results.fleet import FLAGGED as MARKED, UNDONE, change_sentence, outlier_sentence
+from ...output.report.results.fleet import FLAGGED_STATE as MARKED, UNDONE_STATE, change_sentence, outlier_sentence
 from ...output.report.results.sentences import Named, finding_headline, subject
 from ...types import Input, Result
 from ...version import __version__
 from ..terminal import FLAGGED
 from .summary import Number, Outcome, Summary
 
-SCHEMA = "signid.fleet/1"
-PRIOR = 0.01  # prior probability that a parameter changed, or that a robot's parameter is an outlier; stated
-SURE = 0.95  # probability from which a change or an outlier is a finding
-SHOWN = 0.5  # probability from which it is listed
-WIDTH = 0.5  # standard deviation of a change, as a share of the parameter; stated
-DAYS = 0.06  # spread of friction between sessions, as a share: median over five sessions of a UR10e, 19 days
-ROBOTS = 0.15  # spread between robots of a kind, as a share; stated
-RIGID = 0.02  # spread of base parameters, which neither wear nor warm, as a share; stated
-FEWEST = 8  # minimum number of parameters whose scatter widens all standard deviations
-MAD = 1.4826  # standard deviation over median absolute deviation of a normal variable
-ROBOTS_LEAST = 3  # minimum number of robots of a kind, to say which of them is the outlier
+FLEET_SCHEMA = "signid.fleet/1"
+CHANGE_PRIOR = 0.01  # prior probability that a parameter changed, or that a robot's parameter is an outlier; stated
+FINDING_PROBABILITY = 0.95  # probability from which a change or an outlier is a finding
+LISTED_PROBABILITY = 0.5  # probability from which it is listed
+CHANGE_STD = 0.5  # standard deviation of a change, as a share of the parameter; stated
+SESSION_SPREAD = 0.06  # spread of friction between sessions, as a share: median over five sessions of a UR10e, 19 days
+ROBOT_SPREAD = 0.15  # spread between robots of a kind, as a share; stated
+BASE_SPREAD = 0.02  # spread of base parameters, which neither wear nor warm, as a share; stated
+MIN_SCATTER_PARAMETERS = 8  # minimum number of parameters whose scatter widens all standard deviations
+STD_OVER_MAD = 1.4826  # standard deviation over median absolute deviation of a normal variable
+MIN_KIND_ROBOTS = 3  # minimum number of robots of a kind, to say which of them is the outlier
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Fleet(Result):
             if one.summary.numbers or one.summary.verdict:
                 groups.setdefault((one.entry.name, one.entry.task, one.summary.kind), []).append(one)
         return {
-            "schema": SCHEMA,
+            "schema": FLEET_SCHEMA,
             "robots": [_robot(name, sessions) for name, sessions in self.robots],
             **change_document(list(groups.values())),
             "sessions": [_session(outcome) for outcome in self.outcomes],
@@ -80,7 +80,7 @@ def _latest(sessions: Sequence[Outcome]) -> Outcome:
     return ([one for one in sessions if one.summary.mismatch is not None] or sessions)[-1]
 
 
-def _taken(source: object, keys: str) -> Mapping[str, Any]:
+def _fields_of(source: object, keys: str) -> Mapping[str, Any]:
     """Some fields of a session, or of its summary."""
     return {key: getattr(source, key) for key in keys.split()}
 
@@ -92,8 +92,8 @@ def _robot(name: str, sessions: Sequence[Outcome]) -> dict[str, Any]:
         "kind": latest.summary.kind,
         "sessions": [one.entry.session for one in sessions],
         "latest": latest.entry.session,
-        **_taken(latest.entry, "time task"),
-        **_taken(latest.summary, "mismatch joint left explained verdict"),
+        **_fields_of(latest.entry, "time task"),
+        **_fields_of(latest.summary, "mismatch joint left explained verdict"),
         "causes": [cause.name for cause in latest.summary.causes],
         "lacks": [finding_headline(cause.named) for cause in latest.summary.causes],
         "undone": sum(not one.done for one in sessions),
@@ -102,13 +102,13 @@ def _robot(name: str, sessions: Sequence[Outcome]) -> dict[str, Any]:
 
 def _session(outcome: Outcome) -> dict[str, Any]:
     return {
-        **_taken(outcome.entry, "session name robot task time"),
+        **_fields_of(outcome.entry, "session name robot task time"),
         "recordings": list(outcome.entry.recordings),
-        "state": UNDONE if not outcome.done else MARKED if outcome.code == FLAGGED else "done",
+        "state": UNDONE_STATE if not outcome.done else MARKED if outcome.code == FLAGGED else "done",
         "said": list(outcome.said),
         "folder": f"sessions/{outcome.entry.session}" if outcome.done else None,
         "files": list(outcome.files),
-        **_taken(outcome.summary, "mismatch joint left verdict"),
+        **_fields_of(outcome.summary, "mismatch joint left verdict"),
         "causes": [cause.name for cause in outcome.summary.causes],
     }
 
@@ -136,12 +136,12 @@ class Difference(NamedTuple):
     @property
     def probability(self) -> float:
         """Posterior probability of a change [1]."""
-        return 1 / (1 + exp(min(700.0, -self.odds - log(PRIOR / (1 - PRIOR)))))
+        return 1 / (1 + exp(min(700.0, -self.odds - log(CHANGE_PRIOR / (1 - CHANGE_PRIOR)))))
 
     @property
     def found(self) -> bool:
         """Whether it is a finding."""
-        return self.probability >= SURE
+        return self.probability >= FINDING_PROBABILITY
 
 
 def find_changes(robots: Iterable[Sequence[Outcome]]) -> list[Difference]:
@@ -153,7 +153,7 @@ def find_changes(robots: Iterable[Sequence[Outcome]]) -> list[Difference]:
     for sessions in robots:
         since: dict[tuple[str, str], int] = {}
         for k in range(1, len(sessions)):
-            compared = _compared(sessions[k], sessions[:k], DAYS, since)
+            compared = _compared(sessions[k], sessions[:k], SESSION_SPREAD, since)
             since |= {one.number[:2]: k for one in compared if one.found}
             found += compared
     return sorted(found, key=_rank)
@@ -162,8 +162,8 @@ def find_changes(robots: Iterable[Sequence[Outcome]]) -> list[Difference]:
 def find_outliers(kinds: Iterable[Sequence[Outcome]]) -> list[Difference]:
     """Parameters of each robot beside those of the others of its kind, the most probable outlier first."""
     pairs = ((robots, k) for robots in kinds for k in range(len(robots)))
-    compared = (_compared(robots[k], [*robots[:k], *robots[k + 1 :]], ROBOTS, {}) for robots, k in pairs)
-    return sorted((one for some in compared for one in some if len(one.others) >= ROBOTS_LEAST - 1), key=_rank)
+    compared = (_compared(robots[k], [*robots[:k], *robots[k + 1 :]], ROBOT_SPREAD, {}) for robots, k in pairs)
+    return sorted((one for some in compared for one in some if len(one.others) >= MIN_KIND_ROBOTS - 1), key=_rank)
 
 
 def _rank(one: Difference) -> tuple[float, str, str, str]:
@@ -176,17 +176,17 @@ def change_document(sessions: Sequence[Sequence[Outcome]]) -> dict[str, Any]:
     for some in sessions:
         kinds.setdefault((some[-1].summary.kind, some[-1].entry.task), []).append(some[-1])
     moved, apart = find_changes(sessions), find_outliers(kinds.values())
-    changes, outliers = ([one for one in some if one.probability >= SHOWN] for some in (moved, apart))
+    changes, outliers = ([one for one in some if one.probability >= LISTED_PROBABILITY] for some in (moved, apart))
     return {
         "changes": [row | {"sentence": change_sentence(row)} for row in map(_change, changes)],
         "outliers": [row | {"sentence": outlier_sentence(row)} for row in map(_outlier, outliers)],
         "comparison": {
-            "prior": PRIOR,
-            "threshold": SURE,
-            "change_spread": WIDTH,
-            "session_spread": DAYS,
-            "robot_spread": ROBOTS,
-            "base_spread": RIGID,
+            "prior": CHANGE_PRIOR,
+            "threshold": FINDING_PROBABILITY,
+            "change_spread": CHANGE_STD,
+            "session_spread": SESSION_SPREAD,
+            "robot_spread": ROBOT_SPREAD,
+            "base_spread": BASE_SPREAD,
             "changes_tested": len(moved),
             "outliers_tested": len(apart),
         },
@@ -248,7 +248,7 @@ def _compared(
         largest[number.place] = max(largest.get(number.place, 0.0), abs(number.value))
     found = [_difference(session, series[key], share, largest) for key in sorted(series)]
     ratios = [abs(one.number.value - one.centre) / one.spread for one in found]
-    wider = max(1.0, MAD * median(ratios)) if len(ratios) >= FEWEST else 1.0
+    wider = max(1.0, STD_OVER_MAD * median(ratios)) if len(ratios) >= MIN_SCATTER_PARAMETERS else 1.0
     return [one._replace(spread=wider * one.spread) for one in found]
 
 
@@ -282,9 +282,9 @@ def _difference(
         own: float = (abs(number.value) + abs(centre)) / 2
         return max(own, largest[number.place] / 2) if number.effect == "torque_offset" else own
 
-    scatter = np.ptp(value) / np.sqrt(2) if few else MAD * np.median(np.abs(value - middle))
+    scatter = np.ptp(value) / np.sqrt(2) if few else STD_OVER_MAD * np.median(np.abs(value - middle))
     beyond_noise = float(np.sqrt(max(0.0, scatter**2 - np.mean(std**2))))
-    spread = max((share if number.effect else RIGID) * size(middle), beyond_noise)
+    spread = max((share if number.effect else BASE_SPREAD) * size(middle), beyond_noise)
     weight = 1 / (std**2 + spread**2)
     centre = float(weight @ value / weight.sum()) if few else middle
     variance = (1.0 if few else np.pi / 2) / weight.sum()
@@ -297,5 +297,5 @@ def _difference(
         least=float(value.min()),
         most=float(value.max()),
         spread=float(np.sqrt(number.std**2 + spread**2 + variance)),
-        width=WIDTH * size(centre),
+        width=CHANGE_STD * size(centre),
     )

@@ -32,14 +32,14 @@ from ...version import __version__
 from ..terminal import DONE, FLAGGED
 from .manifest import Entry, describe_robots, digest, read_inputs, read_manifest
 from .result import Fleet
-from .summary import FILES, Outcome, summarise
+from .summary import DOCUMENT_OF_TASK, Outcome, summarise
 
-RECORD = "session.json"
-SCHEMA = "signid.session/2"
-COMMANDS = "signid.cli.run"  # carries out all commands, this room's too
-LASTS = 50  # [commands] per process; limits the growth of its memory
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
-LOUD = ("distributed", "distributed.client", "tornado.application", "asyncio")  # loggers of Dask
+SESSION_FILE = "session.json"
+SESSION_SCHEMA = "signid.session/2"
+COMMANDS_MODULE = "signid.cli.run"  # carries out all commands, this room's too
+COMMANDS_PER_PROCESS = 50  # [commands] per process; limits the growth of its memory
+THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
+DASK_LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")  # loggers of Dask
 PATIENCE = 8.0  # time limit for a scheduler to answer and to have a worker [s]
 _RUNNING = Lock()  # held by the command that runs, since folder and streams are those of the process
 _STARTING = Lock()  # held while a process starts, since it inherits environment and main module
@@ -84,7 +84,7 @@ def fleet(
     described, places = describe_robots(listed), [Path(folder, "sessions", entry.session) for entry in entries]
     probe_folder(Path(folder, "sessions"))
     for entry, place in zip(entries, places, strict=True):
-        check_foreign(place, (RECORD, FILES[entry.task], "model.json", "robot.urdf", "report.html"))
+        check_foreign(place, (SESSION_FILE, DOCUMENT_OF_TASK[entry.task], "model.json", "robot.urdf", "report.html"))
 
     def fail(k: int, code: int | None, said: tuple[str, ...]) -> None:
         reason = "; ".join(said) or "no reason given"
@@ -104,7 +104,7 @@ def fleet(
             fail(k, None, (str(error),))
             continue
         record = {"arguments": list(entry.arguments(seed)), "inputs": inputs, "version": __version__}
-        if FILES[entry.task] in (stored := read_session(places[k], record)).get("files", ()):
+        if DOCUMENT_OF_TASK[entry.task] in (stored := read_session(places[k], record)).get("files", ()):
             outcomes[k], reused = _outcome(entry, places[k], stored), reused + 1
         else:
             todo[k] = record
@@ -132,7 +132,7 @@ def read_session(place: Path, wanted: Mapping[str, Any] = MappingProxyType({})) 
         wanted: arguments, inputs and version that the session must have.
     """
     try:
-        found = read_json(place / RECORD)
+        found = read_json(place / SESSION_FILE)
         files, said = dict(found["files"]), list(found["said"])
         whole = files and files == {name: digest(place / name, name) for name in files}
         sound = found["code"] in (DONE, FLAGGED) and all(isinstance(sentence, str) for sentence in said)
@@ -149,8 +149,8 @@ def write_session(place: Path, record: Mapping[str, Any], files: Mapping[str, by
     """
     earlier = read_session(place).get("files", {})
     digests = {name: sha256(content).hexdigest() for name, content in sorted(files.items())}
-    written = {"schema": SCHEMA, "session": place.name, **record, "files": digests}
-    write_files(place, {RECORD: json.dumps(written, indent=2, ensure_ascii=False) + "\n", **files})
+    written = {"schema": SESSION_SCHEMA, "session": place.name, **record, "files": digests}
+    write_files(place, {SESSION_FILE: json.dumps(written, indent=2, ensure_ascii=False) + "\n", **files})
     for path in place.iterdir():
         if path.name in earlier and path.name not in files:
             path.unlink()
@@ -158,7 +158,7 @@ def write_session(place: Path, record: Mapping[str, Any], files: Mapping[str, by
 
 
 def _outcome(entry: Entry, place: Path, stored: Mapping[str, Any]) -> Outcome:
-    summary = summarise(entry.task, read_json(place / FILES[entry.task]))
+    summary = summarise(entry.task, read_json(place / DOCUMENT_OF_TASK[entry.task]))
     return Outcome(entry, stored["code"], tuple(stored["said"]), tuple(stored["files"]), summary)
 
 
@@ -194,7 +194,7 @@ def carry_out(order: Order) -> Answer:
     errors = StringIO()
     with _RUNNING, tempfile.TemporaryDirectory(prefix="signid-") as place:
         with chdir(order.folder), redirect_stdout(StringIO()), redirect_stderr(errors):
-            code = import_module(COMMANDS).run([*order.arguments, "-o", place])
+            code = import_module(COMMANDS_MODULE).run([*order.arguments, "-o", place])
         files = {path.name: path.read_bytes() for path in sorted(Path(place).iterdir())}
     return Answer(code, tuple(line.removeprefix("signid: ") for line in errors.getvalue().splitlines()), files)
 
@@ -242,7 +242,7 @@ def _processes(workers: int) -> Iterator[Callable[[Order], Future[Answer]]]:
         renew()
 
     def renew() -> None:
-        own.pool = ProcessPoolExecutor(1, context, _begin, (place, lives), max_tasks_per_child=LASTS)
+        own.pool = ProcessPoolExecutor(1, context, _begin, (place, lives), max_tasks_per_child=COMMANDS_PER_PROCESS)
 
     def answer(order: Order) -> Answer:
         try:
@@ -268,7 +268,7 @@ class _Process(SpawnProcess):
 
     def start(self) -> None:
         folders = filter(os.path.isabs, os.environ.get("PYTHONPATH", "").split(os.pathsep))
-        given = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(folders), **dict.fromkeys(THREADS, "1")}
+        given = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(folders), **dict.fromkeys(THREAD_VARIABLES, "1")}
         with _STARTING:
             before, main = dict(os.environ), sys.modules["__main__"]
             os.environ.update(given)
@@ -316,7 +316,7 @@ def _cluster(address: str) -> Iterator[Callable[[Order], Future[Answer]]]:
 
     runner = LoopRunner()
     with ExitStack() as stack:
-        for log in map(getLogger, LOUD):
+        for log in map(getLogger, DASK_LOGGERS):
             stack.callback(log.setLevel, log.level)
             log.setLevel(CRITICAL + 1)
         runner.start()

@@ -11,8 +11,8 @@ from ...output.report.quantities import Quantity
 from ...output.report.results.sentences import Named
 from .manifest import Entry
 
-FILES = {"diagnose": "diagnosis.json", "identify": "identification.json"}
-CEILING = 1e6  # maximum ratio of residual to noise floor
+DOCUMENT_OF_TASK = {"diagnose": "diagnosis.json", "identify": "identification.json"}
+MAX_NOISE_FACTOR = 1e6  # maximum ratio of residual to noise floor
 
 
 class Number(NamedTuple):
@@ -121,7 +121,7 @@ def summarise(task: str, document: Mapping[str, Any]) -> Summary:
 
 def _over(fit: Mapping[str, Sequence[Any]], j: int) -> float | None:
     rms, floor = fit["held_out_rms"][j], fit["noise_floor"][j]
-    return None if rms is None or floor is None else min(CEILING, rms / max(floor, 1e-300))
+    return None if rms is None or floor is None else min(MAX_NOISE_FACTOR, rms / max(floor, 1e-300))
 
 
 def _law_name(effect: str, joint: str | None, partner: str | None = None) -> str:

@@ -23,8 +23,8 @@ from ..report.results.servo_identification import drive_numbers
 
 Rows: TypeAlias = Iterable[tuple[Any, ...]]
 Table: TypeAlias = Callable[[Any], pl.DataFrame] | tuple[str, Callable[[Any], Rows]]  # or columns and rows
-KINDS: dict[str, type[pl.DataType]] = {"s": pl.String, "f": pl.Float64, "i": pl.Int64, "b": pl.Boolean}
-LAWS = "law:s joint:s partner:s parameter:s value:f std:f unit:s"
+COLUMN_TYPES: dict[str, type[pl.DataType]] = {"s": pl.String, "f": pl.Float64, "i": pl.Int64, "b": pl.Boolean}
+LAW_ROWS = "law:s joint:s partner:s parameter:s value:f std:f unit:s"
 FIT = "joint:s unit:s train_rms:f held_out_rms:f noise_floor:f irreducible_rms:f held_out_r2:f"
 
 
@@ -50,7 +50,7 @@ def frame_names(result: Any) -> tuple[str, ...]:
 
 def table_of(columns: str, rows: Rows) -> pl.DataFrame:
     """A frame with columns `name:kind`, kind s (text), f (number), i (integer) or b (truth value)."""
-    schema = {name: KINDS[kind] for name, kind in (column.split(":") for column in columns.split())}
+    schema = {name: COLUMN_TYPES[kind] for name, kind in (column.split(":") for column in columns.split())}
     plain = [tuple(x.item() if isinstance(x, np.generic) else x for x in row) for row in rows]
     return pl.DataFrame(plain, schema=schema, orient="row", strict=False)
 
@@ -79,17 +79,17 @@ def _law_rows(robot: Robot, laws: Iterable[tuple[Law, list[Quantity]]]) -> Itera
 
 
 def _identified_laws(result: Any) -> pl.DataFrame:
-    return numbers_frame(LAWS, (n for numbers in identified_numbers(result) for n in numbers))
+    return numbers_frame(LAW_ROWS, (n for numbers in identified_numbers(result) for n in numbers))
 
 
 def _stated_laws(model: Any) -> pl.DataFrame:
     each = [(law, law_numbers(model.robot, law, {})) for law in model.laws_beside_drives]
-    return numbers_frame(LAWS, _law_rows(model.robot, each))
+    return numbers_frame(LAW_ROWS, _law_rows(model.robot, each))
 
 
 def _found_laws(result: Any) -> pl.DataFrame:
     each = [(finding.law, finding_numbers(result.robot, finding)) for finding in result.findings]
-    return numbers_frame(f"{LAWS} stated:f", _law_rows(result.robot, each))
+    return numbers_frame(f"{LAW_ROWS} stated:f", _law_rows(result.robot, each))
 
 
 def _bodies(result: Any) -> Rows:
@@ -217,10 +217,10 @@ def _motion(found: Any) -> pl.DataFrame:
     return _wide(motion.t, motion.joints, {"q": motion.q, "dq": motion.v, "ddq": motion.a})
 
 
-ROLLED = "simulation:s joint:s unit:s t:f rms:f"
+ROLLOUT = "simulation:s joint:s unit:s t:f rms:f"
 _fit = _side_by_side("joints unit train_rms held_out_rms noise_floor irreducible_rms held_out_r2")
-BODIES: Table = ("link:s parameter:s value:f unit:s", _bodies)
-SEGMENTS: Table = ("recording:i joint:s start:f end:f sign:i confidence:f", _segments)
+BODY_TABLE: Table = ("link:s parameter:s value:f unit:s", _bodies)
+SEGMENT_TABLE: Table = ("recording:i joint:s start:f end:f sign:i confidence:f", _segments)
 FRAMES: dict[str, dict[str, Table]] = {
     "BaseMap": {"base_parameters": ("expression:s unit:s", _side_by_side("expressions units"))},
     "Check": {
@@ -228,7 +228,7 @@ FRAMES: dict[str, dict[str, Table]] = {
             "expression:s std:f unit:s verdict:s",
             _side_by_side("base.expressions std base.units verdicts"),
         ),
-        "segments": SEGMENTS,
+        "segments": SEGMENT_TABLE,
     },
     "Diagnosis": {
         "findings": (
@@ -243,9 +243,9 @@ FRAMES: dict[str, dict[str, Table]] = {
         ),
         "unexplained": ("joint:s variable:s region:s share:f held_out_gain:f in_model:b", _unexplained),
         "fit": (f"simulation:s {FIT}", _compared),
-        "rollouts": (ROLLED, lambda found: _rolled({"before": found.rollout_before, "after": found.rollout_after})),
+        "rollouts": (ROLLOUT, lambda found: _rolled({"before": found.rollout_before, "after": found.rollout_after})),
         "residuals": _residuals,
-        "segments": SEGMENTS,
+        "segments": SEGMENT_TABLE,
     },
     "Estimate": {"base_parameters": ("expression:s value:f std:f unit:s", _estimated)},
     "Excitation": {
@@ -267,21 +267,21 @@ FRAMES: dict[str, dict[str, Table]] = {
         ),
         "laws": _identified_laws,
         "numbers": lambda one: numbers_frame("parameter:s value:f unit:s", whole_numbers(one)),
-        "standard_parameters": BODIES,
+        "standard_parameters": BODY_TABLE,
         "fit": (FIT, lambda one: _fit(one.fit)),
         "residuals": _residuals,
-        "segments": SEGMENTS,
+        "segments": SEGMENT_TABLE,
     },
     "Inspection": {"base_parameters": lambda one: frame(one.base), "joints": lambda one: frame(one.robot)},
     "Model": {
         "laws": _stated_laws,
-        "standard_parameters": BODIES,
+        "standard_parameters": BODY_TABLE,
         "drives": ("joint:s law:s parameter:s value:f unit:s", _stated_drives),
     },
     "Payload": {"payload": lambda found: numbers_frame("parameter:s value:f std:f unit:s", payload_numbers(found))},
     "Recording": {"samples": _samples},
     "Robot": {"joints": lambda robot: pl.DataFrame(joint_documents(robot))},
-    "RollOut": {"rollouts": (ROLLED, lambda run: _rolled({"simulation": run}))},
+    "RollOut": {"rollouts": (ROLLOUT, lambda run: _rolled({"simulation": run}))},
     "Separation": {"motion": _motion},
     "ServoIdentification": {"drives": _drives, "closed_loops": _loops, "positions": _positions},
     "ServoSimulation": {"samples": lambda run: pl.DataFrame(dict(run.columns))},
@@ -291,12 +291,12 @@ FRAMES: dict[str, dict[str, Table]] = {
             _loops(one).insert_column(0, pl.lit(one.name).alias("model")) for one in result.models
         )
     },
-    "Signs": {"segments": SEGMENTS},
+    "Signs": {"segments": SEGMENT_TABLE},
     "Simulation": {"samples": lambda run: _wide(run.t, run.joints, {"q": run.q, "tau": run.tau, "q_des": run.desired})},
     "ValidatedModel": {"fit": (FIT, lambda one: _fit(one.fit))},
     "Validation": {
         "fit": ("model:s joint:s unit:s rms:f noise_floor:f r2:f", _validated),
-        "rollouts": (ROLLED, lambda result: _rolled({one.name: one.rollout for one in result.models})),
+        "rollouts": (ROLLOUT, lambda result: _rolled({one.name: one.rollout for one in result.models})),
         "residuals": lambda result: _long(
             (x.fit.joints, {"model": [x.name] * len(x.t), **picked(x, "recording t")}, picked(x, "torque residual"))
             for x in result.models

@@ -32,13 +32,13 @@ from .frames import frame_names
 if TYPE_CHECKING:
     from ...model import Model
 
-MOST, WIDTH = 40, 100  # lines, and characters per line, of a repr
-LEAST = 3  # lines that a shortened section keeps: blank line, heading, number of the others
-ASIDE = ("Alternatives", "Small corrections", "Residual of the simulation")  # headings of sections shortened first
-ROWS, SENTENCES, BLOCKS = 12, 12, 20  # maximum number of rows per table, of flags, and of tables and sentences, in HTML
-CELL = "text-align:{};white-space:nowrap;padding:2px 10px 2px 0"
+MAX_LINES, WIDTH = 40, 100  # lines, and characters per line, of a repr
+MIN_SECTION_LINES = 3  # lines that a shortened section keeps: blank line, heading, number of the others
+SHORTENED_FIRST = ("Alternatives", "Small corrections", "Residual of the simulation")  # headings
+ROWS, MAX_FLAGS, MAX_BLOCKS = 12, 12, 20  # in HTML: rows per table, flags, and tables and sentences
+CELL_STYLE = "text-align:{};white-space:nowrap;padding:2px 10px 2px 0"
 Renderables = list[RenderableType]
-LONGEST = 60  # characters of a formula, before the number of its other terms
+MAX_FORMULA_LENGTH = 60  # characters of a formula, before the number of its other terms
 
 
 def text(result: Any) -> str:
@@ -46,21 +46,21 @@ def text(result: Any) -> str:
     shown = tables(result)
     flags = [line for flag in _flags(result, shown) for line in _lines(Text(f"flag: {flag}"))]
     last = [line for names in _names(result) for line in _lines(Text(names))]
-    return "\n".join([*_shortened([*_sections(shown), flags], MOST - len(last)), *last])
+    return "\n".join([*_shortened([*_sections(shown), flags], MAX_LINES - len(last)), *last])
 
 
 def html(result: Any) -> str:
     """HTML of a result for notebooks; names and sentences are escaped, long tables shortened."""
     blocks = tables(result)
-    flags = [_paragraph(f"flag: {flag}", "color:#b3261e") for flag in _flags(result, blocks)[:SENTENCES]]
-    more = [_paragraph(f"and {len(blocks) - BLOCKS} more")] if len(blocks) > BLOCKS else []
+    flags = [_paragraph(f"flag: {flag}", "color:#b3261e") for flag in _flags(result, blocks)[:MAX_FLAGS]]
+    more = [_paragraph(f"and {len(blocks) - MAX_BLOCKS} more")] if len(blocks) > MAX_BLOCKS else []
     names = [_paragraph(line, "color:#8a94a0") for line in _names(result)]
-    return f'<div class="signid">{"".join([*flags, *map(_element, blocks[:BLOCKS]), *more, *names])}</div>'
+    return f'<div class="signid">{"".join([*flags, *map(_element, blocks[:MAX_BLOCKS]), *more, *names])}</div>'
 
 
 def _flags(result: Any, shown: Sequence[RenderableType]) -> list[str]:
     """Flags that are no sentence of the tables."""
-    said = {_plain(block) for block in shown}
+    said = {_plain_text(block) for block in shown}
     return [flag for flag in getattr(result, "flags", ()) if flag not in said]
 
 
@@ -93,15 +93,15 @@ def _shortened(sections: Sequence[Sequence[str]], most: int) -> list[str]:
     """At most `most` lines: side matters are cut, then the longest sections, finally the last ones."""
     limits = [len(section) for section in sections]
     if sum(limits) > most:
-        aside = ["".join(each[1:2]).startswith(ASIDE) for each in sections]  # headings below a blank line
-        limits = [min(n, LEAST) if small else n for n, small in zip(limits, aside, strict=True)]
-    while sum(limits) > most and max(limits) > LEAST:
+        aside = ["".join(each[1:2]).startswith(SHORTENED_FIRST) for each in sections]  # headings below a blank line
+        limits = [min(n, MIN_SECTION_LINES) if small else n for n, small in zip(limits, aside, strict=True)]
+    while sum(limits) > most and max(limits) > MIN_SECTION_LINES:
         limits[max(range(len(limits)), key=lambda k: (limits[k], k))] -= 1
-    lines = [line for section, limit in zip(sections, limits, strict=True) for line in _cut(section, limit)]
+    lines = [line for section, limit in zip(sections, limits, strict=True) for line in _first_lines(section, limit)]
     return lines if len(lines) <= most else [*lines[: most - 1], f"... and {len(lines) - most + 1} more lines"]
 
 
-def _cut(block: Sequence[str], limit: int) -> list[str]:
+def _first_lines(block: Sequence[str], limit: int) -> list[str]:
     return list(block) if len(block) <= limit else [*block[: limit - 1], f"... and {len(block) - limit + 1} more lines"]
 
 
@@ -111,7 +111,7 @@ def _element(block: RenderableType) -> str:
     if isinstance(block, Table):
         return _table(block)
     bold = isinstance(block, Text) and any("bold" in str(part) for part in (block.style, *block.spans))
-    return _paragraph(_plain(block), "font-weight:600" if bold else "")
+    return _paragraph(_plain_text(block), "font-weight:600" if bold else "")
 
 
 def _paragraph(sentence: str, style: str = "") -> str:
@@ -120,8 +120,8 @@ def _paragraph(sentence: str, style: str = "") -> str:
 
 def _table(table: Table) -> str:
     def row(kind: str, cells: Iterable[RenderableType]) -> str:
-        styled = zip(cells, (CELL.format(column.justify) for column in table.columns), strict=True)
-        return "".join(f'<{kind} style="{style}">{escape(_plain(cell))}</{kind}>' for cell, style in styled)
+        styled = zip(cells, (CELL_STYLE.format(column.justify) for column in table.columns), strict=True)
+        return "".join(f'<{kind} style="{style}">{escape(_plain_text(cell))}</{kind}>' for cell, style in styled)
 
     rows = list(zip(*(column.cells for column in table.columns), strict=True))
     heads, body = row("th", (column.header for column in table.columns)), [row("td", cells) for cells in rows[:ROWS]]
@@ -130,7 +130,7 @@ def _table(table: Table) -> str:
     return f"<table><thead><tr>{heads}</tr></thead><tbody>{lines}</tbody></table>{more}"
 
 
-def _plain(block: RenderableType) -> str:
+def _plain_text(block: RenderableType) -> str:
     return block.plain if isinstance(block, Text) else str(block)
 
 
@@ -202,10 +202,10 @@ def _estimate(found: Any) -> Renderables:
 def _brief(formula: str) -> str:
     """A formula of at most LONGEST characters: its first terms, and the number of the others."""
     terms = re.split(r" (?=[+-] )", formula)
-    if len(formula) <= LONGEST or len(terms) == 1:
+    if len(formula) <= MAX_FORMULA_LENGTH or len(terms) == 1:
         return formula
     kept, text = 1, terms[0]
-    while len(longer := f"{text} {terms[kept]}") <= LONGEST - len(" ... and 99 more"):
+    while len(longer := f"{text} {terms[kept]}") <= MAX_FORMULA_LENGTH - len(" ... and 99 more"):
         kept, text = kept + 1, longer
     return f"{text} ... and {len(terms) - kept} more"
 

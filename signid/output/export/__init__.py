@@ -29,8 +29,8 @@ _MODULES = {  # below this folder, where `write_KIND` is not in a module of its 
     **dict.fromkeys(VENDORS, "vendor"),
 }
 KINDS = tuple(FORMATS)
-STARTING = ("mjcf", "isaaclab", "mjlab")  # loops that can start from a recording
-FURTHER = ("nonlinear", "forward", "jacobian", "payload", "observer")  # functions of C code on request
+STARTED_KINDS = ("mjcf", "isaaclab", "mjlab")  # loops that can start from a recording
+CODE_FUNCTIONS = ("nonlinear", "forward", "jacobian", "payload", "observer")  # functions of C code on request
 
 
 @typed
@@ -83,8 +83,8 @@ def export(
     model = as_model(model, "export")
     if kind not in FORMATS:
         raise OptionError(f"there is no export to {kind!r}; choose from {', '.join(KINDS)}")
-    if unwritten := [name for name in functions if name not in FURTHER]:
-        raise OptionError(f"C code has no further function {unwritten[0]!r}; choose from {', '.join(FURTHER)}")
+    if unwritten := [name for name in functions if name not in CODE_FUNCTIONS]:
+        raise OptionError(f"C code has no further function {unwritten[0]!r}; choose from {', '.join(CODE_FUNCTIONS)}")
     if (functions or link is not None) and kind != "c":
         raise OptionError("further functions and their link belong to C code; export to 'c'")
     if link is not None and not {"jacobian", "payload"} & set(functions):
@@ -95,9 +95,9 @@ def export(
         model, unknown = with_known_numbers(model, gain=kind not in (*OF_TORQUE, "urdf"))
     loop = None
     if start is not None:
-        if kind not in STARTING or floating:
+        if kind not in STARTED_KINDS or floating:
             raise OptionError(
-                f"a start belongs to {', '.join(STARTING)} on a fixed base; leave `start` or `floating` out"
+                f"a start belongs to {', '.join(STARTED_KINDS)} on a fixed base; leave `start` or `floating` out"
             )
         if not model.servos:
             raise OptionError(

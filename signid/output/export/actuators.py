@@ -21,8 +21,8 @@ from .bodies import Exported, fixed_note, summed
 from .drives import curved, left_out
 
 _UNITS = {**SERVO_UNITS, "torque_constant": "N.m/A"}
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
-HEAD = """\
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+ROS_HEAD = """\
 # Dynamics of {name} as parameters of a ROS 2 node: --param-file FILE of a controller's spawner, or parameters=[FILE] in
 # a launch file. kg, m, s, rad, N, N.m; prismatic joints: N for N.m, m for rad, kg for kg.m2. Recorded torque = rigid
 # bodies + armature * acceleration + viscous_friction * velocity + coulomb_friction * sign(velocity) + torque_offset.
@@ -30,7 +30,7 @@ HEAD = """\
 # frame.
 """
 _Drive = tuple[str, list[str]]  # class and arguments
-FIELDS = {"armature": "armature", "viscous_friction": "viscous_friction", "coulomb_friction": "friction"}
+ISAACLAB_KEYS = {"armature": "armature", "viscous_friction": "viscous_friction", "coulomb_friction": "friction"}
 _ISAACLAB_HEAD = '''\
 """Actuators of {name} for Isaac Lab 2.2 or newer on Isaac Sim 5: ArticulationCfg(actuators=ACTUATORS, ...).
 
@@ -76,9 +76,9 @@ def add_actuators(builder):
         steps = max(1, round(numbers["delay"] / PHYSICS_STEP + 0.5)) if numbers["delay"] else None
         builder.add_actuator(DrivePD, index=index, delay_steps=steps, clamping=numbers["clamping"], **numbers["drive"])
 '''
-_LOOP = "\nCommands are positions; a delay between two steps varies between both."
-_IMPORT = "import math\n\n"
-_STEP = '''\
+_LOOP_SENTENCE = "\nCommands are positions; a delay between two steps varies between both."
+_MATH_IMPORT = "import math\n\n"
+_STEP_FUNCTIONS = '''\
 PHYSICS_STEP = 0.005  # s; set it to the time step of the physics
 
 
@@ -94,7 +94,7 @@ def inertia(armature, damping):
 
 
 '''
-_OFFSETS = """
+_OFFSETS_TEXT = """
 # Add these to the targets of positions: constant torque, which no actuator holds, over stiffness [rad or m].
 TARGET_OFFSETS = {}
 """
@@ -108,7 +108,7 @@ def write_actuators(model: Model) -> Exported:
     head = f"Actuators of {model.robot.name}; prismatic joints: N for N.m, m for rad, kg for kg.m2"
     lines = [f"# {one_line(head)}"]
     for joint, stated in _driven(model).items():
-        table = f"joint.{joint if _BARE.fullmatch(joint) else quoted(joint)}"
+        table = f"joint.{joint if _BARE_KEY.fullmatch(joint) else quoted(joint)}"
         if stated:
             lines += ["", f"[{table}]", *(f"{key} = {value!r}  # {_UNITS[key]}" for key, value in stated.items())]
         if joint in model.servos:
@@ -166,7 +166,7 @@ def write_ros(model: Model) -> Exported:
     parameters = {key: x for key, x in parameters.items() if x}  # rcl takes what follows an empty map for its content
     notes = fixed_note(robot, "their links are listed nevertheless")
     text = safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)
-    return Exported(HEAD.format(name=one_line(robot.name)) + text, tuple(notes))
+    return Exported(ROS_HEAD.format(name=one_line(robot.name)) + text, tuple(notes))
 
 
 def _inertial(body: pin.Inertia) -> dict[str, Any]:
@@ -199,11 +199,11 @@ def write_isaaclab(model: Model) -> Exported:
 def _python(head: str, model: Model, used: set[str], delay: tuple[str, str], body: str, notes: list[str]) -> Exported:
     """A Python file; used: names of classes; delay: names of the least and the largest one."""
     servos = model.servos
-    given = {"loop": _LOOP if servos else "", "imports": _IMPORT if servos else ""}
+    given = {"loop": _LOOP_SENTENCE if servos else "", "imports": _MATH_IMPORT if servos else ""}
     text = head.format(name=_name(model), classes=", ".join(sorted(used)), **given)
-    text += _STEP.format(least=delay[0], most=delay[1]) if servos else ""
+    text += _STEP_FUNCTIONS.format(least=delay[0], most=delay[1]) if servos else ""
     shifts = {joint: float(f"{-x.torque_offset / x.kp:.6g}") for joint, x in servos.items() if x.torque_offset}
-    offsets = _OFFSETS.format(json.dumps(shifts, ensure_ascii=False, indent=4)) if shifts else ""
+    offsets = _OFFSETS_TEXT.format(json.dumps(shifts, ensure_ascii=False, indent=4)) if shifts else ""
     return Exported(text + body + offsets, tuple(notes))
 
 
@@ -231,7 +231,7 @@ def write_newton(model: Model) -> Exported:
 
 def _newton_joint(model: Model, joint: str) -> str:
     """Numbers of a joint as a dict of Python; without a drive it has no gains, and its effort limit is described."""
-    j, servo = model.robot.index(joint), model.servos.get(joint, _FREE)
+    j, servo = model.robot.index(joint), model.servos.get(joint, _NO_DRIVE)
     limit = float(servo.effort_limit if joint in model.servos else model.robot.effort_limit[j])
     kind, most = "ClampingMaxEffort", {"max_effort": limit}
     if curved(servo):
@@ -239,12 +239,12 @@ def _newton_joint(model: Model, joint: str) -> str:
     clamping = f"[({kind}, {most!r})]" if np.isfinite(limit) else None
     offset = float(np.nan_to_num(summed(model, "torque_offset")[j]))
     drive = {"kp": float(servo.kp), "kd": _kd(servo), "const_effort": -offset}
-    passive, delay = _passive(model, joint, _NEWTON), float(servo.delay)
+    passive, delay = _passive(model, joint, _NEWTON_KEYS), float(servo.delay)
     return f'{{"passive": {passive!r}, "drive": {drive!r}, "delay": {delay!r}, "clamping": {clamping}}}'
 
 
-_NEWTON = {"armature": "armature", "viscous_friction": "damping", "coulomb_friction": "friction"}
-_FREE = Servo(kp=0.0)
+_NEWTON_KEYS = {"armature": "armature", "viscous_friction": "damping", "coulomb_friction": "friction"}
+_NO_DRIVE = Servo(kp=0.0)
 
 
 def _passive(model: Model, joint: str, keys: Mapping[str, str]) -> dict[str, float]:
@@ -252,7 +252,7 @@ def _passive(model: Model, joint: str, keys: Mapping[str, str]) -> dict[str, flo
 
     Below a duty limit, damping of the drive is friction, since it is not clipped.
     """
-    servo, j = model.servos.get(joint, _FREE), model.robot.index(joint)
+    servo, j = model.servos.get(joint, _NO_DRIVE), model.robot.index(joint)
     values = {effect: max(0.0, float(np.nan_to_num(summed(model, effect)[j]))) for effect in keys}
     if servo.law == "duty":
         values["viscous_friction"] = float(servo.damping)
@@ -276,7 +276,7 @@ def _behind(kind: str, servo: Servo) -> float:
     return float(servo.kd - servo.viscous_friction)
 
 
-_MJLAB = {"armature": "armature", "viscous_friction": "viscous_damping", "coulomb_friction": "frictionloss"}
+_MJLAB_KEYS = {"armature": "armature", "viscous_friction": "viscous_damping", "coulomb_friction": "frictionloss"}
 
 
 def _grouped(model: Model, drives: Mapping[str, _Drive]) -> list[tuple[str, str, list[str]]]:
@@ -289,7 +289,7 @@ def _grouped(model: Model, drives: Mapping[str, _Drive]) -> list[tuple[str, str,
 
 def _isaaclab_drive(model: Model, joint: str) -> _Drive:
     """Class and arguments of a drive; numbers that are left out are those of the asset."""
-    servo, passive = model.servos[joint], _passive(model, joint, FIELDS)
+    servo, passive = model.servos[joint], _passive(model, joint, ISAACLAB_KEYS)
     damping = None if "kd" in left_out(servo) and servo.law != "duty" else _kd(servo)
     written = {key: repr(x) for key, x in passive.items()}
     if "armature" in written:
@@ -314,9 +314,9 @@ def _limit(servo: Servo) -> list[str]:
 
 def _isaaclab_free(model: Model, joints: list[str]) -> tuple[str, list[str]]:
     """Class and arguments of joints without a drive."""
-    numbers = {re.escape(joint): _passive(model, joint, FIELDS) for joint in joints}
+    numbers = {re.escape(joint): _passive(model, joint, ISAACLAB_KEYS) for joint in joints}
     lines = [f"joint_names_expr={list(numbers)!r}", "stiffness=None", "damping=None"]
-    for name in (*FIELDS.values(), "dynamic_friction"):
+    for name in (*ISAACLAB_KEYS.values(), "dynamic_friction"):
         table = {joint: each[name.removeprefix("dynamic_")] for joint, each in numbers.items()}
         lines.append(f"{name}={table!r}")
     return "ImplicitActuatorCfg", lines
@@ -335,7 +335,7 @@ def _isaaclab_notes(servos: Mapping[str, Servo]) -> list[str]:
 
 def _mjlab_drive(model: Model, joint: str) -> _Drive:
     """Class and arguments of a joint."""
-    servo, numbers = model.servos.get(joint), _passive(model, joint, _MJLAB)
+    servo, numbers = model.servos.get(joint), _passive(model, joint, _MJLAB_KEYS)
     written = {key: repr(x) for key, x in numbers.items()}
     if servo is None:
         limit = float(model.robot.effort_limit[model.robot.index(joint)])

@@ -19,11 +19,11 @@ from ...regression.base_parameters import build_base
 from ...regression.projection import least_squares
 from ...types import Array, Estimate, Frozen, Law, Parameters, Robot
 
-FRICTION = ("viscous_friction", "coulomb_friction")
-LEAST = 1e-12  # minimum mass [kg] and moment [kg.m2] of a moving body; MuJoCo rejects zero
-_DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
-_ROUNDING = 1e-9  # tolerance, relative to the largest principal moment
-_SURE = 1e8  # size of a base parameter over its standard deviation
+FRICTION_LAWS = ("viscous_friction", "coulomb_friction")
+MIN_MASS = 1e-12  # minimum mass [kg] and moment [kg.m2] of a moving body; MuJoCo rejects zero
+_XML_DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
+_MOMENT_TOLERANCE = 1e-9  # tolerance, relative to the largest principal moment
+_EXACT_RATIO = 1e8  # size of a base parameter over its standard deviation
 
 
 class Principal(NamedTuple):
@@ -59,13 +59,13 @@ def principal(parameters: Array) -> Principal | None:
         return None
     mass, centre, inertia = body
     moments, axes = np.linalg.eigh(inertia)
-    small = _ROUNDING * abs(moments[2])
+    small = _MOMENT_TOLERANCE * abs(moments[2])
     if moments[0] < -small or moments[0] + moments[1] < moments[2] - small:
         return None
-    moments = np.maximum(moments, LEAST)
+    moments = np.maximum(moments, MIN_MASS)
     moments[:2] += max(0.0, moments[2] * (1 + 1e-15) - moments[0] - moments[1])  # corrects rounding errors
     axes[:, 2] *= np.sign(np.linalg.det(axes))
-    return Principal(max(mass, LEAST), centre, moments, quaternion(axes))
+    return Principal(max(mass, MIN_MASS), centre, moments, quaternion(axes))
 
 
 def quaternion(rotation: Array) -> Array:
@@ -87,7 +87,7 @@ def possible_bodies(model: Model) -> PossibleBodies:
     Raises:
         RobotError: no physically consistent bodies give this torque.
     """
-    payloads = [law for law in model.joint_laws if law.effect.name == "payload" and law.parameters["mass"] > LEAST]
+    payloads = [law for law in model.joint_laws if law.effect.name == "payload" and law.parameters["mass"] > MIN_MASS]
     alone = ((law, principal(np.array(law.effect.coefficients(law.parameters)))) for law in payloads)
     loads = [(law, body) for law, body in alone if body]  # others are added to the inertial of their link
     apart = {id(law) for law, _ in loads}
@@ -115,7 +115,7 @@ def _exchanged(model: Model) -> Array | None:
     base = build_base(replace(model.robot, model=model.bodies()))
     value = base.combination @ model.whole_inertials().ravel()
     size = np.maximum(np.abs(value), 1e-3 * np.abs(value).max(initial=1e-9))
-    known = Estimate(value, np.diag((size / _SURE) ** 2), np.diag((_SURE / size) ** 2), np.zeros(0), ())
+    known = Estimate(value, np.diag((size / _EXACT_RATIO) ** 2), np.diag((_EXACT_RATIO / size) ** 2), np.zeros(0), ())
     found = fit_consistent(base, known, Parameters(base.labels, stated_inertials(model.robot).ravel()))
     if not found.feasible_without_moving:
         return None
@@ -170,7 +170,7 @@ def with_comment(text: str, notes: Iterable[str]) -> str:
     """Insert notes as a comment before the root element of XML; it has no double hyphens."""
     newline = "\r\n" if "\r\n" in text else "\n"
     said = newline.join(notes).replace("--", "- -").replace("--", "- -")
-    declared = _DECLARATION.match(text)
+    declared = _XML_DECLARATION.match(text)
     head = text[: declared.end()] + newline if declared else ""
     return f"{head}<!-- {said} -->{text[declared.end() :] if declared else newline + text}"
 

@@ -10,13 +10,13 @@ import numpy as np
 from ...errors import OptionError, shorten
 from ...model import Model, with_servos
 from ...servos import PASSIVE, SERVO_NUMBERS, Servo
-from .formats import MOST
+from .formats import MAX_NAMES
 from .shapes import words
 
-STEP = 1e-4  # time step of an exported MJCF with drives: 1 mrad beside exact roll-outs, also saturated [s]
-SHOWN = 0.1  # share of the lag that damping has where it is not negligible
-_HARD = {"solreffriction": "0.0002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # else dry friction creeps
-_APART = 1.0 + 1e-9  # keeps MuJoCo from reading a positive coefficient of the speed as a damping ratio
+DRIVE_STEP = 1e-4  # time step of an exported MJCF with drives: 1 mrad beside exact roll-outs, also saturated [s]
+NOTED_LAG_SHARE = 0.1  # share of the lag that damping has where it is not negligible
+_HARD_FRICTION = {"solreffriction": "0.0002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # else it creeps
+_COEFFICIENT_FACTOR = 1.0 + 1e-9  # MuJoCo reads a positive coefficient of the speed else as a damping ratio
 
 
 def with_known_numbers(model: Model, gain: bool) -> tuple[Model, list[str]]:
@@ -53,16 +53,16 @@ def _unknown_notes(servos: Mapping[str, Servo], names: Sequence[str]) -> Iterato
         for name in names:
             at = [j for j, x in servos.items() if name in x.not_identifiable and (name in left_out(x)) != stated]
             if at:
-                where.setdefault(shorten(at, MOST), []).append(name)
+                where.setdefault(shorten(at, MAX_NAMES), []).append(name)
         if where:
             listed = "; ".join(f"{', '.join(group)} of {at}" for at, group in where.items())
             yield f"not identifiable from the recordings and {what}: {listed}"
-    for name, sentence in _PARTS.items():
+    for name, sentence in _LEFT_OUT_NOTES.items():
         if at := [joint for joint, servo in servos.items() if name in servo.combined and "kp" in names]:
-            yield sentence.format(shorten(at, MOST))
+            yield sentence.format(shorten(at, MAX_NAMES))
 
 
-_PARTS = {
+_LEFT_OUT_NOTES = {
     "damping": "kd of {} is the damping, kd + viscous_friction, whose parts are not identifiable from the recordings",
     "lag": "delay of {} is one possible value: the lag, delay + damping / kp, is identifiable, and its parts are not",
 }
@@ -74,15 +74,15 @@ def _need_gains(servos: Mapping[str, Servo]) -> None:
         if of := [joint for joint, servo in servos.items() if key in left_out(servo) and _acts(key, servo)]:
             be, it = ("is", "it") if len(of) == 1 else ("are", "they")
             raise OptionError(
-                f"{key} of {shorten(of, MOST)} {be} not identifiable from the recordings, so {it} cannot be exported; "
-                f"state {'it' if key == 'kp' else 'the gain'}: signid identify --known kp.{of[0]}=20, or {key} below "
-                f"[joint.{of[0]}.servo] in actuators.toml"
+                f"{key} of {shorten(of, MAX_NAMES)} {be} not identifiable from the recordings, so {it} cannot be "
+                f"exported; state {'it' if key == 'kp' else 'the gain'}: signid identify --known kp.{of[0]}=20, or "
+                f"{key} below [joint.{of[0]}.servo] in actuators.toml"
             )
 
 
 def _acts(key: str, servo: Servo) -> bool:
     """Whether a loop without a number differs; a damping whose scale alone is unknown shows in the lag."""
-    return key == "kp" or "kp" in servo.not_identifiable or servo.damping > SHOWN * servo.lag * servo.kp
+    return key == "kp" or "kp" in servo.not_identifiable or servo.damping > NOTED_LAG_SHARE * servo.lag * servo.kp
 
 
 def left_out(servo: Servo) -> frozenset[str]:
@@ -100,7 +100,7 @@ def mjcf_joint(servo: Servo) -> dict[str, str]:
     damping = servo.damping if servo.law == "duty" else servo.viscous_friction
     stated = {"damping": repr(float(damping))} if damping > 0 else {}
     if servo.coulomb_friction > 0:
-        stated |= _HARD
+        stated |= _HARD_FRICTION
     if curved(servo) or (servo.law != "duty" and servo.kd_on == "error" and servo.kd > 0):
         stated |= _range("actuatorfrcrange", servo)
     return stated
@@ -114,7 +114,7 @@ def mjcf_actuators(joint: str, servo: Servo) -> list[tuple[str, dict[str, str]]]
     limit = {} if speed and servo.law != "duty" else _range("forcerange", servo)
     if curved(servo):
         slope = servo.effort_limit / servo.speed_limit
-        bias = [-servo.torque_offset, -servo.kp * _APART, slope - kd]
+        bias = [-servo.torque_offset, -servo.kp * _COEFFICIENT_FACTOR, slope - kd]
         line = {"name": f"{joint}_torque_speed", "joint": joint, "motorconst": "1", "resistance": repr(1 / slope)}
         return [_general(first, servo, bias, limit), ("dcmotor", {**line, "input": "none"})]
     if servo.torque_offset:
@@ -136,9 +136,10 @@ def mjcf_notes(model: Model) -> list[str]:
         return []
     delays = [f"{joint} {1e3 * servo.delay:.4g} ms" for joint, servo in model.servos.items()]
     return [
-        f"commands are delayed ({shorten(delays, MOST)}, and half a step of {1e3 * STEP:g} ms, since MuJoCo applies a "
-        f"command that much early), which needs MuJoCo 3.5 or newer; mj_initCtrlHistory sets those before the start",
-        f"a time step of {1e3 * STEP:g} ms repeats the loop to 1 mrad; at 1 ms, positions differ by half a step "
+        f"commands are delayed ({shorten(delays, MAX_NAMES)}, and half a step of {1e3 * DRIVE_STEP:g} ms, since "
+        f"MuJoCo applies a command that much early), which needs MuJoCo 3.5 or newer; mj_initCtrlHistory sets those "
+        f"before the start",
+        f"a time step of {1e3 * DRIVE_STEP:g} ms repeats the loop to 1 mrad; at 1 ms, positions differ by half a step "
         f"times the speed, and by some mrad where torque is limited",
     ]
 
@@ -164,5 +165,5 @@ def _delayed(servo: Servo) -> dict[str, str]:
     MuJoCo's force at the beginning of a step acts as the mean over the interval around that instant, so that a command
     acts half a step early: the delay is longer by it.
     """
-    delay = servo.delay + STEP / 2
-    return {"delay": repr(float(delay)), "nsample": str(int(np.ceil(delay / STEP)) + 2), "interp": "linear"}
+    delay = servo.delay + DRIVE_STEP / 2
+    return {"delay": repr(float(delay)), "nsample": str(int(np.ceil(delay / DRIVE_STEP)) + 2), "interp": "linear"}

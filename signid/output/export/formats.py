@@ -1,7 +1,7 @@
 """Laws that each format holds: one table, from which come the notes and flags of exports and the documentation.
 
-A law that a format lacks is a flag if its torque is more than `SMALL` of that of a joint, along a motion within the
-limits of the robot.
+A law that a format lacks is a flag if its torque is more than `MAX_UNFLAGGED_SHARE` of that of a joint, along a motion
+within the limits of the robot.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from ...effects.drive import DriveLaw
 from ...errors import SignidError, shorten
 from ...model import Model
 from ...types import Array, Law, Robot
-from .bodies import FRICTION, summed
+from .bodies import FRICTION_LAWS, summed
 
 VENDORS = ("franka", "ur", "kuka")  # payload and tool alone
-MOST = 16  # maximum number of joints listed
-BODIES = ("payload", "link_inertia")  # laws included in inertials
-PASSIVE = (*FRICTION, "armature")  # whose sums at a joint formats of simulators hold unless negative
-SMALL = 0.02  # [1] rms torque of a law over that of its joint, below which a format may lack it without a flag
-SECONDS, STEP = 10.0, 0.01  # [s] of the motion along which torque is compared
+MAX_NAMES = 16  # maximum number of joints listed
+BODY_LAWS = ("payload", "link_inertia")  # laws included in inertials
+PASSIVE = (*FRICTION_LAWS, "armature")  # whose sums at a joint formats of simulators hold unless negative
+MAX_UNFLAGGED_SHARE = 0.02  # [1] rms torque over that of the joint, below which a missing law has no flag
+COMPARED_SECONDS, COMPARED_STEP = 10.0, 0.01  # [s] of the motion along which torque is compared
 _LOOP = "servo_gain register_gain servo_damping error_damping command_delay effort_limit duty_limit speed_limit"
-_OF_MOTION = """
+_MOTION_LAWS = """
     viscous_friction coulomb_friction torque_offset armature asymmetric_friction stribeck_friction quadratic_friction
     load_friction position_friction spring cable_torque counterbalance torque_ripple joint_coupling empirical
     gear_friction
@@ -37,7 +37,7 @@ _OF_BODIES = "payload link_inertia base_tilt gravity"
 
 
 OF_VECTORS = {"array", "cross"}  # functions of equations that scalar code lacks
-VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
+EMPIRICAL_VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
 
 
 class Format(NamedTuple):
@@ -56,9 +56,9 @@ class Format(NamedTuple):
 
 
 _SIMULATOR = f"{' '.join(PASSIVE)} {_LOOP.replace('command_delay', '')}"
-_CODE = Format("the code", f"{_OF_MOTION} {_OF_BODIES}")
+_CODE = Format("the code", f"{_MOTION_LAWS} {_OF_BODIES}")
 FORMATS = {
-    "urdf": Format("a URDF", " ".join((*FRICTION, *BODIES)), beside="actuators ros function"),
+    "urdf": Format("a URDF", " ".join((*FRICTION_LAWS, *BODY_LAWS)), beside="actuators ros function"),
     "mjcf": Format(
         "an MJCF",
         f"{' '.join(PASSIVE)} {_OF_BODIES} {_LOOP} torque_offset spring torque_saturation quadratic_friction "
@@ -71,11 +71,11 @@ FORMATS = {
         f"{' '.join(PASSIVE)} {_LOOP} torque_offset motor_friction dead_band profile_limit",
         beside="urdf function",
     ),
-    "function": Format("this file", f"{_OF_MOTION} friction_drift external_contact fluid_drag", beside="urdf mjcf"),
+    "function": Format("this file", f"{_MOTION_LAWS} friction_drift external_contact fluid_drag", beside="urdf mjcf"),
     "ros": Format(
         "a ROS parameter file",
-        f"{' '.join((*PASSIVE, *BODIES))} {_LOOP} torque_offset motor_friction dead_band profile_limit voltage_droop "
-        f"link_encoder",
+        f"{' '.join((*PASSIVE, *BODY_LAWS))} {_LOOP} torque_offset motor_friction dead_band profile_limit "
+        "voltage_droop link_encoder",
         beside="function",
     ),
     "isaaclab": Format(
@@ -87,7 +87,7 @@ FORMATS = {
     "arrays": _CODE,
     **dict.fromkeys(VENDORS, Format("a payload", "payload")),
 }
-BY_ACTUATOR = ("torque_offset", "counterbalance", "torque_ripple", "torque_saturation")  # in MJCF: not passive
+ACTUATOR_LAWS = ("torque_offset", "counterbalance", "torque_ripple", "torque_saturation")  # in MJCF: not passive
 OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives count as laws
 
 
@@ -116,7 +116,8 @@ def writable(law: Law) -> bool:
     except SyntaxError:
         return False
     used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-    return used <= {*VARIABLES, "variable", "knots", "values", *FUNCTIONS, *effect.filled(law.parameters)} - OF_VECTORS
+    numbers = {"variable", "knots", "values", *effect.filled(law.parameters)}
+    return used <= {*EMPIRICAL_VARIABLES, *numbers, *FUNCTIONS} - OF_VECTORS
 
 
 def _is_added(law: Law, kind: str) -> bool:
@@ -167,7 +168,7 @@ def left_out(
     lacked = [law for law in model.laws if not among(law, own)]
     notes = list[str]()
     if model.servos and not found.grade("servo_gain"):
-        notes.append(f"{found.subject} cannot hold the position drives of {shorten(list(model.servos), MOST)}")
+        notes.append(f"{found.subject} cannot hold the position drives of {shorten(list(model.servos), MAX_NAMES)}")
         lacked = [law for law in lacked if not isinstance(law.effect, DriveLaw)]
     if rough := [law for law in own if found.grade(law.effect.name) == "approximate"]:
         notes.append(f"{found.subject} holds {lacking(model.robot, rough)} approximately")
@@ -185,8 +186,8 @@ def left_out(
             end = ""
         elif share is None:
             end = ", whose share of the torque is unknown"
-        elif share.max(initial=0.0) <= SMALL:
-            end = f", below {100 * SMALL:.0f} % of the torque"
+        elif share.max(initial=0.0) <= MAX_UNFLAGGED_SHARE:
+            end = f", below {100 * MAX_UNFLAGGED_SHARE:.0f} % of the torque"
         else:
             most, which = float(share.max()), ", ".join(holding) or "no format"
             large.setdefault((law.effect.name, which), []).append((most, int(np.argmax(share)), law))
@@ -211,7 +212,7 @@ def _shares(model: Model, laws: Sequence[Law]) -> list[Array | None]:
     if all(unknown):
         return [None] * len(laws)
     try:
-        moved = rest_to_rest_motion(model.robot, SECONDS, STEP, seed=0)
+        moved = rest_to_rest_motion(model.robot, COMPARED_SECONDS, COMPARED_STEP, seed=0)
         motion = Motion(model.robot, moved.t, moved.q, moved.v, moved.a)
         whole, least = model.inverse(motion), np.finfo(float).tiny
         without = [replace(model, laws=tuple(x for x in model.laws if x is not law), marks={}) for law in laws]
@@ -231,4 +232,4 @@ def lacking(robot: Robot, laws: Iterable[Law]) -> str:
         said = law.effect.meaning(law.parameters)
         name = f"{law.effect.name} ({said})" if said else law.effect.name
         where.setdefault(name, []).extend([] if every else [robot.joints[j] for j in law.joints])
-    return "; ".join(f"{name} of {shorten(joints, MOST)}" if joints else name for name, joints in where.items())
+    return "; ".join(f"{name} of {shorten(joints, MAX_NAMES)}" if joints else name for name, joints in where.items())

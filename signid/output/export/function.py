@@ -14,10 +14,10 @@ from ...robot import described_gravity
 from ...types import Law
 from ..report.layout import torque_units
 from .bodies import Exported, in_docstring
-from .formats import BY_ACTUATOR, VARIABLES, among, held
+from .formats import ACTUATOR_LAWS, EMPIRICAL_VARIABLES, among, held
 
-_SIGNALS = ("t", "q", "v", "a", "load", "jacobian")
-_HEAD = '''"""Torque of the laws of a signid model of {name}, in addition to the rigid bodies.
+_FUNCTION_SIGNALS = ("t", "q", "v", "a", "load", "jacobian")
+_FUNCTION_HEAD = '''"""Torque of the laws of a signid model of {name}, in addition to the rigid bodies.
 
     total torque = inverse dynamics of the exported URDF, without friction and armature + torque(q, v, a, ...)
     total torque = inverse dynamics of the exported MJCF in MuJoCo + torque(q, v, a, ..., mjcf=True)
@@ -28,7 +28,7 @@ import numpy as np
 JOINTS = {joints!r}
 UNITS = {units!r}
 {gravity}'''
-_TORQUE = '''
+_TORQUE_FUNCTION = '''
 
 def torque(q, v, a, *, t=0.0, load=None, jacobian=None, mjcf=False):
     """Torque (n,) of the joints in the order of JOINTS, in UNITS.
@@ -54,7 +54,7 @@ def write_function(model: Model) -> Exported:
 
     Bodies and gravity belong to the URDF and the MJCF.
     """
-    robot, inside = model.robot, [law for law in held(model, "mjcf") if law.effect.name not in BY_ACTUATOR]
+    robot, inside = model.robot, [law for law in held(model, "mjcf") if law.effect.name not in ACTUATOR_LAWS]
     written = [(law, code) for law in torque_model(model).laws if (code := _code_of(law)) is not None]
     used = {name for _, code in written for name in code.functions}
     lines = [f"from numpy.linalg import {name}\n" for name in sorted(used & {"norm"})]
@@ -62,7 +62,7 @@ def write_function(model: Model) -> Exported:
     acts = model.bodies().gravity.linear
     tilted = not np.allclose(acts, described_gravity(robot), atol=1e-12)
     gravity = f"GRAVITY = {tuple(map(float, acts))}  # m/s2, in the frame of the base; use it with the URDF\n"
-    head = _HEAD.format(
+    head = _FUNCTION_HEAD.format(
         name=in_docstring(robot.name),
         imports="".join(lines),
         joints=robot.joints,
@@ -73,7 +73,7 @@ def write_function(model: Model) -> Exported:
     for law, code in written:
         at = law.joints[0] if len(law.joints) == 1 and law.effect.scope == "joint" else list(law.joints)
         table += f"    ({code.name}, {code.signals!r}, {at!r}, {code.numbers!r}, {among(law, inside)}),\n"
-    return Exported(head + _functions(written) + table + "]\n" + _TORQUE)
+    return Exported(head + _functions(written) + table + "]\n" + _TORQUE_FUNCTION)
 
 
 def _functions(written: Iterable[tuple[Law, _Code]]) -> str:
@@ -91,7 +91,7 @@ class _Code(NamedTuple):
     """A law as a Python function: name, arguments, parameters, returned expression, and functions of NumPy in it."""
 
     name: str
-    signals: tuple[str, ...]  # subset of _SIGNALS
+    signals: tuple[str, ...]  # subset of _FUNCTION_SIGNALS
     numbers: dict[str, Any]
     expression: str
     functions: set[str]
@@ -103,16 +103,16 @@ def _code_of(law: Law) -> _Code | None:
     name, equation = effect.name, effect.equation
     numbers: dict[str, Any] = {key: float(x) for key, x in effect.filled(law.parameters).items()}
     if name == "empirical":
-        signal = VARIABLES[int(numbers["variable"])]
+        signal = EMPIRICAL_VARIABLES[int(numbers["variable"])]
         lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
         name, numbers, equation = f"empirical_{signal}", lists, equation.replace("variable", signal)
     try:
         used = {node.id for node in ast.walk(ast.parse(equation, mode="eval")) if isinstance(node, ast.Name)}
     except SyntaxError:
         return None
-    functions = used - {*numbers, *_SIGNALS}
+    functions = used - {*numbers, *_FUNCTION_SIGNALS}
     if not isinstance(effect, TorqueLaw | BodyLaw) or effect.memory or not functions <= {*FUNCTIONS, "norm"}:
         return None
     if effect.scope not in ("joint", "pair", "robot"):
         return None
-    return _Code(name, tuple(s for s in _SIGNALS if s in used - set(numbers)), numbers, equation, functions)
+    return _Code(name, tuple(s for s in _FUNCTION_SIGNALS if s in used - set(numbers)), numbers, equation, functions)

@@ -24,7 +24,7 @@ from ...types import Array, Frozen
 from .bodies import Exported
 from .shapes import words
 
-_START = """
+_START_TEXT = """
 # Start of {name}: init_state=InitialStateCfg(**START). HELD are the commands in force before the first one
 # [rad or m]; a delay buffer is full of the first command that it gets after a reset, so give it these once
 # (Isaac Lab: positions_delay_buffer.compute; mjlab: apply_delay) before the first step.
@@ -68,7 +68,7 @@ def loop_of(model: Model, recording: Recordings) -> Loop:
             if servo.load_friction > 0:
                 level = servo.coulomb_friction + servo.load_friction * _mean_torque(servo, grid, j, motion)
                 dry[joint] = servo.with_(load_friction=0.0, coulomb_friction=level)
-    notes = [*flags, *notes, *_unlike(driven, grid)]
+    notes = [*flags, *notes, *_condition_notes(driven, grid)]
     if dry:
         notes.append(
             f"dry friction of {shorten(list(dry))} has load_friction in it, at the mean torque of the recording"
@@ -94,13 +94,13 @@ def with_loop(kind: str, made: Exported, loop: Loop) -> Exported:
     if kind != "mjcf":
         return replace(made, text=made.text + _python(loop), notes=(*made.notes, *loop.notes))
     note = (
-        f"the keyframe start is the state of {_named(loop)} at its first row; it does not hold the commands before it: "
-        f"call mj_initCtrlHistory with its ctrl"
+        f"the keyframe start is the state of {_log_name(loop)} at its first row; it does not hold the commands before "
+        f"it: call mj_initCtrlHistory with its ctrl"
     )
-    return replace(made, text=_keyed(made.text, loop), notes=(*made.notes, note, *loop.notes))
+    return replace(made, text=_with_keyframe(made.text, loop), notes=(*made.notes, note, *loop.notes))
 
 
-def _unlike(model: Model, grid: ServoGrid) -> list[str]:
+def _condition_notes(model: Model, grid: ServoGrid) -> list[str]:
     """A note on conditions of a recording that no exported drive knows."""
     at = [j for j, joint in enumerate(grid.joints) if joint in model.servos]
     conditions = {
@@ -113,7 +113,7 @@ def _unlike(model: Model, grid: ServoGrid) -> list[str]:
     return [f"the drives do not have the {' and '.join(some)} of the recording"] if some else []
 
 
-def _keyed(text: str, loop: Loop) -> str:
+def _with_keyframe(text: str, loop: Loop) -> str:
     """MJCF with a keyframe: joints without a recorded position rest, mimic joints are where their leader puts them."""
     from lxml import etree
 
@@ -143,8 +143,8 @@ def _python(loop: Loop) -> str:
         key: json.dumps({name: float(f"{x:.6g}") for name, x in pairs}, ensure_ascii=False, indent=4)
         for key, pairs in each.items()
     }
-    return _START.format(name=_named(loop), **written)
+    return _START_TEXT.format(name=_log_name(loop), **written)
 
 
-def _named(loop: Loop) -> str:
+def _log_name(loop: Loop) -> str:
     return one_line(Path(loop.grid.path).name) or "the recording"

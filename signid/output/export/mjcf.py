@@ -19,21 +19,21 @@ from ...robot.description.document import children, parse
 from ...robot.dynamics import joint_of_row, own_row
 from ...robot.joints import is_plain
 from ...types import Array, Robot
-from .bodies import LEAST, Exported, PossibleBodies, Principal, fixed_note, possible_bodies, principal, summed
-from .drives import STEP, mjcf_actuators, mjcf_joint, mjcf_notes
+from .bodies import MIN_MASS, Exported, PossibleBodies, Principal, fixed_note, possible_bodies, principal, summed
+from .drives import DRIVE_STEP, mjcf_actuators, mjcf_joint, mjcf_notes
 from .formats import PASSIVE, held, stiffness
 from .shapes import Shapes, copied, pose_words, read_shapes, words
 
-DIFFERENT = 1e-3  # [1] difference of the mass of a floating robot from its description that is said
-_DENSITY = 2700.0  # density at which a payload is drawn [kg/m3]
-_NUMBERS = dict(zip(("damping", "frictionloss", "armature"), PASSIVE, strict=True))
-_STIFF = "0.9999 0.9999 0.001 0.5 2"  # impedance of the stops of a gear
-_SHORT = ("joint_elasticity", "backlash", "presliding_friction")  # laws that need the time step of drives
-_NEEDS = {  # sentences, and the laws that they are on
+NOTED_MASS_DIFFERENCE = 1e-3  # [1] difference of the mass of a floating robot from its description that is said
+_PAYLOAD_DENSITY = 2700.0  # density at which a payload is drawn [kg/m3]
+_PASSIVE_ATTRIBUTES = dict(zip(("damping", "frictionloss", "armature"), PASSIVE, strict=True))
+_STOP_IMPEDANCE = "0.9999 0.9999 0.001 0.5 2"  # impedance of the stops of a gear
+_SHORT_STEP_LAWS = ("joint_elasticity", "backlash", "presliding_friction")  # laws that need the time step of drives
+_NOTES = {  # sentences, and the laws that they are on
     "polynomials of damping and stiffness need MuJoCo 3.7 or newer": ("quadratic_friction", "cable_torque"),
     "passive dcmotors need MuJoCo 3.12 or newer": ("counterbalance", "torque_ripple", "presliding_friction"),
-    "JOINT is the motor and JOINT_gear the deflection of the link from it: positions add up": _SHORT[:2],
-    "elasticity, backlash and presliding need a time step of 0.1 ms to repeat a motion to 1 mrad": _SHORT,
+    "JOINT is the motor and JOINT_gear the deflection of the link from it: positions add up": _SHORT_STEP_LAWS[:2],
+    "elasticity, backlash and presliding need a time step of 0.1 ms to repeat a motion to 1 mrad": _SHORT_STEP_LAWS,
 }
 _NO_MOTOR = {"motorconst": "0", "resistance": "1", "input": "none"}  # a dcmotor without its electrical part
 
@@ -58,7 +58,7 @@ def write_mjcf(
     from lxml import etree
 
     robot, bodies = model.robot, possible_bodies(model)
-    shapes, placed = read_shapes(robot, package_dirs), _places(robot)
+    shapes, placed = read_shapes(robot, package_dirs), _body_places(robot)
     files = {} if meshes is None else copied(shapes.meshes, meshes)
     ties = _ties(robot, placed)
     root = etree.Element("mujoco", model=robot.name)
@@ -66,7 +66,7 @@ def write_mjcf(
     gravity = robot.model.gravity if floating else model.bodies().gravity
     option = {"gravity": words(gravity.linear), "integrator": "implicitfast"}
     options = parse(robot.document).iter("option") if robot.kind == "mjcf" else ()
-    short = [repr(STEP)] if model.servos or _effects(model) & set(_SHORT) else []
+    short = [repr(DRIVE_STEP)] if model.servos or _effects(model) & set(_SHORT_STEP_LAWS) else []
     steps = [x for node in options if (x := node.get("timestep"))] or short
     _add(root, "option", option | ({"timestep": steps[-1]} if steps else {}))
     _add(_add(root, "default"), "geom", {"contype": "0", "conaffinity": "0", "group": "2"})
@@ -100,7 +100,7 @@ def _trunk(world: Any, robot: Robot) -> Any:
         RobotError: the base has no mass, or its inertia is not physically consistent.
     """
     body = principal(robot.model.inertias[0].toDynamicParameters())
-    if body is None or body.mass <= LEAST:
+    if body is None or body.mass <= MIN_MASS:
         what = "has no mass" if body is not None else "has an inertia that no body can have"
         raise RobotError(
             f"the base of {robot.name} {what}, so it cannot float; state its inertial in the description, or export "
@@ -130,7 +130,7 @@ def _tree(world: Any, model: Model, shapes: Shapes, bodies: PossibleBodies, plac
         at = nodes[joint_of_row(robot.model, own_row(robot, law.joints[0]))]
         node = _add(at, "body", {"name": _free_name(robot, "payload" if k == 0 else f"payload_{k + 1}")})
         _add(node, "inertial", _inertial(body))
-        size = words([(3 * body.mass / (4 * np.pi * _DENSITY)) ** (1 / 3)])
+        size = words([(3 * body.mass / (4 * np.pi * _PAYLOAD_DENSITY)) ** (1 / 3)])
         _add(node, "geom", {"type": "sphere", "size": size, "pos": words(body.centre), "rgba": "0.9 0.6 0 1"})
 
 
@@ -187,14 +187,14 @@ def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodi
     if ties:
         each = ", ".join(f"{tie['joint1']} of {tie['joint2']}" for tie in ties)
         notes.append(f"mimic joints are equality constraints, which are slightly compliant in MuJoCo: {each}")
-    notes += [*mjcf_notes(model), *(say for say, laws in _NEEDS.items() if _effects(model) & set(laws)), *bodies.notes]
+    notes += [*mjcf_notes(model), *(say for say, laws in _NOTES.items() if _effects(model) & set(laws)), *bodies.notes]
     notes += trunk_notes(model, bodies) if floating else []
-    if empty := [link for link, body in zip(robot.links, bodies.links, strict=True) if body.mass <= LEAST]:
-        notes.append(f"massless links get {LEAST:g} kg, since MuJoCo rejects zero mass: {', '.join(empty)}")
+    if empty := [link for link, body in zip(robot.links, bodies.links, strict=True) if body.mass <= MIN_MASS]:
+        notes.append(f"massless links get {MIN_MASS:g} kg, since MuJoCo rejects zero mass: {', '.join(empty)}")
     return notes
 
 
-def _places(robot: Robot) -> list[_Place]:
+def _body_places(robot: Robot) -> list[_Place]:
     """List the bodies of the model; held joints are part of the pose of their body."""
     at_zero = configuration(robot, np.zeros(len(robot.joints)))
     leaders = {own_row(robot, j): name for j, name in enumerate(robot.joints)}
@@ -246,7 +246,7 @@ def trunk_notes(model: Model, bodies: PossibleBodies) -> list[str]:
     trunk = float(model.robot.model.inertias[0].mass)
     mass = trunk + sum(body.mass for body in (*bodies.links, *(body for _, body in bodies.loads)))
     stated = float(sum(body.mass for body in model.robot.model.inertias))
-    if abs(mass - stated) > DIFFERENT * stated:
+    if abs(mass - stated) > NOTED_MASS_DIFFERENCE * stated:
         notes.append(f"the floating robot has {mass:.4g} kg, {stated:.4g} kg in the description")
     if model.covariance is not None:
         notes.append(
@@ -274,7 +274,7 @@ def _effects(model: Model) -> set[str]:
 def _joint_laws(model: Model, joint: str) -> dict[str, str]:
     """Attributes of a joint by the laws that an MJCF holds there: friction, armature, spring and cable."""
     j = model.robot.index(joint)
-    sums = {key: float(np.nan_to_num(summed(model, effect)[j])) for key, effect in _NUMBERS.items()}
+    sums = {key: float(np.nan_to_num(summed(model, effect)[j])) for key, effect in _PASSIVE_ATTRIBUTES.items()}
     stated = {key: repr(value) for key, value in sums.items() if value > 0}
     spring, rest = stiffness(model).get(j, (0.0, 0.0))
     stated |= {"stiffness": repr(spring), "springref": repr(rest)} if spring > 0 else {}
@@ -299,7 +299,7 @@ def _gear(model: Model, joint: str) -> dict[str, str]:
                 k = float(law.parameters["stiffness"])
                 return {**name, "stiffness": repr(k), "damping": repr(RELAXATION * k)}
             half = law.parameters["gap"] / 2
-            return {**name, "range": words([-half, half]), "solreflimit": "0.0005 1", "solimplimit": _STIFF}
+            return {**name, "range": words([-half, half]), "solreflimit": "0.0005 1", "solimplimit": _STOP_IMPEDANCE}
     return {}
 
 

@@ -19,7 +19,7 @@ from ...types import Array, Robot
 from ..geometry import origin, vector
 from .bodies import quaternion
 
-_FACES, _HEADER, _FACE = 200_000, 84, 50  # STL limits of MuJoCo: faces; size of header and of a face [bytes]
+_MAX_STL_FACES, _STL_HEADER_BYTES, _STL_FACE_BYTES = 200_000, 84, 50  # limit of MuJoCo, and sizes [bytes]
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,6 @@ def _readable(path: Path) -> bool:
     if path.suffix.lower() != ".stl":
         return path.suffix.lower() == ".obj"
     with path.open("rb") as file:
-        head = file.read(_HEADER)
+        head = file.read(_STL_HEADER_BYTES)
     count = int.from_bytes(head[80:], "little")
-    return 0 < count <= _FACES and path.stat().st_size == _HEADER + _FACE * count
+    return 0 < count <= _MAX_STL_FACES and path.stat().st_size == _STL_HEADER_BYTES + _STL_FACE_BYTES * count

@@ -15,10 +15,10 @@ from ...model import Model, stated_inertials
 from ...robot import described_gravity
 from ...robot.description.document import without_declaration
 from ...types import Array, Robot
-from .bodies import FRICTION, Exported, about_centre, fixed_note, summed
+from .bodies import FRICTION_LAWS, Exported, about_centre, fixed_note, summed
 
-_TAG = re.compile(r"""<[^"'>]*(?:"[^"]*"[^"'>]*|'[^']*'[^"'>]*)*>""")
-_MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
+_XML_TAG = re.compile(r"""<[^"'>]*(?:"[^"]*"[^"'>]*|'[^']*'[^"'>]*)*>""")
+_INERTIA_ATTRIBUTES = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 
 
 _Friction = tuple[float, float]  # damping [N.m.s/rad or N.s/m] and friction [N.m or N] of a joint; NaN: unchanged
@@ -50,7 +50,7 @@ def write_urdf(model: Model) -> Exported:
     robot = model.robot
     bodies = model.whole_inertials()
     same = np.all(np.isclose(bodies, stated_inertials(robot), rtol=1e-12, atol=1e-15), axis=1, keepdims=True)
-    friction = (np.maximum(0.0, np.nan_to_num(summed(model, name))) for name in FRICTION)
+    friction = (np.maximum(0.0, np.nan_to_num(summed(model, name))) for name in FRICTION_LAWS)
     text = urdf_with(robot, np.where(same, np.nan, bodies), *friction)
     notes = fixed_note(robot, "they move in the URDF")
     if not np.allclose(model.bodies().gravity.linear, described_gravity(robot), atol=1e-12):
@@ -115,7 +115,7 @@ def _elements(text: str) -> list[_Element]:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         at = int(character[parser.CurrentByteIndex])
-        opening = _TAG.match(text, at)
+        opening = _XML_TAG.match(text, at)
         assert opening is not None, "expat reports the start of a tag"
         stack.append(_Element(tag, attributes.get("name", ""), at, opening.end(), 0, attributes, []))
 
@@ -141,7 +141,7 @@ def _inertial_edits(text: str, elements: list[_Element], inertials: Mapping[str,
             continue
         stated = [child for child in link.children if child.tag == "inertial"]
         if name == link.name:
-            yield _put(text, link, stated[0] if stated else None, _inertial(name, inertials[name]))
+            yield _inserted(text, link, stated[0] if stated else None, _inertial(name, inertials[name]))
         else:
             remark = f"<!-- inertial included in that of {re.sub('-(?=-)', '- ', name)} -->"
             yield from (_Edit(child.start, child.stop, remark) for child in stated[:1])
@@ -156,12 +156,12 @@ def _friction_edits(text: str, elements: list[_Element], friction: Mapping[str, 
         stated = next((child for child in joint.children if child.tag == "dynamics"), None)
         if stated is None and any(given.values()):
             tag = f"<dynamics {' '.join(f'{key}={_quoted(x)}' for key, x in given.items())}/>"
-            yield _put(text, joint, None, [tag])
+            yield _inserted(text, joint, None, [tag])
         elif stated is not None:
-            yield _Edit(stated.start, stated.inside, _with(text[stated.start : stated.inside], given))
+            yield _Edit(stated.start, stated.inside, _attributed(text[stated.start : stated.inside], given))
 
 
-def _with(tag: str, values: Mapping[str, float]) -> str:
+def _attributed(tag: str, values: Mapping[str, float]) -> str:
     """Set attributes of an opening tag; keep the others and the spacing."""
     for key, value in values.items():
         stated = re.search(rf"""\s{key}\s*=\s*("[^"]*"|'[^']*')""", tag)
@@ -174,7 +174,7 @@ def _with(tag: str, values: Mapping[str, float]) -> str:
     return tag
 
 
-def _put(text: str, parent: _Element, stated: _Element | None, lines: list[str]) -> _Edit:
+def _inserted(text: str, parent: _Element, stated: _Element | None, lines: list[str]) -> _Edit:
     """Replace an element by lines, or insert them as first child of its parent, indented accordingly."""
     margin, newline = _margin(text, parent.start), _newline(text)
     inside = [stated] if stated else parent.children
@@ -204,7 +204,7 @@ def _inertial(name: str, parameters: Array) -> list[str]:
     if body is None:
         raise RobotError(f"the inertial of link {name} cannot be written: it needs finite numbers and a mass")
     mass, centre, inertia = body
-    moments = " ".join(f"{key}={_quoted(inertia[i, j])}" for key, i, j in _MOMENTS)
+    moments = " ".join(f"{key}={_quoted(inertia[i, j])}" for key, i, j in _INERTIA_ATTRIBUTES)
     xyz = quoteattr(" ".join(repr(float(x) + 0.0) for x in centre))
     origin = f'  <origin xyz={xyz} rpy="0 0 0"/>'
     return ["<inertial>", origin, f"  <mass value={_quoted(mass)}/>", f"  <inertia {moments}/>", "</inertial>"]

@@ -19,8 +19,8 @@ from ...types import INERTIAL, TWO_SIDED, Array
 from ..report import WRITTEN
 from .bodies import Exported, c_comment, model_digest, principal, remarks
 
-POINT = 1e-4  # [m] radius of gyration below which a load is a point mass
-DIGITS = 9  # significant digits of the largest number of a vector in a file
+POINT_MASS_RADIUS = 1e-4  # [m] radius of gyration below which a load is a point mass
+VECTOR_DIGITS = 9  # significant digits of the largest number of a vector in a file
 FRANKA_FLANGE = "link8"  # of panda_link8, fr3_link8
 KUKA_FLANGE = "tool0"  # the all-zero tool of ROS-Industrial's descriptions; `flange` has other axes
 UR_FLANGE = "tool0"  # the controller's pose of an all-zero TCP (ur_description); `flange` and `ee_link` have other axes
@@ -72,10 +72,10 @@ def flange_of(model: Model, names: str, flange: str | None, tool: str | None) ->
     ]
     if where is not None:
         said.append(f"tool frame: {tool}")
-    return Flange(seen.mass[0], seen.centre[0], inertia, where, tuple(map(_plain, said)), tuple(map(_plain, notes)))
+    return Flange(seen.mass[0], seen.centre[0], inertia, where, tuple(map(_ascii, said)), tuple(map(_ascii, notes)))
 
 
-def _plain(text: str) -> str:
+def _ascii(text: str) -> str:
     """Text as a comment of a controller's file: one line of ASCII."""
     return one_line(text).encode("ascii", "replace").decode()
 
@@ -114,7 +114,7 @@ def _inertia(load: Load) -> tuple[Array | None, list[str]]:
     """Inertia about the centre (3, 3) [kg.m2] with a note if it is uncertain, or why it is left out."""
     (xx, xy, yy, xz, yz, zz), std = load.inertia
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    size = load.mass[0] * POINT**2
+    size = load.mass[0] * POINT_MASS_RADIUS**2
     if np.abs(inertia).max() < size:
         why = "the model knows no inertia about its centre, as of a point mass"
     elif not np.isfinite(std).all():
@@ -155,7 +155,7 @@ def _interval(value: float, half: float) -> str:
 def rounded(values: Array) -> list[float]:
     """Round values: (k,) [one unit], to the digits of the largest one, without a negative zero."""
     largest = float(np.abs(values).max(initial=0.0))
-    places = DIGITS - 1 - int(np.floor(np.log10(largest))) if largest > 0 else 0
+    places = VECTOR_DIGITS - 1 - int(np.floor(np.log10(largest))) if largest > 0 else 0
     return [float(x) + 0.0 for x in np.round(values, places)]
 
 
@@ -194,15 +194,15 @@ def write_franka(model: Model, flange: str | None = None, tool: str | None = Non
         "#pragma once",
         "#include <array>",
         f"constexpr double load_mass = {document['mass']!r};",
-        f"constexpr std::array<double, 3> F_x_Cload{{{{{_listed(document['centerOfMass'])}}}}};",
-        f"constexpr std::array<double, 9> load_inertia{{{{{_listed(inertia)}}}}};",
+        f"constexpr std::array<double, 3> F_x_Cload{{{{{_joined_values(document['centerOfMass'])}}}}};",
+        f"constexpr std::array<double, 9> load_inertia{{{{{_joined_values(inertia)}}}}};",
         "// robot.setLoad(load_mass, F_x_Cload, load_inertia);",
     ]
     text = json.dumps(document, indent=2, ensure_ascii=False) + "\n"
     return Exported(text, tuple(notes), {"_load.h": "\n".join(header) + "\n"})
 
 
-def _listed(values: object) -> str:
+def _joined_values(values: object) -> str:
     return ", ".join(map(repr, values)) if isinstance(values, list) else ""
 
 
@@ -256,13 +256,13 @@ def _real(value: float) -> str:
 def write_ur(model: Model, flange: str | None = None, tool: str | None = None) -> Exported:
     """Write `set_target_payload`, and `set_tcp` if a tool frame is named."""
     found = flange_of(model, UR_FLANGE, flange, tool)
-    numbers = [_list(np.array([found.mass]))[1:-1], _list(found.centre)]
+    numbers = [_rounded_text(np.array([found.mass]))[1:-1], _rounded_text(found.centre)]
     calls = [f"set_target_payload({', '.join(numbers)})"]
     if found.inertia is not None:
-        six = _list(found.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+        six = _rounded_text(found.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
         calls = [f"set_target_payload({', '.join(numbers)}, {six})"]
     if found.tool is not None:
-        calls.append(f"set_tcp(p{_list(np.append(found.tool.translation, pin.log3(found.tool.rotation)))})")
+        calls.append(f"set_tcp(p{_rounded_text(np.append(found.tool.translation, pin.log3(found.tool.rotation)))})")
     said = [
         *found.said,
         "mass [kg], centre of gravity [m] in the tool flange frame, inertia [Ixx, Iyy, Izz, Ixy, Ixz, Iyz] [kg.m2]",
@@ -273,5 +273,5 @@ def write_ur(model: Model, flange: str | None = None, tool: str | None = None) -
     return Exported(remarks(said) + "\n".join(calls) + "\n", found.notes)
 
 
-def _list(values: Array) -> str:
+def _rounded_text(values: Array) -> str:
     return repr(rounded(values))

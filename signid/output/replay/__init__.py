@@ -6,6 +6,6 @@ a link shows the residual torque of its joint. Findings of a diagnosis are marke
 
 from .live import Live
 from .page import Replay
-from .run import LONGEST, part, replay
+from .run import DEFAULT_MAX_DURATION, part, replay
 
-__all__ = ["LONGEST", "Live", "Replay", "part", "replay"]
+__all__ = ["DEFAULT_MAX_DURATION", "Live", "Replay", "part", "replay"]

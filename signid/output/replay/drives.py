@@ -17,7 +17,7 @@ from ...simulation.rollout.run import restrict_joints
 from ...types import Array, Mask, Recording
 from .track import Track, at_times
 
-FARTHEST = 1e3  # [rad or m] position from which on a simulation has diverged
+DIVERGED_POSITION = 1e3  # [rad or m] position from which on a simulation has diverged
 
 
 def commands_only(recording: Recording) -> bool:
@@ -82,6 +82,6 @@ def _simulated(model: Model, grid: ServoGrid, window: float | None, t: Array, el
     """Positions (F, n) [rad or m] of the closed loop at the frames, and whether it has diverged (F,)."""
     with np.errstate(all="ignore"):
         q = roll_out(model, model.servos, grid, window)
-    near = np.all(np.abs(q) < FARTHEST, axis=1, keepdims=True)
+    near = np.all(np.abs(q) < DIVERGED_POSITION, axis=1, keepdims=True)
     path = at_times(t, elapsed, np.where(near, q, np.nan))
     return path, np.asarray(~np.isfinite(path).all(axis=1))

@@ -12,9 +12,9 @@ from typing import Any
 from ...errors import OutputError
 from ..report.layout import NO_CONNECTION
 
-ADDRESS = "127.0.0.1"  # no other machine can connect
-LOCAL = r"(localhost|127\.0\.0\.1)"  # names of this machine; a foreign name of it in a request is refused
-WAIT = 20.0  # time limit for the start of the server [s]
+LOCAL_ADDRESS = "127.0.0.1"  # no other machine can connect
+LOCAL_NAMES = r"(localhost|127\.0\.0\.1)"  # names of this machine; a foreign name of it in a request is refused
+MAX_START_SECONDS = 20.0  # time limit for the start of the server [s]
 
 
 class Live:
@@ -38,7 +38,7 @@ class Live:
         self._started, self._failure = threading.Event(), ""
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
-        if not self._started.wait(WAIT) or self._failure:
+        if not self._started.wait(MAX_START_SECONDS) or self._failure:
             raise OutputError(f"the replay cannot be served: {self._failure or 'no answer'}; write it with --html FILE")
 
     def wait(self) -> None:
@@ -50,7 +50,7 @@ class Live:
         """Stop the server."""
         if self._loop is not None:
             self._loop.call_soon_threadsafe(self._loop.stop)
-            self._thread.join(WAIT)
+            self._thread.join(MAX_START_SECONDS)
 
     def _serve(self) -> None:
         self._loop = asyncio.new_event_loop()
@@ -87,7 +87,7 @@ def _bridge(page: str) -> Any:
 
     class Application(tornado.web.Application):
         def listen(self, *port: Any, **options: Any) -> Any:
-            return super().listen(*port, **{**options, "address": ADDRESS})
+            return super().listen(*port, **{**options, "address": LOCAL_ADDRESS})
 
     class Bridge(ZMQWebSocketBridge):  # type: ignore[misc]
         def make_app(self) -> Any:
@@ -98,7 +98,7 @@ def _bridge(page: str) -> Any:
                 (r"/", Socket, {"bridge": self}),
             ]
             served = Application(log_function=lambda handler: None)
-            served.add_handlers(LOCAL, handlers)
+            served.add_handlers(LOCAL_NAMES, handlers)
             return served
 
     return Bridge()

@@ -26,9 +26,9 @@ from ..report.results.servo_diagnosis import servo_diagnosis_document
 from .track import axis
 
 SCHEMA, MODEL = "signid.diagnosis/1", "model.json"
-DENSITY = 3000.0  # density at which a payload is drawn [kg/m3]
-FAR = 1.5  # distance over reach up to which a centre of mass is drawn at its place
-MOST = 5  # maximum number of parameters in a label
+DRAWN_DENSITY = 3000.0  # density at which a payload is drawn [kg/m3]
+MAX_CENTRE_DISTANCE = 1.5  # distance over reach up to which a centre of mass is drawn at its place
+MAX_LABEL_PARAMETERS = 5  # maximum number of parameters in a label
 
 
 class ReplayFinding(NamedTuple):
@@ -150,7 +150,7 @@ def marks(found: ReplayFindings, reach: float, origin: float = 0.0) -> list[Mark
             f"{key.replace('_', ' ')} {_figure(x, TWO_SIDED * std)} {unit}"
             for key, (x, std, unit) in one.numbers.items()
         ]
-        lines = (*shown[:MOST], _sure(one.probability))
+        lines = (*shown[:MAX_LABEL_PARAMETERS], _probability_words(one.probability))
         placed.append(Mark("joint", body, title, lines, one.cause, (0.0, 0.0, 0.0), tuple(along), joints=(one.joint,)))
     return sorted(placed, key=lambda mark: not mark.cause)
 
@@ -169,7 +169,7 @@ def headline(found: ReplayFindings) -> str:
     return sentence_case(causes_words(causes, found.verdict == "named", len(robot.joints), found.left)) + "."
 
 
-def _sure(probability: float) -> str:
+def _probability_words(probability: float) -> str:
     return "probability >0.999" if probability > 0.999 else f"probability {probability:.3f}"
 
 
@@ -200,26 +200,26 @@ def _body(robot: Robot, law: Law, words: tuple[str, tuple[str, ...], bool], reac
     title, lines, cause = words
     mass, moment = law.parameters["mass"], _vector(law.parameters, "first_moment")
     centre = moment / mass if mass else np.full(3, np.inf)
-    if np.linalg.norm(centre) < FAR * reach:
+    if np.linalg.norm(centre) < MAX_CENTRE_DISTANCE * reach:
         where = ", ".join(f"{1000 * x:z.0f}" for x in centre)
         lines = (lines[0], f"centre of mass at {where} mm in the joint frame", lines[-1])
     else:
         centre = robot.model.inertias[body].lever
-    radius = float(np.cbrt(3 * abs(mass) / (4 * np.pi * DENSITY)))
+    radius = float(np.cbrt(3 * abs(mass) / (4 * np.pi * DRAWN_DENSITY)))
     return Mark("body", body, title, lines, cause, tuple(centre), tuple(along), min(radius, reach / 4))
 
 
 def _numbers(robot: Robot, finding: ReplayFinding, origin: float) -> tuple[str, ...]:
     """The first parameters with their 95 % intervals, and the probability."""
     law, shown, units = finding.law, list[str](), law_units(robot, finding.law)
-    for key in [key for key in law.parameters if key not in law.effect.optional][:MOST]:
+    for key in [key for key in law.parameters if key not in law.effect.optional][:MAX_LABEL_PARAMETERS]:
         value, std, unit = law.parameters[key], finding.std.get(key), units[key]
         value -= origin if key in ("start", "end") else 0.0
         half = TWO_SIDED * std if std is not None and isfinite(std) else 0.0
         if shown and abs(value) < half:
             continue  # consistent with zero
         shown.append(f"{key.replace('_', ' ')} {_figure(value, half)}{'' if unit == '1' else f' {unit}'}")
-    return (*shown, _sure(finding.probability))
+    return (*shown, _probability_words(finding.probability))
 
 
 def _figure(value: float, half: float) -> str:

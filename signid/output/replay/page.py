@@ -24,10 +24,10 @@ from .track import Track
 if TYPE_CHECKING:
     from .live import Live
 
-HERE = Path(__file__).parent
-PARTS = ("scene.js", "colours.js", "curves.js", "player.js")
-INSTANTS, DIRECTIONS = 80, 400  # number of poses and of directions for the search of outermost points
-SURE = 0.98  # quantile of the torque residuals covered by the colour scale
+PAGE_FOLDER = Path(__file__).parent
+SCRIPTS = ("scene.js", "colours.js", "curves.js", "player.js")
+OUTLINE_POSES, OUTLINE_DIRECTIONS = 80, 400  # number of poses and of directions for the search of outermost points
+COLOUR_SCALE_QUANTILE = 0.98  # quantile of the torque residuals covered by the colour scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,18 +59,18 @@ class Replay(Frozen):
         """
         blob = _Blob()
         content = _content(self, blob)
-        player = "\n".join(['"use strict";', *((HERE / name).read_text(encoding="utf-8") for name in PARTS)])
+        player = "\n".join(['"use strict";', *((PAGE_FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS)])
         viewer = _viewer()
         filled = {
             "POLICY": content_policy([viewer, player]),
             "TITLE": escape(self.title),
-            "STYLE": (HERE / "page.css").read_text(encoding="utf-8"),
+            "STYLE": (PAGE_FOLDER / "page.css").read_text(encoding="utf-8"),
             "MESHCAT": viewer,
             "CONTENT": json.dumps(content, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c"),
             "BLOB": blob.text(),
             "PLAYER": player,
         }
-        pieces = (HERE / "page.html").read_text(encoding="utf-8").split("%%")
+        pieces = (PAGE_FOLDER / "page.html").read_text(encoding="utf-8").split("%%")
         return "".join(filled.get(piece, piece) for piece in pieces)
 
     def document(self) -> dict[str, Any]:
@@ -176,11 +176,11 @@ def _outline(replay: Replay) -> Any:
     for body, shape in replay.look.bodies.items():
         k = replay.bodies.index(body)
         box = np.array(list(product(*zip(shape.vertices.min(axis=0), shape.vertices.max(axis=0), strict=True))))
-        place = replay.recorded[:: max(1, len(replay.recorded) // INSTANTS), k]
+        place = replay.recorded[:: max(1, len(replay.recorded) // OUTLINE_POSES), k]
         corners.append((_rotated(place[:, None, 3:], box) + place[:, None, :3]).reshape(-1, 3))
     points = np.concatenate(corners)
-    height = np.linspace(-1, 1, DIRECTIONS)  # directions on a spiral around a sphere
-    turn = np.pi * (1 + 5**0.5) * np.arange(DIRECTIONS)
+    height = np.linspace(-1, 1, OUTLINE_DIRECTIONS)  # directions on a spiral around a sphere
+    turn = np.pi * (1 + 5**0.5) * np.arange(OUTLINE_DIRECTIONS)
     wide = np.sqrt(1 - height**2)
     ways = np.column_stack([wide * np.cos(turn), wide * np.sin(turn), height])
     return points[np.unique(np.argmax(points @ ways.T, axis=0))]
@@ -203,7 +203,7 @@ def _scale(replay: Replay) -> dict[str, float]:
 def _round(size: Any) -> float:
     """Round up a high quantile of the values to 1, 2, 5, 10, ..."""
     known = size[np.isfinite(size)]
-    top = float(np.quantile(known, SURE)) if len(known) else 1.0
+    top = float(np.quantile(known, COLOUR_SCALE_QUANTILE)) if len(known) else 1.0
     power = 10.0 ** np.floor(np.log10(top)) if top > 0 else 1.0
     return float(next(power * step for step in (1, 2, 5, 10) if power * step >= top * (1 - 1e-9)))
 

@@ -22,15 +22,15 @@ from .drives import commands_only, follow_commands, with_drives
 from .marks import ReplayFindings, headline, marks, read_found
 from .page import Replay
 from .shapes import look, reach
-from .track import follow, movers, poses
+from .track import movers, poses, track_of
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
     from ...servo.diagnose import ServoDiagnosis
 
 HORIZON = 0.5  # default length of a roll-out from recorded torque [s]
-LONGEST = 60.0  # default maximum duration [s]
-MOST = 150_000  # maximum number of poses (bodies x frames x robots), about 6 MB
+DEFAULT_MAX_DURATION = 60.0  # default maximum duration [s]
+MAX_POSES = 150_000  # maximum number of poses (bodies x frames x robots), about 6 MB
 
 
 @typed
@@ -66,7 +66,7 @@ def replay(
     drives = commands_only(recording)
     horizon = HORIZON if horizon is None and not drives else horizon
     _check(recording, drives, horizon, fps)
-    shown = part(recording, start, LONGEST if duration is None else duration)
+    shown = part(recording, start, DEFAULT_MAX_DURATION if duration is None else duration)
     cut = duration is None and len(shown) < len(recording)
     notes = [f"{len(shown)} of {len(recording)} rows are shown"] if cut else []
     found = None if diagnosis is None else read_found(diagnosis)
@@ -78,11 +78,11 @@ def replay(
     marked = [] if found is None else marks(found, far, time_origin(recording))
     bodies = sorted({*seen.bodies, *(mark.body for mark in marked)})
     span = shown.read(len(shown) - 1).t[0] - shown.read(0, 1).t[0]
-    slow = MOST / (len(bodies) * (1 + drives + len(models)) * max(float(span), 1e-9))
+    slow = MAX_POSES / (len(bodies) * (1 + drives + len(models)) * max(float(span), 1e-9))
     if slow < fps:
         notes.append(f"{slow:.3g} frames per second instead of {fps:g}, to limit the size of the page")
         fps = slow
-    track = follow_commands(models, shown, horizon, fps) if drives else follow(models, shown, horizon or HORIZON, fps)
+    track = follow_commands(models, shown, horizon, fps) if drives else track_of(models, shown, horizon or HORIZON, fps)
     wanted = track.command
     return Replay(
         robot=robot,

@@ -15,13 +15,13 @@ from ...types import Array, Indices, Robot
 from ..geometry import origin, vector
 from .track import own_axis
 
-MOST = 300_000  # maximum number of triangles per robot
-THICK, TAPER = 0.055, 0.93  # radius of the first generated link over the reach; radius of each link over the previous
-DRUM = 1.16  # radius and half-length of a joint's cylinder over the radius of its link
-SHORT = 1e-6  # length below which a vector counts as zero [m]
-ROUND = 24  # number of sides of round solids
-HALVINGS = 12  # number of bisections of the cell size of a simplification
-FINEST = 1e-3  # smallest cell size, relative to the mesh
+MAX_TRIANGLES = 300_000  # maximum number of triangles per robot
+FIRST_RADIUS_SHARE, RADIUS_RATIO = 0.055, 0.93  # first radius over the reach; each radius over the previous
+DRUM_RADIUS_RATIO = 1.16  # radius and half-length of a joint's cylinder over the radius of its link
+ZERO_LENGTH = 1e-6  # length below which a vector counts as zero [m]
+CIRCLE_SIDES = 24  # number of sides of round solids
+CELL_BISECTIONS = 12  # number of bisections of the cell size of a simplification
+MIN_CELL_SHARE = 1e-3  # smallest cell size, relative to the mesh
 
 
 class Triangles(NamedTuple):
@@ -58,7 +58,7 @@ def look(robot: Robot, package_dirs: Sequence[str | Path] = ()) -> Look:
     drawn = [str(robot.model.names[body]) for body in plain if body]
     notes += [f"drawn as capsules, since no shape is known: links moved by {shorten(drawn, 4)}"] if drawn else []
     bodies = dict(sorted({**known, **plain}.items()))
-    keep = share([len(shape.faces) for shape in bodies.values()], MOST)
+    keep = share([len(shape.faces) for shape in bodies.values()], MAX_TRIANGLES)
     return Look({body: simplify(bodies[body], most) for body, most in zip(bodies, keep, strict=True)}, tuple(notes))
 
 
@@ -120,19 +120,19 @@ def _shape(element: Any, robot: Robot, package_dirs: Sequence[str | Path], lost:
 def _generated(robot: Robot) -> dict[int, Triangles]:
     """Capsules from each joint to its children, thinner towards the tip, and a cylinder around each axis."""
     model, parts = robot.model, dict[int, list[Triangles]]()
-    radius = np.full(model.njoints, THICK * reach(robot))
+    radius = np.full(model.njoints, FIRST_RADIUS_SHARE * reach(robot))
     for joint in range(1, model.njoints):
         before, end = model.parents[joint], model.jointPlacements[joint].translation
-        radius[joint] = TAPER * radius[before]
+        radius[joint] = RADIUS_RATIO * radius[before]
         parts.setdefault(before, []).append(between(np.zeros(3), end, radius[before]))
         own = parts.setdefault(joint, [])
         along, slides = own_axis(robot, joint)
         if not slides:
-            side = DRUM * radius[joint] * along
-            own.append(between(-side, side, DRUM * radius[joint], round_ends=False))
+            side = DRUM_RADIUS_RATIO * radius[joint] * along
+            own.append(between(-side, side, DRUM_RADIUS_RATIO * radius[joint], round_ends=False))
         if _leaf(model, joint):
             lever = model.inertias[joint].lever if model.inertias[joint].mass > 0 else np.zeros(3)
-            tip = 2 * lever if np.linalg.norm(lever) > SHORT else np.zeros(3)
+            tip = 2 * lever if np.linalg.norm(lever) > ZERO_LENGTH else np.zeros(3)
             own.append(between(np.zeros(3), tip, radius[joint]))
     return {body: joined(some) for body, some in sorted(parts.items())}
 
@@ -167,7 +167,7 @@ def cylinder(radius: float, length: float) -> Triangles:
 
 def capsule(radius: float, length: float) -> Triangles:
     """Cylinder with hemispherical ends; a sphere if the length is zero [m]."""
-    bend = np.linspace(0, np.pi / 2, ROUND // 4 + 1)
+    bend = np.linspace(0, np.pi / 2, CIRCLE_SIDES // 4 + 1)
     r, z = radius * np.sin(bend), length / 2 + radius * np.cos(bend)
     cut = 1 if length == 0 else 0
     return _turned(np.append(r, r[::-1][cut:]), np.append(-z, z[::-1][cut:]))
@@ -193,13 +193,13 @@ def joined(parts: list[Triangles]) -> Triangles:
 
 def _turned(r: Array, z: Array) -> Triangles:
     """Surface of revolution of a profile r (k,), z (k,) [m] about z, from pole to pole."""
-    angle = 2 * np.pi * np.arange(ROUND) / ROUND
+    angle = 2 * np.pi * np.arange(CIRCLE_SIDES) / CIRCLE_SIDES
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    rings = [np.column_stack([a * circle, np.full(ROUND, h)]) for a, h in zip(r, z, strict=True)]
-    i, after = np.arange(ROUND), (np.arange(ROUND) + 1) % ROUND
+    rings = [np.column_stack([a * circle, np.full(CIRCLE_SIDES, h)]) for a, h in zip(r, z, strict=True)]
+    i, after = np.arange(CIRCLE_SIDES), (np.arange(CIRCLE_SIDES) + 1) % CIRCLE_SIDES
     faces = []
     for k in range(len(r) - 1):
-        low, high = k * ROUND, (k + 1) * ROUND
+        low, high = k * CIRCLE_SIDES, (k + 1) * CIRCLE_SIDES
         faces += [np.column_stack([low + i, low + after, high + after])] if r[k] > 0 else []
         faces += [np.column_stack([low + i, high + after, high + i])] if r[k + 1] > 0 else []
         if r[k] == 0:
@@ -215,9 +215,9 @@ def simplify(mesh: Triangles, most: int) -> Triangles:
     if len(mesh.faces) <= most:
         return mesh
     size = float(np.ptp(mesh.vertices, axis=0).max())
-    fine, coarse = np.log(FINEST * size), np.log(size)
+    fine, coarse = np.log(MIN_CELL_SHARE * size), np.log(size)
     best = _clustered(mesh, size)
-    for _ in range(HALVINGS):
+    for _ in range(CELL_BISECTIONS):
         middle = (fine + coarse) / 2
         found = _clustered(mesh, float(np.exp(middle)))
         if len(found.faces) > most:

@@ -19,9 +19,9 @@ from ...robot.dynamics import joint_of_row, own_row
 from ...simulation.rollout import roll_out
 from ...types import Array, Frozen, Indices, Mask, Recording, Robot
 
-STEP = 2e-3  # maximum time step of the simulation [s]
-SHOWN = 0.4  # cut-off of the displayed residual, relative to the frame rate
-STANDSTILL = 3.0  # velocity over its noise below which the direction of motion is uncertain
+MAX_TIME_STEP = 2e-3  # maximum time step of the simulation [s]
+DISPLAY_CUTOFF_SHARE = 0.4  # cut-off of the displayed residual, relative to the frame rate
+STANDSTILL_NOISE_RATIO = 3.0  # velocity over its noise below which the direction of motion is uncertain
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Surveyed(NamedTuple):
     measured: Mask  # (n,) whether torque was recorded
 
 
-def follow(models: Sequence[Model], recording: Recording, window: float, rate: float) -> Track:
+def track_of(models: Sequence[Model], recording: Recording, window: float, rate: float) -> Track:
     """Compute the motion of a recording and of roll-outs of one or two models.
 
     Consecutive windows [s] cover the recording; in each the simulated robots start from the measured state.
@@ -62,7 +62,7 @@ def follow(models: Sequence[Model], recording: Recording, window: float, rate: f
     times, q = np.concatenate([x.t for x in known]), np.concatenate([x.q for x in known])
     t = times[0] + np.arange(int((times[-1] - times[0]) * rate * (1 + 1e-9)) + 1) / rate
     recorded = at_times(t, times, q)
-    strayed = [_strayed(read, models[k], models[k - 1], window, t) for k in range(len(models))]
+    strayed = [_window_errors(read, models[k], models[k - 1], window, t) for k in range(len(models))]
     error, apart, windows = zip(*strayed, strict=True)
     torque = np.concatenate([x.tau for x in known])
     shown, residual = _torque(read, models, t, rate)
@@ -89,13 +89,13 @@ def surveyed(recording: Recording, robot: Robot) -> Surveyed:
     return Surveyed(recording, sampling, band, np.array([bool(column) for column in recording.columns["tau"]]))
 
 
-def _strayed(read: Surveyed, model: Model, other: Model, window: float, t: Array) -> tuple[Array, Mask, Indices]:
+def _window_errors(read: Surveyed, model: Model, other: Model, window: float, t: Array) -> tuple[Array, Mask, Indices]:
     """Simulated - recorded position (F, n), divergence (F,) and number (F,) of consecutive roll-outs.
 
     A diverged joint keeps its last position unless all joints diverged.
     """
     count = int(np.ceil(read.sampling.duration / window))  # enough that roll-outs do not leave gaps
-    found = roll_out(model, read.recording, (window,), windows=count, band=read.band, step=STEP, beside=other)
+    found = roll_out(model, read.recording, (window,), windows=count, band=read.band, step=MAX_TIME_STEP, beside=other)
     which = np.searchsorted(found.start, t, side="right") - 1
     age = t - found.start[which]
     which = np.where((which >= 0) & (age <= found.t[-1] + read.sampling.period), which, -1)
@@ -118,7 +118,7 @@ def _torque(read: Surveyed, models: Sequence[Model], t: Array, rate: float) -> t
     """Measured torque (F, n) and measured - predicted torque (M, F, n), low-passed for display [N.m or N]."""
     from scipy.ndimage import convolve1d
 
-    taps = lowpass(1 / read.sampling.period, min(read.band.cutoff, SHOWN * rate))
+    taps = lowpass(1 / read.sampling.period, min(read.band.cutoff, DISPLAY_CUTOFF_SHARE * rate))
     out = np.full((1 + len(models), len(t), len(models[0].robot.joints)), np.nan)
     for motion, predicted in predictions(read, models):
         assert motion.recorded is not None, "a recording has torque"
@@ -131,7 +131,7 @@ def _torque(read: Surveyed, models: Sequence[Model], t: Array, rate: float) -> t
 
 def predictions(read: Surveyed, models: Sequence[Model]) -> Iterator[tuple[Motion, list[Array]]]:
     """Motion of each stretch of a recording, and the torque (N, n) of each model there [N.m or N]."""
-    slow = np.maximum(STANDSTILL * read.band.velocity_noise, 1e-12)
+    slow = np.maximum(STANDSTILL_NOISE_RATIO * read.band.velocity_noise, 1e-12)
     for span in read.sampling.spans:
         if read.sampling.length(span) <= 2 * margin(read.band) + 1:
             continue

@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     Reported = Check | Diagnosis | Identification | ServoDiagnosis | ServoIdentification | ServoValidation | Validation
 
 Document = dict[str, Any]
-_NUMBERS = re.compile(r"\[\n *(?:(?:[-+.\deE]+|null),?\n *)+\]")  # one per line; strings have no line ends
+_NUMBER_LIST = re.compile(r"\[\n *(?:(?:[-+.\deE]+|null),?\n *)+\]")  # one per line; strings have no line ends
 
 
 def to_json(document: Document) -> str:
     """Encode as strict JSON, a list of numbers on one line; infinity and NaN become null."""
     text = json.dumps(_strict(document), indent=2, allow_nan=False, ensure_ascii=False)
-    return _NUMBERS.sub(lambda found: " ".join(found[0].split()).replace("[ ", "[").replace(" ]", "]"), text) + "\n"
+    return _NUMBER_LIST.sub(lambda found: " ".join(found[0].split()).replace("[ ", "[").replace(" ]", "]"), text) + "\n"
 
 
 def _strict(value: Any) -> Any:

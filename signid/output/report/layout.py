@@ -23,12 +23,12 @@ from rich.text import Text
 from ...errors import CONTROL, named_for_caller
 from ...types import TWO_SIDED, Robot
 
-MOST = 9  # maximum number of significant digits
-UNKNOWN = "not identifiable"  # text in place of a value without finite interval
-LARGEST = 1.79e308  # values beyond would round up to infinity
-SHORT = 16  # length of a name that is never cut [characters]
-CERTAIN = 0.999  # probability that is shown as larger, and confidence from which a sign is considered certain
-PIPED = 100  # width of the output if it is not a terminal [characters]
+MAX_DIGITS = 9  # maximum number of significant digits
+UNKNOWN_TEXT = "not identifiable"  # text in place of a value without finite interval
+MAX_NUMBER = 1.79e308  # values beyond would round up to infinity
+MAX_UNCUT_NAME = 16  # length of a name that is never cut [characters]
+CERTAINTY = 0.999  # probability that is shown as larger, and confidence from which a sign is considered certain
+PIPED_WIDTH = 100  # width of the output if it is not a terminal [characters]
 NO_CONNECTION = "connect-src 'none'"  # replaced in the page that a live replay serves
 
 
@@ -39,7 +39,7 @@ class Screen(Console):
         if hasattr(sys.stdout, "reconfigure"):
             sys.stdout.reconfigure(errors="replace")  # the encoding may lack "±"
         known = sys.stdout.isatty() or "COLUMNS" in os.environ
-        super().__init__(markup=False, highlight=False, emoji=False, width=None if known else PIPED)
+        super().__init__(markup=False, highlight=False, emoji=False, width=None if known else PIPED_WIDTH)
 
     def write(self, text: str) -> None:
         """Write text unchanged, neither wrapped nor coloured."""
@@ -65,7 +65,7 @@ class Screen(Console):
 def _width(console: Console, column: Column) -> int:
     """Width that a column needs with its padding: that of its numbers, or of a short name if it can wrap."""
     wide = max(Measurement.get(console, console.options, x).maximum for x in (column.header, *column.cells))
-    return 2 + (wide if column.no_wrap else min(wide, SHORT))
+    return 2 + (wide if column.no_wrap else min(wide, MAX_UNCUT_NAME))
 
 
 class Worse(str):
@@ -81,7 +81,7 @@ class _Name:
         self.name = name
 
     def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
-        return Measurement(min(SHORT, options.max_width), min(len(self.name), options.max_width))
+        return Measurement(min(MAX_UNCUT_NAME, options.max_width), min(len(self.name), options.max_width))
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
         spare = max(options.max_width - 1, 2)
@@ -121,7 +121,7 @@ class _Table(Table):
 
 def name_cell(name: str) -> RenderableType:
     """Cell with a name; a long name without blanks loses its middle in a narrow column."""
-    return _Name(name) if len(name) > SHORT and name.isidentifier() else name
+    return _Name(name) if len(name) > MAX_UNCUT_NAME and name.isidentifier() else name
 
 
 def new_table(*heads: str, rows: Iterable[Iterable[RenderableType]] = ()) -> Table:
@@ -168,8 +168,8 @@ def figure(value: float, digits: int = 3) -> str:
         return "-"
     if value == 0:
         return "0"
-    if abs(value) > LARGEST:
-        return figure(copysign(LARGEST, value), digits)
+    if abs(value) > MAX_NUMBER:
+        return figure(copysign(MAX_NUMBER, value), digits)
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     power = int(exponent)
     if not -4 <= power < 6:
@@ -195,12 +195,12 @@ def with_interval(value: float, std: float) -> tuple[str, str]:
     (('not identifiable', '-'), ('0.700000', '0'))
     """
     if not (isfinite(value) and isfinite(std)):
-        return UNKNOWN, "-"
+        return UNKNOWN_TEXT, "-"
     half = TWO_SIDED * std
     largest = _power(max(abs(value), half))
     if half <= 0:
         return figure(value, 6), "0"
-    last = max(_power(half) - 1, largest - MOST + 1)  # power of ten of the last digit shown
+    last = max(_power(half) - 1, largest - MAX_DIGITS + 1)  # power of ten of the last digit shown
     if floor(half / 10.0**last + 0.5) >= 100:
         last += 1
     if largest < -5 or largest >= 7:
@@ -235,7 +235,7 @@ def confidence(value: float) -> str:
     """
     if not isfinite(value):
         return "-"
-    return f">{CERTAIN}" if value >= CERTAIN else f"{floor(1000 * value) / 1000:.3f}"
+    return f">{CERTAINTY}" if value >= CERTAINTY else f"{floor(1000 * value) / 1000:.3f}"
 
 
 def log_odds(odds: float) -> str:
@@ -305,13 +305,9 @@ def escaped(part: Any) -> Any:
 
 def content_policy(scripts: Iterable[str]) -> str:
     """Content-Security-Policy of a page: only these inline scripts run, and nothing is requested from outside."""
-    hashes = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
+    read = (re.sub("\r\n?", "\n", script).encode() for script in scripts)  # by a browser, with line feeds alone
+    hashes = " ".join(f"'sha256-{b64encode(hashlib.sha256(script).digest()).decode()}'" for script in read)
     return (
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; {NO_CONNECTION}; "
         "object-src 'none'; base-uri 'none'; form-action 'none'"
     )
-
-
-def _digest(script: str) -> str:
-    """SHA-256 of a script as a browser reads it, with line feeds alone, in base64."""
-    return b64encode(hashlib.sha256(re.sub("\r\n?", "\n", script).encode()).digest()).decode()

@@ -12,7 +12,7 @@ from ...types import Law, Robot
 from .documents import Document, law_units
 from .layout import figure, with_interval
 
-FIXED = ("stated", "bound")  # remarks of numbers that were not estimated
+FIXED_REMARKS = ("stated", "bound")  # remarks of numbers that were not estimated
 
 
 class Quantity(NamedTuple):
@@ -88,7 +88,7 @@ class Quantity(NamedTuple):
         if not self.known:
             bounds = (("<", self.below), (">", self.above))
             return next((f"{sign} {decimals(x, 2)}" for sign, x in bounds if x is not None), "-")
-        if self.remark in FIXED:
+        if self.remark in FIXED_REMARKS:
             return f"{figure(self.value)} ({self.remark})"
         if not self.std:
             return f"({self.text})"

@@ -11,9 +11,9 @@ from rich.console import RenderableType
 from .layout import escaped, heading, new_table, note_lines, paragraph
 
 INK = "#1f2933"
-CLEAR = "rgba(0,0,0,0)"
-PLAIN = {"paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR, "margin": {"l": 8, "r": 10, "t": 10, "b": 8}}
-FONT = {"family": "system-ui, Segoe UI, Helvetica, Arial, sans-serif", "size": 12, "color": INK}
+TRANSPARENT = "rgba(0,0,0,0)"
+PLAIN_LAYOUT = {"paper_bgcolor": TRANSPARENT, "plot_bgcolor": TRANSPARENT, "margin": {"l": 8, "r": 10, "t": 10, "b": 8}}
+PLOT_FONT = {"family": "system-ui, Segoe UI, Helvetica, Arial, sans-serif", "size": 12, "color": INK}
 Block: TypeAlias = Union["Cells", "Sentences", "Plain", "Legend", "Key", "Folds", "Fold", "Laws", "Plots"]
 
 
@@ -37,7 +37,7 @@ class Plot(NamedTuple):
     @property
     def content(self) -> dict[str, Any]:
         """Data and layout for Plotly; names in them are escaped."""
-        layout = {"font": FONT, "showlegend": False, "hovermode": "closest", **PLAIN, **self.layout}
+        layout = {"font": PLOT_FONT, "showlegend": False, "hovermode": "closest", **PLAIN_LAYOUT, **self.layout}
         return {"data": escaped(self.data), "layout": escaped({**layout, "height": self.height})}
 
     @property

@@ -29,25 +29,25 @@ from ...watch import Contact, Event, Note, WatchedBlocks
 from ..report.write import open_output, refused_output
 
 QUANTITIES = ("effort", "position", "velocity")  # of a signal
-TEXT = "std_msgs/msg/String"
-LATCHED = ("/robot_description", "/tf_static")
-INFO, WARN = 20, 30  # levels of rcl_interfaces/Log
-NANO = 1_000_000_000
+TEXT_SCHEMA = "std_msgs/msg/String"
+LATCHED_TOPICS = ("/robot_description", "/tf_static")
+INFO_LEVEL, WARN_LEVEL = 20, 30  # levels of rcl_interfaces/Log
+NANOSECONDS = 1_000_000_000
 ENDLESS = "{sec: 9223372036, nsec: 854775807}"  # a duration of rosbag2
-LATCH = (  # the quality of service that rosbag2 offers: history of the last one, reliable, transient local
+LATCHED_QOS = (  # the quality of service that rosbag2 offers: history of the last one, reliable, transient local
     f"- {{history: 1, depth: 1, reliability: 1, durability: 1, deadline: {ENDLESS}, lifespan: {ENDLESS}, "
     f"liveliness: 1, liveliness_lease_duration: {ENDLESS}, avoid_ros_namespace_conventions: false}}"
 )
-LIBRARIES = {"rrd": ("rerun", "mcap", "rosbags"), "mcap": ("mcap", "rosbags")}  # modules by kind of log
-NAMES = {"rerun": "rerun-sdk"}  # package of a module, if it has another name
-DECODERS = ("ros2_reflection", "ros2msg")  # of Rerun: transforms and texts, joint states
+LOG_LIBRARIES = {"rrd": ("rerun", "mcap", "rosbags"), "mcap": ("mcap", "rosbags")}  # modules by kind of log
+PACKAGE_OF_MODULE = {"rerun": "rerun-sdk"}  # package of a module, if it has another name
+RERUN_DECODERS = ("ros2_reflection", "ros2msg")  # of Rerun: transforms and texts, joint states
 TITLES = {  # of plots
     "effort": "torque [N.m] or force [N]",
     "position": "position [rad or m]",
     "velocity": "velocity [rad/s or m/s]",
 }
-RATE = 100.0  # [Hz] of rows; the residual has a time constant of 20 ms
-EFFORTS = ("predicted_torque", "external_torque", "threshold")  # topics, as in blocks of a watch
+WATCH_LOG_RATE = 100.0  # [Hz] of rows; the residual has a time constant of 20 ms
+EFFORT_TOPICS = ("predicted_torque", "external_torque", "threshold")  # topics, as in blocks of a watch
 
 
 class Pose(NamedTuple):
@@ -136,7 +136,7 @@ class McapFile:
     def robot(self, t: float, links: Links) -> None:
         """Write /robot_description and /tf_static; from now on positions move the links on /tf."""
         self.links = links
-        self._send("/robot_description", t, self._made(TEXT, data=links.robot.document))
+        self._send("/robot_description", t, self._made(TEXT_SCHEMA, data=links.robot.document))
         if links.fixed:
             self._frames("/tf_static", t, links.fixed)
 
@@ -153,8 +153,8 @@ class McapFile:
     def remark(self, topic: str, remark: Remark) -> None:
         """Write a line of text, and an event also as JSON."""
         if remark.document:
-            self._send("/signid/events", remark.t, self._made(TEXT, data=remark.document))
-        given = {"level": WARN if remark.warning else INFO, "name": "signid", "msg": remark.sentence}
+            self._send("/signid/events", remark.t, self._made(TEXT_SCHEMA, data=remark.document))
+        given = {"level": WARN_LEVEL if remark.warning else INFO_LEVEL, "name": "signid", "msg": remark.sentence}
         stamp = self._header(remark.t).stamp
         log = self._made("rcl_interfaces/msg/Log", stamp=stamp, file="", function="", line=0, **given)
         self._send(topic, remark.t, log)
@@ -179,7 +179,7 @@ class McapFile:
         return self.store.types[kind](**fields)
 
     def _header(self, t: float, frame: str = "") -> Any:
-        sec, nanosec = divmod(self._stamp(t), NANO)
+        sec, nanosec = divmod(self._stamp(t), NANOSECONDS)
         stamp = self._made("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
         return self._made("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
@@ -187,13 +187,13 @@ class McapFile:
         """Stamp [ns] of a time [s]; seconds and their fraction are rounded apart, to keep digits."""
         self.shift = min(t, 0.0) if self.shift is None else self.shift
         whole, part = divmod(t - self.shift, 1.0)
-        return max(int(whole) * NANO + round(part * NANO), 0)
+        return max(int(whole) * NANOSECONDS + round(part * NANOSECONDS), 0)
 
     def _send(self, topic: str, t: float, message: Any) -> None:
         kind, stamp = message.__msgtype__, self._stamp(t)
         if topic not in self.channels:
             text = self.store.generate_msgdef(kind, ros_version=2)[0].encode()
-            offered = {"offered_qos_profiles": LATCH if topic in LATCHED else ""}
+            offered = {"offered_qos_profiles": LATCHED_QOS if topic in LATCHED_TOPICS else ""}
             schema = self.writer.register_schema(kind, "ros2msg", text)
             self.channels[topic] = self.writer.register_channel(topic, "cdr", schema, offered)
         data = bytes(self.store.serialize_cdr(message, kind))
@@ -206,7 +206,7 @@ def check_library(kind: str) -> None:
     Raises:
         OptionError: one is missing.
     """
-    lacking = [NAMES.get(module, module) for module in LIBRARIES[kind] if find_spec(module) is None]
+    lacking = [PACKAGE_OF_MODULE.get(module, module) for module in LOG_LIBRARIES[kind] if find_spec(module) is None]
     if lacking:
         raise OptionError(
             f"writing .{kind} files needs {' and '.join(lacking)}, which is not installed; "
@@ -247,7 +247,7 @@ class RerunFile(McapFile):
                 drawn.write_bytes(_with_meshes(self.links.robot, self.package_dirs))
                 shapes = (each for each in UrdfTree.from_file_path(drawn).stream() if each.entity_path != "/tf_static")
                 stream.send_chunks(list(shapes))  # messages move the links
-            stream.send_chunks(McapReader(self.place, timeline_type=time, decoders=DECODERS).stream())
+            stream.send_chunks(McapReader(self.place, timeline_type=time, decoders=RERUN_DECODERS).stream())
             stream.send_blueprint(self._layout())
             self.out.write(buffer.read() or b"")
             stream.disconnect()
@@ -296,7 +296,7 @@ def _with_meshes(robot: Robot, package_dirs: Sequence[str]) -> bytes:
     return bytes(etree.tostring(root))
 
 
-FILES = {"mcap": McapFile, "rrd": RerunFile}  # by kind of log
+FILE_OF_KIND = {"mcap": McapFile, "rrd": RerunFile}  # by kind of log
 
 
 class WatchLogs:
@@ -327,7 +327,7 @@ class WatchLogs:
             for kind, path in files.items():
                 guard = partial(refused_output, path, f"--{kind}")
                 out = stack.enter_context(open_output(path, f"--{kind}"))
-                file = FILES[kind](out, head, package_dirs)
+                file = FILE_OF_KIND[kind](out, head, package_dirs)
                 stack.callback(guard()(file.close))
                 self.files.append((file, guard))
             self.stack = stack.pop_all()
@@ -358,13 +358,13 @@ class WatchLogs:
         """Signals of the rows that are due."""
         rows, kept = [np.concatenate(x) for x in zip(*blocks, strict=True)], list[int]()
         for k, t in enumerate(rows[0].tolist() if rows else ()):
-            if not self.last <= t < self.last + 0.999 / RATE:
+            if not self.last <= t < self.last + 0.999 / WATCH_LOG_RATE:
                 kept.append(k)
                 self.last = t
         if not kept:
             return []
         t, q, v, measured, *rest = (x[kept] for x in rows)
-        joints, efforts = self.robot.joints, zip(EFFORTS, rest, strict=True)
+        joints, efforts = self.robot.joints, zip(EFFORT_TOPICS, rest, strict=True)
         state = Signal("/joint_states", joints, t, q, v, measured, drawn=True)
         return [state, *(Signal(f"/signid/{name}", joints, t, effort=x) for name, x in efforts)]
 

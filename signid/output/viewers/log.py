@@ -22,17 +22,17 @@ from ..replay.drives import commands_only, follow_commands, with_drives
 from ..replay.marks import headline, marks, read_found
 from ..replay.shapes import reach
 from ..replay.track import Track, predictions, surveyed
-from .files import FILES, Head, Links, Remark, Signal, check_library
+from .files import FILE_OF_KIND, Head, Links, Remark, Signal, check_library
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
     from ...servo.diagnose import ServoDiagnosis
 
-FASTEST = 250.0  # [Hz] rate of a log; faster recordings are low-passed and thinned
-SHARE = 0.4  # [1] cut-off over the rate of a log
-MODELS = ("predicted", "extended")  # signals of the given simulation, and of the extended one
-RESIDUALS = ("residual", "residual_extended")  # measured minus these
-ROLLED = ("simulated", "simulated_extended")  # positions of roll-outs
+MAX_LOG_RATE = 250.0  # [Hz] rate of a log; faster recordings are low-passed and thinned
+LOG_CUTOFF_SHARE = 0.4  # [1] cut-off over the rate of a log
+PREDICTED_SIGNALS = ("predicted", "extended")  # signals of the given simulation, and of the extended one
+RESIDUAL_SIGNALS = ("residual", "residual_extended")  # measured minus these
+ROLLOUT_SIGNALS = ("simulated", "simulated_extended")  # positions of roll-outs
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class ViewerLog(Frozen):
 
     def _written(self, kind: str) -> bytes:
         check_library(kind)
-        file = FILES[kind](out := BytesIO(), self.head)
+        file = FILE_OF_KIND[kind](out := BytesIO(), self.head)
         for remark in self.remarks:
             file.remark("/findings", remark)
         if self.drawn is not None:
@@ -145,8 +145,8 @@ def _torques(
 
     read = surveyed(recording, models[0].robot)
     rate = 1 / read.sampling.period
-    every = max(1, int(np.ceil(rate / FASTEST - 1e-6)))
-    taps = lowpass(rate, SHARE * rate / every) if every > 1 else np.ones(1)
+    every = max(1, int(np.ceil(rate / MAX_LOG_RATE - 1e-6)))
+    taps = lowpass(rate, LOG_CUTOFF_SHARE * rate / every) if every > 1 else np.ones(1)
 
     def thinned(x: Array) -> Array:
         return np.asarray((convolve1d(x, taps, axis=0, mode="mirror") if len(taps) > 1 else x)[::every])
@@ -166,13 +166,13 @@ def _torques(
         notes.append(f"no torque of {shorten(silent)} is recorded")
     t, q, v, measured, *predicted = (np.concatenate(x) for x in zip(*parts, strict=True))
     made = [make("measured", t, position=q, velocity=v, effort=measured)]
-    made += [make(name, t, effort=x) for name, x in zip(MODELS, predicted, strict=False)]
-    return made + [make(name, t, effort=measured - x) for name, x in zip(RESIDUALS, predicted, strict=False)]
+    made += [make(name, t, effort=x) for name, x in zip(PREDICTED_SIGNALS, predicted, strict=False)]
+    return made + [make(name, t, effort=measured - x) for name, x in zip(RESIDUAL_SIGNALS, predicted, strict=False)]
 
 
 def _rolled(track: Track | None, make: Callable[..., Signal]) -> Iterator[Signal]:
     """Simulated positions of a replay, in the frames that have one."""
-    for name, path in zip(ROLLED, () if track is None else track.simulated, strict=False):
+    for name, path in zip(ROLLOUT_SIGNALS, () if track is None else track.simulated, strict=False):
         there = np.isfinite(path).all(axis=1)
         if track is not None and there.any():
             yield make(name, track.t[there], position=path[there])
@@ -182,9 +182,9 @@ def _driven(models: Sequence[Model], recording: Recording, make: Callable[..., S
     """Signals of a recording of commands: the closed loops run from the commands alone."""
     column = recording.columns["t"][0]
     first, last = (float(recording.table.read([column], k, k + 1)[0, 0]) for k in (0, len(recording) - 1))
-    rate = min(FASTEST, (len(recording) - 1) / max(last - first, 1e-9))
+    rate = min(MAX_LOG_RATE, (len(recording) - 1) / max(last - first, 1e-9))
     track = follow_commands(models, recording, None, rate)
     assert track.command is not None, "the recording has commands"
-    names = ("commanded", "measured", *MODELS[: len(models)], *RESIDUALS[: len(models)])
+    names = ("commanded", "measured", *PREDICTED_SIGNALS[: len(models)], *RESIDUAL_SIGNALS[: len(models)])
     paths = (track.command, track.recorded, *track.simulated, *track.residual)
     return [make(name, track.t, position=path) for name, path in zip(names, paths, strict=True)]

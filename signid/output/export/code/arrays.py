@@ -8,9 +8,9 @@ from ....version import __version__
 from ...report.layout import torque_units
 from ..bodies import Exported, fixed_note, in_docstring
 from .graph import UNARY
-from .program import FIXED, Function, Language, Program, program_of, statements
+from .program import FIXED_JOINTS_NOTE, Function, Language, Program, program_of, statements
 
-_WORDS = {
+_ARRAYS = {
     "add": "{0} + {1}",
     "subtract": "{0} - {1}",
     "multiply": "{0} * {1}",
@@ -24,8 +24,8 @@ _WORDS = {
     **{name: f"xp.{name}({{0}})" for name in UNARY},
     "arctan2": "xp.arctan2({0}, {1})",
 }
-_PYTHON = Language(_WORDS, lambda x: x.replace("[", "[..., "), "    {} = {}", lambda text: f"    # {one_line(text)}")
-_HEAD = '''"""Dynamics of {name}, written by signid {version}, over an array namespace.
+_PYTHON = Language(_ARRAYS, lambda x: x.replace("[", "[..., "), "    {} = {}", lambda text: f"    # {one_line(text)}")
+_ARRAY_HEAD = '''"""Dynamics of {name}, written by signid {version}, over an array namespace.
 
 Every function takes arrays (..., {n}) in the order of JOINTS [rad or m, per s, per s2]; torques are in UNITS.
 xp: numpy (default), jax.numpy or torch; derivatives hold wherever dry friction is smooth.
@@ -41,7 +41,7 @@ UNITS = {units!r}
 def write_arrays(model: Model) -> Exported:
     """Write inverse dynamics, gravity, laws and the mass matrix as Python functions over an array namespace."""
     program, robot = program_of(model), model.robot
-    head = _HEAD.format(
+    head = _ARRAY_HEAD.format(
         name=in_docstring(robot.name),
         version=__version__,
         n=len(robot.joints),
@@ -49,7 +49,7 @@ def write_arrays(model: Model) -> Exported:
         units=tuple(torque_units(robot)),
     )
     functions = "".join(_definition(program, function, len(robot.joints)) for function in program.functions)
-    return Exported(head + functions, tuple(fixed_note(robot, FIXED)))
+    return Exported(head + functions, tuple(fixed_note(robot, FIXED_JOINTS_NOTE)))
 
 
 def _definition(program: Program, function: Function, n: int) -> str:

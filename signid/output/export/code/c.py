@@ -12,10 +12,10 @@ from ....version import __version__
 from ...report.layout import torque_units
 from ..bodies import Exported, c_comment, fixed_note
 from ..formats import writable
-from .observer import TERMS, ObserverCode, observer_code, observer_terms
-from .program import FIXED, Function, Language, Program, program_of, statements
+from .observer import OBSERVER_TERMS, ObserverCode, observer_code, observer_terms
+from .program import FIXED_JOINTS_NOTE, Function, Language, Program, program_of, statements
 
-_WORDS = {
+_C_OPERATIONS = {
     "add": "{0} + {1}",
     "subtract": "{0} - {1}",
     "multiply": "{0} * {1}",
@@ -34,9 +34,9 @@ _WORDS = {
 }
 
 
-_C = Language(_WORDS, str, "    const double {} = {};", lambda text: f"    /* {c_comment(text)} */")
-_SIZES = {"width": None, "payload": 10}  # of arguments that have no number for each joint; None: a number
-TWIST = tuple(f"{kind} velocity {axis}" for kind in ("linear", "angular") for axis in "xyz")  # rows of a Jacobian
+_C = Language(_C_OPERATIONS, str, "    const double {} = {};", lambda text: f"    /* {c_comment(text)} */")
+_ARGUMENT_SIZES = {"width": None, "payload": 10}  # of arguments that have no number for each joint; None: a number
+TWIST_ROWS = tuple(f"{kind} velocity {axis}" for kind in ("linear", "angular") for axis in "xyz")  # rows of a Jacobian
 
 
 def write_c(
@@ -62,7 +62,7 @@ def write_c(
     declared = _header(model, program, name, digest, observer.header)
     header = f"{head}C99, no dependencies but math.h (-lm). */\n{declared}"
     test = head + "*/\n" + _test(program, name, stem, n, observer.test)
-    return Exported(source, tuple(fixed_note(robot, FIXED)), {".h": header, "_test.c": test})
+    return Exported(source, tuple(fixed_note(robot, FIXED_JOINTS_NOTE)), {".h": header, "_test.c": test})
 
 
 def identifier(name: str) -> str:
@@ -72,7 +72,7 @@ def identifier(name: str) -> str:
 
 
 def _signature(function: Function, name: str, n: int) -> str:
-    sizes = {key: _SIZES.get(key, n) for key in function.arguments}
+    sizes = {key: _ARGUMENT_SIZES.get(key, n) for key in function.arguments}
     given = (f"double {key}" if size is None else f"const double {key}[{size}]" for key, size in sizes.items())
     return f"void {name}_{function.name}({', '.join(given)}, double {function.result}[{len(function.outputs)}])"
 
@@ -92,7 +92,7 @@ def _definition(program: Program, function: Function, name: str, joints: Sequenc
 
 def _labels(function: Function, joints: Sequence[str]) -> list[str]:
     """Names of the outputs: joints, or rows and columns of a matrix."""
-    rows = {"mass": joints, "jacobian": TWIST, "terms": TERMS}.get(function.result)
+    rows = {"mass": joints, "jacobian": TWIST_ROWS, "terms": OBSERVER_TERMS}.get(function.result)
     return list(joints) if rows is None else [f"{row}, {joint}" for row in rows for joint in joints]
 
 
@@ -147,7 +147,7 @@ def _formulas(model: Model) -> Iterator[str]:
         yield "  none"
 
 
-_FURTHER = {  # arguments beside q, v and a
+_ARGUMENTS = {  # arguments beside q, v and a
     "width": "    const double width = 0.1;\n",
     "payload": "    const double payload[10] = {2.0, 0.1, 0.04, 0.16, 0.02, -0.002, 0.03, -0.008, -0.003, 0.04};\n",
     "v_desired": """    double v_desired[COUNT];
@@ -159,7 +159,7 @@ _FURTHER = {  # arguments beside q, v and a
     NAME_inverse_dynamics(q, v, a, tau);
 """,
 }
-_TEST = """/* Reads lines of q, v and a from standard input; without any, uses one motion. */
+_C_TEST = """/* Reads lines of q, v and a from standard input; without any, uses one motion. */
 #include "STEM.h"
 
 #include <stdio.h>
@@ -216,8 +216,8 @@ def _test(program: Program, name: str, stem: str, n: int, last: str) -> str:
     )
     used = {key for f in program.functions for key in f.arguments}
     further = (
-        "".join(text for key, text in _FURTHER.items() if key in used).replace("NAME", name).replace("COUNT", str(n))
+        "".join(text for key, text in _ARGUMENTS.items() if key in used).replace("NAME", name).replace("COUNT", str(n))
     )
     size = max(len(f.outputs) for f in program.functions)
     filled = {"STEM": stem, "SIZE": str(size), "COUNT": str(n)}
-    return re.sub("|".join(filled), lambda found: filled[found[0]], _TEST).replace("CALLS\n", further + calls + last)
+    return re.sub("|".join(filled), lambda found: filled[found[0]], _C_TEST).replace("CALLS\n", further + calls + last)

@@ -30,7 +30,7 @@ BINARY: dict[str, Callable[[float, float], float]] = {
     "power": math.pow,
     "greater": lambda a, b: float(a > b),
 }
-POWERS = 4  # largest exponent that is written as products
+MAX_PRODUCT_EXPONENT = 4  # largest exponent that is written as products
 
 
 @dataclass
@@ -130,7 +130,7 @@ class Scalar:
 
     def __pow__(self, exponent: Any) -> Scalar:
         power = self.graph.scalar(exponent).value
-        if power is not None and power == int(power) and 0 < power <= POWERS:
+        if power is not None and power == int(power) and 0 < power <= MAX_PRODUCT_EXPONENT:
             product = self
             for _ in range(int(power) - 1):
                 product = product * self

@@ -13,11 +13,11 @@ import numpy as np
 from ....effects.naming import law_name
 from ....model import Model, torque_model
 from ....types import Law
-from ..formats import VARIABLES, writable
+from ..formats import EMPIRICAL_VARIABLES, writable
 from .graph import BINARY, UNARY, Graph, Scalar, binary, unary, where
 from .rigid import Expressions
 
-OPERATORS: dict[type[ast.AST], Any] = {
+OPERATIONS: dict[type[ast.AST], Any] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
@@ -26,7 +26,7 @@ OPERATORS: dict[type[ast.AST], Any] = {
     ast.Gt: operator.gt,
     ast.Lt: operator.lt,
 }
-SIGN = "sign of velocity"  # function in the place of sign(v)
+SIGN_FUNCTION = "sign of velocity"  # function in the place of sign(v)
 
 
 def law_expressions(
@@ -97,13 +97,13 @@ def _evaluate(
     numbers: dict[str, Any] = {key: float(x) for key, x in law.effect.filled(law.parameters).items()}
     if law.effect.name == "empirical":
         lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
-        numbers = {"variable": signals[VARIABLES[int(numbers["variable"])]], **lists}
+        numbers = {"variable": signals[EMPIRICAL_VARIABLES[int(numbers["variable"])]], **lists}
     functions: dict[str, Any] = {name: _lifted(graph, partial(unary, name), 1) for name in UNARY}
     functions |= {name: _lifted(graph, partial(binary, name), 2) for name in BINARY}
     functions |= {"where": _lifted(graph, where, 3), "clip": _lifted(graph, _clip, 3), "pi": np.pi}
     functions |= {"interp": partial(_interpolate, graph), "sum": sum}
     if sign is not None:
-        functions[SIGN] = np.frompyfunc(sign, 1, 1)
+        functions[SIGN_FUNCTION] = np.frompyfunc(sign, 1, 1)
     return _value(ast.parse(law.effect.equation, mode="eval").body, {**functions, **signals, **numbers})
 
 
@@ -117,11 +117,11 @@ def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
         case ast.UnaryOp(op=ast.USub()):
             return -_value(node.operand, names)
         case ast.BinOp():
-            return OPERATORS[type(node.op)](_value(node.left, names), _value(node.right, names))
+            return OPERATIONS[type(node.op)](_value(node.left, names), _value(node.right, names))
         case ast.Compare(ops=[ast.Gt() | ast.Lt()]):
-            return OPERATORS[type(node.ops[0])](_value(node.left, names), _value(node.comparators[0], names))
-        case ast.Call() if SIGN in names and (velocity := _signed_velocity(node)):
-            return names[SIGN](_value(velocity, names))
+            return OPERATIONS[type(node.ops[0])](_value(node.left, names), _value(node.comparators[0], names))
+        case ast.Call() if SIGN_FUNCTION in names and (velocity := _signed_velocity(node)):
+            return names[SIGN_FUNCTION](_value(velocity, names))
         case ast.Call():
             return _value(node.func, names)(*(_value(x, names) for x in node.args))
         case ast.Subscript():

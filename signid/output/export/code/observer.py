@@ -19,8 +19,8 @@ from .laws import directed_laws
 from .program import Function, Program, vector
 from .rigid import Bodies, Expressions, carried_wrench, cross, placement, rotor_torque, tree_of
 
-TERMS = ("momentum of the bodies", "momentum", "C' v - g", "laws", "dry friction", "viscous friction")
-RECENT = 0.01  # [1] share of a row in the running means of the sampling period and of the noise of the velocity
+OBSERVER_TERMS = ("momentum of the bodies", "momentum", "C' v - g", "laws", "dry friction", "viscous friction")
+ROW_WEIGHT = 0.01  # [1] share of a row in the running means of the sampling period and of the noise of the velocity
 
 
 class ObserverCode(NamedTuple):
@@ -56,10 +56,10 @@ def observer_code(model: Model, name: str) -> ObserverCode:
     n = len(model.robot.joints)
     misfit = np.zeros(n) if model.misfit is None else np.nan_to_num(model.misfit.size)
     numbers = {
-        **{key: repr(float(x)) for key, x in _CONSTANTS.items()},
+        **{key: repr(float(x)) for key, x in _OBSERVER_CONSTANTS.items()},
         "NAME": name,
         "COUNT": str(n),
-        "TERMS": str(len(TERMS) * n),
+        "TERMS": str(len(OBSERVER_TERMS) * n),
         "MISFIT": f"{{{', '.join(repr(float(x)) for x in misfit)}}}",
     }
     pattern = re.compile(rf"\b({'|'.join(numbers)})(?=\b|_)")
@@ -67,7 +67,7 @@ def observer_code(model: Model, name: str) -> ObserverCode:
     return ObserverCode(header, source, test)
 
 
-_CONSTANTS = {
+_OBSERVER_CONSTANTS = {
     "GAIN": GAIN,
     "RINGING": RINGING,
     "HALF": HALF,
@@ -89,7 +89,7 @@ _CONSTANTS = {
     "MOVED": MOVED,
     "WARM": WARM,
     "PATIENCE": PATIENCE,
-    "RECENT": RECENT,
+    "RECENT": ROW_WEIGHT,
 }
 _HEADER = """
 

@@ -35,11 +35,11 @@ from .rigid import (
     wrench,
 )
 
-MASS = (
+MASS_MEANING = (
     "mass matrix by rows, of the bodies, the armature and couplings of joints: mass_matrix(q) a + "
     "inverse_dynamics(q, v, 0) = inverse_dynamics(q, v, a) where no law depends on load or is a curve over acceleration"
 )
-LAWS = (
+LAWS_MEANING = (
     "torque of the laws alone: armature, friction, springs, offsets; mass_matrix holds the armature, too: "
     "inverse_dynamics(q, v, a) is mass_matrix(q) a + Coriolis torque + gravity(q) + laws(q, v, 0)"
 )
@@ -49,20 +49,20 @@ TRACKING = (
     "velocity, such as viscous friction, act at v; width [rad/s or m/s]: 0.76 of dry friction at v_desired = width, "
     "0.995 at 3 width; values below 1e-9 act as 1e-9"
 )
-NONLINEAR = "h(q, v): Coriolis and centrifugal torque and gravity of the bodies, without laws"
-FORWARD = (
+NONLINEAR_MEANING = "h(q, v): Coriolis and centrifugal torque and gravity of the bodies, without laws"
+FORWARD_MEANING = (
     "accelerations at torque tau: mass_matrix(q) a = tau - inverse_dynamics(q, v, 0); friction that depends on load is "
     "that at a = 0, and a joint at v = 0 has no dry friction"
 )
-FIXED = "the code holds it there, too"  # joints that the model holds fixed
-SMALLEST = 1e-9  # [rad/s or m/s] width of smoothing
-ROUNDED = 1e-12  # least ratio of eigenvalues of a mass matrix that is not singular by rounding
-ACCELERATION = re.compile(r"\ba\b")  # in the equation of a law
-JACOBIAN = (
+FIXED_JOINTS_NOTE = "the code holds it there, too"  # joints that the model holds fixed
+MIN_SMOOTHING_WIDTH = 1e-9  # [rad/s or m/s] width of smoothing
+MIN_EIGENVALUE_RATIO = 1e-12  # least ratio of eigenvalues of a mass matrix that is not singular by rounding
+ACCELERATION_SYMBOL = re.compile(r"\ba\b")  # in the equation of a law
+JACOBIAN_MEANING = (
     "Jacobian (6, n) by rows, of {}: linear velocity of its origin, then angular velocity, both in the axes "
     "of the base (LOCAL_WORLD_ALIGNED of Pinocchio), are jacobian(q) v"
 )
-PAYLOAD = (
+WITH_PAYLOAD = (
     "torque of a body fixed to {0} alone: add it to inverse_dynamics, to tracking_torque or, at v = a = 0, to gravity; "
     "payload: mass [kg], first moment x, y, z [kg.m], inertia xx, xy, yy, xz, yz, zz [kg.m2], about the origin and in "
     "the axes of {0}; friction that depends on load does not include it"
@@ -117,31 +117,31 @@ def program_of(
     functions = [
         _function("inverse_dynamics", "q v a", "tau", load + laws, "torque of the bodies and of all laws"),
         _function("gravity", "q", "tau", weight, "torque of gravity"),
-        _function("laws", "q v a", "tau", laws, LAWS),
-        _function("mass_matrix", "q", "mass", matrix.ravel(), MASS),
+        _function("laws", "q v a", "tau", laws, LAWS_MEANING),
+        _function("mass_matrix", "q", "mass", matrix.ravel(), MASS_MEANING),
     ]
     if tracking:
         graph.section = "inverse width"
-        rate = 1.0 / binary("maximum", graph.variable("width"), graph.constant(SMALLEST))
+        rate = 1.0 / binary("maximum", graph.variable("width"), graph.constant(MIN_SMOOTHING_WIDTH))
         smooth = law_expressions(graph, model, signals, (vector(graph, "v_desired", n), rate))
         graph.section = "sum"
         functions.append(_function("tracking_torque", "q v a v_desired width", "tau", load + rotors + smooth, TRACKING))
     bias = rigid_torque(graph, tree, q, v, zero)
     if "nonlinear" in further:
-        functions.append(_function("nonlinear_effects", "q v", "tau", bias, NONLINEAR))
+        functions.append(_function("nonlinear_effects", "q v", "tau", bias, NONLINEAR_MEANING))
     if "forward" in further:
         _check_mass(model)
         still = law_expressions(graph, model, {**signals, "a": zero, "load": bias})
         graph.section = "accelerations by the factors of the mass matrix"
         solved = accelerations(graph, matrix, vector(graph, "tau", n) - bias - still)
-        functions.append(_function("forward_dynamics", "q v tau", "a", solved, FORWARD))
+        functions.append(_function("forward_dynamics", "q v tau", "a", solved, FORWARD_MEANING))
     frame = frame_of(model, link)
     if "jacobian" in further:
         rows = jacobian(graph, tree, frame, q).ravel()
-        functions.append(_function("frame_jacobian", "q", "jacobian", rows, JACOBIAN.format(frame.name)))
+        functions.append(_function("frame_jacobian", "q", "jacobian", rows, JACOBIAN_MEANING.format(frame.name)))
     if "payload" in further:
         torque = payload_torque(graph, tree, frame, motion, vector(graph, "payload", 10))
-        functions.append(_function("payload_torque", "q v a payload", "tau", torque, PAYLOAD.format(frame.name)))
+        functions.append(_function("payload_torque", "q v a payload", "tau", torque, WITH_PAYLOAD.format(frame.name)))
     return Program(graph, tuple(functions))
 
 
@@ -152,7 +152,7 @@ def _check_mass(model: Model) -> None:
     q = np.random.default_rng(0).uniform(lower, upper, (100, len(robot.joints)))
     masses = mass_matrices(whole, whole.createData(), configuration(robot, q), robot.drive)
     inertias = np.linalg.eigvalsh(masses)
-    if not (inertias[:, 0] > ROUNDED * inertias[:, -1]).all():
+    if not (inertias[:, 0] > MIN_EIGENVALUE_RATIO * inertias[:, -1]).all():
         raise RobotError(
             f"forward dynamics of {robot.name} cannot be written, since its mass matrix is not positive definite "
             f"everywhere; state the armature of its joints, identify physically consistent inertias, or leave "
@@ -171,7 +171,7 @@ def _function(name: str, arguments: str, result: str, outputs: Expressions, mean
 
 def _coupled(graph: Graph, model: Model, q: Expressions) -> Expressions:
     """Part of the mass matrix (n, n) of the laws that are linear in acceleration, as a coupling of two joints."""
-    laws = (law for law in torque_model(model).laws if ACCELERATION.search(law.effect.equation))
+    laws = (law for law in torque_model(model).laws if ACCELERATION_SYMBOL.search(law.effect.equation))
     model, zero = replace(model, laws=tuple(laws)), np.array([graph.constant(0.0)] * len(q))
     units = np.array([graph.constant(x) for x in np.eye(len(q)).ravel()]).reshape(len(q), len(q))
     columns = [law_expressions(graph, model, {"q": q, "v": zero, "a": unit, "load": zero}) for unit in units]

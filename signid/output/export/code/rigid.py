@@ -13,7 +13,7 @@ from ....model import Model
 from ....types import Array
 from .graph import Graph, Scalar, unary
 
-ROUNDING = 2e-11  # [1] deviation of rotations from 0, 1 and -1 that is rounding: pi / 2 is written 1.57079632679
+MAX_ROUNDING = 2e-11  # [1] deviation of rotations from 0, 1 and -1 that is rounding: pi / 2 is written 1.57079632679
 Expressions = Any  # array of objects: Scalar or float
 
 
@@ -86,7 +86,7 @@ def _body(whole: pin.Model, k: int, link: str) -> Body:
 def exact(x: Array) -> Array:
     """Entries of rotations; 0, 1 and -1 where rounding alone makes them differ from that. x: (...) [1]."""
     near = np.round(x)
-    return np.where(np.abs(x - near) < ROUNDING, near, x)
+    return np.where(np.abs(x - near) < MAX_ROUNDING, near, x)
 
 
 def _regrouped(body: Body) -> tuple[Body, tuple[float, Array, Array]]:

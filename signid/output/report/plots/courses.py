@@ -15,28 +15,28 @@ from ....regression.session import Part, Session
 from ....types import Array, Indices, Recording
 from ..layout import determination, figure, plot_markup, thousandths
 from ..sections import INK, Folds, JointPlots, Key, Plot
-from .frame import AFTER, BEFORE, FAINT, FLOOR, axis, curve, packed, thinned
+from .frame import BLUE, GREEN, GREY, ORANGE, axis, curve, packed, thinned
 
 if TYPE_CHECKING:
     from ....servo.identify import ServoRollOut, ServoTrace
     from ....simulation.rollout import RollOut
     from ....validate import ValidatedModel
 
-POINTS, DOTS = 16_000, 9_000  # total number of points of lines and of scatter plots
-FEWEST = 150  # minimum number of points per line
-SPARSE = 1000  # number of low-passed rows up to which a curve is drawn through them, instead of straight lines
-BINS = 24  # number of means per scatter plot
-DRAWN, FEW = 400_000, 20_000  # most samples drawn, and number below which no further part of a recording is drawn
-MOST = 60  # maximum number of points per line of a roll-out
-OPEN = 3  # maximum number of unfolded joints
-TOP, GAP = 0.42, 0.06  # share of a plot taken by the residual, and half of the gap above it
-SPAN = 6.0  # largest drawn position error, as a multiple of the largest error of the identified loop
-LATEST = 1e5  # [s] stamps beyond, as those since 1970, are shown after their first whole second
-MOST_TRACES = 4  # maximum number of recordings that are drawn
-FROM_COMMANDS = (
+MAX_POINTS, MAX_DOTS = 16_000, 9_000  # total number of points of lines and of scatter plots
+MIN_POINTS = 150  # minimum number of points per line
+MAX_CURVED_ROWS = 1000  # number of low-passed rows up to which a curve is drawn through them, instead of straight lines
+SCATTER_MEANS = 24  # number of means per scatter plot
+MAX_DRAWN_SAMPLES, ENOUGH_SAMPLES = 400_000, 20_000  # most samples, and number from which no further part is drawn
+ROLLOUT_POINTS = 60  # maximum number of points per line of a roll-out
+MAX_OPEN = 3  # maximum number of unfolded joints
+PANE_SHARE, PANE_GAP = 0.42, 0.06  # share of a plot taken by the residual, and half of the gap above it
+DRAWN_ERROR_RATIO = 6.0  # largest drawn position error, as a multiple of the largest error of the identified loop
+MAX_SHOWN_STAMP = 1e5  # [s] stamps beyond, as those since 1970, are shown after their first whole second
+MAX_TRACES = 4  # maximum number of recordings that are drawn
+LOOP_LEGEND = (
     "The robot starts at the measured state and follows the commands alone. Error is measured - simulated position."
 )
-HOVER = "$name: %{y:.5g} $unit at %{x:.5g} s<extra></extra>"
+LINE_HOVER = "$name: %{y:.5g} $unit at %{x:.5g} s<extra></extra>"
 
 
 class Line(NamedTuple):
@@ -55,7 +55,7 @@ class Panes(NamedTuple):
     upper: str  # quantity
     lower: str
     units: tuple[str, str]
-    share: float = TOP  # of the height, for the lower pane [1]
+    share: float = PANE_SHARE  # of the height, for the lower pane [1]
     height: int = 360  # [pixels]
     time: str = "time [s]"
 
@@ -63,15 +63,15 @@ class Panes(NamedTuple):
         """Plot lines over t: (M,) [s]; `lower`: further properties of the lower axis."""
         x, data = packed(t), []
         for line in lines:
-            hover = plot_markup(HOVER, name=line.name, unit=self.units[line.axis == "y2"])
+            hover = plot_markup(LINE_HOVER, name=line.name, unit=self.units[line.axis == "y2"])
             style = {"color": line.colour, **line.style}
             data.append({**curve(line.name, x, packed(line.values), style, hovertemplate=hover), "yaxis": line.axis})
-        zero = {"zeroline": True, "zerolinecolor": FAINT}
+        zero = {"zeroline": True, "zerolinecolor": GREY}
         layout = {
             "xaxis": axis(self.time, anchor="y2"),
-            "yaxis": axis(f"{self.upper} [{self.units[0]}]", domain=[self.share + GAP, 1], nticks=6),
+            "yaxis": axis(f"{self.upper} [{self.units[0]}]", domain=[self.share + PANE_GAP, 1], nticks=6),
             "yaxis2": axis(
-                f"{self.lower} [{self.units[1]}]", domain=[0, self.share - GAP], nticks=5, **{**zero, **lower}
+                f"{self.lower} [{self.units[1]}]", domain=[0, self.share - PANE_GAP], nticks=5, **{**zero, **lower}
             ),
         }
         return Plot(title, data, layout, self.height, wide=True)
@@ -79,7 +79,7 @@ class Panes(NamedTuple):
 
 def joint_plots(course: Course, before: Fit, after: Fit, chosen: Sequence[int]) -> list[JointPlots]:
     """Plot torque over time, and the residual against velocity, position and load; unfold the first chosen joints."""
-    shown, found = [*dict.fromkeys(chosen)][:OPEN], []
+    shown, found = [*dict.fromkeys(chosen)][:MAX_OPEN], []
     for j, joint in enumerate(course.joints):
         rms = (float(fit.held_out_rms[j]) for fit in (before, after))
         summary = " → ".join(map(figure, rms)) + f" {course.unit[j]}, R2 {determination(float(after.held_out_r2[j]))}"
@@ -93,12 +93,12 @@ def _plots(course: Course, j: int) -> Iterator[Plot]:
     measured, left = course.torque[:, j], (course.before[:, j], course.after[:, j])
     lines = (
         Line("measured", "y", INK, {"width": 1.6}, measured),
-        Line("predicted before", "y", BEFORE, {"width": 1.4, "dash": "dot"}, measured - left[0]),
-        Line("predicted after", "y", AFTER, {"width": 1.4}, measured - left[1]),
-        Line("residual before", "y2", BEFORE, {"width": 1.2, "dash": "dot"}, left[0]),
-        Line("residual after", "y2", AFTER, {"width": 1.2}, left[1]),
+        Line("predicted before", "y", ORANGE, {"width": 1.4, "dash": "dot"}, measured - left[0]),
+        Line("predicted after", "y", BLUE, {"width": 1.4}, measured - left[1]),
+        Line("residual before", "y2", ORANGE, {"width": 1.2, "dash": "dot"}, left[0]),
+        Line("residual after", "y2", BLUE, {"width": 1.2}, left[1]),
     )
-    yield torque_plot(course.joints[j], course, unit, lines, max(FEWEST, POINTS // len(course.joints)))
+    yield torque_plot(course.joints[j], course, unit, lines, line_points(len(course.joints)))
     yield _against(course, j, f"velocity [{length}/s]", course.v[:, j], unit)
     yield _against(course, j, f"position [{length}]", course.q[:, j], unit)
     yield _against(course, j, f"load: predicted torque [{unit}]", measured - left[0], unit)
@@ -106,7 +106,7 @@ def _plots(course: Course, j: int) -> Iterator[Plot]:
 
 def torque_plot(joint: str, rows: Course | ValidatedModel, unit: str, lines: Sequence[Line], most: int) -> Plot:
     """Plot low-passed torque over the time of some rows, with residuals below; few rows are joined by a spline."""
-    if len(rows.t) <= min(SPARSE, most):
+    if len(rows.t) <= min(MAX_CURVED_ROWS, most):
         lines = [line._replace(style={**line.style, "shape": "spline"}) for line in lines]
     first = np.flatnonzero(np.diff(rows.stretch, prepend=rows.stretch[:1] - 1))
     t, lines = _thinned(clock(rows.t, rows.recording), lines, first, most)
@@ -136,9 +136,9 @@ def recorded_lines(recording: Recording, most: int) -> tuple[Array, Array]:
 
 def _against(course: Course, j: int, title: str, x: Array, unit: str) -> Plot:
     """Plot the residuals against x, with their means over intervals of x."""
-    step = -(-len(course) * len(course.joints) * 6 // DOTS)
+    step = -(-len(course) * len(course.joints) * 6 // MAX_DOTS)
     data = []
-    for name, left, colour in (("before", course.before[:, j], BEFORE), ("after", course.after[:, j], AFTER)):
+    for name, left, colour in (("before", course.before[:, j], ORANGE), ("after", course.after[:, j], BLUE)):
         known = np.isfinite(left) & np.isfinite(x)
         dots = {"type": "scatter", "mode": "markers", "hoverinfo": "skip", "marker": {"color": colour, "size": 3}}
         data.append({**dots, "opacity": 0.35, "x": packed(x[known][::step]), "y": packed(left[known][::step])})
@@ -147,7 +147,7 @@ def _against(course: Course, j: int, title: str, x: Array, unit: str) -> Plot:
         line = {"color": colour, "width": 2.4, **({"dash": "dot"} if name == "before" else {})}
         means = {"type": "scatter", "mode": "lines", "line": line, "hovertemplate": hover, "name": name}
         data.append({**means, "x": packed(middle), "y": packed(mean)})
-    layout = {"xaxis": axis(title, nticks=6), "yaxis": axis(f"residual [{unit}]", zeroline=True, zerolinecolor=FAINT)}
+    layout = {"xaxis": axis(title, nticks=6), "yaxis": axis(f"residual [{unit}]", zeroline=True, zerolinecolor=GREY)}
     return Plot(f"against {title.partition(' [')[0].partition(':')[0]}", data, layout)
 
 
@@ -156,8 +156,13 @@ def _means(x: Array, y: Array) -> tuple[Array, Array]:
     if not len(x):
         return x, y
     order = np.argsort(x, kind="stable")
-    parts = np.array_split(order, min(BINS, max(1, len(x) // 5)))
+    parts = np.array_split(order, min(SCATTER_MEANS, max(1, len(x) // 5)))
     return np.array([x[part].mean() for part in parts]), np.array([y[part].mean() for part in parts])
+
+
+def line_points(lines: int, factor: int = 1) -> int:
+    """Number of points per line, of `factor` times the total number of points."""
+    return max(MIN_POINTS, factor * MAX_POINTS // lines)
 
 
 def clock(t: Array, recording: Indices) -> Array:
@@ -182,7 +187,7 @@ def rollout_plots(rolled: Sequence[tuple[str, RollOut, str, str]]) -> list[Plot]
     """
     found: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for name, one, colour, dash in rolled:
-        step = -(-len(one.t) // MOST)
+        step = -(-len(one.t) // ROLLOUT_POINTS)
         kept = np.arange(len(one.t) - 1, -1, -step)[::-1]
         for j, key in enumerate(zip(one.joints, one.unit, strict=True)):
             error = np.sqrt(np.mean(one.error[:, kept, j] ** 2, axis=0))
@@ -204,15 +209,15 @@ def worst_joints(found: ServoRollOut) -> list[int]:
 def closed_loop_plots(traces: Sequence[ServoTrace], found: ServoRollOut) -> Iterator[JointPlots]:
     """Positions over time per joint: whole recordings and windows of 1 s; the worst joints are unfolded."""
     order = worst_joints(found)
-    drawn = traces[:MOST_TRACES]
+    drawn = traces[:MAX_TRACES]
     lines = 6 * max(1, len(drawn)) * 2
-    most = max(FEWEST, 6 * POINTS // (lines * max(1, len(order))))
+    most = line_points(lines * max(1, len(order)), 6)
     for j in order:
         joint, unit = found.joints[j], found.units[j]
         plots = [plot for trace in drawn if joint in trace.joints for plot in _loop_plots(trace, joint, unit, most)]
         sizes = (found.nominal_whole_rms[j], found.whole_rms[j])
         summary = " → ".join(thousandths(float(rms)) for rms in sizes)
-        yield JointPlots(joint, f"{summary} m{unit} rms, whole recordings", j in order[:OPEN], tuple(plots))
+        yield JointPlots(joint, f"{summary} m{unit} rms, whole recordings", j in order[:MAX_OPEN], tuple(plots))
 
 
 def loop_blocks(
@@ -226,7 +231,7 @@ def loop_blocks(
         ("before", f"before: {before}"),
         ("after", f"after: {after}"),
     ]
-    note = FROM_COMMANDS + (" The first recordings only." if len(traces) > MOST_TRACES else "")
+    note = LOOP_LEGEND + (" The first recordings only." if len(traces) > MAX_TRACES else "")
     return (Key(marks), Folds(note, joints)) if joints else ()
 
 
@@ -234,12 +239,12 @@ def _loop_plots(trace: ServoTrace, joint: str, unit: str, most: int) -> Iterator
     j = trace.joints.index(joint)
     measured, nominal = trace.measured[:, j], trace.nominal[:, j]
     first = [
-        Line("command", "y", FLOOR, {"width": 1.2, "dash": "dash", "shape": "hv"}, trace.command[:, j]),
+        Line("command", "y", GREEN, {"width": 1.2, "dash": "dash", "shape": "hv"}, trace.command[:, j]),
         Line("measured", "y", INK, {"width": 1.6}, measured),
     ]
-    before = [Line("measured - before", "y2", BEFORE, {"width": 1.2, "dash": "dot"}, measured - nominal)]
+    before = [Line("measured - before", "y2", ORANGE, {"width": 1.2, "dash": "dot"}, measured - nominal)]
     if not np.array_equal(nominal, trace.command[:, j], equal_nan=True):
-        before.append(Line("before", "y", BEFORE, {"width": 1.3, "dash": "dot"}, nominal))
+        before.append(Line("before", "y", ORANGE, {"width": 1.3, "dash": "dot"}, nominal))
     title = f"{joint}, {trace.path.rpartition('/')[2] or 'recording'}"
     whole = [*first, *before, *_simulated(measured, trace.simulated[:, j])]
     yield _positions(f"{title}: whole recording from commands alone", trace.t, unit, whole, most)
@@ -250,19 +255,19 @@ def _loop_plots(trace: ServoTrace, joint: str, unit: str, most: int) -> Iterator
 
 def _simulated(measured: Array, simulated: Array) -> list[Line]:
     return [
-        Line("identified", "y", AFTER, {"width": 1.4}, simulated),
-        Line("measured - identified", "y2", AFTER, {"width": 1.2}, measured - simulated),
+        Line("identified", "y", BLUE, {"width": 1.4}, simulated),
+        Line("measured - identified", "y2", BLUE, {"width": 1.2}, measured - simulated),
     ]
 
 
 def _positions(title: str, t: Array, unit: str, lines: Sequence[Line], most: int) -> Plot:
     """Plot positions over the time of the recording, with errors below."""
-    origin = float(np.floor(t[0])) if len(t) and t[0] > LATEST else 0.0
+    origin = float(np.floor(t[0])) if len(t) and t[0] > MAX_SHOWN_STAMP else 0.0
     clock = f"time after {origin:.0f} s [s]" if origin else "time of the recording [s]"
     lines = [line._replace(values=np.where(np.isfinite(line.values), line.values, np.nan)) for line in lines]
     t, lines = _thinned(t - origin, lines, np.zeros(1, dtype=np.intp), most)
     errors = {line.name: float(np.nanmax(np.abs(line.values), initial=0.0)) for line in lines}
-    span = SPAN * errors["measured - identified"]
+    span = DRAWN_ERROR_RATIO * errors["measured - identified"]
     cut = {"range": [-span, span]} if 0 < span < errors.get("measured - before", 0.0) else {}
     return Panes("position", "error", (unit, unit), time=clock).plot(title, t, lines, **cut)
 
@@ -279,7 +284,7 @@ def held_out_rows(session: Session, after: Model) -> tuple[Course, bool]:
 
 def _beginning(parts: Sequence[Part]) -> Iterator[Part]:
     """Yield recordings until there are enough samples, the last one in part."""
-    left = DRAWN
+    left = MAX_DRAWN_SAMPLES
     for part in parts:
         count, (recording, sampling) = _samples([part]), part
         if count > left:
@@ -287,7 +292,7 @@ def _beginning(parts: Sequence[Part]) -> Iterator[Part]:
             return
         yield part
         left -= count
-        if left < FEW:
+        if left < ENOUGH_SAMPLES:
             return
 
 

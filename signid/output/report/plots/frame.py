@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from ....servo.identify import ServoIdentification, ServoJoint
 
 TEMPLATES = Path(__file__).parent / "templates"
-PLOTLY = "plotly-cartesian.min.js.gz"  # scatter, bar and heat map: 1.5 MB of a page, of Plotly's 4.8 MB
-BEFORE, AFTER, FLOOR, FAINT = "#d1700e", "#2f7fc1", "#00876a", "#8a94a0"
-AXIS = {"showline": True, "linecolor": "#c5ccd3", "gridcolor": "#e3e8ec", "zeroline": False, "automargin": True}
-DRY = ("coulomb_friction", "load_friction", "stribeck_level")
-POINTS = 121  # of a curve
-REACHED = 0.99  # quantile of speeds and torques of the recordings up to which curves are drawn
-LOADS = ((0.0, FLOOR), (0.5, AFTER), (1.0, BEFORE))  # shares of the torque that was reached, and colours
-FRICTION = (
+PLOTLY_FILE = "plotly-cartesian.min.js.gz"  # scatter, bar and heat map: 1.5 MB of a page, of Plotly's 4.8 MB
+ORANGE, BLUE, GREEN, GREY = "#d1700e", "#2f7fc1", "#00876a", "#8a94a0"
+AXIS_STYLE = {"showline": True, "linecolor": "#c5ccd3", "gridcolor": "#e3e8ec", "zeroline": False, "automargin": True}
+DRY_FRICTION = ("coulomb_friction", "load_friction", "stribeck_level")
+CURVE_POINTS = 121  # of a curve
+REACHED_QUANTILE = 0.99  # quantile of speeds and torques of the recordings up to which curves are drawn
+LOAD_SHARES = ((0.0, GREEN), (0.5, BLUE), (1.0, ORANGE))  # shares of the torque that was reached, and colours
+FRICTION_LEGEND = (
     "Torque against the motion at steady speed by the model, up to the speeds and torques of the held-out "
     "data. Drive: the motor moves the load; back-drive: the load moves the motor. Joints without identifiable dry "
     "friction are not drawn, and viscous friction is left out where it is one number with kd."
@@ -37,7 +37,7 @@ FRICTION = (
 
 def axis(title: str, **more: Any) -> dict[str, Any]:
     """Describe an axis of a plot, with further properties of Plotly."""
-    return {**AXIS, "title": {"text": title, "standoff": 8}, **more}
+    return {**AXIS_STYLE, "title": {"text": title, "standoff": 8}, **more}
 
 
 def packed(values: Array) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def render(template: str, **content: Any) -> str:
     jinja = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, **spaces)
     jinja.filters["share"] = share
     css, script = ((TEMPLATES / f"page.{name}").read_text(encoding="utf-8") for name in ("css", "js"))
-    scripts = [gzip.decompress((TEMPLATES / PLOTLY).read_bytes()).decode(), script]
+    scripts = [gzip.decompress((TEMPLATES / PLOTLY_FILE).read_bytes()).decode(), script]
     return jinja.get_template(template).render(policy=content_policy(scripts), scripts=scripts, css=css, **content)
 
 
@@ -139,13 +139,13 @@ def _friction_plot(result: ServoIdentification, one: ServoJoint) -> Iterator[Plo
     numbers, servo = one.numbers, result.servos[one.joint]
     known = {name for name, number in numbers.items() if number.value}
     speed, torque = _reached(result, one.joint, servo)
-    if not known.intersection(DRY) or not speed > 0:
+    if not known.intersection(DRY_FRICTION) or not speed > 0:
         return
     split = "viscous_friction" in known
-    v = np.linspace(-speed, speed, POINTS)
-    v[POINTS // 2] = np.nan  # friction at rest is between the two sides
+    v = np.linspace(-speed, speed, CURVE_POINTS)
+    v[CURVE_POINTS // 2] = np.nan  # friction at rest is between the two sides
     unit = "N" if result.robot.prismatic[result.robot.index(one.joint)] else "N.m"
-    data, loads = [], LOADS if servo.load_friction > 0 and torque > 0 else LOADS[:1]
+    data, loads = [], LOAD_SHARES if servo.load_friction > 0 and torque > 0 else LOAD_SHARES[:1]
     for part, colour in loads:
         load = float(figure(part * torque, 2))
         name = f"load {figure(load, 2)} {unit}" if len(loads) > 1 else "any load"
@@ -164,7 +164,7 @@ def _reached(result: ServoIdentification, joint: str, servo: Servo) -> tuple[flo
         if len(trace.t) > 1:
             speeds.append(np.abs(np.gradient(trace.simulated[:, j], trace.t)))
             torques.append(np.abs(servo.kp * (trace.command[:, j] - trace.measured[:, j])))
-    speed, torque = (float(np.nanquantile(np.concatenate(x), REACHED)) for x in (speeds, torques))
+    speed, torque = (float(np.nanquantile(np.concatenate(x), REACHED_QUANTILE)) for x in (speeds, torques))
     return speed, min(torque, servo.effort_limit)
 
 

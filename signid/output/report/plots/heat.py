@@ -14,16 +14,16 @@ from ....types import Array
 from ..layout import plot_markup
 from ..sections import Plot
 from .courses import clock
-from .frame import AFTER, FLOOR, axis, packed
+from .frame import BLUE, GREEN, axis, packed
 
-BINS, FEWEST = 10, 3  # regions per variable, and minimum number of rows per region
-HOT = [[0, "rgba(209,80,14,0)"], [1, "rgba(209,80,14,1)"]]
-TIED = 0.95  # absolute correlation from which parameters are listed
-MOST = 160  # maximum number of correlated parameters drawn
-SCALE = [[0, "rgba(209,112,14,1)"], [0.5, "rgba(128,128,128,0)"], [1, "rgba(47,127,193,1)"]]
-HOVER = "%{customdata[0]}: %{customdata[1]} times what no model could predict<extra></extra>"
-LABEL = 16  # maximum length of the label of a joint [characters]
-ROW, ROOM = 26, 62  # height of a row, and of the axis below [pixels]
+REGIONS, MIN_REGION_ROWS = 10, 3  # regions per variable, and minimum number of rows per region
+HEAT_COLOURS = [[0, "rgba(209,80,14,0)"], [1, "rgba(209,80,14,1)"]]
+MIN_TIED_CORRELATION = 0.95  # absolute correlation from which parameters are listed
+MAX_DRAWN_PARAMETERS = 160  # maximum number of correlated parameters drawn
+CORRELATION_COLOURS = [[0, "rgba(209,112,14,1)"], [0.5, "rgba(128,128,128,0)"], [1, "rgba(47,127,193,1)"]]
+REGION_HOVER = "%{customdata[0]}: %{customdata[1]} times what no model could predict<extra></extra>"
+MAX_LABEL_LENGTH = 16  # maximum length of the label of a joint [characters]
+ROW_HEIGHT, AXIS_HEIGHT = 26, 62  # height of a row, and of the axis below [pixels]
 
 
 class Variable(NamedTuple):
@@ -32,7 +32,7 @@ class Variable(NamedTuple):
     name: str
     title: str  # of the axis
     values: Array  # (M, n) [unit of each joint]
-    edges: Array  # (n, BINS + 1) [unit of each joint]
+    edges: Array  # (n, REGIONS + 1) [unit of each joint]
     units: tuple[str, ...]  # n
 
 
@@ -50,29 +50,29 @@ def hottest(course: Course, over: Array) -> float:
 def _variables(course: Course) -> Iterator[Variable]:
     length = ["m" if prismatic else "rad" for prismatic in course.prismatic]
     speed, load = np.abs(course.v).max(axis=0), course.torque - course.before
-    most, share = np.nanmax(np.abs(load), axis=0, initial=0.0), np.linspace(-1, 1, BINS + 1)
+    most, share = np.nanmax(np.abs(load), axis=0, initial=0.0), np.linspace(-1, 1, REGIONS + 1)
     speeds = tuple(f"{x}/s" for x in length)
     yield Variable("velocity", "velocity [% of max]", course.v, np.outer(speed, share), speeds)
     low, high = course.q.min(axis=0), course.q.max(axis=0)
-    edges = np.linspace(low, high, BINS + 1).T
+    edges = np.linspace(low, high, REGIONS + 1).T
     yield Variable("position", "q [% of range]", course.q, edges, tuple(length))
     yield Variable("load", "load [% of max]", load, np.outer(most, share), course.unit)
     t, n = clock(course.t, course.recording), len(course.joints)
-    edges = np.tile(np.linspace(t[0], t[-1], BINS + 1), (n, 1))
+    edges = np.tile(np.linspace(t[0], t[-1], REGIONS + 1), (n, 1))
     yield Variable("time", "time [s]", np.tile(t[:, None], (1, n)), edges, ("s",) * n)
 
 
 def _rms(over: Array, variable: Variable) -> Array:
     """Rms of each region, (n, BINS) [1]; NaN if it has too few rows."""
     edges = variable.edges
-    low, width = edges[:, 0], np.maximum((edges[:, -1] - edges[:, 0]) / BINS, 1e-300)
-    place = np.clip(np.nan_to_num((variable.values - low) / width, nan=0.0), 0, BINS - 1).astype(int)
-    table = np.full((over.shape[1], BINS), np.nan)
+    low, width = edges[:, 0], np.maximum((edges[:, -1] - edges[:, 0]) / REGIONS, 1e-300)
+    place = np.clip(np.nan_to_num((variable.values - low) / width, nan=0.0), 0, REGIONS - 1).astype(int)
+    table = np.full((over.shape[1], REGIONS), np.nan)
     for row, size, region in zip(table, over.T, place.T, strict=True):
         known = np.isfinite(size)
-        rows = np.bincount(region[known], minlength=BINS)
-        squares = np.bincount(region[known], size[known] ** 2, minlength=BINS)
-        enough = rows >= FEWEST
+        rows = np.bincount(region[known], minlength=REGIONS)
+        squares = np.bincount(region[known], size[known] ** 2, minlength=REGIONS)
+        enough = rows >= MIN_REGION_ROWS
         row[enough] = np.sqrt(squares[enough] / rows[enough])
     return table
 
@@ -88,26 +88,26 @@ def _map(joints: Sequence[str], variable: Variable, over: Array, top: float) -> 
     ]
     data = {
         "type": "heatmap",
-        "x": np.linspace(low, high, BINS + 1).tolist(),
+        "x": np.linspace(low, high, REGIONS + 1).tolist(),
         "y": list(joints),
         "z": packed(np.log10(np.maximum(table, 1.0))),
         "customdata": cells,
         "zmin": 0,
         "zmax": float(np.log10(top)),
-        "colorscale": HOT,
+        "colorscale": HEAT_COLOURS,
         "showscale": False,
         "xgap": 1,
         "ygap": 1,
         "hoverongaps": False,
-        "hovertemplate": plot_markup(HOVER),
+        "hovertemplate": plot_markup(REGION_HOVER),
     }
     ticks = {"tickmode": "array", "tickvals": list(joints), "ticktext": short_names(joints)}
     names = axis("", autorange="reversed", showgrid=False, type="category", **ticks)
     layout = {"xaxis": axis(variable.title, showgrid=False), "yaxis": names}
-    return Plot(name, [data], layout, ROW * len(joints) + ROOM)
+    return Plot(name, [data], layout, ROW_HEIGHT * len(joints) + AXIS_HEIGHT)
 
 
-def short_names(names: Sequence[str], most: int = LABEL) -> list[str]:
+def short_names(names: Sequence[str], most: int = MAX_LABEL_LENGTH) -> list[str]:
     """Names short enough for labels, all different: without common words, else without their middle, else numbered.
 
     >>> short_names(["left_hip_roll_actuator_joint", "left_knee_pitch_actuator_joint"])
@@ -127,7 +127,7 @@ def short_names(names: Sequence[str], most: int = LABEL) -> list[str]:
 
 def correlation_plot(covariance: Array) -> Plot:
     """Plot the correlations of base parameters, numbered from 1; covariance: (b, b) [units of base]."""
-    found = _correlations(covariance)[:MOST, :MOST]
+    found = _correlations(covariance)[:MAX_DRAWN_PARAMETERS, :MAX_DRAWN_PARAMETERS]
     number = list(range(1, len(found) + 1))
     data = {
         "type": "heatmap",
@@ -136,7 +136,7 @@ def correlation_plot(covariance: Array) -> Plot:
         "z": packed(found),
         "zmin": -1,
         "zmax": 1,
-        "colorscale": SCALE,
+        "colorscale": CORRELATION_COLOURS,
         "colorbar": {"title": {"text": "correlation [1]", "side": "right"}, "thickness": 12, "outlinewidth": 0},
         "hovertemplate": plot_markup("%{x} and %{y}: correlation %{z:.3f}<extra></extra>"),
         "hoverongaps": False,
@@ -156,7 +156,7 @@ def _correlations(covariance: Array) -> Array:
 def tied(covariance: Array) -> list[tuple[int, int, float]]:
     """List pairs of parameters with strongly correlated errors, the strongest first; covariance: (b, b) [any unit]."""
     found = np.triu(np.nan_to_num(_correlations(covariance)), 1)
-    rows, columns = np.nonzero(np.abs(found) >= TIED)
+    rows, columns = np.nonzero(np.abs(found) >= MIN_TIED_CORRELATION)
     pairs = [(int(i), int(k), float(found[i, k])) for i, k in zip(rows, columns, strict=True)]
     return sorted(pairs, key=lambda pair: -abs(pair[2]))
 
@@ -169,7 +169,7 @@ def excitation_plot(found: ExcitationVerdict) -> Plot:
         "type": "bar",
         "x": packed(number),
         "y": packed(100 * shares),
-        "marker": {"color": AFTER},
+        "marker": {"color": BLUE},
         "hovertemplate": plot_markup("direction %{x}: %{y:.3g} %<extra></extra>"),
     }
     ends = [0.5, len(shares) + 0.5]
@@ -178,6 +178,6 @@ def excitation_plot(found: ExcitationVerdict) -> Plot:
         "xaxis": axis("direction, weakest first [1]"),
         "yaxis": axis("share of information [%]", type="log", tickformat="~g"),
     }
-    dashed = {**line, "line": {"color": FLOOR, "dash": "dash", "width": 2}}
+    dashed = {**line, "line": {"color": GREEN, "dash": "dash", "width": 2}}
     title = "Directions in parameter space: information relative to random motion; dashed: required"
     return Plot(title, [bars, dashed], layout, 260, wide=True)

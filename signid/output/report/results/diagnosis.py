@@ -16,7 +16,7 @@ from ....types import Input
 from ..documents import Document, description, fit_with_errors, opening, picked, provenance
 from ..layout import Worse, confidence, determination, figure, heading, log_odds, paragraph, plural, share
 from ..plots.courses import joint_plots, rollout_plots, worst
-from ..plots.frame import AFTER, BEFORE, Header, sections_page, shared
+from ..plots.frame import BLUE, ORANGE, Header, sections_page, shared
 from ..plots.heat import heat_maps, hottest
 from ..quantities import parameters
 from ..sections import (
@@ -45,18 +45,18 @@ if TYPE_CHECKING:
     from ....diagnose import Diagnosis, Finding
 
 INFORMED = "The covariance of the simulation is used as prior for its inertials and laws"
-FURTHER = "their errors appear about {:g} times larger, which makes alternatives harder to distinguish"
+INFLATED = "their errors appear about {:g} times larger, which makes alternatives harder to distinguish"
 RED = "bold red"  # of a headline whose flags say that it is not reliable
-COLOURS = {"nothing_missing": "bold green", "named": "bold", "unknown": "bold yellow", "undecided": "bold yellow"}
-CAUSES, CORRECTIONS, PLACES = 6, 3, 8  # maximum number shown
-SURE = 0.95  # probability from which a finding is considered certain
-LOUD = 1.5  # ratio of residual to irreducible rms from which a joint is unfolded
-LISTED = 5  # maximum number of alternatives drawn
+STYLES = {"nothing_missing": "bold green", "named": "bold", "unknown": "bold yellow", "undecided": "bold yellow"}
+MAX_CAUSES, MAX_CORRECTIONS, MAX_PLACES = 6, 3, 8  # maximum number shown
+MIN_CERTAIN_PROBABILITY = 0.95  # probability from which a finding is considered certain
+UNFOLDED_RESIDUAL_RATIO = 1.5  # ratio of residual to irreducible rms from which a joint is unfolded
+MAX_DRAWN = 5  # maximum number of alternatives drawn
 RESIDUAL = "Residual of the simulation"
 ORDINARY = "Ordinary: the description does not state it"
 KEY = (("measured", "measured"), ("before", "before"), ("after", "after: extended simulation"))
-CORRECTED = ("law", "parameters, ± 95 %", "probability>", "of torque>", "mostly")
-HEAT = (
+CORRECTION_HEADS = ("law", "parameters, ± 95 %", "probability>", "of torque>", "mostly")
+HEAT_LEGEND = (
     "rms residual over what no model could predict, on training data; load: predicted torque of the original "
     "simulation; blank: noise, or too few rows"
 )
@@ -104,7 +104,7 @@ def diagnosis_notes(result: Diagnosis) -> list[str]:
     """Notes of a diagnosis, including one on the use of the simulation's covariance."""
     if not result.informed:
         return list(result.notes)
-    return [*result.notes, f"{INFORMED}, {FURTHER.format(result.prior_scale)}" if result.prior_scale > 1 else INFORMED]
+    return [*result.notes, f"{INFORMED}, {INFLATED.format(result.prior_scale)}" if result.prior_scale > 1 else INFORMED]
 
 
 def _finding(result: Diagnosis, finding: Finding) -> Document:
@@ -163,9 +163,9 @@ def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
         _rolled(result),
     ]
     return [
-        Text(f"{result.robot.name}: {words.verdict_words(result)}", RED if unreliable else COLOURS[result.verdict]),
+        Text(f"{result.robot.name}: {words.verdict_words(result)}", RED if unreliable else STYLES[result.verdict]),
         heading(RESIDUAL),
-        *map(paragraph, words.place_words(result, PLACES)),
+        *map(paragraph, words.place_words(result, MAX_PLACES)),
         *_findings(result),
         *map(paragraph, words.trust_words(result)),
         *_alternatives(result),
@@ -180,26 +180,21 @@ def _findings(result: Diagnosis) -> Iterator[RenderableType]:
     large, small = words.by_size(result)
     if large:
         yield heading(titles["cause"])
-        yield from _causes([words.finding_words(robot, finding) for finding in large[:CAUSES]])
-        yield from _more(len(large) - CAUSES)
+        for cells in (words.finding_words(robot, finding) for finding in large[:MAX_CAUSES]):
+            own, of, joint = cells.torque.partition(" of ")
+            torque = f"{own} of the torque{of}{joint}"
+            where = [f"mostly {cells.where}"] if cells.where else []
+            yield paragraph(", ".join([cells.law, f"probability {cells.probability}", torque, *where]))
+            yield from map(_indented, cells.numbers)
+        yield from _more(len(large) - MAX_CAUSES)
     if usual := words.ordinary_words(result):
         yield heading(ORDINARY)
         yield from map(paragraph, usual)
     if small:
         yield heading(titles["secondary"])
-        lines = (words.secondary_words(robot, finding) for finding in small[:CORRECTIONS])
+        lines = (words.secondary_words(robot, finding) for finding in small[:MAX_CORRECTIONS])
         yield from (Text(line, no_wrap=True, overflow="ellipsis") for line in lines)
-        yield from _more(len(small) - CORRECTIONS)
-
-
-def _causes(causes: Sequence[words.FindingWords]) -> Iterator[RenderableType]:
-    """A sentence per cause, with its parameters, ± 95 %, below."""
-    for cells in causes:
-        own, of, joint = cells.torque.partition(" of ")
-        torque = f"{own} of the torque{of}{joint}"
-        where = [f"mostly {cells.where}"] if cells.where else []
-        yield paragraph(", ".join([cells.law, f"probability {cells.probability}", torque, *where]))
-        yield from map(_indented, cells.numbers)
+        yield from _more(len(small) - MAX_CORRECTIONS)
 
 
 def _indented(line: str) -> RenderableType:
@@ -211,7 +206,7 @@ def _more(number: int) -> list[RenderableType]:
 
 
 def _alternatives(result: Diagnosis) -> Iterator[RenderableType]:
-    rivals = [(finding, words.alternative_words(result.robot, finding)) for finding in result.causes[:CAUSES]]
+    rivals = [(finding, words.alternative_words(result.robot, finding)) for finding in result.causes[:MAX_CAUSES]]
     if any(cells for _, cells in rivals):
         yield heading("Alternatives that explain the recordings equally well, or nearly")
     for finding, cells in rivals:
@@ -246,32 +241,35 @@ def _rolled(result: Diagnosis) -> Section:
 def change(before: float, after: float) -> tuple[str, str]:
     """An error before and after the extension; after in red if clearly larger."""
     shown = figure(after)
-    return figure(before), Worse(shown) if after > words.WORSE * before else shown
+    return figure(before), Worse(shown) if after > words.WORSE_ERROR_RATIO * before else shown
 
 
 def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a diagnosis; `inputs` besides the recordings default to the description."""
     floor, order = result.before.irreducible_rms, worst(result.before)
-    chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]] or order[:1]
+    chosen = [j for j in order if result.before.held_out_rms[j] > UNFOLDED_RESIDUAL_RATIO * floor[j]] or order[:1]
     title, unreliable = f"{result.robot.name}: {words.verdict_words(result)}", words.is_unreliable(result.flags)
     roles = words.role_words(result)
     usual = [_title(result, finding) for finding in result.findings if finding.ordinary]
-    corrections = [_row(result, finding) for finding in words.by_size(result)[1]]
+    corrections = []
+    for finding in words.by_size(result)[1]:
+        cells = words.finding_words(result.robot, finding)
+        corrections.append((_title(result, finding), "; ".join(cells.numbers), *cells[2:]))
     note = (
         f"Residual is measured - predicted torque, low-passed at {figure(result.cutoff)} Hz. Gaps: the joint is at "
         "rest, where dry friction is undetermined. Thick lines: means."
     )
     first, last = result.rollout_before, result.rollout_after
-    rolled = first and last and rollout_plots([("before", first, BEFORE, "dot"), ("after", last, AFTER, "solid")])
+    rolled = first and last and rollout_plots([("before", first, ORANGE, "dot"), ("after", last, BLUE, "solid")])
     drawn = (Legend("Position error, rms over the windows."), Plots(rolled)) if rolled else ()
     sections = [
         Section(roles["cause"], (Laws(list(_law_cards(result))),)),
         Section(ORDINARY, (Sentences(words.ordinary_words(result)), Fold("Each of them", usual))),
         *_places(result),
-        Section(roles["secondary"], (Cells(CORRECTED, corrections),)),
+        Section(roles["secondary"], (Cells(CORRECTION_HEADS, corrections),)),
         Section("", (Sentences(words.trust_words(result)),)),
         Section("Alternatives, and motions that would separate them", tuple(_separating(result))),
-        Section(words.POWER, (Fold("Smallest size of each law", words.smallest_sizes(result)),)),
+        Section(words.POWER_TITLE, (Fold("Smallest size of each law", words.smallest_sizes(result)),)),
         Section("Unexplained residual", (Sentences(words.unexplained_words(result)),)),
         _fit(result).beside(Key(KEY), Folds(note, joint_plots(result.held_out, result.before, result.after, chosen))),
         _rolled(result).beside(*drawn),
@@ -288,14 +286,14 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
 
 def _places(result: Diagnosis) -> list[Section]:
     """Where the residual is, in sentences and heat maps, for a page."""
-    every = words.place_words(result) if len(result.located) > PLACES else []
+    every = words.place_words(result) if len(result.located) > MAX_PLACES else []
     before, after, top = residual_maps(result)
-    said = (Sentences(words.place_words(result, PLACES)), Fold("All joints", every))
+    said = (Sentences(words.place_words(result, MAX_PLACES)), Fold("All joints", every))
     return [
         Section(RESIDUAL, said),
         Section("Original simulation", (Plots(before),), level=3),
         Section("Extended simulation", (Plots(after if result.findings else ()),), level=3),
-        Section("", (Legend(HEAT), Key([("scale", f"1 to {figure(top, 2)} times")]))),
+        Section("", (Legend(HEAT_LEGEND), Key([("scale", f"1 to {figure(top, 2)} times")]))),
     ]
 
 
@@ -336,11 +334,6 @@ def _cards(result: Diagnosis, j: int) -> Iterator[Card]:
         yield Card(title, f"{change} {first.unit[k]}", "rms")
 
 
-def _row(result: Diagnosis, finding: Finding) -> tuple[str, ...]:
-    cells = words.finding_words(result.robot, finding)
-    return _title(result, finding), "; ".join(cells.numbers), *cells[2:]
-
-
 def _law_cards(result: Diagnosis) -> Iterator[LawCard]:
     """A card per large finding; what a law is stands in its first card only."""
     described = set[str]()
@@ -359,7 +352,7 @@ def _card(result: Diagnosis, finding: Finding) -> LawCard:
         table = Cells(("parameter", "in the simulation>", "recorded>", "± 95 %>", "unit"), numbers)
     else:
         table = Cells(("parameter", "value>", "± 95 %>", "unit"), [(x.key, x.value, x.half, x.unit) for x in numbers])
-    rivals, sure = _rivals(result, finding), finding.probability >= SURE
+    rivals, sure = _rivals(result, finding), finding.probability >= MIN_CERTAIN_PROBABILITY
     alone = "No alternative comes close" if sure else "No other law gives half of this torque"
     where = f", mostly {cells.where}" if cells.where else ""
     evidence = (
@@ -388,6 +381,6 @@ def _title(result: Diagnosis, finding: Finding) -> str:
 
 def _rivals(result: Diagnosis, finding: Finding) -> list[tuple[str, Bar]]:
     """A finding and its most probable alternatives, with their probabilities."""
-    rivals = [(rival.law, rival.probability) for rival in finding.alternatives if rival.probability >= words.NEGLIGIBLE]
-    first = [(finding.law, finding.probability), *sorted(rivals, key=lambda pair: -pair[1])[:LISTED]]
+    rivals = [(rival.law, rival.probability) for rival in finding.alternatives if rival.probability >= words.MIN_SHOWN]
+    first = [(finding.law, finding.probability), *sorted(rivals, key=lambda pair: -pair[1])[:MAX_DRAWN]]
     return [(law_words(result.robot, law), Bar(confidence(p), 100 * p)) for law, p in first]

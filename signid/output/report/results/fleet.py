@@ -15,12 +15,12 @@ from ..plots.frame import render
 from ..sections import Card
 from .sentences import listed, quantity
 
-UNDONE, FLAGGED = "not done", "flagged"  # states of a session in fleet.json
-SHOWN = 20  # maximum number of rows per table
-HEADED = 2  # maximum number of robots in the headline
-LISTED = 60  # maximum number of changes or outliers listed
-FOUND = (("changes", "Changes between sessions of a robot"), ("outliers", "Outliers between robots of one kind"))
-REPORT = "report.html"
+UNDONE_STATE, FLAGGED_STATE = "not done", "flagged"  # states of a session in fleet.json
+MAX_CELLS = 20  # maximum number of rows per table
+MAX_TITLED = 2  # maximum number of robots in the headline
+MAX_LISTED = 60  # maximum number of changes or outliers listed
+TITLED = (("changes", "Changes between sessions of a robot"), ("outliers", "Outliers between robots of one kind"))
+REPORT_FILE = "report.html"
 
 
 def fleet_headline(document: Mapping[str, Any], reused: int = 0) -> str:
@@ -33,15 +33,15 @@ def fleet_headline(document: Mapping[str, Any], reused: int = 0) -> str:
         found.setdefault(change["name"], words + apart.get((change["name"], change["number"]), ""))
     for outlier in outliers:
         found.setdefault(outlier["name"], outlier_sentence(outlier, headline=True))
-    beyond = [f"and {plural(len(found) - HEADED, 'more robot')}"] if len(found) > HEADED else []
-    return "; ".join([*list(found.values())[:HEADED], *beyond]) or fleet_sentence(document, reused)
+    beyond = [f"and {plural(len(found) - MAX_TITLED, 'more robot')}"] if len(found) > MAX_TITLED else []
+    return "; ".join([*list(found.values())[:MAX_TITLED], *beyond]) or fleet_sentence(document, reused)
 
 
 def fleet_sentence(document: Mapping[str, Any], reused: int = 0) -> str:
     """Summarise a fleet in one sentence; `reused`: sessions that were stored by an earlier run."""
     robots, sessions = document["robots"], document["sessions"]
     differ = sum(robot["verdict"] not in ("", "nothing_missing") for robot in robots)
-    undone = sum(session["state"] == UNDONE for session in sessions)
+    undone = sum(session["state"] == UNDONE_STATE for session in sessions)
     parts = []
     if any(robot["verdict"] for robot in robots):
         parts.append(f"{plural(differ, 'robot')} {'differs' if differ == 1 else 'differ'} from the simulation")
@@ -87,11 +87,11 @@ def fleet_tables(document: Mapping[str, Any], reused: int = 0) -> list[Renderabl
     """Terminal tables of a fleet: changes and outliers, then one line for each robot."""
     robots, headline, sentence = document["robots"], fleet_headline(document, reused), fleet_sentence(document, reused)
     shown = [paragraph(text) for text in dict.fromkeys((headline, sentence))]
-    for key, title in FOUND:
+    for key, title in TITLED:
         if found := findings(document, key):
-            shown += [heading(title), *(paragraph(one["sentence"]) for one in found[:SHOWN]), *_more(len(found))]
+            shown += [heading(title), *(paragraph(one["sentence"]) for one in found[:MAX_CELLS]), *_more(len(found))]
     table = new_table("robot", "mismatch>", "joint", "after>", "explained>", "lacks")
-    for robot in robots[:SHOWN]:
+    for robot in robots[:MAX_CELLS]:
         mismatch, *after = mismatch_cells(robot)
         lacks = Text(lacking(robot), no_wrap=True, overflow="ellipsis")
         table.add_row(robot["name"], mismatch, robot["joint"], *after, lacks)
@@ -102,14 +102,14 @@ def fleet_tables(document: Mapping[str, Any], reused: int = 0) -> list[Renderabl
 
 def lacking(robot: Mapping[str, Any]) -> str:
     """Laws that a robot's simulation lacks, in words."""
-    none = UNDONE if robot["undone"] == len(robot["sessions"]) else "-"
+    none = UNDONE_STATE if robot["undone"] == len(robot["sessions"]) else "-"
     words = {"nothing_missing": "nothing", "unknown": "physics that no law explains", "": none}
     said = [(law, 1) for law in robot["lacks"]]
     return listed(said, len(said)) or words.get(robot["verdict"], robot["verdict"])
 
 
 def _more(count: int) -> list[RenderableType]:
-    return [paragraph(f"and {count - SHOWN} more in index.html")] if count > SHOWN else []
+    return [paragraph(f"and {count - MAX_CELLS} more in index.html")] if count > MAX_CELLS else []
 
 
 def mismatch_cells(robot: Mapping[str, Any]) -> tuple[str, str, str]:
@@ -122,17 +122,17 @@ def fleet_page(document: Mapping[str, Any], command: str = "", reused: int = 0) 
     """Render index.html from the content of fleet.json, with links to the reports of its sessions."""
     headline, sentence = fleet_headline(document, reused), fleet_sentence(document, reused)
     sessions = {session["session"]: session for session in document["sessions"]}
-    flagged = sum(session["state"] == FLAGGED for session in sessions.values())
+    flagged = sum(session["state"] == FLAGGED_STATE for session in sessions.values())
     return render(
         "fleet.html",
         title=headline,
         over="fleet of robots" if headline == sentence else f"fleet: {sentence}",
         cards=list(_cards(document)),
-        undone=[(one["session"], one["said"]) for one in document["sessions"] if one["state"] == UNDONE],
+        undone=[(one["session"], one["said"]) for one in document["sessions"] if one["state"] == UNDONE_STATE],
         flagged=plural(flagged, "session") if flagged else "",
         rows=list(_rows(document, sessions)),
         kinds=len({robot["kind"] for robot in document["robots"] if robot["kind"]}) > 1,
-        found=[(title, [one["sentence"] for one in findings(document, key)[:LISTED]]) for key, title in FOUND],
+        found=[(title, [one["sentence"] for one in findings(document, key)[:MAX_LISTED]]) for key, title in TITLED],
         compared=document.get("comparison"),
         sessions=[(one, _link(one)) for one in document["sessions"]],
         document=document,
@@ -146,7 +146,7 @@ def _cards(document: Mapping[str, Any]) -> Iterator[Card]:
         first = robots[0]
         beside = f"{first['name']}, {first['joint']}: held-out rms over the noise floor"
         yield Card("largest mismatch", f"{figure(first['mismatch'])} times", beside)
-    done = sum(session["state"] != UNDONE for session in document["sessions"])
+    done = sum(session["state"] != UNDONE_STATE for session in document["sessions"])
     yield Card("sessions completed", f"{done} of {len(document['sessions'])}", "each with its own report")
 
 
@@ -170,4 +170,4 @@ def _rows(document: Mapping[str, Any], sessions: Mapping[str, Any]) -> Iterator[
 
 def _link(session: Mapping[str, Any]) -> str:
     """Relative link to the report of a session."""
-    return f"{quote(session['folder'])}/{REPORT}" if REPORT in session["files"] else ""
+    return f"{quote(session['folder'])}/{REPORT_FILE}" if REPORT_FILE in session["files"] else ""

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     from ....identify import Identification
     from ....simulation.refine import Refinement
 
-SMALL = 1e-6  # [1] step of finite differences over the coefficients of a law
-WIDE = 4  # maximum number of columns of law parameters
-LISTED = 12  # maximum number of correlated pairs listed
-KEY = (("measured", "measured"), ("before", "before: robot description"), ("after", "after: identified model"))
-BOUNDS = (
+COEFFICIENT_STEP = 1e-6  # [1] step of finite differences over the coefficients of a law
+MAX_NUMBER_COLUMNS = 4  # maximum number of columns of law parameters
+MAX_CORRELATED_PAIRS = 12  # maximum number of correlated pairs listed
+CURVE_KEY = (("measured", "measured"), ("before", "before: robot description"), ("after", "after: identified model"))
+BASE_LEGEND = (
     "Identifiable combinations of the parameters of bodies and laws; indices: moving links. The bar shows the "
     "half-width of the interval relative to the value; it is full and grey if the interval contains zero."
 )
@@ -93,7 +93,7 @@ def _deviations(result: Identification, law: Law, rows: Sequence[int | None]) ->
     known = {k: row for k, row in enumerate(rows) if row is not None}
     first, covariance = [*known], estimate.covariance[np.ix_([*known.values()], [*known.values()])]
     at = np.array(effect.coefficients(law.parameters))
-    step = SMALL * max(float(np.abs(at).max()), SMALL)
+    step = COEFFICIENT_STEP * max(float(np.abs(at).max()), COEFFICIENT_STEP)
     ends = [[list(effect.physical(at + x, {}).values()) for x in sign * step * np.eye(len(at))] for sign in (1, -1)]
     slopes = (np.array(ends[0]) - ends[1]) / (2 * step)  # (k coefficients, k parameters)
     mixed = np.any(np.delete(slopes, first, axis=0), axis=0).tolist()  # with coefficients that are not identifiable
@@ -159,7 +159,7 @@ def identification_tables(result: Identification) -> list[RenderableType]:
 
 def _laws(numbers: Sequence[Quantity]) -> Section:
     """A table with one row per joint, or one row per parameter if there are too many columns."""
-    if len({(n.law, n.name) for n in numbers}) <= WIDE:
+    if len({(n.law, n.name) for n in numbers}) <= MAX_NUMBER_COLUMNS:
         heads, cells = grid(numbers, lambda n: f"{spaced(n.law)}\n{n.name} ")
         places = dict.fromkeys(n.place for n in numbers)
         table = Cells(("joint", *heads), [(place, *row) for place, row in zip(places, cells, strict=True)])
@@ -244,7 +244,7 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
     laws = [(n.place, spaced(n.law), spaced(n.name), *n.interval("in combination"), n.unit) for n in numbers]
     pairs = [
         f"{base.expressions[i]} and {base.expressions[k]}: {size:.3f}"
-        for i, k, size in tied(result.estimate.covariance)[:LISTED]
+        for i, k, size in tied(result.estimate.covariance)[:MAX_CORRELATED_PAIRS]
     ]
     together = "Strongly correlated pairs:" if pairs else "No two parameters are correlated by more than 0.95."
     method = f"{result.estimate.method}, {result.method}; torque low-passed at {figure(result.cutoff)} Hz."
@@ -255,7 +255,7 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
         Section(
             "Base parameters",
             (
-                Legend(BOUNDS),
+                Legend(BASE_LEGEND),
                 Cells(("#>", "combination", "value>", "± 95 %>", "unit", "of value>"), list(_bounds(result))),
                 Plots([correlation_plot(result.estimate.covariance)]),
                 Legend(together),
@@ -287,7 +287,7 @@ def _held_out(result: Identification, order: Sequence[int]) -> Section:
     note = f"Residual is measured - predicted torque, low-passed at {figure(result.cutoff)} Hz. Thick lines: means."
     note += "" if whole else " Beginning of the held-out data."
     folds = Folds(note, joint_plots(course, before, result.fit, order))
-    return Section(title, (Cells(("joint", "rms as described>", *heads), rows), Key(KEY), folds))
+    return Section(title, (Cells(("joint", "rms as described>", *heads), rows), Key(CURVE_KEY), folds))
 
 
 def _cards(result: Identification, j: int) -> Iterator[Card]:

@@ -16,9 +16,9 @@ from .identification import base_documents
 if TYPE_CHECKING:
     from ....inspect import Inspection
 
-VERDICTS = {"right": "green", "uncertain": "yellow", "wrong": "red"}
+READING_STYLES = {"right": "green", "uncertain": "yellow", "wrong": "red"}
 HEADS = ("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")
-STYLES = {"identifiable": "green", "weak": "yellow", "unidentifiable": "red"}
+BASE_STYLES = {"identifiable": "green", "weak": "yellow", "unidentifiable": "red"}
 
 
 def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: int = 0) -> Document:

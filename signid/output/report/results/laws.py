@@ -16,14 +16,14 @@ from ....robot.dynamics import own_body
 from ....types import TWO_SIDED, Coefficient, Law, Robot
 from ....version import __version__
 from ..documents import Document, picked
-from ..layout import UNKNOWN, figure, heading, new_table, paragraph, plural, with_interval
+from ..layout import UNKNOWN_TEXT, figure, heading, new_table, paragraph, plural, with_interval
 from ..quantities import Quantity, effect_document, law_numbers
 
 if TYPE_CHECKING:
     from ....diagnose import Finding
 
 
-KINDS: dict[type[Effect], str] = {
+EFFECT_KINDS: dict[type[Effect], str] = {
     TorqueLaw: "torque",
     BodyLaw: "bodies",
     TransmissionLaw: "transmission",
@@ -50,8 +50,8 @@ class NumberCells(NamedTuple):
     @property
     def compared(self) -> str:
         """A stated parameter and its estimate."""
-        if self.value == UNKNOWN:
-            return f"{self.stated} {self.unit}".rstrip() + f" in the simulation, {UNKNOWN} from the recordings"
+        if self.value == UNKNOWN_TEXT:
+            return f"{self.stated} {self.unit}".rstrip() + f" in the simulation, {UNKNOWN_TEXT} from the recordings"
         return f"{self.stated} in the simulation, {self.interval} recorded"
 
 
@@ -110,7 +110,7 @@ def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
 def _cells(x: Quantity) -> NumberCells:
     before, unit = "" if x.stated is None else _as_fine(x.stated, x.std), "" if x.unit == "1" else x.unit
     value, half = x.interval("")
-    half, unit = ("", unit if before else "") if value == UNKNOWN else (half, unit)
+    half, unit = ("", unit if before else "") if value == UNKNOWN_TEXT else (half, unit)
     return NumberCells(x.name, before, value, half, unit)
 
 
@@ -130,7 +130,7 @@ def effects_tables(effects: Sequence[Effect]) -> list[RenderableType]:
     if len(effects) == 1:
         return _card_lines(effects[0])
     lines: list[RenderableType] = []
-    for kind, name in KINDS.items():
+    for kind, name in EFFECT_KINDS.items():
         mine = [paragraph(f"  {law_syntax(effect)}") for effect in effects if isinstance(effect, kind)]
         lines += [heading(f"Laws of the {name}", below=bool(lines)), *mine] if mine else []
     return [*lines, paragraph("\nValues are usual ones. signid effects NAME shows the law, its units and its source.")]
@@ -140,7 +140,7 @@ def _card(effect: Effect) -> dict[str, Any]:
     return {
         "name": effect.name,
         "summary": getdoc(type(effect)),
-        "acts_on": next(name for kind, name in KINDS.items() if isinstance(effect, kind)),
+        "acts_on": next(name for kind, name in EFFECT_KINDS.items() if isinstance(effect, kind)),
         **picked(effect, "scope equation"),
         "parameters": {
             key: {"unit": kind.unit, "linear": isinstance(kind, Coefficient), "usual": effect.example[key]}

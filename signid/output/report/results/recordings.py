@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -21,7 +21,7 @@ from ..layout import figure, heading, new_table, note_lines, paragraph, plural
 if TYPE_CHECKING:
     from ....recording.convert import Conversion
 
-SHOWN = 4  # number of joints listed per topic
+MAX_TOPIC_JOINTS = 4  # number of joints listed per topic
 
 
 def conversion_document(found: Conversion, inputs: Sequence[Input] = ()) -> Document:
@@ -78,14 +78,26 @@ def _topics(found: Conversion) -> list[RenderableType]:
     table = new_table("topic", "type", "messages>", "Hz>", "joints")
     for topic in found.about.topics:
         rate = figure(topic.rate) if np.isfinite(topic.rate) else ""
-        joints = shorten(topic.joints, SHOWN) if topic.read else "(not read)"
+        joints = shorten(topic.joints, MAX_TOPIC_JOINTS) if topic.read else "(not read)"
         table.add_row(topic.name, topic.kind.rpartition("/")[2], str(topic.messages), rate, joints)
     return [table]
 
 
 def data_document(sets: Iterable[DataSet], folder: Path, written: Sequence[Path] = ()) -> Document:
     """Build the output of `signid data --json`: data sets and written files."""
-    known = {"schema": "signid.data/1", "folder": str(folder), "sets": [_entry(one, folder) for one in sets]}
+    described = [
+        {
+            "name": one.name,
+            "title": one.title,
+            "duration": one.seconds,
+            **picked(one, "drives repository commit base licence cite megabytes"),
+            "folder": str(folder / one.folder),
+            "here": is_complete(one, folder / one.folder),
+            "files": [{"name": x.name, "sha256": x.sha256, "sources": list(x.sources)} for x in one.products],
+        }
+        for one in sets
+    ]
+    known = {"schema": "signid.data/1", "folder": str(folder), "sets": described}
     return {**known, "written": [str(path) for path in written], "version": __version__}
 
 
@@ -117,16 +129,3 @@ def data_card(wanted: DataSet, folder: Path, base: str) -> list[RenderableType]:
     table = new_table("", "", rows=rows.items())
     table.show_header = False
     return [paragraph(f"{wanted.name}: {wanted.title}, {wanted.seconds:.0f} s"), table]
-
-
-def _entry(one: DataSet, folder: Path) -> dict[str, Any]:
-    files = [{"name": x.name, "sha256": x.sha256, "sources": list(x.sources)} for x in one.products]
-    return {
-        "name": one.name,
-        "title": one.title,
-        "duration": one.seconds,
-        **picked(one, "drives repository commit base licence cite megabytes"),
-        "folder": str(folder / one.folder),
-        "here": is_complete(one, folder / one.folder),
-        "files": files,
-    }

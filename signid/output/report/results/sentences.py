@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from ....effects.naming import law_place
 from ....errors import shorten
 from ....types import TWO_SIDED, Coefficient, Effect, Law, Robot, Shape
-from ..layout import UNKNOWN, confidence, figure, plural, share
+from ..layout import UNKNOWN_TEXT, confidence, figure, plural, share
 from ..quantities import Quantity, law_numbers, spaced
 from .laws import changed_link, law_words, number_lines
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     from ....diagnose import Diagnosis, Finding
     from ....diagnose.data.locate import Location
 
-LARGE = 0.2  # share of a joint's torque from which a correction is not small [1]
-FEW = 3  # maximum number of causes in a headline
-DIGITS = 4  # maximum number of significant digits in a headline
-LONG = 40  # length of joined names beyond which joints are only counted [characters]
-BRIEF = 0.1  # times below are given in milliseconds [s]
-FIELD = re.compile(r"\{(\w+)\}")
-NOISE = 1.08  # ratio of residual to irreducible rms up to which a residual is noise
-NEGLIGIBLE = 0.001  # probability below which an alternative is not shown
-LITTLE = 0.3  # explained share below which no variable is named
-WORSE = 1.02  # ratio of errors, after to before, above which a result is worse
-GONE = 0.005  # share of torque below which a joint is not counted
-POWER = "What these recordings would have shown with a probability of .9"
-SAID = ("payload", "coulomb_friction", "spring")  # effects whose smallest size is said on the terminal
-RIVALS = 3  # maximum number of alternatives shown on the terminal
+MIN_LARGE_SHARE = 0.2  # share of a joint's torque from which a correction is not small [1]
+MAX_HEADLINE_CAUSES = 3  # maximum number of causes in a headline
+MAX_HEADLINE_DIGITS = 4  # maximum number of significant digits in a headline
+MAX_JOINED_LENGTH = 40  # length of joined names beyond which joints are only counted [characters]
+MAX_IN_MS = 0.1  # times below are given in milliseconds [s]
+TEMPLATE_FIELD = re.compile(r"\{(\w+)\}")
+MAX_NOISE_RATIO = 1.08  # ratio of residual to irreducible rms up to which a residual is noise
+MIN_SHOWN = 0.001  # probability below which an alternative is not shown
+MIN_NAMED_EXPLAINED = 0.3  # explained share below which no variable is named
+WORSE_ERROR_RATIO = 1.02  # ratio of errors, after to before, above which a result is worse
+MIN_COUNTED_SHARE = 0.005  # share of torque below which a joint is not counted
+POWER_TITLE = "What these recordings would have shown with a probability of .9"
+PRINTED_EFFECTS = ("payload", "coulomb_friction", "spring")  # effects whose smallest size is said on the terminal
+MAX_PRINTED_ALTERNATIVES = 3  # maximum number of alternatives shown on the terminal
 
 
 class Named(NamedTuple):
@@ -64,9 +64,9 @@ def quantity(value: float, std: float | None, unit: str) -> str:
     ('5.0 ± 0.2 ms', '3.1 ± 0.2 %', 'not identifiable')
     """
     if not isfinite(value) or (std is not None and not isfinite(std)):
-        return UNKNOWN
+        return UNKNOWN_TEXT
     half = TWO_SIDED * (std or 0.0)
-    scale, unit = (1e3, "ms") if unit == "s" and abs(value) < BRIEF else (1e2, "%") if unit == "1" else (1.0, unit)
+    scale, unit = (1e3, "ms") if unit == "s" and abs(value) < MAX_IN_MS else (1e2, "%") if unit == "1" else (1.0, unit)
     return f"{_rounded(scale * value, scale * half)} {unit}".rstrip()
 
 
@@ -74,7 +74,7 @@ def _rounded(value: float, half: float) -> str:
     largest = max(abs(value), half)
     if half <= 0 or not 1e-4 <= largest < 1e6:
         return figure(value) + (f" ± {figure(half, 1)}" if half > 0 else "")
-    last = max(floor(log10(half)), floor(log10(largest)) - DIGITS + 1)
+    last = max(floor(log10(half)), floor(log10(largest)) - MAX_HEADLINE_DIGITS + 1)
     last += ceil(half / 10.0**last - 1e-6) >= 10
     places, unit = max(0, -last), 10.0**last
     return f"{round(value / unit) * unit:z.{places}f} ± {ceil(half / unit - 1e-6) * unit:.{places}f}"
@@ -83,7 +83,7 @@ def _rounded(value: float, half: float) -> str:
 def finding_headline(finding: Named) -> str:
     """A finding in words, with its main number; the card of its effect may hold a template."""
     words = _template(finding)
-    return FIELD.sub(lambda field: _filled(finding, field[1]), words)
+    return TEMPLATE_FIELD.sub(lambda field: _filled(finding, field[1]), words)
 
 
 def compared(finding: Named) -> str:
@@ -95,14 +95,14 @@ def compared(finding: Named) -> str:
         return ""
     (key, number), where = next(iter(finding.numbers.items())), subject(finding)
     before, after = quantity(finding.stated[key], None, number.unit), quantity(number.value, number.std, number.unit)
-    shown = after if after == UNKNOWN else f"{after} recorded"
+    shown = after if after == UNKNOWN_TEXT else f"{after} recorded"
     return f"{where}: {before} in the simulation, {shown}"
 
 
 def subject(finding: Named) -> str:
     """Name of a law and its joints, without number."""
     words = _template(finding).partition(": ")[0]
-    return FIELD.sub(lambda field: _filled(finding, field[1]), words)
+    return TEMPLATE_FIELD.sub(lambda field: _filled(finding, field[1]), words)
 
 
 def main_number(finding: Named) -> Quantity | None:
@@ -138,12 +138,12 @@ def _filled(finding: Named, field: str) -> str:
     parts = [finding.numbers[key] for key in (f"{field}_{axis}" for axis in "xyz") if key in finding.numbers]
     size = hypot(*(part.value for part in parts))
     errors = [part.value * (part.std or 0.0) for part in parts]
-    return quantity(size, hypot(*errors) / size if size else None, parts[0].unit) if parts else UNKNOWN
+    return quantity(size, hypot(*errors) / size if size else None, parts[0].unit) if parts else UNKNOWN_TEXT
 
 
 def grouped(findings: Sequence[Named], joints: int) -> Iterator[tuple[str, int]]:
     """Yield findings in words, each with the number of findings in it; many of one effect are one, with their range."""
-    if len(findings) <= FEW:
+    if len(findings) <= MAX_HEADLINE_CAUSES:
         yield from ((finding_headline(finding), 1) for finding in findings)
         return
     groups: dict[str, list[Named]] = {}
@@ -158,7 +158,7 @@ def _together(findings: Sequence[Named], joints: int) -> str:
     """Findings of one effect at several joints, with the range of their main number."""
     places = list(dict.fromkeys(str(finding.joint) for finding in findings))
     where = ", ".join(places)
-    where = where if len(places) <= FEW and len(where) <= LONG else f"{len(places)} joints"
+    where = where if len(places) <= MAX_HEADLINE_CAUSES and len(where) <= MAX_JOINED_LENGTH else f"{len(places)} joints"
     where = "all joints" if len(places) == joints else where
     words = _template(findings[0]).partition(": ")[0].replace("{joint}", where).replace(" (link {link})", "")
     found = [number for finding in findings if (number := main_number(finding)) is not None]
@@ -173,7 +173,7 @@ def _together(findings: Sequence[Named], joints: int) -> str:
 
 def listed(words: Sequence[tuple[str, int]], total: int) -> str:
     """The first three groups of findings, and the number of all others."""
-    shown = words[:FEW]
+    shown = words[:MAX_HEADLINE_CAUSES]
     more = total - sum(count for _, count in shown)
     return "; ".join([*(text for text, _ in shown), *([f"and {more} more"] if more > 0 else [])])
 
@@ -213,7 +213,7 @@ def _left_words(left: Sequence[float]) -> str:
 def _wrong(findings: Sequence[Named], joints: int) -> Iterator[tuple[str, int]]:
     """Yield wrong parameters beside what was recorded if they are few, the others by their laws."""
     pairs = {k: words for k, finding in enumerate(findings) if (words := compared(finding))}
-    pairs = pairs if len(pairs) <= FEW else {}
+    pairs = pairs if len(pairs) <= MAX_HEADLINE_CAUSES else {}
     yield from ((words, 1) for words in pairs.values())
     if others := [finding for k, finding in enumerate(findings) if k not in pairs]:
         words = listed(list(grouped(others, joints)), len(others))
@@ -264,7 +264,7 @@ def is_unreliable(flags: Sequence[str]) -> bool:
 def by_size(result: Diagnosis) -> tuple[list[Finding], list[Finding]]:
     """Causes and corrections of much torque, and small corrections, each in the order of the torque they explain."""
     beyond = [finding for finding in result.findings if not finding.ordinary or not finding.in_model]
-    small = [x for x in beyond if x.role == "secondary" and x.torque_share.max() < LARGE]
+    small = [x for x in beyond if x.role == "secondary" and x.torque_share.max() < MIN_LARGE_SHARE]
     return [x for x in beyond if x not in small], small
 
 
@@ -296,7 +296,7 @@ def place_words(result: Diagnosis, most: int | None = None) -> list[str]:
     said: list[tuple[float, str]] = []
     for place in result.located:
         joint, ratio = result.robot.joints[place.joint], fit.train_rms[place.joint] / fit.irreducible_rms[place.joint]
-        if ratio <= NOISE:
+        if ratio <= MAX_NOISE_RATIO:
             quiet.append(joint)
             continue
         words = f"{joint} {place.region}: {share(place.share)} of its residual torque; {_follows(place)}"
@@ -312,7 +312,7 @@ def finding_words(robot: Robot, finding: Finding) -> FindingWords:
     torque = dict(zip(robot.joints, finding.torque_share.tolist(), strict=True))
     first = max(torque, key=lambda joint: torque[joint])
     where = robot.joints[finding.where.joint]
-    others = sum(x >= GONE for joint, x in torque.items() if joint != first)
+    others = sum(x >= MIN_COUNTED_SHARE for joint, x in torque.items() if joint != first)
     return FindingWords(
         law_words(robot, finding.law),
         number_lines(robot, finding),
@@ -329,16 +329,16 @@ def secondary_words(robot: Robot, finding: Finding) -> str:
     return f"{lead}: {'; '.join(words.numbers)}" if words.numbers else lead
 
 
-def alternative_words(robot: Robot, finding: Finding, most: int | None = RIVALS) -> list[str]:
+def alternative_words(robot: Robot, finding: Finding, most: int | None = MAX_PRINTED_ALTERNATIVES) -> list[str]:
     """Alternatives of a finding with their probability and a separating motion; the others are counted.
 
     At most `most` probable ones are listed; None: all, even improbable ones.
     """
-    near = [x.probability >= NEGLIGIBLE or x.separating_motion.startswith("no motion") for x in finding.alternatives]
+    near = [x.probability >= MIN_SHOWN or x.separating_motion.startswith("no motion") for x in finding.alternatives]
     rivals = list(finding.alternatives if most is None else compress(finding.alternatives, near))[:most]
     said = list[str]()
     for rival in rivals:
-        sure = confidence(rival.probability) if rival.probability >= NEGLIGIBLE else f"<{NEGLIGIBLE}"
+        sure = confidence(rival.probability) if rival.probability >= MIN_SHOWN else f"<{MIN_SHOWN}"
         motion = f": {rival.separating_motion}" if rival.separating_motion else ""
         said.append(f"or {law_words(robot, rival.law)}, probability {sure}{motion}")
     more = len(finding.alternatives) - len(rivals)
@@ -373,11 +373,11 @@ def power_words(result: Diagnosis) -> list[str]:
         hidden = [x.joint for x in sizes if x.smallest is None and x.joint is not None]
         if len(least) < len(sizes):
             unseen.append(f"{law} of {shorten(hidden)}" if hidden else law)
-        elif effect in SAID:
+        elif effect in PRINTED_EFFECTS:
             law += " of any joint" if len(sizes) > 1 else ""
             seen.append(f"{law} above {quantity(max(least), None, unit)}")
     said = [shorten(seen) if seen else "", f"at no plausible size {shorten(unseen)}" if unseen else ""]
-    return [f"{POWER}: {'; '.join(filter(None, said))}."] if seen or unseen else []
+    return [f"{POWER_TITLE}: {'; '.join(filter(None, said))}."] if seen or unseen else []
 
 
 def smallest_sizes(result: Diagnosis) -> list[str]:
@@ -390,6 +390,6 @@ def smallest_sizes(result: Diagnosis) -> list[str]:
 
 
 def _follows(place: Location) -> str:
-    if place.explained < LITTLE:
+    if place.explained < MIN_NAMED_EXPLAINED:
         return "no single variable explains it"
     return f"{place.variable} explains {share(place.explained)}"

@@ -23,14 +23,14 @@ from .servo_identification import all_joints, loop_units, poor_joints
 if TYPE_CHECKING:
     from ....servo.diagnose import ServoDiagnosis, ServoFinding, ServoRepeats
 
-VERDICTS = {
+VERDICT_SENTENCES = {
     "nothing_missing": "nothing is missing: the simulation predicts the motion within the noise of the positions, or "
     f"{100 * VISIBLE:.0f} % of the tracking error",
     "unknown": "the simulation and the recordings differ, and no law explains the difference",
 }
-LIKELIHOOD = ("law", "joint", "numbers, ± 95 %", "stated>", "probability>", "mismatch explained>", "held-out gain>")
-ALIKE, WORTH = 0.75, 0.05  # [1] of the best share explained, and share, from which laws count as not separated
-FINE = 0.999  # probability that is shown as > 99.9 %
+FINDING_HEADS = ("law", "joint", "numbers, ± 95 %", "stated>", "probability>", "mismatch explained>", "held-out gain>")
+RATIO, MIN_SHARE = 0.75, 0.05  # [1] of the best share explained, and share, from which laws count as not separated
+MAX_SHOWN_PROBABILITY = 0.999  # probability that is shown as > 99.9 %
 
 
 def servo_diagnosis_document(result: ServoDiagnosis, inputs: Sequence[Input] = ()) -> Document:
@@ -122,20 +122,20 @@ def _cards(result: ServoDiagnosis) -> Iterator[Card]:
 def _title(result: ServoDiagnosis) -> str:
     """The verdict as a sentence."""
     causes = ", ".join(f"{one.effect} at {one.joint}" for one in result.causes)
-    verdict = VERDICTS.get(result.verdict) or f"missing or wrongly stated: {causes}"
+    verdict = VERDICT_SENTENCES.get(result.verdict) or f"missing or wrongly stated: {causes}"
     return f"{result.robot.name}: {verdict}"
 
 
 def _findings(result: ServoDiagnosis) -> Section:
     """Numbers, stated values, probability, share of the mismatch and held-out gain of each finding."""
     rows = [[one.effect, one.joint, *_cells(one)] for one in result.findings]
-    return Section("Missing or wrongly stated", (Cells(LIKELIHOOD, rows),))
+    return Section("Missing or wrongly stated", (Cells(FINDING_HEADS, rows),))
 
 
 def _cells(one: ServoFinding) -> list[str]:
     numbers = [f"{x.name} {x.text} {x.unit}".removesuffix(" 1") for x in found_numbers(one)]
     stated = ["-" if x.stated is None else figure(x.stated) for x in found_numbers(one)]
-    sure = "> 99.9 %" if one.probability > FINE else share(one.probability)
+    sure = "> 99.9 %" if one.probability > MAX_SHOWN_PROBABILITY else share(one.probability)
     explained = share(one.share.get(one.joint, 0.0))
     return ["; ".join(numbers), "; ".join(stated), sure, explained, share(max(one.held_out_gain, 0.0))]
 
@@ -165,7 +165,7 @@ def _unexplained(result: ServoDiagnosis) -> Section:
             each = ", ".join(f"{effect} {share(max(part, 0.0))}" for effect, part in left.tried.items())
             sentences.append(f"{left.joint}: fitted and not added, with the share of the mean square explained: {each}")
             best = max(left.tried.values())
-            if len(alike := [effect for effect, part in left.tried.items() if part > max(ALIKE * best, WORTH)]) > 1:
+            if len(alike := [effect for effect, part in left.tried.items() if part > max(RATIO * best, MIN_SHARE)]) > 1:
                 sentences.append(f"{left.joint}: these recordings do not separate {', '.join(alike)}")
     return Section("Unexplained mismatch", (Sentences(sentences),))
 

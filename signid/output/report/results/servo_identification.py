@@ -18,26 +18,26 @@ from ....types import Input
 from ..documents import Document, description, ending, opening, picked, stamps_clock
 from ..layout import Worse, plural, share, thousandths
 from ..plots.courses import loop_blocks, worst_joints
-from ..plots.frame import FRICTION, Header, friction_plots, sections_page, shared
+from ..plots.frame import FRICTION_LEGEND, Header, friction_plots, sections_page, shared
 from ..quantities import Quantity, effect_document, grid, spaced
 from ..sections import Block, Card, Cells, Legend, Plain, Plots, Section, Sentences, terminal
-from .sentences import WORSE
+from .sentences import WORSE_ERROR_RATIO
 
 if TYPE_CHECKING:
     from ....servo.identify import FrictionModel, ServoIdentification, ServoJoint, ServoNumber, ServoRollOut
 
-FIRST = ("kp", "damping", "delay", "lag", "effort_limit", "armature", "coulomb_friction", "load_friction")
-LAWS = (*PASSIVE, "load_friction")  # numbers of a drive that are written as effects
-ROUNDING = 1e-9  # eigenvalue over trace of a pseudo-inertia that counts as 0, as of a link without mass
-LEGEND = (
+LEADING = ("kp", "damping", "delay", "lag", "effort_limit", "armature", "coulomb_friction", "load_friction")
+EFFECT_NUMBERS = (*PASSIVE, "load_friction")  # numbers of a drive that are written as effects
+MAX_ROUNDED = 1e-9  # eigenvalue over trace of a pseudo-inertia that counts as 0, as of a link without mass
+DRIVE_NUMBERS_LEGEND = (
     "damping: kd of the drive, viscous friction and back-EMF together; lag: delay + damping / kp; saturated: share of "
     "samples in which the drive gives its limit."
 )
-PREDICTED = ("predicted", "of tracking", "every second")  # heads of `loop_cells`
-BOUNDS = "< and > are bounds of numbers that are not identifiable; - is one without a bound."
-IDEAL = "q = q_des"  # the nominal loop where no gain is stated
+LOOP_HEADS = ("predicted", "of tracking", "every second")  # heads of `loop_cells`
+BOUND_LEGEND = "< and > are bounds of numbers that are not identifiable; - is one without a bound."
+IDEAL_LOOP = "q = q_des"  # the nominal loop where no gain is stated
 DAMPING = "kd + viscous_friction + back_emf"
-MODELS = (
+FRICTION_MODELS_LEGEND = (
     "Each model takes the place of the friction of the drives and is fitted to the same windows of the training rows. "
     "The log Bayes factor is that of these rows over the first model; the probability allows for their differences. "
     "M1 to M6: Duclusaud et al., arXiv 2410.08650; PACE: Bjelonic et al., 2025."
@@ -62,7 +62,7 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
         **opening("signid.identification/1", robot),
         "base_parameters": [],
         "standard_parameters": standard_parameters(model.robot, inertials),
-        "physically_consistent": all(np.linalg.eigvalsh(x)[0] >= -ROUNDING * abs(np.trace(x)) for x in bodies),
+        "physically_consistent": all(np.linalg.eigvalsh(x)[0] >= -MAX_ROUNDED * abs(np.trace(x)) for x in bodies),
         "effects": list(_effects(result)),
         "signs": None,
         "fit": {**position_fit(result.rollout), "refit": result.refit},
@@ -115,7 +115,7 @@ def _quantity(x: ServoNumber, joint: str, law: str = "", **more: Any) -> Quantit
 
 def _ordered(numbers: Iterable[Quantity]) -> list[Quantity]:
     """Numbers of some joints, the most asked for first."""
-    return sorted(numbers, key=lambda x: FIRST.index(x.name) if x.name in FIRST else len(FIRST))
+    return sorted(numbers, key=lambda x: LEADING.index(x.name) if x.name in LEADING else len(LEADING))
 
 
 def _joint(one: ServoJoint) -> Document:
@@ -148,7 +148,7 @@ def _effects(result: ServoIdentification) -> Iterator[Document]:
     """Passive laws of the joints that the recordings identify."""
     for one in result.joints:
         numbers = {x.name: x for x in drive_numbers(one) if x.known}
-        for x in (numbers[name] for name in LAWS if name in numbers):
+        for x in (numbers[name] for name in EFFECT_NUMBERS if name in numbers):
             key = next(iter(EFFECTS[x.name].parameters))
             yield effect_document(x.name, one.joint, [Quantity(key, x.value, x.std, x.unit)])
 
@@ -193,9 +193,9 @@ def _sections(result: ServoIdentification, *, pages: bool = False) -> list[Secti
     """Sections of the terminal, or with what `pages` have beside them."""
     found = result.rollout
     drawn = loop_blocks(result.traces, found, found.nominal, "identified") if pages else ()
-    friction = (Legend(FRICTION), Plots(friction_plots(result, found.joints))) if pages else ()
+    friction = (Legend(FRICTION_LEGEND), Plots(friction_plots(result, found.joints))) if pages else ()
     return [
-        _drives(result).beside(Legend(LEGEND)),
+        _drives(result).beside(Legend(DRIVE_NUMBERS_LEGEND)),
         Section("Not identifiable", (Sentences(_unidentifiable(result)),)),
         _scale_basis(result),
         _loops(found).beside(*drawn),
@@ -250,7 +250,7 @@ def all_joints(found: ServoRollOut, rms: Array) -> dict[str, float]:
 def poor_joints(found: ServoRollOut, far: Sequence[str] = ()) -> list[str]:
     """Joints whose loop is predicted badly: no better than q = q_des or the stated numbers, or `far` from training."""
     usual = np.fmin(found.nominal_whole_rms, found.tracking_rms)
-    worse = dict(zip(found.joints, (found.whole_rms > WORSE * usual).tolist(), strict=True))
+    worse = dict(zip(found.joints, (found.whole_rms > WORSE_ERROR_RATIO * usual).tolist(), strict=True))
     return [joint for joint, bad in worse.items() if bad or joint in far]
 
 
@@ -281,7 +281,7 @@ def _cards(result: ServoIdentification) -> Iterator[Card]:
     short = all_joints(found, found.one_second_rms)
     size = ", ".join(f"{thousandths(rms, 2)} m{unit}" for unit, rms in short.items())
     yield Card("restarted from the measured state every second", f"{size} rms", "position error of all joints")
-    if found.nominal != IDEAL:
+    if found.nominal != IDEAL_LOOP:
         size = ", ".join(f"{thousandths(x, 2)} m{u}" for u, x in all_joints(found, found.nominal_whole_rms).items())
         yield Card(found.nominal, f"{size} rms", "whole recordings")
     yield Card("scale of torque and mass", result.scale.known_by, "positions alone give ratios")
@@ -290,13 +290,13 @@ def _cards(result: ServoIdentification) -> Iterator[Card]:
 def _loops(found: ServoRollOut) -> Section:
     """Tracking error, and rms error of the predicted loop over whole recordings and from every second on."""
     units = loop_units(found)
-    stated = [found.nominal_whole_rms] if found.nominal != IDEAL else []
+    stated = [found.nominal_whole_rms] if found.nominal != IDEAL_LOOP else []
     rows = [
         [joint, *(thousandths(float(rms[j])) for rms in (found.tracking_rms, *stated)), *loop_cells(found, j)]
         for j, joint in enumerate(found.joints)
     ]
-    names = ["tracking", *([found.nominal] if stated else []), *PREDICTED]
-    heads = [f"{name}\n[{units}]>" if name != PREDICTED[1] else f"{name}>" for name in names]
+    names = ["tracking", *([found.nominal] if stated else []), *LOOP_HEADS]
+    heads = [f"{name}\n[{units}]>" if name != LOOP_HEADS[1] else f"{name}>" for name in names]
     title = f"Closed loop from commands alone, {_rows_of(found)}: rms position error"
     return Section(title, (Cells(["joint", *heads], rows),))
 
@@ -311,13 +311,13 @@ def _drives(result: ServoIdentification) -> Section:
     title = f"Drives by the law {next(iter(laws))}, ± 95 %" if len(laws) == 1 else "Drives, ± 95 %"
     masses = "" if result.scale.known_by.startswith("inertials") else ", or --known masses, those of the description,"
     said = f"Torques over kp, as their scale is unknown; --known kp=VALUE, the gain at the joint{masses} sets it."
-    return Section(title, (*tables, Plain(said if ratios else ""), Plain(BOUNDS if bounded else "")))
+    return Section(title, (*tables, Plain(said if ratios else ""), Plain(BOUND_LEGEND if bounded else "")))
 
 
 def _numbers(joints: Sequence[ServoJoint], named: bool) -> Cells:
     """A row for each of some joints, those of ratios or the others; `named`: with their laws."""
     every = _ordered(x for one in joints for x in drive_numbers(one))
-    names = {x.name for x in every if x.name in FIRST[:5] or (x.known and x.value)}
+    names = {x.name for x in every if x.name in LEADING[:5] or (x.known and x.value)}
     if any("/" in x.name for x in every):
         names = {x.name for x in every if x.name in ("delay", "lag") or "/" in x.name}
     shown = [x.displayed() for x in every if x.name in names]
@@ -408,4 +408,4 @@ def _model_numbers(result: ServoIdentification) -> Iterator[Block]:
             rows.append((one.name, joint, known, ", ".join(spaced(x.name) for x in shown if not x.known)))
     if rows:
         yield Cells(("model", "joint", "numbers, ± 95 %", "not identifiable"), rows)
-        yield Legend(MODELS)
+        yield Legend(FRICTION_MODELS_LEGEND)

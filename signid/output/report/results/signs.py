@@ -14,21 +14,21 @@ from ....signs import Signs, SignSegment, Trace
 from ....types import Array, Recording
 from ....version import __version__
 from ..documents import Document, picked
-from ..layout import CERTAIN, confidence, figure, plot_markup, plural, share, with_interval
-from ..plots.frame import BEFORE, FAINT, Header, axis, curve, packed, sections_page, thinned
+from ..layout import CERTAINTY, confidence, figure, plot_markup, plural, share, with_interval
+from ..plots.frame import GREY, ORANGE, Header, axis, curve, packed, sections_page, thinned
 from ..sections import INK, Cells, Key, Plain, Plot, Plots, Section, terminal
 
-CHUNK = 65_536  # rows written at once
-MOST = 4000  # maximum number of points per line
-PANEL, MARGINS = 200, 50  # height of a plot without and of its margins [pixels]
+ROWS_PER_WRITE = 65_536  # rows written at once
+MAX_SIGN_POINTS = 4000  # maximum number of points per line
+PANEL_HEIGHT, MARGIN_HEIGHT = 200, 50  # height of a plot without and of its margins [pixels]
 HOVER = "sign %{customdata[0]}, confidence %{customdata[3]}<br>%{customdata[1]} to %{customdata[2]} s<extra></extra>"
-MODEL, UNCERTAIN, PLUS = "#c2689a", "#e3c21c", "#2f7fc1"
-SHADED = "Shaded: segments with their sign and confidence. Elsewhere the sign of each sample follows the model."
-KEY = (
-    *(("plus", "sign +"), ("minus", "sign −"), ("uncertain", f"confidence below {CERTAIN}")),
+PINK, YELLOW, PLUS_BLUE = "#c2689a", "#e3c21c", "#2f7fc1"
+SHADES_LEGEND = "Shaded: segments with their sign and confidence. Elsewhere the sign of each sample follows the model."
+SIGNS_KEY = (
+    *(("plus", "sign +"), ("minus", "sign −"), ("uncertain", f"confidence below {CERTAINTY}")),
     *(("size", "absolute torque"), ("measured", "signed torque"), ("model", "model")),
 )
-SHADES = (("+", "sign +", PLUS), ("−", "sign −", BEFORE), ("?", f"confidence below {CERTAIN}", UNCERTAIN))
+SHADES = (("+", "sign +", PLUS_BLUE), ("−", "sign −", ORANGE), ("?", f"confidence below {CERTAINTY}", YELLOW))
 
 
 def signs_document(signs: Signs) -> Document:
@@ -61,7 +61,7 @@ def signs_sections(signs: Signs) -> list[Section]:
     for j in signs.hidden:
         segments = signs.of(j)
         counts = [sum(t.sign == sign for t in segments) for sign in (1, -1)]
-        uncertain = sum(not t.confidence >= CERTAIN for t in segments)
+        uncertain = sum(not t.confidence >= CERTAINTY for t in segments)
         lowest = confidence(min((t.confidence for t in segments), default=float("nan")))
         total, inside = _samples(signs, segments)
         cells = (len(segments), *counts, uncertain, lowest, total, share(inside / total) if total else "-")
@@ -87,16 +87,16 @@ def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
     """
     columns = recording.columns["tau"]
     joints = [j for j, column in enumerate(columns) if column]
-    lost = {j for j in signs.hidden if not any(one.confidence >= CERTAIN for one in signs.of(j))}
+    lost = {j for j in signs.hidden if not any(one.confidence >= CERTAINTY for one in signs.of(j))}
     names = [*recording.columns["t"], *(columns[j] for j in joints)]
     scale = np.array([1.0, *recording.torque_per_unit[joints]])
-    for start in range(0, max(1, len(recording)), CHUNK):
-        values = recording.table.read(names, start, start + CHUNK) * scale + 0.0  # no -0
+    for start in range(0, max(1, len(recording)), ROWS_PER_WRITE):
+        values = recording.table.read(names, start, start + ROWS_PER_WRITE) * scale + 0.0  # no -0
         t, *torques = np.ascontiguousarray(values.T)
         cells = {"t": t}
         for j, tau in zip(joints, torques, strict=True):
-            name, sure = recording.joints[j], _sure(signs, part, j, t, tau)
-            known = np.where((sure > 0) & (sure < CERTAIN), np.nan, tau)
+            name, sure = recording.joints[j], _row_confidence(signs, part, j, t, tau)
+            known = np.where((sure > 0) & (sure < CERTAINTY), np.nan, tau)
             cells |= {f"abs_tau_{name}": np.abs(tau)} if j in lost else {f"tau_{name}": known}
             cells[f"sure_{name}"] = sure
         yield pl.DataFrame(cells).fill_nan(None).write_csv(include_header=start == 0)
@@ -119,7 +119,7 @@ def part_name(signs: Signs, part: int) -> str:
     return signs.traces[part].path or f"recording {part + 1}"
 
 
-def _sure(signs: Signs, part: int, joint: int, t: Array, torque: Array) -> Array:
+def _row_confidence(signs: Signs, part: int, joint: int, t: Array, torque: Array) -> Array:
     """Confidence of the segment of each row with its sign, (N,) [1]."""
     if joint not in signs.hidden:
         return np.ones(len(t))
@@ -154,7 +154,7 @@ def drawn_signs(signs: Signs, units: Sequence[str] = (), level: int = 2) -> list
     """Torque with its signs over time, a section a recording with headings of a level, for a page."""
     parts = sign_plots(signs, units)
     named = [part for part in parts if len(parts) > 1 or not part.startswith("recording ")]
-    first = Section("Torque signs", (Plain(proof_sentence(signs)), Plain(SHADED), Key(KEY)))
+    first = Section("Torque signs", (Plain(proof_sentence(signs)), Plain(SHADES_LEGEND), Key(SIGNS_KEY)))
     shown = [Section(part if part in named else "", (Plots(plots),), level) for part, plots in parts.items()]
     return [first, *shown] if parts else []
 
@@ -169,15 +169,15 @@ def sign_plots(signs: Signs, units: Sequence[str] = ()) -> dict[str, list[Plot]]
 
 
 def _plot(signs: Signs, part: int, j: int, unit: str) -> Plot:
-    trace, top = signs.traces[part], _top(signs.traces[part], j)
+    trace, top = signs.traces[part], _axis_limit(signs.traces[part], j)
     data = [*_shades(signs, part, j, top), *_lines(signs, trace, j, unit)]
     layout = {
         "xaxis": axis("time [s]", range=_ends(trace.t - trace.origin)),
-        "yaxis": axis(f"torque [{unit}]", range=[-top, top], nticks=7, zeroline=True, zerolinecolor=FAINT),
+        "yaxis": axis(f"torque [{unit}]", range=[-top, top], nticks=7, zeroline=True, zerolinecolor=GREY),
         "barmode": "overlay",
         "uniformtext": {"mode": "hide", "minsize": 10},
     }
-    return Plot(signs.joints[j], data, layout, PANEL + MARGINS, wide=True)
+    return Plot(signs.joints[j], data, layout, PANEL_HEIGHT + MARGIN_HEIGHT, wide=True)
 
 
 def _ends(t: Array) -> list[float] | None:
@@ -187,7 +187,7 @@ def _ends(t: Array) -> list[float] | None:
     return [float(t[0]) - room, float(t[-1]) + room]
 
 
-def _top(trace: Trace, joint: int) -> float:
+def _axis_limit(trace: Trace, joint: int) -> float:
     sizes = np.abs(np.concatenate([trace.magnitude[:, joint], trace.predicted[:, joint]]))
     return 1.4 * max(float(sizes[np.isfinite(sizes)].max(initial=0.0)), 1e-12)
 
@@ -197,7 +197,7 @@ def _shades(signs: Signs, part: int, joint: int, top: float) -> list[dict[str, A
     t, shades = signs.traces[part].t, {kind: list[SignSegment]() for kind, _, _ in SHADES}
     for segment in signs.of(joint):
         if segment.part == part:
-            shades[_mark(segment) if segment.confidence >= CERTAIN else "?"].append(segment)
+            shades[_mark(segment) if segment.confidence >= CERTAINTY else "?"].append(segment)
     wide = float(np.median(np.diff(t))) if len(t) > 1 else 1.0  # minimum width, for segments of a single sample
     origin = signs.traces[part].origin
     return [_bars(shades[kind], name, colour, top, wide, origin) for kind, name, colour in SHADES]
@@ -213,7 +213,7 @@ def _bars(
         "width": [segment.end - segment.start + wide for segment in some],
         "y": [2 * top] * len(some),
         "base": -top,
-        "marker": {"color": colour, "opacity": 0.3 if colour == UNCERTAIN else 0.2, "line": {"width": 0}},
+        "marker": {"color": colour, "opacity": 0.3 if colour == YELLOW else 0.2, "line": {"width": 0}},
         "text": [plot_markup("$mark<br>$sure", mark=mark, sure=sure) for mark, _, _, sure in shown],
         "textposition": "inside",
         "insidetextanchor": "end",
@@ -233,15 +233,15 @@ def _lines(signs: Signs, trace: Trace, joint: int, unit: str) -> list[dict[str, 
     """Absolute torque, threshold, signed torque, and torque of the model."""
     size, level = trace.magnitude[:, joint], float(signs.threshold[joint])
     styles = (
-        ("model", trace.predicted[:, joint], {"color": MODEL, "width": 3}),
-        ("absolute torque", size, {"color": FAINT, "width": 1}),
+        ("model", trace.predicted[:, joint], {"color": PINK, "width": 3}),
+        ("absolute torque", size, {"color": GREY, "width": 1}),
         ("signed torque", size * trace.signs[:, joint], {"color": INK, "width": 1.2}),
     )
     lines = []
     for name, values, style in styles:
-        x, y = thinned(trace.t - trace.origin, values[:, None], trace.first, MOST)
+        x, y = thinned(trace.t - trace.origin, values[:, None], trace.first, MAX_SIGN_POINTS)
         hover = plot_markup("%{y:.4g} $unit at %{x:.6g} s<extra>$name</extra>", unit=unit, name=name)
         lines.append(curve(name, packed(x), packed(y[:, 0]), style, hovertemplate=hover))
     ends = (trace.t[[0, -1]] - trace.origin).tolist() if len(trace.t) else []
-    dashed = {"color": FAINT, "width": 1, "dash": "dash"}
+    dashed = {"color": GREY, "width": 1, "dash": "dash"}
     return [lines[0], curve("threshold", ends, [level] * len(ends), dashed, hoverinfo="skip"), *lines[1:]]

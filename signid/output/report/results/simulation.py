@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from ....simulation.plant import Sensors, Simulation
     from ....simulation.plant.control import Drive
 
-FAR = 0.005, 0.05  # rms tracking error from which a joint is noted, prismatic [m] and revolute [rad]
-LIMITS = "position velocity acceleration torque"
-SHOWN = 8  # number of least identifiable base parameters listed
-UNIDENTIFIABLE = 1.0  # relative standard deviation from which a parameter is not distinguishable from zero
+NOTED_TRACKING_ERRORS = 0.005, 0.05  # rms tracking error from which a joint is noted, prismatic [m] and revolute [rad]
+LIMIT_NAMES = "position velocity acceleration torque"
+MAX_WEAKEST_PARAMETERS = 8  # number of least identifiable base parameters listed
+UNIDENTIFIABLE_DEVIATION = 1.0  # relative standard deviation from which a parameter is not distinguishable from zero
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class SimulationRun:
         said: dict[str, Any] = {
             "exceeded its position limits": ((s.true_q < robot.lower) | (s.true_q > robot.upper)).any(axis=0),
             "exceeded its torque limit": (np.abs(s.applied) > robot.effort_limit).any(axis=0),
-            "tracked poorly; a larger --bandwidth may help": error > np.where(robot.prismatic, *FAR),
+            "tracked poorly; a larger --bandwidth may help": error > np.where(robot.prismatic, *NOTED_TRACKING_ERRORS),
         }
         named = {text: list(compress(robot.joints, which)) for text, which in said.items()}
         drives = [
@@ -184,7 +184,7 @@ def excitation_document(
         **_own(robot, found),
         "noise": found.noise,
         "torque_unit": torque_units(robot),
-        "use": picked(found.use, LIMITS),
+        "use": picked(found.use, LIMIT_NAMES),
         "smallest_distance": found.distance,
         **ending(found, (), inputs or [description(robot)], seed),
     }
@@ -194,11 +194,11 @@ def excitation_tables(found: Excitation | Separation, *, robot: Robot) -> list[R
     """Use of the limits, and identifiability or distance of laws along the motion."""
     from ....simulation.excite import Separation
 
-    used = zip(robot.joints, *picked(found.use, LIMITS).values(), strict=True)
+    used = zip(robot.joints, *picked(found.use, LIMIT_NAMES).values(), strict=True)
     limits = [(joint, *(share(float(x)) for x in parts)) for joint, *parts in used]
     near = "" if found.distance is None else f"Smallest distance between links: {figure(1e3 * found.distance)} mm."
     gained = _discrimination(robot, found) if isinstance(found, Separation) else _identifiability(found)
-    heads = ("share of limit", *(f"{name}>" for name in LIMITS.split()))
+    heads = ("share of limit", *(f"{name}>" for name in LIMIT_NAMES.split()))
     size = f"{plural(len(found.trajectory.t), 'row')}, {figure(float(found.trajectory.t[-1]))} s"
     sections = [Section("", (Cells(heads, limits), Plain(near))), *gained]
     return [heading(f"{robot.name}: {size}", below=False), *terminal(sections, found.notes)]
@@ -221,8 +221,8 @@ def _own(robot: Robot, found: Excitation | Separation) -> dict[str, Any]:
 
 def _identifiability(found: Excitation) -> list[Section]:
     order = [k for k in np.argsort(-np.nan_to_num(found.relative_std, nan=0.0)) if np.isfinite(found.relative_std[k])]
-    rows = [(found.expressions[k], share(float(found.relative_std[k]))) for k in order[:SHOWN]]
-    weak = int(np.sum(found.relative_std[order] >= UNIDENTIFIABLE))
+    rows = [(found.expressions[k], share(float(found.relative_std[k]))) for k in order[:MAX_WEAKEST_PARAMETERS]]
+    weak = int(np.sum(found.relative_std[order] >= UNIDENTIFIABLE_DEVIATION))
     condition = f"Condition number of the regressor {figure(found.condition)}"
     tried = f"log det of the information {found.log_det:.1f}; {plural(found.evaluations, 'motion')} tried"
     hardly = f"{weak} of them will hardly be distinguishable from zero." if weak else ""

@@ -12,12 +12,12 @@ from rich.text import Text
 from ....types import Input
 from ..documents import Document, description, ending, fit_document
 from ..layout import determination, figure, heading, paragraph, plural, thousandths
-from ..plots.courses import FEWEST, OPEN, POINTS, Line, loop_blocks, rollout_plots, torque_plot, worst, worst_joints
-from ..plots.frame import AFTER, BEFORE, FLOOR, Header, sections_page, shared
+from ..plots.courses import MAX_OPEN, Line, line_points, loop_blocks, rollout_plots, torque_plot, worst, worst_joints
+from ..plots.frame import BLUE, GREEN, ORANGE, Header, sections_page, shared
 from ..sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Plots, Section, terminal
 from .identification import cutoff_words
 from .servo_identification import (
-    PREDICTED,
+    LOOP_HEADS,
     all_joints,
     loop_cells,
     loop_units,
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from ....servo.validate import ServoValidation
     from ....validate import ValidatedModel, Validation
 
-COLOURS = (BEFORE, AFTER, FLOOR, "#b3539b", "#7a6ff0", "#8a6d3b")
-DASHES = ("solid", "dot", "dash")
-NOTHING_FITTED = "Over whole recordings, and restarted from the measured state every second. Nothing was fitted."
+MODEL_COLOURS = (ORANGE, BLUE, GREEN, "#b3539b", "#7a6ff0", "#8a6d3b")
+MODEL_DASHES = ("solid", "dot", "dash")
+LOOP_NOTE = "Over whole recordings, and restarted from the measured state every second. Nothing was fitted."
 
 
 def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Document:
@@ -87,8 +87,8 @@ def validation_tables(result: Validation) -> list[RenderableType]:
 
 def servo_validation_tables(result: ServoValidation) -> list[RenderableType]:
     """Errors of closed loops of every model, per joint, beside those of q = q_des."""
-    loops = _loops(result).beside(Plain(NOTHING_FITTED))
-    title = Text(_loop_title(result), "bold red" if _poor(result) else "bold")
+    loops = _loops(result).beside(Plain(LOOP_NOTE))
+    title = Text(_loop_title(result), "bold red" if _is_poor(result) else "bold")
     return [title, *_listed(result), *terminal([loops], result.notes)]
 
 
@@ -121,7 +121,7 @@ def servo_validation_page(result: ServoValidation, inputs: Sequence[Input] = (),
         sections += [Section("", (key,))] if number == 1 else []
         sections.append(Section(f"{number}: {one.name}" if len(models) > 1 else "", tuple(folds), level=3))
     over = "validation of models with position drives, from commands alone, without fitting"
-    kind = "unreliable" if _poor(result) else ""
+    kind = "unreliable" if _is_poor(result) else ""
     header = Header(_title(result, "closed loop validated"), over, list(_loop_cards(result)), kind, _loop_title(result))
     return sections_page(header, sections, shared(result, (one.model.robot for one in models), inputs, command))
 
@@ -164,7 +164,7 @@ def _loop_title(result: ServoValidation) -> str:
     return f"{name}: {plural(len(best.model.servos), 'drive')}, {loop_words(best.rollout)} {on}"
 
 
-def _poor(result: ServoValidation) -> bool:
+def _is_poor(result: ServoValidation) -> bool:
     """Whether a model predicts a joint badly."""
     return any(poor_joints(one.rollout) for one in result.models)
 
@@ -217,8 +217,8 @@ def _loops(result: ServoValidation) -> Section:
     """Tracking error, and errors of every model and their shares of it."""
     loops = [one.rollout for one in result.models]
     units, tracking = loop_units(loops[0]), loops[0].tracking_rms
-    names = [f"{name}{mark}" for mark in _marks(result.models) for name in PREDICTED]
-    heads = [f"{name}>" if PREDICTED[1] in name else f"{name}\n[{units}]>" for name in ("tracking", *names)]
+    names = [f"{name}{mark}" for mark in _marks(result.models) for name in LOOP_HEADS]
+    heads = [f"{name}>" if LOOP_HEADS[1] in name else f"{name}\n[{units}]>" for name in ("tracking", *names)]
     rows = [
         [joint, thousandths(float(tracking[j])), *(cell for one in loops for cell in loop_cells(one, j))]
         for j, joint in enumerate(loops[0].joints)
@@ -247,7 +247,7 @@ def validated_rollouts(result: Validation) -> list[Plot]:
 def validated_plots(result: Validation) -> Iterator[JointPlots]:
     """Plots per joint; those with the largest residual over noise floor are unfolded."""
     fit = result.models[0].fit
-    shown = [fit.joints[j] for j in worst(fit)][:OPEN]
+    shown = [fit.joints[j] for j in worst(fit)][:MAX_OPEN]
     for joint in _joints(result.models):
         having = [(k, one) for k, one in enumerate(result.models) if joint in one.fit.joints]
         moving = [(k, one, one.fit.joints.index(joint)) for k, one in having]
@@ -271,10 +271,10 @@ def _plots(
         style = {"width": 1.3, "dash": dash}
         lines.append(Line(f"predicted{marks[k]}", "y", colour, style, measured - one.residual[:, j]))
         lines.append(Line(f"residual{marks[k]}", "y2", colour, style, one.residual[:, j]))
-    most = max(FEWEST, 3 * POINTS // (len(result.models[0].fit.joints) * (1 + len(lines))))
+    most = line_points(len(result.models[0].fit.joints) * (1 + len(lines)), 3)
     return (torque_plot(joint, first, unit, lines, most),)
 
 
 def _style(k: int) -> tuple[str, str]:
     """Colour and dash of a model."""
-    return COLOURS[k % len(COLOURS)], DASHES[k // len(COLOURS) % len(DASHES)]
+    return MODEL_COLOURS[k % len(MODEL_COLOURS)], MODEL_DASHES[k // len(MODEL_COLOURS) % len(MODEL_DASHES)]

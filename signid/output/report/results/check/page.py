@@ -17,11 +17,11 @@ from .....types import Array, Input, Recording, Samples
 from .....version import __version__
 from ...documents import Document, ending, once
 from ...layout import figure, plot_markup, plural
-from ...plots.courses import FEWEST, OPEN, POINTS, Line, Panes, recorded_lines
-from ...plots.frame import AFTER, BEFORE, FAINT, FLOOR, Header, axis, curve, packed, sections_page
+from ...plots.courses import MAX_OPEN, MIN_POINTS, Line, Panes, line_points, recorded_lines
+from ...plots.frame import BLUE, GREEN, GREY, ORANGE, Header, axis, curve, packed, sections_page
 from ...sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Section, Sentences
 from .summary import (
-    SAMPLING,
+    SAMPLING_HEADS,
     UNUSABLE,
     CheckSummary,
     FaultWords,
@@ -33,18 +33,18 @@ from .summary import (
     unit_sentences,
 )
 
-MOST_RECORDINGS = 4  # maximum number of recordings that are drawn
-ROWS, WINDOW = 65_536, 2048  # most rows of a spectrum, and rows of one window
-BINS = 150  # points of a spectrum
-VISIBLE = 0.002  # [1] smallest width of omitted rows, over the duration
-LOWEST = 1e-12  # [1] smallest power density that is drawn, over the largest
-KEY = (
+MAX_DRAWN_RECORDINGS = 4  # maximum number of recordings that are drawn
+MAX_SPECTRUM_ROWS, WINDOW_ROWS = 65_536, 2048  # most rows of a spectrum, and rows of one window
+MAX_BINS = 150  # points of a spectrum
+MIN_VISIBLE_SHARE = 0.002  # [1] smallest width of omitted rows, over the duration
+MIN_POWER = 1e-12  # [1] smallest power density that is drawn, over the largest
+CHECK_KEY = (
     ("measured", "position"),
     ("floor", "command"),
     ("after", "torque, or command - position"),
     ("omitted", "omitted: gaps, and rows that cannot be used"),
 )
-OMITTED = "rgba(209, 112, 14, 0.16)"
+OMITTED_COLOUR = "rgba(209, 112, 14, 0.16)"
 Stretches = Sequence[tuple[float, float]]  # start and end [s] of what is used of a recording
 Marks = Mapping[str, float]  # frequencies [Hz] that are marked in the spectra of one joint
 
@@ -71,7 +71,7 @@ def summary_page(
 ) -> str:
     """Page of a check; `verdicts`: what is identifiable; `given`: the command and the seed."""
     several = len(summary.sampling.rows)
-    order = " The first recordings only, one after another." if several > MOST_RECORDINGS else ""
+    order = " The first recordings only, one after another." if several > MAX_DRAWN_RECORDINGS else ""
     order = order or (" Recordings one after another." if several > 1 else "")
     clear = f"Looked for, and not found: {', '.join(summary.clear)}." if summary.clear else ""
     faults = Sentences([fault.sentence for fault in summary.faults]) if summary.faults else Plain("No fault was found.")
@@ -83,7 +83,7 @@ def summary_page(
         Section("Joints", (summary.joints, Legend(f"{summary.legend}.")) if summary.joints.rows else ()),
         Section(
             "Recordings over time, and their spectra",
-            (Key(KEY), Folds(f"Spectra of the longest stretch.{order}", joints)) if joints else (),
+            (Key(CHECK_KEY), Folds(f"Spectra of the longest stretch.{order}", joints)) if joints else (),
         ),
         Section("What to record next", (Sentences(summary.advice),)),
         Section(summary.identifiable.counts, (Plain(summary.excitation), verdicts)),
@@ -101,7 +101,7 @@ def _unusable(found: UnusableRecordings, robot: str) -> CheckSummary:
         title=f"{robot}: {given}" if robot else given,
         verdict=UNUSABLE,
         headline=f"Not usable for identification: {first_part(found.flags[0])}",
-        sampling=Cells(SAMPLING, rows),
+        sampling=Cells(SAMPLING_HEADS, rows),
         gravity=GravityUse("not judged", "not judged: the recordings cannot be used as they are"),
         faults=tuple(FaultWords("", (), flag) for flag in found.flags),
         identifiable=Identifiable("parameter", (), (), ()),
@@ -171,11 +171,11 @@ def recorded_plots(
     if not joints:
         return
     faulty = {joint: fault.kind or "fault" for fault in summary.faults for joint in fault.joints}
-    shown = sorted(joints, key=lambda joint: joint not in faulty)[:OPEN]
-    most = max(FEWEST, POINTS // (len(joints) * min(len(recordings), MOST_RECORDINGS)))
+    shown = sorted(joints, key=lambda joint: joint not in faulty)[:MAX_OPEN]
+    most = line_points(len(joints) * min(len(recordings), MAX_DRAWN_RECORDINGS))
     drawn = [
         _Drawn(recording, stretches, *recorded_lines(recording, most))
-        for recording, stretches in zip(recordings[:MOST_RECORDINGS], used, strict=False)
+        for recording, stretches in zip(recordings[:MAX_DRAWN_RECORDINGS], used, strict=False)
     ]
     longest = max(drawn, key=lambda one: max((b - a for a, b in one.stretches), default=0.0))
     rows = _longest_stretch(longest)
@@ -198,7 +198,7 @@ def _longest_stretch(drawn: _Drawn) -> Samples | None:
     start, end = max(drawn.stretches, key=lambda pair: pair[1] - pair[0])
     t = drawn.recording.table.read(drawn.recording.columns["t"], 0, len(drawn.recording))[:, 0]
     first = int(np.argmax(t >= start))
-    stop = min(first + ROWS, len(t) - int(np.argmax(t[::-1] <= end)))
+    stop = min(first + MAX_SPECTRUM_ROWS, len(t) - int(np.argmax(t[::-1] <= end)))
     return drawn.recording.read(first, stop, servo=False)
 
 
@@ -214,7 +214,7 @@ def _sequence(drawn: Sequence[_Drawn], joint: str) -> _Course:
         gaps = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b > a]
         breaks = [int(np.searchsorted(t, b)) for a, b in gaps if not np.any((t > a) & (t < b))]
         t, own = np.insert(t, breaks, np.nan), np.insert(own, breaks, np.nan, axis=0)
-        wide = VISIBLE * (last - first) / 2
+        wide = MIN_VISIBLE_SHARE * (last - first) / 2
         omitted += [(a - first + now - wide, b - first + now + wide) for a, b in gaps]
         times += [t - first + now, np.array([np.nan])]
         lines += [own, np.full((1, 3), np.nan)]
@@ -228,12 +228,12 @@ def _over_time(joint: str, course: _Course, length: str, torque: str) -> Plot:
     is_torque = bool(torque and np.isfinite(tau).any())
     name, below = ("torque", tau) if is_torque else ("command - position", command - q)
     dashed = {"width": 1.2, "dash": "dash"}
-    lines = [Line("command", "y", FLOOR, dashed, command)] if np.isfinite(command).any() else []
+    lines = [Line("command", "y", GREEN, dashed, command)] if np.isfinite(command).any() else []
     lines += [Line("position", "y", INK, {"width": 1.6}, q)]
-    lines += [Line(name, "y2", AFTER, {"width": 1.3}, below)] if np.isfinite(below).any() else []
+    lines += [Line(name, "y2", BLUE, {"width": 1.3}, below)] if np.isfinite(below).any() else []
     panes = Panes("position", "torque" if is_torque else "error", (length, torque if is_torque else length), 0.5, 320)
     plot = panes.plot(f"{joint}: position and {name} over time", course.t, lines)
-    whole = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0, "y1": 1, "fillcolor": OMITTED}
+    whole = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0, "y1": 1, "fillcolor": OMITTED_COLOUR}
     shapes = [{**whole, "x0": a, "x1": b, "line": {"width": 0}} for a, b in course.omitted]
     return plot._replace(layout={**plot.layout, "shapes": shapes})
 
@@ -247,7 +247,7 @@ def _spectra(rows: Samples, j: int, length: str, torque: str, marks: Marks) -> I
         signals.append(("command", rows.q_des[:, j], length))
     for name, values, unit in signals:
         known = np.isfinite(values) & np.isfinite(rows.t)
-        if known.sum() > FEWEST:
+        if known.sum() > MIN_POINTS:
             yield _spectrum(name, rows.t[known], values[known], unit, marks)
 
 
@@ -257,13 +257,13 @@ def _spectrum(name: str, t: Array, values: Array, unit: str, marks: Marks) -> Pl
 
     period = float(np.median(np.diff(t)))
     grid = np.arange(t[0], t[-1], period)
-    f, power = welch(np.interp(grid, t, values), 1 / period, nperseg=min(WINDOW, len(grid)))
-    power = np.maximum(power[1:], LOWEST * max(float(power.max()), 1e-300))
-    edges = np.unique(np.geomspace(1, len(power), BINS).astype(int)) - 1  # the axis is logarithmic; peaks stay
+    f, power = welch(np.interp(grid, t, values), 1 / period, nperseg=min(WINDOW_ROWS, len(grid)))
+    power = np.maximum(power[1:], MIN_POWER * max(float(power.max()), 1e-300))
+    edges = np.unique(np.geomspace(1, len(power), MAX_BINS).astype(int)) - 1  # the axis is logarithmic; peaks stay
     shown = packed(f[1:][edges]), packed(np.maximum.reduceat(power, edges))
     data: list[dict[str, Any]] = [curve(name, *shown, {"color": INK, "width": 1.3}, hoverinfo="skip")]
     ends = [float(power.min()), float(power.max())]
-    for (mark, place), colour in zip(marks.items(), (BEFORE, AFTER, FAINT)[-len(marks) :], strict=True):
+    for (mark, place), colour in zip(marks.items(), (ORANGE, BLUE, GREY)[-len(marks) :], strict=True):
         if f[1] <= place <= f[-1]:
             hover = plot_markup("$mark: %{x:.4g} Hz<extra></extra>", mark=mark)
             line = {"color": colour, "width": 2, "dash": "dash"}

@@ -21,7 +21,7 @@ from .summary import (
     FAULTY,
     GOOD,
     LIMITED,
-    SAMPLING,
+    SAMPLING_HEADS,
     UNUSABLE,
     CheckSummary,
     FaultWords,
@@ -46,21 +46,21 @@ DRIVE_LEGEND = (
     "71 % at: frequency at which the motion is 71 % of the command; hysteresis: half width, dry friction or dead band; "
     "droop: error at rest; at limit: share of rows"
 )
-SEARCHED = (
+SEARCHED_FAULTS = (
     *("wrong sign", "copied, early, late or noisy commands", "positions that do not follow", "wrong unit or scale"),
     *("different zeros", "wrapped, stuck, repeated or coarse positions", "spikes", "uneven stamps"),
 )
-OWN = 0.75  # [1] share of the rate below which rows have no content of their own: every second one at most
-FEW_HOLDS = 2  # times at rest of a joint, below which more are advised: droop is their median
-HALF = 0.5  # [1] share of identifiable base parameters, below which recordings are limited
-IN_SAMPLES = {  # what is looked for in the samples, and the kinds of its faults
+MIN_CONTENT_SHARE = 0.75  # [1] of the rate, below which at most every second row has content
+ENOUGH_HOLDS = 2  # times at rest of a joint, below which more are advised: droop is their median
+MIN_IDENTIFIABLE_SHARE = 0.5  # [1] share of identifiable base parameters, below which recordings are limited
+SAMPLE_FAULTS = {  # what is looked for in the samples, and the kinds of its faults
     "rows out of order or without motion": ("order of rows", "standstill"),
     "drop-outs or spikes": ("drop-outs", "spikes"),
     "stuck or coarse positions": ("stuck position", "skipping position", "coarse position"),
     "clipped or stuck torque": ("clipping", "stuck torque", "few torque values"),
     "exceeded limits": ("torque limit", "velocity limit", "position limit"),
 }
-IN_TORQUE = {  # what is looked for by comparison of signed torque with the description
+TORQUE_FAULTS = {  # what is looked for by comparison of signed torque with the description
     "wrong sign": ("torque sign", "position sign", "axis"),
     "exchanged joints": ("torque order", "position order", "joint order"),
     "wrong unit, scale or gain": ("degrees", "revolutions", "millimetres", "units", "gain", "position scale"),
@@ -71,7 +71,7 @@ IN_TORQUE = {  # what is looked for by comparison of signed torque with the desc
     "other gravity": ("gravity", "weight"),
     "unexplained torque": ("unexplained torque",),
 }
-IN_DESCRIPTION = {"wrong axis": "joint axis", "held joints elsewhere": "held joints"}  # where torque is unexplained
+DESCRIPTION_FAULTS = {"wrong axis": "joint axis", "held joints elsewhere": "held joints"}  # where torque is unexplained
 
 
 def check_summary(found: Check) -> CheckSummary:
@@ -168,7 +168,7 @@ def _headline(found: Check, faults: Sequence[FaultWords], which: Identifiable) -
     if not found.excitation.sufficient:
         weakest = f"{max(float(found.excitation.shares[0]), 0.0):.2%} of the information of a random motion"
         return LIMITED, f"Too little excitation: the weakest direction has {weakest} ({share(ENOUGH)} needed); {left}"
-    if len(which.identifiable) < HALF * which.total:
+    if len(which.identifiable) < MIN_IDENTIFIABLE_SHARE * which.total:
         some = f"only {len(which.identifiable)} of {plural(which.total, which.noun)} identifiable"
         others = f"{len(which.weak)} weakly, {len(which.unidentifiable)} not within the uncertainty of the torque"
         return LIMITED, f"Limited: {some}, {others}"
@@ -194,8 +194,8 @@ def _of_a_fit(found: Check) -> tuple[str, ...]:
 def _clear(found: Check) -> Iterator[str]:
     """Faults that were looked for and not found."""
     seen = {fault.kind for fault in found.faults.findings}
-    tried = {words: (kind,) for words, kind in IN_DESCRIPTION.items() if kind in found.faults.tried}
-    for words, kinds in (IN_SAMPLES | (IN_TORQUE if found.faults.compared else {}) | tried).items():
+    tried = {words: (kind,) for words, kind in DESCRIPTION_FAULTS.items() if kind in found.faults.tried}
+    for words, kinds in (SAMPLE_FAULTS | (TORQUE_FAULTS if found.faults.compared else {}) | tried).items():
         if not seen.intersection(kinds):
             yield words
 
@@ -230,7 +230,7 @@ def _sampling(found: Check) -> Cells:
         used = share(min(s.rows / max(len(recording), 1), 1.0))
         rates = figure(1 / s.step, 4), figure(s.content_rate, 4)
         rows.append((name, str(len(recording)), used, figure(s.duration), *rates, _clock(s), str(len(s.spans) - 1)))
-    return Cells(SAMPLING, tuple(rows))
+    return Cells(SAMPLING_HEADS, tuple(rows))
 
 
 def _clock(s: Sampling) -> str:
@@ -313,7 +313,7 @@ def audit_summary(found: ServoAudit, robot: str = "") -> CheckSummary:
         unit_notes=units,
         gravity=GravityUse("not judged", "not judged: commands and positions without torque do not show it"),
         faults=faults,
-        clear=() if faults else SEARCHED,
+        clear=() if faults else SEARCHED_FAULTS,
         joints=_drives(found),
         legend=DRIVE_LEGEND,
         identifiable=which,
@@ -427,7 +427,7 @@ def _drive_advice(found: ServoAudit, which: Identifiable) -> Iterator[str]:
         )
     if which.unidentifiable:
         yield f"{joint_words(which.unidentifiable, which.total)}: no response to a command: record one"
-    still = [one.joint for one in found.joints if one.holds < FEW_HOLDS]
+    still = [one.joint for one in found.joints if one.holds < ENOUGH_HOLDS]
     if still:
         yield f"no rest shows the droop of {joint_words(still, which.total)}: hold some positions for a second or more"
     yield "signid identify gives kp, damping, delay and friction; their scale needs known masses or a gain (--known)"
@@ -443,14 +443,14 @@ def _drive_sampling(found: ServoAudit) -> Cells:
         rates = figure(rate, 4), figure(min(content, rate), 4)
         clock += " uneven" if uneven else ""
         rows.append((name, str(len(recording)), used, figure(seconds), *rates, clock, str(breaks)))
-    return Cells(SAMPLING, tuple(rows))
+    return Cells(SAMPLING_HEADS, tuple(rows))
 
 
 def _interpolated(found: ServoAudit) -> Iterator[str]:
     """Recordings whose rows are not all of their own."""
     names = recording_names(found.recordings)
     for name, rate, content in zip(names, found.rates, found.content_rates, strict=True):
-        if content < OWN * rate:
+        if content < MIN_CONTENT_SHARE * rate:
             yield f"{name}: positions are interpolated or repeated from about {content:.4g} Hz"
 
 

@@ -21,17 +21,17 @@ from ...sections import Cells
 
 GOOD, LIMITED, FAULTY, UNUSABLE = "good", "limited", "faulty", "unusable"
 CUT = 24  # length of the name of a recording that is never cut [characters]
-DETAIL = re.compile(r" \([^()]*\)$")  # a detail in brackets at the end of a part of a sentence
-RECORDINGS, SENTENCES, NAMES = 8, 3, 16  # most recordings, sentences of one kind and names of parameters on the screen
-STYLES = {"good": "green", "limited": "yellow", "faulty": "red", "unusable": "red"}
-NUMBER = re.compile(r"[\d.]+")
-MORE = "in --json and in the report (-o DIR)"
-FEW = 6  # most joints that a sentence names
+BRACKETED_DETAIL = re.compile(r" \([^()]*\)$")  # a detail in brackets at the end of a part of a sentence
+MAX_RECORDINGS, MAX_ALIKE_SENTENCES, MAX_PARAMETER_NAMES = 8, 3, 16  # on the screen
+CHECK_STYLES = {"good": "green", "limited": "yellow", "faulty": "red", "unusable": "red"}
+NUMBER_IN_TEXT = re.compile(r"[\d.]+")
+FURTHER_PLACE = "in --json and in the report (-o DIR)"
+MAX_NAMED_JOINTS = 6  # most joints that a sentence names
 WORDS = {"t": "time", "q": "position", "q_des": "command", "dq": "velocity", "ddq": "acceleration", "tau": "torque"}
-RATES = {"dq": "/s", "ddq": "/s2", "dq_des": "/s"}  # what follows the unit of position
-SAMPLING = "recording", "rows>", "used>", "seconds>", "rate\n[Hz]>", "content\n[Hz]>", "clock", "breaks>"
-NOT_STATED = StatedUnit("", "")
-OTHERS = {"t": "s", "on": "1", "pwm": "1", "volt": "V", "temp": "C"}  # units of other signals
+RATE_SUFFIX = {"dq": "/s", "ddq": "/s2", "dq_des": "/s"}  # what follows the unit of position
+SAMPLING_HEADS = "recording", "rows>", "used>", "seconds>", "rate\n[Hz]>", "content\n[Hz]>", "clock", "breaks>"
+UNSTATED_UNIT = StatedUnit("", "")
+OTHER_UNITS = {"t": "s", "on": "1", "pwm": "1", "volt": "V", "temp": "C"}  # units of other signals
 
 
 class UnitUse(NamedTuple):
@@ -68,7 +68,7 @@ class FaultWords(NamedTuple):
     def worst(self) -> str:
         """The fact with a number: its own, or that of the evidence."""
         evidence = self.sentence.removeprefix(self.fact).removeprefix("; ").partition("; ")[0]
-        fact, evidence = (DETAIL.sub("", text) for text in (self.fact, evidence))
+        fact, evidence = (BRACKETED_DETAIL.sub("", text) for text in (self.fact, evidence))
         return fact if any(x.isdigit() for x in fact) or not evidence else f"{fact}: {evidence}"
 
 
@@ -131,7 +131,7 @@ def recording_names(recordings: Sequence[Recording]) -> list[str]:
 
 def joint_words(joints: Sequence[str], total: int) -> str:
     """Some joints of all in a sentence."""
-    return "all joints" if len(joints) == total > 1 else shorten(joints, FEW)
+    return "all joints" if len(joints) == total > 1 else shorten(joints, MAX_NAMED_JOINTS)
 
 
 def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> tuple[UnitUse, ...]:
@@ -141,11 +141,11 @@ def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> 
         for signal, group in recording.columns.items():
             for j, column in enumerate(group):
                 if column:
-                    into = _unit(signal, "" if signal in OTHERS else positions.get(recording.joints[j], "rad"))
+                    into = _unit(signal, "" if signal in OTHER_UNITS else positions.get(recording.joints[j], "rad"))
                     if signal == "tau" and recording.scaled is not None and not recording.scaled[j]:
                         into = "A"  # a current without a torque constant
                     factor = float(recording.torque_per_unit[j]) if signal == "tau" else 1.0
-                    key = signal, recording.units.get(column, NOT_STATED), into, factor != 1
+                    key = signal, recording.units.get(column, UNSTATED_UNIT), into, factor != 1
                     found.setdefault(key, {})[column] = factor
     ordered = sorted(found.items(), key=lambda item: [*WORDS, item[0][0]].index(item[0][0]))
     return tuple(
@@ -155,11 +155,11 @@ def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> 
 
 
 def _unit(signal: str, place: str) -> str:
-    if signal in OTHERS:
-        return OTHERS[signal]
+    if signal in OTHER_UNITS:
+        return OTHER_UNITS[signal]
     if signal in ("tau", "tau_ff"):
         return "N" if place == "m" else "N.m"
-    return place and place + RATES.get(signal, "")
+    return place and place + RATE_SUFFIX.get(signal, "")
 
 
 def unit_sentences(uses: Sequence[UnitUse]) -> Iterator[str]:
@@ -228,7 +228,7 @@ def summary_tables(summary: CheckSummary) -> list[RenderableType]:
     which = summary.identifiable
     return [
         heading(summary.title, below=False),
-        Text(summary.headline, STYLES[summary.verdict]),
+        Text(summary.headline, CHECK_STYLES[summary.verdict]),
         paragraph(""),
         *_sampling(summary),
         *_labelled("units", [*unit_sentences(summary.units), *summary.unit_notes]),
@@ -247,21 +247,21 @@ def summary_tables(summary: CheckSummary) -> list[RenderableType]:
 def _fault_lines(summary: CheckSummary) -> Iterator[str]:
     """Each fault but gravity, which has a line of its own, and what was looked for without success."""
     found = [fault.fact for fault in summary.faults if fault.kind != "gravity"]
-    yield from found[:SENTENCES]
-    if len(found) > SENTENCES:
-        yield f"and {len(found) - SENTENCES} more {MORE}"
+    yield from found[:MAX_ALIKE_SENTENCES]
+    if len(found) > MAX_ALIKE_SENTENCES:
+        yield f"and {len(found) - MAX_ALIKE_SENTENCES} more {FURTHER_PLACE}"
     if summary.clear:
         yield f"none of: {', '.join(summary.clear)}"
 
 
 def _sampling(summary: CheckSummary) -> Iterator[RenderableType]:
     rows = summary.sampling.rows
-    yield _table(Cells(summary.sampling.heads, rows[:RECORDINGS]))
-    if len(rows) > RECORDINGS:
-        yield paragraph(f"and {plural(len(rows) - RECORDINGS, 'more recording')} {MORE}")
+    yield _table(Cells(summary.sampling.heads, rows[:MAX_RECORDINGS]))
+    if len(rows) > MAX_RECORDINGS:
+        yield paragraph(f"and {plural(len(rows) - MAX_RECORDINGS, 'more recording')} {FURTHER_PLACE}")
     alike: dict[str, list[str]] = {}
     for said in summary.sampled:
-        alike.setdefault(NUMBER.sub("", said), []).append(said)
+        alike.setdefault(NUMBER_IN_TEXT.sub("", said), []).append(said)
     yield from _labelled(
         "sampling", [f"{one} ({len(more)} more alike)" if more else one for one, *more in alike.values()]
     )
@@ -273,13 +273,13 @@ def _table(grid: Cells) -> RenderableType:
 
 def _labelled(label: str, sentences: Sequence[str]) -> Iterator[RenderableType]:
     """A line for each of the first sentences, with a label, and the number of the others."""
-    for sentence in sentences[:SENTENCES]:
+    for sentence in sentences[:MAX_ALIKE_SENTENCES]:
         yield paragraph(f"{label}: {sentence}")
-    if len(sentences) > SENTENCES:
-        yield paragraph(f"{label}: and {len(sentences) - SENTENCES} more {MORE}")
+    if len(sentences) > MAX_ALIKE_SENTENCES:
+        yield paragraph(f"{label}: and {len(sentences) - MAX_ALIKE_SENTENCES} more {FURTHER_PLACE}")
 
 
 def _leading(names: Sequence[str]) -> str:
     """First terms of the formulas of parameters."""
     short = [name if " " not in name else f"{name.partition(' ')[0]}…" for name in names]
-    return shorten(short, NAMES)
+    return shorten(short, MAX_PARAMETER_NAMES)
