@@ -9,8 +9,8 @@ import numpy as np
 from ..types import Array, View
 from .oscillation import chain
 
-EVENTS = 50  # maximum number of impacts and departures within one sample
-FIRST, MOST = 64, 4096  # look-ahead on a stop [samples]: start and maximum; doubles while contact lasts
+MAX_EVENTS = 50  # maximum number of impacts and departures within one sample
+MIN_LOOK_AHEAD, MAX_LOOK_AHEAD = 64, 4096  # [samples] look-ahead on a stop; doubles while contact lasts
 
 
 def fly(x: View, gap: float, stop: float) -> Array:
@@ -28,7 +28,7 @@ def fly(x: View, gap: float, stop: float) -> Array:
     force, pull, drag = -load / inertia, along.position[:, j, j] / inertia, along.velocity[:, j, j] / inertia
     push, pull, drag = (force[1:] + force[:-1]) / 2, pull[:-1], drag[:-1]
     z, w = copysign(half, force[0]) + force[0] / stop**2, 0.0
-    (own, taken), out, dt, i, ahead = _on_stop(pull, drag, x.dt, stop), np.empty_like(force), x.dt, 0, FIRST
+    (own, taken), out, dt, i, ahead = _on_stop(pull, drag, x.dt, stop), np.empty_like(force), x.dt, 0, MIN_LOOK_AHEAD
     out[0] = z
     while i < len(push):
         side = 1.0 if z > 0 else -1.0
@@ -41,9 +41,9 @@ def fly(x: View, gap: float, stop: float) -> Array:
             out[i + 1 : i + 1 + count] = side * (half + y[1 : count + 1])
             z, w, i = side * (half + float(y[count])), side * float(u[count]), i + count
             if count == len(leaves):
-                ahead = min(2 * ahead, MOST)
+                ahead = min(2 * ahead, MAX_LOOK_AHEAD)
                 continue
-            ahead = FIRST
+            ahead = MIN_LOOK_AHEAD
         z, w = _through(z, w, float(push[i] - pull[i] * z - drag[i] * w), dt, half, stop)
         out[i + 1], i = z, i + 1
     return out[:, None]
@@ -62,7 +62,7 @@ def _on_stop(pull: Array, drag: Array, dt: float, stop: float) -> tuple[Array, A
 
 def _through(z: float, w: float, f: float, left: float, half: float, stop: float) -> tuple[float, float]:
     """Deflection and its rate after the time `left` under a constant force per inertia."""
-    for _ in range(EVENTS):
+    for _ in range(MAX_EVENTS):
         side = copysign(1.0, z)
         outward = side * w if w else side * f
         if abs(z) > half or (abs(z) == half and outward > 0):

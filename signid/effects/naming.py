@@ -11,7 +11,7 @@ from . import EFFECTS
 from .base import Effect
 from .law import places
 
-LARGEST = 9e9  # magnitude of a parameter [its unit]; times since 1970 are 1.7e9 s
+MAX_PARAMETER = 9e9  # magnitude of a parameter [its unit]; times since 1970 are 1.7e9 s
 
 
 def place(effect: Effect, robot: Robot, joint: str | None, partner: str | None = None) -> tuple[int, ...]:
@@ -75,8 +75,8 @@ def law_at(effect: Effect, robot: Robot, joint: str | None, parameters: Mapping[
         numbers = {key: float(values[key]) for key in wanted}
     except ValueError:
         raise _fault(effect, "has a parameter that is not a number") from None
-    if absurd := [key for key, value in numbers.items() if not abs(value) <= LARGEST]:
-        fault = f"{absurd[0]} is {numbers[absurd[0]]}, beyond {LARGEST:.0e}"
+    if absurd := [key for key, value in numbers.items() if not abs(value) <= MAX_PARAMETER]:
+        fault = f"{absurd[0]} is {numbers[absurd[0]]}, beyond {MAX_PARAMETER:.0e}"
         raise OptionError(f"effect {effect.name!r}: {fault}; write {law_syntax(effect)}")
     return Law(effect, joints, numbers)
 

@@ -7,7 +7,7 @@ from scipy.linalg.blas import dtbsv
 
 from ..types import Array, View
 
-SETTLING = 6.0  # duration of the additional initial damping [periods of oscillation]
+SETTLING_PERIODS = 6.0  # duration of the additional initial damping [periods of oscillation]
 
 
 def oscillate(x: View, stiffness: float, damping: float) -> Array:
@@ -33,7 +33,7 @@ def oscillate(x: View, stiffness: float, damping: float) -> Array:
     if m.min() <= 0:  # a description without inertia cannot oscillate
         return np.zeros((len(m) + 1, 1))
     turns = np.arange(len(m)) * dt * np.sqrt(abs(k / m)) / (2 * np.pi)
-    c = c + 2 * np.sqrt(m * abs(k)) * np.clip(1 - turns / SETTLING, 0, 1) ** 2
+    c = c + 2 * np.sqrt(m * abs(k)) * np.clip(1 - turns / SETTLING_PERIODS, 0, 1) ** 2
     force = -x.load[:, 0]
     rate = np.diff(force) / dt
     start, drift = force[:-1] / k - c * rate / k**2, rate / k  # the particular solution start + drift t

@@ -13,10 +13,10 @@ from .motion import Motion, labels, regressor
 
 RANK_TOLERANCE = 1e-5  # [1] smallest singular value that counts, over the largest, columns scaled
 KEEP_TOLERANCE = 1e-5  # [1] smallest share of an independent column that is orthogonal to the columns kept
-REST = 1e-9  # [1] share of a random velocity that leaves its direction and no inertial torque
-ZERO = 1e-9  # smallest coefficient that is printed
-SNAP = 2e-3  # [1] distance from 0 or 1 below which a rotation entry is that of an angle typed with few digits (3.14)
-DIGITS = 6  # significant digits of a printed coefficient
+REST_VELOCITY_SHARE = 1e-9  # [1] share of a random velocity that leaves its direction and no inertial torque
+MIN_PRINTED_COEFFICIENT = 1e-9  # smallest coefficient that is printed
+MAX_SNAP_DISTANCE = 2e-3  # [1] of a rotation entry from 0 or 1, if its angle was typed with few digits (3.14)
+COEFFICIENT_DIGITS = 6  # significant digits of a printed coefficient
 
 
 def build_base(
@@ -37,7 +37,7 @@ def build_base(
     snapped, names = _snap(robot), labels(robot, laws)
     states = _random_motion(snapped, len(names), seed)
     if static:
-        states = replace(states, v=REST * states.v, a=0 * states.a)
+        states = replace(states, v=REST_VELOCITY_SHARE * states.v, a=0 * states.a)
     known = np.ones(len(robot.joints), dtype=bool) if measured is None else np.array(measured, dtype=bool)
     rows = regressor(states, laws) * known[:, None]  # (N, n, p)
     stacked = rows.reshape(-1, len(names))
@@ -48,7 +48,7 @@ def build_base(
     compact = singular[:rank, None] * right[:rank]  # (rank, p), same Gram as the scaled regressor
     kept = _choose(compact, _preference(snapped, names), rank)
     combination = _combination(compact, kept, scale)
-    visible = np.abs(rows[:, :, kept]).max(0) > ZERO * norm[kept]
+    visible = np.abs(rows[:, :, kept]).max(0) > MIN_PRINTED_COEFFICIENT * norm[kept]
     return BaseMap(
         labels=names,
         independent=np.array(kept, dtype=np.intp),
@@ -93,7 +93,7 @@ def _combination(compact: Array, kept: list[int], scale: Array) -> Array:
     combination[np.arange(len(kept)), kept] = 1
     finite = np.where(np.isinf(scale), 0.0, scale)
     combination[:, others] = share * finite[others] / scale[kept][:, None]
-    combination[np.abs(combination) < ZERO] = 0
+    combination[np.abs(combination) < MIN_PRINTED_COEFFICIENT] = 0
     return combination
 
 
@@ -122,7 +122,7 @@ def _formula(row: Array, lead: int, names: Sequence[Label]) -> str:
         if k == lead:
             continue
         size = abs(row[k])
-        factor = "" if abs(size - 1) < ZERO else f"{size:.{DIGITS}g} "
+        factor = "" if abs(size - 1) < MIN_PRINTED_COEFFICIENT else f"{size:.{COEFFICIENT_DIGITS}g} "
         text += f" {'+' if row[k] > 0 else '-'} {factor}{names[k].name}"
     return text
 
@@ -133,8 +133,8 @@ def _snap(robot: Robot) -> Robot:
     for joint in range(1, model.njoints):
         placement = model.jointPlacements[joint]
         rotation = placement.rotation.copy()
-        rotation[np.abs(rotation) < SNAP] = 0
-        near = np.abs(np.abs(rotation) - 1) < SNAP
+        rotation[np.abs(rotation) < MAX_SNAP_DISTANCE] = 0
+        near = np.abs(np.abs(rotation) - 1) < MAX_SNAP_DISTANCE
         rotation[near] = np.sign(rotation[near])
         left, _, right = np.linalg.svd(rotation)
         model.jointPlacements[joint] = pin.SE3(left @ right, placement.translation)

@@ -14,11 +14,11 @@ from ..parameters import INERTIAL, Array, BaseMap
 from .factors import Factors
 from .rows import Task
 
-DIGITS = 6  # smallest number of significant digits of a variance in a file
-SPARE_DIGITS = 2  # significant digits of the smallest eigenvalue after rounding
+MIN_VARIANCE_DIGITS = 6  # smallest number of significant digits of a variance in a file
+EIGENVALUE_DIGITS = 2  # significant digits of the smallest eigenvalue after rounding
 TERM_DIGITS = 10  # significant digits of a coefficient of a base parameter
-INDEFINITE = 1e-3  # [1] size of a negative eigenvalue of the correlation matrix, per row, that counts as rounding
-_BODY = re.compile(rf"(?:{'|'.join(INERTIAL)})_(\d+)")
+MAX_INDEFINITENESS = 1e-3  # [1] of a negative eigenvalue of the correlation matrix, per row: rounding
+_INERTIAL_LABEL = re.compile(rf"(?:{'|'.join(INERTIAL)})_(\d+)")
 MISFIT_DIGITS = 4  # significant digits of a misfit in a file
 
 
@@ -106,7 +106,7 @@ def read_covariance(content: Mapping[str, Any], bodies: int) -> Covariance:
 def _labels(terms: Sequence[Mapping[str, float]], bodies: int) -> tuple[str, ...]:
     own = [f"{name}_{body + 1}" for body in range(bodies) for name in INERTIAL]
     labels = tuple(dict.fromkeys([*own, *(name for entry in terms for name in entry)]))
-    if beyond := [name for name in labels[len(own) :] if _BODY.fullmatch(name)]:
+    if beyond := [name for name in labels[len(own) :] if _INERTIAL_LABEL.fullmatch(name)]:
         raise ValueError(f"its terms name {beyond[0]}, and the robot has {bodies} bodies")
     return labels
 
@@ -130,10 +130,10 @@ def from_lower_triangle(lower: Array, b: int) -> Array:
     if not len(known):
         return matrix
     values, vectors = np.linalg.eigh(matrix[part] / np.outer(size, size))
-    if values[0] < -INDEFINITE * len(known):
+    if values[0] < -MAX_INDEFINITENESS * len(known):
         raise ValueError("lower_triangle is not that of a covariance: a combination would have a negative variance")
     if values[0] <= 0:
-        least = 10.0 ** -(DIGITS + SPARE_DIGITS) * values[-1]
+        least = 10.0 ** -(MIN_VARIANCE_DIGITS + EIGENVALUE_DIGITS) * values[-1]
         matrix[part] = (vectors * np.maximum(values, least)) @ vectors.T * np.outer(size, size)
     return matrix
 
@@ -142,9 +142,9 @@ def _digits(matrix: Array) -> int:
     known = np.isfinite(np.diag(matrix))
     size = np.sqrt(np.diag(matrix)[known])
     if not len(size) or not np.all(size > 0):
-        return DIGITS
+        return MIN_VARIANCE_DIGITS
     smallest = float(np.linalg.eigvalsh(matrix[np.ix_(known, known)] / np.outer(size, size))[0])
-    return int(np.clip(np.ceil(-np.log10(max(smallest, 1e-300))) + SPARE_DIGITS, DIGITS, 15))
+    return int(np.clip(np.ceil(-np.log10(max(smallest, 1e-300))) + EIGENVALUE_DIGITS, MIN_VARIANCE_DIGITS, 15))
 
 
 def _rounded(x: float, digits: int) -> float:

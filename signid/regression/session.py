@@ -27,19 +27,19 @@ Part = tuple[Recording, Sampling]
 TRAINING_SHARE = 0.7  # of a single recording
 LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the healthy robot"
 SHARED = f"learned from, except the last {1 - TRAINING_SHARE:.0%}, which is held out"
-PIECE = 2**17  # samples of a recording from which the cut-off is chosen
-SAME_RATE = 0.01  # relative difference that sampling rates of recordings may have
-REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s], share of the rms velocity: width of the reversal of a geared joint
-AGREE = 2e-3  # [1] relative difference from derivatives of the positions, below which recorded ones are used
-NARROW = 1e-12  # [rad/s or m/s] width of a reversal of recordings without encoder noise in velocity
-ENOUGH = 16  # filtered rows that a recording needs if nothing can be held out of it
-ITSELF = (
+PIECE_SAMPLES = 2**17  # samples of a recording from which the cut-off is chosen
+RATE_TOLERANCE = 0.01  # relative difference that sampling rates of recordings may have
+REVERSAL_VELOCITY, REVERSAL_SHARE = 0.01, 0.02  # [rad/s], [rms velocity] width of the reversal of a geared joint
+DERIVATIVE_TOLERANCE = 2e-3  # [1] difference from derivatives of the positions, below which recorded ones are used
+MIN_REVERSAL_VELOCITY = 1e-12  # [rad/s or m/s] width of a reversal of recordings without encoder noise in velocity
+MIN_RECORDING_ROWS = 16  # filtered rows that a recording needs if nothing can be held out of it
+SELF_EVALUATION_NOTE = (
     "the recording is too short to hold anything out: the model is evaluated on its own training data, so held-out "
     "errors are too small; record for longer, or give another recording with --held-out"
 )
-FEW_ROWS = 20  # rows per parameter; with fewer the noise model is poor
-LOW_CUTOFF = 2.0  # [Hz] below which inertial torque is hardly visible
-TAPS = 9.0  # length of both filters together, in periods of the cut-off
+MIN_PARAMETER_ROWS = 20  # rows per parameter; with fewer the noise model is poor
+MIN_INERTIAL_CUTOFF = 2.0  # [Hz] below which inertial torque is hardly visible
+FILTER_PERIODS = 9.0  # length of both filters together, in periods of the cut-off
 
 Parts = tuple[Part, ...]
 
@@ -132,7 +132,7 @@ class Session(Frozen):
         return sum(found[1:], found[0])
 
 
-def longest_piece(part: Part, most: int = PIECE) -> Samples:
+def longest_piece(part: Part, most: int = PIECE_SAMPLES) -> Samples:
     """The longest stretch of a recording without a gap, or its beginning where that is very long."""
     recording, sampling = part
     span = max(sampling.spans, key=sampling.length)
@@ -146,7 +146,7 @@ def common_rate(parts: Sequence[Part], advice: str) -> float:
         RecordingError: they differ; the sentence ends with the advice.
     """
     rates = np.array([1 / sampling.period for _, sampling in parts])
-    if np.ptp(rates) > SAME_RATE * rates.min():
+    if np.ptp(rates) > RATE_TOLERANCE * rates.min():
         listed = ", ".join(f"{rate:.6g} Hz" for rate in rates)
         raise RecordingError(f"the recordings are sampled at different rates ({listed}); {advice}")
     return float(rates[0])
@@ -246,11 +246,11 @@ def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes:
     desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r, _ in whole)
     complete = desired and all(_complete(part, "q_des") for part in whole)
     slow = _slow(robot, [sampling for _, sampling in whole], band)
-    slow = np.full(len(slow), NARROW) if static else slow
+    slow = np.full(len(slow), MIN_REVERSAL_VELOCITY) if static else slow
     base, reach = build_base(robot, laws, options.seed, measured, static), _reach(robot, once, band, slow)
     task = Task(robot, laws, base, band, slow, reach, recorded, complete)
     said = [f"{r.path or 'recording'}: {note}" for r, sampling in whole for note in (*r.notes, *sampling.notes)]
-    said += [ITSELF] * (train is test)
+    said += [SELF_EVALUATION_NOTE] * (train is test)
     if recorded and not static:
         said.append("velocities and accelerations are taken as recorded: they agree with the positions")
     if desired and not complete:
@@ -282,7 +282,7 @@ def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
         return train[:-1], train[-1:]
     recording, sampling = train[0]
     first, last = split(sampling, TRAINING_SHARE)
-    if _count_rows(last, band) == 0 and _count_rows(sampling, band) >= ENOUGH:
+    if _count_rows(last, band) == 0 and _count_rows(sampling, band) >= MIN_RECORDING_ROWS:
         return train, train
     return ((recording, first),), ((recording, last),)
 
@@ -298,10 +298,10 @@ def _band(parts: Sequence[Part], options: Options) -> Band:
     if options.cutoff is not None and not options.cutoff > 0:
         raise OptionError(f"the cut-off is {options.cutoff:g} Hz; a positive frequency is needed")
     longest = max(sampling.length(span) * sampling.period for _, sampling in parts for span in sampling.spans)
-    if options.cutoff is not None and TAPS / options.cutoff > longest:
+    if options.cutoff is not None and FILTER_PERIODS / options.cutoff > longest:
         raise OptionError(
-            f"a cut-off of {options.cutoff:g} Hz needs {TAPS / options.cutoff:.3g} s without a gap, but the longest "
-            f"stretch lasts {longest:.3g} s; raise the cut-off"
+            f"a cut-off of {options.cutoff:g} Hz needs {FILTER_PERIODS / options.cutoff:.3g} s without a gap, but the "
+            f"longest stretch lasts {longest:.3g} s; raise the cut-off"
         )
     return choose_band([longest_piece(part) for part in parts], rate, options.cutoff)
 
@@ -309,12 +309,12 @@ def _band(parts: Sequence[Part], options: Options) -> Band:
 def _slow(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
     """(n,) [rad/s or m/s] width of a reversal: of the gear for revolute joints, of the encoder noise for all."""
     speed = np.sqrt(np.mean([s.speed**2 for s in surveys], axis=0))
-    gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL, REVERSAL_SHARE * speed))
-    return np.maximum(np.maximum(gear, band.velocity_noise), NARROW)
+    gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL_VELOCITY, REVERSAL_SHARE * speed))
+    return np.maximum(np.maximum(gear, band.velocity_noise), MIN_REVERSAL_VELOCITY)
 
 
 def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tuple[int, ...]:
-    pieces = [(longest_piece(part, PIECE // 4), part[1].period) for part in parts]
+    pieces = [(longest_piece(part, PIECE_SAMPLES // 4), part[1].period) for part in parts]
     long = [(piece, period) for piece, period in pieces if len(piece.t) > 2 * margin(band) + 1]
     return choose_reach([build_motion(robot, piece, band, period) for piece, period in long], band, slow)
 
@@ -363,9 +363,9 @@ def _complete(part: Part, key: str) -> bool:
     if sampling.incomplete.isdisjoint(recording.columns[key]):
         return True
     pieces = (
-        samples(recording, sampling, span, start, min(start + PIECE, sampling.length(span)))
+        samples(recording, sampling, span, start, min(start + PIECE_SAMPLES, sampling.length(span)))
         for span in sampling.spans
-        for start in range(0, sampling.length(span), PIECE)
+        for start in range(0, sampling.length(span), PIECE_SAMPLES)
     )
     return all(np.all(np.isfinite(getattr(piece, key))) for piece in pieces)
 
@@ -378,7 +378,7 @@ def _agree(robot: Robot, part: Part, band: Band) -> bool:
     thin = Decimator(band.taps, band.factor)
     for mine, theirs in ((own.v, recorded.v), (own.a, recorded.a)):
         ours, given = thin(mine), thin(theirs[edge : len(theirs) - edge])
-        if not len(ours) or np.linalg.norm(ours - given) > AGREE * np.linalg.norm(ours):
+        if not len(ours) or np.linalg.norm(ours - given) > DERIVATIVE_TOLERANCE * np.linalg.norm(ours):
             return False
     return True
 
@@ -386,7 +386,7 @@ def _agree(robot: Robot, part: Part, band: Band) -> bool:
 def advice_on_rows(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:
     """Sentences on what would give more or better rows; used: (n,) [1] share of the rows away from reversals."""
     band, robot, said = session.task.band, session.robot, []
-    if band.cutoff < LOW_CUTOFF:
+    if band.cutoff < MIN_INERTIAL_CUTOFF:
         worst = robot.joints[int(np.argmin(band.per_joint))]
         limit = f"encoder noise of {worst} allows only {band.cutoff:.2g} Hz"
         said.append(f"{limit}: move faster, or record finer positions")
@@ -394,6 +394,6 @@ def advice_on_rows(session: Session, factors: Factors, used: Array) -> tuple[str
     said += [f"{joint} keeps {x:.0%} of its rows, the others are near a reversal: move it faster" for joint, x in slow]
     bare = [joint for joint, f in zip(robot.joints, factors.joints, strict=True) if f.rows == 0]
     said += [f"{j} has no usable torque: only parameters that act on other joints are identifiable" for j in bare]
-    if factors.rows < FEW_ROWS * session.task.base.rank / max(len(robot.joints), 1):
+    if factors.rows < MIN_PARAMETER_ROWS * session.task.base.rank / max(len(robot.joints), 1):
         said.append(f"{factors.rows} filtered rows for {session.task.base.rank} parameters are few: record for longer")
     return tuple(said)

@@ -14,15 +14,15 @@ from ..toml_json import read_toml
 from ..types import Actuators, Array, Robot
 from .joints import find
 
-FIND = "find"  # in place of a number: not known, as if the key were absent
+UNKNOWN_NUMBER = "find"  # in place of a number: not known, as if the key were absent
 # numbers of a servo that cannot be zero
-POSITIVE = ("kp", "effort_limit", "speed_limit", "stall_torque", "voltage", "profile_speed", "kp_register")
-NONNEGATIVE = ("kd", "delay", "dead_band", "coulomb_friction", "viscous_friction", "load_friction", "armature")
-SERVO_KEYS = ("law", "kp", "kd", "kd_on", *(key for key in (*POSITIVE, *NONNEGATIVE) if key not in ("kp", "kd")))
+POSITIVE_KEYS = ("kp", "effort_limit", "speed_limit", "stall_torque", "voltage", "profile_speed", "kp_register")
+NONNEGATIVE_KEYS = ("kd", "delay", "dead_band", "coulomb_friction", "viscous_friction", "load_friction", "armature")
+SERVO_KEYS = ("law", "kp", "kd", "kd_on", *(key for key in POSITIVE_KEYS + NONNEGATIVE_KEYS if key not in ("kp", "kd")))
 _KEYS = tuple(item.name for item in fields(Actuators))
-_LARGEST = 1e100  # largest accepted magnitude [any]
-_NEVER_NEGATIVE = ("armature", "viscous_friction", "coulomb_friction")
-Numbers = dict[str, float | str]
+_MAX_NUMBER = 1e100  # largest accepted magnitude [any]
+_NONNEGATIVE_JOINT_KEYS = ("armature", "viscous_friction", "coulomb_friction")
+ServoNumbers = dict[str, float | str]
 
 
 def state_actuators(robot: Robot, path: Path) -> Robot:
@@ -84,9 +84,9 @@ def _fill(values: dict[str, Array], tables: Mapping[str, Any], robot: Robot) -> 
     return {joint: stated for joint, stated in servo.items() if stated}
 
 
-def _servo(name: str, table: object) -> Numbers:
+def _servo(name: str, table: object) -> ServoNumbers:
     """Stated numbers and words of a servo."""
-    where, found = f"joint.{name}.servo", Numbers()
+    where, found = f"joint.{name}.servo", ServoNumbers()
     if not isinstance(table, Mapping):
         raise RobotError(f"{where!r} is not a table; write [{where}] and below it lines such as kp = 20.0")
     for key, value in table.items():
@@ -94,7 +94,7 @@ def _servo(name: str, table: object) -> Numbers:
             close = get_close_matches(key, SERVO_KEYS, 1)
             advice = f"did you mean {close[0]}?" if close else f"choose from {', '.join(SERVO_KEYS)}"
             raise RobotError(f"[{where}] has the unknown key {key!r}; {advice}")
-        if value == FIND:
+        if value == UNKNOWN_NUMBER:
             continue
         found[key] = _word(where, key, value) if key in WORDS else _size(where, key, value)
     return found
@@ -105,16 +105,16 @@ def _word(where: str, key: str, value: object) -> str:
     if isinstance(value, str) and value in known:
         return value
     close = get_close_matches(value, known, 1) if isinstance(value, str) else []
-    advice = f"did you mean {close[0]!r}?" if close else f"expected {', '.join(known)} or {FIND}"
+    advice = f"did you mean {close[0]!r}?" if close else f"expected {', '.join(known)} or {UNKNOWN_NUMBER}"
     raise RobotError(f"[{where}] has {key} = {value!r}; {advice}")
 
 
 def _size(where: str, key: str, value: object) -> float:
     number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
     if not (number and isinstance(value, int | float)):
-        raise RobotError(f'[{where}] has {key} = {value!r}; expected a finite number, or "{FIND}"')
-    if fault := number_fault(key, value, key in POSITIVE):
-        given = f"{float(value):g}" if abs(value) < _LARGEST else f"a number beyond {_LARGEST:.0e}"
+        raise RobotError(f'[{where}] has {key} = {value!r}; expected a finite number, or "{UNKNOWN_NUMBER}"')
+    if fault := number_fault(key, value, key in POSITIVE_KEYS):
+        given = f"{float(value):g}" if abs(value) < _MAX_NUMBER else f"a number beyond {_MAX_NUMBER:.0e}"
         raise RobotError(f"[{where}] has {key} = {given}; {fault}")
     return float(value)
 
@@ -134,18 +134,18 @@ def _registers(tables: Mapping[str, Any], robot: Robot) -> dict[tuple[str, str],
                 raise RobotError(f"[{where}] has the unknown key {strange[0]!r}; expected kp_register")
             if (Path(file).name, joint) in found:
                 raise RobotError(f"joint {joint} has two tables for the recording {file}; keep one")
-            stated = {key: _size(where, key, value) for key, value in table.items() if value != FIND}
+            stated = {key: _size(where, key, value) for key, value in table.items() if value != UNKNOWN_NUMBER}
             if stated:
                 found[Path(file).name, joint] = stated
     return found
 
 
 def _number(joint: str, key: str, value: object) -> float:
-    if isinstance(value, int) and abs(value) >= _LARGEST:
-        raise RobotError(f"joint {joint} has {key} beyond {_LARGEST:.0e}; expected a finite number")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _LARGEST:
+    if isinstance(value, int) and abs(value) >= _MAX_NUMBER:
+        raise RobotError(f"joint {joint} has {key} beyond {_MAX_NUMBER:.0e}; expected a finite number")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _MAX_NUMBER:
         raise RobotError(f"joint {joint} has {key} = {value!r}; expected a finite number")
-    if value < 0 and key in _NEVER_NEGATIVE:
+    if value < 0 and key in _NONNEGATIVE_JOINT_KEYS:
         raise RobotError(f"joint {joint} has {key} = {value!r}; it cannot be negative")
     if value == 0 and key == "torque_constant":
         raise RobotError(f"joint {joint} has torque_constant = 0; give its value in N.m/A, or remove the key")

@@ -17,9 +17,9 @@ from .description.document import Axis, Document, Draft, parse, read_document
 from .joints import find, hold, resting, with_gravity
 from .locate import locate
 
-ASSIGNED = re.compile(r"[A-Za-z_][\w.\-/]*:=")  # begins an argument and its value
-LONGEST = 10_000  # value of an argument [characters]
-MOST = 1000  # arguments
+ASSIGNMENT = re.compile(r"[A-Za-z_][\w.\-/]*:=")  # begins an argument and its value
+MAX_VALUE_LETTERS = 10_000  # value of an argument [characters]
+MAX_ARGUMENTS = 1000  # arguments
 
 
 @typed
@@ -230,7 +230,7 @@ def parse_arguments(texts: Sequence[str]) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     for text in texts:
-        if not ASSIGNED.match(text):
+        if not ASSIGNMENT.match(text):
             raise OptionError(f"--xacro {text[:80]!r} is not an argument and its value; write NAME:=VALUE")
         name, _, value = text.partition(":=")
         if name in found:
@@ -249,10 +249,10 @@ def as_arguments(given: Mapping[str, object] | None) -> dict[str, str]:
         return {}
     if not isinstance(given, Mapping):
         raise unexpected("xacro", "values by name of the argument", given, '{"name": "ur5e"}')
-    if len(given) > MOST:
-        raise OptionError(f"xacro has {len(given)} arguments; give {MOST} at most")
+    if len(given) > MAX_ARGUMENTS:
+        raise OptionError(f"xacro has {len(given)} arguments; give {MAX_ARGUMENTS} at most")
     for name in given:
-        if not isinstance(name, str) or not ASSIGNED.fullmatch(f"{name}:="):
+        if not isinstance(name, str) or not ASSIGNMENT.fullmatch(f"{name}:="):
             raise OptionError(f"xacro has {str(name)[:80]!r} as the name of an argument; give letters, digits and _")
     return {name: _value(name, value) for name, value in given.items()}
 
@@ -264,6 +264,6 @@ def _value(name: str, value: object) -> str:
         kind = type(value).__name__
         raise OptionError(f"the xacro argument {name} is of type {kind}; give a text, a number, True or False")
     text = value if isinstance(value, str) else repr(value)
-    if len(text) > LONGEST or CONTROL.search(text) or any("\ud800" <= letter <= "\udfff" for letter in text):
+    if len(text) > MAX_VALUE_LETTERS or CONTROL.search(text) or any("\ud800" <= letter <= "\udfff" for letter in text):
         raise OptionError(f"the value of the xacro argument {name} is no text of one line; give one of UTF-8")
     return text

@@ -14,9 +14,9 @@ from urllib.parse import unquote
 from ..errors import RobotError, shorten
 from .description.sandbox import may_read
 
-_DATA = "example-robot-data"
-_PACKAGE, _FILE = ("package://", "model://"), "file://"
-_FAMILIAR = dict(  # names in the loaders of example-robot-data -> file stems
+_DATA_FOLDER = "example-robot-data"
+_PACKAGE_SCHEMES, _FILE_SCHEME = ("package://", "model://"), "file://"
+_LOADER_STEMS = dict(  # names in the loaders of example-robot-data -> file stems
     pair.split("=")
     for pair in (
         "alexander=alexander_v1.lowerBodyOnly anymal=anymal_b_simple/anymal anymal_b=anymal_b_simple/anymal "
@@ -96,11 +96,11 @@ def find_mesh(name: str, description: str, package_dirs: Sequence[str | Path] = 
     `package_dirs` (packages, or folders of packages), in ROS_PACKAGE_PATH, above the description and in
     example-robot-data. The name is package://PACKAGE/PATH, file://PATH, or a path relative to the description.
     """
-    package = next((head for head in _PACKAGE if name.startswith(head)), None)
+    package = next((head for head in _PACKAGE_SCHEMES if name.startswith(head)), None)
     try:
         if package is not None:
             return _in_package(unquote(name.removeprefix(package)), description, package_dirs)
-        return _beside(Path(unquote(name.removeprefix(_FILE))), description, package_dirs)
+        return _beside(Path(unquote(name.removeprefix(_FILE_SCHEME))), description, package_dirs)
     except (OSError, ValueError):  # a name too long for the file system, or with a null character
         return None
 
@@ -110,7 +110,7 @@ def _shared() -> list[Path]:
     spec = find_spec("pinocchio")
     above = Path(spec.origin).parents if spec is not None and spec.origin else ()
     places = (prefix / part for prefix in above for part in ("share", "Library/share"))  # the latter on Windows
-    return [place for place in places if (place / _DATA / "robots").is_dir()][:1]
+    return [place for place in places if (place / _DATA_FOLDER / "robots").is_dir()][:1]
 
 
 def _in_package(inside: str, description: str, package_dirs: Sequence[str | Path]) -> Path | None:
@@ -143,11 +143,11 @@ def _examples() -> dict[str, Path]:
     """URDF files of example-robot-data by stem, or by "folder/stem" if the stem is ambiguous."""
     if not _shared():
         return {}
-    folder = _shared()[0] / _DATA / "robots"
+    folder = _shared()[0] / _DATA_FOLDER / "robots"
     paths = sorted(folder.rglob("*.urdf"))
     count = Counter(path.stem for path in paths)
     full = {f"{path.relative_to(folder).parts[0].removesuffix('_description')}/{path.stem}": path for path in paths}
     unique = {path.stem: path for path in paths if count[path.stem] == 1}
-    familiar = {name: (unique | full)[stem] for name, stem in _FAMILIAR.items() if stem in unique or stem in full}
+    familiar = {name: (unique | full)[stem] for name, stem in _LOADER_STEMS.items() if stem in unique or stem in full}
     found = {path.stem: path for path in sorted(folder.rglob("*.sdf"))} | unique | familiar
     return found | {name: path for name, path in full.items() if path not in found.values()}

@@ -17,18 +17,18 @@ from .search.branch_and_bound import PhysicalCone, cone_inequalities
 from .search.exact import RivalSigns, SignSolution, enumerate_near, search_signs
 from .search.problem import KnownRows, SignProblem, build_problem, friction_patterns, known_rows, signed_rows
 from .thresholds import (
-    CONFIDENT,
-    CORRELATED_RESIDUAL,
-    LARGE_RESIDUAL,
+    CERTAIN_CONFIDENCE,
+    MAX_INFLATION,
+    MAX_RESIDUAL_SHARE,
     NOISE_FLOOR,
     RECHECK_ROUNDS,
     RIVAL_WINDOW,
     SPLIT_ROUNDS,
 )
 
-UNCORRELATED = 0.05  # [1] autocorrelation from which later lags are ignored; tuned on logs and simulations
-PAIRS = 0.1  # [share of the samples] smallest number of pairs that estimates a correlation; heuristic
-LEAST_SAMPLES = 2  # [samples] of a part of a run; a single sample has no confidence of its own
+MIN_AUTOCORRELATION = 0.05  # [1] autocorrelation from which later lags are ignored; tuned on logs and simulations
+MIN_PAIR_SHARE = 0.1  # [share of the samples] smallest number of pairs that estimates a correlation; heuristic
+MIN_PART_SAMPLES = 2  # [samples] of a part of a run; a single sample has no confidence of its own
 
 
 def sign_confidence(problem: SignProblem, signs: Array, rivals: RivalSigns) -> Array:
@@ -75,10 +75,10 @@ def inflation(residual: Array, runs: Sequence[tuple[int, int]]) -> float:
     longest, total = max((stop - start for start, stop in runs), default=0), 1.0
     for lag in range(1, longest if power > 0 else 0):
         pairs = inside[lag:] & inside[:-lag] & (run[lag:] == run[:-lag])
-        if pairs.sum() < PAIRS * count:
+        if pairs.sum() < MIN_PAIR_SHARE * count:
             break
         correlation = float(np.mean((values[lag:] * values[:-lag])[pairs])) / power
-        if correlation < UNCORRELATED:
+        if correlation < MIN_AUTOCORRELATION:
             break
         total += 2 * correlation
     return total
@@ -123,7 +123,7 @@ def recheck_signs(
     one over the standard deviation of independent samples.
     """
     known = known_rows(search.observed, weights)
-    segments = [s for s in split_by_signs(runs, refined.signs) if s.length >= LEAST_SAMPLES]
+    segments = [s for s in split_by_signs(runs, refined.signs) if s.length >= MIN_PART_SAMPLES]
     for left in reversed(range(RECHECK_ROUNDS)):
         problem = build_problem(search.observed, segments, weights, known)
         start = np.array([_majority(refined, s) for s in segments] + [1.0] * (problem.count - len(segments)))
@@ -157,7 +157,7 @@ def _majority(refined: RefinedSigns, segment: Segment) -> float:
 def _is_uncertain(run: Segment, segments: Sequence[Segment], confidence: Array) -> bool:
     """Whether a run was split, and the confidence of one of its parts is low."""
     parts = [k for k, s in enumerate(segments) if _holds(run, s)]
-    return segments[parts[0]] != run and min(confidence[parts]) < CONFIDENT if parts else False
+    return segments[parts[0]] != run and min(confidence[parts]) < CERTAIN_CONFIDENCE if parts else False
 
 
 def _holds(run: Segment, part: Segment) -> bool:
@@ -260,8 +260,8 @@ def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> _Atte
         return SignChoice(solution.signs, solution.coordinates, solution.proof)
 
     attempt = _attempt(observed, segments, choose, known)
-    large = attempt.refined.sigma / observed.scale > LARGE_RESIDUAL
-    if attempt.splits or np.any(large & (_inflations(observed, attempt) > CORRELATED_RESIDUAL)):
+    large = attempt.refined.sigma / observed.scale > MAX_RESIDUAL_SHARE
+    if attempt.splits or np.any(large & (_inflations(observed, attempt) > MAX_INFLATION)):
         other = _attempt(observed, runs_between_minima(observed), choose, known)
         if other.refined.loss < attempt.refined.loss:
             return replace(other, finer=True)

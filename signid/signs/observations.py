@@ -19,10 +19,10 @@ from ..types import Array, Frozen, Indices, Mask, Samples, prismatic_unit
 from .thresholds import (
     CUTOFF_SAMPLES,
     JUMP_TORQUE,
-    LEAST_RATE,
+    MAX_GRID_SAMPLES,
+    MIN_GRID_RATE,
     MINIMUM_CEILING,
     MINIMUM_FLOOR,
-    MOST_SAMPLES,
     MOVING_SHARE,
     POSITION_BANDWIDTH,
     REST_DURATION,
@@ -34,7 +34,7 @@ from .thresholds import (
     SPLIT_SAMPLES,
 )
 
-WINDOW = 8192  # [samples] of a recording processed at a time; bounds memory
+MAX_WINDOW_SAMPLES = 8192  # [samples] of a recording processed at a time; bounds memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +147,8 @@ def law_coefficients(task: Task) -> dict[int, tuple[str, int]]:
 def thinning(task: Task, parts: Sequence[Part]) -> int:
     """Number of recorded samples per sample of the grid."""
     rate, total = task.band.rate, sum(s.length(span) for _, s in parts for span in s.spans)
-    dense = max(LEAST_RATE, CUTOFF_SAMPLES * task.band.cutoff) if task.band.filtered else rate
-    return max(1, int(rate / dense), -(-total // MOST_SAMPLES))
+    dense = max(MIN_GRID_RATE, CUTOFF_SAMPLES * task.band.cutoff) if task.band.filtered else rate
+    return max(1, int(rate / dense), -(-total // MAX_GRID_SAMPLES))
 
 
 def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
@@ -158,7 +158,7 @@ def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
     """
     recording, sampling = part
     band = replace(task.band, beyond=POSITION_BANDWIDTH)
-    edge, size = margin(band, task.recorded_derivatives), -(-WINDOW // step) * step
+    edge, size = margin(band, task.recorded_derivatives), -(-MAX_WINDOW_SAMPLES // step) * step
     reach = int(np.ceil(0.5 * band.rate / band.position_cutoff))
     for span in sampling.spans:
         total = sampling.length(span)

@@ -22,22 +22,22 @@ from .samples import RefinedSigns, expect_signs, place_jumps, refine_signs
 from .search.exact import ascend
 from .search.problem import friction_patterns
 from .thresholds import (
-    COARSE_STEP,
-    CORRELATED_RESIDUAL,
     FLIP_PROBABILITY,
     IMPURE_SHARE,
-    INVISIBLE_BODIES,
-    LARGE_RESIDUAL,
+    MAX_INFLATION,
+    MAX_RESIDUAL_SHARE,
+    MAX_RESOLUTION_STEP,
+    MAX_ROUND_CHANGE,
+    MIN_BODY_TORQUE,
     NEAR_OFFSET_LIMIT,
     OFFSET_DEVIATIONS,
     OFFSET_LIMIT,
     RIVAL_WINDOW,
-    UNSETTLED_CHANGE,
 )
 from .torque_constants import TorqueConstants, constant_sensitivity, find_gains
 from .tree import by_tree
 
-METHODS = ("exact", "tree")
+SIGN_METHODS = ("exact", "tree")
 
 
 def raise_flags(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
@@ -66,7 +66,7 @@ def _unfinished(inferred: Inferred) -> Iterator[str]:
             "too many other signs are nearly as good as the best to be enumerated, so confidences may be too high; do "
             "not take the signs for measured"
         )
-    if refined.change > UNSETTLED_CHANGE:
+    if refined.change > MAX_ROUND_CHANGE:
         yield (
             f"signs and parameters had not settled after {refined.rounds} rounds of refinement (the last one changed "
             f"the torque by {100 * refined.change:.2g} %), so signs of small torques may be wrong"
@@ -120,7 +120,7 @@ def _invisible_bodies(observed: Observed, inferred: Inferred) -> Iterator[str]:
         joint = int(problem.joints[own][0])
         others = ascend(problem, np.where(own, [signs * pattern, -signs * pattern], signs), joints=False)
         rivals = [problem.loss(other) for other in others if np.any(other[own] != signs[own])]
-        if share[joint] < INVISIBLE_BODIES and min(rivals, default=np.inf) < problem.loss(signs) + RIVAL_WINDOW:
+        if share[joint] < MIN_BODY_TORQUE and min(rivals, default=np.inf) < problem.loss(signs) + RIVAL_WINDOW:
             yield (
                 f"the torque of {observed.joints[joint]} shows nothing of the robot's bodies, so Coulomb friction and "
                 f"an offset explain it equally well and the signs rest on the prior that friction is larger; "
@@ -130,7 +130,7 @@ def _invisible_bodies(observed: Observed, inferred: Inferred) -> Iterator[str]:
 
 def _unexplained(observed: Observed, inferred: Inferred) -> Iterator[str]:
     share = inferred.refined.sigma / observed.scale
-    bad = [j for j in observed.hidden if share[j] > LARGE_RESIDUAL and inferred.inflation[j] > CORRELATED_RESIDUAL]
+    bad = [j for j in observed.hidden if share[j] > MAX_RESIDUAL_SHARE and inferred.inflation[j] > MAX_INFLATION]
     if bad:
         names = ", ".join(f"{observed.joints[j]} ({100 * share[j]:.0f} %)" for j in bad)
         yield (
@@ -143,7 +143,7 @@ def _coarse(observed: Observed) -> Iterator[str]:
     for joint in observed.hidden:
         levels = np.unique(np.abs(observed.torque[:, joint]))
         step = float(np.median(np.diff(levels))) if len(levels) > 1 else 0.0
-        if len(levels) < len(observed) / 4 and step > COARSE_STEP * observed.scale[joint]:
+        if len(levels) < len(observed) / 4 and step > MAX_RESOLUTION_STEP * observed.scale[joint]:
             yield (
                 f"the torque of {observed.joints[joint]} is recorded in steps of {step:.2g} {observed.units[joint]}, "
                 f"{100 * step / observed.scale[joint]:.0f} % of its rms, so signs of small torques cannot be inferred; "
@@ -223,8 +223,8 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
     Raises:
         OptionError: there is no such method, or a torque constant is neither known nor identifiable.
     """
-    if method not in METHODS:
-        raise OptionError(f"signs {method!r} is none of {', '.join(METHODS)}")
+    if method not in SIGN_METHODS:
+        raise OptionError(f"signs {method!r} is none of {', '.join(SIGN_METHODS)}")
     unscaled = any(recording.scaled is not None for recording in session.recordings)
     gains = find_gains(session, progress) if unscaled else None
     if gains is not None:

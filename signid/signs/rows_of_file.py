@@ -12,18 +12,18 @@ from ..recording.sampling import Sampling
 from ..recording.sampling.grid import Stretch, row_times
 from ..types import Array, Indices, Mask, Recording
 
-CHUNK = 65_536  # [rows] read at a time; bounds memory
-SMALL = 0.05  # [rms torque] minima of |torque| below it, beyond the samples, may be changes of sign; heuristic
-NEAR = 0.01  # [periods] time tolerance of matching rows to instants; heuristic
-MORE = 64  # [rows] read beyond an interval, so that a row of another time is among them; heuristic
-AROUND = 3  # [rows] on either side of a minimum for the fit of a parabola, at least; heuristic
-WIDEST = 10  # [rows] the same, at most; heuristic
-KINK = 0.5  # [1] ratio of squared residuals with and without a change of sign, below which there is one; heuristic
+CHUNK_ROWS = 65_536  # [rows] read at a time; bounds memory
+MAX_MINIMUM_TORQUE = 0.05  # [rms torque] beyond the samples, lower minima of |torque| may be changes of sign; heuristic
+TIME_TOLERANCE = 0.01  # [periods] time tolerance of matching rows to instants; heuristic
+EXTRA_ROWS = 64  # [rows] read beyond an interval, so that a row of another time is among them; heuristic
+MIN_PARABOLA_ROWS = 3  # [rows] on either side of a minimum for the fit of a parabola, at least; heuristic
+MAX_PARABOLA_ROWS = 10  # [rows] the same, at most; heuristic
+MAX_KINK_RATIO = 0.5  # [1] of squared residuals with and without a change of sign, where there is one; heuristic
 
-Marks = NDArray[np.int8]
+SignMarks = NDArray[np.int8]
 
 
-def signs_of_rows(recording: Recording, sampling: Sampling, t: Array, first: Indices, signs: Marks) -> Marks:
+def signs_of_rows(recording: Recording, sampling: Sampling, t: Array, first: Indices, signs: SignMarks) -> SignMarks:
     """A sign (rows, n) for every row of a recording: -1 or 1, and 0 in rows of no span.
 
     Between two samples of different sign, the change is at the smallest |torque| recorded between them. Before the
@@ -76,7 +76,7 @@ class _Span(NamedTuple):
         begin = stretch.start if stretch.first == 0 else int(at[0])
         end = stretch.stop if stretch.first + stretch.count == stretch.size else int(at[-1])
         hidden = np.flatnonzero(~recording.signed).tolist()
-        small, at = SMALL * sampling.torque_rms[hidden], np.clip(at[1:-1], begin, end - 1)
+        small, at = MAX_MINIMUM_TORQUE * sampling.torque_rms[hidden], np.clip(at[1:-1], begin, end - 1)
         return cls(recording, sampling, hidden, small, begin, end, at, sampling.uniform)
 
     def read(self, start: int, stop: int) -> _FileRows:
@@ -100,28 +100,28 @@ def _ends(stretch: Stretch, period: float) -> tuple[float, float]:
 def _at(recording: Recording, sampling: Sampling, stretch: Stretch, t: Array) -> Indices:
     """First row at or after each instant t (k,): from the grid where rows lie on it, else from their stamps."""
     if sampling.uniform:
-        kept = np.ceil((t - stretch.stamps[0]) / sampling.period - NEAR).astype(np.intp)
+        kept = np.ceil((t - stretch.stamps[0]) / sampling.period - TIME_TOLERANCE).astype(np.intp)
         inside = slice(*np.searchsorted(sampling.dropped, [stretch.start, stretch.stop]))
         place = sampling.dropped[inside] - stretch.start
         place = place - np.arange(len(place))  # how many rows are kept before each dropped one
         return np.asarray(stretch.start + kept + np.searchsorted(place, kept, side="right"))
     rows = np.full(len(t), stretch.start, dtype=np.intp)
-    for start in range(stretch.start, stretch.stop, CHUNK):
-        stop = min(start + CHUNK, stretch.stop)
+    for start in range(stretch.start, stretch.stop, CHUNK_ROWS):
+        stop = min(start + CHUNK_ROWS, stretch.stop)
         stamps = row_times(recording, sampling, start, stop)
-        rows += np.searchsorted(stamps, t - NEAR * sampling.period)
+        rows += np.searchsorted(stamps, t - TIME_TOLERANCE * sampling.period)
     return rows
 
 
-def _fill(found: Marks, span: _Span, signs: Marks) -> None:
+def _fill(found: SignMarks, span: _Span, signs: SignMarks) -> None:
     """Set the signs of the rows of a span."""
     own = signs[:, span.hidden]
     changes = np.repeat(span.at[1:, None], len(span.hidden), axis=1)  # rows from which the next sample's sign holds
     turning = np.flatnonzero((own[1:] != own[:-1]).any(axis=1))  # intervals between samples in which a sign changes
-    for some in np.split(turning, np.flatnonzero(np.diff(span.at[turning] // CHUNK)) + 1):
+    for some in np.split(turning, np.flatnonzero(np.diff(span.at[turning] // CHUNK_ROWS)) + 1):
         if not len(some):
             continue
-        rows = span.read(int(span.at[some[0]]) - MORE, int(span.at[some[-1] + 1]) + MORE)
+        rows = span.read(int(span.at[some[0]]) - EXTRA_ROWS, int(span.at[some[-1] + 1]) + EXTRA_ROWS)
         for i in range(len(span.hidden)):
             which = some[own[some, i] != own[some + 1, i]]
             if len(which):
@@ -153,9 +153,9 @@ def _goes_on(t: Array, size: Array, lowest: Indices) -> Mask:
     return np.asarray(size[before] * np.abs(t[after] - t[lowest]) > size[after] * np.abs(t[lowest] - t[before]))
 
 
-def _edges(found: Marks, span: _Span, signs: Marks) -> None:
+def _edges(found: SignMarks, span: _Span, signs: SignMarks) -> None:
     """Change signs before the first and after the last sample of a span."""
-    step = min(max(AROUND, int(span.at[-1] - span.at[0]) // max(1, len(span.at) - 1)), WIDEST)
+    step = min(max(MIN_PARABOLA_ROWS, int(span.at[-1] - span.at[0]) // max(1, len(span.at) - 1)), MAX_PARABOLA_ROWS)
     first, last = int(span.at[0]), int(span.at[-1]) + span.exact
     left, right = span.read(span.begin, first + step + 1).backwards(), span.read(last - step - 1, span.end)
     for i, j in enumerate(span.hidden):
@@ -176,7 +176,7 @@ def _kinks(rows: _FileRows, joint: int, known: int, small: float, step: int) -> 
     turns = lowest + _goes_on(rows.t, size, lowest)
     found: list[int] = []
     for bend, turn in sorted((_bend(rows.t, size, turn, step), turn) for turn in turns[turns >= known].tolist()):
-        if bend < KINK and all(abs(turn - other) > step for other in found):
+        if bend < MAX_KINK_RATIO and all(abs(turn - other) > step for other in found):
             found.append(turn)
     return found
 

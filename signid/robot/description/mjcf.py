@@ -28,14 +28,14 @@ from .document import (
     massless_note,
     restricted,
 )
-from .mjcf_tree import NEGLIGIBLE, Source, included, prepare
+from .mjcf_tree import MIN_INERTIAL, Source, included, prepare
 
 if TYPE_CHECKING:
     import pinocchio as pin
 
-_MOVING = ("hinge", "slide")
-_NUMBERS = ("ref", "damping", "frictionloss", "armature", "stiffness", "springref")  # of a joint in an MJCF
-_LINE = re.compile(r",? line -?\d+")  # of the text that MuJoCo reads, which is not that of the file
+_MOVING_KINDS = ("hinge", "slide")
+_JOINT_NUMBERS = ("ref", "damping", "frictionloss", "armature", "stiffness", "springref")  # of a joint in an MJCF
+_LINE_NUMBER = re.compile(r",? line -?\d+")  # of the text that MuJoCo reads, which is not that of the file
 
 
 class _Body(NamedTuple):
@@ -92,7 +92,7 @@ def read_mjcf(document: Document) -> Draft:
     text = included(root, folder, document.text)
     source = prepare(root, folder if document.path else None)
     found = _compiled(source)
-    moving = [joint for joint in found.joints if joint.kind in _MOVING]
+    moving = [joint for joint in found.joints if joint.kind in _MOVING_KINDS]
     check_count(len(found.bodies), len(moving), "bodies")
     check_names(joint=[joint.name for joint in found.joints], body=[body.name for body in found.bodies])
     if not moving:
@@ -130,7 +130,7 @@ def _compiled(source: Source) -> _Compiled:
     content = json.loads(_run_cached(source.text) if not source.files else _run(source.text, source.files))
     _check_finite(content)
     for body in content["bodies"]:
-        body["mass"], *body["inertia"] = (0.0 if x <= NEGLIGIBLE else x for x in (body["mass"], *body["inertia"]))
+        body["mass"], *body["inertia"] = (0.0 if x <= MIN_INERTIAL else x for x in (body["mass"], *body["inertia"]))
     return _Compiled(
         tuple(_Body(**body) for body in content["bodies"]),
         tuple(_Joint(**joint) for joint in content["joints"]),
@@ -142,13 +142,13 @@ def _compiled(source: Source) -> _Compiled:
 
 def _run(text: str, files: Mapping[str, bytes]) -> str:
     with tempfile.TemporaryDirectory() as scratch:
-        for name, data in {**files, sandbox.COMPILED: text.encode()}.items():
+        for name, data in {**files, sandbox.MODEL_FILE: text.encode()}.items():
             Path(scratch, name).write_bytes(data)
         late = f"MuJoCo cannot compile it in {sandbox.SECONDS} s; give fewer or smaller meshes"
         try:
             return restricted(scratch, [""], scratch, "MuJoCo cannot compile it", late).split("\n")[-1]
         except RobotError as error:
-            raise RobotError(_LINE.sub("", str(error))) from None
+            raise RobotError(_LINE_NUMBER.sub("", str(error))) from None
 
 
 @lru_cache(maxsize=64)
@@ -200,7 +200,7 @@ def _build(found: _Compiled) -> tuple[pin.Model, tuple[str, ...], dict[int, int]
     for number, body in enumerate(found.bodies, 1):
         parent, above = place[body.parent]
         pose = above * _pose(body.pos, body.quat)
-        own = [i for i, joint in enumerate(found.joints) if joint.body == number and joint.kind in _MOVING]
+        own = [i for i, joint in enumerate(found.joints) if joint.body == number and joint.kind in _MOVING_KINDS]
         if own:
             axes = [found.joints[i] for i in own]
             name = axes[0].name if len(axes) == 1 else f"Composite_{axes[0].name}"
@@ -297,7 +297,7 @@ def _notes(found: _Compiled, constraints: int) -> Iterator[str]:
         yield f"gravcomp of {shorten(carried)} is ignored: torque here includes the weight that MuJoCo compensates"
     if curved := [joint.name for joint in found.joints if joint.nonlinear]:
         yield f"stiffness and damping of higher order are ignored: {shorten(curved)}"
-    if sprung := [joint.name for joint in found.joints if joint.stiffness and joint.kind in _MOVING]:
+    if sprung := [joint.name for joint in found.joints if joint.stiffness and joint.kind in _MOVING_KINDS]:
         yield f"joint springs are laws of the simulation: {shorten(sprung)}"
     if found.medium:
         yield "forces of the medium (density, viscosity, wind) are ignored"
@@ -321,9 +321,9 @@ def _text(name: str, found: _Compiled, source: Any) -> str:
             etree.SubElement(node, "inertial", {key: _words(value) for key, value in inertial.items()})
     for joint in found.joints:
         stated = {"name": joint.name, "type": joint.kind}
-        if joint.kind in _MOVING:
+        if joint.kind in _MOVING_KINDS:
             stated |= {key: _words(getattr(joint, key)) for key in ("pos", "axis", "range")}
-            stated |= {key: repr(getattr(joint, key)) for key in _NUMBERS}
+            stated |= {key: repr(getattr(joint, key)) for key in _JOINT_NUMBERS}
             stated["limited"] = str(joint.limited).lower()
             effort = {} if joint.effort is None else {"actuatorfrcrange": f"{-joint.effort!r} {joint.effort!r}"}
             stated |= effort

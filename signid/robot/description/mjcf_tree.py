@@ -9,27 +9,27 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import RobotError, shorten
-from .document import MOST_BYTES, bounded, check_count, not_negative, parse, read_bytes
+from .document import MAX_FILE_BYTES, bounded, check_count, not_negative, parse, read_bytes
 from .sandbox import may_read
 
-_SETTINGS = (
+_COMPILER_KEYS = (
     "angle autolimits balanceinertia boundinertia boundmass eulerseq inertiafromgeom inertiagrouprange settotalmass"
 ).split()  # attributes of <compiler> that shape the dynamics
-_MEDIUM = ("gravity", "density", "viscosity", "wind")  # attributes of <option> that do
-_PLACES = ("body", "frame", "replicate", "attach")  # elements that create or place bodies
-_KEPT = (*_PLACES, "joint", "freejoint", "inertial", "geom")
-_CLASSES = ("default", "joint", "geom", "mesh", "equality")  # elements of a <default> that are kept
-_LOOKS = ("material", "hfield")  # attributes of geometry that refer to removed assets
-_SOFT = ("composite", "flexcomp")  # elements that create deformable bodies
-_NUMBERS = (
+_MEDIUM_KEYS = ("gravity", "density", "viscosity", "wind")  # attributes of <option> that do
+_PLACE_TAGS = ("body", "frame", "replicate", "attach")  # elements that create or place bodies
+_KEPT_TAGS = (*_PLACE_TAGS, "joint", "freejoint", "inertial", "geom")
+_DEFAULT_TAGS = ("default", "joint", "geom", "mesh", "equality")  # elements of a <default> that are kept
+_ASSET_KEYS = ("material", "hfield")  # attributes of geometry that refer to removed assets
+_DEFORMABLE_TAGS = ("composite", "flexcomp")  # elements that create deformable bodies
+_NUMBER_KEYS = (
     "pos quat axisangle xyaxes zaxis euler axis ref springref stiffness damping frictionloss armature margin "
     "mass density diaginertia fullinertia size fromto"
 ).split()  # attributes of bodies, joints, inertials and geometry
-_FRICTION = ("damping", "frictionloss", "armature")
+_FRICTION_KEYS = ("damping", "frictionloss", "armature")
 _DEPTH = 20  # maximum depth of nested files
-_FILES = 500  # maximum number of included and attached files
-_ELEMENTS = 100_000  # maximum number of elements of the world, with those that are replicated
-NEGLIGIBLE = 2e-15  # [kg, kg.m2] what MuJoCo gets in place of zero mass and inertia, which it rejects
+_MAX_FILES = 500  # maximum number of included and attached files
+_MAX_ELEMENTS = 100_000  # maximum number of elements of the world, with those that are replicated
+MIN_INERTIAL = 2e-15  # [kg, kg.m2] what MuJoCo gets in place of zero mass and inertia, which it rejects
 
 
 @dataclass
@@ -67,8 +67,8 @@ def prepare(root: Any, folder: Path | None) -> Source:
     source = Source()
     text, counts = _part(root, folder, source, 0)
     check_count(counts["body"], counts["joint"], "bodies")
-    if sum(counts.values()) > _ELEMENTS:
-        raise RobotError(f"the world has more than {_ELEMENTS} elements; give the description of one robot")
+    if sum(counts.values()) > _MAX_ELEMENTS:
+        raise RobotError(f"the world has more than {_MAX_ELEMENTS} elements; give the description of one robot")
     source.text = text
     return source
 
@@ -91,8 +91,8 @@ def _read(node: Any, folder: Path, source: Source, depth: int, how: str) -> Any:
     if depth > _DEPTH:
         raise RobotError(f"{path.name} is more than {_DEPTH} files deep, or includes itself; remove that <{node.tag}>")
     source.read += 1
-    if source.read > _FILES:
-        raise RobotError(f"the file includes more than {_FILES} files; give the description of one robot")
+    if source.read > _MAX_FILES:
+        raise RobotError(f"the file includes more than {_MAX_FILES} files; give the description of one robot")
     if not may_read(path, [folder]):
         raise RobotError(f"the {how} file {path} lies outside the folder of the description; move it inside")
     try:
@@ -107,8 +107,8 @@ def _bytes(path: Path, source: Source) -> bytes:
     """Content of a file; the sum of all is limited as that of one."""
     data = read_bytes(path)
     source.size += len(data)
-    if source.size > MOST_BYTES:
-        raise RobotError(f"its files have more than {MOST_BYTES / 1e6:.0f} MB; give the description of one robot")
+    if source.size > MAX_FILE_BYTES:
+        raise RobotError(f"its files have more than {MAX_FILE_BYTES / 1e6:.0f} MB; give the description of one robot")
     return data
 
 
@@ -116,13 +116,13 @@ def _part(root: Any, folder: Path | None, source: Source, depth: int) -> tuple[s
     """Text of a file without what does not shape the dynamics, and the number of its elements by tag."""
     from lxml import etree
 
-    settings = _last(root, "compiler", (*_SETTINGS, "meshdir", "assetdir", "strippath"))
+    settings = _last(root, "compiler", (*_COMPILER_KEYS, "meshdir", "assetdir", "strippath"))
     _bound(root)
     _check(root)
     bare = etree.Element("mujoco", {"model": root.get("model") or "robot"})
-    kept = {key: settings[key] for key in _SETTINGS if key in settings}
+    kept = {key: settings[key] for key in _COMPILER_KEYS if key in settings}
     etree.SubElement(bare, "compiler", kept | {key: _least(kept, key) for key in ("boundmass", "boundinertia")})
-    option = etree.SubElement(bare, "option", _last(root, "option", _MEDIUM))
+    option = etree.SubElement(bare, "option", _last(root, "option", _MEDIUM_KEYS))
     option.extend([flag for node in root.iterchildren("option") for flag in node.iterchildren("flag")])
     for node in root.iterchildren("default"):
         _prune_class(node)
@@ -146,7 +146,7 @@ def _part(root: Any, folder: Path | None, source: Source, depth: int) -> tuple[s
 
 def _check(root: Any) -> None:
     for world in root.iterchildren("worldbody"):
-        for node in world.iter(*_SOFT):
+        for node in world.iter(*_DEFORMABLE_TAGS):
             raise RobotError(f"the file uses <{node.tag}>, which makes deformable bodies; give a file of rigid ones")
     if _last(root, "compiler", ("coordinate",)).get("coordinate") == "global":
         raise RobotError("the file uses global coordinates; load and save it with MuJoCo 2.3.3 or older")
@@ -161,7 +161,7 @@ def _least(settings: dict[str, str], key: str) -> str:
     """Lower bound of masses or inertias: that of the file, or one that counts as none."""
     stated = settings.get(key, "0")
     try:
-        return stated if not float(stated) < NEGLIGIBLE else repr(NEGLIGIBLE)
+        return stated if not float(stated) < MIN_INERTIAL else repr(MIN_INERTIAL)
     except ValueError:
         return stated
 
@@ -169,10 +169,10 @@ def _least(settings: dict[str, str], key: str) -> str:
 def _bound(root: Any) -> None:
     """Check the magnitude of the numbers that shape the dynamics, in place: negligible ones become 0."""
     for node in root.iter("body", "frame", "replicate", "joint", "inertial", "geom"):
-        for key in (key for key in _NUMBERS if node.get(key)):
+        for key in (key for key in _NUMBER_KEYS if node.get(key)):
             stated = f"a <{node.tag}> has {key}={node.get(key)!r}"
             words = node.get(key).split()
-            node.set(key, " ".join(_bounded(word, stated, key in _FRICTION) for word in words))
+            node.set(key, " ".join(_bounded(word, stated, key in _FRICTION_KEYS) for word in words))
 
 
 def _bounded(word: str, stated: str, positive: bool) -> str:
@@ -187,7 +187,7 @@ def _bounded(word: str, stated: str, positive: bool) -> str:
 
 def _prune_class(node: Any) -> None:
     for child in list(node):
-        if child.tag not in _CLASSES:
+        if child.tag not in _DEFAULT_TAGS:
             node.remove(child)
         elif child.tag == "default":
             _prune_class(child)
@@ -199,14 +199,14 @@ def _plain(node: Any) -> None:
     """Remove plug-ins, and references to removed assets."""
     for child in list(node):
         node.remove(child)
-    for key in _LOOKS:
+    for key in _ASSET_KEYS:
         node.attrib.pop(key, None)
 
 
 def _prune(node: Any, stated: bool, everywhere: bool) -> None:
     """Remove elements without influence on the dynamics; geometry counts only for bodies without inertial."""
     for child in list(node):
-        if child.tag not in _KEPT or (child.tag == "geom" and stated):
+        if child.tag not in _KEPT_TAGS or (child.tag == "geom" and stated):
             node.remove(child)
         elif child.tag == "body":
             _prune(child, child.find("inertial") is not None and not everywhere, everywhere)

@@ -12,8 +12,8 @@ from ...types import Array, Frozen, Indices
 from ..observations import Observed, Segment
 from ..thresholds import FRICTION_PRIOR, PRIOR_STRENGTH
 
-RANK = 1e-7  # [largest singular value of the scaled rows] smaller ones count as zero; heuristic
-SLACK = 1e-12  # [total energy] negative eigenvalues or losses of this size are rounding errors
+ROW_RANK_TOLERANCE = 1e-7  # [largest singular value of the scaled rows] smaller ones count as zero; heuristic
+ENERGY_ROUNDING = 1e-12  # [total energy] negative eigenvalues or losses of this size are rounding errors
 
 
 class KnownRows(NamedTuple):
@@ -146,7 +146,7 @@ def orthonormalise(rows: Array) -> tuple[Array, Array]:
     size[size < 1e-12 * max(float(size.max(initial=0.0)), 1e-300)] = np.inf
     q, r = np.linalg.qr(rows / size)
     left, singular, right = np.linalg.svd(r)
-    rank = int(np.sum(singular > RANK * singular[0]))
+    rank = int(np.sum(singular > ROW_RANK_TOLERANCE * singular[0]))
     return q @ left[:, :rank], (right[:rank].T / singular[:rank]) / size[:, None]
 
 
@@ -179,5 +179,5 @@ def certify(problem: SignProblem, signs: Array) -> Certificate:
     smallest = float(eigvalsh(slack, subset_by_index=[0, 0], check_finite=False)[0])
     loss, short = problem.loss(signs), problem.count * max(0.0, -smallest)
     return Certificate(
-        max(loss - short, 0.0), min(loss, short / problem.count) <= SLACK * float(problem.energies.sum())
+        max(loss - short, 0.0), min(loss, short / problem.count) <= ENERGY_ROUNDING * float(problem.energies.sum())
     )

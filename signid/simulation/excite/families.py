@@ -16,13 +16,13 @@ from .limits import Limits, build_limits
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-DEPENDENT = 1e-7  # [1] length below which a projected vector is a combination of those before it
-DEGREE = 5  # of splines: all derivatives up to the fourth are continuous
-MANY = 40  # largest number of harmonics
-LONGEST = 3600.0  # duration of a motion [s]
-MOST_ROWS = 5e6  # [rows] of a motion; heuristic: memory
-FREQUENCY, HARMONICS = 0.1, 5  # [Hz] lowest frequency and number of harmonics of `rest_to_rest_motion`
-AMPLITUDE = (0.3, 0.8)  # [1] smallest and largest share of the limits that it uses
+MAX_DEPENDENT_LENGTH = 1e-7  # [1] length below which a projected vector is a combination of those before it
+SPLINE_DEGREE = 5  # of splines: all derivatives up to the fourth are continuous
+MAX_HARMONICS = 40  # largest number of harmonics
+MAX_DURATION = 3600.0  # duration of a motion [s]
+MAX_MOTION_ROWS = 5e6  # [rows] of a motion; heuristic: memory
+REST_TO_REST_FREQUENCY, REST_TO_REST_HARMONICS = 0.1, 5  # [Hz] lowest; number of harmonics
+REST_TO_REST_SHARES = (0.3, 0.8)  # [1] smallest and largest share of the limits that it uses
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Spline(Family):
 
     @property
     def size(self) -> int:
-        return self.pieces + DEGREE - 4
+        return self.pieces + SPLINE_DEGREE - 4
 
     def basis(self, t: Array) -> Array:
         t = np.clip(np.asarray(t, float), 0.0, self.duration)
@@ -119,12 +119,12 @@ class Spline(Family):
         from scipy.interpolate import BSpline
 
         inner = np.linspace(0.0, self.duration, self.pieces + 1)
-        knots = np.concatenate([np.zeros(DEGREE), inner, np.full(DEGREE, self.duration)])
-        control = np.zeros((self.pieces + DEGREE, self.size))
+        knots = np.concatenate([np.zeros(SPLINE_DEGREE), inner, np.full(SPLINE_DEGREE, self.duration)])
+        control = np.zeros((self.pieces + SPLINE_DEGREE, self.size))
         control[:, 0] = 1
         control[3:-3, 1:-1] = np.eye(self.size - 2)
         control[-3:, -1] = 1
-        return BSpline(knots, control, DEGREE)
+        return BSpline(knots, control, SPLINE_DEGREE)
 
 
 FAMILIES = {"fourier": Fourier, "spline": Spline}
@@ -171,7 +171,7 @@ def _append_orthonormal(found: list[Array], vector: Array) -> None:
         for other in found:
             vector = vector - np.sum(other * vector) * other
     size = np.sqrt(np.sum(vector**2))
-    if size > DEPENDENT:
+    if size > MAX_DEPENDENT_LENGTH:
         found.append(vector / size)
 
 
@@ -261,8 +261,8 @@ def check_duration(duration: float, harmonics: int, frequency: float) -> None:
             f"{duration:g} s are shorter than one period of the base frequency {frequency:g} Hz; "
             f"give a duration of at least {1 / frequency:.4g} s, or a base frequency of at least {1 / duration:.4g} Hz"
         )
-    if not 1 <= harmonics <= MANY:
-        raise OptionError(f"the number of harmonics is {harmonics}; give 1 to {MANY}")
+    if not 1 <= harmonics <= MAX_HARMONICS:
+        raise OptionError(f"the number of harmonics is {harmonics}; give 1 to {MAX_HARMONICS}")
 
 
 def check_rows(duration: float, rate: float) -> None:
@@ -271,10 +271,10 @@ def check_rows(duration: float, rate: float) -> None:
     Raises:
         OptionError: the duration [s] is too long, or the rate [Hz] is not positive or gives too many rows.
     """
-    if duration > LONGEST:
-        raise OptionError(f"the duration is {duration:g} s; give at most {LONGEST:g} s, and repeat the motion")
-    if not 0 < rate <= MOST_ROWS / duration:
-        fault = f"{duration:g} s at {rate:g} Hz are not between 1 and {MOST_ROWS:.0e} rows"
+    if duration > MAX_DURATION:
+        raise OptionError(f"the duration is {duration:g} s; give at most {MAX_DURATION:g} s, and repeat the motion")
+    if not 0 < rate <= MAX_MOTION_ROWS / duration:
+        fault = f"{duration:g} s at {rate:g} Hz are not between 1 and {MAX_MOTION_ROWS:.0e} rows"
         raise OptionError(f"{fault}; the rate of the file must be positive, and lower than that")
 
 
@@ -293,9 +293,9 @@ def _room(basis: Array, limits: Limits, x: Array) -> Array:
 def rest_to_rest_motion(robot: Robot, duration: float, step: float, seed: int) -> Trajectory:
     """Random Fourier series from rest to rest, within all limits except torque, sampled at a step [s]."""
     t = np.asarray(np.arange(round(duration / step) + 1) * step, dtype=np.float64)
-    frequency = max(FREQUENCY, 1 / duration)
-    check_duration(duration, HARMONICS, frequency)
-    family = Fourier(duration, HARMONICS, frequency)
+    frequency = max(REST_TO_REST_FREQUENCY, 1 / duration)
+    check_duration(duration, REST_TO_REST_HARMONICS, frequency)
+    family = Fourier(duration, REST_TO_REST_HARMONICS, frequency)
     coarse = family.basis(t[:: max(1, len(t) // 2000)])
-    x = random_parameters(coarse, build_limits(robot), np.random.default_rng(seed), AMPLITUDE)
+    x = random_parameters(coarse, build_limits(robot), np.random.default_rng(seed), REST_TO_REST_SHARES)
     return family.sample(robot.joints, x, t)

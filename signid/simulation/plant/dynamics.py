@@ -16,10 +16,10 @@ from ...robot import configuration, weld
 from ...robot.dynamics import joint_of_row, mass_matrices, own_row, point_jacobian
 from ...types import Array, Frozen, Indices, Law, Mask, Robot
 
-ITERATIONS, TOLERANCE = 200, 1e-10  # largest number of iterations, and absolute tolerance, of Pinocchio's solver
-GUESSES = 12  # guesses of the held joints before Pinocchio's solver is used
+SOLVER_ITERATIONS, SOLVER_TOLERANCE = 200, 1e-10  # of Pinocchio's solver; the tolerance is absolute
+MAX_GUESSES = 12  # guesses of the held joints before Pinocchio's solver is used
 THREADS = 1  # threads of abaInParallel; on a loaded machine several threads wait for each other for milliseconds
-BOUNDED = {"RUBX": pin.JointModelRX, "RUBY": pin.JointModelRY, "RUBZ": pin.JointModelRZ}
+BOUNDED_MODELS = {"RUBX": pin.JointModelRX, "RUBY": pin.JointModelRY, "RUBZ": pin.JointModelRZ}
 
 
 class DryFriction:
@@ -36,9 +36,9 @@ class DryFriction:
         self.constraint = pin.JointFrictionConstraintModel(model, joints)
         self.solver, self.result = pin.PGSConstraintSolver(count), pin.PGSSolverResult()
         self.settings = settings = pin.PGSSolverSettings()  # precise to nearly rounding errors
-        settings.max_iterations = ITERATIONS
-        settings.absolute_complementarity_tol = settings.absolute_feasibility_tol = TOLERANCE
-        settings.relative_complementarity_tol = settings.relative_feasibility_tol = TOLERANCE / 100
+        settings.max_iterations = SOLVER_ITERATIONS
+        settings.absolute_complementarity_tol = settings.absolute_feasibility_tol = SOLVER_TOLERANCE
+        settings.relative_complementarity_tol = settings.relative_feasibility_tol = SOLVER_TOLERANCE / 100
 
     def __call__(self, free: Array, low: Array, high: Array, mobility: Array) -> Array:
         """Velocities (K, c), exactly zero for held joints [rad/s or m/s].
@@ -74,7 +74,7 @@ def _guess(free: Array, low: Array, high: Array, mobility: Array) -> tuple[Array
     """
     dry, unit = high > low, np.eye(free.shape[1])
     way = np.where(dry, 0, 1)
-    for _ in range(GUESSES):
+    for _ in range(MAX_GUESSES):
         held = way == 0
         sliding = np.where(way > 0, high, np.where(held, 0.0, low))
         both = held[:, :, None] & held[:, None, :]
@@ -199,8 +199,8 @@ def _bounded(joint: Any) -> Any:
     if joint.nq == joint.nv:
         return joint
     name = joint.shortname().removeprefix("JointModel")
-    if name in BOUNDED:
-        return BOUNDED[name]()
+    if name in BOUNDED_MODELS:
+        return BOUNDED_MODELS[name]()
     return pin.JointModelRevoluteUnaligned(joint.extract().axis)
 
 

@@ -22,14 +22,14 @@ from ...types import Array, Frozen, Indices, Law, Result
 from ..rollout.run import Windows, cut_windows, restrict_joints
 from ..rollout.whole import check_whole, position_errors, whole_windows
 
-LEAST = 0.05  # [1] smallest factor of the mass, and of a shape that must be positive
+MIN_FACTOR = 0.05  # [1] smallest factor of the mass, and of a shape that must be positive
 # [1] of a number's size, differences of successive fits: errors are rough where a joint stops, and coarse steps see
 # past that (EMPS: whole runs fitted from four starts end between 2.73 and 2.84 mm, with 1e-5 alone at 2.8 to 3.4 mm)
-STEPS = (1e-2, 1e-3, 1e-4)
-ROWS = 6_000  # residuals per joint at most; further samples are left out evenly
-EVALUATIONS, GAIN = 20, 1e-4  # steps of a fit at most; relative gain of a step that ends it
-MARGIN = 1e-6  # [1] by which bounds lie beyond the start value, which must be inside
-WORST = 1e3  # [1] error of a simulation that diverged, over the scale
+DIFFERENCES = (1e-2, 1e-3, 1e-4)
+MAX_RESIDUALS = 6_000  # residuals per joint at most; further samples are left out evenly
+FIT_STEPS, MIN_GAIN = 20, 1e-4  # steps of a fit at most; relative gain of a step that ends it
+BOUND_MARGIN = 1e-6  # [1] by which bounds lie beyond the start value, which must be inside
+MAX_ERROR = 1e3  # [1] error of a simulation that diverged, over the scale
 LAWS = (  # to choose from
     "asymmetric_friction",
     "position_friction",
@@ -38,16 +38,16 @@ LAWS = (  # to choose from
     "stribeck_friction",
     "torque_ripple",
 )
-BLOCKS, FOLDS = 8, 4  # contiguous parts of a recording, dealt to folds in turn
-NUMBERS = 8  # free numbers of a chosen model at most
-PERIODS = (0.4, 1.0, 2.5, 5.0)  # start values of a law that is periodic in position, in periods over the travel
-SPEEDS = (0.1, 0.4)  # start values of a Stribeck velocity, over the rms speed
-FIRST = (1e-3,), 12  # differences and iterations of the fits from each start value and of the folds
-SEED = 0.02  # [1] start value of a coefficient, over that of a law that explains the whole torque
-ONE, SEVERAL = (2.5, 5.0), (0.5,)  # [s] lengths of windows for one joint, where errors hardly grow, and for several
-STEP = 1e-3  # [s] largest step of a simulation
-MOST_WINDOWS = 200  # windows of a recording at most
-MEANINGFUL = 0.2  # [1] rms error of a roll-out over the motion's standard deviation, up to which whole runs are fitted
+FOLD_BLOCKS, FOLD_COUNT = 8, 4  # contiguous parts of a recording, dealt to folds in turn
+MAX_FREE_NUMBERS = 8  # free numbers of a chosen model at most
+SEED_PERIODS = (0.4, 1.0, 2.5, 5.0)  # start values of a law that is periodic in position, in periods over the travel
+SEED_SPEEDS = (0.1, 0.4)  # start values of a Stribeck velocity, over the rms speed
+FIRST_FIT_STEPS = (1e-3,), 12  # differences and iterations of the fits from each start value and of the folds
+SEED_SHARE = 0.02  # [1] start value of a coefficient, over that of a law that explains the whole torque
+ONE_JOINT_LENGTHS, JOINTS_LENGTHS = (2.5, 5.0), (0.5,)  # [s] of windows; errors of one joint hardly grow
+MAX_REFINEMENT_STEP = 1e-3  # [s] largest step of a simulation
+MAX_REFINEMENT_WINDOWS = 200  # windows of a recording at most
+MAX_RELATIVE_ERROR = 0.2  # [1] rms of a roll-out over the motion's standard deviation, if whole runs are fitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ def coordinates_of(model: Model) -> FreeNumbers:
     Raises:
         OptionError: the model has none.
     """
-    rows = [(1.0, LEAST, 1.0)] if _slides(model) else []
+    rows = [(1.0, MIN_FACTOR, 1.0)] if _slides(model) else []
     for law in free_laws(model):
         coefficients, linear = law.effect.coefficients(law.parameters), list(law.effect.linear().values())
         example = law.effect.coefficients(law.effect.example)
@@ -73,7 +73,7 @@ def coordinates_of(model: Model) -> FreeNumbers:
             bounded = number.positive and value >= 0
             rows.append((value, 0.0 if bounded else -np.inf, max(abs(value), 0.01 * abs(typical), 1e-6)))
         for value in law.effect.shape(law.parameters).values():
-            rows.append((value, LEAST * value if value > 0 else -np.inf, max(abs(value), 1e-6)))
+            rows.append((value, MIN_FACTOR * value if value > 0 else -np.inf, max(abs(value), 1e-6)))
     if not rows:
         raise OptionError("the model has no law whose numbers could be refined; identify it with friction first")
     return FreeNumbers(*map(np.array, zip(*rows, strict=True)))
@@ -110,7 +110,7 @@ def _slides(model: Model) -> bool:
 
 
 def fit_windows(
-    model: Model, windows: Sequence[Windows], scale: Array, steps: Sequence[float] = STEPS, most: int = EVALUATIONS
+    model: Model, windows: Sequence[Windows], scale: Array, steps: Sequence[float] = DIFFERENCES, most: int = FIT_STEPS
 ) -> Model:
     """The model with the free numbers that make roll-outs of these windows follow the recorded positions.
 
@@ -143,9 +143,9 @@ def _fit(model: Model, windows: Sequence[Windows], scale: Array, step: float, mo
         here = residuals(x)
         return np.column_stack([(residuals(x + e) - here) / step for e in np.eye(len(x)) * step])
 
-    low = start.lower / start.size - MARGIN * np.isfinite(start.lower)
+    low = start.lower / start.size - BOUND_MARGIN * np.isfinite(start.lower)
     found = least_squares(
-        residuals, x0, jac=jacobian, bounds=(low, np.inf), x_scale="jac", max_nfev=most, ftol=GAIN, xtol=GAIN
+        residuals, x0, jac=jacobian, bounds=(low, np.inf), x_scale="jac", max_nfev=most, ftol=MIN_GAIN, xtol=MIN_GAIN
     )
     x = np.maximum(found.x, start.lower / start.size)
     return with_coordinates(model, x * start.size), float(np.sum(residuals(x) ** 2))
@@ -171,9 +171,9 @@ def _residuals(model: Model, windows: Sequence[Windows], scale: Array) -> Array:
             errors = position_errors(model, one)
         except InputError:  # numbers with which the model cannot be simulated
             errors = np.full_like(one.q[:, 1:], np.inf)
-        thin = max(1, total // ROWS)
+        thin = max(1, total // MAX_RESIDUALS)
         measured = errors[:, ::-1][:, ::thin][..., one.measured] / size[one.measured]
-        out.append(np.clip(np.nan_to_num(measured, nan=WORST, posinf=WORST, neginf=-WORST), -WORST, WORST).ravel())
+        out.append(np.clip(np.where(np.isnan(measured), MAX_ERROR, measured), -MAX_ERROR, MAX_ERROR).ravel())
     return np.concatenate(out)
 
 
@@ -197,7 +197,7 @@ def choose(model: Model, windows: Sequence[Windows], scale: Array, candidates: S
     """All trials of a stepwise search; the last one is chosen.
 
     In each round every candidate is added alone. The one with the smallest error of held-out windows is taken if it has
-    at most `NUMBERS` free numbers and is better than the model before by more than a standard error.
+    at most `MAX_FREE_NUMBERS` free numbers and is better than the model before by more than a standard error.
 
     Args:
         model: start values.
@@ -212,7 +212,7 @@ def choose(model: Model, windows: Sequence[Windows], scale: Array, candidates: S
     chosen, others, left = cross_validate(model, windows, scale), list[LawTrial](), list(candidates)
     while left:
         found = {name: _added(chosen.model, name, windows, scale) for name in left}
-        able = {name: trial for name, trial in found.items() if trial is not None and trial.numbers <= NUMBERS}
+        able = {name: trial for name, trial in found.items() if trial is not None and trial.numbers <= MAX_FREE_NUMBERS}
         others += able.values()
         if not able:
             break
@@ -233,13 +233,13 @@ def cross_validate(model: Model, windows: Sequence[Windows], scale: Array) -> La
         scale: (n,) [rad or m] size of the errors of each joint, as weights.
     """
     errors = list[Array]()
-    folds = [np.minimum(np.arange(len(w.t)) * BLOCKS // len(w.t), BLOCKS - 1) % FOLDS for w in windows]
+    folds = [np.minimum(np.arange(len(w.t)) * FOLD_BLOCKS // len(w.t), FOLD_BLOCKS - 1) % FOLD_COUNT for w in windows]
     for w in windows:
         errors.append(np.full((len(w.t), w.q.shape[2]), np.inf))
     fitted = fit_windows(model, windows, scale)
-    for k in range(FOLDS):
+    for k in range(FOLD_COUNT):
         learn = [subset(w, np.flatnonzero(f != k)) for w, f in zip(windows, folds, strict=True) if (f != k).any()]
-        found = fit_windows(fitted, learn, scale, *FIRST) if learn else model
+        found = fit_windows(fitted, learn, scale, *FIRST_FIT_STEPS) if learn else model
         for w, fold, out in zip(windows, folds, errors, strict=True):
             if (fold == k).any():
                 out[fold == k] = window_rms(found, [subset(w, np.flatnonzero(fold == k))])
@@ -266,7 +266,7 @@ def _added(model: Model, name: str, windows: Sequence[Windows], scale: Array) ->
     effect, own = EFFECTS[name], {law.effect.name for law in model.laws}
     if name in own or (effect.changes and not own & set(effect.changes)):
         return None
-    starts = [fit_windows(start, windows, scale, *FIRST) for start in _starts(model, name, windows)]
+    starts = [fit_windows(start, windows, scale, *FIRST_FIT_STEPS) for start in _starts(model, name, windows)]
     cost = [float(np.mean(window_rms(start, windows) ** 2)) for start in starts]
     return cross_validate(starts[int(np.argmin(cost))], windows, scale)
 
@@ -278,13 +278,13 @@ def _starts(model: Model, name: str, windows: Sequence[Windows]) -> Iterator[Mod
     travel = float(np.ptp(np.concatenate([w.q.ravel() for w in windows])))
     per = {"N.m": 1.0, "N.m.s/rad": speed, "N.m.s2/rad2": speed**2, "N.m/rad": travel}
     linear, inside = effect.linear(), [law for law in model.laws if law.effect.name in effect.contains]
-    seeds = {key: 0.0 if inside else SEED * torque / per.get(x.unit, np.inf) for key, x in linear.items()}
+    seeds = {key: 0.0 if inside else SEED_SHARE * torque / per.get(x.unit, np.inf) for key, x in linear.items()}
     for law in inside:
         (value,) = law.effect.coefficients(law.parameters)
         for key, factor in effect.contains[law.effect.name].items():
             seeds[key] += factor * value
     rest = tuple(law for law in model.laws if law not in inside)
-    grids = {"frequency": [2 * np.pi * x / travel for x in PERIODS], "velocity": [x * speed for x in SPEEDS]}
+    grids = {"frequency": [2 * np.pi * x / travel for x in SEED_PERIODS], "velocity": [x * speed for x in SEED_SPEEDS]}
     keys = list(effect.shape(effect.example))
     for values in zip(*(grids[key] for key in keys), strict=True) if keys else [()]:
         shape = dict(zip(keys, map(float, values), strict=True))
@@ -398,7 +398,7 @@ def refine_parts(
         OptionError: unknown candidates, no law to refine, or a length that is not positive.
         RecordingError: a recording is shorter than the windows.
     """
-    lengths = tuple(lengths) or (ONE if len(model.robot.joints) == 1 else SEVERAL)
+    lengths = tuple(lengths) or (ONE_JOINT_LENGTHS if len(model.robot.joints) == 1 else JOINTS_LENGTHS)
     if wrong := [length for length in lengths if not (np.isfinite(length) and length > 0)]:
         raise OptionError(f"windows of {wrong[0]:g} s cannot be simulated; give a length above 0 s")
     data = _cut(model, train, held_out, band, lengths)
@@ -420,8 +420,8 @@ def _cut(model: Model, train: Sequence[Part], held_out: Sequence[Part], band: Ba
     """Windows that overlap by half, torque held from each sample to the next."""
 
     def cut(part: Part, length: float) -> Windows:
-        count = int(np.clip(2 * part[1].duration / length, 1, MOST_WINDOWS))
-        return cut_windows(model, part, band, length, count, STEP, held=True)
+        count = int(np.clip(2 * part[1].duration / length, 1, MAX_REFINEMENT_WINDOWS))
+        return cut_windows(model, part, band, length, count, MAX_REFINEMENT_STEP, held=True)
 
     learned, judged = (tuple(cut(part, length) for part in parts for length in lengths) for parts in (train, held_out))
     errors = np.median(window_rms(model, learned), axis=0)
@@ -447,7 +447,7 @@ def _whole(model: Model, train: Sequence[Part], windows: Sequence[Windows]) -> t
     except InputError:
         return model, False
     runs = [one for part in train for one in whole_windows(model, part)]
-    if not runs or not (window_rms(model, runs) < MEANINGFUL * _motion(runs)).all():
+    if not runs or not (window_rms(model, runs) < MAX_RELATIVE_ERROR * _motion(runs)).all():
         return model, False
     together = [*windows, *runs]
     errors = np.array([np.sqrt(np.mean(window_rms(model, [one]) ** 2, axis=0)) for one in together])

@@ -23,10 +23,10 @@ from ...typed import typed
 from ...types import Array, Frozen, Indices, Law, Mask, Recording, Result, Robot
 from ..plant.plant import Plant, apply_actuators
 
-COUNT, STEP = 48, 1e-3  # default number of windows, and largest step [s]
-FAR = 1e3  # [rad or m] error from which on a simulation has diverged
-BEYOND = 1e6  # [rad, m, rad/s or m/s] state from which on a simulation is stopped before it overflows
-BEFORE, AFTER = 1.0, 0.1  # [s] motion before a window for laws with memory; largest shift of signals by recording laws
+WINDOW_COUNT, MAX_ROLLOUT_STEP = 48, 1e-3  # default number of windows, and largest step [s]
+MAX_POSITION_ERROR = 1e3  # [rad or m] error from which on a simulation has diverged
+MAX_STATE = 1e6  # [rad, m, rad/s or m/s] state from which on a simulation is stopped before it overflows
+MEMORY_DURATION, MAX_RECORDING_SHIFT = 1.0, 0.1  # [s] before a window for laws with memory; by recording laws
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +86,9 @@ def roll_out(
     recordings: Recordings | Session,
     horizons: Sequence[float] = (0.2, 0.5),
     *,
-    windows: int = COUNT,
+    windows: int = WINDOW_COUNT,
     band: Band | None = None,
-    step: float = STEP,
+    step: float = MAX_ROLLOUT_STEP,
     integrator: str = "semi-implicit",
     beside: Model | None = None,
 ) -> RollOut:
@@ -187,7 +187,7 @@ def simulate_windows(model: Model, windows: Windows, integrator: str = "semi-imp
     with np.errstate(all="ignore"):
         for k, torque in enumerate(windows.torque.swapaxes(0, 1), 1):
             plant.advance(windows.t + (k - 1) * windows.step, torque)
-            still = (np.abs(plant.state) < BEYOND) & (np.abs(plant.speed) < BEYOND)
+            still = (np.abs(plant.state) < MAX_STATE) & (np.abs(plant.speed) < MAX_STATE)
             diverged |= ~still.all(axis=1, keepdims=True)
             if diverged.any():
                 plant.state, plant.speed = np.where(diverged, 0.0, plant.state), np.where(diverged, 0.0, plant.speed)
@@ -198,7 +198,7 @@ def simulate_windows(model: Model, windows: Windows, integrator: str = "semi-imp
                 plant.state, plant.speed = plant.state.copy(), plant.speed.copy()
                 plant.state[:, blind] = ahead[:, i, ~windows.measured]
                 plant.speed[:, blind] = windows.v[:, i, ~windows.measured]
-    error = np.where(np.abs(error) < FAR, error, np.inf)
+    error = np.where(np.abs(error) < MAX_POSITION_ERROR, error, np.inf)
     error[..., ~windows.measured] = np.nan
     return error
 
@@ -323,8 +323,8 @@ def cut_windows(
 def _reach(model: Model, period: float) -> tuple[int, int]:
     """Samples that laws with memory need before a window, and samples by which recording laws shift signals."""
     remembers = any(law.effect.memory or isinstance(law.effect, TransmissionLaw) for law in model.laws)
-    before = int(np.ceil(BEFORE / period)) if remembers else 0
-    return before, int(np.ceil(AFTER / period)) if model.of(RecordingLaw) else 0
+    before = int(np.ceil(MEMORY_DURATION / period)) if remembers else 0
+    return before, int(np.ceil(MAX_RECORDING_SHIFT / period)) if model.of(RecordingLaw) else 0
 
 
 def _places(sampling: Sampling, whole: int, count: int) -> list[tuple[Span, int]]:
