@@ -16,7 +16,7 @@ from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw, of_kind
 from .effects.bodies import body_inertia
 from .effects.drive import DriveLaw
 from .effects.law import law_torque
-from .effects.naming import law_at, law_name, law_place, parse_law, possible
+from .effects.naming import check_signs, law_at, law_name, law_place, parse_law
 from .effects.packing import MOTOR_FRICTION, drive_laws, motor_friction, packed_drives
 from .errors import OptionError, RobotError, SignidError, shorten, unexpected
 from .frozen import show_with
@@ -335,7 +335,7 @@ def _read(path: Path) -> Model:
         )
         covariance = _covariance(path, content.get("covariance"), len(robot.links))
         if covariance is None:  # estimates may lie below zero; the laws of a description or a diagnosis do not
-            laws = tuple(map(possible, laws))
+            laws = tuple(map(check_signs, laws))
         servos = servos_from(content.get("servos", {}), robot.joints)
         misfit = read_misfit(content.get("misfit"), robot.joints)
         errors = content.get("payload_covariance")

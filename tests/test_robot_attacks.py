@@ -15,7 +15,7 @@ from signid.robot.description import xacro_strict
 
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 ENTITY = f'<!DOCTYPE r [<!ENTITY a "x">]>{HEAD}<link name="&a;"/></robot>'
-SECONDS = 15  # of any refusal here, on a busy machine; an expansion may take sandbox.SECONDS
+SECONDS = 15  # of any refusal here, on a busy machine; an expansion may take sandbox.MAX_SECONDS
 
 
 def refused(path: Path, says: str) -> None:

@@ -172,9 +172,9 @@ def test_xacro_keeps_to_limits_that_are_there_already() -> None:
         import resource
         from signid.robot.description import sandbox
         resource.setrlimit(resource.RLIMIT_AS, (3_000_000_000,) * 2)
-        sandbox._limit()
+        sandbox._limit_process()
         assert resource.getrlimit(resource.RLIMIT_AS) == (3_000_000_000,) * 2
-        assert resource.getrlimit(resource.RLIMIT_CPU)[0] == sandbox.SECONDS
+        assert resource.getrlimit(resource.RLIMIT_CPU)[0] == sandbox.MAX_SECONDS
     """
     there = {**os.environ, "PYTHONPATH": str(HERE)}
     done = subprocess.run([sys.executable, "-c", program], env=there, capture_output=True, text=True)

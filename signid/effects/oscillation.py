@@ -27,7 +27,7 @@ def oscillate(x: View, stiffness: float, damping: float) -> Array:
     j, dt = x.joints[0], x.dt
     along = x.whole.sensitivity
     m, c, k = (
-        _middle(signal)
+        _midpoints(signal)
         for signal in (x.inertia[:, 0], damping + along.velocity[:, j, j], stiffness + along.position[:, j, j])
     )
     if m.min() <= 0:  # a description without inertia cannot oscillate
@@ -60,6 +60,6 @@ def chain(own: Array, added: Array, first: Array) -> Array:
     return np.asarray(dtbsv(3, band, np.append(first, added.T.ravel()), lower=1, diag=1)).reshape(-1, 2)
 
 
-def _middle(signal: Array) -> Array:
+def _midpoints(signal: Array) -> Array:
     """Midpoints between samples, (N - 1,)."""
     return np.asarray((signal[1:] + signal[:-1]) / 2)

@@ -53,7 +53,7 @@ class ExcitationVerdict(Frozen):
         found += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
         found.append(
             f"the motion gives {max(self.shares[0], 0):.2%} of the information of random motion of the same size (at "
-            f"least {MIN_INFO:.0%} is needed): {_listed(self.unidentified)} cannot be identified; record a motion "
+            f"least {MIN_INFO:.0%} is needed): {_join_names(self.unidentified)} cannot be identified; record a motion "
             f"by signid excite"
         )
         return tuple(found)
@@ -87,7 +87,7 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     directions = np.linalg.solve(root.T, vectors)
     torque = np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints])
     prior = _prior_sizes(robot, base, torque, speed)
-    weak = [_largest(directions[:, k] / size / prior) for k in np.flatnonzero(shares < MIN_INFO)]
+    weak = [_leading_indices(directions[:, k] / size / prior) for k in np.flatnonzero(shares < MIN_INFO)]
     uncertain = estimated.std > prior
     return ExcitationVerdict(
         shares,
@@ -137,7 +137,7 @@ def _random_information(
     return out
 
 
-def _largest(direction: Array, count: int = 3) -> tuple[int, ...]:
+def _leading_indices(direction: Array, count: int = 3) -> tuple[int, ...]:
     order = np.argsort(-np.abs(direction))[:count]
     return tuple(int(i) for i in order if abs(direction[i]) > 0.1 * abs(direction[order[0]]))
 
@@ -154,7 +154,7 @@ def _in_words(robot: Robot, base: BaseMap, which: Iterable[int]) -> tuple[str, .
             kind, owner = label.name.rsplit("_", 1)[0].replace("_", " "), robot.joints[label.joint or 0]
         owners.setdefault(f"the {kind} of {'link' if label.body is not None else 'joint'}", []).append(owner)
     unique = {kind: sorted(set(found), key=found.index) for kind, found in owners.items()}
-    return tuple(f"{kind}{'s' if len(found) > 1 else ''} {_listed(found)}" for kind, found in unique.items())
+    return tuple(f"{kind}{'s' if len(found) > 1 else ''} {_join_names(found)}" for kind, found in unique.items())
 
 
 def in_step(velocity: Array) -> tuple[tuple[int, ...], ...]:
@@ -167,8 +167,8 @@ def in_step(velocity: Array) -> tuple[tuple[int, ...], ...]:
 
 
 def _joints(names: Sequence[str]) -> str:
-    return f"joint{'s' if len(names) > 1 else ''} {_listed(names)}"
+    return f"joint{'s' if len(names) > 1 else ''} {_join_names(names)}"
 
 
-def _listed(names: Sequence[str]) -> str:
+def _join_names(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

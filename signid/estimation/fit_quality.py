@@ -109,7 +109,7 @@ def fit_rows(
     rows; None: nothing was fitted, the training rms is NaN. The rms irreducible (n,) [N.m or N] is of all that no model
     could predict; None: the noise floor.
     """
-    spread = np.nansum((torque - _mean(torque)) ** 2, axis=0)
+    spread = np.nansum((torque - _finite_mean(torque)) ** 2, axis=0)
     return Fit(
         joints=robot.joints,
         unit=_units(robot),
@@ -123,14 +123,14 @@ def fit_rows(
 
 def rms_of(x: Array) -> Array:
     """Root mean square (n,) [unit of x] over the rows of x (M, n) [any unit] that are not NaN; NaN if all are."""
-    return np.asarray(np.sqrt(_mean(x**2)))
+    return np.asarray(np.sqrt(_finite_mean(x**2)))
 
 
 def _units(robot: Robot) -> tuple[str, ...]:
     return tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic)
 
 
-def _mean(x: Array) -> Array:
+def _finite_mean(x: Array) -> Array:
     """Mean (n,) over the finite rows; NaN if there is none."""
     count = np.sum(np.isfinite(x), axis=0)
     return np.asarray(np.nansum(x, axis=0) / np.where(count > 0, count, np.nan))

@@ -55,7 +55,7 @@ def smooth(signal: Array, taps: Array, whole: bool = False) -> Array:
     """
     if whole:
         signal = np.pad(signal, ((len(taps) // 2,) * 2, (0, 0)), mode="edge")
-    return signal if len(taps) == 1 else _correlated(signal, taps)
+    return signal if len(taps) == 1 else _correlate(signal, taps)
 
 
 def differentiate(signal: Array, period: float) -> tuple[Array, Array]:
@@ -63,7 +63,7 @@ def differentiate(signal: Array, period: float) -> tuple[Array, Array]:
 
     Source: Fornberg, Mathematics of Computation 51, 1988, table 1 (eighth order).
     """
-    return _correlated(signal, FIRST_DIFFERENCE / period), _correlated(signal, SECOND_DIFFERENCE / period**2)
+    return _correlate(signal, FIRST_DIFFERENCE / period), _correlate(signal, SECOND_DIFFERENCE / period**2)
 
 
 def moving_minimum(signal: Array, half: int) -> Array:
@@ -126,7 +126,7 @@ class Decimator:
         return out
 
 
-def _correlated(signal: Array, taps: Array) -> Array:
+def _correlate(signal: Array, taps: Array) -> Array:
     """Correlation (N - k + 1, c) of each column with the taps; a value does not depend on its position."""
     out = np.empty((signal.shape[1], max(0, len(signal) - len(taps) + 1)))
     for row, column in zip(out, np.ascontiguousarray(signal.T), strict=True):
@@ -207,7 +207,7 @@ def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = N
     is used as it is; infinite: no filter.
     """
     longest = max(len(piece.t) for piece in pieces)
-    spectrum = _acceleration([piece.q for piece in pieces if 2 * len(piece.t) >= longest], rate)
+    spectrum = _acceleration_spectrum([piece.q for piece in pieces if 2 * len(piece.t) >= longest], rate)
     allowed, noise = spectrum.allowed, spectrum.level
     widest = min(float(np.min(allowed)), rate / MIN_CUTOFF_SAMPLES)
     needed = max(DESIRED_CUTOFF, MAX_CUTOFF_RATIO * spectrum.content(widest))
@@ -240,7 +240,7 @@ class _Acceleration(NamedTuple):
         return float(np.max(self.frequency[np.argmax(reached, axis=0)], initial=0.0))
 
 
-def _spectrum(x: Array, rate: float, length: int) -> Array:
+def _power_spectrum(x: Array, rate: float, length: int) -> Array:
     """Power spectrum (f, c) of a signal (N, c): mean over Hann windows that overlap by half.
 
     Source: Welch, IEEE Transactions on Audio and Electroacoustics 15(2), 1967.
@@ -254,11 +254,11 @@ def _spectrum(x: Array, rate: float, length: int) -> Array:
     return power
 
 
-def _acceleration(pieces: Sequence[Array], rate: float) -> _Acceleration:
+def _acceleration_spectrum(pieces: Sequence[Array], rate: float) -> _Acceleration:
     """Mean spectrum of pieces (N, n) [rad or m], weighted by their lengths."""
     shortest, sizes = min(map(len, pieces)), np.array([len(q) for q in pieces])
     length = max(min(shortest // 3, int(8 * rate)), 16)
-    spectra = np.array([_spectrum(np.diff(q, 2, axis=0) * rate**2, rate, length) for q in pieces])
+    spectra = np.array([_power_spectrum(np.diff(q, 2, axis=0) * rate**2, rate, length) for q in pieces])
     f: Array = np.asarray(np.fft.rfftfreq(length, 1 / rate))
     power = np.tensordot(sizes / sizes.sum(), spectra, axes=1)
     gain = (2 * rate * np.sin(np.pi * f / rate))[:, None] ** 4

@@ -34,7 +34,7 @@ def build_base(
 
     Source: Gautier, Khalil, IEEE T-RA 6(3), 1990; numerically as Gautier, J. Robotic Systems 8(4), 1991.
     """
-    snapped, names = _snap(robot), labels(robot, laws)
+    snapped, names = _snap_rotations(robot), labels(robot, laws)
     states = _random_motion(snapped, len(names), seed)
     if static:
         states = replace(states, v=REST_VELOCITY_SHARE * states.v, a=0 * states.a)
@@ -46,8 +46,8 @@ def build_base(
     _, singular, right = np.linalg.svd(stacked / scale, full_matrices=False)
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
     compact = singular[:rank, None] * right[:rank]  # (rank, p), same Gram as the scaled regressor
-    kept = _choose(compact, _preference(snapped, names), rank)
-    combination = _combination(compact, kept, scale)
+    kept = _independent_columns(compact, _preference(snapped, names), rank)
+    combination = _base_combination(compact, kept, scale)
     visible = np.abs(rows[:, :, kept]).max(0) > MIN_PRINTED_COEFFICIENT * norm[kept]
     return BaseMap(
         labels=names,
@@ -68,7 +68,7 @@ def _random_motion(robot: Robot, parameters: int, seed: int) -> Motion:
     return Motion(robot, np.arange(count, dtype=np.float64), np.asarray(q), v, a)
 
 
-def _choose(compact: Array, order: Sequence[int], rank: int) -> list[int]:
+def _independent_columns(compact: Array, order: Sequence[int], rank: int) -> list[int]:
     """Indices, ascending, of the columns that are independent of those before them in an order."""
     kept: list[int] = []
     basis = np.zeros((len(compact), 0))
@@ -85,7 +85,7 @@ def _choose(compact: Array, order: Sequence[int], rank: int) -> list[int]:
     return sorted(kept)
 
 
-def _combination(compact: Array, kept: list[int], scale: Array) -> Array:
+def _base_combination(compact: Array, kept: list[int], scale: Array) -> Array:
     """K (b, p) with base = K @ standard."""
     others = [k for k in range(compact.shape[1]) if k not in set(kept)]
     share = np.linalg.lstsq(compact[:, kept], compact[:, others], rcond=None)[0]
@@ -100,13 +100,13 @@ def _combination(compact: Array, kept: list[int], scale: Array) -> Array:
 def _preference(robot: Robot, names: Sequence[Label]) -> list[int]:
     order = []
     for body in range(len(robot.links)):
-        axis = {0: 4, 1: 6, 2: 9}[_axis(robot, body)]
+        axis = {0: 4, 1: 6, 2: 9}[_joint_axis(robot, body)]
         inertias = [axis, *(k for k in (9, 4, 5, 7, 8, 6) if k != axis)]
         order += [10 * body + k for k in (*inertias[:-1], 1, 2, 3, inertias[-1], 0)]
     return [*order, *range(len(order), len(names))]
 
 
-def _axis(robot: Robot, body: int) -> int:
+def _joint_axis(robot: Robot, body: int) -> int:
     """Index (0, 1 or 2) of the joint axis of a body in the body's own frame."""
     data = robot.model.createData()
     joint, where = robot.model.joints[body + 1], pin.neutral(robot.model)
@@ -127,7 +127,7 @@ def _formula(row: Array, lead: int, names: Sequence[Label]) -> str:
     return text
 
 
-def _snap(robot: Robot) -> Robot:
+def _snap_rotations(robot: Robot) -> Robot:
     """Robot with exact rotations for typed ones (1.5708 for pi/2), only for counting parameters."""
     model = robot.model.copy()
     for joint in range(1, model.njoints):

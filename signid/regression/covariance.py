@@ -44,7 +44,7 @@ class Covariance(Frozen):
     def document(self) -> dict[str, Any]:
         """JSON object for model.json, with enough digits to stay positive definite; null stands for infinity."""
         terms = [
-            {self.labels[k]: _rounded(row[k], TERM_DIGITS) for k in map(int, np.flatnonzero(row))}
+            {self.labels[k]: _round_digits(row[k], TERM_DIGITS) for k in map(int, np.flatnonzero(row))}
             for row in self.combination
         ]
         return {
@@ -57,8 +57,8 @@ class Covariance(Frozen):
 
 def lower_triangle(matrix: Array) -> list[float | None]:
     """Lower triangle, row by row, of a covariance matrix: (b, b) [its units], rounded yet definite; null: infinity."""
-    lower, digits = matrix[np.tril_indices(len(matrix))], _digits(matrix)
-    return [_rounded(x, digits) if np.isfinite(x) else None for x in lower]
+    lower, digits = matrix[np.tril_indices(len(matrix))], _needed_digits(matrix)
+    return [_round_digits(x, digits) if np.isfinite(x) else None for x in lower]
 
 
 def base_covariance(base: BaseMap, values: Array, matrix: Array) -> Covariance:
@@ -138,7 +138,7 @@ def from_lower_triangle(lower: Array, b: int) -> Array:
     return matrix
 
 
-def _digits(matrix: Array) -> int:
+def _needed_digits(matrix: Array) -> int:
     known = np.isfinite(np.diag(matrix))
     size = np.sqrt(np.diag(matrix)[known])
     if not len(size) or not np.all(size > 0):
@@ -147,7 +147,7 @@ def _digits(matrix: Array) -> int:
     return int(np.clip(np.ceil(-np.log10(max(smallest, 1e-300))) + EIGENVALUE_DIGITS, MIN_VARIANCE_DIGITS, 15))
 
 
-def _rounded(x: float, digits: int) -> float:
+def _round_digits(x: float, digits: int) -> float:
     return float(f"{x:.{digits}g}")
 
 
@@ -163,11 +163,11 @@ class Misfit(Frozen):
         """JSON object for model.json, without joints of unknown misfit."""
         each = zip(joints, self.size.tolist(), self.length.tolist(), strict=True)
         own = {
-            name: {"rms": _rounded(rms, MISFIT_DIGITS), "length": _rounded(s, MISFIT_DIGITS)}
+            name: {"rms": _round_digits(rms, MISFIT_DIGITS), "length": _round_digits(s, MISFIT_DIGITS)}
             for name, rms, s in each
             if np.isfinite(rms)
         }
-        return {"cutoff": _rounded(self.cutoff, MISFIT_DIGITS), "joints": own}
+        return {"cutoff": _round_digits(self.cutoff, MISFIT_DIGITS), "joints": own}
 
 
 def measure_misfit(task: Task, test: Factors, value: Array) -> Misfit:

@@ -86,7 +86,7 @@ class JointFactors(Frozen):
     grams: Array  # (d, c, c) [products of the units of z], c = m + 1, or 2 m + 1 with instruments
     counts: Array  # (d,) [1] pairs of valid rows at each lag
     whole: Array  # (m + 1, m + 1) [products of the units of x, y]
-    total: float  # [N.m or N] sum of y over all rows
+    total_factors: float  # [N.m or N] sum of y over all rows
     rows: int
 
     def __add__(self, other: JointFactors) -> JointFactors:
@@ -135,7 +135,7 @@ class Node(NamedTuple):
 def reduce_rows(task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh | None = None) -> Factors:
     """Factors of all rows, in one pass, as the sum over `window_factors`."""
     nodes = cascade(Node(k, 0, one) for k, one in enumerate(window_factors(task, rows, lags, weigh)))
-    return total(nodes) or _nothing(task, lags)
+    return total_factors(nodes) or _empty_factors(task, lags)
 
 
 def window_factors(task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh | None = None) -> Iterator[Factors]:
@@ -183,7 +183,7 @@ def cascade(nodes: Iterable[Node]) -> list[Node]:
     return stack
 
 
-def total(nodes: Sequence[Node]) -> Factors | None:
+def total_factors(nodes: Sequence[Node]) -> Factors | None:
     """Sum of the nodes of a cascade, the smallest first; None if there is no node."""
     return fold(lambda right, left: left.factors + right, nodes[-2::-1], nodes[-1].factors) if nodes else None
 
@@ -221,7 +221,7 @@ def _widths(task: Task) -> list[int]:
     return [sides * int(seen.sum()) + 1 for seen in task.base.sees]
 
 
-def _nothing(task: Task, lags: int) -> Factors:
+def _empty_factors(task: Task, lags: int) -> Factors:
     seen, n = tuple(map(np.flatnonzero, task.base.sees)), len(task.base.sees)
     empty = tuple(
         JointFactors(np.zeros((lags + 1, c, c)), np.zeros(lags + 1), np.zeros((len(columns) + 1,) * 2), 0.0, 0)

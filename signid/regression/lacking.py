@@ -110,19 +110,19 @@ def find_lacks(
     train, test = both
     if train.sample is None or test.sample is None or train is test:
         return
-    trials, far = _trials(task, (_rows(task, train), _rows(task, test)), fit, value, stated, sound)
+    trials, far = _try_laws(task, (_rows(task, train), _rows(task, test)), fit, value, stated, sound)
     left = [trial for trial in trials if trial.explained > MIN_EXPLAINED_SHARE]
     for joint in dict.fromkeys(trial.joint for trial in left):
         found = [(one.explained, one.effect) for one in left if one.joint == joint]
         floors = float(fit.held_out_rms[joint] / max(fit.noise_floor[joint], 1e-300))
-        yield _lack(task.robot.joints[joint], found, floors)
+        yield _name_lack(task.robot.joints[joint], found, floors)
     best = max(trials, key=lambda trial: trial.spared, default=None)
     if far and best is not None and best.spared > MIN_SPARED_SHARE and all(trial.joint != best.joint for trial in left):
         found = [(one.spared, one.effect) for one in trials if one.joint == best.joint]
-        yield _lack(task.robot.joints[best.joint], found, 0.0, moved=True)
+        yield _name_lack(task.robot.joints[best.joint], found, 0.0, moved=True)
 
 
-def _lack(name: str, found: list[tuple[float, Effect]], floors: float, moved: bool = False) -> Lack:
+def _name_lack(name: str, found: list[tuple[float, Effect]], floors: float, moved: bool = False) -> Lack:
     worth = {effect: share - MIN_COEFFICIENT_GAIN * len(effect.coefficients(effect.example)) for share, effect in found}
     order = sorted((pair for pair in found if pair[0] > MIN_EXPLAINED_SHARE), key=lambda pair: -worth[pair[1]])
     share, first = order[0]
@@ -155,7 +155,7 @@ def _rows(task: Task, factors: Factors) -> _Rows:
     return _Rows(columns, rows.torque.T, rows.kept, motion)
 
 
-def _plausible(task: Task, stated: Parameters) -> Array:
+def _inertial_information(task: Task, stated: Parameters) -> Array:
     """Inverse covariance (b, b) of base parameters of a description whose bodies are wrong by plausible errors."""
     std = np.full(len(stated.values), 1e3)  # laws are free
     for k, (mass, *_, xx, _, yy, _, _, zz) in enumerate(stated.bodies()):
@@ -167,14 +167,14 @@ def _plausible(task: Task, stated: Parameters) -> Array:
     return np.asarray(np.linalg.pinv(covariance / np.outer(scale, scale), 1e-12, True) / np.outer(scale, scale))
 
 
-def _trials(
+def _try_laws(
     task: Task, rows: tuple[_Rows, _Rows], fit: Accuracy, value: Array, stated: Parameters, sound: Mask
 ) -> tuple[list[_Trial], bool]:
     """All laws, fitted to training rows with bodies near the description; and whether bodies moved too far."""
     (train, test), centre = rows, task.base.combination @ stated.values
     weight = np.nan_to_num(1 / np.maximum(np.maximum(fit.train_rms, fit.noise_floor), 1e-300))
     wide = (train.columns * weight[:, None, None]).reshape(-1, len(value))
-    gram, prior = wide.T @ wide, _plausible(task, stated)
+    gram, prior = wide.T @ wide, _inertial_information(task, stated)
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     free = np.linalg.pinv(gram / np.outer(size, size), 1e-12, True) / np.outer(size, size)
     near = np.linalg.inv(gram + prior)

@@ -311,7 +311,7 @@ def base_rows(
     inertial = [columns[:k] for columns, k in zip(wanted, split, strict=True)]
     bodies = _rigid_rows(*(sparse or (motion, thin)), inertial)
     further = _law_rows(motion, laws, [columns[k:] - rigid for columns, k in zip(wanted, split, strict=True)])
-    parts = np.split(thin(np.concatenate(further, axis=1)), _ends(further), axis=1)
+    parts = np.split(thin(np.concatenate(further, axis=1)), _part_ends(further), axis=1)
     return [np.concatenate(pair, axis=1) for pair in zip(bodies, parts, strict=True)]
 
 
@@ -349,13 +349,13 @@ def _rigid_rows(motion: Motion, thin: Decimator, wanted: Sequence[Indices]) -> l
     places = [row_of[row] * width + inside[j] for row, j in pairs]
     found = thin.gather(_rigid_blocks(part, np.concatenate(places), thin.segment), len(motion), sum(map(len, places)))
     out: list[Array] = [np.zeros(0)] * len(wanted)
-    for (row, j), columns in zip(pairs, np.split(found, _ends(places), axis=1), strict=True):
+    for (row, j), columns in zip(pairs, np.split(found, _part_ends(places), axis=1), strict=True):
         share = columns if drive[row, j] == 1 else columns * drive[row, j]
         out[j] = out[j] + share if out[j].ndim == 2 else share
     return out
 
 
-def _ends(parts: Sequence[Array | Indices]) -> list[int]:
+def _part_ends(parts: Sequence[Array | Indices]) -> list[int]:
     """Ends of parts that are concatenated along their last axis, without the last end."""
     return [int(end) for end in np.cumsum([part.shape[-1] for part in parts])[:-1]]
 

@@ -220,32 +220,32 @@ def prepare(
     surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
     surveys = dict(zip(surveys, one_after_another(list(surveys.values())), strict=True))
     learn, judge = (tuple((r, surveys[r]) for r in some) for some in (recordings, held_out))
-    return _arranged(moving, (learn, judge), options or Options(), robot.notes)
+    return _arrange(moving, (learn, judge), options or Options(), robot.notes)
 
 
 def rearrange(robot: Robot, session: Session, options: Options) -> Session:
     """The same recordings with other options: effects, cut-off and the like. No recording is read as a whole again."""
-    return _arranged(session.robot, session.given, options, robot.notes)
+    return _arrange(session.robot, session.given, options, robot.notes)
 
 
-def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes: Sequence[str]) -> Session:
+def _arrange(robot: Robot, given: tuple[Parts, Parts], options: Options, notes: Sequence[str]) -> Session:
     """Band, base map and split of recordings that were surveyed."""
     (learn, _), whole = given, tuple(dict((*given[0], *given[1])).items())
     if static := any(r.static for r, _ in whole):
-        options = _at_rest(whole, options)
+        options = _rest_options(whole, options)
     once = tuple(dict(learn).items())
-    band = _band(once, options)
+    band = _common_band(once, options)
     if static:
         nothing = np.zeros_like(band.per_joint)
         band = replace(band, per_joint=nothing + np.inf, velocity_noise=nothing, torque_floor=nothing)
-    train, test = _split(*given, band)
+    train, test = _split_parts(*given, band)
     measured = [all(r.columns["tau"][j] for r, _ in whole) for j in range(len(robot.joints))]
     laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in np.flatnonzero(measured).tolist())
-    _only_linear(laws)
+    _check_linear(laws)
     recorded = _use_recorded(robot, whole, band, options)
     desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r, _ in whole)
     complete = desired and all(_complete(part, "q_des") for part in whole)
-    slow = _slow(robot, [sampling for _, sampling in whole], band)
+    slow = _reversal_width(robot, [sampling for _, sampling in whole], band)
     slow = np.full(len(slow), MIN_REVERSAL_VELOCITY) if static else slow
     base, reach = build_base(robot, laws, options.seed, measured, static), _reach(robot, once, band, slow)
     task = Task(robot, laws, base, band, slow, reach, recorded, complete)
@@ -258,7 +258,7 @@ def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes:
     return Session(task, train, test, (*notes, *dict.fromkeys(said)), given, options)
 
 
-def _at_rest(whole: Parts, options: Options) -> Options:
+def _rest_options(whole: Parts, options: Options) -> Options:
     """Options of rows at rest: no filter, no law of velocity, Coulomb friction where approaches are known.
 
     Raises:
@@ -274,7 +274,7 @@ def _at_rest(whole: Parts, options: Options) -> Options:
     return replace(options, effects=effects, cutoff=np.inf, derivatives="recorded", instruments=False, whiten=False)
 
 
-def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
+def _split_parts(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
     """Training and held-out parts; the same object where an only recording is too short for both."""
     if test:
         return train, test
@@ -293,7 +293,7 @@ def _count_rows(sampling: Sampling, band: Band) -> int:
     return sum(max(0, length) // band.factor for length in lengths)
 
 
-def _band(parts: Sequence[Part], options: Options) -> Band:
+def _common_band(parts: Sequence[Part], options: Options) -> Band:
     rate = common_rate(parts, "resample them to one rate")
     if options.cutoff is not None and not options.cutoff > 0:
         raise OptionError(f"the cut-off is {options.cutoff:g} Hz; a positive frequency is needed")
@@ -306,7 +306,7 @@ def _band(parts: Sequence[Part], options: Options) -> Band:
     return choose_band([longest_piece(part) for part in parts], rate, options.cutoff)
 
 
-def _slow(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
+def _reversal_width(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
     """(n,) [rad/s or m/s] width of a reversal: of the gear for revolute joints, of the encoder noise for all."""
     speed = np.sqrt(np.mean([s.speed**2 for s in surveys], axis=0))
     gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL_VELOCITY, REVERSAL_SHARE * speed))
@@ -319,7 +319,7 @@ def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tupl
     return choose_reach([build_motion(robot, piece, band, period) for piece, period in long], band, slow)
 
 
-def _only_linear(laws: Sequence[Law]) -> None:
+def _check_linear(laws: Sequence[Law]) -> None:
     for law in laws:
         effect, linear = law.effect, law.effect.linear()
         shaped = [key for key in effect.parameters if key not in linear]
@@ -354,7 +354,7 @@ def _use_recorded(robot: Robot, parts: Sequence[Part], band: Band, options: Opti
         raise OptionError(
             "derivatives 'recorded' was asked for; not every joint has dq_J and ddq_J columns without gaps"
         )
-    return has and (options.derivatives == "recorded" or all(_agree(robot, part, band) for part in parts))
+    return has and (options.derivatives == "recorded" or all(_derivatives_agree(robot, part, band) for part in parts))
 
 
 def _complete(part: Part, key: str) -> bool:
@@ -370,7 +370,7 @@ def _complete(part: Part, key: str) -> bool:
     return all(np.all(np.isfinite(getattr(piece, key))) for piece in pieces)
 
 
-def _agree(robot: Robot, part: Part, band: Band) -> bool:
+def _derivatives_agree(robot: Robot, part: Part, band: Band) -> bool:
     """Whether recorded derivatives and those of the positions are the same inside the band."""
     piece, period = longest_piece(part), part[1].period
     own, recorded = (build_motion(robot, piece, band, period, recorded_derivatives=yes) for yes in (False, True))

@@ -12,7 +12,7 @@ from ..errors import RobotError
 from ..servos import WORDS, number_fault
 from ..toml_json import read_toml
 from ..types import Actuators, Array, Robot
-from .joints import find
+from .joints import find_joint
 
 UNKNOWN_NUMBER = "find"  # in place of a number: not known, as if the key were absent
 # numbers of a servo that cannot be zero
@@ -33,7 +33,7 @@ def state_actuators(robot: Robot, path: Path) -> Robot:
     """
     values = {key: getattr(robot.actuators, key).copy() for key in _KEYS}
     try:
-        content = _read(path)
+        content = _read_tables(path)
         servo = _fill(values, _tables(content, "joint", "[joint.NAME]"), robot)
         registers = dict(_registers(_tables(content, "recording", '[recording."FILE NAME".JOINT]'), robot))
     except RobotError as error:
@@ -41,7 +41,7 @@ def state_actuators(robot: Robot, path: Path) -> Robot:
     return replace(robot, actuators=Actuators(**values), servo=servo, registers=registers)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read_tables(path: Path) -> dict[str, Any]:
     try:
         content = read_toml(path)
     except OSError as error:
@@ -67,7 +67,7 @@ def _fill(values: dict[str, Array], tables: Mapping[str, Any], robot: Robot) -> 
     seen: set[int] = set()
     servo: dict[str, Mapping[str, float | str]] = {}
     for name, table in tables.items():
-        joint = find(name, robot)
+        joint = find_joint(name, robot)
         if joint in seen:
             raise RobotError(f"joint {robot.joints[joint]} has two tables, by name and by number; keep one")
         seen.add(joint)
@@ -75,7 +75,7 @@ def _fill(values: dict[str, Array], tables: Mapping[str, Any], robot: Robot) -> 
             raise RobotError(f"'joint.{name}' is not a table; write [joint.{name}] and below it key = number")
         for key, value in table.items():
             if key == "servo":
-                servo[robot.joints[joint]] = _servo(name, value)
+                servo[robot.joints[joint]] = _servo_numbers(name, value)
             elif key not in _KEYS:
                 own = f"; {key} belongs below [joint.{name}.servo]" if key in SERVO_KEYS else ""
                 raise RobotError(f"joint {name} has the unknown key {key!r}; choose from {', '.join(_KEYS)}{own}")
@@ -84,7 +84,7 @@ def _fill(values: dict[str, Array], tables: Mapping[str, Any], robot: Robot) -> 
     return {joint: stated for joint, stated in servo.items() if stated}
 
 
-def _servo(name: str, table: object) -> ServoNumbers:
+def _servo_numbers(name: str, table: object) -> ServoNumbers:
     """Stated numbers and words of a servo."""
     where, found = f"joint.{name}.servo", ServoNumbers()
     if not isinstance(table, Mapping):
@@ -129,7 +129,7 @@ def _registers(tables: Mapping[str, Any], robot: Robot) -> dict[tuple[str, str],
         for name, table in joints.items():
             if not isinstance(table, Mapping) or any(isinstance(each, Mapping) for each in table.values()):
                 raise RobotError(f"'recording.{file}.{name}' is no table of numbers; write {form}, with its quotes")
-            joint, where = robot.joints[find(name, robot)], f'recording."{file}".{name}'
+            joint, where = robot.joints[find_joint(name, robot)], f'recording."{file}".{name}'
             if strange := [key for key in table if key != "kp_register"]:
                 raise RobotError(f"[{where}] has the unknown key {strange[0]!r}; expected kp_register")
             if (Path(file).name, joint) in found:

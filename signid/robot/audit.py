@@ -59,7 +59,7 @@ class Audit:
         return tuple(dict.fromkeys((*(x.sentence for x in self.suspects if x.what not in HARMLESS_KINDS), *flags)))
 
 
-class _Bodies(NamedTuple):
+class _BodySizes(NamedTuple):
     """Moving bodies as stated, without and with a shape."""
 
     mass: Array  # (nb,) [kg]
@@ -105,7 +105,7 @@ def audit(robot: Robot) -> Audit:
     is judged with all links that are rigidly attached to it, by which the torque changes.
     """
     root = parse(robot.document) if robot.kind == "urdf" else None
-    bodies, found = _measure(robot, root), list[Suspect]()
+    bodies, found = _measure_bodies(robot, root), list[Suspect]()
     if (far := bodies.length > MAX_JOINT_DISTANCE).any():
         text = f"joints of {{}} are up to {bodies.length.max():.3g} m apart: their distances seem to be in mm"
         found += _suspects(robot, far, "length", THOUSAND, f"{text}; correct the description")
@@ -131,7 +131,7 @@ def audit(robot: Robot) -> Audit:
     return Audit(_corrected(robot, centre, mass, inertia), tuple(found))
 
 
-def _measure(robot: Robot, root: Any) -> _Bodies:
+def _measure_bodies(robot: Robot, root: Any) -> _BodySizes:
     stated, before = list(robot.model.inertias)[1:], np.array(list(robot.model.parents)[1:], int) - 1
     offset = np.array([np.linalg.norm(place.translation) for place in list(robot.model.jointPlacements)[1:]])
     length, path = np.zeros(len(stated)), offset.copy()
@@ -145,12 +145,12 @@ def _measure(robot: Robot, root: Any) -> _Bodies:
     centre = np.array([np.linalg.norm(body.lever) if body.mass else 0.0 for body in stated])
     counts = zip(stated, turns, strict=True)
     moments = np.array([np.linalg.eigvalsh(x.inertia) if x.mass and turn else np.zeros(3) for x, turn in counts])
-    shapes = {} if root is None else {link.get("name"): _shape(link) for link in children(root, "link")}
+    shapes = {} if root is None else {link.get("name"): _link_shape(link) for link in children(root, "link")}
     extent, density = np.array([shapes.get(link, (0.0, 0.0)) for link in robot.links]).reshape(-1, 2).T
-    return _Bodies(mass, centre, moments, length, path, extent, density)
+    return _BodySizes(mass, centre, moments, length, path, extent, density)
 
 
-def _shape(link: Any) -> tuple[float, float]:
+def _link_shape(link: Any) -> tuple[float, float]:
     """Largest extent [m] of the boxes, cylinders and spheres of a link, and its density in them [kg/m3]; 0 without."""
     extents, volumes = [0.0], dict.fromkeys(("visual", "collision"), 0.0)
     for kind in volumes:
@@ -169,7 +169,7 @@ def _shape(link: Any) -> tuple[float, float]:
     return max(extents), stated[0] / volume if stated and 0 < volume < inf else 0.0
 
 
-def _mass_factors(bodies: _Bodies) -> Array:
+def _mass_factors(bodies: _BodySizes) -> Array:
     """Factors (nb,) [1] by which masses are too large: of all bodies, or of those beyond the others and their shape."""
     weighs, volume = bodies.mass > 0, bodies.size**3
     others = weighs & (np.arange(len(weighs)) != np.argmax(bodies.mass))
@@ -183,7 +183,7 @@ def _mass_factors(bodies: _Bodies) -> Array:
     return np.where((bodies.mass > MASS_RATIO * np.median(bodies.mass[weighs])) & (bodies.mass > least), THOUSAND, 1.0)
 
 
-def _placeholders(bodies: _Bodies) -> Mask:
+def _placeholders(bodies: _BodySizes) -> Mask:
     """Bodies (nb,) with three equal moments that are a power of ten, as others have or far too large for the body."""
     least, most = bodies.moments[:, 0], bodies.moments[:, 2]
     power = np.log10(np.where(most > POINT_MASS_INERTIA, most, 2.0))
@@ -192,7 +192,7 @@ def _placeholders(bodies: _Bodies) -> Mask:
     return default & (several | (bodies.share > MAX_INERTIA_RATIO))
 
 
-def _inertia_factors(bodies: _Bodies, placeholder: Mask) -> Array:
+def _inertia_factors(bodies: _BodySizes, placeholder: Mask) -> Array:
     """Factors (nb,) [1] of units by which inertias are too large, the same of all bodies where most are."""
     share, units = np.where(placeholder, 0.0, bodies.share), np.array(list(INERTIA_UNITS))
 
@@ -213,7 +213,7 @@ def _suspects(robot: Robot, which: Mask, what: str, factor: float | None, text: 
     return (Suspect(link, what, factor, sentence) for link in links)
 
 
-def _inertia_suspects(robot: Robot, bodies: _Bodies, placeholder: Mask) -> Iterator[Suspect]:
+def _inertia_suspects(robot: Robot, bodies: _BodySizes, placeholder: Mask) -> Iterator[Suspect]:
     """Placeholders, inertias too large for mass and size, and those that no body can have."""
     text = "the inertias of {} are placeholders: a power of ten in all directions; replace them"
     yield from _suspects(robot, placeholder, "placeholder", None, text)

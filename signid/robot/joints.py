@@ -28,7 +28,7 @@ SIDE_PREFIX = re.compile(r"^[LR](?=[A-Z][a-z])")  # LHipPitch, RHipPitch
 LIMB_WORD = re.compile(r"^(finger|leg|arm|toe)(\d*)$")  # finger2, or finger and 2
 
 
-def find(given: str | int, robot: Robot) -> int:
+def find_joint(given: str | int, robot: Robot) -> int:
     """Index of a joint of a robot, given by its name or, if no joint has that name, by its number.
 
     Raises:
@@ -54,7 +54,7 @@ def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
         return robot
     held: dict[int, float] = {}
     for joint, value in positions.items():
-        i = find(joint, robot)
+        i = find_joint(joint, robot)
         if i in held:
             raise RobotError(f"joint {robot.joints[i]} of {robot.name} has two positions to be held at; give one")
         held[i] = _position(robot.joints[i], value)
@@ -201,14 +201,14 @@ def is_weightless(model: pin.Model) -> bool:
     return not np.any(model.gravity.linear)
 
 
-def alike(joints: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+def similar_joints(joints: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Joints whose names differ in a side, a finger or the number of a limb only: left_hip and right_hip; two or more.
 
     Numbers of joints in a chain (joint_1, joint_2) are no kind.
     """
     kinds: dict[str, list[str]] = {}
     for joint in joints:
-        kinds.setdefault(_kind(joint), []).append(joint)
+        kinds.setdefault(_limb_kind(joint), []).append(joint)
     return tuple(tuple(members) for members in kinds.values() if len(members) > 1)
 
 
@@ -217,8 +217,8 @@ def name_pattern(members: Sequence[str], joints: Sequence[str]) -> str:
     if len(members) == 1:
         return _escaped(members[0])
     words = [SEPARATOR.split(name) for name in members]
-    first = _common(words)
-    last = _common([own[len(first) :][::-1] for own in words])[::-1]
+    first = _common_prefix(words)
+    last = _common_prefix([own[len(first) :][::-1] for own in words])[::-1]
     pattern = f"{_escaped(''.join(first))}.*{_escaped(''.join(last))}"
     if [joint for joint in joints if re.fullmatch(pattern, joint)] == list(members):
         return pattern
@@ -229,12 +229,12 @@ def _escaped(text: str) -> str:
     return re.escape(text).replace(r"\-", "-")
 
 
-def _common(words: Sequence[Sequence[str]]) -> list[str]:
+def _common_prefix(words: Sequence[Sequence[str]]) -> list[str]:
     """Words with which all sequences begin."""
     return [column[0] for column in takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))]
 
 
-def _kind(joint: str) -> str:
+def _limb_kind(joint: str) -> str:
     """Name without side, finger and number of the limb."""
     words, limb, out = SEPARATOR.split(SIDE_PREFIX.sub("*", joint)), "", list[str]()
     for k, word in enumerate(words):

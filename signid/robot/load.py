@@ -14,7 +14,7 @@ from ..typed import typed
 from ..types import Actuators, Array, Robot
 from .actuators import state_actuators
 from .description.document import Axis, Document, Draft, parse, read_document
-from .joints import find, hold, resting, with_gravity
+from .joints import find_joint, hold, resting, with_gravity
 from .locate import locate
 
 ASSIGNMENT = re.compile(r"[A-Za-z_][\w.\-/]*:=")  # begins an argument and its value
@@ -64,7 +64,7 @@ def load_robot(
     stated = Path(actuators) if actuators is not None else beside if beside.is_file() else None
     if stated is not None:
         robot = state_actuators(robot, stated)
-    return hold(with_gravity(robot, gravity), _held(robot, joints, lock or {}))
+    return hold(with_gravity(robot, gravity), _held_joints(robot, joints, lock or {}))
 
 
 def robot_from_text(
@@ -120,7 +120,7 @@ def _assemble(draft: Draft, document: Document) -> Robot:
     column = {axis.name: i for i, axis in enumerate(free)}
     drive, rest = np.zeros((draft.model.nv, len(free))), np.zeros(draft.model.nv)
     for axis in draft.axes:
-        leader, scale, offset = _resolve(axis, draft)
+        leader, scale, offset = _resolve_mimic(axis, draft)
         rest[axis.row] = offset
         if leader is not None:
             drive[axis.row, column[leader]] = scale
@@ -137,7 +137,7 @@ def _assemble(draft: Draft, document: Document) -> Robot:
         upper=np.array([axis.upper for axis in free]),
         velocity_limit=np.array([axis.velocity for axis in free]),
         effort_limit=np.array([axis.effort for axis in free]),
-        actuators=_stated(draft, drive),
+        actuators=_stated_actuators(draft, drive),
         document=draft.document,
         kind=draft.kind,
         path=document.path,
@@ -147,7 +147,7 @@ def _assemble(draft: Draft, document: Document) -> Robot:
     )
 
 
-def _resolve(axis: Axis, draft: Draft) -> tuple[str | None, float, float]:
+def _resolve_mimic(axis: Axis, draft: Draft) -> tuple[str | None, float, float]:
     """Independent joint that an axis follows (None: fixed), multiplier and offset, through chains of mimic joints."""
     known = {other.name: other for other in draft.axes}
     seen, leader, scale, offset = {axis.name}, axis, 1.0, 0.0
@@ -165,7 +165,7 @@ def _resolve(axis: Axis, draft: Draft) -> tuple[str | None, float, float]:
     return leader.name, scale, offset
 
 
-def _stated(draft: Draft, drive: Array) -> Actuators:
+def _stated_actuators(draft: Draft, drive: Array) -> Actuators:
     """Friction and armature stated by the description; those of mimic joints are added to the joint they follow."""
     nothing = np.full(drive.shape[1], np.nan)
 
@@ -192,16 +192,16 @@ def _springs(draft: Draft, drive: Array, rest: Array, joints: tuple[str, ...]) -
     return {joint: (total, part / total) for joint, total, part in found if total}
 
 
-def _held(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float]) -> dict[str, float]:
+def _held_joints(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float]) -> dict[str, float]:
     """Positions of the held joints: those locked, and those not among `joints`."""
-    locked = {robot.joints[find(joint, robot)]: joint for joint in lock}
+    locked = {robot.joints[find_joint(joint, robot)]: joint for joint in lock}
     held = {name: lock[joint] for name, joint in locked.items()}
     if len(held) < len(lock):
         raise RobotError(f"a joint of {robot.name} is locked twice, by name and by number; give one position for it")
     if joints is None:
         return held
     wanted = [joints] if isinstance(joints, str) else joints
-    moving = {robot.joints[find(joint, robot)] for joint in wanted}
+    moving = {robot.joints[find_joint(joint, robot)] for joint in wanted}
     if both := sorted(moving & held.keys()):
         raise RobotError(f"{shorten(both)} would both move and be locked; name a joint only once")
     return resting(robot, but=moving) | held
@@ -254,10 +254,10 @@ def as_arguments(given: Mapping[str, object] | None) -> dict[str, str]:
     for name in given:
         if not isinstance(name, str) or not ASSIGNMENT.fullmatch(f"{name}:="):
             raise OptionError(f"xacro has {str(name)[:80]!r} as the name of an argument; give letters, digits and _")
-    return {name: _value(name, value) for name, value in given.items()}
+    return {name: _argument_text(name, value) for name, value in given.items()}
 
 
-def _value(name: str, value: object) -> str:
+def _argument_text(name: str, value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if not isinstance(value, str | int | float):

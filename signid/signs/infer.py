@@ -126,22 +126,22 @@ def recheck_signs(
     segments = [s for s in split_by_signs(runs, refined.signs) if s.length >= MIN_PART_SAMPLES]
     for left in reversed(range(RECHECK_ROUNDS)):
         problem = build_problem(search.observed, segments, weights, known)
-        start = np.array([_majority(refined, s) for s in segments] + [1.0] * (problem.count - len(segments)))
+        start = np.array([_majority_sign(refined, s) for s in segments] + [1.0] * (problem.count - len(segments)))
         cone = search.cone(problem)
-        solution = search.solve(problem, segments, start) if free else _unchanged(problem, cone, start)
+        solution = search.solve(problem, segments, start) if free else _unproved(problem, cone, start)
         rivals = enumerate_near(problem, cone, solution, RIVAL_WINDOW)
         confidence = sign_confidence(problem, solution.signs, rivals)
         uncertain = {run for run in runs if _is_uncertain(run, segments, confidence)}
         if not uncertain or not left:
             break
-        segments = sorted([*(s for s in segments if not any(_holds(run, s) for run in uncertain)), *uncertain])
+        segments = sorted([*(s for s in segments if not any(_contains(run, s) for run in uncertain)), *uncertain])
     return RecheckedSigns(segments, problem, solution, rivals, confidence)
 
 
 def apply_signs(observed: Observed, refined: RefinedSigns, rechecked: RecheckedSigns) -> RefinedSigns:
     """Give all samples of a segment the sign of the segment; refine again if a sign changed."""
     signs = rechecked.solution.signs[: len(rechecked.segments)]
-    if any(_majority(refined, s) != sign for s, sign in zip(rechecked.segments, signs, strict=True)):
+    if any(_majority_sign(refined, s) != sign for s, sign in zip(rechecked.segments, signs, strict=True)):
         refined = refine_signs(observed, rechecked.problem.back @ rechecked.solution.coordinates)
     samples = refined.signs.copy()
     for (joint, start, stop), sign in zip(rechecked.segments, signs, strict=True):
@@ -149,22 +149,22 @@ def apply_signs(observed: Observed, refined: RefinedSigns, rechecked: RecheckedS
     return replace(refined, signs=samples)
 
 
-def _majority(refined: RefinedSigns, segment: Segment) -> float:
+def _majority_sign(refined: RefinedSigns, segment: Segment) -> float:
     joint, start, stop = segment
     return 1.0 if refined.signs[start:stop, joint].sum() >= 0 else -1.0
 
 
 def _is_uncertain(run: Segment, segments: Sequence[Segment], confidence: Array) -> bool:
     """Whether a run was split, and the confidence of one of its parts is low."""
-    parts = [k for k, s in enumerate(segments) if _holds(run, s)]
+    parts = [k for k, s in enumerate(segments) if _contains(run, s)]
     return segments[parts[0]] != run and min(confidence[parts]) < CERTAIN_CONFIDENCE if parts else False
 
 
-def _holds(run: Segment, part: Segment) -> bool:
+def _contains(run: Segment, part: Segment) -> bool:
     return run.joint == part.joint and run.start <= part.start and part.stop <= run.stop
 
 
-def _unchanged(problem: SignProblem, cone: PhysicalCone, signs: Array) -> SignSolution:
+def _unproved(problem: SignProblem, cone: PhysicalCone, signs: Array) -> SignSolution:
     """Given signs as a solution without proof."""
     z = problem.coordinates(signs)
     squared, nearest = cone.distance(z)

@@ -165,7 +165,7 @@ def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
         for k in range(0, total, size):
             stop = min(k + size, total)
             low, high = max(k - edge, 0), min(stop + edge, total)
-            window = _extended(samples(recording, sampling, span, low, high), low - k + edge, stop + edge - high)
+            window = _extend_window(samples(recording, sampling, span, low, high), low - k + edge, stop + edge - high)
             motion = build_motion(task.robot, window, band, sampling.period, task.recorded_derivatives, task.slow)
             assert motion.recorded is not None, "windows carry torque"
             place = np.arange(k, stop)
@@ -174,7 +174,7 @@ def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
             yield MotionWindow(k == 0, motion, motion.recorded, steady & whole[:, None])
 
 
-def _extended(window: Samples, before: int, after: int) -> Samples:
+def _extend_window(window: Samples, before: int, after: int) -> Samples:
     sides: Any = [(before, after), (0, 0)]
     signals = {key: x for key, x in window._asdict().items() if np.ndim(x)}
     longer = {key: np.pad(x, sides[: x.ndim], mode="reflect", reflect_type="odd") for key, x in signals.items()}
@@ -249,7 +249,7 @@ def split_impure(
     """
     found: list[Segment] = []
     for segment in segments:
-        at = _changes(observed, segment, predicted[:, segment.joint], float(noise[segment.joint]))
+        at = _split_samples(observed, segment, predicted[:, segment.joint], float(noise[segment.joint]))
         found += [part for part in segment.cut(at) if part.length >= SPLIT_SAMPLES]
     return found, len(found) - len(segments)
 
@@ -288,7 +288,7 @@ def _long_runs(found: Sequence[Segment], least: int) -> list[Segment]:
     return [run for run, keep in zip(found, enough, strict=True) if keep]
 
 
-def _changes(observed: Observed, segment: Segment, predicted: Array, noise: float) -> Iterator[int]:
+def _split_samples(observed: Observed, segment: Segment, predicted: Array, noise: float) -> Iterator[int]:
     """Samples at which to split a segment: lowest |torque| between clear runs of opposite signs of the model."""
     own = predicted[segment.start : segment.stop]
     clear = np.where(np.abs(own) > SPLIT_DEVIATIONS * noise, np.sign(own), 0.0)

@@ -66,7 +66,7 @@ def refine_signs(observed: Observed, value: Array, *, rounds: int = MAX_EM_ROUND
     while done < rounds:
         done += 1
         predicted = observed.predict(value)[:, hidden]
-        variance = _variance((np.abs(predicted) - magnitude) ** 2, magnitude, fit.fitted)
+        variance = _residual_variance((np.abs(predicted) - magnitude) ** 2, magnitude, fit.fitted)
         odds = np.clip(2 * predicted * magnitude / variance, -MAX_SIGN_ODDS, MAX_SIGN_ODDS)
         expected = expected_signs(odds, tied)
         before, z = z, fit.coordinates(expected * magnitude)
@@ -81,7 +81,7 @@ def refine_signs(observed: Observed, value: Array, *, rounds: int = MAX_EM_ROUND
     signs = place_sign_changes(observed, signs, predicted)
     torque = np.abs(observed.torque)
     squares = np.maximum(torque**2 - 2 * mean * torque * predicted + predicted**2, 0)  # expected, of the residual
-    sigma = np.where(observed.known, np.sqrt(_mean(squares, _fitted(observed))), 0.0)
+    sigma = np.where(observed.known, np.sqrt(_masked_mean(squares, _fitted_samples(observed))), 0.0)
     return RefinedSigns(signs, mean, value, sigma, max(fit.energy - float(z @ z), 0.0), done, change)
 
 
@@ -100,7 +100,7 @@ def coupling(magnitude: Array, first: Mask, same: float = SAME_SIGN_ODDS) -> Arr
     local = uniform_filter1d(step, size, axis=0, mode="nearest") / np.maximum(share, 1 / size)
     calm = np.median(step[~first], axis=0) if not first.all() else 0.0
     before = np.concatenate([magnitude[:1], magnitude[:-1]])
-    odds = 2 * before * magnitude / np.maximum(local, np.maximum(MIN_STEP_RATIO * calm, _least(magnitude))) + same
+    odds = 2 * before * magnitude / np.maximum(local, np.maximum(MIN_STEP_RATIO * calm, _floor(magnitude))) + same
     return np.where(inside, np.minimum(odds, MAX_TIE_ODDS), 0.0)
 
 
@@ -123,17 +123,17 @@ def likeliest_signs(odds: Array, tied: Array) -> Array:
 
     Source: Viterbi, IEEE Trans. Information Theory 13(2), 1967.
     """
-    paths = [_path(o, t) for o, t in zip(odds.T.tolist(), tied.T.tolist(), strict=True)]
+    paths = [_likeliest_path(o, t) for o, t in zip(odds.T.tolist(), tied.T.tolist(), strict=True)]
     return np.array(paths).reshape(odds.T.shape).T
 
 
 def _messages(own: Array, same: Array) -> Array:
     """(N, h) log-odds of a positive sign from each sample and all before it."""
-    out = [_forward(o, s) for o, s in zip(own.T.tolist(), same.T.tolist(), strict=True)]
+    out = [_forward_messages(o, s) for o, s in zip(own.T.tolist(), same.T.tolist(), strict=True)]
     return np.asarray(np.log(np.array(out).reshape(own.T.shape)).T)
 
 
-def _forward(own: list[float], same: list[float]) -> list[float]:
+def _forward_messages(own: list[float], same: list[float]) -> list[float]:
     out, odds = [], 1.0
     for alone, tie in zip(own, same, strict=True):
         odds = alone * (odds * tie + 1.0) / (odds + tie)
@@ -141,7 +141,7 @@ def _forward(own: list[float], same: list[float]) -> list[float]:
     return out
 
 
-def _path(odds: list[float], tied: list[float]) -> list[float]:
+def _likeliest_path(odds: list[float], tied: list[float]) -> list[float]:
     best, gain = [], 0.0
     for alone, tie in zip(odds, tied, strict=True):
         gain = alone + min(max(gain, -tie), tie)
@@ -153,21 +153,21 @@ def _path(odds: list[float], tied: list[float]) -> list[float]:
     return out[::-1]
 
 
-def _variance(squares: Array, magnitude: Array, fitted: Mask) -> Array:
+def _residual_variance(squares: Array, magnitude: Array, fitted: Mask) -> Array:
     """Inflated variance (N, h) of the residual [(N.m or N)^2]; near reversals at least that of the samples there."""
-    calm = RESIDUAL_INFLATION * _mean(squares, fitted)
-    return np.maximum(np.where(fitted, calm, np.maximum(calm, _mean(squares, ~fitted))), _least(magnitude))
+    calm = RESIDUAL_INFLATION * _masked_mean(squares, fitted)
+    return np.maximum(np.where(fitted, calm, np.maximum(calm, _masked_mean(squares, ~fitted))), _floor(magnitude))
 
 
-def _mean(squares: Array, which: Mask) -> Array:
+def _masked_mean(squares: Array, which: Mask) -> Array:
     return np.asarray(np.sum(squares * which, axis=0) / np.maximum(which.sum(0), 1))
 
 
-def _least(torque: Array) -> Array:
+def _floor(torque: Array) -> Array:
     return np.asarray(MIN_RESIDUAL**2 * np.mean(torque**2, axis=0) + 1e-300)
 
 
-def _fitted(observed: Observed) -> Mask:
+def _fitted_samples(observed: Observed) -> Mask:
     """(N, n) samples that the parameters are fitted to: the steady ones, or all of a joint without any."""
     return observed.steady | ~observed.steady.any(0)
 
@@ -185,7 +185,7 @@ class _ParameterFit:
 
     @classmethod
     def of(cls, observed: Observed) -> _ParameterFit:
-        hidden, weights, fitted = list(observed.hidden), 1 / observed.scale, _fitted(observed)
+        hidden, weights, fitted = list(observed.hidden), 1 / observed.scale, _fitted_samples(observed)
         rows = [observed.rows(j, fitted[:, j]) * weights[j] for j in hidden]
         signed = signed_rows(observed, weights)
         unsigned = (observed.torque * weights)[:, hidden][fitted[:, hidden]]
@@ -268,12 +268,12 @@ def expect_signs(task: Task, part: Part, value: Array, sigma: Array, signs: NDAr
         grid.append(np.where(steady, expected, np.nan).astype(np.float32))
     found, ends = signs.astype(np.float32), np.cumsum([stretch.count for stretch in sampling.stretches])
     for stretch, own in zip(sampling.stretches, np.split(np.concatenate(grid), ends[:-1]), strict=True):
-        _assign(found, part, stretch, own)
+        _assign_nearest(found, part, stretch, own)
     found[:, recording.signed] = signs[:, recording.signed]
     return found
 
 
-def _assign(found: Weights, part: Part, stretch: Stretch, expected: Weights) -> None:
+def _assign_nearest(found: Weights, part: Part, stretch: Stretch, expected: Weights) -> None:
     """Assign to each row of a stretch the expectation of the nearest sample of the grid."""
     recording, sampling = part
     for start in range(stretch.start, stretch.stop, EXPECTATION_ROWS):

@@ -58,7 +58,7 @@ class UnknownConstants(OptionError):
 
     def __init__(self, robot: Robot, lost: Mask, fact: str, remedy: str) -> None:
         self.joints = tuple(robot.joints[j] for j in np.flatnonzero(lost))
-        units = " or ".join(sorted({_unit(robot, j) for j in np.flatnonzero(lost).tolist()}))
+        units = " or ".join(sorted({_constant_unit(robot, j) for j in np.flatnonzero(lost).tolist()}))
         super().__init__(f"{fact}; state torque_constant [{units} at the joint] in an actuators file, {remedy}")
 
 
@@ -89,7 +89,7 @@ def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants
     n, rank = len(unknown), base.rank
     free = np.flatnonzero(unknown & np.array([joint.counts[0] > 0 for joint in factors.joints]))
     log, step = np.zeros(n), np.zeros(len(free))
-    log[free] = _start(factors, free, rank)
+    log[free] = _start_constants(factors, free, rank)
     value = estimate(_scaled(factors, log), base, np.zeros(rank)).value
     covariance = np.zeros((n, n))
     for _ in range(MAX_LOG_STEPS if len(free) else 0):
@@ -141,7 +141,7 @@ def _with_gains(factors: Factors, value: Array, free: Indices, rank: int) -> Fac
     return replace(factors, joints=tuple(joints), columns=tuple(columns))
 
 
-class _Best(NamedTuple):
+class _ConstantTrial(NamedTuple):
     """Best constant of one more joint."""
 
     gram: Array  # (b + 1, b + 1) of all joints that are scaled, with the one tried
@@ -149,26 +149,26 @@ class _Best(NamedTuple):
     margin: float  # of the explained power over any distinct constant [squared standard deviations]
 
 
-def _start(factors: Factors, free: Indices, rank: int) -> Array:
+def _start_constants(factors: Factors, free: Indices, rank: int) -> Array:
     """(k,) logarithms of the constants, found one after the other, the clearest first."""
     grams = []  # (b + 1, b + 1) of [all columns, torque], over the variance of the joint's own residual
     for joint, seen in zip(factors.joints, factors.columns, strict=True):
         own = joint.grams[0][-len(seen) - 1 :, -len(seen) - 1 :]
         power = float(own[-1, -1])
-        variance = max(power - _explained(own), MIN_RESIDUAL_POWER * power, 1e-300) / max(joint.counts[0], 1)
+        variance = max(power - _explained_power(own), MIN_RESIDUAL_POWER * power, 1e-300) / max(joint.counts[0], 1)
         grams.append(np.zeros((rank + 1, rank + 1)))
         at = np.append(seen, rank)
         grams[-1][np.ix_(at, at)] = own / variance
     total = np.sum([gram for j, gram in enumerate(grams) if j not in free], axis=0)
     found: dict[int, float] = {}
     while len(found) < len(free):
-        trials = {j: _try(total, grams[j]) for j in free.tolist() if j not in found}
+        trials = {j: _try_constant(total, grams[j]) for j in free.tolist() if j not in found}
         j = max(trials, key=lambda j: trials[j].margin)
         total, found[j] = trials[j].gram, trials[j].log
     return np.array([found[j] for j in free.tolist()])
 
 
-def _explained(gram: Array) -> float:
+def _explained_power(gram: Array) -> float:
     """Power of the torque that the columns explain."""
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     unit = gram / np.outer(size, size)
@@ -176,18 +176,18 @@ def _explained(gram: Array) -> float:
     return float(np.sum(np.linalg.solve(lower, unit[:-1, -1]) ** 2) * gram[-1, -1])
 
 
-def _try(total: Array, gram: Array) -> _Best:
+def _try_constant(total: Array, gram: Array) -> _ConstantTrial:
     """Constant with which one more joint, and those that are scaled already, are explained best."""
     here, there = np.diag(total)[:-1], np.diag(gram)[:-1]
     both = (here > MIN_SHARED_ENTRY * here.max(initial=0.0)) & (there > MIN_SHARED_ENTRY * there.max(initial=0.0))
     middle = float(np.median(np.sqrt(here[both] / there[both]))) if both.any() else 1.0
     inverse = np.concatenate([-middle * START_GRID[::-1], middle * START_GRID])  # 1 / K; negative: all signs inverted
     scaled = [total + gram * np.outer(x, x) for x in (np.append(np.full(len(gram) - 1, k), 1.0) for k in inverse)]
-    explained = np.array([_explained(g) for g in scaled])
+    explained = np.array([_explained_power(g) for g in scaled])
     best = int(np.argmax(explained))
     apart = np.abs(np.log(np.abs(inverse / inverse[best]))) > np.log(MIN_START_RATIO)
     margin = float(explained[best] - explained[apart].max())
-    return _Best(scaled[best], float(-np.log(np.abs(inverse[best]))), margin)
+    return _ConstantTrial(scaled[best], float(-np.log(np.abs(inverse[best]))), margin)
 
 
 def describe_constants(task: Task, factors: Factors) -> Constants:
@@ -211,7 +211,7 @@ def describe_constants(task: Task, factors: Factors) -> Constants:
         if inverse > 0 and std < MAX_CONSTANT_STD * inverse:
             log[j], noise[j] = -np.log(inverse), std / inverse
             off[j] = _share(joint.grams[0][-len(seen) - 1 : -1, -len(seen) - 1 : -1], columns, bodies[seen])
-    off *= INERTIAL_ERROR * np.concatenate([_sizes(body) for body in stated])
+    off *= INERTIAL_ERROR * np.concatenate([_inertial_scales(body) for body in stated])
     return Constants(log, off @ off.T + np.diag(noise**2))
 
 
@@ -246,7 +246,7 @@ def _share(gram: Array, columns: Array, bodies: Array) -> Array:
     return np.asarray(inverse[0] @ columns.T @ gram @ bodies)
 
 
-def _sizes(body: Array) -> Array:
+def _inertial_scales(body: Array) -> Array:
     """Scales (10,) of the inertial parameters of a body: those of its mass at its radius of gyration."""
     mass, second = body[0], max((body[4] + body[6] + body[9]) / 2, 0.0)
     return np.array([mass, *[np.sqrt(max(mass * second, 0.0))] * 3, *[second] * 6])
@@ -293,7 +293,7 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
     Raises:
         OptionError: a constant is not identifiable; the sentence says what to state.
     """
-    robot, unknown = session.robot, _unknown(session.recordings)
+    robot, unknown = session.robot, _unknown_joints(session.recordings)
     if not unknown.any():
         return None
     observed = observe(session.task, session.learned)
@@ -302,7 +302,7 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
         fact = f"the torque constants of {_names(robot, unknown)} are not known, no torque of another joint is, and the"
         fact += " description states no inertials to set the scale"
         raise UnknownConstants(robot, unknown, fact, "of one at least")
-    constants = _settle(session, observed, unknown, progress)
+    constants = _alternate(session, observed, unknown, progress)
     lost = unknown & ~(constants.std <= UNKNOWN_CONSTANT_STD)
     if lost.any():
         fact = f"the torque constant of {_names(robot, lost)} is not known, and neither parameters shared with other"
@@ -311,14 +311,14 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
     value, std = np.where(unknown, np.exp(constants.log), 1.0), np.where(unknown, constants.std, 0.0)
     covariance = np.where(np.outer(unknown, unknown), constants.covariance, 0.0)
     gains = tuple(
-        Gain(robot.joints[j], float(value[j]), float(value[j] * std[j]), _unit(robot, j))
+        Gain(robot.joints[j], float(value[j]), float(value[j] * std[j]), _constant_unit(robot, j))
         for j in np.flatnonzero(unknown).tolist()
     )
     notes = tuple(_notes(robot, gains, std[unknown], anchors, constants.described))
     return TorqueConstants(gains, value, covariance, notes, tuple(_flags(robot, std, constants)), constants.described)
 
 
-def _unknown(recordings: Sequence[Recording]) -> Mask:
+def _unknown_joints(recordings: Sequence[Recording]) -> Mask:
     """(n,) joints whose torque constant is not known, in all recordings alike."""
     joints = same_joints(recordings)
     lacking = np.array([np.zeros(len(joints), bool) if r.scaled is None else ~r.scaled for r in recordings])
@@ -331,17 +331,17 @@ def _unknown(recordings: Sequence[Recording]) -> Mask:
     return np.asarray(lacking[0])
 
 
-def _settle(session: Session, observed: Observed, unknown: Mask, progress: Progress | None) -> Constants:
+def _alternate(session: Session, observed: Observed, unknown: Mask, progress: Progress | None) -> Constants:
     """Signs and constants in turn."""
     found = Constants(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
     signs = np.zeros_like(observed.torque)
     for k in range(MAX_CONSTANT_ROUNDS):
         if progress is not None:
             progress("finding torque constants", k / MAX_CONSTANT_ROUNDS)
-        last, signs = signs, _signs(session.task, observed, found, session.options.seed)
+        last, signs = signs, _infer_signs(session.task, observed, found, session.options.seed)
         if np.array_equal(last, signs):
             break
-        before, found = found, _constants(session.task, _factors(session, observed, signs), unknown)
+        before, found = found, _estimate_constants(session.task, _recorded_factors(session, observed, signs), unknown)
         change = np.abs(found.log - before.log)
         if last.any() and np.all(change <= np.maximum(CONSTANT_TOLERANCE, DEVIATION_TOLERANCE * found.std)):
             break
@@ -350,7 +350,7 @@ def _settle(session: Session, observed: Observed, unknown: Mask, progress: Progr
     return found
 
 
-def _signs(task: Task, observed: Observed, found: Constants, seed: int) -> Array:
+def _infer_signs(task: Task, observed: Observed, found: Constants, seed: int) -> Array:
     """Signs (N, n) [1]: joints with known constants together, each other joint by itself."""
     known = found.std <= UNKNOWN_CONSTANT_STD
     alone = np.diag(observed.known & ~known)
@@ -363,7 +363,7 @@ def _signs(task: Task, observed: Observed, found: Constants, seed: int) -> Array
     return signs
 
 
-def _factors(session: Session, observed: Observed, signs: Array) -> Factors:
+def _recorded_factors(session: Session, observed: Observed, signs: Array) -> Factors:
     """Factors of the recordings with their signs, in the units recorded."""
     parts = []
     for k, (recording, sampling) in enumerate(session.learned):
@@ -373,7 +373,7 @@ def _factors(session: Session, observed: Observed, signs: Array) -> Factors:
     return session.reduce(parts)
 
 
-def _constants(task: Task, factors: Factors, unknown: Mask) -> Constants:
+def _estimate_constants(task: Task, factors: Factors, unknown: Mask) -> Constants:
     """Constants from parameters shared with joints of known constant; from the description where that is too little."""
     recorded = np.array([joint.counts[0] > 0 for joint in factors.joints])
     anchors = recorded & ~unknown
@@ -388,7 +388,7 @@ def _constants(task: Task, factors: Factors, unknown: Mask) -> Constants:
     return replace(combine(relative, described, anchors), described=True)
 
 
-def _unit(robot: Robot, joint: int) -> str:
+def _constant_unit(robot: Robot, joint: int) -> str:
     return prismatic_unit("N.m/A") if robot.prismatic[joint] else "N.m/A"
 
 

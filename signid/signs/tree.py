@@ -67,11 +67,11 @@ def condition_order(problem: SignProblem, threshold: float = MAX_CONDITION, budg
     turn, unknown = left * size, problem.count - problem.anchored
     grams = turn.T @ problem.grams @ turn  # (S, r, r) with the eigenvalues over base parameters in their own units
     known = tuple(range(unknown, problem.count))
-    first, complete = _smallest(grams, known, problem.joints[:unknown], threshold, budget)
+    first, complete = _min_set(grams, known, problem.joints[:unknown], threshold, budget)
     if first is None:
-        first = _one_by_one(grams, known, unknown, threshold)[: len(known) + MAX_FIRST_SEGMENTS]
+        first = _greedy_set(grams, known, unknown, threshold)[: len(known) + MAX_FIRST_SEGMENTS]
     lost, condition = _conditioning(grams[list(first)].sum(0)[None])
-    order = np.array(_one_by_one(grams, first, unknown), dtype=np.intp)
+    order = np.array(_greedy_set(grams, first, unknown), dtype=np.intp)
     return SegmentOrder(order, len(first), np.inf if lost[0] else float(condition[0]), complete)
 
 
@@ -83,9 +83,9 @@ def _conditioning(grams: Array) -> tuple[Array, Array]:
     return lost, np.sqrt(np.maximum(values[:, -1], 0.0) / np.maximum(least, 1e-300))
 
 
-def _smallest(grams: Array, known: _Set, joints: Indices, threshold: float, budget: int) -> tuple[_Set | None, bool]:
+def _min_set(grams: Array, known: _Set, joints: Indices, threshold: float, budget: int) -> tuple[_Set | None, bool]:
     """Best set of the smallest size that has a well-conditioned one, and whether all sets up to it were tried."""
-    base, needed, own = grams[list(known)].sum(0), _needed(grams, joints), joints.tolist()
+    base, needed, own = grams[list(known)].sum(0), _needed_joints(grams, joints), joints.tolist()
     for size in range(0 if known else 1, min(EXHAUSTIVE_SIZE, len(joints)) + 1):
         if size < len(needed):
             continue
@@ -96,27 +96,27 @@ def _smallest(grams: Array, known: _Set, joints: Indices, threshold: float, budg
         if len(taken) > budget:
             return None, False
         budget -= len(taken)
-        best = min(_tried(grams, base, taken), default=(0, np.inf, ()))
+        best = min(_try_sets(grams, base, taken), default=(0, np.inf, ()))
         if taken and best[0] == 0 and best[1] < threshold:
             return (*known, *best[2]), True
     return None, EXHAUSTIVE_SIZE >= len(joints)
 
 
-def _needed(grams: Array, joints: Indices) -> set[int]:
+def _needed_joints(grams: Array, joints: Indices) -> set[int]:
     """Joints without whose segments the rows are rank deficient."""
     total = grams.sum(0)
     rest = [(j, total - grams[: len(joints)][joints == j].sum(0)) for j in np.unique(joints).tolist()]
     return {j for j, gram in rest if _conditioning(gram[None])[0][0] > 0}
 
 
-def _tried(grams: Array, base: Array, sets: Sequence[_Set]) -> Iterator[tuple[int, float, _Set]]:
+def _try_sets(grams: Array, base: Array, sets: Sequence[_Set]) -> Iterator[tuple[int, float, _Set]]:
     for k in range(0, len(sets), GRAM_BLOCK):
         block = sets[k : k + GRAM_BLOCK]
         lost, condition = _conditioning(base + grams[np.array(block, dtype=np.intp)].sum(1))
         yield from zip(lost.tolist(), condition.tolist(), block, strict=True)
 
 
-def _one_by_one(grams: Array, first: _Set, unknown: int, threshold: float = 0.0) -> _Set:
+def _greedy_set(grams: Array, first: _Set, unknown: int, threshold: float = 0.0) -> _Set:
     """A set and the segments added to it greedily, until it is well conditioned or complete."""
     taken, total = list(first), grams[list(first)].sum(0)
     left = [i for i in range(unknown) if i not in first]
@@ -183,7 +183,7 @@ def grow(
     choices = [(1.0,) if problem.joints[i] < 0 else (1.0, -1.0) for i in order]
     pool, nodes, spent = [TreeNode(0.0, np.zeros(0), 0)], 0, 0
     for k in range(max(start, 1), len(order) + 1):
-        level, members = _level(problem, order[:k]), problem.projections[:, order[:k]]
+        level, members = _tree_level(problem, order[:k]), problem.projections[:, order[:k]]
         tried = [(*node.signs, *more) for node in pool for more in product(*choices[len(node.signs) : k])]
         found = [solve(level, members @ np.array(signs))._replace(signs=signs) for signs in tried]
         nodes, spent = nodes + len(found), spent + sum(node.evaluations for node in found)
@@ -200,7 +200,7 @@ def in_place(signs: Sequence[float], order: Indices) -> Array:
     return out
 
 
-def _level(problem: SignProblem, members: Indices) -> TreeLevel:
+def _tree_level(problem: SignProblem, members: Indices) -> TreeLevel:
     gram = problem.grams[members].sum(0)
     values, axes = np.linalg.eigh(gram)
     seen = values > LEVEL_ROUNDING * values[-1]
@@ -235,7 +235,7 @@ def search_tree(
     """
     if restarts < 1 or rounds < 1:
         raise OptionError(f"{restarts} starts of {rounds} rounds solve nothing; ask for at least 1 of each")
-    scales = _scales(problem, base)
+    scales = _base_scales(problem, base)
     box = bounds_around(base, scales, prior) if bounds is None else bounds
     check_box(box, base)
     physics = physics_of(base, scales, prior)
@@ -247,7 +247,7 @@ def search_tree(
         cost = cost_over(box, physics, level.root @ standard, target, max(level.energy - float(target @ target), 0.0))
         starts = rng.uniform(size=(restarts, len(cost.free)))
         ends = [descend(cost, start, weights, algorithm, budget, seed) for start in starts]
-        x, loss = _polished(cost, min(ends, key=lambda end: end.value), weights[-1])
+        x, loss = _polish(cost, min(ends, key=lambda end: end.value), weights[-1])
         return TreeNode(loss, cost.standard(x), sum(end.evaluations for end in ends))
 
     ordered = condition_order(problem)
@@ -257,7 +257,7 @@ def search_tree(
     return TreeResult(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, notes)
 
 
-def _polished(cost: PenaltyCost, end: Optimum, weight: float) -> tuple[Array, float]:
+def _polish(cost: PenaltyCost, end: Optimum, weight: float) -> tuple[Array, float]:
     """Point [1] and cost of the nearest solution of linear least squares, or those of the end if it costs less.
 
     Once the signs are known, the residual is linear in the parameters, so a search that stops beside its optimum is
@@ -269,7 +269,7 @@ def _polished(cost: PenaltyCost, end: Optimum, weight: float) -> tuple[Array, fl
     return (moved, value) if value < end.value else (end.x, end.value)
 
 
-def _scales(problem: SignProblem, base: BaseMap) -> Estimate:
+def _base_scales(problem: SignProblem, base: BaseMap) -> Estimate:
     """Scales of the base parameters: the value at which one alone makes the torque of a joint that depends on it."""
     into, joints = problem.forward, np.unique(problem.joints)
     grams = np.array([problem.grams[problem.joints == j].sum(0) for j in joints])

@@ -90,7 +90,7 @@ def find_controller(
     damping = np.where(good, np.clip(kd, MIN_DAMPING_RATIO * critical, MAX_DAMPING_RATIO * critical), usual.damping)
     ahead = (fit.ahead if good[j] else value[session.task.seen(j)] for j, fit in enumerate(found))
     speed = np.sqrt(stiffness / inertia) / (2 * np.pi)
-    return Controller(stiffness, damping, tuple(ahead), _note(session, good, shares, speed))
+    return Controller(stiffness, damping, tuple(ahead), _controller_note(session, good, shares, speed))
 
 
 class _Fit(NamedTuple):
@@ -119,7 +119,7 @@ def _fit_joints(session: Session, piece: Samples, gains: tuple[Array, Array] | N
     return asked, found
 
 
-def _note(session: Session, good: Mask, shares: Array, speed: Array) -> str:
+def _controller_note(session: Session, good: Mask, shares: Array, speed: Array) -> str:
     joints = session.robot.joints
     found = ", ".join(f"{joint} {hertz:.2g} Hz" for joint, hertz, ok in zip(joints, speed, good, strict=True) if ok)
     other = ", ".join(joint for joint, ok in zip(joints, good, strict=True) if not ok)
@@ -155,7 +155,7 @@ class LoopEstimator(Frozen, Estimator):
 
     def estimate(self, given: Given) -> Estimate:
         """Alternate between simulation with the current parameters and estimation along its motion."""
-        session, pieces = given.session, _pieces(given.session, self.name)
+        session, pieces = given.session, _training_pieces(given.session, self.name)
         found, controller = estimate(given.factors, given.base, given.prior, given.whiten), None
         for done in range(MAX_LOOP_ROUNDS):
             fit = fit_consistent(given.base, found, stated_parameters(session.task))
@@ -163,7 +163,7 @@ class LoopEstimator(Frozen, Estimator):
             controller = controller or find_controller(session, pieces, model, fit.base_value, self.gains)
             if given.progress is not None:
                 given.progress("simulating the closed loop", done / MAX_LOOP_ROUNDS)
-            motions = [_run(session, model, controller, piece) for piece in pieces]
+            motions = [_run_loop(session, model, controller, piece) for piece in pieces]
             bare = [piece._replace(q_des=None) for piece in pieces]
             moved = [Samples(**{**piece._asdict(), self.simulated: q}) for piece, q in zip(bare, motions, strict=True)]
             new = self.solve(given, [part_of(session, piece) for piece in moved])
@@ -207,7 +207,7 @@ class ControllerDrive(Frozen):
         return Plan(ahead, q, v, self.controller.stiffness, self.controller.damping)
 
 
-def _pieces(session: Session, name: str) -> list[Samples]:
+def _training_pieces(session: Session, name: str) -> list[Samples]:
     """Training stretches, after a check that all have desired positions."""
     lacking = [
         joint
@@ -225,7 +225,7 @@ def _pieces(session: Session, name: str) -> list[Samples]:
     return pieces
 
 
-def _run(session: Session, model: Model, controller: Controller, piece: Samples) -> Array:
+def _run_loop(session: Session, model: Model, controller: Controller, piece: Samples) -> Array:
     """Positions (N, n) [rad or m] of the closed loop along a stretch."""
     assert piece.q_des is not None, "checked before"
     period = float(piece.t[1] - piece.t[0])

@@ -85,7 +85,7 @@ def feasible_prior(base: BaseMap, prior: Parameters) -> tuple[Parameters, tuple[
     values = np.nan_to_num(prior.values)
     values[positive(prior)] = np.maximum(values[positive(prior)], 0.0)
     given = values[inertial(prior)].reshape(-1, 10)
-    made = np.array([_solid(body) for body in given]).reshape(-1, 10)
+    made = np.array([_feasible_body(body) for body in given]).reshape(-1, 10)
     fault = ("is thinner than 3 mm or infeasible", "has no mass")
     notes = tuple(
         f"body {i + 1} of the description {fault[int(old[0] < MIN_MASS)]}; "
@@ -110,7 +110,7 @@ def coefficient_sizes(base: BaseMap, value: Array, prior: Array, std: Array | No
     return np.where(size > 0, size, 1.0)
 
 
-def _solid(body: Array) -> Array:
+def _feasible_body(body: Array) -> Array:
     """The body if it is feasible, else a similar feasible one."""
     matrix = pseudo_inertia(body)
     mass = matrix[3, 3] if matrix[3, 3] >= MIN_MASS else SUBSTITUTE_MASS
@@ -316,25 +316,25 @@ def solve(problem: FeasibleProblem) -> tuple[Array, str]:
     it fails, it is used again with a heavier prior, and Newton's method continues from there.
     """
     heaviest = max(problem.distance(problem.start) ** 2 / problem.weight, 1.0)
-    u = trace(problem, heaviest)
+    u = trace_path(problem, heaviest)
     if u is not None:
         return u, "optimal"
     for heavier in (1.0, 1e4, 1e8):
-        u, status = _ask(replace(problem, weight=heavier * problem.weight))
+        u, status = _solve_interior(replace(problem, weight=heavier * problem.weight))
         if u is not None:
-            return follow(problem, u, heavier), status
+            return follow_path(problem, u, heavier), status
         if time_is_up(_FIT_NAME):
             break
-    return follow(problem, problem.start, heaviest), status
+    return follow_path(problem, problem.start, heaviest), status
 
 
-def trace(problem: FeasibleProblem, heavier: float) -> Array | None:
+def trace_path(problem: FeasibleProblem, heavier: float) -> Array | None:
     """Minimiser (d,) by the central path from the prior; None if the path is lost or time is up.
 
     The prior is nearly the minimiser if its weight is `heavier` times that of the problem.
     """
     u = problem.start
-    for eased in _eased(problem, heavier):
+    for eased in _eased_problems(problem, heavier):
         u = polish(eased, u, steps=_MAX_NEWTON_STEPS, precision=0.1, exact=False)
         if _newton(eased, u, exact=False)[1] > 1 or time_is_up(_FIT_NAME):
             return None
@@ -342,21 +342,21 @@ def trace(problem: FeasibleProblem, heavier: float) -> Array | None:
     return u if _newton(problem, u)[1] < _MAX_DECREMENT else None
 
 
-def follow(problem: FeasibleProblem, u: Array, heavier: float) -> Array:
+def follow_path(problem: FeasibleProblem, u: Array, heavier: float) -> Array:
     """Minimiser (d,) by Newton's method, while the weight of the prior decreases in small strides.
 
     The initial u (d,) [1] is near the minimiser for a weight `heavier` times that of the problem. Strides are small
     because Newton's method is slow near the boundary of the feasible set. They end early if the misfit is so large that
     a lighter prior could reduce it by a thousandth at most.
     """
-    for eased in _eased(problem, heavier):
+    for eased in _eased_problems(problem, heavier):
         u = polish(eased, u, steps=100, precision=0.1)
         if eased.weight * len(u) < 1e-3 * problem.distance(u) ** 2:
             return u
     return polish(problem, u)
 
 
-def _eased(problem: FeasibleProblem, heavier: float) -> Iterator[FeasibleProblem]:
+def _eased_problems(problem: FeasibleProblem, heavier: float) -> Iterator[FeasibleProblem]:
     """Problems with successively lighter priors."""
     for factor in _WEIGHT_FACTOR ** np.arange(np.log(heavier) / np.log(_WEIGHT_FACTOR), 0.0, -1.0):
         yield replace(problem, weight=factor * problem.weight)
@@ -399,7 +399,7 @@ def _newton(problem: FeasibleProblem, u: Array, exact: bool = True) -> tuple[Arr
     return metric @ step, float(2 * off @ (matrix @ step) / problem.weight + wish @ step)
 
 
-def _ask(problem: FeasibleProblem) -> tuple[Array | None, str]:
+def _solve_interior(problem: FeasibleProblem) -> tuple[Array | None, str]:
     import cvxpy as cp  # its import takes longer than the solution by Newton's method
 
     unit = problem.weight**0.5  # [standard deviations] unit of residuals

@@ -55,7 +55,7 @@ def bounds_around(base: BaseMap, estimate: Estimate, prior: Parameters) -> Bound
     reach = 3 * coefficient_sizes(base, estimate.value, start.values, estimate.std)
     lower, upper = np.where(positive(start), 0.0, -reach), reach
     body = inertial(start)
-    boxes = np.array([_box(x) for x in start.bodies()]).reshape(-1, 2, 10)
+    boxes = np.array([_body_box(x) for x in start.bodies()]).reshape(-1, 2, 10)
     lower[body], upper[body] = boxes[:, 0].ravel(), boxes[:, 1].ravel()
     return Bounds(lower, upper)
 
@@ -126,7 +126,7 @@ def _intervals(quantity: str, stated: Any, where: str) -> tuple[Array, Array]:
     return low, high
 
 
-def _box(body: Array) -> Array:
+def _body_box(body: Array) -> Array:
     """Smallest and largest parameters (2, 10) around a feasible body."""
     matrix = pseudo_inertia(body)
     mass, centre = body[0], body[1:4] / body[0]
@@ -162,8 +162,8 @@ class Physics(Frozen):
         """Sum of the squared violations by x (p,) [unit of each], and its gradient (p,)."""
         slope = np.zeros_like(x)
         inertials = x[self.bodies]
-        mass, d_mass = _short(inertials[:, 0] / self.mass - _MARGIN)
-        coefficient, d_coefficient = _short(x[self.positive] / self.size)
+        mass, d_mass = _squared_shortfall(inertials[:, 0] / self.mass - _MARGIN)
+        coefficient, d_coefficient = _squared_shortfall(x[self.positive] / self.size)
         moments, d_moments = self._moments(inertials)
         total, d_total = self._total(inertials[:, 0].sum())
         slope[self.bodies] += d_moments
@@ -189,8 +189,8 @@ class Physics(Frozen):
         centre = inertials[:, 1:4] / mass[:, None]
         second = np.tensordot(inertials, _MOMENTS, 1) - mass[:, None, None] * centre[:, :, None] * centre[:, None, :]
         values, axes = np.linalg.eigh(second)  # eigenvalues >= 0: the triangle inequality of the principal moments
-        triangle, d_triangle = _short(values / self.spread[:, None] - _MARGIN)
-        principal, d_principal = _short((values.sum(1)[:, None] - values) / self.spread[:, None] - _MARGIN)
+        triangle, d_triangle = _squared_shortfall(values / self.spread[:, None] - _MARGIN)
+        principal, d_principal = _squared_shortfall((values.sum(1)[:, None] - values) / self.spread[:, None] - _MARGIN)
         by_value = (d_triangle + d_principal.sum(1)[:, None] - d_principal) / self.spread[:, None]
         weight = np.einsum("bik,bk,bjk->bij", axes, by_value, axes)
         slope = np.einsum("bij,kij->bk", weight, _MOMENTS)
@@ -231,7 +231,7 @@ def physics_of(
     )
 
 
-def _short(value: Array) -> tuple[Array, Array]:
+def _squared_shortfall(value: Array) -> tuple[Array, Array]:
     """Square of the negative part, and its derivative."""
     missing = np.minimum(value, 0.0)
     return missing**2, 2 * missing

@@ -85,7 +85,7 @@ def retrieve(
     box = bounds_around(base, estimate, prior) if bounds is None else bounds
     cost = cost_of(base, estimate, box, physics_of(base, estimate, prior, total_mass))
     budget_local = budget_local or _LOCAL_BUDGETS.get(local_algorithm, _LOCAL_BUDGET)
-    rng, found = np.random.default_rng(seed), list[_Found]()
+    rng, found = np.random.default_rng(seed), list[_SearchResult]()
     for name in (global_algorithm, local_algorithm):
         OPTIMISERS["nlopt"].chosen(cost.problem(np.zeros(len(cost.free)), 0.0), name)
     weights = (schedule * np.arange(rounds)).tolist()
@@ -94,12 +94,12 @@ def retrieve(
         first = descend(cost, rng.uniform(size=len(cost.free)), [0.0], global_algorithm, budget_global, seed + k)
         show_step("searching standard parameters", (k + 1 / 3) / runs)
         ends = [first, descend(cost, first.x, weights, local_algorithm, budget_local, seed + k)]
-        run = _evaluated(base, estimate, cost, weights[-1], ends)
+        run = _evaluate(base, estimate, cost, weights[-1], ends)
         while not (run.feasible and run.converged) and len(ends) < 2 + _EXTRA_ROUNDS and not time_is_up(PBRP_NAME):
             weight = run.weight if run.feasible else 10 * max(run.weight, schedule)
             ends.append(descend(cost, ends[-1].x, [weight], local_algorithm, budget_local, seed + k))
-            run = _evaluated(base, estimate, cost, weight, ends)
-        found.append(_Found(run, ends))
+            run = _evaluate(base, estimate, cost, weight, ends)
+        found.append(_SearchResult(run, ends))
         if time_is_up(PBRP_NAME):
             break
     best = min(found, key=lambda f: (not f.run.feasible, f.run.cost))
@@ -108,7 +108,7 @@ def retrieve(
     return Retrieval(parameters, best.run, table, global_algorithm, local_algorithm, seed, notes)
 
 
-class _Found(NamedTuple):
+class _SearchResult(NamedTuple):
     run: SearchRun
     ends: list[Optimum]  # of the global algorithm, of the regular rounds, of each additional round
 
@@ -123,7 +123,7 @@ def cost_of(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) ->
     return cost_over(box, physics, rotated @ base.combination, rotated @ estimate.value)
 
 
-def _evaluated(base: BaseMap, estimate: Estimate, cost: PenaltyCost, weight: float, ends: list[Optimum]) -> SearchRun:
+def _evaluate(base: BaseMap, estimate: Estimate, cost: PenaltyCost, weight: float, ends: list[Optimum]) -> SearchRun:
     """Result of a run, with feasibility and convergence tested independently of NLopt's status."""
     z = ends[-1].x
     x, last = cost.standard(z), cost.problem(z, weight)
@@ -141,7 +141,7 @@ def _evaluated(base: BaseMap, estimate: Estimate, cost: PenaltyCost, weight: flo
     )
 
 
-def _notes(found: _Found, cost: PenaltyCost, labels: tuple[Label, ...]) -> tuple[str, ...]:
+def _notes(found: _SearchResult, cost: PenaltyCost, labels: tuple[Label, ...]) -> tuple[str, ...]:
     run, ends = found
     at_edge = (ends[-1].x == 1.0) | ((ends[-1].x == 0.0) & ~np.isin(cost.free, cost.physics.positive))
     edge = [labels[i].name for i in cost.free[at_edge]]

@@ -91,13 +91,13 @@ def read_mjcf(document: Document) -> Draft:
     root, folder = deepcopy(document.root), Path(document.path).parent
     text = included(root, folder, document.text)
     source = prepare(root, folder if document.path else None)
-    found = _compiled(source)
+    found = _compile(source)
     moving = [joint for joint in found.joints if joint.kind in _MOVING_KINDS]
     check_count(len(found.bodies), len(moving), "bodies")
     check_names(joint=[joint.name for joint in found.joints], body=[body.name for body in found.bodies])
     if not moving:
         raise RobotError("the file has no moving joint (hinge or slide): nothing to identify")
-    found, unnamed = _named(found)
+    found, unnamed = _name_all(found)
     model, links, rows = _build(found)
     mimics, curved = _mimics(found)
     axes = [_axis(joint, rows[i], mimics.get(joint.name)) for i, joint in enumerate(found.joints) if i in rows]
@@ -108,7 +108,7 @@ def read_mjcf(document: Document) -> Draft:
         model=model,
         axes=tuple(axes),
         links=links,
-        document=_text(name, found, root) if source.files else text,
+        document=_mjcf_text(name, found, root) if source.files else text,
         kind="mjcf",
         notes=(
             *unnamed,
@@ -121,13 +121,13 @@ def read_mjcf(document: Document) -> Draft:
     )
 
 
-def _compiled(source: Source) -> _Compiled:
+def _compile(source: Source) -> _Compiled:
     """Compile with MuJoCo, in a process of its own.
 
     Raises:
         RobotError: MuJoCo rejects the file, or a number is not finite or too large.
     """
-    content = json.loads(_run_cached(source.text) if not source.files else _run(source.text, source.files))
+    content = json.loads(_run_cached(source.text) if not source.files else _run_compiler(source.text, source.files))
     _check_finite(content)
     for body in content["bodies"]:
         body["mass"], *body["inertia"] = (0.0 if x <= MIN_INERTIAL else x for x in (body["mass"], *body["inertia"]))
@@ -140,11 +140,11 @@ def _compiled(source: Source) -> _Compiled:
     )
 
 
-def _run(text: str, files: Mapping[str, bytes]) -> str:
+def _run_compiler(text: str, files: Mapping[str, bytes]) -> str:
     with tempfile.TemporaryDirectory() as scratch:
         for name, data in {**files, sandbox.MODEL_FILE: text.encode()}.items():
             Path(scratch, name).write_bytes(data)
-        late = f"MuJoCo cannot compile it in {sandbox.SECONDS} s; give fewer or smaller meshes"
+        late = f"MuJoCo cannot compile it in {sandbox.MAX_SECONDS} s; give fewer or smaller meshes"
         try:
             return restricted(scratch, [""], scratch, "MuJoCo cannot compile it", late).split("\n")[-1]
         except RobotError as error:
@@ -153,7 +153,7 @@ def _run(text: str, files: Mapping[str, bytes]) -> str:
 
 @lru_cache(maxsize=64)
 def _run_cached(text: str) -> str:
-    return _run(text, {})
+    return _run_compiler(text, {})
 
 
 def _check_finite(content: Mapping[str, Any]) -> None:
@@ -170,7 +170,7 @@ def _check_finite(content: Mapping[str, Any]) -> None:
     _ = [bounded(number, f"gravity is {content['gravity']}") for number in content["gravity"]]
 
 
-def _named(found: _Compiled) -> tuple[_Compiled, list[str]]:
+def _name_all(found: _Compiled) -> tuple[_Compiled, list[str]]:
     """Name all unnamed bodies and joints, and say so of joints."""
     used = {*(body.name for body in found.bodies), *(joint.name for joint in found.joints)}
 
@@ -223,7 +223,7 @@ def _joint_model(axes: Sequence[_Joint], pose: pin.SE3) -> tuple[Any, pin.SE3]:
 
     whole, before = pin.JointModelComposite(), pose
     for joint in axes:
-        before = before * _offset(joint.pos) * _moved(joint, -joint.ref)
+        before = before * _offset(joint.pos) * _joint_motion(joint, -joint.ref)
         kind = "Revolute" if joint.kind == "hinge" else "Prismatic"
         letter = next((x for x, unit in zip("XYZ", np.eye(3), strict=True) if np.array_equal(unit, joint.axis)), "")
         unaligned = () if letter else (np.array(joint.axis),)
@@ -235,7 +235,7 @@ def _joint_model(axes: Sequence[_Joint], pose: pin.SE3) -> tuple[Any, pin.SE3]:
     return whole, pin.SE3.Identity()
 
 
-def _moved(joint: _Joint, position: float) -> pin.SE3:
+def _joint_motion(joint: _Joint, position: float) -> pin.SE3:
     """Motion of a joint by a position [rad or m]."""
     import pinocchio as pin
 
@@ -303,7 +303,7 @@ def _notes(found: _Compiled, constraints: int) -> Iterator[str]:
         yield "forces of the medium (density, viscosity, wind) are ignored"
 
 
-def _text(name: str, found: _Compiled, source: Any) -> str:
+def _mjcf_text(name: str, found: _Compiled, source: Any) -> str:
     """MJCF of the compiled bodies and joints, with the time step of its source, which needs no other file."""
     from lxml import etree
 

@@ -63,7 +63,7 @@ def _guard(folders: Sequence[str]) -> None:
     sys.addaudithook(watch)
 
 
-def _limit() -> None:
+def _limit_process() -> None:
     try:
         import resource
     except ImportError:  # Windows; the parent process limits the time
@@ -104,13 +104,13 @@ def _compile(scratch: str) -> str:
         "gravity": [0.0] * 3 if off["GRAVITY"] else model.opt.gravity.tolist(),
         "medium": any(medium),
         "bodies": bodies,
-        "joints": [_joint(model, i, off) for i in range(model.njnt)],
+        "joints": [_compiled_joint(model, i, off) for i in range(model.njnt)],
         "ties": [[int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i, :5].tolist()] for i in ties],
     }
     return json.dumps(found)
 
 
-def _joint(model: Any, i: int, off: dict[str, bool]) -> dict[str, Any]:
+def _compiled_joint(model: Any, i: int, off: dict[str, bool]) -> dict[str, Any]:
     """A joint of a compiled model; `off` names the passive torques that the file disables."""
     row, place = model.jnt_dofadr[i], model.jnt_qposadr[i]
     beyond = (model.dof_dampingpoly[row].any() and not off["DAMPER"], model.jnt_stiffnesspoly[i].any())
@@ -138,7 +138,7 @@ def _main(scratch: str, path: str, *package_dirs: str) -> None:
     for MJCF. The values of xacro's arguments are in ARGUMENTS_FILE, in `scratch`.
     """
     try:
-        _limit()
+        _limit_process()
         result = _expand(path, package_dirs, scratch) if path else _compile(scratch)
         sys.stdout.buffer.write(result.encode())
     except (Exception, SystemExit) as error:  # expressions in the file may raise anything

@@ -69,7 +69,7 @@ def read_urdf(document: Document) -> Draft:
         links=tuple(child[name] for name in list(model.names)[1:]),
         document=document.text,
         kind="urdf",
-        notes=(*unnamed, *_notes(tree, moving, child), *left_out_notes(document.root, _massless(tree))),
+        notes=(*unnamed, *_joint_notes(tree, moving, child), *left_out_notes(document.root, _massless(tree))),
         still=frozenset(joint.name for joint in tree.joints if joint.kind not in MOVING_KINDS),
     )
 
@@ -89,20 +89,20 @@ def _mechanism(tree: Tree) -> str:
         lines.append(
             f'<joint name={name} type="{joint.kind}">{_origin(joint.pose)}'
             f"<parent link={parent}/><child link={child}/>"
-            f'<axis xyz="{_words(joint.direction)}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+            f'<axis xyz="{_xyz_text(joint.direction)}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
         )
     return "\n".join([*lines, "</robot>"])
 
 
 def _origin(pose: Pose) -> str:
-    return f'<origin xyz="{_words(pose.xyz)}" rpy="{_words(pose.rpy)}"/>'
+    return f'<origin xyz="{_xyz_text(pose.xyz)}" rpy="{_xyz_text(pose.rpy)}"/>'
 
 
-def _words(vector: tuple[float, float, float]) -> str:
+def _xyz_text(vector: tuple[float, float, float]) -> str:
     return " ".join(map(repr, vector))
 
 
-def _notes(tree: Tree, moving: list[Joint], known: Container[str]) -> Iterator[str]:
+def _joint_notes(tree: Tree, moving: list[Joint], known: Container[str]) -> Iterator[str]:
     """One sentence for each kind of defect of the moving joints and links."""
     mimics = [(joint.name, joint.axis.mimic.joint) for joint in moving if joint.axis.mimic]
     if stray := [f"{name} ({followed})" for name, followed in mimics if followed not in known]:
@@ -165,7 +165,7 @@ def left_out_notes(robot: Any, massless: Collection[str]) -> Iterator[str]:
         theirs = "the shape of link" if len(drawn) == 1 else "the shapes of links"
         gives = "gives" if len(drawn) == 1 else "give"
         yield f"{theirs} {shorten(drawn)} {gives} no mass and no inertia; add an <inertial> there"
-    names = [*_named(robot, "joint"), *_named(robot, "link")]
+    names = [*_loop_names(robot, "joint"), *_loop_names(robot, "link")]
     if names:
         be = "is part of a closed linkage by its name" if len(names) == 1 else "are parts of closed linkages by name"
         yield f"{shorten(names)} {be}; {_LOOP_CONSEQUENCE}"
@@ -174,7 +174,7 @@ def left_out_notes(robot: Any, massless: Collection[str]) -> Iterator[str]:
         yield f"left out, because only a <gazebo> element states them: joints {shorten(closing)}; {_LOOP_CONSEQUENCE}"
 
 
-def _named(robot: Any, tag: str) -> list[str]:
+def _loop_names(robot: Any, tag: str) -> list[str]:
     """Joints, or links, whose names show a closed linkage; a joint *_mimic with a <mimic> follows another one here."""
     follow = {part.get("name") for part in children(robot, tag) if children(part, "mimic")}
     names = [part.get("name") or "" for part in children(robot, tag)]
@@ -284,7 +284,7 @@ def _joint(element: Any) -> Joint:
     if kind not in _JOINT_KINDS:
         stated = f"has the unknown type {kind!r}" if kind else "has no type"
         raise RobotError(f"{where} {stated}; expected one of {', '.join(_JOINT_KINDS)}")
-    parent, child = (_end(element, end, where) for end in ("parent", "child"))
+    parent, child = (_end_link(element, end, where) for end in ("parent", "child"))
     pose = _pose(element, where)
     if kind not in MOVING_KINDS:
         return Joint(name, kind, parent, child, pose, Axis(name))
@@ -294,7 +294,7 @@ def _joint(element: Any) -> Joint:
     return Joint(name, kind, parent, child, pose, _axis(element, name, kind), direction)
 
 
-def _end(element: Any, end: str, where: str) -> str:
+def _end_link(element: Any, end: str, where: str) -> str:
     for found in children(element, end):
         if found.get("link"):
             return str(found.get("link"))

@@ -92,7 +92,7 @@ class Arguments(dict[str, str]):
         known = {*self.declared, *self.required, *self.read}
         words = {word for text in self.expressions for word in re.findall(r"[\w.]+", text)}
         if strange := sorted(self.given - known - words):
-            listed = f"its arguments are {_listed(sorted(known))}" if known else "it has none, so leave --xacro out"
+            listed = f"its arguments are {_shortlist(sorted(known))}" if known else "it has none, so leave --xacro out"
             raise Sentence(f"the xacro file has no argument {strange[0]!r}; {listed}")
 
     def explain(self, error: BaseException) -> BaseException:
@@ -117,7 +117,7 @@ class Arguments(dict[str, str]):
             reason = f"there is no {cause.filename}"
         elif isinstance(cause, PermissionError):
             reason = f"it may not read {cause.filename}, because {cause.strerror}"
-        return ValueError(f"{reason}; its arguments are {_listed(takes)} (--xacro NAME:=VALUE)")
+        return ValueError(f"{reason}; its arguments are {_shortlist(takes)} (--xacro NAME:=VALUE)")
 
     def _unknown_value(self, path: str, names: Sequence[str]) -> Sentence | None:
         """Values that an argument may have, if it alone may have named the first part of a path that is not there."""
@@ -132,7 +132,7 @@ class Arguments(dict[str, str]):
         if not os.path.isdir(folder) or len(named) != 1:
             return None
         alike = [entry.name for entry in os.scandir(folder) if entry.is_dir() != whole and entry.name.endswith(ending)]
-        there = _listed(sorted(name.removesuffix(ending) for name in alike)) or "none"
+        there = _shortlist(sorted(name.removesuffix(ending) for name in alike)) or "none"
         stated = f"the xacro argument {named[0]} is {self[named[0]]!r}, but there is no {path}"
         return Sentence(f"{stated}; add --xacro {named[0]}:=VALUE (there are {there})")
 
@@ -146,7 +146,7 @@ class Arguments(dict[str, str]):
         if self.lacking:
             noun = "the argument" if len(names) == 1 else "the arguments"
             options = " ".join(f"--xacro {name}:=VALUE" for name in names[:MAX_LISTED_ARGUMENTS])
-            raise Sentence(f"the xacro file needs {noun} {_listed(names)}; add {options}")
+            raise Sentence(f"the xacro file needs {noun} {_shortlist(names)}; add {options}")
 
 
 def expand(
@@ -284,7 +284,7 @@ def strict_names(absolute: Callable[[Any], str]) -> Callable[[Any], str]:
     return complete
 
 
-def _listed(names: Sequence[str]) -> str:
+def _shortlist(names: Sequence[str]) -> str:
     more = len(names) - MAX_LISTED_ARGUMENTS
     return ", ".join(names) if more <= 0 else f"{', '.join(names[:MAX_LISTED_ARGUMENTS])} and {more} more"
 
@@ -302,16 +302,16 @@ def package_finder(path: str, package_dirs: Sequence[str], allow: Callable[[str]
 
     def candidates(name: str) -> Iterator[Path]:
         for folder in given:
-            yield from (at for at in (folder, folder / name) if _states(at, name))
+            yield from (at for at in (folder, folder / name) if _states_package(at, name))
             yield from (at for at in (folder, folder / name) if at.name == name and at.is_dir())
-            yield from _below(folder, name)
-        yield from (folder for folder in above if _states(folder, name))
-        yield from (folder for folder in above if folder.name == name and _like_package(folder, place))
-        yield from (folder / name for folder in above if _states(folder / name, name))
+            yield from _find_below(folder, name)
+        yield from (folder for folder in above if _states_package(folder, name))
+        yield from (folder for folder in above if folder.name == name and _is_package_folder(folder, place))
+        yield from (folder / name for folder in above if _states_package(folder / name, name))
         prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
         shares = (Path(prefix, "share", name) for prefix in prefixes)
-        yield from (share for share in shares if _states(share, name))
-        yield from _below(None, name)
+        yield from (share for share in shares if _states_package(share, name))
+        yield from _find_below(None, name)
 
     @functools.cache
     def find(name: str) -> str:
@@ -324,7 +324,7 @@ def package_finder(path: str, package_dirs: Sequence[str], allow: Callable[[str]
     return find
 
 
-def _states(folder: Path, name: str) -> bool:
+def _states_package(folder: Path, name: str) -> bool:
     """Whether a folder has a manifest that states the name of the package; rosbuild's is named by its folder."""
     try:
         with open(folder / MANIFEST, encoding="utf-8", errors="replace") as stream:
@@ -334,14 +334,14 @@ def _states(folder: Path, name: str) -> bool:
     return bool(stated and stated.group(1) == name)
 
 
-def _like_package(folder: Path, file: Path) -> bool:
+def _is_package_folder(folder: Path, file: Path) -> bool:
     """Whether a folder above a file is no other one of the computer: it has a _ and the layout of a ROS package."""
     home = Path.home()
     usual = "_" in folder.name and file.relative_to(folder).parts[0] in PACKAGE_FOLDERS
     return usual and folder != home and folder not in home.parents
 
 
-def _below(folder: Path | None, name: str) -> Iterator[Path]:
+def _find_below(folder: Path | None, name: str) -> Iterator[Path]:
     """The package somewhere below a folder, or in ROS_PACKAGE_PATH."""
     finder = PackageFinder()
     if folder is not None:

@@ -12,7 +12,7 @@ from ...effects import EFFECTS
 from ...errors import decimals, shorten
 from ...estimation.repeats import SERVO, Varying, varying_sentence
 from ...model import Model, command_model
-from ...robot.joints import alike, name_pattern
+from ...robot.joints import name_pattern, similar_joints
 from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..fit import ServoFit, fit_servos, start_limits
@@ -376,7 +376,7 @@ def equal_hints(found: Mapping[str, Estimates], equal: Sequence[Sequence[str]] =
 
     found: estimates by servo joint, of those numbers that recordings identify; equal: joints fitted as equal already.
     """
-    for members in alike(tuple(found)):
+    for members in similar_joints(tuple(found)):
         if any(set(members) <= set(group) for group in equal):
             continue
         name, p = _likeliest(members, found)

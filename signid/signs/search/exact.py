@@ -29,7 +29,7 @@ RIVALS = TreeBudget(width=1000)  # of the enumeration of rivals; its width also 
 
 def climb(problem: SignProblem, seed: int = 0) -> Array:
     """The best local optimum (S,) [1] of many starts; a known segment has sign +1."""
-    ends = np.unique(ascend(problem, _starts(problem, seed)), axis=0)
+    ends = np.unique(ascend(problem, _start_signs(problem, seed)), axis=0)
     losses = np.array([problem.loss(signs) for signs in ends])
     best = np.argsort(losses, kind="stable")[:PAIRED_OPTIMA]
     ends[best] = ascend(problem, ends[best], pairs=True)
@@ -62,7 +62,7 @@ def ascend(problem: SignProblem, starts: Array, joints: bool = True, pairs: bool
     return signs * signs[:, -1:] if problem.anchored else signs
 
 
-def _starts(problem: SignProblem, seed: int) -> Array:
+def _start_signs(problem: SignProblem, seed: int) -> Array:
     """(K, S) signs of leading singular vectors of B, plain and with unit columns; of random models; random signs."""
     rng = np.random.default_rng(seed)
     size = np.linalg.norm(problem.projections, axis=0)
@@ -236,12 +236,12 @@ def search_signs(
     free = Scores(problem, None)
     free.add(tries)
     lower, certified = certify(problem, free.signs)
-    lower, nodes = _prove(free, (), free.best if certified else lower, budget)
+    lower, nodes = _prove_bound(free, (), free.best if certified else lower, budget)
     scores = free
     if cone is not None:
         scores = Scores(problem, cone)
         scores.add(np.concatenate([free.signs[None], tries]))
-        lower, more = _prove(scores, moves, lower, budget)
+        lower, more = _prove_bound(scores, moves, lower, budget)
         nodes += more
     attained = scores.attained()
     optimal = attained and scores.best - lower <= scores.same
@@ -268,11 +268,11 @@ def enumerate_near(
     return RivalSigns(signs[inside], losses[inside], beyond >= limit - scores.same)
 
 
-def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBudget) -> tuple[float, int]:
+def _prove_bound(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBudget) -> tuple[float, int]:
     """Grow trees, each from the best signs and cuts of those before; returns the lower bound proved, and the nodes."""
     nodes, width = 0, min(FIRST_TREE_WIDTH, budget.width)
     if scores.best - lower > scores.same:
-        _improve(scores, moves)
+        _improve_signs(scores, moves)
     while scores.best - lower > scores.same and nodes < budget.nodes and not time_is_up(SIGN_SEARCH):
         show_step("searching signs", nodes / budget.nodes)
         before = scores.best, scores.cuts.shape[1]
@@ -282,7 +282,7 @@ def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBud
         rest = min(tree.beyond, scores.add(tree.leaves, MAX_SCORED_LEAVES))
         lower = max(lower, min(rest, scores.best))
         nodes += tree.nodes
-        _improve(scores, moves)
+        _improve_signs(scores, moves)
         if (scores.best, scores.cuts.shape[1]) == before:
             if width == budget.width:
                 break
@@ -290,14 +290,14 @@ def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBud
     return lower, nodes
 
 
-def _improve(scores: Scores, moves: Sequence[Array]) -> None:
+def _improve_signs(scores: Scores, moves: Sequence[Array]) -> None:
     """Flip joints, apply moves, flip segments, until the loss no longer falls, for MAX_SEGMENT_FLIPS rounds at most."""
     problem = scores.problem
     for _ in range(MAX_SEGMENT_FLIPS):
         if time_is_up(SIGN_SEARCH):
             break
         before = scores.best
-        for starts in (_joint_flips(scores), _moved(scores, moves)):
+        for starts in (_joint_flips(scores), _moved_signs(scores, moves)):
             scores.add(np.concatenate([starts, ascend(problem, starts, joints=False)]))
         flips = 1 - 2 * np.eye(problem.count)[: problem.count - int(problem.anchored)]
         for _ in range(MAX_SEGMENT_FLIPS * problem.count):
@@ -323,7 +323,7 @@ def _joint_flips(scores: Scores) -> Array:
     return np.asarray(signs * (1.0 - 2.0 * flips[:, at]))
 
 
-def _moved(scores: Scores, moves: Sequence[Array]) -> Array:
+def _moved_signs(scores: Scores, moves: Sequence[Array]) -> Array:
     """(K, S) the best signs with those of one joint replaced by, or multiplied by, a move or its opposite."""
     problem, signs, found = scores.problem, scores.signs, []
     for move in moves:

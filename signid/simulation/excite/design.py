@@ -23,7 +23,7 @@ from .families import (
     check_duration,
     check_rows,
     column_sizes,
-    combine,
+    combine_basis,
     fit_inside,
     random_parameters,
     steady,
@@ -85,7 +85,7 @@ class FoundMotion(Frozen):
     spent: bool  # whether the budget ended the search before an optimum
 
 
-def search(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress | None = None) -> FoundMotion:
+def search_motion(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress | None = None) -> FoundMotion:
     """Search for the motion of least cost; the last stage has firm penalties, so that limits are nearly obeyed.
 
     The global stage are local searches from the best random motions. In 63 dimensions and 500 evaluations NLopt's
@@ -93,7 +93,7 @@ def search(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress |
 
     Source: multi-start as in Rinnooy Kan, Timmer, Mathematical Programming 39, 1987.
     """
-    watched = _Watched(cost, budget, progress)
+    watched = _WatchedSearch(cost, budget, progress)
     rng, limits = np.random.default_rng(seed), cost.problem.limits
     fine = cost.family.basis(np.arange(0, cost.t[-1], SCALING_STEP))
     pool = [np.clip(cost.relative(random_parameters(fine, limits, rng)), -Z_BOUND, Z_BOUND) for _ in range(budget.pool)]
@@ -108,14 +108,14 @@ def search(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress |
 def enforce_limits(cost: ExcitationCost, x: Array, budget: Budget, progress: Progress | None = None) -> FoundMotion:
     """Last stage of a search, from x (n, d) [rad or m]: minimise the cost with firm penalties."""
     firm = replace(cost, penalty=LAST_PENALTY_FACTOR * cost.penalty)
-    watched = _Watched(firm, budget, progress, budget.total - budget.firm)
+    watched = _WatchedSearch(firm, budget, progress, budget.total - budget.firm)
     best = watched.improve(np.clip(cost.relative(x), -Z_BOUND, Z_BOUND), budget.firm, "settling")
     fine = cost.family.basis(np.arange(0, cost.t[-1], SCALING_STEP))
     x = fit_inside(fine, cost.problem.limits, cost.parameters(best.x))
     return FoundMotion(x, watched.count, best.status == "budget")
 
 
-class _Watched:
+class _WatchedSearch:
     """Cost that counts evaluations, reports progress and caches the last value."""
 
     def __init__(self, cost: ExcitationCost, budget: Budget, progress: Progress | None, before: int = 0) -> None:
@@ -160,14 +160,14 @@ def make_feasible(problem: ExcitationProblem, family: Family, x: Array) -> Feasi
     Raises:
         OptionError: even a small motion exceeds a torque limit.
     """
-    t = grid(family.duration, LIMIT_CHECK_STEP)
+    t = time_grid(family.duration, LIMIT_CHECK_STEP)
     full = fit_inside(family.basis(t), problem.limits, x)
     home = np.zeros_like(full)
     home[:, 0] = problem.home
     best, high, share = FeasibleMotion(home, 0.0, None), 1.0, 1.0
     for _ in range(SCALE_HALVINGS):
         tried = home + share * (full - home)
-        ok, distance = _obeys(problem, family, t, tried)
+        ok, distance = _obeys_limits(problem, family, t, tried)
         if ok:
             best = FeasibleMotion(tried, share, distance)
         else:
@@ -180,12 +180,12 @@ def make_feasible(problem: ExcitationProblem, family: Family, x: Array) -> Feasi
     return best
 
 
-def grid(duration: float, step: float = LIMIT_CHECK_STEP) -> Array:
+def time_grid(duration: float, step: float = LIMIT_CHECK_STEP) -> Array:
     """Instants (N,) [s] from 0 to the duration [s], at most a step [s] apart."""
     return np.linspace(0, duration, int(np.ceil(duration / step)) + 1)
 
 
-def _obeys(problem: ExcitationProblem, family: Family, t: Array, x: Array) -> tuple[bool, float | None]:
+def _obeys_limits(problem: ExcitationProblem, family: Family, t: Array, x: Array) -> tuple[bool, float | None]:
     """Whether a motion obeys all limits, and the smallest distance between links [m], None without their shapes."""
     shapes, clearance = problem.collision, problem.clearance
     if shapes is not None:  # a coarse grid shows most collisions
@@ -196,7 +196,7 @@ def _obeys(problem: ExcitationProblem, family: Family, t: Array, x: Array) -> tu
         return False, None
     if shapes is None:
         return True, None
-    distance = float(shapes.distance(family.basis(grid(float(t[-1]), CLEARANCE_CHECK_STEP))[0] @ x.T).min())
+    distance = float(shapes.distance(family.basis(time_grid(float(t[-1]), CLEARANCE_CHECK_STEP))[0] @ x.T).min())
     return distance >= clearance, distance
 
 
@@ -244,19 +244,19 @@ def excite(
     """
     model = torque_model(as_model(model, "excite"))
     frequency = 1 / duration if base_frequency is None and duration > 0 else base_frequency or 0.0
-    _check(kind, criterion, rate, duration, harmonics, frequency)
+    _check_options(kind, criterion, rate, duration, harmonics, frequency)
     family = FAMILIES["fourier" if kind == RANDOM_KIND else kind](duration, harmonics, frequency)
     limits = limits or build_limits(model.robot)
     problem, notes = build_problem(model, usual_laws(model, effects), family, limits, clearance, seed)
     steps = int(np.ceil(SAMPLES_PER_PERIOD * harmonics * frequency * duration))
     cost = ExcitationCost(problem, CRITERIA[criterion], family, np.linspace(0, duration, steps + 1), PENALTY, EXTRA_GAP)
     budget = budget or Budget.usual(len(model.robot.joints))
-    feasible, found = (_random if kind == RANDOM_KIND else _optimised)(cost, budget, seed, progress)
+    feasible, found = (_draw_motion if kind == RANDOM_KIND else _optimise_motion)(cost, budget, seed, progress)
     small = (
         f"the optimised motion was scaled to {feasible.share:.0%} to obey torque limits and distances between links, "
         f"and is no longer optimal; try another seed or a larger budget"
     )
-    fine = family.sample(model.robot.joints, feasible.x, grid(duration))
+    fine = family.sample(model.robot.joints, feasible.x, time_grid(duration))
     trajectory = family.sample(model.robot.joints, feasible.x, at_rate(duration, rate))
     precision = predict_precision(problem, trajectory)
     return Excitation(
@@ -279,7 +279,7 @@ def excite(
     )
 
 
-def _check(kind: str, criterion: str, rate: float, duration: float, harmonics: int, frequency: float) -> None:
+def _check_options(kind: str, criterion: str, rate: float, duration: float, harmonics: int, frequency: float) -> None:
     if kind not in (kinds := (*FAMILIES, RANDOM_KIND)):
         raise OptionError(f"there is no kind {kind!r} of motion; choose from {', '.join(kinds)}")
     if criterion not in CRITERIA:
@@ -293,7 +293,7 @@ def _check(kind: str, criterion: str, rate: float, duration: float, harmonics: i
     check_rows(duration, rate)
 
 
-def _random(
+def _draw_motion(
     cost: ExcitationCost, budget: Budget, seed: int, progress: Progress | None
 ) -> tuple[FeasibleMotion, FoundMotion]:
     """Random motion within all limits."""
@@ -302,11 +302,11 @@ def _random(
     return make_feasible(cost.problem, cost.family, x), FoundMotion(x, 1, spent=False)
 
 
-def _optimised(
+def _optimise_motion(
     cost: ExcitationCost, budget: Budget, seed: int, progress: Progress | None
 ) -> tuple[FeasibleMotion, FoundMotion]:
     """Best motion within all limits; if it had to shrink, its last stage is repeated with twice as many instants."""
-    found = search(cost, budget, seed, progress)
+    found = search_motion(cost, budget, seed, progress)
     feasible = make_feasible(cost.problem, cost.family, found.x)
     if feasible.share == 1:
         return feasible, found
@@ -405,7 +405,7 @@ class ExcitationCost(Frozen):
 
     def value(self, z: Array) -> float:
         """Cost of z (n * d,) [1]."""
-        states = combine(self.basis, self.parameters(z))
+        states = combine_basis(self.basis, self.parameters(z))
         rows = self._rows(states)
         cost = self.criterion(self.problem.information(rows) / len(self.t))[0]
         return cost + self.penalty * (self._excess(states)[0] + self._overload(rows)[0] + self._contact(states)[0])
@@ -413,7 +413,7 @@ class ExcitationCost(Frozen):
     def value_and_slope(self, z: Array) -> tuple[float, Array]:
         """Cost of z (n * d,) [1], and its gradient (n * d,) [1] by differences of the rows at every sample."""
         n, count = self.sizes.shape[0], len(self.t)
-        states = combine(self.basis, self.parameters(z))
+        states = combine_basis(self.basis, self.parameters(z))
         near = np.repeat(states[:, None], 1 + 3 * n, axis=1)  # (3, 1 + 3 n, N, n)
         for k in range(3):
             for j in range(n):

@@ -44,7 +44,7 @@ class Family(ABC):
 
     def sample(self, joints: tuple[str, ...], x: Array, t: Array) -> Trajectory:
         """Motion of parameters x (n, d) [rad or m] at t (N,) [s]."""
-        q, v, a = combine(self.basis(t), x)
+        q, v, a = combine_basis(self.basis(t), x)
         return Trajectory(joints, t, q, v, a)
 
 
@@ -68,7 +68,7 @@ class Fourier(Family):
         raw = self._series(np.asarray(t, float))
         constant = np.zeros((3, len(raw[0]), 1))
         constant[0] = 1
-        return np.concatenate([constant, combine(raw, self._free.T)], axis=2)
+        return np.concatenate([constant, combine_basis(raw, self._free.T)], axis=2)
 
     def _series(self, t: Array) -> Array:
         """Columns (3, N, 2 L) of a_1..a_L, b_1..b_L."""
@@ -130,7 +130,7 @@ class Spline(Family):
 FAMILIES = {"fourier": Fourier, "spline": Spline}
 
 
-def combine(basis: Array, x: Array) -> Array:
+def combine_basis(basis: Array, x: Array) -> Array:
     """Motions (..., N, n) of parameters x (n, d) in a basis (..., N, d) [units of the basis times those of x].
 
     The same bytes for every BLAS kernel: matrix products would sum in the order of the kernel.
@@ -222,8 +222,8 @@ def random_parameters(
     n, d = len(limits.lower), basis.shape[2]
     x = np.zeros((n, d))
     x[:, 1:] = rng.uniform(-1, 1, (n, d - 1)) * column_sizes(basis, limits)[:, 1:]
-    x *= rng.uniform(*amplitude, (n, 1)) * _room(basis, limits, x)[:, None]
-    q = combine(basis[0], x)
+    x *= rng.uniform(*amplitude, (n, 1)) * _scale_room(basis, limits, x)[:, None]
+    q = combine_basis(basis[0], x)
     least, most = limits.middle - limits.half - q.min(0), limits.middle + limits.half - q.max(0)
     x[:, 0] += least + rng.uniform(0, 1, n) * np.maximum(most - least, 0)
     return x
@@ -235,8 +235,8 @@ def fit_inside(basis: Array, limits: Limits, x: Array) -> Array:
     Every joint is scaled and shifted separately, and only as far as needed, on a basis (3, N, d) [1, 1/s, 1/s2].
     """
     scaled = x.copy()
-    scaled[:, 1:] *= np.minimum(_room(basis, limits, x), 1.0)[:, None]
-    moved = combine(basis[0, :, 1:], scaled[:, 1:])
+    scaled[:, 1:] *= np.minimum(_scale_room(basis, limits, x), 1.0)[:, None]
+    moved = combine_basis(basis[0, :, 1:], scaled[:, 1:])
     least, most = limits.middle - limits.half - moved.min(0), limits.middle + limits.half - moved.max(0)
     scaled[:, 0] = np.clip(x[:, 0], least, np.maximum(least, most))
     return scaled
@@ -283,9 +283,9 @@ def at_rate(duration: float, rate: float) -> Array:
     return np.asarray(np.arange(int(duration * rate + 1e-9) + 1) / rate)
 
 
-def _room(basis: Array, limits: Limits, x: Array) -> Array:
+def _scale_room(basis: Array, limits: Limits, x: Array) -> Array:
     """Factors (n,) by which the moving part of x may be scaled until a limit is met."""
-    q, v, a = combine(basis[:, :, 1:], x[:, 1:])
+    q, v, a = combine_basis(basis[:, :, 1:], x[:, 1:])
     peaks = np.array([np.ptp(q, axis=0) / 2, *np.abs([v, a]).max(1)]) / limits.allowed
     return np.asarray(1 / np.maximum(peaks.max(0), 1e-300))
 

@@ -89,27 +89,27 @@ def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 
     if robot.kind != "urdf":
         return None, f"self-collision was not checked: shapes are read from a URDF only, this is {robot.kind.upper()}"
     try:
-        geometry = pin.buildGeomFromUrdfString(robot.model, _placed(robot), pin.GeometryType.COLLISION)
+        geometry = pin.buildGeomFromUrdfString(robot.model, _placed_meshes(robot), pin.GeometryType.COLLISION)
         for item in geometry.geometryObjects:
             if hasattr(item.geometry, "buildConvexRepresentation"):  # a mesh; signed distances need convex shapes
                 item.geometry.buildConvexRepresentation(False)
                 item.geometry = item.geometry.convex
     except Exception as error:  # Pinocchio's exceptions have no common base class
         return None, f"self-collision was not checked: {' '.join(str(error).split())[:200]}"
-    pairs = _pairs(robot, geometry)
+    pairs = _collision_pairs(robot, geometry)
     if not pairs:
         return None, f"self-collision was not checked: {robot.name} has no two shapes that can collide"
-    _keep(geometry, pairs)
+    _set_pairs(geometry, pairs)
     q = np.random.default_rng(seed).uniform(limits.lower, limits.upper, (DISTANCE_POSTURES, len(robot.joints)))
     found = Collision(robot, geometry, np.zeros(len(pairs))).distances(q)
     apart = (found < clearance).mean(0) <= OVERLAP_SHARE
     if not apart.any():
         return None, "self-collision was not checked: the shapes overlap by design"
-    _keep(geometry, [pair for pair, free in zip(pairs, apart, strict=True) if free])
+    _set_pairs(geometry, [pair for pair, free in zip(pairs, apart, strict=True) if free])
     return Collision(robot, geometry, np.median(found[:, apart], axis=0)), ""
 
 
-def _placed(robot: Robot) -> str:
+def _placed_meshes(robot: Robot) -> str:
     """URDF with absolute paths of its collision meshes."""
     from lxml import etree
 
@@ -123,13 +123,13 @@ def _placed(robot: Robot) -> str:
     return str(etree.tostring(root, encoding="unicode"))
 
 
-def _keep(geometry: Any, pairs: list[tuple[int, int]]) -> None:
+def _set_pairs(geometry: Any, pairs: list[tuple[int, int]]) -> None:
     geometry.removeAllCollisionPairs()
     for first, second in pairs:
         geometry.addCollisionPair(pin.CollisionPair(first, second))
 
 
-def _pairs(robot: Robot, geometry: Any) -> list[tuple[int, int]]:
+def _collision_pairs(robot: Robot, geometry: Any) -> list[tuple[int, int]]:
     """Pairs of shapes on links that are at least two moving joints apart."""
     model, moves = robot.model, np.asarray(np.any(robot.drive, axis=1))
     body = [0]  # per joint, the first of the joints that are fixed to it
@@ -199,25 +199,25 @@ def build_limits(
         raise OptionError(f"the margin is {margin:g}; give a share of the limits above 0 and at most 1")
     notes: list[str] = []
     span = np.where(robot.prismatic, FREE_RANGE[1], FREE_RANGE[0])
-    low, up = _given(robot, "lower", lower, robot.lower), _given(robot, "upper", upper, robot.upper)
+    low, up = _joint_limits(robot, "lower", lower, robot.lower), _joint_limits(robot, "upper", upper, robot.upper)
     bare = ~np.isfinite(low) | ~np.isfinite(up)
     low = np.where(np.isfinite(low), low, np.where(np.isfinite(up), up - 2 * span, -span))
     up = np.where(np.isfinite(up), up, low + 2 * span)
-    speed = _given(robot, "velocity", velocity, robot.velocity_limit)
+    speed = _joint_limits(robot, "velocity", velocity, robot.velocity_limit)
     free = ~np.isfinite(speed)
     speed = np.where(free, np.where(robot.prismatic, FREE_SPEED[1], FREE_SPEED[0]), speed)
     notes += _note(robot, bare, "no position limit is stated: half a turn (0.5 m) on either side of zero is used")
     notes += _note(robot, free, f"no velocity limit is stated: {FREE_SPEED[0]:g} rad/s ({FREE_SPEED[1]:g} m/s) is used")
     if acceleration is None:
         notes.append(f"the acceleration limit is the one that reaches the velocity limit in {FREE_RISE_TIME:g} s")
-    rise = _given(robot, "acceleration", acceleration, speed / FREE_RISE_TIME)
-    effort = _given(robot, "torque", torque, robot.effort_limit)
+    rise = _joint_limits(robot, "acceleration", acceleration, speed / FREE_RISE_TIME)
+    effort = _joint_limits(robot, "torque", torque, robot.effort_limit)
     notes += _note(robot, ~np.isfinite(effort), "no torque limit is stated")
     _refuse_empty(robot, low, up, {"velocity": speed, "acceleration": rise, "torque": effort})
     return Limits(low, up, speed, rise, effort, margin, tuple(notes))
 
 
-def _given(robot: Robot, name: str, value: GivenLimit, stated: Array) -> Array:
+def _joint_limits(robot: Robot, name: str, value: GivenLimit, stated: Array) -> Array:
     n = len(robot.joints)
     if value is None:
         return np.array(stated, float)

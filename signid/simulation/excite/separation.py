@@ -11,7 +11,7 @@ import numpy as np
 
 from ...deadline import ends_in_time
 from ...effects import EFFECTS
-from ...effects.law import law_columns, law_torque, places
+from ...effects.law import candidate_places, law_columns, law_torque
 from ...errors import OptionError
 from ...model import Model, ModelSource, as_model, torque_model
 from ...optimisers import OPTIMISERS, Problem
@@ -20,7 +20,7 @@ from ...regression.projection import leave
 from ...regression.rows import away_from_reversals
 from ...typed import typed
 from ...types import Array, Frozen, Law, Mask, Progress, Trajectory
-from .design import EXTRA_GAP, MIN_CLEARANCE, MOTION_SEARCH, grid, make_feasible
+from .design import EXTRA_GAP, MIN_CLEARANCE, MOTION_SEARCH, make_feasible, time_grid
 from .families import (
     Family,
     Fourier,
@@ -95,14 +95,14 @@ def law_distance(law: Law, rival: Law, motion: Motion, nuisance: Array, noise: A
 
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """
-    weight = _certain(motion, {j for one in (law, rival) if one.effect.reverses for j in one.joints}) / noise
+    weight = _certain_samples(motion, {j for one in (law, rival) if one.effect.reverses for j in one.joints}) / noise
     stated = Law(law.effect, law.joints, {**law.effect.example, **law.parameters})
     rows, torque = law_torque(stated, motion)
     wide = np.zeros_like(motion.q)
     wide[:, list(rows)] = torque
     y = (wide * weight).ravel()
     whole = float(y @ y)
-    candidates = (np.concatenate([nuisance, wide_columns([one], motion)], axis=2) for one in _shaped(rival, motion))
+    candidates = (np.concatenate([nuisance, wide_columns([one], motion)], axis=2) for one in _law_shapes(rival, motion))
     rests = (leave(y, (x * weight[:, :, None]).reshape(len(y), -1)) for x in candidates)
     left = min(float(rest @ rest) for rest in rests)
     return INDEPENDENT_RATE * motion.dt * left, left / whole if whole > 0 else 0.0
@@ -127,7 +127,7 @@ def with_torque(model: Model, trajectory: Trajectory) -> Motion:
     return Motion(model.robot, t, q, v, a, recorded=torque, predicted=torque, slow=slow)
 
 
-def _certain(motion: Motion, joints: Collection[int]) -> Mask:
+def _certain_samples(motion: Motion, joints: Collection[int]) -> Mask:
     """Mask (N, n) of samples that are not near a reversal of some joints; a reversal may lie between two samples."""
     sign, at = np.sign(motion.v), list(joints)
     speed = np.where(np.diff(sign, axis=0, append=sign[-1:]) != 0, 0.0, motion.v)
@@ -136,7 +136,7 @@ def _certain(motion: Motion, joints: Collection[int]) -> Mask:
     return certain
 
 
-def _shaped(law: Law, motion: Motion) -> Iterator[Law]:
+def _law_shapes(law: Law, motion: Motion) -> Iterator[Law]:
     """The law as it stands if it states its shape, else the law with each shape on the grid of its effect."""
     if law.effect.shape(law.parameters).keys() == law.effect.parameters.keys() - law.effect.linear().keys():
         yield law
@@ -206,7 +206,7 @@ def separate(
     family, best = max(feasible, key=lambda end: search.objective(end[0], end[1].x, ways))
     distance = search.distance(family, best.x)
     evaluated = (len(pool) + sum(end.evaluations for end in ends)) * any(end.spent for end in ends)
-    fine = family.sample(model.robot.joints, best.x, grid(duration))
+    fine = family.sample(model.robot.joints, best.x, time_grid(duration))
     return Separation(
         trajectory=family.sample(model.robot.joints, best.x, at_rate(duration, rate)),
         laws=(first, second),
@@ -246,10 +246,10 @@ def _flags(first: Law, second: Law, distance: Distance, ways: Sequence[int]) -> 
 
 def _refuse(model: Model, first: Law, second: Law, nuisance: str) -> None:
     for law in (first, second):
-        if law.joints not in places(law.effect, len(model.robot.joints)):
+        if law.joints not in candidate_places(law.effect, len(model.robot.joints)):
             raise OptionError(
                 f"{law.effect.name} cannot act at joints {law.joints} of {model.robot.name}; choose from "
-                f"{places(law.effect, len(model.robot.joints))[:8]}, counted from 0"
+                f"{candidate_places(law.effect, len(model.robot.joints))[:8]}, counted from 0"
             )
     if (first.effect.name, first.joints) == (second.effect.name, second.joints):
         raise OptionError(f"both laws are {first.effect.name} at the same joints; give two that differ")

@@ -192,7 +192,7 @@ def read_motion(source: Source, robot: Robot) -> Trajectory:
     t, q, v = found.table.read([found.column("t", 0)], 0, found.table.rows)[:, 0], read("q"), read("dq")
     assert q is not None, "joints are those with positions"
     a = None if v is None else read("ddq")
-    _check(opened.name, t, *(x for x in (q, v, a) if x is not None))
+    _check_times(opened.name, t, *(x for x in (q, v, a) if x is not None))
     t = t - t[0]
     if v is None:
         v, a = CubicSpline(t, q)(t, 1), CubicSpline(t, q)(t, 2)
@@ -218,7 +218,7 @@ def recorded_torques(recording: Recording) -> Torques:
     have = np.isfinite(samples.tau)
     if lacking := [joint for joint, seen in zip(recording.joints, have.T, strict=True) if not seen.any()]:
         raise RecordingError(f"{name} has no torque of {', '.join(lacking)}; add it, or remove the joint's position")
-    _check(name, samples.t, np.nan_to_num(samples.tau), samples.q[:1])
+    _check_times(name, samples.t, np.nan_to_num(samples.tau), samples.q[:1])
     t = samples.t - samples.t[0]
     torque = np.column_stack([np.interp(t, t[h], x[h]) for h, x in zip(have.T, samples.tau.T, strict=True)])
     if samples.dq is not None and np.isfinite(samples.dq[0]).all():
@@ -229,7 +229,7 @@ def recorded_torques(recording: Recording) -> Torques:
     return Torques(t, torque, samples.q[0], v)
 
 
-def _check(name: str, t: Array, *values: Array) -> None:
+def _check_times(name: str, t: Array, *values: Array) -> None:
     if len(t) < MIN_MOTION_ROWS:
         raise RecordingError(f"{name} has {len(t)} rows; give at least {MIN_MOTION_ROWS}")
     for x in (t[:, None], *values):

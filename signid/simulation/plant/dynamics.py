@@ -119,7 +119,7 @@ def build_bodies(model: Model) -> PlantBodies:
     soft = [law.joints[0] for law in elastic]
     _check(robot, whole, elastic)
     kept, rows = _without_held(robot, whole)
-    parted, motor_rows, flex_rows = _part(kept, [int(np.flatnonzero(robot.drive[rows][:, j])[0]) for j in soft])
+    parted, motor_rows, flex_rows = _with_flex(kept, [int(np.flatnonzero(robot.drive[rows][:, j])[0]) for j in soft])
     drive = np.zeros((parted.nv, len(robot.joints) + len(soft)))
     drive[motor_rows, : len(robot.joints)] = robot.drive[rows]
     drive[flex_rows, len(robot.joints) + np.arange(len(soft))] = 1
@@ -172,13 +172,13 @@ def _without_held(robot: Robot, model: Any) -> tuple[Any, Indices]:
     return model, rows
 
 
-def _part(model: Any, soft: Sequence[int]) -> tuple[Any, list[int], list[int]]:
+def _with_flex(model: Any, soft: Sequence[int]) -> tuple[Any, list[int], list[int]]:
     """Model with an additional joint behind each of some joints, and the indices of the motor and the flex joints."""
     new, ids = pin.Model(), [0]
     new.gravity = model.gravity
     motor, flex = [0] * model.nv, dict[int, int]()
     for i in range(1, model.njoints):
-        joint = _bounded(model.joints[i])
+        joint = _angle_joint(model.joints[i])
         at = new.addJoint(ids[model.parents[i]], joint, model.jointPlacements[i], model.names[i])
         row = model.joints[i].idx_v
         for k in range(model.joints[i].nv):
@@ -194,7 +194,7 @@ def _part(model: Any, soft: Sequence[int]) -> tuple[Any, list[int], list[int]]:
     return new, motor, [flex[row] for row in soft]
 
 
-def _bounded(joint: Any) -> Any:
+def _angle_joint(joint: Any) -> Any:
     """The joint with its angle as configuration, if that was cosine and sine."""
     if joint.nq == joint.nv:
         return joint
@@ -242,7 +242,7 @@ class Dynamics:
         An armature (B, c) [kg.m2 or kg] is added in this call.
         """
         if not self.plain:
-            return _regular(np.linalg.inv, self._mass(q, armature))
+            return _refuse_singular(np.linalg.inv, self._mass(q, armature))
         model, data, out = self.model, self.data, np.empty((*q.shape, q.shape[1]))
         for i, row in enumerate(q):
             if armature is not None:
@@ -287,10 +287,10 @@ class Dynamics:
         drive, model, data = self.bodies.drive, self.model, self.data
         states = zip(q @ drive.T + self.bodies.rest, v @ drive.T, strict=True)
         bias = np.array([pin.nonLinearEffects(model, data, *state).copy() for state in states]).reshape(len(q), -1)
-        return _regular(np.linalg.solve, self._mass(q, armature), (force - bias @ drive)[..., None])[..., 0]
+        return _refuse_singular(np.linalg.solve, self._mass(q, armature), (force - bias @ drive)[..., None])[..., 0]
 
 
-def _regular(compute: Callable[..., Array], *given: Array) -> Array:
+def _refuse_singular(compute: Callable[..., Array], *given: Array) -> Array:
     try:
         return compute(*given)
     except np.linalg.LinAlgError:

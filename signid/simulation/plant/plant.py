@@ -325,7 +325,7 @@ def simulate_many(
     log = np.empty((7, len(t), len(drives), len(joints)))  # seen, q, v, a, link, command, applied
     for k, now in enumerate(t):
         q, v = plant.q, plant.v
-        seen, felt = _seen(reading, q), v
+        seen, felt = _encoder_positions(reading, q), v
         if beyond:
             seen, felt = seen.copy(), v.copy()
             seen[:, beyond], felt[:, beyond] = plant.link[:, beyond], plant.link_speed[:, beyond]
@@ -362,7 +362,7 @@ def instants(duration: float, step: float) -> Array:
     return np.asarray(np.arange(round(duration / step)) * step, dtype=np.float64)
 
 
-def _seen(reading: Sequence[Law], q: Array) -> Array:
+def _encoder_positions(reading: Sequence[Law], q: Array) -> Array:
     """Positions (B, n) that the encoders measure."""
     for law in reading:
         j = list(law.joints)

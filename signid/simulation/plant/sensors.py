@@ -85,14 +85,14 @@ def record(
     step = float(simulation.t[1] - simulation.t[0]) if len(simulation.t) > 1 else 1.0
     every = sensors.every(step)
     noise, clock, zeros = (np.random.default_rng([seed, k]) for k in range(3))
-    t, q, tau, asked = _sampled(simulation, every, sensors.jitter * every * step, clock)
-    q = _counted(q, sensors.encoder_bits, robot.prismatic, zeros)
-    tau = tau + _noise(np.sqrt(np.mean(tau**2, axis=0)), len(t), every * step, sensors, noise)
+    t, q, tau, asked = _sampled_signals(simulation, every, sensors.jitter * every * step, clock)
+    q = _quantised(q, sensors.encoder_bits, robot.prismatic, zeros)
+    tau = tau + _torque_noise(np.sqrt(np.mean(tau**2, axis=0)), len(t), every * step, sensors, noise)
     torque = ("abs_tau", np.abs(tau)) if sensors.unsigned else ("tau", tau)
     columns = {"t": t.round(TIME_DECIMALS)}
     for name, values in (("q", q), torque, *([("q_des", asked)] if desired else [])):
         columns |= {f"{name}_{joint}": x for joint, x in zip(robot.joints, values.T, strict=True)}
-    kept = _kept(len(t), sensors.drop_outs, clock)
+    kept = _kept_rows(len(t), sensors.drop_outs, clock)
     return {name: x[kept] for name, x in columns.items()}
 
 
@@ -132,7 +132,7 @@ def record_held(
         late = sensors.jitter * every * step * clock.standard_normal(len(t))
         t = np.clip(t + np.clip(late, -MAX_TIME_ERROR * every * step, MAX_TIME_ERROR * every * step), 0.0, at[-1])
     row = np.minimum(np.floor(t / step + 1e-6).astype(int), len(at) - 1)
-    positions = _counted(
+    positions = _quantised(
         q[row] if not sensors.jitter else CubicSpline(at, q)(t), sensors.encoder_bits, prismatic, zeros
     )
     speeds = np.column_stack([np.interp(t, at, x) for x in v.T])
@@ -140,11 +140,11 @@ def record_held(
     for name, values in (("q", positions), ("dq", speeds)):
         columns |= {f"{name}_{joint}": x for joint, x in zip(joints, values.T, strict=True)}
     columns |= {f"{kind}_{joint}": np.asarray(x[row]) for kind, each in held.items() for joint, x in each.items()}
-    kept = _kept(len(t), sensors.drop_outs, clock)
+    kept = _kept_rows(len(t), sensors.drop_outs, clock)
     return {name: x[kept] for name, x in columns.items()}
 
 
-def _sampled(
+def _sampled_signals(
     simulation: Simulation, every: int, jitter: float, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, Array]:
     """Sampling times, positions, torques and desired positions; jitter in s."""
@@ -157,7 +157,7 @@ def _sampled(
     return t, CubicSpline(s.t, s.q)(t), tau, CubicSpline(s.t, s.desired)(t)
 
 
-def _counted(q: Array, bits: float | None, prismatic: Mask, rng: np.random.Generator) -> Array:
+def _quantised(q: Array, bits: float | None, prismatic: Mask, rng: np.random.Generator) -> Array:
     """Quantised positions with a random zero between two counts."""
     if bits is None:
         return q
@@ -166,7 +166,7 @@ def _counted(q: Array, bits: float | None, prismatic: Mask, rng: np.random.Gener
     return np.asarray(np.round((q - zero) / count) * count + zero)
 
 
-def _noise(size: Array, rows: int, period: float, sensors: Sensors, rng: np.random.Generator) -> Array:
+def _torque_noise(size: Array, rows: int, period: float, sensors: Sensors, rng: np.random.Generator) -> Array:
     """Torque noise (rows, n) for rms torques (n,); coloured noise is stationary from the first row on."""
     from scipy.signal import lfilter  # slow to import
 
@@ -177,7 +177,7 @@ def _noise(size: Array, rows: int, period: float, sensors: Sensors, rng: np.rand
     return np.asarray(size * (sensors.noise * white + sensors.coloured_noise * coloured))
 
 
-def _kept(rows: int, lost: float, rng: np.random.Generator) -> Mask:
+def _kept_rows(rows: int, lost: float, rng: np.random.Generator) -> Mask:
     """Mask of the rows that are not lost: alternating runs; the first and the last row are never lost.
 
     Source: Gilbert, Capacity of a burst-noise channel, Bell System Technical Journal 39(5), 1960.

@@ -65,7 +65,7 @@ def coordinates_of(model: Model) -> FreeNumbers:
     Raises:
         OptionError: the model has none.
     """
-    rows = [(1.0, MIN_FACTOR, 1.0)] if _slides(model) else []
+    rows = [(1.0, MIN_FACTOR, 1.0)] if _is_slider(model) else []
     for law in free_laws(model):
         coefficients, linear = law.effect.coefficients(law.parameters), list(law.effect.linear().values())
         example = law.effect.coefficients(law.effect.example)
@@ -82,10 +82,10 @@ def coordinates_of(model: Model) -> FreeNumbers:
 def with_coordinates(model: Model, value: Sequence[float] | Array) -> Model:
     """The model with other free numbers, value (P,) [units of the laws]; its covariance no longer applies."""
     left = [float(x) for x in value]
-    inertials = model.inertials * left.pop(0) if _slides(model) else model.inertials
+    inertials = model.inertials * left.pop(0) if _is_slider(model) else model.inertials
     laws = list[Law]()
     for law in model.laws:
-        if not _free(model, law):
+        if not _is_refined(model, law):
             laws.append(law)
             continue
         count, shape = len(law.effect.coefficients(law.parameters)), law.effect.shape(law.parameters)
@@ -97,14 +97,14 @@ def with_coordinates(model: Model, value: Sequence[float] | Array) -> Model:
 
 def free_laws(model: Model) -> list[Law]:
     """Laws whose numbers are refined."""
-    return [law for law in model.laws if _free(model, law)]
+    return [law for law in model.laws if _is_refined(model, law)]
 
 
-def _free(model: Model, law: Law) -> bool:
-    return isinstance(law.effect, TorqueLaw) or (isinstance(law.effect, Armature) and not _slides(model))
+def _is_refined(model: Model, law: Law) -> bool:
+    return isinstance(law.effect, TorqueLaw) or (isinstance(law.effect, Armature) and not _is_slider(model))
 
 
-def _slides(model: Model) -> bool:
+def _is_slider(model: Model) -> bool:
     """Whether the robot is a single prismatic joint: only its moved mass counts, so the mass is free."""
     return len(model.robot.joints) == 1 and bool(model.robot.prismatic[0])
 
@@ -125,13 +125,13 @@ def fit_windows(
     for step in steps:
         if seconds_left() <= 0:  # the best so far
             break
-        found, now = _fit(best, windows, scale, step, most)
+        found, now = _fit_once(best, windows, scale, step, most)
         if now < cost:
             best, cost = found, now
     return best
 
 
-def _fit(model: Model, windows: Sequence[Windows], scale: Array, step: float, most: int) -> tuple[Model, float]:
+def _fit_once(model: Model, windows: Sequence[Windows], scale: Array, step: float, most: int) -> tuple[Model, float]:
     """One fit with differences of one size, and its sum of squares."""
     start = coordinates_of(model)
     x0 = np.maximum(start.value, start.lower) / start.size
@@ -193,7 +193,7 @@ class LawTrial(Frozen):
             return float(np.exp(np.mean(np.log(self.errors))))
 
 
-def choose(model: Model, windows: Sequence[Windows], scale: Array, candidates: Sequence[str]) -> list[LawTrial]:
+def choose_laws(model: Model, windows: Sequence[Windows], scale: Array, candidates: Sequence[str]) -> list[LawTrial]:
     """All trials of a stepwise search; the last one is chosen.
 
     In each round every candidate is added alone. The one with the smallest error of held-out windows is taken if it has
@@ -208,16 +208,16 @@ def choose(model: Model, windows: Sequence[Windows], scale: Array, candidates: S
     Raises:
         OptionError: a law is not among `LAWS`, or the robot has several joints.
     """
-    _check(model, candidates)
+    _check_laws(model, candidates)
     chosen, others, left = cross_validate(model, windows, scale), list[LawTrial](), list(candidates)
     while left:
-        found = {name: _added(chosen.model, name, windows, scale) for name in left}
+        found = {name: _best_addition(chosen.model, name, windows, scale) for name in left}
         able = {name: trial for name, trial in found.items() if trial is not None and trial.numbers <= MAX_FREE_NUMBERS}
         others += able.values()
         if not able:
             break
         name = min(able, key=lambda name: able[name].score)
-        if not better(able[name].errors, chosen.errors):
+        if not is_better(able[name].errors, chosen.errors):
             break
         others, chosen = [*(trial for trial in others if trial is not able[name]), chosen], able[name]
         left.remove(name)
@@ -247,7 +247,7 @@ def cross_validate(model: Model, windows: Sequence[Windows], scale: Array) -> La
     return LawTrial(fitted, names, len(coordinates_of(model).value), np.concatenate(errors))
 
 
-def better(errors: Array, before: Array) -> bool:
+def is_better(errors: Array, before: Array) -> bool:
     """Whether errors of windows are smaller by more than a standard error of their mean log ratio.
 
     Args:
@@ -261,17 +261,17 @@ def better(errors: Array, before: Array) -> bool:
     return bool(gain.mean() > gain.std() / np.sqrt(len(gain)))
 
 
-def _added(model: Model, name: str, windows: Sequence[Windows], scale: Array) -> LawTrial | None:
+def _best_addition(model: Model, name: str, windows: Sequence[Windows], scale: Array) -> LawTrial | None:
     """The best trial of a law beside the others, over its start values; None where nothing changes friction."""
     effect, own = EFFECTS[name], {law.effect.name for law in model.laws}
     if name in own or (effect.changes and not own & set(effect.changes)):
         return None
-    starts = [fit_windows(start, windows, scale, *FIRST_FIT_STEPS) for start in _starts(model, name, windows)]
+    starts = [fit_windows(start, windows, scale, *FIRST_FIT_STEPS) for start in _law_starts(model, name, windows)]
     cost = [float(np.mean(window_rms(start, windows) ** 2)) for start in starts]
     return cross_validate(starts[int(np.argmin(cost))], windows, scale)
 
 
-def _starts(model: Model, name: str, windows: Sequence[Windows]) -> Iterator[Model]:
+def _law_starts(model: Model, name: str, windows: Sequence[Windows]) -> Iterator[Model]:
     """Models with a law of some start values; a law replaces those that it contains."""
     effect = EFFECTS[name]
     torque, speed = (_rms([getattr(w, key) for w in windows]) for key in ("torque", "v"))
@@ -296,7 +296,7 @@ def _rms(signals: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean(np.concatenate([x.ravel() for x in signals]) ** 2)))
 
 
-def _check(model: Model, candidates: Sequence[str]) -> None:
+def _check_laws(model: Model, candidates: Sequence[str]) -> None:
     if not candidates:
         return
     if wrong := [name for name in candidates if name not in LAWS]:
@@ -338,7 +338,7 @@ class Refinement(Result):
 
 
 @dataclass(frozen=True, eq=False)
-class _Data(Frozen):
+class _Split(Frozen):
     """Windows to learn from and to judge by; the latter are the former where nothing is held out."""
 
     train: tuple[Windows, ...]
@@ -402,9 +402,9 @@ def refine_parts(
     if wrong := [length for length in lengths if not (np.isfinite(length) and length > 0)]:
         raise OptionError(f"windows of {wrong[0]:g} s cannot be simulated; give a length above 0 s")
     data = _cut(model, train, held_out, band, lengths)
-    trials = choose(model, data.train, data.scale, candidates) if candidates else []
+    trials = choose_laws(model, data.train, data.scale, candidates) if candidates else []
     fitted = trials[-1].model if trials else fit_windows(model, data.train, data.scale)
-    ended, whole = _whole(fitted, train, data.train)
+    ended, whole = _fit_whole(fitted, train, data.train)
     before = window_rms(model, data.held_out)
     if held_out:
         after = window_rms(ended, data.held_out)
@@ -416,7 +416,7 @@ def refine_parts(
     return Refinement(ended if kept else model, kept, lengths, whole and kept, unit, first, last, tuple(trials))
 
 
-def _cut(model: Model, train: Sequence[Part], held_out: Sequence[Part], band: Band, lengths: Sequence[float]) -> _Data:
+def _cut(model: Model, train: Sequence[Part], held_out: Sequence[Part], band: Band, lengths: Sequence[float]) -> _Split:
     """Windows that overlap by half, torque held from each sample to the next."""
 
     def cut(part: Part, length: float) -> Windows:
@@ -425,17 +425,17 @@ def _cut(model: Model, train: Sequence[Part], held_out: Sequence[Part], band: Ba
 
     learned, judged = (tuple(cut(part, length) for part in parts for length in lengths) for parts in (train, held_out))
     errors = np.median(window_rms(model, learned), axis=0)
-    motion = _motion(learned)
-    return _Data(learned, judged or learned, np.where(errors > 0, np.minimum(errors, motion), motion))
+    motion = _motion_std(learned)
+    return _Split(learned, judged or learned, np.where(errors > 0, np.minimum(errors, motion), motion))
 
 
-def _motion(windows: Sequence[Windows]) -> Array:
+def _motion_std(windows: Sequence[Windows]) -> Array:
     """Standard deviation (n,) [rad or m] of the recorded positions; 1 for a joint at rest."""
     q = np.concatenate([w.q.reshape(-1, w.q.shape[2]) for w in windows])
     return np.where(q.std(axis=0) > 0, q.std(axis=0), 1.0)
 
 
-def _whole(model: Model, train: Sequence[Part], windows: Sequence[Windows]) -> tuple[Model, bool]:
+def _fit_whole(model: Model, train: Sequence[Part], windows: Sequence[Windows]) -> tuple[Model, bool]:
     """The model fitted to windows and whole recordings together, if roll-outs stay near the motion; whether it was.
 
     Both count by their own error, so that the drift of one run does not spoil the windows. Measured on EMPS, two thirds
@@ -447,7 +447,7 @@ def _whole(model: Model, train: Sequence[Part], windows: Sequence[Windows]) -> t
     except InputError:
         return model, False
     runs = [one for part in train for one in whole_windows(model, part)]
-    if not runs or not (window_rms(model, runs) < MAX_RELATIVE_ERROR * _motion(runs)).all():
+    if not runs or not (window_rms(model, runs) < MAX_RELATIVE_ERROR * _motion_std(runs)).all():
         return model, False
     together = [*windows, *runs]
     errors = np.array([np.sqrt(np.mean(window_rms(model, [one]) ** 2, axis=0)) for one in together])

@@ -116,7 +116,7 @@ def roll_out(
     model = torque_model(as_model(model, "roll_out"))
     each = _each(recordings, model.robot)
     need_torque(each)
-    _check(each, horizons, windows, step)
+    _check_windows(each, horizons, windows, step)
     model, notes = restrict_joints(model, each)
     if isinstance(recordings, Session):
         parts, band = list(recordings.held_out), band or recordings.task.band
@@ -152,7 +152,7 @@ def _each(given: Recordings | Session, robot: Robot) -> list[Recording]:
     return as_recordings(given, robot, "roll_out")
 
 
-def _check(recordings: Sequence[Recording], horizons: Sequence[float], windows: int, step: float) -> None:
+def _check_windows(recordings: Sequence[Recording], horizons: Sequence[float], windows: int, step: float) -> None:
     if not recordings:
         raise OptionError("no recording was given; give at least one")
     if still := [recording.path or "the recording" for recording in recordings if recording.static]:
@@ -287,12 +287,12 @@ def cut_windows(
     period = sampling.period
     stride, parts = max(1, int(step / period * (1 + 1e-9))), max(1, int(np.ceil(period / step * (1 - 1e-9))))
     size = stride * max(1, round(length / (stride * period)))
-    before, after = _reach(model, period)
-    more = _reach(model if beside is None else beside, period)
+    before, after = _memory_samples(model, period)
+    more = _memory_samples(model if beside is None else beside, period)
     edge, after = margin(band), max(after, more[1])
     lead = max(before, after, *more)
     whole = edge + lead + size + after + edge + 1
-    places = _places(sampling, whole, count)
+    places = _window_starts(sampling, whole, count)
     if not places:
         longest = max(sampling.length(span) for span in sampling.spans) * period
         raise RecordingError(
@@ -300,7 +300,7 @@ def cut_windows(
             f"filters included, but the longest stretch lasts {longest:.3g} s; choose shorter horizons"
         )
     motions = [
-        _acted(model, build_motion(model.robot, samples(recording, sampling, span, k, k + whole), band, period))
+        _acted_motion(model, build_motion(model.robot, samples(recording, sampling, span, k, k + whole), band, period))
         for span, k in places
     ]
     q, v, torque = (np.stack([getattr(m, key) for m in motions]) for key in ("q", "v", "recorded"))
@@ -312,7 +312,7 @@ def cut_windows(
         parts=parts,
         q=q[:, states],
         v=v[:, states],
-        torque=_means(torque[:, inside], stride, parts, held),
+        torque=_mean_torques(torque[:, inside], stride, parts, held),
         flex=np.stack([_deflections(model, m, lead) for m in motions], axis=1),
         before=v[:, lead - before : lead],
         measured=np.array([bool(c) for c in recording.columns["tau"]]),
@@ -320,14 +320,14 @@ def cut_windows(
     )
 
 
-def _reach(model: Model, period: float) -> tuple[int, int]:
+def _memory_samples(model: Model, period: float) -> tuple[int, int]:
     """Samples that laws with memory need before a window, and samples by which recording laws shift signals."""
     remembers = any(law.effect.memory or isinstance(law.effect, TransmissionLaw) for law in model.laws)
     before = int(np.ceil(MEMORY_DURATION / period)) if remembers else 0
     return before, int(np.ceil(MAX_RECORDING_SHIFT / period)) if model.of(RecordingLaw) else 0
 
 
-def _places(sampling: Sampling, whole: int, count: int) -> list[tuple[Span, int]]:
+def _window_starts(sampling: Sampling, whole: int, count: int) -> list[tuple[Span, int]]:
     """Spans and their samples at which windows begin, evenly spaced over all possible starts."""
     rooms = [(span, sampling.length(span) - whole + 1) for span in sampling.spans]
     rooms = [(span, room) for span, room in rooms if room > 0]
@@ -339,7 +339,7 @@ def _places(sampling: Sampling, whole: int, count: int) -> list[tuple[Span, int]
     return [(rooms[i][0], int(k - ends[i] + rooms[i][1])) for k, i in zip(found, which, strict=True)]
 
 
-def _acted(model: Model, motion: Motion) -> Motion:
+def _acted_motion(model: Model, motion: Motion) -> Motion:
     """Motion with recording and actuator laws applied; missing torque is the one that the model predicts."""
     motion = model.acted(motion)
     assert motion.recorded is not None, "windows carry torque"
@@ -368,7 +368,7 @@ def _deflections(model: Model, motion: Motion, k: int) -> Array:
     return out
 
 
-def _means(torque: Array, stride: int, parts: int, held: bool) -> Array:
+def _mean_torques(torque: Array, stride: int, parts: int, held: bool) -> Array:
     """Mean torque of each step, for torque (W, N, n) that is linear between samples, or held from each to the next."""
     if held:
         torque = torque[:, :-1].reshape(len(torque), -1, stride, torque.shape[2]).mean(axis=2)
