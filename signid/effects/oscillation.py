@@ -27,7 +27,7 @@ def oscillate(x: View, stiffness: float, damping: float) -> Array:
     j, dt = x.joints[0], x.dt
     along = x.whole.sensitivity
     m, c, k = (
-        _midpoints(signal)
+        np.asarray((signal[1:] + signal[:-1]) / 2)  # at midpoints between samples
         for signal in (x.inertia[:, 0], damping + along.velocity[:, j, j], stiffness + along.position[:, j, j])
     )
     if m.min() <= 0:  # a description without inertia cannot oscillate
@@ -58,8 +58,3 @@ def chain(own: Array, added: Array, first: Array) -> Array:
     band = np.zeros((4, 2 * added.shape[1] + 2))
     band[2, 0:-2:2], band[1, 1:-1:2], band[3, 0:-2:2], band[2, 1:-1:2] = -own.reshape(4, -1)
     return np.asarray(dtbsv(3, band, np.append(first, added.T.ravel()), lower=1, diag=1)).reshape(-1, 2)
-
-
-def _midpoints(signal: Array) -> Array:
-    """Midpoints between samples, (N - 1,)."""
-    return np.asarray((signal[1:] + signal[:-1]) / 2)

@@ -86,7 +86,7 @@ class JointFactors(Frozen):
     grams: Array  # (d, c, c) [products of the units of z], c = m + 1, or 2 m + 1 with instruments
     counts: Array  # (d,) [1] pairs of valid rows at each lag
     whole: Array  # (m + 1, m + 1) [products of the units of x, y]
-    total_factors: float  # [N.m or N] sum of y over all rows
+    total: float  # [N.m or N] sum of y over all rows
     rows: int
 
     def __add__(self, other: JointFactors) -> JointFactors:

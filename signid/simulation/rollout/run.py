@@ -20,7 +20,7 @@ from ...regression.motion import Motion, build_motion, margin
 from ...regression.session import Part, Session, common_rate, longest_piece
 from ...robot import hold, resting
 from ...typed import typed
-from ...types import Array, Frozen, Indices, Law, Mask, Recording, Result, Robot
+from ...types import Array, Frozen, Indices, Law, Mask, Recording, Result
 from ..plant.plant import Plant, apply_actuators
 
 WINDOW_COUNT, MAX_ROLLOUT_STEP = 48, 1e-3  # default number of windows, and largest step [s]
@@ -114,7 +114,10 @@ def roll_out(
         RecordingError: a recording cannot be used, or no stretch of it is long enough.
     """
     model = torque_model(as_model(model, "roll_out"))
-    each = _each(recordings, model.robot)
+    if isinstance(recordings, Session):
+        each = [recording for recording, _ in recordings.held_out]
+    else:
+        each = as_recordings(recordings, model.robot, "roll_out")
     need_torque(each)
     _check_windows(each, horizons, windows, step)
     model, notes = restrict_joints(model, each)
@@ -144,12 +147,6 @@ def roll_out(
         step=first.step,
         notes=notes,
     )
-
-
-def _each(given: Recordings | Session, robot: Robot) -> list[Recording]:
-    if isinstance(given, Session):
-        return [recording for recording, _ in given.held_out]
-    return as_recordings(given, robot, "roll_out")
 
 
 def _check_windows(recordings: Sequence[Recording], horizons: Sequence[float], windows: int, step: float) -> None:
