@@ -33,7 +33,7 @@ from .typed import typed
 from .types import Array, BaseMap, Estimate, Input, Law, Parameters, Progress, Recording, Result, Robot
 
 if TYPE_CHECKING:
-    from .estimation.repeats import Varying
+    from .estimation.repeats import VaryingNumber
     from .simulation.refine import Refinement
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
@@ -78,7 +78,7 @@ class Identification(Result):
         return self.refined or self.model
 
     @property
-    def varies(self) -> tuple[Varying, ...]:
+    def varies(self) -> tuple[VaryingNumber, ...]:
         """Numbers that differ between recordings by more than their intervals, which contain this spread."""
         if self.estimate.spread is None:
             return ()

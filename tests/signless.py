@@ -12,7 +12,7 @@ from motions import FRICTION, trial, truth
 from signid.recording import read_recording
 from signid.regression.rows import Task
 from signid.regression.session import Options, prepare
-from signid.signs.observations import Observed, observe, threshold_runs
+from signid.signs.observations import Observations, observe, threshold_runs
 from signid.signs.search.problem import Segment, build_problem, orthonormalise
 from signid.types import Array
 
@@ -22,7 +22,7 @@ class Lost:
     """N samples of 3 joints."""
 
     task: Task
-    observed: Observed  # torque without its sign
+    observed: Observations  # torque without its sign
     torque: Array  # (N, n) [N.m] with it
     true: Array  # (b,) base parameters [units of base]
 

@@ -17,7 +17,7 @@ from signid.estimation.pbrp import Bounds
 from signid.regression.base_parameters import build_base
 from signid.regression.motion import Motion, base_rows, regressor
 from signid.robot import load_robot
-from signid.signs.observations import Observed, threshold_runs
+from signid.signs.observations import Observations, threshold_runs
 from signid.signs.search.problem import KnownRows, SignProblem, build_problem, eliminate
 from signid.signs.tree import condition_order, search_tree
 from signid.types import Array, BaseMap, Parameters
@@ -32,7 +32,7 @@ class Case:
     base: BaseMap
     prior: Parameters
     truth: Array  # (p,) standard parameters
-    observed: Observed
+    observed: Observations
     problem: SignProblem
     signs: Array  # (S,) true ones
 
@@ -51,10 +51,10 @@ def case(motion: Motion) -> Case:
     return Case(base, Parameters(base.labels, stated), truth, observed, problem, signs)
 
 
-def observed_from(motion: Motion, base: BaseMap, torque: Array) -> Observed:
+def observed_from(motion: Motion, base: BaseMap, torque: Array) -> Observations:
     count, n = torque.shape
     seen = tuple(np.flatnonzero(base.sees[j]) for j in range(n))
-    return Observed(
+    return Observations(
         part=np.zeros(count, dtype=np.intp),
         first=np.arange(count) == 0,
         t=motion.t,

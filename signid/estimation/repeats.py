@@ -21,7 +21,7 @@ JACKKNIFE_RIDGE = 1e-10  # [1] over the diagonal of the normal equations
 MIN_DEGREES_OF_FREEDOM = 2  # of Student's t: with one, two recordings would give useless intervals
 
 
-class Varying(NamedTuple):
+class VaryingNumber(NamedTuple):
     """A number that differs between recordings by more than its intervals."""
 
     effect: str | None  # law, or SERVO; None: a base parameter
@@ -88,12 +88,12 @@ def jackknife_variance(square: Array, right: Array, precision: Array, first: int
     return np.asarray(ratio**2 * (count - 1) * np.var(steps / size[:first], axis=0))
 
 
-def varying_numbers(robot: Robot, base: BaseMap, laws: Sequence[Law], spread: Array) -> tuple[Varying, ...]:
+def varying_numbers(robot: Robot, base: BaseMap, laws: Sequence[Law], spread: Array) -> tuple[VaryingNumber, ...]:
     """Base parameters that differ between recordings; single coefficients by their laws.
 
     spread: (b,) standard deviation between recordings [units of base].
     """
-    found = list[Varying]()
+    found = list[VaryingNumber]()
     for k in np.flatnonzero(spread).tolist():
         effect, joint, parameter = None, None, base.expressions[k]
         label = base.labels[lead := int(base.independent[k])]
@@ -103,11 +103,11 @@ def varying_numbers(robot: Robot, base: BaseMap, laws: Sequence[Law], spread: Ar
                 own = [i for i, other in enumerate(base.labels) if other.law == label.law]
                 effect, parameter = law.effect.name, [*law.effect.linear()][own.index(lead)]
                 joint = robot.joints[law.joints[0]]
-        found.append(Varying(effect, joint, parameter, float(spread[k]), base.units[k]))
+        found.append(VaryingNumber(effect, joint, parameter, float(spread[k]), base.units[k]))
     return tuple(found)
 
 
-def varying_sentence(varies: Sequence[Varying]) -> tuple[str, ...]:
+def varying_sentence(varies: Sequence[VaryingNumber]) -> tuple[str, ...]:
     """One sentence on the numbers that differ between recordings; none without any."""
     listed = shorten([one.words for one in varies], 4)
     said = "between recordings more than within them, and the intervals contain it (standard deviation)"

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..regression.rows import Task
 from ..types import Array, Frozen
-from .observations import Observed, Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
+from .observations import Observations, Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
 from .result import SignProof
 from .samples import RefinedSigns, refine_signs
 from .search.branch_and_bound import PhysicalCone, cone_inequalities
@@ -20,10 +20,10 @@ from .thresholds import (
     CERTAIN_CONFIDENCE,
     MAX_INFLATION,
     MAX_RESIDUAL_SHARE,
+    MAX_SPLITS,
     NOISE_FLOOR,
     RECHECK_ROUNDS,
     RIVAL_WINDOW,
-    SPLIT_ROUNDS,
 )
 
 MIN_AUTOCORRELATION = 0.05  # [1] autocorrelation from which later lags are ignored; tuned on logs and simulations
@@ -88,7 +88,7 @@ def inflation(residual: Array, runs: Sequence[tuple[int, int]]) -> float:
 class SegmentSearch(Frozen):
     """Search over the signs of any segments of some observations."""
 
-    observed: Observed
+    observed: Observations
     inequalities: Array  # (g, b) rows c with c'theta >= 0 [1 over units of base]
     seed: int = 0
 
@@ -138,7 +138,7 @@ def recheck_signs(
     return RecheckedSigns(segments, problem, solution, rivals, confidence)
 
 
-def apply_signs(observed: Observed, refined: RefinedSigns, rechecked: RecheckedSigns) -> RefinedSigns:
+def apply_signs(observed: Observations, refined: RefinedSigns, rechecked: RecheckedSigns) -> RefinedSigns:
     """Give all samples of a segment the sign of the segment; refine again if a sign changed."""
     signs = rechecked.solution.signs[: len(rechecked.segments)]
     if any(_majority_sign(refined, s) != sign for s, sign in zip(rechecked.segments, signs, strict=True)):
@@ -172,7 +172,7 @@ def _unproved(problem: SignProblem, cone: PhysicalCone, signs: Array) -> SignSol
 
 
 @dataclass(frozen=True, eq=False)
-class Inferred(Frozen):
+class InferredSigns(Frozen):
     """Signs of S segments and N samples of n joints, their confidence, and the evidence for flags."""
 
     segments: tuple[Segment, ...]  # S
@@ -213,7 +213,7 @@ class _Attempt(Frozen):
     finer: bool = False  # whether segments are runs between minima
 
 
-def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | None = None) -> Inferred:
+def infer(task: Task, observed: Observations, seed: int = 0, choose: ChooseSigns | None = None) -> InferredSigns:
     """Infer the signs of the joints whose torque has none.
 
     The problem is solved twice: weighted by the rms torque of the joints, to start the refinement of samples, then in
@@ -233,7 +233,7 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | N
     rechecked = recheck_signs(search, segments, refined, 1 / (sigma * np.sqrt(kappa)), choose is None)
     solution, count = rechecked.solution, len(rechecked.segments)
     split = [run.joint for run in segments if run not in set(rechecked.segments)]
-    return Inferred(
+    return InferredSigns(
         segments=tuple(rechecked.segments),
         signs=solution.signs[:count],
         confidence=rechecked.confidence[:count],
@@ -269,7 +269,7 @@ def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> _Atte
 
 
 def _attempt(
-    observed: Observed, segments: Sequence[Segment], choose: ChooseSigns, known: KnownRows, rounds: int = SPLIT_ROUNDS
+    observed: Observations, segments: Sequence[Segment], choose: ChooseSigns, known: KnownRows, rounds: int = MAX_SPLITS
 ) -> _Attempt:
     """Search, split segments in which the model changes sign, and search again; then refine the signs of samples."""
     weights, total = 1 / observed.scale, 0
@@ -285,7 +285,7 @@ def _attempt(
     return _Attempt(tuple(segments), choice, refine_signs(observed, problem.back @ choice.coordinates), total)
 
 
-def _inflations(observed: Observed, attempt: _Attempt) -> Array:
+def _inflations(observed: Observations, attempt: _Attempt) -> Array:
     """Autocorrelation time kappa (n,) of each joint's residual inside its segments, away from reversals [1]."""
     refined, segments = attempt.refined, attempt.segments
     residual = refined.signs * np.abs(observed.torque) - observed.predict(refined.value)

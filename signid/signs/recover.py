@@ -14,8 +14,8 @@ from ..recording.sampling import time_origin
 from ..regression.factors import Factors
 from ..regression.session import Options, Part, Session, prepare, rearrange
 from ..types import BaseMap, Estimate, Indices, Progress, Recording, Robot
-from .infer import Inferred, infer
-from .observations import Observed, observe, thinning
+from .infer import InferredSigns, infer
+from .observations import Observations, observe, thinning
 from .result import Signs, SignSegment, Trace
 from .rows_of_file import signs_of_rows
 from .samples import RefinedSigns, expect_signs, place_jumps, refine_signs
@@ -40,7 +40,7 @@ from .tree import by_tree
 SIGN_METHODS = ("exact", "tree")
 
 
-def raise_flags(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
+def raise_flags(observed: Observations, inferred: InferredSigns) -> tuple[str, ...]:
     """One sentence for each reason why the signs are unreliable; empty if there is none."""
     return (
         *_unfinished(inferred),
@@ -53,7 +53,7 @@ def raise_flags(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
     )
 
 
-def _unfinished(inferred: Inferred) -> Iterator[str]:
+def _unfinished(inferred: InferredSigns) -> Iterator[str]:
     proof, refined = inferred.proof, inferred.refined
     if not proof.optimal:
         bound = f"gap {proof.gap:.2g}" if proof.has_bound else "no bound was proved"
@@ -73,7 +73,7 @@ def _unfinished(inferred: Inferred) -> Iterator[str]:
         )
 
 
-def _undecided(observed: Observed, inferred: Inferred) -> Iterator[str]:
+def _undecided(observed: Observations, inferred: InferredSigns) -> Iterator[str]:
     joints = [joint for joint, share in inferred.flip_probability.items() if share > FLIP_PROBABILITY]
     if not joints:
         return
@@ -92,7 +92,7 @@ def _undecided(observed: Observed, inferred: Inferred) -> Iterator[str]:
     )
 
 
-def _large_offset(observed: Observed, inferred: Inferred) -> Iterator[str]:
+def _large_offset(observed: Observations, inferred: InferredSigns) -> Iterator[str]:
     place = {law: k for k, law in observed.coefficients.items()}
     std = np.linalg.norm(inferred.problem.back, axis=1)  # of the base parameters
     for joint in observed.hidden:
@@ -109,7 +109,7 @@ def _large_offset(observed: Observed, inferred: Inferred) -> Iterator[str]:
             )
 
 
-def _invisible_bodies(observed: Observed, inferred: Inferred) -> Iterator[str]:
+def _invisible_bodies(observed: Observations, inferred: InferredSigns) -> Iterator[str]:
     """Joints with hardly any rigid-body torque, whose friction signs are nearly as good as rivals or the reverse."""
     problem, bodies = inferred.problem, inferred.refined.value.copy()
     bodies[list(observed.coefficients)] = 0.0
@@ -128,7 +128,7 @@ def _invisible_bodies(observed: Observed, inferred: Inferred) -> Iterator[str]:
             )
 
 
-def _unexplained(observed: Observed, inferred: Inferred) -> Iterator[str]:
+def _unexplained(observed: Observations, inferred: InferredSigns) -> Iterator[str]:
     share = inferred.refined.sigma / observed.scale
     bad = [j for j in observed.hidden if share[j] > MAX_RESIDUAL_SHARE and inferred.inflation[j] > MAX_INFLATION]
     if bad:
@@ -139,7 +139,7 @@ def _unexplained(observed: Observed, inferred: Inferred) -> Iterator[str]:
         )
 
 
-def _coarse(observed: Observed) -> Iterator[str]:
+def _coarse(observed: Observations) -> Iterator[str]:
     for joint in observed.hidden:
         levels = np.unique(np.abs(observed.torque[:, joint]))
         step = float(np.median(np.diff(levels))) if len(levels) > 1 else 0.0
@@ -151,7 +151,7 @@ def _coarse(observed: Observed) -> Iterator[str]:
             )
 
 
-def _impure(observed: Observed, inferred: Inferred) -> Iterator[str]:
+def _impure(observed: Observations, inferred: InferredSigns) -> Iterator[str]:
     joints: Indices = np.array([s.joint for s in inferred.segments])
     for joint, count in inferred.impure.items():
         if count > IMPURE_SHARE * max(int(np.sum(joints == joint)), 1):
@@ -273,7 +273,7 @@ def _same_torques(recordings: Sequence[Recording]) -> None:
             )
 
 
-def _traces(observed: Observed, parts: Sequence[Part], refined: RefinedSigns) -> dict[Recording, Trace]:
+def _traces(observed: Observations, parts: Sequence[Part], refined: RefinedSigns) -> dict[Recording, Trace]:
     """Per recording, its thinned samples with the signs found."""
     predicted, found = observed.predict(refined.value), {}
     for k, (recording, _) in enumerate(parts):
@@ -292,8 +292,8 @@ def _traces(observed: Observed, parts: Sequence[Part], refined: RefinedSigns) ->
 
 def _result(
     session: Session,
-    observed: Observed,
-    inferred: Inferred,
+    observed: Observations,
+    inferred: InferredSigns,
     notes: tuple[str, ...],
     traces: tuple[Trace, ...],
     method: str,
@@ -321,7 +321,7 @@ def _result(
     )
 
 
-def _notes(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
+def _notes(observed: Observations, inferred: InferredSigns) -> tuple[str, ...]:
     notes = [*inferred.notes]
     if inferred.finer:
         notes.append(
@@ -333,7 +333,7 @@ def _notes(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _unused(observed: Observed, parts: Sequence[Part]) -> tuple[str, ...]:
+def _unused(observed: Observations, parts: Sequence[Part]) -> tuple[str, ...]:
     """A note on signs that some recordings have and others lack."""
     some = [observed.joints[j] for j in observed.hidden if any(recording.signed[j] for recording, _ in parts)]
     note = f"signs of {shorten(some)}, which some recordings have, were not used: other recordings lack them"

@@ -12,7 +12,7 @@ from ..recording.sampling.grid import Stretch, row_times
 from ..regression.rows import Task
 from ..regression.session import Part
 from ..types import Array, Frozen, Indices, Mask
-from .observations import Observed, motion_windows, place_sign_change, place_sign_changes, predict
+from .observations import Observations, motion_windows, place_sign_change, place_sign_changes, predict
 from .result import Trace
 from .search.problem import orthonormalise, signed_rows
 from .thresholds import JUMP_TORQUE
@@ -46,7 +46,7 @@ class RefinedSigns(Frozen):
     change: float  # relative change of z in the last round
 
 
-def refine_signs(observed: Observed, value: Array, *, rounds: int = MAX_EM_ROUNDS) -> RefinedSigns:
+def refine_signs(observed: Observations, value: Array, *, rounds: int = MAX_EM_ROUNDS) -> RefinedSigns:
     """Infer the signs of all samples by expectation maximisation, from approximate parameters.
 
     E step: with m the predicted and a the absolute torque of a sample, the log-odds of a positive sign are 2 m a /
@@ -167,7 +167,7 @@ def _floor(torque: Array) -> Array:
     return np.asarray(MIN_RESIDUAL**2 * np.mean(torque**2, axis=0) + 1e-300)
 
 
-def _fitted_samples(observed: Observed) -> Mask:
+def _fitted_samples(observed: Observations) -> Mask:
     """(N, n) samples that the parameters are fitted to: the steady ones, or all of a joint without any."""
     return observed.steady | ~observed.steady.any(0)
 
@@ -184,7 +184,7 @@ class _ParameterFit:
     energy: float  # sum of the squared right-hand sides
 
     @classmethod
-    def of(cls, observed: Observed) -> _ParameterFit:
+    def of(cls, observed: Observations) -> _ParameterFit:
         hidden, weights, fitted = list(observed.hidden), 1 / observed.scale, _fitted_samples(observed)
         rows = [observed.rows(j, fitted[:, j]) * weights[j] for j in hidden]
         signed = signed_rows(observed, weights)

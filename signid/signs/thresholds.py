@@ -28,7 +28,7 @@ MINIMUM_CEILING = 0.5  # [rms torque] local minima of |torque| below it are cut;
 MINIMUM_FLOOR = 0.02  # [rms torque] samples below it belong to no segment between minima; logs, as above
 SPLIT_DEVIATIONS = 3.0  # [standard deviations of the residual] of a model torque whose sign is clear; heuristic
 SPLIT_SAMPLES = 3  # [samples] a run of clear signs must be longer to split a segment; heuristic
-SPLIT_ROUNDS = 3  # [rounds] of search and splitting; heuristic
+MAX_SPLITS = 3  # [rounds] of search and splitting; heuristic
 JUMP_TORQUE = 0.15  # [rms torque] where |torque| stays above it the torque jumped past zero; heuristic
 
 # Physics

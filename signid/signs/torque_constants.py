@@ -30,7 +30,7 @@ from ..types import (
     prismatic_unit,
 )
 from .infer import infer
-from .observations import Observed, observe
+from .observations import Observations, observe
 from .result import Gain, Signs
 from .rows_of_file import signs_of_rows
 from .thresholds import INERTIAL_ERROR, MAX_CONSTANT_STD
@@ -331,7 +331,7 @@ def _unknown_joints(recordings: Sequence[Recording]) -> Mask:
     return np.asarray(lacking[0])
 
 
-def _alternate(session: Session, observed: Observed, unknown: Mask, progress: Progress | None) -> Constants:
+def _alternate(session: Session, observed: Observations, unknown: Mask, progress: Progress | None) -> Constants:
     """Signs and constants in turn."""
     found = Constants(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
     signs = np.zeros_like(observed.torque)
@@ -350,7 +350,7 @@ def _alternate(session: Session, observed: Observed, unknown: Mask, progress: Pr
     return found
 
 
-def _infer_signs(task: Task, observed: Observed, found: Constants, seed: int) -> Array:
+def _infer_signs(task: Task, observed: Observations, found: Constants, seed: int) -> Array:
     """Signs (N, n) [1]: joints with known constants together, each other joint by itself."""
     known = found.std <= UNKNOWN_CONSTANT_STD
     alone = np.diag(observed.known & ~known)
@@ -363,7 +363,7 @@ def _infer_signs(task: Task, observed: Observed, found: Constants, seed: int) ->
     return signs
 
 
-def _recorded_factors(session: Session, observed: Observed, signs: Array) -> Factors:
+def _recorded_factors(session: Session, observed: Observations, signs: Array) -> Factors:
     """Factors of the recordings with their signs, in the units recorded."""
     parts = []
     for k, (recording, sampling) in enumerate(session.learned):

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from ...effects import EFFECTS
 from ...errors import decimals, shorten
-from ...estimation.repeats import SERVO, Varying, varying_sentence
+from ...estimation.repeats import SERVO, VaryingNumber, varying_sentence
 from ...model import Model, command_model
 from ...robot.joints import name_pattern, similar_joints
 from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo, ServoGrid
@@ -168,7 +168,7 @@ def conclude(
     )
 
 
-def varying_drives(joints: Sequence[ServoJoint], fit: ServoFit) -> Iterator[Varying]:
+def varying_drives(joints: Sequence[ServoJoint], fit: ServoFit) -> Iterator[VaryingNumber]:
     """Numbers that differ between recordings, by the names under which a result has them."""
     found = {one.joint: one.numbers for one in joints}
     for k in np.flatnonzero(fit.spread).tolist():
@@ -177,7 +177,7 @@ def varying_drives(joints: Sequence[ServoJoint], fit: ServoFit) -> Iterator[Vary
         for key, size in {name: 1.0, whole: 1.0, f"{whole}/kp": fit.servos[joint].kp}.items():
             if (number := numbers.get(key)) is not None and number.value is not None:
                 effect, parameter = (key, next(iter(EFFECTS[key].parameters))) if key in PASSIVE else (SERVO, key)
-                yield Varying(effect, joint, parameter, float(fit.spread[k]) / size, number.unit)
+                yield VaryingNumber(effect, joint, parameter, float(fit.spread[k]) / size, number.unit)
                 break
 
 

@@ -12,7 +12,7 @@ from ...deadline import time_is_up
 from ...regression.motion import Motion, base_rows
 from ...regression.rows import Task
 from ...types import Array, Frozen, Indices
-from ..observations import Observed, law_coefficients
+from ..observations import Observations, law_coefficients
 from ..thresholds import OFFSET_LIMIT
 from .problem import SignProblem
 
@@ -32,7 +32,7 @@ STEP_SHARES = (1.0, 0.3, 0.1)  # [full step] tried in turn until the mean bound 
 LOSS_ROUNDING = 1e-11  # [total energy] losses that differ by less count as equal; heuristic
 
 
-def cone_inequalities(task: Task, observed: Observed, seed: int = 0) -> Array:
+def cone_inequalities(task: Task, observed: Observations, seed: int = 0) -> Array:
     """Rows c (g, b) with c'theta >= 0 for the base parameters theta of every real robot [1 over units of base].
 
     Three kinds: kinetic energy x'M(q)x >= 0 at observed configurations, for each joint's velocity alone and for random
@@ -60,7 +60,7 @@ def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
     return rows
 
 
-def _energy_rows(task: Task, observed: Observed, seed: int) -> Array:
+def _energy_rows(task: Task, observed: Observations, seed: int) -> Array:
     rng, n = np.random.default_rng(seed), len(observed.joints)
     rms = observed.rms
     size = np.where(rms > 0, 1 / np.sqrt(np.where(rms > 0, rms, 1.0)), 0.0)  # similar kinetic energy of all joints

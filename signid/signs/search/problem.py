@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import Array, Frozen, Indices
-from ..observations import Observed, Segment
+from ..observations import Observations, Segment
 from ..thresholds import FRICTION_PRIOR, PRIOR_STRENGTH
 
 ROW_RANK_TOLERANCE = 1e-7  # [largest singular value of the scaled rows] smaller ones count as zero; heuristic
@@ -60,7 +60,7 @@ class SignProblem(Frozen):
 
 
 def build_problem(
-    observed: Observed, segments: Sequence[Segment], weights: Array, known: KnownRows | None = None
+    observed: Observations, segments: Sequence[Segment], weights: Array, known: KnownRows | None = None
 ) -> SignProblem:
     """Problem of some segments of joints whose torque has no sign, and of the rows `known`.
 
@@ -95,7 +95,7 @@ def eliminate(rows: Sequence[Array], right: Sequence[Array], joints: Sequence[in
     )
 
 
-def signed_rows(observed: Observed, weights: Array) -> KnownRows:
+def signed_rows(observed: Observations, weights: Array) -> KnownRows:
     """Rows of the joints whose torque has its sign, with weights (n,) [1/N.m or 1/N]."""
     joints = np.flatnonzero(observed.known & observed.signed).tolist()
     matrix = [observed.rows(j, observed.steady[:, j]) * weights[j] for j in joints]
@@ -104,13 +104,13 @@ def signed_rows(observed: Observed, weights: Array) -> KnownRows:
     return KnownRows(np.concatenate([nothing, *matrix]), np.concatenate([np.zeros(0), *target]))
 
 
-def known_rows(observed: Observed, weights: Array) -> KnownRows:
+def known_rows(observed: Observations, weights: Array) -> KnownRows:
     """Known rows with weights (n,) [1/N.m or 1/N]: joints whose torque has its sign, and the friction prior."""
     parts = [signed_rows(observed, weights), friction_prior(observed, weights)]
     return KnownRows(np.concatenate([p.matrix for p in parts]), np.concatenate([p.target for p in parts]))
 
 
-def friction_prior(observed: Observed, weights: Array, strength: float = PRIOR_STRENGTH) -> KnownRows:
+def friction_prior(observed: Observations, weights: Array, strength: float = PRIOR_STRENGTH) -> KnownRows:
     """Prior rows for offset, Coulomb and viscous friction of joints whose torque has no sign.
 
     A row exists for each base parameter that is one of these coefficients alone, in units of the joint's rms torque and
@@ -129,7 +129,7 @@ def friction_prior(observed: Observed, weights: Array, strength: float = PRIOR_S
     return KnownRows(np.concatenate(matrix), np.array(target))
 
 
-def friction_patterns(problem: SignProblem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:
+def friction_patterns(problem: SignProblem, observed: Observations, segments: Sequence[Segment]) -> list[Array]:
     """Per joint, the signs (S,) of the mean velocity in its segments; 0 in segments of other joints [1].
 
     The search tries the signs of a joint as this pattern, as its opposite, and multiplied by it: Coulomb friction F
@@ -150,7 +150,7 @@ def orthonormalise(rows: Array) -> tuple[Array, Array]:
     return q @ left[:, :rank], (right[:rank].T / singular[:rank]) / size[:, None]
 
 
-def _steady_samples(observed: Observed, segment: Segment) -> Indices:
+def _steady_samples(observed: Observations, segment: Segment) -> Indices:
     at = np.arange(segment.start, segment.stop)
     steady = at[observed.steady[at, segment.joint]]
     return steady if len(steady) else at

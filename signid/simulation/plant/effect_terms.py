@@ -22,7 +22,7 @@ MAX_EXPLICIT_LOAD = 0.4  # [1] load of the laws over the inertia, below which st
 MAX_RINGING, MAX_DECAY = 0.3, 0.5  # [1] largest step times frequency, and times decay rate, of explicit steps
 
 
-class _Unknown:
+class _UnknownTrial:
     """Quantities of a view that are unknown in a simulation step."""
 
     @property
@@ -35,7 +35,7 @@ class _Unknown:
         raise TypeError("a moment is a single sample and cannot be indexed")
 
 
-class Moment(_Unknown):
+class Moment(_UnknownTrial):
     """R trials of B states of c coordinates; costly quantities are computed on first use.
 
     It also is the view of a law that acts on all coordinates.
@@ -96,7 +96,7 @@ class Moment(_Unknown):
         return self._jacobian
 
 
-class MomentView(_Unknown):
+class MomentView(_UnknownTrial):
     """View of some coordinates of a moment; with `soft`, positions are those of the links behind elastic joints."""
 
     def __init__(self, whole: Moment, index: Indices, joints: tuple[int, ...], soft: Indices, flex: Indices) -> None:
