@@ -102,7 +102,7 @@ def test_a_failing_solver_only_adds_a_note(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_solver_answers_are_verified(monkeypatch: pytest.MonkeyPatch) -> None:
     case = captured("3r", noise=0.05)
-    u = solver.build_problem(case.base, case.estimate, case.prior, 1e-2).start
+    u = solver.build_feasible(case.base, case.estimate, case.prior, 1e-2).start
     u[:10] = pack(np.diag([1.0, 1.0, -1e-9, 1.0]))
     monkeypatch.setattr(solver, "trace_path", lambda problem, heavier: None)
     monkeypatch.setattr(cp.Problem, "solve", lambda problem, **_: setattr(problem.variables()[0], "value", u))

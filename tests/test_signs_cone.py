@@ -14,12 +14,12 @@ from signless import Lost, lost
 from signid.signs.observations import law_coefficients
 from signid.signs.search import exact
 from signid.signs.search.branch_and_bound import PhysicalCone, cone_inequalities, kinetic_rows
-from signid.signs.search.problem import SignProblem, build_problem
+from signid.signs.search.problem import SignProblem, build_sign_problem
 from signid.types import Array
 
 
 def posed(case: Lost) -> SignProblem:
-    return build_problem(case.observed, case.segments(), case.weights)
+    return build_sign_problem(case.observed, case.segments(), case.weights)
 
 
 def posed_in_cone(noise: float) -> tuple[Lost, SignProblem, PhysicalCone]:

@@ -16,7 +16,7 @@ from signid.robot import load_robot
 from signid.signs import recover
 from signid.signs.infer import InferredSigns
 from signid.signs.observations import Observations, Segment, observe
-from signid.signs.recover import _notes, raise_flags
+from signid.signs.recover import _sign_notes, raise_flags
 from signid.signs.result import SignProof
 
 
@@ -48,12 +48,12 @@ def well() -> tuple[Observations, InferredSigns]:
 
 
 def test_nothing_is_flagged_without_reason() -> None:
-    assert raise_flags(*well()) == _notes(*well()) == ()
+    assert raise_flags(*well()) == _sign_notes(*well()) == ()
 
 
 def test_cut_segments_are_counted_by_the_name_of_their_joint() -> None:
     observed, found = well()
-    assert _notes(observed, replace(found, impure={0: 1, 1: 3})) == (
+    assert _sign_notes(observed, replace(found, impure={0: 1, 1: 3})) == (
         "shoulder: 1 segment cut at a change of sign of the torque inside",
         "elbow: 3 segments cut at a change of sign of the torque inside",
     )

@@ -110,7 +110,7 @@ def find_lacks(
     train, test = both
     if train.sample is None or test.sample is None or train is test:
         return
-    trials, far = _try_laws(task, (_rows(task, train), _rows(task, test)), fit, value, stated, sound)
+    trials, far = _try_laws(task, (_residual_rows(task, train), _residual_rows(task, test)), fit, value, stated, sound)
     left = [trial for trial in trials if trial.explained > MIN_EXPLAINED_SHARE]
     for joint in dict.fromkeys(trial.joint for trial in left):
         found = [(one.explained, one.effect) for one in left if one.joint == joint]
@@ -144,7 +144,7 @@ def _candidates(task: Task, joint: int) -> list[Effect]:
     return [effect for effect in new if rubs or not effect.dissipative]
 
 
-def _rows(task: Task, factors: Factors) -> _Rows:
+def _residual_rows(task: Task, factors: Factors) -> _Rows:
     rows = factors.sample
     assert rows is not None, "factors with a sample"
     columns = np.zeros((len(factors.columns), len(rows.number), task.base.rank))

@@ -342,7 +342,7 @@ class _Bodies(NamedTuple):
 
 def _rigid_rows(motion: Motion, thin: Decimator, wanted: Sequence[Indices]) -> list[Array]:
     """Columns (M, m_j) of the bodies' inertial parameters for each joint."""
-    part, drive = _bodies(motion, wanted), motion.robot.drive
+    part, drive = _wanted_bodies(motion, wanted), motion.robot.drive
     pairs = [(int(row), j) for j in range(len(wanted)) for row in np.flatnonzero(drive[:, j])]
     inside = [np.searchsorted(part.columns, columns) for columns in wanted]
     width, row_of = len(part.columns), {int(row): k for k, row in enumerate(part.rows)}
@@ -360,7 +360,7 @@ def _part_ends(parts: Sequence[Array | Indices]) -> list[int]:
     return [int(end) for end in np.cumsum([part.shape[-1] for part in parts])[:-1]]
 
 
-def _bodies(motion: Motion, wanted: Sequence[Indices]) -> _Bodies:
+def _wanted_bodies(motion: Motion, wanted: Sequence[Indices]) -> _Bodies:
     """Model without its fixed joints, unless a column of a body that one of them carries is wanted."""
     model, q, (v, a) = motion.robot.model, motion.configuration, motion.rates
     spans = [(joint.idx_q, joint.nq, joint.idx_v, joint.nv) for joint in list(model.joints)[1:]]

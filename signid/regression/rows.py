@@ -15,7 +15,7 @@ from .bandwidth import Band, Decimator, moving_minimum
 from .motion import Motion, base_rows, build_motion, margin
 
 MIN_WINDOW_SAMPLES = 8192  # smallest number of samples of a window
-REVERSAL_WIDTHS = 5.0  # [widths of a reversal] speed below which a joint is near a reversal
+STEADY_WIDTHS = 5.0  # [widths of a reversal] speed below which a joint is near a reversal
 REVERSAL_DISTANCES = (1.5, 1.0, 0.75)  # [periods of the cut-off] candidates for that of rows from reversals
 MIN_ROW_SHARE = 0.7  # [1] share of a joint's rows that the first suitable candidate keeps; the last one needs no share
 
@@ -169,8 +169,8 @@ def _steady(task: Task, motion: Motion) -> Mask:
 
 
 def away_from_reversals(v: Array, reach: int, slow: Array) -> Mask:
-    """Mask (N, n) of samples within `reach` of which the speed stays above `REVERSAL_WIDTHS` widths of a reversal.
+    """Mask (N, n) of samples within `reach` of which the speed stays above `STEADY_WIDTHS` widths of a reversal.
 
     Velocity: v (N, n) [rad/s or m/s]; width: slow (n,) [rad/s or m/s].
     """
-    return np.asarray(moving_minimum(np.abs(v), reach) >= REVERSAL_WIDTHS * slow)
+    return np.asarray(moving_minimum(np.abs(v), reach) >= STEADY_WIDTHS * slow)

@@ -27,7 +27,7 @@ Part = tuple[Recording, Sampling]
 TRAINING_SHARE = 0.7  # of a single recording
 LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the healthy robot"
 SHARED = f"learned from, except the last {1 - TRAINING_SHARE:.0%}, which is held out"
-PIECE_SAMPLES = 2**17  # samples of a recording from which the cut-off is chosen
+BAND_SAMPLES = 2**17  # samples of a recording from which the cut-off is chosen
 RATE_TOLERANCE = 0.01  # relative difference that sampling rates of recordings may have
 REVERSAL_VELOCITY, REVERSAL_SHARE = 0.01, 0.02  # [rad/s], [rms velocity] width of the reversal of a geared joint
 DERIVATIVE_TOLERANCE = 2e-3  # [1] difference from derivatives of the positions, below which recorded ones are used
@@ -121,7 +121,7 @@ class Session(Frozen):
         Raises:
             RecordingError: every stretch of the recordings is shorter than the filter.
         """
-        each = [(p, reduce_rows(self.task, _rows(self.task, p, progress, purpose), lags, weigh)) for p in parts]
+        each = [(p, reduce_rows(self.task, _rows_of_part(self.task, p, progress, purpose), lags, weigh)) for p in parts]
         found = [replace(one, parts=((part[0].sha256, one),)) for part, one in each if one.rows]
         if not found:
             band, these = self.task.band, "what is held out" if parts is self.held_out else "the recordings"
@@ -132,7 +132,7 @@ class Session(Frozen):
         return sum(found[1:], found[0])
 
 
-def longest_piece(part: Part, most: int = PIECE_SAMPLES) -> Samples:
+def longest_piece(part: Part, most: int = BAND_SAMPLES) -> Samples:
     """The longest stretch of a recording without a gap, or its beginning where that is very long."""
     recording, sampling = part
     span = max(sampling.spans, key=sampling.length)
@@ -180,7 +180,7 @@ def only_once(recordings: Sequence[Recording]) -> None:
         seen[recording.sha256] = recording.path
 
 
-def _rows(task: Task, part: Part, progress: Progress | None, purpose: str) -> Iterator[Rows]:
+def _rows_of_part(task: Task, part: Part, progress: Progress | None, purpose: str) -> Iterator[Rows]:
     recording, sampling = part
     total = max(1, sum(sampling.length(span) for span in sampling.spans) // task.band.factor)
     done = 0
@@ -314,7 +314,7 @@ def _reversal_width(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Ar
 
 
 def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tuple[int, ...]:
-    pieces = [(longest_piece(part, PIECE_SAMPLES // 4), part[1].period) for part in parts]
+    pieces = [(longest_piece(part, BAND_SAMPLES // 4), part[1].period) for part in parts]
     long = [(piece, period) for piece, period in pieces if len(piece.t) > 2 * margin(band) + 1]
     return choose_reach([build_motion(robot, piece, band, period) for piece, period in long], band, slow)
 
@@ -363,9 +363,9 @@ def _complete(part: Part, key: str) -> bool:
     if sampling.incomplete.isdisjoint(recording.columns[key]):
         return True
     pieces = (
-        samples(recording, sampling, span, start, min(start + PIECE_SAMPLES, sampling.length(span)))
+        samples(recording, sampling, span, start, min(start + BAND_SAMPLES, sampling.length(span)))
         for span in sampling.spans
-        for start in range(0, sampling.length(span), PIECE_SAMPLES)
+        for start in range(0, sampling.length(span), BAND_SAMPLES)
     )
     return all(np.all(np.isfinite(getattr(piece, key))) for piece in pieces)
 

@@ -15,10 +15,10 @@ from .result import SignProof
 from .samples import RefinedSigns, refine_signs
 from .search.branch_and_bound import PhysicalCone, cone_inequalities
 from .search.exact import RivalSigns, SignSolution, enumerate_near, search_signs
-from .search.problem import KnownRows, SignProblem, build_problem, friction_patterns, known_rows, signed_rows
+from .search.problem import KnownRows, SignProblem, build_sign_problem, friction_patterns, known_rows, signed_rows
 from .thresholds import (
     CERTAIN_CONFIDENCE,
-    MAX_INFLATION,
+    MAX_RESIDUAL_KAPPA,
     MAX_RESIDUAL_SHARE,
     MAX_SPLITS,
     NOISE_FLOOR,
@@ -125,7 +125,7 @@ def recheck_signs(
     known = known_rows(search.observed, weights)
     segments = [s for s in split_by_signs(runs, refined.signs) if s.length >= MIN_PART_SAMPLES]
     for left in reversed(range(RECHECK_ROUNDS)):
-        problem = build_problem(search.observed, segments, weights, known)
+        problem = build_sign_problem(search.observed, segments, weights, known)
         start = np.array([_majority_sign(refined, s) for s in segments] + [1.0] * (problem.count - len(segments)))
         cone = search.cone(problem)
         solution = search.solve(problem, segments, start) if free else _unproved(problem, cone, start)
@@ -261,7 +261,7 @@ def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> _Atte
 
     attempt = _attempt(observed, segments, choose, known)
     large = attempt.refined.sigma / observed.scale > MAX_RESIDUAL_SHARE
-    if attempt.splits or np.any(large & (_inflations(observed, attempt) > MAX_INFLATION)):
+    if attempt.splits or np.any(large & (_inflations(observed, attempt) > MAX_RESIDUAL_KAPPA)):
         other = _attempt(observed, runs_between_minima(observed), choose, known)
         if other.refined.loss < attempt.refined.loss:
             return replace(other, finer=True)
@@ -274,7 +274,7 @@ def _attempt(
     """Search, split segments in which the model changes sign, and search again; then refine the signs of samples."""
     weights, total = 1 / observed.scale, 0
     for _ in range(rounds):
-        problem = build_problem(observed, segments, weights, known)
+        problem = build_sign_problem(observed, segments, weights, known)
         choice = choose(problem, segments)
         predicted = observed.predict(problem.back @ choice.coordinates)
         noise = np.sqrt(np.mean((np.abs(predicted) - np.abs(observed.torque)) ** 2, axis=0))

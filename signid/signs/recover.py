@@ -24,7 +24,7 @@ from .search.problem import friction_patterns
 from .thresholds import (
     FLIP_PROBABILITY,
     IMPURE_SHARE,
-    MAX_INFLATION,
+    MAX_RESIDUAL_KAPPA,
     MAX_RESIDUAL_SHARE,
     MAX_RESOLUTION_STEP,
     MAX_ROUND_CHANGE,
@@ -130,7 +130,7 @@ def _invisible_bodies(observed: Observations, inferred: InferredSigns) -> Iterat
 
 def _unexplained(observed: Observations, inferred: InferredSigns) -> Iterator[str]:
     share = inferred.refined.sigma / observed.scale
-    bad = [j for j in observed.hidden if share[j] > MAX_RESIDUAL_SHARE and inferred.inflation[j] > MAX_INFLATION]
+    bad = [j for j in observed.hidden if share[j] > MAX_RESIDUAL_SHARE and inferred.inflation[j] > MAX_RESIDUAL_KAPPA]
     if bad:
         names = ", ".join(f"{observed.joints[j]} ({100 * share[j]:.0f} %)" for j in bad)
         yield (
@@ -256,7 +256,7 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
         if part in learn:
             expected[part[0]] = with_signs(part[0], expect_signs(task, part, value, inferred.refined.sigma, signs))
     whole, learning = session.exchange(signed), session.exchange(signed | expected)
-    notes = (*_notes(observed, inferred), *_unused(observed, learn))
+    notes = (*_sign_notes(observed, inferred), *_unused(observed, learn))
     return Recovered(whole, learning, _result(session, observed, inferred, notes, tuple(traced.values()), method))
 
 
@@ -321,7 +321,7 @@ def _result(
     )
 
 
-def _notes(observed: Observations, inferred: InferredSigns) -> tuple[str, ...]:
+def _sign_notes(observed: Observations, inferred: InferredSigns) -> tuple[str, ...]:
     notes = [*inferred.notes]
     if inferred.finer:
         notes.append(

@@ -53,7 +53,7 @@ UNPROVED_GAP = 0.995  # [1] relative gap that rounds to 100 %: the lower bound e
 # Flags
 
 MAX_RESIDUAL_SHARE = 0.15  # [rms torque] rms residual of a model that lacks physics; heuristic
-MAX_INFLATION = 3.0  # [samples per independent one] of a systematic residual; white noise has 1, logs had 3 to 40
+MAX_RESIDUAL_KAPPA = 3.0  # [samples per independent one] of a systematic residual; white noise has 1, logs had 3 to 40
 FLIP_PROBABILITY = 1e-3  # [1] that all signs of a joint are inverted; the complement of CERTAIN_CONFIDENCE
 NEAR_OFFSET_LIMIT = 0.95  # [OFFSET_LIMIT] an offset so close to its limit may be friction of the wrong sign; heuristic
 OFFSET_DEVIATIONS = 2.0  # [standard deviations] by which an offset must exceed that; about 95 % of a normal law

@@ -314,7 +314,7 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
         Gain(robot.joints[j], float(value[j]), float(value[j] * std[j]), _constant_unit(robot, j))
         for j in np.flatnonzero(unknown).tolist()
     )
-    notes = tuple(_notes(robot, gains, std[unknown], anchors, constants.described))
+    notes = tuple(_constant_notes(robot, gains, std[unknown], anchors, constants.described))
     return TorqueConstants(gains, value, covariance, notes, tuple(_flags(robot, std, constants)), constants.described)
 
 
@@ -396,7 +396,7 @@ def _names(robot: Robot, joints: Mask) -> str:
     return shorten([robot.joints[j] for j in np.flatnonzero(joints)])
 
 
-def _notes(robot: Robot, gains: Sequence[Gain], std: Array, anchors: Mask, described: bool) -> Iterator[str]:
+def _constant_notes(robot: Robot, gains: Sequence[Gain], std: Array, anchors: Mask, described: bool) -> Iterator[str]:
     found = [f"{joint} {k:.3g} {unit} (+- {100 * s:.2g} %)" for (joint, k, _, unit), s in zip(gains, std, strict=True)]
     yield f"unknown torque constants were found from the motion: {shorten(found)}"
     if anchors.any():

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...deadline import time_is_up
 from ...effects import EFFECTS
-from ...effects.empirical import KNOTS, MOTION_VARIABLES
+from ...effects.empirical import MOTION_VARIABLES, POINTS
 from ...effects.law import law_columns
 from ...estimation.fit_quality import MIN_R2, Fit
 from ...regression.session import Session
@@ -44,7 +44,7 @@ def add_empirical_torque(session: Session, result: Conclusions) -> Conclusions:
         gain = 1 - float(after @ after) / max(float(held_out @ held_out), 1e-300)
         modelled = gain > EMPIRICAL_GAIN and not session.judges_itself
         if modelled:
-            values = {f"value_{k}": float(v) for k, v in zip(KNOTS, value, strict=True)}
+            values = {f"value_{k}": float(v) for k, v in zip(POINTS, value, strict=True)}
             laws.append(replace(law, parameters={**law.parameters, **values}))
         out.append(replace(one, held_out_gain=gain, modelled=modelled))
     if laws:
@@ -94,10 +94,10 @@ def _empirical_law(rows: ResidualRows, one: Unexplained) -> Law:
     index = MOTION_VARIABLES.index(one.place.variable)
     motions = [piece.motion for piece in rows.pieces]
     signal = np.concatenate([(m.q, m.v, m.a, m.load)[index][:, one.joint] for m in motions])
-    share = np.linspace(0, 1, len(KNOTS))
+    share = np.linspace(0, 1, len(POINTS))
     knots = (np.quantile(signal, share) + signal.min() + share * np.ptp(signal)) / 2  # near the rows, but not too close
     knots = knots + np.arange(len(knots)) * 1e-9 * max(float(np.ptp(signal)), 1e-9)  # keeps knots distinct
-    shape = {f"knot_{k}": float(x) for k, x in zip(KNOTS, knots, strict=True)}
+    shape = {f"knot_{k}": float(x) for k, x in zip(POINTS, knots, strict=True)}
     return Law(EFFECTS["empirical"], (one.joint,), {"variable": float(index), **shape})
 
 

@@ -16,7 +16,7 @@ from ...recording.sampling import samples
 from ...regression.bandwidth import Decimator
 from ...regression.motion import Motion, base_rows, build_motion, margin
 from ...regression.projection import SINGULAR_VALUE_TOLERANCE, least_squares
-from ...regression.session import PIECE_SAMPLES, Options, Part, Session
+from ...regression.session import BAND_SAMPLES, Options, Part, Session
 from ...simulation.plant import simulate, track
 from ...simulation.plant.control import LOOP_BANDWIDTH, Plan, sampled
 from ...types import Array, Estimate, Frozen, Mask, Samples, Trajectory
@@ -101,7 +101,7 @@ class _Fit(NamedTuple):
 
 def _fit_joints(session: Session, piece: Samples, gains: tuple[Array, Array] | None) -> tuple[Motion, list[_Fit]]:
     """Desired motion of a stretch, and the controller of each joint."""
-    t, q, tau, q_des = (x[: PIECE_SAMPLES // 4] for x in (piece.t, piece.q, piece.tau, piece.q_des) if x is not None)
+    t, q, tau, q_des = (x[: BAND_SAMPLES // 4] for x in (piece.t, piece.q, piece.tau, piece.q_des) if x is not None)
     real, asked = (motion_of(session, x, float(t[1] - t[0])) for x in (q, q_des))
     thin = Decimator(session.task.band.taps, session.task.band.factor)
     found = []

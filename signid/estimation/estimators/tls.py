@@ -10,7 +10,7 @@ import scipy.linalg
 
 from ...regression.bandwidth import encoder_noise
 from ...regression.rows import read_rows
-from ...regression.session import PIECE_SAMPLES, longest_piece
+from ...regression.session import BAND_SAMPLES, longest_piece
 from ...types import Array, Estimate
 from ..least_squares import estimate
 from .base import Estimator, Given, part_of
@@ -44,7 +44,7 @@ class TotalLeastSquares(Estimator):
 def column_noise(given: Given) -> tuple[list[Array], Array]:
     """Gram matrix (m, m) of the noise in each joint's columns, and standard deviations (n,) of positions [rad or m]."""
     session = given.session
-    pieces = [longest_piece(part, PIECE_SAMPLES) for part in session.train]
+    pieces = [longest_piece(part, BAND_SAMPLES) for part in session.train]
     size = encoder_noise(max((piece.q for piece in pieces), key=len))
     task, rng = replace(session.task, instruments=False), np.random.default_rng(NOISE_SEED)
     grams = [np.zeros((len(seen), len(seen))) for seen in given.factors.columns]

@@ -16,8 +16,8 @@ from ...deadline import seconds_left, time_is_up
 from ...regression.projection import least_squares
 from ...types import Array, BaseMap, Estimate, Frozen, Indices, Mask, Parameters, pseudo_inertia
 
-MIN_MASS = 1e-3  # [kg] mass below which a body counts as massless
-MIN_RADIUS = 3e-3  # [m] radius of gyration below which a body counts as flat
+MIN_BODY_MASS = 1e-3  # [kg] mass below which a body counts as massless
+MIN_BODY_RADIUS = 3e-3  # [m] radius of gyration below which a body counts as flat
 SUBSTITUTE_MASS, SUBSTITUTE_RADIUS = 0.05, 0.03  # [kg], [m] mass and radius of gyration of a substitute
 _BODY_SCALES = np.array([0.3] + [0.1] * 3 + [0.01] * 6)  # [1, m, m2] scale of a body's parameters per kg: 30 %, 10 cm
 _MIN_INFORMATION = 1e-12  # [1] smallest information of an identifiable direction, over the largest
@@ -88,7 +88,7 @@ def feasible_prior(base: BaseMap, prior: Parameters) -> tuple[Parameters, tuple[
     made = np.array([_feasible_body(body) for body in given]).reshape(-1, 10)
     fault = ("is thinner than 3 mm or infeasible", "has no mass")
     notes = tuple(
-        f"body {i + 1} of the description {fault[int(old[0] < MIN_MASS)]}; "
+        f"body {i + 1} of the description {fault[int(old[0] < MIN_BODY_MASS)]}; "
         f"one of {new[0]:.3g} kg and {SUBSTITUTE_RADIUS * 100:.0f} cm radius of gyration replaces it"
         for i, (old, new) in enumerate(zip(given, made, strict=True))
         if not np.array_equal(old, new)
@@ -113,12 +113,12 @@ def coefficient_sizes(base: BaseMap, value: Array, prior: Array, std: Array | No
 def _feasible_body(body: Array) -> Array:
     """The body if it is feasible, else a similar feasible one."""
     matrix = pseudo_inertia(body)
-    mass = matrix[3, 3] if matrix[3, 3] >= MIN_MASS else SUBSTITUTE_MASS
+    mass = matrix[3, 3] if matrix[3, 3] >= MIN_BODY_MASS else SUBSTITUTE_MASS
     centre = matrix[:3, 3] / mass
     spread, axes = np.linalg.eigh(matrix[:3, :3] - mass * np.outer(centre, centre))
-    if mass == matrix[3, 3] and spread[0] >= MIN_RADIUS**2 * mass:
+    if mass == matrix[3, 3] and spread[0] >= MIN_BODY_RADIUS**2 * mass:
         return body
-    spread = np.where(spread < MIN_RADIUS**2 * mass, SUBSTITUTE_RADIUS**2 * mass, spread)
+    spread = np.where(spread < MIN_BODY_RADIUS**2 * mass, SUBSTITUTE_RADIUS**2 * mass, spread)
     matrix[:3, :3] = (axes * spread) @ axes.T + mass * np.outer(centre, centre)
     matrix[3, 3] = mass
     return np.asarray(TO_INERTIAL @ pack(matrix))
@@ -195,7 +195,7 @@ class FeasibleProblem(Frozen):
         return self.distance(u) ** 2 + self.weight * float(penalty)
 
 
-def build_problem(base: BaseMap, estimate: Estimate, prior: Parameters, weight: float) -> FeasibleProblem:
+def build_feasible(base: BaseMap, estimate: Estimate, prior: Parameters, weight: float) -> FeasibleProblem:
     """Problem over all ten parameters of each body, and each coefficient, that the torque depends on.
 
     The prior is strictly feasible; its weight is in squared standard deviations.
@@ -269,7 +269,7 @@ def fit_consistent(
     Source: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018 (problem); Lee, Wensing, Park, IEEE T-RO 36(1), 2020 (log det).
     """
     start, notes = feasible_prior(base, prior)
-    problem = build_problem(base, estimate, start, prior_weight)
+    problem = build_feasible(base, estimate, start, prior_weight)
     u, status = solve(problem)
     if status not in ("optimal", "optimal_inaccurate"):
         notes += (f"the conic solver ended with {status!r}; Newton's method solved the problem instead",)

@@ -94,17 +94,17 @@ def retrieve(
         first = descend(cost, rng.uniform(size=len(cost.free)), [0.0], global_algorithm, budget_global, seed + k)
         show_step("searching standard parameters", (k + 1 / 3) / runs)
         ends = [first, descend(cost, first.x, weights, local_algorithm, budget_local, seed + k)]
-        run = _evaluate(base, estimate, cost, weights[-1], ends)
+        run = _judge_run(base, estimate, cost, weights[-1], ends)
         while not (run.feasible and run.converged) and len(ends) < 2 + _EXTRA_ROUNDS and not time_is_up(PBRP_NAME):
             weight = run.weight if run.feasible else 10 * max(run.weight, schedule)
             ends.append(descend(cost, ends[-1].x, [weight], local_algorithm, budget_local, seed + k))
-            run = _evaluate(base, estimate, cost, weight, ends)
+            run = _judge_run(base, estimate, cost, weight, ends)
         found.append(_SearchResult(run, ends))
         if time_is_up(PBRP_NAME):
             break
     best = min(found, key=lambda f: (not f.run.feasible, f.run.cost))
     parameters = Parameters(base.labels, cost.standard(best.ends[-1].x))
-    table, notes = tuple(f.run for f in found), _notes(best, cost, base.labels)
+    table, notes = tuple(f.run for f in found), _search_notes(best, cost, base.labels)
     return Retrieval(parameters, best.run, table, global_algorithm, local_algorithm, seed, notes)
 
 
@@ -123,7 +123,7 @@ def cost_of(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) ->
     return cost_over(box, physics, rotated @ base.combination, rotated @ estimate.value)
 
 
-def _evaluate(base: BaseMap, estimate: Estimate, cost: PenaltyCost, weight: float, ends: list[Optimum]) -> SearchRun:
+def _judge_run(base: BaseMap, estimate: Estimate, cost: PenaltyCost, weight: float, ends: list[Optimum]) -> SearchRun:
     """Result of a run, with feasibility and convergence tested independently of NLopt's status."""
     z = ends[-1].x
     x, last = cost.standard(z), cost.problem(z, weight)
@@ -141,7 +141,7 @@ def _evaluate(base: BaseMap, estimate: Estimate, cost: PenaltyCost, weight: floa
     )
 
 
-def _notes(found: _SearchResult, cost: PenaltyCost, labels: tuple[Label, ...]) -> tuple[str, ...]:
+def _search_notes(found: _SearchResult, cost: PenaltyCost, labels: tuple[Label, ...]) -> tuple[str, ...]:
     run, ends = found
     at_edge = (ends[-1].x == 1.0) | ((ends[-1].x == 0.0) & ~np.isin(cost.free, cost.physics.positive))
     edge = [labels[i].name for i in cost.free[at_edge]]

@@ -28,7 +28,7 @@ from .document import (
     massless_note,
     restricted,
 )
-from .mjcf_tree import MIN_INERTIAL, Source, included, prepare
+from .mjcf_tree import MIN_INERTIAL, Source, included, prepare_tree
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -90,8 +90,8 @@ def read_mjcf(document: Document) -> Draft:
     """
     root, folder = deepcopy(document.root), Path(document.path).parent
     text = included(root, folder, document.text)
-    source = prepare(root, folder if document.path else None)
-    found = _compile(source)
+    source = prepare_tree(root, folder if document.path else None)
+    found = _compile_mjcf(source)
     moving = [joint for joint in found.joints if joint.kind in _MOVING_KINDS]
     check_count(len(found.bodies), len(moving), "bodies")
     check_names(joint=[joint.name for joint in found.joints], body=[body.name for body in found.bodies])
@@ -100,7 +100,7 @@ def read_mjcf(document: Document) -> Draft:
     found, unnamed = _name_all(found)
     model, links, rows = _build(found)
     mimics, curved = _mimics(found)
-    axes = [_axis(joint, rows[i], mimics.get(joint.name)) for i, joint in enumerate(found.joints) if i in rows]
+    axes = [_mjcf_axis(joint, rows[i], mimics.get(joint.name)) for i, joint in enumerate(found.joints) if i in rows]
     name = root.get("model") or document.stem
     moved = dict(zip(links, list(model.inertias)[1:], strict=True))
     return Draft(
@@ -113,7 +113,7 @@ def read_mjcf(document: Document) -> Draft:
         notes=(
             *unnamed,
             *source.notes,
-            *_notes(found, curved + source.ignored),
+            *_mjcf_notes(found, curved + source.ignored),
             *massless_note({name: body.mass for name, body in moved.items()}),
             *impossible_notes({name: (body.mass, body.inertia) for name, body in moved.items()}),
         ),
@@ -121,7 +121,7 @@ def read_mjcf(document: Document) -> Draft:
     )
 
 
-def _compile(source: Source) -> _Compiled:
+def _compile_mjcf(source: Source) -> _Compiled:
     """Compile with MuJoCo, in a process of its own.
 
     Raises:
@@ -199,7 +199,7 @@ def _build(found: _Compiled) -> tuple[pin.Model, tuple[str, ...], dict[int, int]
     place, links, rows = [(0, pin.SE3.Identity())], list[str](), dict[int, int]()
     for number, body in enumerate(found.bodies, 1):
         parent, above = place[body.parent]
-        pose = above * _pose(body.pos, body.quat)
+        pose = above * _se3(body.pos, body.quat)
         own = [i for i, joint in enumerate(found.joints) if joint.body == number and joint.kind in _MOVING_KINDS]
         if own:
             axes = [found.joints[i] for i in own]
@@ -209,7 +209,7 @@ def _build(found: _Compiled) -> tuple[pin.Model, tuple[str, ...], dict[int, int]
             pose = _offset(axes[-1].pos).inverse()
             links.append(body.name)
             rows |= {i: model.joints[parent].idx_v + k for k, i in enumerate(own)}
-        rotation = _pose(body.ipos, body.iquat).rotation
+        rotation = _se3(body.ipos, body.iquat).rotation
         inertia = pin.Inertia(body.mass, np.array(body.ipos), rotation @ np.diag(body.inertia) @ rotation.T)
         model.appendBodyToJoint(parent, inertia, pose)
         model.addBodyFrame(body.name, parent, pose, -1)
@@ -244,10 +244,10 @@ def _joint_motion(joint: _Joint, position: float) -> pin.SE3:
 
 
 def _offset(position: Sequence[float]) -> pin.SE3:
-    return _pose(position, (1.0, 0.0, 0.0, 0.0))
+    return _se3(position, (1.0, 0.0, 0.0, 0.0))
 
 
-def _pose(position: Sequence[float], quaternion: Sequence[float]) -> pin.SE3:
+def _se3(position: Sequence[float], quaternion: Sequence[float]) -> pin.SE3:
     """Pose of a position [m] and a quaternion w x y z."""
     import pinocchio as pin
 
@@ -255,7 +255,7 @@ def _pose(position: Sequence[float], quaternion: Sequence[float]) -> pin.SE3:
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(position))
 
 
-def _axis(joint: _Joint, row: int, mimic: Mimic | None) -> Axis:
+def _mjcf_axis(joint: _Joint, row: int, mimic: Mimic | None) -> Axis:
     lower, upper = joint.range if joint.limited else (-inf, inf)
     return Axis(
         name=joint.name,
@@ -283,7 +283,7 @@ def _mimics(found: _Compiled) -> tuple[dict[str, Mimic], int]:
     return linear, len(found.ties) - sum(other >= 0 and not any(p[2:]) for _, other, p in found.ties)
 
 
-def _notes(found: _Compiled, constraints: int) -> Iterator[str]:
+def _mjcf_notes(found: _Compiled, constraints: int) -> Iterator[str]:
     """Notes on what the file states and the model does not contain."""
     for joint in found.joints:
         if joint.kind == "free":

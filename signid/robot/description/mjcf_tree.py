@@ -56,7 +56,7 @@ def included(root: Any, folder: Path, text: str) -> str:
     return text
 
 
-def prepare(root: Any, folder: Path | None) -> Source:
+def prepare_tree(root: Any, folder: Path | None) -> Source:
     """Write an MJCF tree without includes for the compiler; it is changed.
 
     Meshes and attached models are read below `folder`, the place of the file; None if it has none.

@@ -226,8 +226,8 @@ def read_tree(robot: Any, fallback: str) -> Tree:
     """
     moving = [element for element in children(robot, "joint") if element.get("type") in MOVING_KINDS]
     check_count(len(children(robot, "link")), len(moving))
-    links = [_link(element) for element in children(robot, "link")]
-    joints = tuple(_joint(element) for element in children(robot, "joint"))
+    links = [_urdf_link(element) for element in children(robot, "link")]
+    joints = tuple(_urdf_joint(element) for element in children(robot, "joint"))
     check_names(joint=[joint.name for joint in joints], link=[name for name, _ in links])
     return Tree(robot.get("name") or fallback, dict(links), joints, _root([name for name, _ in links], joints))
 
@@ -268,7 +268,7 @@ def _repeated(names: list[str]) -> Iterator[str]:
     return (name for name, count in Counter(names).items() if count > 1)
 
 
-def _link(element: Any) -> tuple[str, Inertial | None]:
+def _urdf_link(element: Any) -> tuple[str, Inertial | None]:
     name = _name(element, "link")
     stated, where = _child(element, "inertial"), f"link {name!r}"
     if stated is None:
@@ -278,7 +278,7 @@ def _link(element: Any) -> tuple[str, Inertial | None]:
     return name, Inertial(mass, _pose(stated, where), moments)
 
 
-def _joint(element: Any) -> Joint:
+def _urdf_joint(element: Any) -> Joint:
     name = _name(element, "joint")
     where, kind = f"joint {name!r}", element.get("type")
     if kind not in _JOINT_KINDS:
@@ -291,7 +291,7 @@ def _joint(element: Any) -> Joint:
     direction = _vector(_child(element, "axis"), "xyz", where, (1.0, 0.0, 0.0))
     if not any(direction):
         raise RobotError(f"{where} has the axis 0 0 0; give it a direction")
-    return Joint(name, kind, parent, child, pose, _axis(element, name, kind), direction)
+    return Joint(name, kind, parent, child, pose, _urdf_axis(element, name, kind), direction)
 
 
 def _end_link(element: Any, end: str, where: str) -> str:
@@ -301,7 +301,7 @@ def _end_link(element: Any, end: str, where: str) -> str:
     raise RobotError(f"{where} has no {end} link; add <{end} link=...>")
 
 
-def _axis(element: Any, name: str, kind: str) -> Axis:
+def _urdf_axis(element: Any, name: str, kind: str) -> Axis:
     """Limits, friction and mimic element; missing limits and limits of zero are none."""
     where, limit, dynamics = f"joint {name!r}", _child(element, "limit"), _child(element, "dynamics")
     lower, upper, velocity, effort = (

@@ -59,7 +59,7 @@ class SignProblem(Frozen):
         return max(float(self.energies.sum() - np.sum(self.coordinates(signs) ** 2)), 0.0)
 
 
-def build_problem(
+def build_sign_problem(
     observed: Observations, segments: Sequence[Segment], weights: Array, known: KnownRows | None = None
 ) -> SignProblem:
     """Problem of some segments of joints whose torque has no sign, and of the rows `known`.

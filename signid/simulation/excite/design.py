@@ -29,7 +29,7 @@ from .families import (
     steady,
 )
 from .limits import Limits, build_limits
-from .problem import Excitation, ExcitationProblem, budget_notes, build_problem, usual_laws
+from .problem import Excitation, ExcitationProblem, budget_notes, build_design, usual_laws
 
 MOTION_SEARCH = "the search for a motion"
 SCALING_STEP = 0.01  # [s] grid on which motions are scaled to their limits
@@ -247,7 +247,7 @@ def excite(
     _check_options(kind, criterion, rate, duration, harmonics, frequency)
     family = FAMILIES["fourier" if kind == RANDOM_KIND else kind](duration, harmonics, frequency)
     limits = limits or build_limits(model.robot)
-    problem, notes = build_problem(model, usual_laws(model, effects), family, limits, clearance, seed)
+    problem, notes = build_design(model, usual_laws(model, effects), family, limits, clearance, seed)
     steps = int(np.ceil(SAMPLES_PER_PERIOD * harmonics * frequency * duration))
     cost = ExcitationCost(problem, CRITERIA[criterion], family, np.linspace(0, duration, steps + 1), PENALTY, EXTRA_GAP)
     budget = budget or Budget.usual(len(model.robot.joints))

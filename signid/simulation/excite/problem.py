@@ -79,7 +79,7 @@ class ExcitationProblem(Frozen):
         return Use(share[0], share[1], share[2], (np.abs(torque) / limits.torque).max(0))
 
 
-def build_problem(
+def build_design(
     model: Model, laws: tuple[Law, ...], family: Family, limits: Limits, clearance: float, seed: int
 ) -> tuple[ExcitationProblem, tuple[str, ...]]:
     """Problem of finding an exciting motion, and a note if self-collision is not checked.

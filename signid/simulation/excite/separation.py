@@ -33,7 +33,7 @@ from .families import (
     steady,
 )
 from .limits import Limits, build_limits
-from .problem import DIRECTION_SPEED, MIN_LAMBDA, ExcitationProblem, Separation, budget_notes, build_problem, usual_laws
+from .problem import DIRECTION_SPEED, MIN_LAMBDA, ExcitationProblem, Separation, budget_notes, build_design, usual_laws
 
 INDEPENDENT_RATE = 20.0  # [Hz] rate of torque samples with independent errors, after filters
 NEAR_TIME = 0.06  # [s] before and after a reversal in which torque does not count
@@ -195,7 +195,7 @@ def separate(
     usual = [effect.name for effect in EFFECTS if effect.usual]
     rivals = {(law.effect.name, law.joints) for law in (first, second)}
     laws = tuple(law for law in usual_laws(model, usual) if (law.effect.name, law.joints) not in rivals)
-    problem, notes = build_problem(model, laws, families[0], limits, clearance, seed)
+    problem, notes = build_design(model, laws, families[0], limits, clearance, seed)
     density = MEMORY_RATE if any(law.effect.memory for law in (first, second)) else INDEPENDENT_RATE
     pair = LawPair(problem, first, second, nuisance == "bodies")
     search = _MotionSearch(pair, at_rate(duration, density), families, seed, progress)
@@ -219,11 +219,11 @@ def separate(
         distance=best.distance,
         seed=seed,
         notes=(*model.robot.notes, *limits.notes, *notes, *budget_notes(evaluated)),
-        flags=_flags(first, second, distance, ways),
+        flags=_pair_flags(first, second, distance, ways),
     )
 
 
-def _flags(first: Law, second: Law, distance: Distance, ways: Sequence[int]) -> tuple[str, ...]:
+def _pair_flags(first: Law, second: Law, distance: Distance, ways: Sequence[int]) -> tuple[str, ...]:
     names = first.effect.name, second.effect.name
     if not ways:
         return (

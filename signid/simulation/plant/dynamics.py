@@ -117,7 +117,7 @@ def build_bodies(model: Model) -> PlantBodies:
     """Bodies of a model with its body laws; each joint with a transmission law is split into motor and link side."""
     robot, whole, elastic = model.robot, model.bodies(), model.of(TransmissionLaw)
     soft = [law.joints[0] for law in elastic]
-    _check(robot, whole, elastic)
+    _check_elastic(robot, whole, elastic)
     kept, rows = _without_held(robot, whole)
     parted, motor_rows, flex_rows = _with_flex(kept, [int(np.flatnonzero(robot.drive[rows][:, j])[0]) for j in soft])
     drive = np.zeros((parted.nv, len(robot.joints) + len(soft)))
@@ -144,7 +144,7 @@ def build_bodies(model: Model) -> PlantBodies:
     )
 
 
-def _check(robot: Robot, model: Any, elastic: Sequence[Law]) -> None:
+def _check_elastic(robot: Robot, model: Any, elastic: Sequence[Law]) -> None:
     for law in elastic:
         joint, rows = robot.joints[law.joints[0]], np.flatnonzero(robot.drive[:, law.joints[0]])
         if len(rows) > 1:

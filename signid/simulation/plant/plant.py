@@ -336,10 +336,10 @@ def simulate_many(
         plant.advance(float(now), applied)
         log[3, k] = plant.a
         if k % 1000 == 0:
-            _check(plant, float(now))
+            _check_speed(plant, float(now))
             if progress is not None:
                 progress("simulating", k / len(t))
-    _check(plant, float(t[-1]))
+    _check_speed(plant, float(t[-1]))
     late = 0.5 if integrator == "rk4" else (plant.substeps - 1) / (2 * plant.substeps)  # steps
     for row in (3, 5, 6):  # signals that are constant in a step belong to this later instant
         log[row, 1:] += late * (log[row, :-1] - log[row, 1:])
@@ -381,7 +381,7 @@ def apply_actuators(acting: Sequence[Law], command: Array) -> Array:
     return command
 
 
-def _check(plant: Plant, t: float) -> None:
+def _check_speed(plant: Plant, t: float) -> None:
     if not np.all(np.abs(plant.v) < MAX_SPEED):
         raise OptionError(
             f"the simulation diverged within {t:.3g} s; use shorter steps, lower gains, or torque that fits the robot"

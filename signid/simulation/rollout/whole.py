@@ -66,7 +66,7 @@ def one_joint_numbers(model: Model) -> Array | None:
     shaped = [law.effect.name for law in laws if law.effect.name in SLOTS and SLOTS[law.effect.name][1]]
     if any(law.effect.name not in SLOTS for law in laws) or len(set(shaped)) < len(shaped):
         return None
-    out = _bodies(model)
+    out = _body_numbers(model)
     out[SPEED] = 1.0
     for law in laws:
         places, shapes = SLOTS[law.effect.name]
@@ -77,7 +77,7 @@ def one_joint_numbers(model: Model) -> Array | None:
     return out
 
 
-def _bodies(model: Model) -> Array:
+def _body_numbers(model: Model) -> Array:
     """Numbers of the bodies: inertia, and gravity as a constant or a wave of the angle."""
     bodies, out = model.bodies(), np.zeros(COUNT)
     data, drive = bodies.createData(), model.robot.drive[:, 0]
