@@ -24,10 +24,8 @@ MAX_NOISE_SHARE = 1e-3  # [1] largest noise power of the acceleration below the 
 MIN_CUTOFF_SAMPLES = 6  # smallest number of samples per period of the cut-off
 MOTION_POWER_SHARE = 0.95  # [1] share of the acceleration's power that defines the highest frequency of the motion
 MAX_CUTOFF_RATIO = 3.0  # [1] largest cut-off over that frequency
-CUTOFF_TOLERANCE, FAST_CUTOFF_TOLERANCE = 0.01, 0.04  # [1] of the cut-off in `divided`: up to FAST_RATE, and above it
-FAST_RATE = 2000.0  # [Hz]
-TARGET_RATE = 250.0  # [Hz] rate that is sufficient
-POSITION_SAMPLES = 3.0  # smallest number of samples per period of the position cut-off
+CUTOFF_TOLERANCE, FAST_CUTOFF_TOLERANCE, FAST_RATE = 0.01, 0.04, 2000.0  # [1] in `divided`; above FAST_RATE [Hz]
+TARGET_RATE, POSITION_SAMPLES = 250.0, 3.0  # [Hz] sufficient; at least, per period of the position cut-off
 DIFF_ORDER = 6  # order of the differences that estimate encoder noise
 DESIRED_CUTOFF = 5.0  # [Hz] smallest cut-off that is aimed at, if noise allows
 
