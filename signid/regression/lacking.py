@@ -22,8 +22,8 @@ from .rows import Task
 
 # The residual of a joint matters if its held-out rms exceeds both [noise floors], [standard deviations of its torque]
 MIN_RESIDUAL_FLOORS, MIN_RESIDUAL_SHARE = 1.5, 0.02
-# [1] of its mean square that a named law explains, in that share of blocks of rows, as neighbours are alike. Measured on
-# real arms (panda, UR10e, TX40, EMPS): at most 0.26 for laws other than friction of another form; 0.97 or more for springs
+# [1] of its mean square that a named law explains, in that share of blocks of rows, as neighbours are alike. Measured
+# on arms (panda, UR10e, TX40, EMPS): at most 0.26 for laws other than friction of another form; 0.97 and more: springs
 MIN_EXPLAINED_SHARE, MIN_BLOCK_SHARE, ROW_BLOCKS = 0.3, 0.8, 8
 INERTIAL_DEVIATION = 0.3  # [1] plausible error of stated masses, and of moments over mass times radius
 MIN_GYRATION_RADIUS = 0.02  # [m] added to the radius of gyration, for bodies that are stated as points
